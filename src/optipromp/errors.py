@@ -1,0 +1,64 @@
+"""The errors of the library: one root, one code each.
+
+Wrong input raises one of these; a plan that fails is a returned value that carries the code
+(:class:`optipromp.planning.Plan`).
+"""
+
+from enum import StrEnum
+
+
+class Code(StrEnum):
+    """What happened, as a word a machine can compare."""
+
+    SUCCESS = "success"
+    INVALID_ROBOT = "INVALID_ROBOT"
+    INVALID_SCENE = "INVALID_SCENE"
+    INVALID_DEMONSTRATION = "INVALID_DEMONSTRATION"
+    INVALID_REQUEST = "INVALID_REQUEST"
+    START_INVALID = "START_INVALID"
+    START_IN_COLLISION = "START_IN_COLLISION"
+    GOAL_IN_COLLISION = "GOAL_IN_COLLISION"
+    GOAL_UNREACHABLE = "GOAL_UNREACHABLE"
+    NO_PLAN = "NO_PLAN"
+    INVALID_PLAN = "INVALID_PLAN"
+    TIMEOUT = "TIMEOUT"
+
+
+class OptiPrompError(Exception):
+    """Root of every error raised on purpose; ``code`` names the kind, ``message`` says what to do."""
+
+    code: Code = Code.INVALID_REQUEST
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message)
+        self.message = message
+
+
+class InvalidRobotError(OptiPrompError):
+    """A robot description that cannot be used."""
+
+    code = Code.INVALID_ROBOT
+
+
+class InvalidSceneError(OptiPrompError):
+    """A scene that cannot be used."""
+
+    code = Code.INVALID_SCENE
+
+
+class InvalidDemonstrationError(OptiPrompError):
+    """Demonstrations that cannot be read or learnt from."""
+
+    code = Code.INVALID_DEMONSTRATION
+
+
+class InvalidRequestError(OptiPrompError):
+    """An argument or option outside what it may be."""
+
+    code = Code.INVALID_REQUEST
+
+
+class StartInvalidError(OptiPrompError):
+    """The start configuration breaks a joint limit or has the wrong size."""
+
+    code = Code.START_INVALID
