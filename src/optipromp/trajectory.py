@@ -1,0 +1,92 @@
+"""The one currency of the library: joint positions at uniformly spaced knots."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from optipromp.errors import InvalidRequestError
+from optipromp.typing import FloatArray, frozen
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Joint positions at T uniformly spaced knots.
+
+    Args:
+        positions: (T, n) [rad, or m for a prismatic joint].
+        dt: spacing of the knots [s].
+        joint_names: n names.
+
+    Raises:
+        InvalidRequestError: fewer than 3 knots, a value that is not finite, ``dt`` not positive,
+            or a wrong number of names.
+    """
+
+    positions: FloatArray
+    dt: float
+    joint_names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        positions = frozen(self.positions)
+        if positions.ndim != 2 or positions.shape[0] < 3:
+            raise InvalidRequestError(
+                f"a trajectory needs at least 3 knots as (T, n); got shape {positions.shape}"
+            )
+        if positions.shape[1] != len(self.joint_names):
+            raise InvalidRequestError(
+                f"{len(self.joint_names)} joint names for {positions.shape[1]} columns"
+            )
+        if not np.isfinite(positions).all():
+            knot, joint = (int(i) for i in np.argwhere(~np.isfinite(positions))[0])
+            raise InvalidRequestError(f"position at knot {knot}, joint {joint} is not finite")
+        if not (np.isfinite(self.dt) and self.dt > 0):
+            raise InvalidRequestError(f"dt is {self.dt}; it must be positive [s]")
+        object.__setattr__(self, "positions", positions)
+        object.__setattr__(self, "joint_names", tuple(self.joint_names))
+
+    @property
+    def n_knots(self) -> int:
+        """T, the number of knots."""
+        return int(self.positions.shape[0])
+
+    @property
+    def duration(self) -> float:
+        """Time from the first knot to the last [s]."""
+        return self.dt * (self.n_knots - 1)
+
+    @property
+    def times(self) -> FloatArray:
+        """Time of each knot (T,) [s]."""
+        return np.arange(self.n_knots) * self.dt
+
+    @property
+    def velocities(self) -> FloatArray:
+        """Velocity of each interval (T-1, n) [rad/s or m/s]."""
+        return np.diff(self.positions, axis=0) / self.dt
+
+    @property
+    def accelerations(self) -> FloatArray:
+        """Acceleration at each knot (T, n), from rest before the first and after the last knot."""
+        padded = np.concatenate([self.positions[:1], self.positions, self.positions[-1:]])
+        return np.diff(padded, n=2, axis=0) / self.dt**2
+
+    def with_dt(self, dt: float) -> "Trajectory":
+        """The same knots at another spacing [s]."""
+        return Trajectory(self.positions, dt, self.joint_names)
+
+
+def shortest_dt(positions: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> float:
+    """The smallest knot spacing at which velocity and acceleration limits hold.
+
+    Args:
+        positions: (T, n).
+        velocity: (n,) limits, may be infinite.
+        acceleration: (n,) limits, may be infinite; motion starts and ends at rest.
+
+    Returns:
+        dt [s]; 1e-3 for a trajectory that does not move or has no limits.
+    """
+    padded = np.concatenate([positions[:1], positions, positions[-1:]])
+    by_velocity = np.max(np.abs(np.diff(positions, axis=0)) / velocity, initial=0.0)
+    by_acceleration = np.max(np.abs(np.diff(padded, n=2, axis=0)) / acceleration, initial=0.0)
+    return max(float(by_velocity), float(np.sqrt(by_acceleration)), 1e-3)
