@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optipromp.errors import InvalidRequestError
-from optipromp.typing import FloatArray, frozen
+from optipromp.arrays import FloatArray, frozen
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from optipromp.typing import FloatArray, IntArray
+from optipromp.arrays import FloatArray, IntArray
 
 REVOLUTE = 0
 PRISMATIC = 1

@@ -8,7 +8,7 @@ import numpy as np
 from optipromp.errors import InvalidRequestError
 from optipromp.robots import kernels
 from optipromp.robots.kernels import Kinematics
-from optipromp.typing import BoolArray, FloatArray, IntArray
+from optipromp.arrays import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from optipromp.robots.tools import Tool
