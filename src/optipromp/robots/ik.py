@@ -1,0 +1,242 @@
+r"""Inverse kinematics for a tool point and a tool axis; rotation about the axis stays free.
+
+Many starts run at once. Each is a damped Gauss-Newton descent on
+
+.. math:: \tfrac12\lVert p^\* - p(q)\rVert^2 + \tfrac12\ell^2\lVert a^\* - a(q)\rVert^2
+          + \tfrac12 w\lVert (q - q_c)/(q_{max}-q_{min})\rVert^2
+
+clipped to the joint limits, where the pull to the middle of the limits (or to the start of the
+search) fades out over the iterations, so that the solution is exact and still comfortable.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from optipromp.arrays import FloatArray
+from optipromp.errors import InvalidRequestError
+from optipromp.robots.kernels import chain_frames, tool_rows
+from optipromp.robots.model import Robot
+
+AXIS_LENGTH = 0.3  # [m] lever that weighs an axis error against a position error
+POSITION_TOLERANCE = 1e-6  # [m]
+AXIS_TOLERANCE = 1e-6  # [rad]
+
+
+@dataclass(frozen=True, eq=False)
+class Solutions:
+    """Distinct solutions of one inverse-kinematics problem, best first.
+
+    Attributes:
+        joints: (m, n) configurations [rad or m].
+        margin: (m,) smallest distance to a joint limit [rad or m].
+        clearance: (m,) what the clearance function said [m]; infinite where none was given.
+    """
+
+    joints: FloatArray
+    margin: FloatArray
+    clearance: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def cholesky_solve(a, b):  # type: ignore[no-untyped-def]
+    """Solve ``a x = b`` in place for a small symmetric positive definite ``a`` (n, n); x in ``b``."""
+    n = b.shape[0]
+    for i in range(n):
+        for j in range(i + 1):
+            s = a[i, j]
+            for k in range(j):
+                s -= a[i, k] * a[j, k]
+            if i == j:
+                a[i, i] = np.sqrt(max(s, 1e-14))
+            else:
+                a[i, j] = s / a[j, j]
+    for i in range(n):
+        s = b[i]
+        for k in range(i):
+            s -= a[i, k] * b[k]
+        b[i] = s / a[i, i]
+    for i in range(n - 1, -1, -1):
+        s = b[i]
+        for k in range(i + 1, n):
+            s -= a[k, i] * b[k]
+        b[i] = s / a[i, i]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def descend(
+    kin, tool_point, tool_axis, position, axis, axis_weight, lower, upper, center, weight,
+    iterations, q, position_error, axis_error,
+):  # type: ignore[no-untyped-def]  # fmt: skip
+    """Run every start in ``q`` (M, n) to a solution, in place; errors (M,) in m and rad."""
+    n_starts, n = q.shape
+    n_segments = kin.kind.shape[0]
+    origins, axes = np.empty((n_segments, 3)), np.empty((n_segments, 3))
+    rotations = np.empty((n_segments, 3, 3))
+    jp, ja = np.empty((3, n)), np.empty((3, n))
+    point, direction = np.empty(3), np.empty(3)
+    hessian, step, scale = np.empty((n, n)), np.empty(n), np.empty(n)
+    for j in range(n):
+        span = upper[j] - lower[j]
+        scale[j] = 1.0 / (span * span) if np.isfinite(span) else 0.02
+    for m in range(n_starts):
+        damping = 1e-3
+        for iteration in range(iterations + 1):
+            chain_frames(kin, q[m], origins, rotations, axes)
+            r = rotations[n_segments - 1]
+            ep, ea = 0.0, 0.0
+            for i in range(3):
+                point[i] = origins[n_segments - 1, i]
+                direction[i] = 0.0
+                for k in range(3):
+                    point[i] += r[i, k] * tool_point[k]
+                    direction[i] += r[i, k] * tool_axis[k]
+                ep += (position[i] - point[i]) ** 2
+                ea += (axis[i] - direction[i]) ** 2
+            position_error[m] = np.sqrt(ep)
+            axis_error[m] = 2.0 * np.arcsin(min(1.0, 0.5 * np.sqrt(ea))) if axis_weight > 0 else 0.0
+            pull = weight[m] * max(0.0, 1.0 - iteration / (0.7 * iterations)) ** 2
+            if iteration == iterations or (
+                pull == 0.0 and position_error[m] < 1e-9 and axis_error[m] < 1e-8
+            ):
+                break
+            tool_rows(kin, origins, axes, point, direction, jp, ja)
+            residual = ep + axis_weight * ea
+            for i in range(n):
+                g = 0.0
+                for k in range(3):
+                    g += jp[k, i] * (position[k] - point[k])
+                    g += axis_weight * ja[k, i] * (axis[k] - direction[k])
+                g += pull * scale[i] * (center[m, i] - q[m, i])
+                step[i] = g
+                for j in range(i + 1):
+                    h = 0.0
+                    for k in range(3):
+                        h += jp[k, i] * jp[k, j] + axis_weight * ja[k, i] * ja[k, j]
+                    hessian[i, j] = h
+                hessian[i, i] += pull * scale[i] + damping * min(1.0, residual) + 1e-9
+            for i in range(n):  # a joint held at its limit takes no part in this step
+                if (q[m, i] <= lower[i] and step[i] < 0) or (q[m, i] >= upper[i] and step[i] > 0):
+                    for j in range(i):
+                        hessian[i, j] = 0.0
+                    for j in range(i + 1, n):
+                        hessian[j, i] = 0.0
+                    hessian[i, i] = 1.0
+                    step[i] = 0.0
+            cholesky_solve(hessian, step)
+            largest = 0.0
+            for i in range(n):
+                largest = max(largest, abs(step[i]))
+            shrink = min(1.0, 0.5 / largest) if largest > 0 else 1.0
+            for i in range(n):
+                q[m, i] = min(upper[i], max(lower[i], q[m, i] + shrink * step[i]))
+
+
+def solve(
+    robot: Robot,
+    position: FloatArray,
+    axis: FloatArray | None,
+    *,
+    starts: int = 48,
+    seed: int = 0,
+    near: FloatArray | None = None,
+    clearance: Callable[[FloatArray], FloatArray] | None = None,
+    distinct: float = 0.25,
+    limit_margin: float = 0.0,
+    iterations: int = 40,
+) -> Solutions:
+    """Find distinct configurations with the tool point at ``position`` and its axis along ``axis``.
+
+    Args:
+        robot: the arm and its tool.
+        position: (3,) world [m].
+        axis: (3,) unit, world; None leaves the axis free.
+        starts: random starts, besides the home configuration and ``near``.
+        seed: of the random starts.
+        near: (m, n) further starts, kept close to where they begin.
+        clearance: maps (m, n) configurations to (m,) clearances [m], used to rank.
+        distinct: solutions closer than this (largest joint difference, rad) are one.
+        limit_margin: keep this far from every finite joint limit [rad or m].
+        iterations: of each descent.
+
+    Returns:
+        The solutions, ranked by the smaller of limit margin (in 0.3 rad) and clearance (in 0.05 m).
+        Empty when there is none.
+
+    Raises:
+        InvalidRequestError: a position or axis that is not three finite numbers, or a zero axis.
+    """
+    target = np.ascontiguousarray(position, dtype=np.float64)
+    direction = np.array([0.0, 0.0, 1.0]) if axis is None else np.array(axis, dtype=np.float64)
+    for name, value in (("position", target), ("axis", direction)):
+        if value.shape != (3,) or not np.isfinite(value).all():
+            raise InvalidRequestError(f"the goal {name} must be three finite numbers, got {value}")
+    length = float(np.linalg.norm(direction))
+    if length < 1e-9:
+        raise InvalidRequestError("the goal axis has no length")
+    n = robot.n_joints
+    lower, upper = robot.lower + limit_margin, robot.upper - limit_margin
+    finite = np.isfinite(lower) & np.isfinite(upper)
+    low, high = np.where(finite, lower, -np.pi), np.where(finite, upper, np.pi)
+    rng = np.random.default_rng(seed)
+    q = np.vstack([robot.home[None], rng.uniform(low, high, (starts, n))])
+    center = np.tile(0.5 * (low + high), (len(q), 1))
+    center[1::2] = q[1::2]
+    weight = np.full(len(q), 0.3)
+    if near is not None:
+        given = np.atleast_2d(robot.check_configuration(near))
+        q, center = np.vstack([given, q]), np.vstack([given, center])
+        weight = np.concatenate([np.full(len(given), 0.05), weight])
+    q = np.ascontiguousarray(np.clip(q, low, high))
+    position_error, axis_error = np.empty(len(q)), np.empty(len(q))
+    descend(
+        robot.kinematics, robot.tool_point, robot.tool_axis, target, direction / length,
+        AXIS_LENGTH**2 if axis is not None else 0.0, lower, upper, center, weight, iterations,
+        q, position_error, axis_error,
+    )  # fmt: skip
+    good = (position_error < POSITION_TOLERANCE) & (axis_error < AXIS_TOLERANCE)
+    q = q[good]
+    margin = np.min(np.minimum(q - robot.lower, robot.upper - q), axis=1, initial=np.inf)
+    room = np.full(len(q), np.inf) if clearance is None or not len(q) else clearance(q)
+    order = np.argsort(-np.minimum(margin / 0.3, room / 0.05), kind="stable")
+    kept: list[int] = []
+    for i in order:
+        if all(np.max(np.abs(q[i] - q[k])) > distinct for k in kept):
+            kept.append(int(i))
+    return Solutions(q[kept], margin[kept], room[kept])
+
+
+def track(
+    robot: Robot, positions: FloatArray, axes: FloatArray, begin: FloatArray, iterations: int = 30
+) -> tuple[FloatArray, FloatArray]:
+    """Follow task points one after another from a known configuration, staying on its branch.
+
+    Args:
+        robot: the arm and its tool.
+        positions: (m, 3) world [m], in the order they are followed.
+        axes: (m, 3) unit.
+        begin: (n,) configuration the first solution starts from.
+        iterations: of each descent.
+
+    Returns:
+        Configurations (m, n) and position errors (m,) [m]; an error above 1e-6 is a miss.
+    """
+    m, n = len(positions), robot.n_joints
+    out, errors = np.empty((m, n)), np.empty(m)
+    current = np.ascontiguousarray(begin, dtype=np.float64).reshape(1, n).copy()
+    position_error, axis_error = np.empty(1), np.empty(1)
+    for i in range(m):
+        descend(
+            robot.kinematics, robot.tool_point, robot.tool_axis,
+            np.ascontiguousarray(positions[i]), np.ascontiguousarray(axes[i]), AXIS_LENGTH**2,
+            robot.lower, robot.upper, current.copy(), np.array([0.01]), iterations,
+            current, position_error, axis_error,
+        )  # fmt: skip
+        out[i] = current[0]
+        errors[i] = position_error[0] + AXIS_LENGTH * axis_error[0]
+    return out, errors
