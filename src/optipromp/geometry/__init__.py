@@ -1,0 +1,30 @@
+"""Shapes, posed obstacles and their signed distances."""
+
+from optipromp.geometry.distances import distances, farther_than, signed_distance
+from optipromp.geometry.obstacles import Obstacles, pack
+from optipromp.geometry.shapes import (
+    Box,
+    Capsule,
+    Cylinder,
+    HalfSpace,
+    MeshShape,
+    PointCloudShape,
+    Shape,
+    Sphere,
+)
+
+__all__ = [
+    "Box",
+    "Capsule",
+    "Cylinder",
+    "HalfSpace",
+    "MeshShape",
+    "Obstacles",
+    "PointCloudShape",
+    "Shape",
+    "Sphere",
+    "distances",
+    "farther_than",
+    "pack",
+    "signed_distance",
+]

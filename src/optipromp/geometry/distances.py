@@ -1,0 +1,282 @@
+"""Signed distances and their gradients: the inner loop of every clearance in the library.
+
+Distances are Euclidean, negative inside, exact for the primitives. Gradients are finite everywhere;
+where the distance has a kink (a sphere's centre, a capsule's axis, the medial planes of a box) one
+of the limits is taken.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from optipromp.errors import InvalidRequestError
+from optipromp.geometry.obstacles import BOX, CAPSULE, CYLINDER, HALF_SPACE, SPHERE, Obstacles
+from optipromp.geometry.shapes import FloatArray
+
+GRID_PADDING = 3
+"""Cells between a grid's border and the bounding box of the shape it holds, at least."""
+
+_TINY = 1e-300  # squared lengths up to here count as 0: their roots cannot be divided by safely
+
+
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+def signed_distance(
+    obstacles: Obstacles, k: int, x0: float, x1: float, x2: float, gradient: FloatArray
+) -> float:
+    """Signed distance [m] from a world point to obstacle ``k``; allocates nothing.
+
+    Args:
+        obstacles: from :func:`optipromp.geometry.obstacles.pack`.
+        k: index of the obstacle, 0 <= k < K (not checked).
+        x0, x1, x2: world coordinates of the point [m].
+        gradient: (3,) receives dD/dx in the world frame; unit length for primitives.
+
+    Returns:
+        D: above 0 outside, 0 on the surface, below 0 inside.
+    """
+    kind = obstacles.kind[k]
+    position = obstacles.position
+    d0 = x0 - position[k, 0]
+    d1 = x1 - position[k, 1]
+    d2 = x2 - position[k, 2]
+    size = obstacles.size
+    if kind == SPHERE:
+        squared = d0 * d0 + d1 * d1 + d2 * d2
+        length = math.sqrt(squared)
+        if squared > _TINY:
+            inverse = 1.0 / length
+            gradient[0] = d0 * inverse
+            gradient[1] = d1 * inverse
+            gradient[2] = d2 * inverse
+        else:
+            gradient[0], gradient[1], gradient[2] = 0.0, 0.0, 1.0
+        return length - size[k, 0]
+
+    rotation = obstacles.rotation
+    if kind == HALF_SPACE:
+        gradient[0] = rotation[k, 0, 2]
+        gradient[1] = rotation[k, 1, 2]
+        gradient[2] = rotation[k, 2, 2]
+        return d0 * rotation[k, 0, 2] + d1 * rotation[k, 1, 2] + d2 * rotation[k, 2, 2]
+
+    l0 = rotation[k, 0, 0] * d0 + rotation[k, 1, 0] * d1 + rotation[k, 2, 0] * d2
+    l1 = rotation[k, 0, 1] * d0 + rotation[k, 1, 1] * d1 + rotation[k, 2, 1] * d2
+    l2 = rotation[k, 0, 2] * d0 + rotation[k, 1, 2] * d1 + rotation[k, 2, 2] * d2
+    if kind == BOX:
+        distance, g0, g1, g2 = _box(l0, l1, l2, size[k, 0], size[k, 1], size[k, 2])
+    elif kind == CAPSULE:
+        distance, g0, g1, g2 = _capsule(l0, l1, l2, size[k, 0], size[k, 1])
+    elif kind == CYLINDER:
+        distance, g0, g1, g2 = _cylinder(l0, l1, l2, size[k, 0], size[k, 1])
+    else:
+        distance, g0, g1, g2 = _grid(obstacles, obstacles.grid[k], l0, l1, l2)
+    gradient[0] = rotation[k, 0, 0] * g0 + rotation[k, 0, 1] * g1 + rotation[k, 0, 2] * g2
+    gradient[1] = rotation[k, 1, 0] * g0 + rotation[k, 1, 1] * g1 + rotation[k, 1, 2] * g2
+    gradient[2] = rotation[k, 2, 0] * g0 + rotation[k, 2, 1] * g1 + rotation[k, 2, 2] * g2
+    return distance
+
+
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+def farther_than(
+    obstacles: Obstacles, k: int, x0: float, x1: float, x2: float, reach: float
+) -> bool:
+    """True only if the point is more than ``reach`` [m] from obstacle ``k``: a test without roots.
+
+    Judged by the bounding ball, so False decides nothing; use it to skip :func:`signed_distance`.
+    """
+    d0 = x0 - obstacles.position[k, 0]
+    d1 = x1 - obstacles.position[k, 1]
+    d2 = x2 - obstacles.position[k, 2]
+    limit = obstacles.bound[k] + reach
+    return limit < 0.0 or d0 * d0 + d1 * d1 + d2 * d2 > limit * limit
+
+
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+def _box(
+    l0: float, l1: float, l2: float, h0: float, h1: float, h2: float
+) -> tuple[float, float, float, float]:
+    s0 = math.copysign(1.0, l0)
+    s1 = math.copysign(1.0, l1)
+    s2 = math.copysign(1.0, l2)
+    e0 = abs(l0) - h0
+    e1 = abs(l1) - h1
+    e2 = abs(l2) - h2
+    o0 = max(e0, 0.0)
+    o1 = max(e1, 0.0)
+    o2 = max(e2, 0.0)
+    outside = o0 * o0 + o1 * o1 + o2 * o2
+    if outside > _TINY:
+        distance = math.sqrt(outside)
+        inverse = 1.0 / distance
+        return distance, s0 * o0 * inverse, s1 * o1 * inverse, s2 * o2 * inverse
+    if e0 >= e1 and e0 >= e2:
+        return e0, s0, 0.0, 0.0
+    if e1 >= e2:
+        return e1, 0.0, s1, 0.0
+    return e2, 0.0, 0.0, s2
+
+
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+def _capsule(
+    l0: float, l1: float, l2: float, radius: float, half: float
+) -> tuple[float, float, float, float]:
+    z = l2 - min(max(l2, -half), half)
+    squared = l0 * l0 + l1 * l1 + z * z
+    if squared > _TINY:
+        length = math.sqrt(squared)
+        inverse = 1.0 / length
+        return length - radius, l0 * inverse, l1 * inverse, z * inverse
+    return -radius, 1.0, 0.0, 0.0
+
+
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+def _cylinder(
+    l0: float, l1: float, l2: float, radius: float, half: float
+) -> tuple[float, float, float, float]:
+    squared = l0 * l0 + l1 * l1
+    if squared > _TINY:
+        rho = math.sqrt(squared)
+        u0 = l0 / rho
+        u1 = l1 / rho
+    else:
+        rho, u0, u1 = 0.0, 1.0, 0.0
+    side = math.copysign(1.0, l2)
+    radial = rho - radius
+    axial = abs(l2) - half
+    if radial > 0.0 and axial > 0.0:
+        squared = radial * radial + axial * axial
+        if squared > _TINY:
+            distance = math.sqrt(squared)
+            a = radial / distance
+            return distance, a * u0, a * u1, side * axial / distance
+    if radial >= axial:
+        return radial, u0, u1, 0.0
+    return axial, 0.0, 0.0, side
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _grid(
+    obstacles: Obstacles, g: int, l0: float, l1: float, l2: float
+) -> tuple[float, float, float, float]:
+    """Trilinear inside the grid; outside, the larger of two lower bounds of the distance.
+
+    With c the point of the grid's box nearest to l and v(c) the value there, every surface point s
+    satisfies (l - c)·(c - s) >= 0, so D(l) >= sqrt(|l - c|² + v(c)²). The box shrunk by
+    GRID_PADDING cells still holds the shape, so its distance is a second bound.
+    """
+    origin = obstacles.grid_origin
+    spacing = obstacles.grid_spacing[g]
+    n0 = obstacles.grid_shape[g, 0]
+    n1 = obstacles.grid_shape[g, 1]
+    n2 = obstacles.grid_shape[g, 2]
+    p0 = l0 - origin[g, 0]
+    p1 = l1 - origin[g, 1]
+    p2 = l2 - origin[g, 2]
+    c0 = min(max(p0, 0.0), (n0 - 1) * spacing)
+    c1 = min(max(p1, 0.0), (n1 - 1) * spacing)
+    c2 = min(max(p2, 0.0), (n2 - 1) * spacing)
+    inverse = 1.0 / spacing
+    i0 = min(int(c0 * inverse), n0 - 2)
+    i1 = min(int(c1 * inverse), n1 - 2)
+    i2 = min(int(c2 * inverse), n2 - 2)
+    a0 = c0 * inverse - i0
+    a1 = c1 * inverse - i1
+    a2 = c2 * inverse - i2
+
+    values = obstacles.grid_values
+    at = obstacles.grid_start[g] + (i0 * n1 + i1) * n2 + i2
+    step1 = n2
+    step0 = n1 * n2
+    v000 = values[at]
+    v001 = values[at + 1]
+    v010 = values[at + step1]
+    v011 = values[at + step1 + 1]
+    v100 = values[at + step0]
+    v101 = values[at + step0 + 1]
+    v110 = values[at + step0 + step1]
+    v111 = values[at + step0 + step1 + 1]
+    v00 = v000 + a2 * (v001 - v000)
+    v01 = v010 + a2 * (v011 - v010)
+    v10 = v100 + a2 * (v101 - v100)
+    v11 = v110 + a2 * (v111 - v110)
+    v0 = v00 + a1 * (v01 - v00)
+    v1 = v10 + a1 * (v11 - v10)
+    value = v0 + a0 * (v1 - v0)
+    w00 = v001 - v000
+    w01 = v011 - v010
+    w10 = v101 - v100
+    w11 = v111 - v110
+    w0 = w00 + a1 * (w01 - w00)
+    w1 = w10 + a1 * (w11 - w10)
+    g0 = (v1 - v0) * inverse
+    g1 = ((v01 - v00) + a0 * ((v11 - v10) - (v01 - v00))) * inverse
+    g2 = (w0 + a0 * (w1 - w0)) * inverse
+
+    o0 = p0 - c0
+    o1 = p1 - c1
+    o2 = p2 - c2
+    squared = o0 * o0 + o1 * o1 + o2 * o2
+    if squared <= _TINY:
+        return value, g0, g1, g2
+    bound = math.sqrt(squared + value * value)
+    pad = GRID_PADDING * spacing
+    m0 = 0.5 * (n0 - 1) * spacing
+    m1 = 0.5 * (n1 - 1) * spacing
+    m2 = 0.5 * (n2 - 1) * spacing
+    inner, b0, b1, b2 = _box(p0 - m0, p1 - m1, p2 - m2, m0 - pad, m1 - pad, m2 - pad)
+    if inner >= bound:
+        return inner, b0, b1, b2
+    if o0 != 0.0:
+        g0 = 0.0
+    if o1 != 0.0:
+        g1 = 0.0
+    if o2 != 0.0:
+        g2 = 0.0
+    scale = 1.0 / bound
+    return (
+        bound,
+        (o0 + value * g0) * scale,
+        (o1 + value * g1) * scale,
+        (o2 + value * g2) * scale,
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _distances(
+    obstacles: Obstacles, points: FloatArray, distance: FloatArray, gradient: FloatArray
+) -> None:
+    for n in range(points.shape[0]):
+        for k in range(obstacles.kind.shape[0]):
+            distance[n, k] = signed_distance(
+                obstacles, k, points[n, 0], points[n, 1], points[n, 2], gradient[n, k]
+            )
+
+
+def distances(obstacles: Obstacles, points: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Signed distances of N world points to K obstacles.
+
+    Args:
+        obstacles: from :func:`optipromp.geometry.obstacles.pack`.
+        points: (N, 3) [m], finite.
+
+    Returns:
+        D (N, K) [m] and its gradient (N, K, 3).
+
+    Raises:
+        InvalidRequestError: ``points`` has another shape or holds NaN or infinity.
+    """
+    array = np.array(points, dtype=np.float64, order="C")
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InvalidRequestError(f"points have shape {array.shape}: must be (N, 3)")
+    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    if bad.size:
+        raise InvalidRequestError(f"points[{bad[0]}] is {array[bad[0]].tolist()}: must be finite")
+    count = len(obstacles.kind)
+    distance = np.empty((len(array), count))
+    gradient = np.empty((len(array), count, 3))
+    _distances(obstacles, array, distance, gradient)
+    return distance, gradient

@@ -1,0 +1,152 @@
+"""Posed shapes as a struct of arrays, the form the distance kernels read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optipromp.errors import InvalidSceneError
+from optipromp.geometry.shapes import (
+    Box,
+    Capsule,
+    Cylinder,
+    FloatArray,
+    HalfSpace,
+    IntArray,
+    MeshShape,
+    PointCloudShape,
+    Shape,
+    Sphere,
+    bounding_radius,
+)
+
+SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID = range(6)
+
+_ROTATION_TOLERANCE = 1e-6
+
+
+class Obstacles(NamedTuple):
+    """K posed shapes; a point maps as ``x_world = rotation[k] @ x_local + position[k]``.
+
+    All arrays are read-only and C-contiguous. Build with :func:`pack`, so that compiled kernels
+    always meet the same array types.
+    """
+
+    kind: IntArray
+    """(K,) one of SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID."""
+    position: FloatArray
+    """(K, 3) [m]."""
+    rotation: FloatArray
+    """(K, 3, 3)."""
+    size: FloatArray
+    """(K, 3) [m] sphere: r, 0, 0; box: half sizes; cylinder, capsule: r, half length, 0; else 0."""
+    bound: FloatArray
+    """(K,) [m] radius about ``position`` of a bounding ball; inf for a half-space."""
+    grid: IntArray
+    """(K,) index into the grid arrays, -1 where the shape is none."""
+    grid_values: FloatArray
+    """(N,) [m] signed distances of all grids, flat, each in C order."""
+    grid_start: IntArray
+    """(G,) first value of each grid."""
+    grid_shape: IntArray
+    """(G, 3) nodes along local x, y, z."""
+    grid_origin: FloatArray
+    """(G, 3) [m] first node in the shape's local frame."""
+    grid_spacing: FloatArray
+    """(G,) [m] distance between neighbouring nodes."""
+
+
+def pack(items: Sequence[tuple[Shape, ArrayLike, ArrayLike]]) -> Obstacles:
+    """Pack posed shapes for the kernels.
+
+    Args:
+        items: ``(shape, position (3,) [m], rotation (3, 3))``; may be empty.
+
+    Returns:
+        The obstacles, in the order of ``items``. Meshes and point clouds get a distance grid
+        (see :mod:`optipromp.geometry.grids`); items that share one shape object share its grid.
+
+    Raises:
+        InvalidSceneError: a position or rotation is not finite or not a rotation, or a mesh is
+            degenerate.
+    """
+    count = len(items)
+    kind = np.zeros(count, dtype=np.int64)
+    size = np.zeros((count, 3))
+    bound = np.zeros(count)
+    grid = np.full(count, -1, dtype=np.int64)
+    position = np.zeros((count, 3))
+    rotation = np.zeros((count, 3, 3))
+    grids: dict[int, int] = {}
+    shaped: list[MeshShape | PointCloudShape] = []
+    for index, (shape, at, turn) in enumerate(items):
+        position[index] = at
+        rotation[index] = turn
+        bound[index] = bounding_radius(shape)
+        match shape:
+            case Sphere(radius):
+                kind[index], size[index, 0] = SPHERE, radius
+            case Box(edges):
+                kind[index], size[index] = BOX, edges
+                size[index] *= 0.5
+            case Cylinder(radius, length):
+                kind[index], size[index, 0], size[index, 1] = CYLINDER, radius, 0.5 * length
+            case Capsule(radius, length):
+                kind[index], size[index, 0], size[index, 1] = CAPSULE, radius, 0.5 * length
+            case HalfSpace():
+                kind[index] = HALF_SPACE
+            case MeshShape() | PointCloudShape():
+                kind[index] = GRID
+                if id(shape) not in grids:
+                    grids[id(shape)] = len(shaped)
+                    shaped.append(shape)
+                grid[index] = grids[id(shape)]
+    _check_poses(position, rotation)
+    values, start, nodes, origin, spacing = _pack_grids(shaped)
+    arrays = (kind, position, rotation, size, bound, grid, values, start, nodes, origin, spacing)
+    for array in arrays:
+        array.setflags(write=False)
+    return Obstacles(*arrays)  # type: ignore[arg-type]
+
+
+def _check_poses(position: FloatArray, rotation: FloatArray) -> None:
+    for name, values in (("position", position), ("rotation", rotation)):
+        bad = np.argwhere(~np.isfinite(values))
+        if bad.size:
+            where = "".join(f"[{i}]" for i in bad[0][1:])
+            raise InvalidSceneError(f"obstacle {bad[0][0]}: {name}{where} must be finite")
+    error = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    bad = np.flatnonzero((error > _ROTATION_TOLERANCE) | (np.linalg.det(rotation) < 0.0))
+    if bad.size:
+        raise InvalidSceneError(
+            f"obstacle {bad[0]}: rotation is no rotation matrix (R Rᵀ off the identity by "
+            f"{error[bad[0]]:.2g}, determinant {np.linalg.det(rotation[bad[0]]):.3g})"
+        )
+
+
+def _pack_grids(
+    shapes: Sequence[MeshShape | PointCloudShape],
+) -> tuple[FloatArray, IntArray, IntArray, FloatArray, FloatArray]:
+    if not shapes:
+        return (
+            np.zeros(0),
+            np.zeros(0, dtype=np.int64),
+            np.zeros((0, 3), dtype=np.int64),
+            np.zeros((0, 3)),
+            np.zeros(0),
+        )
+    from optipromp.geometry.grids import distance_grid
+
+    grids = [distance_grid(shape) for shape in shapes]
+    lengths = np.array([grid.values.size for grid in grids], dtype=np.int64)
+    start: NDArray[np.int64] = np.concatenate(([0], np.cumsum(lengths)[:-1])).astype(np.int64)
+    return (
+        np.concatenate([grid.values.ravel() for grid in grids]),
+        start,
+        np.array([grid.values.shape for grid in grids], dtype=np.int64),
+        np.array([grid.origin for grid in grids], dtype=np.float64),
+        np.array([grid.spacing for grid in grids], dtype=np.float64),
+    )

@@ -1,0 +1,191 @@
+"""Shapes of a scene, each in its own local frame, in metres.
+
+A shape says nothing of where it is: an object of a scene (or an item of
+:func:`optipromp.geometry.obstacles.pack`) adds position and rotation.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optipromp.errors import InvalidSceneError
+
+FloatArray: TypeAlias = NDArray[np.float64]
+IntArray: TypeAlias = NDArray[np.int64]
+
+
+def frozen_array(values: object, dtype: type = np.float64) -> NDArray[np.generic]:
+    """Return a C-contiguous read-only copy of ``values``."""
+    array = np.array(values, dtype=dtype, order="C")
+    array.setflags(write=False)
+    return array
+
+
+def _positive(shape: str, name: str, value: float) -> float:
+    number = float(value)
+    if not (math.isfinite(number) and number > 0.0):
+        raise InvalidSceneError(f"{shape} {name} is {number:g}: must be finite and above 0 [m]")
+    return number
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball of ``radius`` [m] about the local origin."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", _positive("sphere", "radius", self.radius))
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box centred at the local origin; ``size`` holds its full edge lengths along x, y, z [m]."""
+
+    size: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        size = tuple(float(edge) for edge in self.size)
+        if len(size) != 3:
+            raise InvalidSceneError(f"box size has {len(size)} entries: must have 3 [m]")
+        for index, edge in enumerate(size):
+            _positive("box", f"size[{index}]", edge)
+        object.__setattr__(self, "size", size)
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A solid cylinder along local z, centred at the origin; ``radius``, full ``length`` [m]."""
+
+    radius: float
+    length: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", _positive("cylinder", "radius", self.radius))
+        object.__setattr__(self, "length", _positive("cylinder", "length", self.length))
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A capsule along local z, centred; ``length`` [m] is the distance between sphere centres."""
+
+    radius: float
+    length: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", _positive("capsule", "radius", self.radius))
+        object.__setattr__(self, "length", _positive("capsule", "length", self.length))
+
+
+@dataclass(frozen=True)
+class HalfSpace:
+    """All points with local z <= 0; the outward normal is local z."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeshShape:
+    """A closed triangle mesh.
+
+    Args:
+        vertices: (V, 3) vertex positions [m], local frame.
+        faces: (F, 3) vertex indices.
+        path: the file it was read from, if any (used in messages and when saving a scene).
+        scale: the factor from the file's unit to metres, already applied to ``vertices``.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    path: Path | None = None
+    scale: float = field(default=1.0)
+
+    def __post_init__(self) -> None:
+        name = f"mesh {self.path}" if self.path is not None else "mesh"
+        vertices = frozen_array(self.vertices)
+        faces = frozen_array(self.faces, np.int64)
+        if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < 4:
+            raise InvalidSceneError(
+                f"{name}: vertices have shape {vertices.shape}: must be (V, 3), V >= 4"
+            )
+        if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) < 4:
+            raise InvalidSceneError(
+                f"{name}: faces have shape {faces.shape}: must be (F, 3), F >= 4"
+            )
+        _all_finite(name, "vertex", vertices)
+        if faces.min() < 0 or faces.max() >= len(vertices):
+            raise InvalidSceneError(
+                f"{name}: face indices span {faces.min()} to {faces.max()}: "
+                f"must lie in 0 to {len(vertices) - 1}"
+            )
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", faces)
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloudShape:
+    """Points, each the centre of a ball of ``radius`` [m].
+
+    Args:
+        points: (N, 3) positions [m], local frame.
+        radius: radius given to every point [m].
+        path: the file it was read from, if any.
+        scale: the factor from the file's unit to metres, already applied to ``points``.
+    """
+
+    points: FloatArray
+    radius: float
+    path: Path | None = None
+    scale: float = field(default=1.0)
+
+    def __post_init__(self) -> None:
+        name = f"point cloud {self.path}" if self.path is not None else "point cloud"
+        points = frozen_array(self.points)
+        if points.ndim != 2 or points.shape[1] != 3 or len(points) < 1:
+            raise InvalidSceneError(
+                f"{name}: points have shape {points.shape}: must be (N, 3), N >= 1"
+            )
+        _all_finite(name, "point", points)
+        object.__setattr__(self, "radius", _positive(name, "radius", self.radius))
+        object.__setattr__(self, "points", points)
+
+
+def _rows_of_three(name: str, what: str, values: NDArray[np.generic], least: int) -> None:
+    if values.ndim != 2 or values.shape[1] != 3 or len(values) < least:
+        raise InvalidSceneError(
+            f"{name}: {what} have shape {values.shape}: must be (N, 3) with N >= {least}"
+        )
+
+
+def _all_finite(name: str, what: str, values: NDArray[np.generic]) -> None:
+    bad = np.flatnonzero(~np.isfinite(np.asarray(values, dtype=np.float64)).all(axis=1))
+    if bad.size:
+        row = values[bad[0]].tolist()
+        raise InvalidSceneError(f"{name}: {what} {bad[0]} is {row}: must be finite")
+
+
+Shape: TypeAlias = Sphere | Box | Cylinder | Capsule | HalfSpace | MeshShape | PointCloudShape
+
+
+def bounding_radius(shape: Shape) -> float:
+    """Radius [m] of a ball about the local origin that holds the shape; inf for a half-space."""
+    match shape:
+        case Sphere(radius):
+            return radius
+        case Box(size):
+            return 0.5 * math.hypot(*size)
+        case Cylinder(radius, length):
+            return math.hypot(radius, 0.5 * length)
+        case Capsule(radius, length):
+            return radius + 0.5 * length
+        case MeshShape():
+            return float(np.sqrt((shape.vertices**2).sum(axis=1).max()))
+        case PointCloudShape():
+            return float(np.sqrt((shape.points**2).sum(axis=1).max())) + shape.radius
+        case HalfSpace():
+            return math.inf
+    raise InvalidSceneError(f"unknown shape {type(shape).__name__}")
