@@ -13,9 +13,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
+from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
 from optipromp.geometry.obstacles import BOX, CAPSULE, CYLINDER, HALF_SPACE, SPHERE, Obstacles
-from optipromp.geometry.shapes import FloatArray
 
 GRID_PADDING = 3
 """Cells between a grid's border and the bounding box of the shape it holds, at least."""
@@ -54,14 +54,14 @@ def signed_distance(
             gradient[2] = d2 * inverse
         else:
             gradient[0], gradient[1], gradient[2] = 0.0, 0.0, 1.0
-        return length - size[k, 0]
+        return float(length - size[k, 0])
 
     rotation = obstacles.rotation
     if kind == HALF_SPACE:
         gradient[0] = rotation[k, 0, 2]
         gradient[1] = rotation[k, 1, 2]
         gradient[2] = rotation[k, 2, 2]
-        return d0 * rotation[k, 0, 2] + d1 * rotation[k, 1, 2] + d2 * rotation[k, 2, 2]
+        return float(d0 * rotation[k, 0, 2] + d1 * rotation[k, 1, 2] + d2 * rotation[k, 2, 2])
 
     l0 = rotation[k, 0, 0] * d0 + rotation[k, 1, 0] * d1 + rotation[k, 2, 0] * d2
     l1 = rotation[k, 0, 1] * d0 + rotation[k, 1, 1] * d1 + rotation[k, 2, 1] * d2
@@ -92,7 +92,7 @@ def farther_than(
     d1 = x1 - obstacles.position[k, 1]
     d2 = x2 - obstacles.position[k, 2]
     limit = obstacles.bound[k] + reach
-    return limit < 0.0 or d0 * d0 + d1 * d1 + d2 * d2 > limit * limit
+    return bool(limit < 0.0 or d0 * d0 + d1 * d1 + d2 * d2 > limit * limit)
 
 
 @njit(cache=True, error_model="numpy", nogil=True, forceinline=True)

@@ -8,14 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from optipromp.arrays import FloatArray, IntArray
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry.shapes import (
     Box,
     Capsule,
     Cylinder,
-    FloatArray,
     HalfSpace,
-    IntArray,
     MeshShape,
     PointCloudShape,
     Shape,
@@ -109,7 +108,7 @@ def pack(items: Sequence[tuple[Shape, ArrayLike, ArrayLike]]) -> Obstacles:
     arrays = (kind, position, rotation, size, bound, grid, values, start, nodes, origin, spacing)
     for array in arrays:
         array.setflags(write=False)
-    return Obstacles(*arrays)  # type: ignore[arg-type]
+    return Obstacles(*arrays)
 
 
 def _check_poses(position: FloatArray, rotation: FloatArray) -> None:
@@ -119,11 +118,12 @@ def _check_poses(position: FloatArray, rotation: FloatArray) -> None:
             where = "".join(f"[{i}]" for i in bad[0][1:])
             raise InvalidSceneError(f"obstacle {bad[0][0]}: {name}{where} must be finite")
     error = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
-    bad = np.flatnonzero((error > _ROTATION_TOLERANCE) | (np.linalg.det(rotation) < 0.0))
-    if bad.size:
+    wrong = np.flatnonzero((error > _ROTATION_TOLERANCE) | (np.linalg.det(rotation) < 0.0))
+    if wrong.size:
+        index = wrong[0]
         raise InvalidSceneError(
-            f"obstacle {bad[0]}: rotation is no rotation matrix (R Rᵀ off the identity by "
-            f"{error[bad[0]]:.2g}, determinant {np.linalg.det(rotation[bad[0]]):.3g})"
+            f"obstacle {index}: rotation is no rotation matrix (R Rᵀ off the identity by "
+            f"{error[index]:.2g}, determinant {np.linalg.det(rotation[index]):.3g})"
         )
 
 

@@ -9,22 +9,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from optipromp.arrays import FloatArray, IntArray, frozen
 from optipromp.errors import InvalidSceneError
-
-FloatArray: TypeAlias = NDArray[np.float64]
-IntArray: TypeAlias = NDArray[np.int64]
-
-
-def frozen_array(values: object, dtype: type = np.float64) -> NDArray[np.generic]:
-    """Return a C-contiguous read-only copy of ``values``."""
-    array = np.array(values, dtype=dtype, order="C")
-    array.setflags(write=False)
-    return array
 
 
 def _positive(shape: str, name: str, value: float) -> float:
@@ -106,8 +97,8 @@ class MeshShape:
 
     def __post_init__(self) -> None:
         name = f"mesh {self.path}" if self.path is not None else "mesh"
-        vertices = frozen_array(self.vertices)
-        faces = frozen_array(self.faces, np.int64)
+        vertices = frozen(self.vertices)
+        faces = frozen(self.faces, np.int64)
         if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < 4:
             raise InvalidSceneError(
                 f"{name}: vertices have shape {vertices.shape}: must be (V, 3), V >= 4"
@@ -144,7 +135,7 @@ class PointCloudShape:
 
     def __post_init__(self) -> None:
         name = f"point cloud {self.path}" if self.path is not None else "point cloud"
-        points = frozen_array(self.points)
+        points = frozen(self.points)
         if points.ndim != 2 or points.shape[1] != 3 or len(points) < 1:
             raise InvalidSceneError(
                 f"{name}: points have shape {points.shape}: must be (N, 3), N >= 1"
@@ -154,14 +145,14 @@ class PointCloudShape:
         object.__setattr__(self, "points", points)
 
 
-def _rows_of_three(name: str, what: str, values: NDArray[np.generic], least: int) -> None:
+def _rows_of_three(name: str, what: str, values: NDArray[Any], least: int) -> None:
     if values.ndim != 2 or values.shape[1] != 3 or len(values) < least:
         raise InvalidSceneError(
             f"{name}: {what} have shape {values.shape}: must be (N, 3) with N >= {least}"
         )
 
 
-def _all_finite(name: str, what: str, values: NDArray[np.generic]) -> None:
+def _all_finite(name: str, what: str, values: NDArray[Any]) -> None:
     bad = np.flatnonzero(~np.isfinite(np.asarray(values, dtype=np.float64)).all(axis=1))
     if bad.size:
         row = values[bad[0]].tolist()
