@@ -1,0 +1,269 @@
+"""What a scene file may say: the pydantic models that stand at the file boundary."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from optipromp.errors import InvalidSceneError
+from optipromp.scenes.scene import Role, suggest
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
+NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]
+Text = Annotated[str, Field(strict=True, min_length=1)]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+
+def _refuse(what: str) -> PydanticCustomError:
+    return PydanticCustomError("scene", "{what}", {"what": what})
+
+
+class _Model(BaseModel):
+    """Base: a mapping whose unknown keys are refused by name."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            raise _refuse(
+                f"is {_short(data)}: must be a mapping with keys {', '.join(cls.model_fields)}"
+            )
+        for key in data:
+            if key not in cls.model_fields:
+                raise _refuse(f"unknown key {key!r}: {suggest(key, cls.model_fields)}")
+        return data
+
+
+class _OneOf(_Model):
+    """A mapping with exactly one of its keys."""
+
+    @model_validator(mode="after")
+    def _exactly_one(self) -> _OneOf:
+        given = [name for name in type(self).model_fields if name in self.model_fields_set]
+        if len(given) != 1:
+            raise _refuse(
+                f"has {' and '.join(given) or 'no key'}: must have exactly one of "
+                f"{', '.join(type(self).model_fields)}"
+            )
+        if getattr(self, given[0]) is None:
+            raise _refuse(f"{given[0]} is empty: must be a mapping")
+        return self
+
+
+class SphereModel(_Model):
+    """A ball."""
+
+    radius: Positive
+
+
+class BoxModel(_Model):
+    """A box, full sizes."""
+
+    size: Annotated[list[Positive], Field(min_length=3, max_length=3)]
+
+
+class RodModel(_Model):
+    """A cylinder or capsule along local z."""
+
+    radius: Positive
+    length: Positive
+
+
+class HalfSpaceModel(_Model):
+    """Local z <= 0."""
+
+
+class MeshModel(_Model):
+    """A mesh file; ``scale`` turns its unit into metres."""
+
+    file: Text
+    scale: Positive = 1.0
+
+
+class PointCloudModel(_Model):
+    """A point cloud file; ``scale`` turns its unit into metres."""
+
+    file: Text
+    radius: Positive
+    scale: Positive = 1.0
+
+
+class ShapeModel(_OneOf):
+    """Exactly one shape by name."""
+
+    sphere: SphereModel | None = None
+    box: BoxModel | None = None
+    cylinder: RodModel | None = None
+    capsule: RodModel | None = None
+    half_space: HalfSpaceModel | None = None
+    mesh: MeshModel | None = None
+    point_cloud: PointCloudModel | None = None
+
+
+class StemModel(_Model):
+    """Straight to a root, or a polyline, fruit first."""
+
+    root: Vector | None = None
+    points: Annotated[list[Vector], Field(min_length=2)] | None = None
+    radius: Positive | None = None
+
+    @model_validator(mode="after")
+    def _one_form(self) -> StemModel:
+        if (self.root is None) == (self.points is None):
+            raise _refuse("must have exactly one of root, points")
+        return self
+
+
+class ObjectModel(_Model):
+    """One object."""
+
+    id: Text
+    role: Role
+    shape: ShapeModel
+    position: Vector
+    orientation: Annotated[list[Number], Field(min_length=4, max_length=4)] | None = None
+    stem: StemModel | None = None
+    covariance: Annotated[list[Vector], Field(min_length=3, max_length=3)] | None = None
+    sigma: NotNegative | None = None
+    physical: dict[Text, Number] = {}
+
+    @model_validator(mode="after")
+    def _one_uncertainty(self) -> ObjectModel:
+        if self.covariance is not None and self.sigma is not None:
+            raise _refuse("has covariance and sigma: must have one of them at most")
+        return self
+
+
+class ApproachModel(_Model):
+    """The target frame; see :class:`optipromp.scenes.scene.Approach`."""
+
+    direction: Vector = [0.0, 0.0, 1.0]
+    lateral: Vector = [0.0, 1.0, 0.0]
+    camera_distance: Positive | None = None
+
+
+class GoalModel(_Model):
+    """A goal in joints, or of the tool's point and axis."""
+
+    joints: Annotated[list[Number], Field(min_length=1)] | None = None
+    position: Vector | None = None
+    axis: Vector | None = None
+
+    @model_validator(mode="after")
+    def _one_form(self) -> GoalModel:
+        if (self.joints is None) == (self.position is None):
+            raise _refuse("must have either joints, or position (and axis)")
+        if self.joints is not None and self.axis is not None:
+            raise _refuse("has joints and axis: axis goes with position")
+        return self
+
+
+class ToolModel(_Model):
+    """The tool on the flange."""
+
+    kind: Literal["cup", "franka_hand"]
+    radius: Positive | None = None
+    height: Positive | None = None
+    length: NotNegative | None = None
+    depth: NotNegative | None = None
+    opening: Positive | None = None
+
+    @model_validator(mode="after")
+    def _fits_kind(self) -> ToolModel:
+        given = [
+            name
+            for name in ("radius", "height", "length", "depth", "opening")
+            if getattr(self, name) is not None
+        ]
+        if self.kind == "cup" and self.radius is None:
+            raise _refuse("radius is missing: a cup needs its radius [m]")
+        if self.kind == "franka_hand" and given:
+            raise _refuse(f"{given[0]} is no parameter of franka_hand: it takes none")
+        return self
+
+
+class OptionsModel(_Model):
+    """Settings of the planners that belong to a scene."""
+
+    camera_point: bool | None = None
+
+
+class SceneModel(_Model):
+    """A whole scene file."""
+
+    format: Literal[1] = 1
+    name: Text
+    robot: Text
+    tool: ToolModel | None = None
+    scale: Positive | None = None
+    start: Annotated[list[Number], Field(min_length=1)] | None = None
+    target: Text | None = None
+    goal: GoalModel | None = None
+    approach: ApproachModel = ApproachModel()
+    options: OptionsModel = OptionsModel()
+    objects: list[ObjectModel] = []
+
+
+def parse(document: Any, source: str) -> SceneModel:
+    """Check a document against the schema.
+
+    Args:
+        document: what the file holds, as plain Python values.
+        source: named in the message of a refusal, usually the file.
+
+    Raises:
+        InvalidSceneError: with source, field, value and what would be right, in one line.
+    """
+    try:
+        return SceneModel.model_validate(document)
+    except ValidationError as error:
+        details = error.errors(include_url=False)
+        more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
+        raise InvalidSceneError(f"{source}: {_describe(details[0])}{more}") from None
+    except RecursionError:
+        raise InvalidSceneError(f"{source}: nested too deep") from None
+
+
+def _describe(error: ErrorDetails) -> str:
+    path = ""
+    for step in error["loc"]:
+        path += f"[{step}]" if isinstance(step, int) else f".{step}" if path else str(step)
+    value = error["input"]
+    context = error.get("ctx", {})
+    kind = error["type"]
+    if kind == "scene":
+        return f"{path}: {context['what']}" if path else str(context["what"])
+    if kind == "missing":
+        return f"{path} is missing"
+    if kind in ("too_short", "too_long"):
+        field = "min_length" if kind == "too_short" else "max_length"
+        length = len(value) if isinstance(value, list) else "other"
+        least = "at least " if kind == "too_short" else "at most "
+        return f"{path} has {length} entries: must have {least}{context[field]}"
+    wanted = {
+        "finite_number": "must be finite",
+        "float_type": "must be a number" + (", without quotes" if isinstance(value, str) else ""),
+        "greater_than": f"must be above {context.get('gt', 0):g}",
+        "greater_than_equal": f"must be at least {context.get('ge', 0):g}",
+        "string_type": "must be text" + ("" if value is None else ": put it in quotes"),
+        "string_too_short": "must not be empty",
+        "list_type": "must be a list",
+        "dict_type": "must be a mapping",
+    }.get(kind)
+    if kind == "literal_error":
+        names = [
+            name.strip().strip("'")
+            for name in str(context["expected"]).replace(" or ", ", ").split(",")
+        ]
+        wanted = suggest(value, names)
+    return f"{path} is {_short(value)}: {wanted or error['msg']}"
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
