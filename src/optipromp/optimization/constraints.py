@@ -1,0 +1,174 @@
+"""The constraints as one-sided quadratic penalties, weighed by their priority.
+
+Method §5 ranks what gives way where constraints conflict: joint limits and static clearance first,
+then reaching the target, avoid objects, the drift offset, straightness. :class:`Priority` holds that
+order as stiffnesses [per m² or rad²]: with a Gauss-Newton solver a stiff penalty costs no
+conditioning, and two constraints that cannot both hold share the conflict in the ratio of theirs.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from optipromp.arrays import BoolArray, FloatArray
+from optipromp.optimization import kernels
+from optipromp.optimization.evaluation import LEVER, Evaluation
+from optipromp.optimization.terms import Term
+
+
+@dataclass(frozen=True)
+class Priority:
+    """Stiffness of each kind of constraint, highest first."""
+
+    limits: float = 1e6
+    touch: float = 1e6
+    goal: float = 1e6
+    clearance: float = 2e4
+    avoid: float = 1e5
+    step: float = 1e5
+    drift: float = 1e4
+    corridor: float = 1e2
+    upright: float = 1e1
+
+
+class ClearanceConstraint(Term):
+    """Body spheres keep ``margin`` from static things, or B_d from avoid things and pushables."""
+
+    def __init__(
+        self, name: str, field: str, weight: float, margin: float, mask: BoolArray | None = None
+    ) -> None:
+        super().__init__(name, weight)
+        self.field, self.margin, self.mask = field, margin, mask
+
+    def add(self, e: Evaluation, scale: float) -> float:
+        field = e.static if self.field == "static" else e.dynamic
+        n_spheres = field.distance.shape[1]
+        weights = np.full(n_spheres, scale)
+        if self.mask is not None:
+            weights *= self.mask
+        margins = np.full(n_spheres, self.margin)
+        return float(
+            kernels.clearance_penalty(
+                field.distance, field.normal, margins, weights, e.force, e.stiffness
+            )
+        )
+
+
+class SelfConstraint(Term):
+    """Links that are not neighbours keep ``margin`` apart."""
+
+    def __init__(self, weight: float, margin: float) -> None:
+        super().__init__("self", weight)
+        self.margin = margin
+
+    def add(self, e: Evaluation, scale: float) -> float:
+        body = e.body
+        return float(
+            kernels.self_penalty(
+                e.points, body.radius, body.groups, body.pairs, body.link_bound, self.margin, scale,
+                e.force, e.stiffness,
+            )
+        )  # fmt: skip
+
+
+class DriftConstraint(Term):
+    """Constraints 1 and 2: past each pushable on its stem-free side by the gripper's radius."""
+
+    def __init__(
+        self,
+        weight: float,
+        centers: FloatArray,
+        directions: FloatArray,
+        approach: FloatArray,
+        half_height: FloatArray,
+        offset: FloatArray,
+        first: int,
+        slope: float = 4.0,
+    ) -> None:
+        super().__init__("drift", weight)
+        self.centers, self.directions, self.approach = centers, directions, approach
+        self.half_height, self.offset, self.first, self.slope = half_height, offset, first, slope
+
+    def add(self, e: Evaluation, scale: float) -> float:
+        return float(
+            kernels.drift_penalty(
+                e.points, e.tool, self.centers, self.directions, self.approach, self.half_height,
+                self.offset, self.slope, self.first, scale, e.force, e.stiffness,
+            )
+        )  # fmt: skip
+
+
+class CorridorConstraint(Term):
+    """Constraint 3: the tool stays within a tolerance of the initial one along x_g and z_g."""
+
+    def __init__(
+        self, weight: float, reference: FloatArray, axes: FloatArray, tolerance: float, first: int
+    ) -> None:
+        super().__init__("corridor", weight)
+        self.reference, self.axes, self.tolerance, self.first = reference, axes, tolerance, first
+
+    def add(self, e: Evaluation, scale: float) -> float:
+        return float(
+            kernels.corridor_penalty(
+                e.points, e.tool, self.reference, self.axes, self.tolerance, self.first, scale,
+                e.force, e.stiffness,
+            )
+        )  # fmt: skip
+
+
+class UprightConstraint(Term):
+    """The tool axis stays within an angle [rad] of the approach direction from knot ``first`` on."""
+
+    def __init__(self, weight: float, axis: FloatArray, tolerance: float, first: int) -> None:
+        super().__init__("upright", weight)
+        self.axis, self.tolerance, self.first = axis, tolerance, first
+
+    def add(self, e: Evaluation, scale: float) -> float:
+        return float(
+            kernels.axis_penalty(
+                e.points, e.tool, LEVER, self.axis, self.tolerance, self.first, scale, e.force,
+                e.stiffness,
+            )
+        )  # fmt: skip
+
+
+class GoalConstraint(Term):
+    """At T the tool point is at the goal and the tool axis along the goal's axis (None: free)."""
+
+    def __init__(self, weight: float, position: FloatArray, axis: FloatArray | None) -> None:
+        super().__init__("goal", weight)
+        self.position = position
+        self.axis = np.zeros(3) if axis is None else axis
+        self.lever = 0.0 if axis is None else 0.1
+
+    def add(self, e: Evaluation, scale: float) -> float:
+        return float(
+            kernels.goal_penalty(
+                e.points, e.tool, self.position, self.axis, LEVER, scale, scale * self.lever**2,
+                e.force, e.stiffness,
+            )
+        )  # fmt: skip
+
+
+class LimitConstraint(Term):
+    """Constraint 4, positions: every knot within the joint limits, less a margin."""
+
+    def __init__(self, weight: float, lower: FloatArray, upper: FloatArray) -> None:
+        super().__init__("limits", weight)
+        self.lower, self.upper = lower, upper
+
+    def add(self, e: Evaluation, scale: float) -> float:
+        return float(
+            kernels.limit_penalty(e.q, self.lower, self.upper, scale, e.joint_gradient, e.band)
+        )
+
+
+class StepConstraint(Term):
+    """No joint moves more than ``largest`` (n,) between knots [rad or m]."""
+
+    def __init__(self, weight: float, largest: FloatArray) -> None:
+        super().__init__("step", weight)
+        self.largest = largest
+
+    def add(self, e: Evaluation, scale: float) -> float:
+        return float(kernels.step_penalty(e.q, self.largest, scale, e.joint_gradient, e.band))

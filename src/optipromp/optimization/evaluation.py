@@ -1,0 +1,148 @@
+"""One evaluation of a trajectory: kinematics once, then every term reads and adds."""
+
+import numpy as np
+
+from optipromp.arrays import BoolArray, FloatArray, IntArray, frozen
+from optipromp.geometry.obstacles import Obstacles
+from optipromp.optimization import kernels
+from optipromp.robots import kernels as robot_kernels
+from optipromp.robots.model import Robot
+
+LEVER = 0.1  # [m] from the tool point to the tip, the second point on the tool axis
+
+
+class BodyPoints:
+    """The points of a robot that the planning loop follows, grouped by link for the broad phase.
+
+    Points are ordered: B body spheres (sorted by link), the tool point (index ``tool``), the tip on
+    the tool axis (``tool + 1``), and the bounding-sphere centre of each link that has spheres.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        spheres = robot.spheres
+        order = np.argsort(spheres.link, kind="stable")
+        links = np.unique(spheres.link)
+        center, radius = spheres.center[order], spheres.radius[order]
+        segment, link = spheres.segment[order], spheres.link[order]
+        self.radius: FloatArray = frozen(radius)
+        self.distal: BoolArray = frozen(spheres.distal[order], np.bool_)
+        self.link_start: IntArray = frozen(
+            np.append(np.searchsorted(link, links), len(link)), np.int64
+        )
+        bound_centers, bound_radii, bound_segments, distal = [], [], [], []
+        for low, high in zip(self.link_start[:-1], self.link_start[1:], strict=True):
+            middle = center[low:high].mean(axis=0)
+            reach = np.linalg.norm(center[low:high] - middle, axis=1) + radius[low:high]
+            bound_centers.append(middle)
+            bound_radii.append(reach.max())
+            bound_segments.append(segment[low])
+            distal.append(bool(self.distal[low]))
+        last = robot.n_segments - 1
+        tool = np.stack([robot.tool_point, robot.tool_point + LEVER * robot.tool_axis])
+        self.tool = len(radius)
+        self.local: FloatArray = frozen(np.vstack([center, tool, np.reshape(bound_centers, (-1, 3))]))
+        self.segment: IntArray = frozen(
+            np.concatenate([segment, [last, last], bound_segments]), np.int64
+        )
+        self.link_bound: FloatArray = frozen(bound_radii)
+        self.link_distal: BoolArray = frozen(distal, np.bool_)
+        self.groups, self.pairs = _grouped_pairs(robot.self_pairs, order, link, links)
+
+    def __len__(self) -> int:
+        return len(self.segment)
+
+
+def _grouped_pairs(
+    self_pairs: IntArray, order: IntArray, link: IntArray, links: IntArray
+) -> tuple[IntArray, IntArray]:
+    """Pairs renumbered to the sorted spheres and grouped by their two links."""
+    if not len(self_pairs):
+        return frozen(np.zeros((0, 4)), np.int64), frozen(np.zeros((0, 2)), np.int64)
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order))
+    pairs = np.sort(place[self_pairs], axis=1)
+    index = np.searchsorted(links, link)
+    first, second = index[pairs[:, 0]], index[pairs[:, 1]]
+    by_links = np.lexsort((second, first))
+    pairs, keys = pairs[by_links], np.stack([first, second], axis=1)[by_links]
+    starts = np.flatnonzero(np.append(True, np.any(np.diff(keys, axis=0) != 0, axis=1)))
+    ends = np.append(starts[1:], len(pairs))
+    return (
+        frozen(np.column_stack([keys[starts], starts, ends]), np.int64),
+        frozen(pairs, np.int64),
+    )
+
+
+class Evaluation:
+    """Arrays of one evaluation at T knots, made once and written over.
+
+    What terms read: ``q`` (T, n), ``dt``, ``points`` (T, P, 3) in the order of :class:`BodyPoints`,
+    ``tool`` (index of the tool point), ``static`` and ``dynamic`` fields. What terms add to:
+    ``force`` (T, B+2, 3), the gradient with respect to points; ``stiffness`` (T, B+2, 6), a positive
+    semi-definite curvature there; ``joint_gradient`` (T, n) and its curvature ``band`` (T, 3, n).
+    A term may leave curvature out: the solver's metric takes its place.
+    """
+
+    def __init__(self, robot: Robot, body: BodyPoints, n_knots: int, dt: float) -> None:
+        n, segments, spheres = robot.n_joints, robot.n_segments, body.tool
+        self.robot, self.body, self.dt = robot, body, dt
+        self.tool = body.tool
+        self.q = np.zeros((n_knots, n))
+        self.origins = np.empty((n_knots, segments, 3))
+        self.rotations = np.empty((n_knots, segments, 3, 3))
+        self.axes = np.empty((n_knots, segments, 3))
+        self.points = np.empty((n_knots, len(body), 3))
+        self.force = np.zeros((n_knots, spheres + 2, 3))
+        self.stiffness = np.zeros((n_knots, spheres + 2, 6))
+        self.joint_gradient = np.zeros((n_knots, n))
+        self.band = np.zeros((n_knots, 3, n))
+        self.static = Field(n_knots, spheres)
+        self.dynamic = Field(n_knots, spheres)
+
+    def move_to(self, q: FloatArray) -> None:
+        """Kinematics of the trajectory ``q`` (T, n); what terms add to is cleared."""
+        self.q[:] = q
+        robot_kernels.frames(
+            self.robot.kinematics, self.q, self.origins, self.rotations, self.axes
+        )
+        robot_kernels.carried_points(
+            self.body.segment, self.body.local, self.origins, self.rotations, self.points
+        )
+        self.clear()
+
+    def clear(self) -> None:
+        """Set everything that terms add to back to zero."""
+        self.force[:] = 0.0
+        self.stiffness[:] = 0.0
+        self.joint_gradient[:] = 0.0
+        self.band[:] = 0.0
+
+    @property
+    def tool_points(self) -> FloatArray:
+        """Tool point at every knot (T, 3) [m]."""
+        return self.points[:, self.tool]
+
+    def gradient(self) -> FloatArray:
+        """What the terms added, pulled back to the joints (T, n)."""
+        out = self.joint_gradient.copy()
+        robot_kernels.pull_back(
+            self.robot.kinematics, self.body.segment[: self.tool + 2], self.points[:, : self.tool + 2],
+            self.force, self.origins, self.axes, out,
+        )  # fmt: skip
+        return out
+
+
+class Field:
+    """Distance from each body sphere to the nearest obstacle of a role, with its normal."""
+
+    def __init__(self, n_knots: int, n_spheres: int) -> None:
+        self.distance = np.zeros((n_knots, n_spheres))
+        self.normal = np.zeros((n_knots, n_spheres, 3))
+
+    def measure(self, e: Evaluation, obstacles: Obstacles, shared: int, cutoff: float) -> None:
+        """Fill the field from the evaluation's points; see :func:`kernels.clearance_field`."""
+        body = e.body
+        kernels.clearance_field(
+            e.points, body.radius, body.link_start, body.link_bound, body.link_distal, obstacles,
+            shared, cutoff, self.distance, self.normal,
+        )  # fmt: skip
