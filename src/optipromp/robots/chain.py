@@ -1,0 +1,217 @@
+"""From a tree of links to one serial chain: fixed joints merged, mimics resolved, branches held."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from optipromp.arrays import FloatArray, frozen
+from optipromp.errors import InvalidRobotError
+from optipromp.robots.kernels import PRISMATIC, REVOLUTE, Kinematics
+from optipromp.robots.urdf import UrdfJoint, UrdfModel, Vector
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where a link is carried: x_segment = rotation @ x_link + translation.
+
+    ``segment`` is -1 for the fixed base. ``driver`` names the off-chain joint, driven by a joint of
+    the chain, that moves the link relative to its segment; empty for a link carried rigidly.
+    """
+
+    segment: int
+    rotation: FloatArray
+    translation: FloatArray
+    driver: str = ""
+
+
+@dataclass(frozen=True)
+class Chain:
+    """The chain from the root to the flange link, n independent joints and S segments."""
+
+    joint_names: tuple[str, ...]
+    lower: FloatArray  # (n,) limits of every joint that the independent one drives, intersected
+    upper: FloatArray
+    velocity: FloatArray
+    kinematics: Kinematics
+    flange: Placement
+    held_joints: tuple[str, ...]
+    placements: Mapping[str, Placement]  # every link of the file, in file order
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """value of a joint = multiplier * value of ``leader`` + offset."""
+
+    leader: str
+    multiplier: float
+    offset: float
+
+
+def serial_chain(model: UrdfModel, flange: str | None = None) -> Chain:
+    """The chain of ``model`` that ends at link ``flange`` (default: the deepest leaf, first in file).
+
+    Movable joints off the chain stand at zero, or at the limit nearest to it.
+    Raises InvalidRobotError when there is no such link, no movable joint on the way, or when the
+    limits of a mimic joint and of its leader leave nothing in common.
+    """
+    above = {joint.child: joint for joint in model.joints.values()}
+    order = _from_the_root(model)
+    tip = flange if flange is not None else _deepest(order, above)
+    if tip not in model.links:
+        known = ", ".join(list(model.links)[:20])
+        raise InvalidRobotError(f"{model.path}: no flange link '{tip}'; links: {known}")
+
+    path: list[UrdfJoint] = []
+    link = tip
+    while link in above:
+        path.append(above[link])
+        link = above[link].parent
+    path.reverse()
+    drives = _drives(model)
+    movable = [joint for joint in path if joint.kind != "fixed"]
+    if not movable:
+        raise InvalidRobotError(
+            f"{model.path}: no movable joint between the root '{model.root}' and the flange '{tip}'"
+        )
+    names = tuple(dict.fromkeys(drives[joint.name].leader for joint in movable))
+    lower, upper, velocity = _limits(model, names, drives)
+
+    on_path = {joint.name for joint in path}
+    placements = {model.root: Placement(-1, np.eye(3), np.zeros(3))}
+    segments: list[tuple[UrdfJoint, FloatArray, FloatArray]] = []
+    held: list[str] = []
+    for child in order[1:]:
+        joint = above[child]
+        base = placements[joint.parent]
+        rotation = base.rotation @ rotation_of(joint.rpy)
+        translation = base.rotation @ np.array(joint.xyz) + base.translation
+        driver = base.driver
+        segment = base.segment
+        if joint.kind != "fixed":
+            drive = drives[joint.name]
+            if joint.name in on_path:
+                segments.append((joint, rotation, translation))
+                segment, rotation, translation = len(segments) - 1, np.eye(3), np.zeros(3)
+            elif drive.leader in names:
+                driver = driver or joint.name
+            else:
+                held.append(joint.name)
+                leader = model.joints[drive.leader]
+                rest = min(max(0.0, leader.lower), leader.upper)
+                value = drive.multiplier * rest + drive.offset
+                if joint.kind == "prismatic":
+                    translation = rotation @ (np.array(joint.axis) * value) + translation
+                else:
+                    rotation = rotation @ _turn(joint.axis, value)
+        placements[child] = Placement(segment, rotation, translation, driver)
+
+    kinematics = Kinematics(
+        kind=frozen([PRISMATIC if j.kind == "prismatic" else REVOLUTE for j in movable], np.int64),
+        rotation=frozen([rotation for _, rotation, _ in segments]),
+        translation=frozen([translation for _, _, translation in segments]),
+        axis=frozen([joint.axis for joint in movable]),
+        dof=frozen([names.index(drives[joint.name].leader) for joint in movable], np.int64),
+        multiplier=frozen([drives[joint.name].multiplier for joint in movable]),
+        offset=frozen([drives[joint.name].offset for joint in movable]),
+    )
+    return Chain(
+        joint_names=names,
+        lower=frozen(lower),
+        upper=frozen(upper),
+        velocity=frozen(velocity),
+        kinematics=kinematics,
+        flange=placements[tip],
+        held_joints=tuple(name for name in model.joints if name in set(held)),
+        placements=MappingProxyType({name: placements[name] for name in model.links}),
+    )
+
+
+def rotation_of(rpy: Vector) -> FloatArray:
+    """The (3, 3) rotation Rz(yaw) Ry(pitch) Rx(roll) of URDF angles [rad]."""
+    (cr, cp, cy), (sr, sp, sy) = map(math.cos, rpy), map(math.sin, rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def _turn(axis: Vector, angle: float) -> FloatArray:
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn: FloatArray = (
+        np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * (cross @ cross)
+    )
+    return turn
+
+
+def _from_the_root(model: UrdfModel) -> list[str]:
+    """Every link, parents before children."""
+    below: dict[str, list[str]] = {}
+    for joint in model.joints.values():
+        below.setdefault(joint.parent, []).append(joint.child)
+    order = [model.root]
+    for link in order:  # grows while it is walked
+        order.extend(below.get(link, []))
+    return order
+
+
+def _deepest(order: list[str], above: Mapping[str, UrdfJoint]) -> str:
+    depth = {order[0]: 0}
+    for link in order[1:]:
+        depth[link] = depth[above[link].parent] + 1
+    return max(order, key=depth.__getitem__)  # the first of equals
+
+
+def _drives(model: UrdfModel) -> dict[str, _Drive]:
+    """Each movable joint as a function of one that moves by itself."""
+    drives: dict[str, _Drive] = {}
+    for joint in model.joints.values():
+        trail = []
+        current = joint
+        while current.mimic is not None and current.name not in drives:
+            trail.append(current)
+            current = model.joints[current.mimic.joint]
+        drive = drives.setdefault(current.name, _Drive(current.name, 1.0, 0.0))
+        for follower in reversed(trail):
+            if follower.mimic is not None:
+                m, o = follower.mimic.multiplier, follower.mimic.offset
+                drive = _Drive(drive.leader, m * drive.multiplier, m * drive.offset + o)
+                drives[follower.name] = drive
+    return drives
+
+
+def _limits(
+    model: UrdfModel, names: tuple[str, ...], drives: Mapping[str, _Drive]
+) -> tuple[list[float], list[float], list[float]]:
+    """Limits of the independent joints that keep every joint they drive within its own."""
+    lower = [model.joints[name].lower for name in names]
+    upper = [model.joints[name].upper for name in names]
+    velocity = [model.joints[name].velocity for name in names]
+    index = {name: i for i, name in enumerate(names)}
+    for joint in model.joints.values():
+        drive = drives[joint.name]
+        if joint.mimic is None or drive.leader not in index:
+            continue
+        i, m, o = index[drive.leader], drive.multiplier, drive.offset
+        where = f"{model.path}: mimic joint '{joint.name}'"
+        if m == 0.0:
+            if not joint.lower <= o <= joint.upper:
+                raise InvalidRobotError(
+                    f"{where} stands at {o:g}, outside its limits [{joint.lower:g}, {joint.upper:g}]"
+                )
+            continue
+        ends = sorted(((joint.lower - o) / m, (joint.upper - o) / m))
+        lower[i], upper[i] = max(lower[i], ends[0]), min(upper[i], ends[1])
+        velocity[i] = min(velocity[i], joint.velocity / abs(m))
+        if lower[i] > upper[i]:
+            raise InvalidRobotError(
+                f"{where} has limits [{joint.lower:g}, {joint.upper:g}] that no position of its "
+                f"leader '{drive.leader}' keeps"
+            )
+    return lower, upper, velocity

@@ -1,0 +1,69 @@
+"""Which spheres of a robot must be kept from one another."""
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+
+from optipromp.arrays import FloatArray, IntArray, frozen
+from optipromp.robots.model import Robot
+
+SAMPLES = 200
+_CHUNK = 1_000_000
+
+
+def with_self_pairs(robot: Robot, allowed: Collection[tuple[str, str]] = ()) -> Robot:
+    """The robot with its self-collision pairs: spheres of links two or more joints apart.
+
+    Left out are the pairs of links in ``allowed``, and those that overlap at every one of SAMPLES
+    random configurations (fixed seed): covers that always meet tell nothing.
+    """
+    pairs = candidate_pairs(robot, allowed)
+    return replace(robot, self_pairs=frozen(drop_always_touching(robot, pairs), np.int64))
+
+
+def candidate_pairs(robot: Robot, allowed: Collection[tuple[str, str]] = ()) -> IntArray:
+    """Sphere index pairs (P, 2) of links two or more joints apart and not ``allowed`` to touch."""
+    segment, link = robot.spheres.segment, robot.spheres.link
+    index = {name: i for i, name in enumerate(robot.link_names)}
+    names = len(index)
+    codes = {min(index[a], index[b]) * names + max(index[a], index[b]) for a, b in allowed}
+    barred = np.array(sorted(codes), dtype=np.int64)
+    found = [np.zeros((0, 2), dtype=np.int64)]
+    for i in range(len(segment)):
+        others = np.flatnonzero(np.abs(segment[i + 1 :] - segment[i]) >= 2) + i + 1
+        if len(barred):
+            code = np.minimum(link[others], link[i]) * names + np.maximum(link[others], link[i])
+            others = others[~np.isin(code, barred)]
+        found.append(np.column_stack([np.full(len(others), i), others]))
+    return np.concatenate(found)
+
+
+def drop_always_touching(robot: Robot, pairs: IntArray) -> IntArray:
+    """``pairs`` (P, 2) without those of links that overlap at every sampled configuration."""
+    if not len(pairs):
+        return pairs
+    rng = np.random.default_rng(0)
+    low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
+    high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
+    samples = rng.uniform(low, high, size=(SAMPLES, robot.n_joints))
+    link = robot.spheres.link
+    code = link[pairs[:, 0]] * len(robot.link_names) + link[pairs[:, 1]]
+    kept = np.arange(len(pairs))  # pairs of links that have touched in every sample so far
+    for q in samples:
+        gaps = _gaps(robot, q, pairs[kept])
+        kept = kept[np.isin(code[kept], np.unique(code[kept][gaps < 0.0]))]
+        if not len(kept):
+            return pairs
+    return pairs[~np.isin(code, np.unique(code[kept]))]
+
+
+def _gaps(robot: Robot, q: FloatArray, pairs: IntArray) -> FloatArray:
+    """Surface distance (P,) [m] of each pair at ``q`` (n,)."""
+    centers, radius = robot.sphere_centers(q), robot.spheres.radius
+    out = np.empty(len(pairs))
+    for start in range(0, len(pairs), _CHUNK):
+        i, j = pairs[start : start + _CHUNK].T
+        reach = radius[i] + radius[j]
+        out[start : start + _CHUNK] = np.linalg.norm(centers[i] - centers[j], axis=1) - reach
+    return out

@@ -1,0 +1,388 @@
+"""URDF files, read strictly into a plain description: links, joints, geometry.
+
+The reader refuses what it cannot trust (see the errors each function raises) and repairs nothing
+that changes the answer; the only thing it normalises is the length of a joint axis.
+"""
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal, NoReturn
+
+from optipromp.errors import InvalidRobotError
+from optipromp.robots.xml_tree import Node, read_xml
+
+Vector = tuple[float, float, float]
+JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]
+
+JOINT_KINDS: tuple[JointKind, ...] = ("revolute", "continuous", "prismatic", "fixed")
+LENGTH_LIMIT = 20.0  # [m] a length beyond it is taken for millimetres
+ANGLE_LIMIT = 4.0 * math.pi  # [rad] an angle beyond it is taken for degrees
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
+
+@dataclass(frozen=True)
+class UrdfGeometry:
+    """One collision or visual shape, placed in its link's frame.
+
+    ``size``: sphere (radius,), cylinder and capsule (radius, length), box (x, y, z) full sizes,
+    mesh (scale x, y, z); metres. ``xyz`` [m] and ``rpy`` [rad] place it. ``mesh`` is the file as
+    the URDF names it, empty for a primitive.
+    """
+
+    kind: Literal["sphere", "cylinder", "capsule", "box", "mesh"]
+    size: tuple[float, ...]
+    xyz: Vector
+    rpy: Vector
+    mesh: str = ""
+
+
+@dataclass(frozen=True)
+class UrdfLink:
+    """A link and its geometry."""
+
+    name: str
+    collisions: tuple[UrdfGeometry, ...]
+    visuals: tuple[UrdfGeometry, ...]
+
+
+@dataclass(frozen=True)
+class UrdfMimic:
+    """position = multiplier * position of ``joint`` + offset."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class UrdfJoint:
+    """A joint; ``axis`` has unit length; a continuous joint has infinite limits.
+
+    ``velocity`` is infinite when the file gives none.
+    """
+
+    name: str
+    kind: JointKind
+    parent: str
+    child: str
+    xyz: Vector
+    rpy: Vector
+    axis: Vector
+    lower: float
+    upper: float
+    velocity: float
+    mimic: UrdfMimic | None
+
+
+@dataclass(frozen=True)
+class UrdfModel:
+    """A whole file. ``joints`` is keyed by joint name, ``links`` by link name, in file order."""
+
+    name: str
+    path: Path
+    root: str
+    links: Mapping[str, UrdfLink]
+    joints: Mapping[str, UrdfJoint]
+
+
+def read_urdf(path: Path, scale: float = 1.0) -> UrdfModel:
+    """Read the URDF file at ``path``; lengths in it are multiplied by ``scale``.
+
+    Raises InvalidRobotError, naming the file, the line or the link or joint, the value and what
+    would be right.
+    """
+    return _Reader(path, scale).read(read_xml(path))
+
+
+class _Reader:
+    """Carries the file's name and scale while one file is read."""
+
+    def __init__(self, path: Path, scale: float) -> None:
+        self.path = path
+        self.scale = scale
+
+    def refuse(self, what: str, node: Node | None = None) -> NoReturn:
+        where = f"{self.path}:{node.line}" if node is not None else str(self.path)
+        raise InvalidRobotError(f"{where}: {what}")
+
+    def read(self, root: Node) -> UrdfModel:
+        if root.tag != "robot":
+            self.refuse(f"the root element is <{root.tag}>; a URDF starts with <robot>", root)
+        links: dict[str, UrdfLink] = {}
+        joints: dict[str, UrdfJoint] = {}
+        for node in root.children:
+            if node.tag == "link":
+                link = self.link(node)
+                if link.name in links:
+                    self.refuse(f"link '{link.name}' is defined twice; names must differ", node)
+                links[link.name] = link
+            elif node.tag == "joint":
+                joint = self.joint(node)
+                if joint.name in joints:
+                    self.refuse(f"joint '{joint.name}' is defined twice; names must differ", node)
+                joints[joint.name] = joint
+        if not links:
+            self.refuse("no <link> in it; a robot has at least a base link and one joint", root)
+        top = self.check_tree(links, joints)
+        self.check_mimics(joints)
+        name = root.attributes.get("name", self.path.stem)
+        return UrdfModel(name, self.path, top, MappingProxyType(links), MappingProxyType(joints))
+
+    # -- elements ----------------------------------------------------------------------------
+
+    def link(self, node: Node) -> UrdfLink:
+        name = self.name(node)
+        found: dict[str, list[UrdfGeometry]] = {"collision": [], "visual": []}
+        for child in node.children:
+            if child.tag in found:
+                found[child.tag].append(self.geometry(child, f"link '{name}' <{child.tag}>"))
+        return UrdfLink(name, tuple(found["collision"]), tuple(found["visual"]))
+
+    def geometry(self, node: Node, owner: str) -> UrdfGeometry:
+        xyz, rpy = self.origin(node, owner)
+        holder = self.only(node, "geometry", owner)
+        if holder is None or len(holder.children) != 1:
+            self.refuse(f"{owner} needs one <geometry> that holds one shape", holder or node)
+        shape = holder.children[0]
+        what = f"{owner} <{shape.tag}>"
+        if shape.tag == "sphere":
+            return UrdfGeometry("sphere", (self.size(shape, "radius", what),), xyz, rpy)
+        if shape.tag == "cylinder" or shape.tag == "capsule":
+            size = (self.size(shape, "radius", what), self.size(shape, "length", what))
+            return UrdfGeometry(shape.tag, size, xyz, rpy)
+        if shape.tag == "box":
+            return UrdfGeometry("box", self.vector(shape, "size", what, positive=True), xyz, rpy)
+        if shape.tag == "mesh":
+            file = shape.attributes.get("filename", "").strip()
+            if not file:
+                self.refuse(f"{what} has no filename", shape)
+            given = self.numbers(shape, "scale", 3, what, default=(1.0, 1.0, 1.0))
+            if min(abs(s) for s in given) == 0.0:
+                self.refuse(f"{what} scale is {given}; it must not be zero", shape)
+            return UrdfGeometry("mesh", tuple(s * self.scale for s in given), xyz, rpy, file)
+        self.refuse(
+            f"{what} is not a known shape; known: box, capsule, cylinder, mesh, sphere", shape
+        )
+
+    def joint(self, node: Node) -> UrdfJoint:
+        name = self.name(node)
+        owner = f"joint '{name}'"
+        given = node.attributes.get("type", "")
+        kind = next((k for k in JOINT_KINDS if k == given), None)
+        if kind is None:
+            self.refuse(
+                f"{owner} has type '{given}'; it must be one of {', '.join(JOINT_KINDS)}", node
+            )
+        parent, child = (self.end(node, tag, owner) for tag in ("parent", "child"))
+        xyz, rpy = self.origin(node, owner)
+        axis = self.axis(node, owner) if kind != "fixed" else (1.0, 0.0, 0.0)
+        lower, upper, velocity = self.limits(node, kind, owner)
+        mimic = self.mimic(node, owner) if kind != "fixed" else None
+        return UrdfJoint(name, kind, parent, child, xyz, rpy, axis, lower, upper, velocity, mimic)
+
+    def end(self, node: Node, tag: str, owner: str) -> str:
+        found = self.only(node, tag, owner)
+        link = found.attributes.get("link", "").strip() if found is not None else ""
+        if not link:
+            self.refuse(f'{owner} needs a <{tag} link="..."/>', found or node)
+        return link
+
+    def axis(self, node: Node, owner: str) -> Vector:
+        found = self.only(node, "axis", owner)
+        if found is None:
+            return (1.0, 0.0, 0.0)  # the URDF standard's default
+        axis = self.numbers(found, "xyz", 3, f"{owner} <axis>")
+        largest = max(abs(a) for a in axis)
+        if largest < 1e-9:
+            self.refuse(f"{owner} has the zero axis {axis}; give a direction such as 0 0 1", found)
+        # scaled first, so that a huge axis does not overflow
+        x, y, z = (a / largest for a in axis)
+        length = math.sqrt(x * x + y * y + z * z)
+        return (x / length, y / length, z / length)
+
+    def limits(self, node: Node, kind: JointKind, owner: str) -> tuple[float, float, float]:
+        if kind == "fixed":
+            return 0.0, 0.0, math.inf
+        found = self.only(node, "limit", owner)
+        what = f"{owner} <limit>"
+        velocity = math.inf
+        if found is not None and "velocity" in found.attributes:
+            velocity = self.numbers(found, "velocity", 1, what)[0]
+            if velocity <= 0.0:
+                self.refuse(
+                    f"{what} velocity is {velocity:g}; give a positive one, or none", found
+                )
+        if kind == "prismatic":
+            velocity *= self.scale
+        if kind == "continuous":
+            return -math.inf, math.inf, velocity
+        if found is None or not {"lower", "upper"} & set(found.attributes):
+            right = "use type continuous if it turns freely" if kind == "revolute" else "in metres"
+            self.refuse(f"{owner} is {kind} and has no limits; give lower and upper ({right})", node)
+        unit = self.scale if kind == "prismatic" else 1.0
+        lower = unit * self.numbers(found, "lower", 1, what, default=(0.0,))[0]
+        upper = unit * self.numbers(found, "upper", 1, what, default=(0.0,))[0]
+        if lower > upper:
+            self.refuse(f"{what} lower {lower:g} is above upper {upper:g}", found)
+        reach = max(abs(lower), abs(upper))
+        if kind == "revolute" and reach > ANGLE_LIMIT:
+            self.refuse(f"{what} reaches {reach:g} rad, beyond 4 pi: degrees? Radians needed", found)
+        if kind == "prismatic" and reach > LENGTH_LIMIT:
+            self.refuse(f"{what} reaches {reach:g} m, beyond 20 m: millimetres?", found)
+        return lower, upper, velocity
+
+    def mimic(self, node: Node, owner: str) -> UrdfMimic | None:
+        found = self.only(node, "mimic", owner)
+        if found is None:
+            return None
+        leader = found.attributes.get("joint", "").strip()
+        if not leader:
+            self.refuse(f"{owner} <mimic> names no joint", found)
+        what = f"{owner} <mimic>"
+        multiplier = self.numbers(found, "multiplier", 1, what, default=(1.0,))[0]
+        offset = self.numbers(found, "offset", 1, what, default=(0.0,))[0]
+        return UrdfMimic(leader, multiplier, offset)
+
+    # -- values ------------------------------------------------------------------------------
+
+    def name(self, node: Node) -> str:
+        name = node.attributes.get("name", "").strip()
+        if not name:
+            self.refuse(f"a <{node.tag}> has no name", node)
+        return name
+
+    def only(self, node: Node, tag: str, owner: str) -> Node | None:
+        found = [child for child in node.children if child.tag == tag]
+        if len(found) > 1:
+            self.refuse(f"{owner} has {len(found)} <{tag}>; at most one is allowed", found[1])
+        return found[0] if found else None
+
+    def origin(self, node: Node, owner: str) -> tuple[Vector, Vector]:
+        found = self.only(node, "origin", owner)
+        if found is None:
+            return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        xyz = self.vector(found, "xyz", f"{owner} <origin>", default=(0.0, 0.0, 0.0))
+        given = self.numbers(found, "rpy", 3, f"{owner} <origin>", default=(0.0, 0.0, 0.0))
+        rpy = (given[0], given[1], given[2])
+        if max(abs(angle) for angle in rpy) > ANGLE_LIMIT:
+            self.refuse(f"{owner} <origin> rpy {rpy} goes beyond 4 pi: degrees?", found)
+        return xyz, rpy
+
+    def size(self, node: Node, key: str, owner: str) -> float:
+        value = self.numbers(node, key, 1, owner)[0] * self.scale
+        if value <= 0.0:
+            self.refuse(f"{owner} {key} is {value:g} m; it must be positive", node)
+        if value > LENGTH_LIMIT:
+            self.refuse(f"{owner} {key} is {value:g} m, beyond 20 m: millimetres?", node)
+        return value
+
+    def vector(
+        self,
+        node: Node,
+        key: str,
+        owner: str,
+        default: Vector | None = None,
+        positive: bool = False,
+    ) -> Vector:
+        x, y, z = (self.scale * v for v in self.numbers(node, key, 3, owner, default))
+        if positive and min(x, y, z) <= 0.0:
+            self.refuse(f"{owner} {key} is {x:g} {y:g} {z:g}; each must be positive", node)
+        norm = math.hypot(x, y, z)
+        if norm > LENGTH_LIMIT:
+            self.refuse(
+                f"{owner} {key} is {x:g} {y:g} {z:g}, {norm:g} m long, beyond 20 m: millimetres?",
+                node,
+            )
+        return (x, y, z)
+
+    def numbers(
+        self,
+        node: Node,
+        key: str,
+        count: int,
+        owner: str,
+        default: tuple[float, ...] | None = None,
+    ) -> tuple[float, ...]:
+        text = node.attributes.get(key)
+        if text is None:
+            if default is None:
+                self.refuse(f"{owner} has no {key}", node)
+            return default
+        words = text.split()
+        if len(words) != count:
+            self.refuse(f'{owner} {key}="{text}" has {len(words)} numbers; it needs {count}', node)
+        for word in words:
+            if not _NUMBER.fullmatch(word) or not math.isfinite(float(word)):
+                self.refuse(
+                    f'{owner} {key}="{text}": "{word}" is not a finite number '
+                    "(digits with a decimal point)",
+                    node,
+                )
+        return tuple(float(word) for word in words)
+
+    # -- structure ---------------------------------------------------------------------------
+
+    def check_tree(self, links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> str:
+        """The root link; every link hangs on it by one path."""
+        parent_joint: dict[str, UrdfJoint] = {}
+        for joint in joints.values():
+            for role, link in (("parent", joint.parent), ("child", joint.child)):
+                if link not in links:
+                    self.refuse(
+                        f"joint '{joint.name}' has the {role} link '{link}', which is not defined"
+                    )
+            if joint.child in parent_joint:
+                self.refuse(
+                    f"link '{joint.child}' has two parents: joints "
+                    f"'{parent_joint[joint.child].name}' and '{joint.name}'; a tree has one"
+                )
+            parent_joint[joint.child] = joint
+        roots = [link for link in links if link not in parent_joint]
+        if not roots:
+            self.refuse(f"cycle: every link has a parent, link '{next(iter(links))}' among them")
+        if len(roots) > 1:
+            self.refuse(f"{len(roots)} roots: links {_quoted(roots)}; a robot has one")
+        # each link has one parent and there is one root: what the root does not reach is a cycle
+        reached: set[str] = {roots[0]}
+        children: dict[str, list[str]] = {}
+        for joint in joints.values():
+            children.setdefault(joint.parent, []).append(joint.child)
+        stack = [roots[0]]
+        while stack:
+            below = children.get(stack.pop(), [])
+            reached.update(below)
+            stack.extend(below)
+        lost = [link for link in links if link not in reached]
+        if lost:
+            self.refuse(f"cycle: links {_quoted(lost)} hang on one another, not on the root")
+        return roots[0]
+
+    def check_mimics(self, joints: Mapping[str, UrdfJoint]) -> None:
+        """Each mimic ends, over any number of steps, at a joint that moves by itself."""
+        sound: set[str] = set()
+        for joint in joints.values():
+            trail: list[str] = []
+            current = joint
+            while current.mimic is not None and current.name not in sound:
+                if current.name in trail:
+                    ring = trail[trail.index(current.name) :]
+                    what = "mimics itself" if len(ring) == 1 else "is in a ring of mimics"
+                    self.refuse(f"joint '{ring[0]}' {what}: {_quoted(ring)}")
+                trail.append(current.name)
+                leader = current.mimic.joint
+                if leader not in joints:
+                    self.refuse(f"joint '{current.name}' mimics '{leader}', which is not defined")
+                if joints[leader].kind == "fixed":
+                    self.refuse(f"joint '{current.name}' mimics '{leader}', which is fixed")
+                current = joints[leader]
+            sound.update(trail)
+
+
+def _quoted(names: list[str]) -> str:
+    shown = ", ".join(f"'{name}'" for name in names[:5])
+    return shown + (", ..." if len(names) > 5 else "")
