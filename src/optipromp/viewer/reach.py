@@ -25,8 +25,8 @@ def reach_figure(plan: "Plan") -> "Figure":
     """Two views of a plan: the whole arm, and the cluster seen along the scene's x_g.
 
     Red is where the conditioned primitive goes, blue the plan; the dots are the tool's path, one a
-    knot. Both arms stand at the knot where the plan passes the last object it has to push aside (at the
-    end, where there is none).
+    knot. Both arms stand at the knot where the plan passes the last object it has to push aside
+    (at the end, where there is none).
     """
     from matplotlib.figure import Figure
 

@@ -1,0 +1,75 @@
+"""Reach a ripe fruit past its unripe neighbours.
+
+>>> from optipromp import load_scene, plan
+>>> result = plan(load_scene("scenario-3"))
+>>> result.success, result.metrics.goal_error, result.trajectory.positions.shape
+
+The names below are the library's public face; each is loaded when it is first asked for, so that
+importing the package costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from optipromp.errors import Code as Code
+    from optipromp.errors import OptiPrompError as OptiPrompError
+    from optipromp.metrics import Metrics as Metrics
+    from optipromp.output import load_plan as load_plan
+    from optipromp.output import write_plan as write_plan
+    from optipromp.planning import Plan as Plan
+    from optipromp.planning import PlanOptions as PlanOptions
+    from optipromp.planning import plan as plan
+    from optipromp.promp.basis import Basis as Basis
+    from optipromp.promp.conditioning import JointPoint as JointPoint
+    from optipromp.promp.conditioning import TaskPoint as TaskPoint
+    from optipromp.promp.conditioning import condition as condition
+    from optipromp.promp.demonstrations import load_demonstrations as load_demonstrations
+    from optipromp.promp.learning import fit as fit
+    from optipromp.promp.learning import fit_em as fit_em
+    from optipromp.promp.model import ProMP as ProMP
+    from optipromp.robots.library import load_robot as load_robot
+    from optipromp.robots.model import Robot as Robot
+    from optipromp.robots.tools import Cup as Cup
+    from optipromp.robots.tools import FrankaHand as FrankaHand
+    from optipromp.robots.tools import with_tool as with_tool
+    from optipromp.scenes.io import load_scene as load_scene
+    from optipromp.scenes.io import save_scene as save_scene
+    from optipromp.scenes.scene import Scene as Scene
+    from optipromp.scenes.scene import SceneObject as SceneObject
+    from optipromp.trajectory import Trajectory as Trajectory
+
+_HOMES = {
+    "errors": ("Code", "OptiPrompError"),
+    "metrics": ("Metrics",),
+    "output": ("load_plan", "write_plan"),
+    "planning": ("Plan", "PlanOptions", "plan"),
+    "promp.basis": ("Basis",),
+    "promp.conditioning": ("JointPoint", "TaskPoint", "condition"),
+    "promp.demonstrations": ("load_demonstrations",),
+    "promp.learning": ("fit", "fit_em"),
+    "promp.model": ("ProMP",),
+    "robots.library": ("load_robot",),
+    "robots.model": ("Robot",),
+    "robots.tools": ("Cup", "FrankaHand", "with_tool"),
+    "scenes.io": ("load_scene", "save_scene"),
+    "scenes.scene": ("Scene", "SceneObject"),
+    "trajectory": ("Trajectory",),
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = ["__version__", *sorted(_HOME_OF)]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("optipromp")
+    if name not in _HOME_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME_OF[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

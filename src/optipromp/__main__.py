@@ -1,0 +1,5 @@
+"""``python -m optipromp`` is the command ``optipromp``."""
+
+from optipromp.cli.main import main
+
+main()

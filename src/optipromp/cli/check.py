@@ -1,0 +1,150 @@
+"""``optipromp check``: is this file right?"""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from optipromp.cli.console import OK, command, exit_code, print_json, stdout
+from optipromp.cli.kinds import Kind, kind_of
+from optipromp.errors import Code
+
+
+@command()
+def check(
+    item: Annotated[
+        str,
+        typer.Argument(
+            metavar="ITEM", help="A scene, a robot or demonstrations: a path or a built-in name."
+        ),
+    ],
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON document and nothing else.")
+    ] = False,
+) -> int:
+    """Check a scene, a robot, demonstrations, a learnt primitive or a plan, and say what it holds.
+
+    The kind is told by the file. What is wrong is one line: the code, the file, the field.
+
+    [bold]Examples[/bold]
+
+    \b
+    optipromp check scenario-4
+    optipromp check my-robot.urdf
+    optipromp check recordings/
+    """
+    kind = kind_of(item)
+    summary = _SUMMARIES[kind](item)
+    status = Code(summary.pop("status", Code.SUCCESS))
+    if as_json:
+        print_json({"status": status, "message": "", "kind": kind, "item": item, **summary})
+    else:
+        console = stdout()
+        console.print(f"[bold]{kind}[/bold] {item}: right")
+        for key, value in summary.items():
+            console.print(f"  {key.replace('_', ' '):<15} {_words(value)}", markup=False)
+    return OK if kind is not Kind.PLAN else exit_code(status)
+
+
+def _words(value: object) -> str:
+    if isinstance(value, list | tuple):
+        return ", ".join(_words(item) for item in value) or "none"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return "none" if value is None else str(value)
+
+
+def _scene(item: str) -> dict[str, Any]:
+    from optipromp.planning import bind
+    from optipromp.scenes.io import load_scene
+
+    scene = load_scene(item)
+    robot, start = bind(scene)
+    by_role = {
+        role: [thing.id for thing in scene.objects if thing.role == role]
+        for role in ("target", "pushable", "avoid", "static")
+    }
+    return {
+        "name": scene.name,
+        "robot": robot.name,
+        "tool": scene.tool.kind if scene.tool is not None else None,
+        "start": start.tolist(),
+        **by_role,
+        "goal": type(scene.goal).__name__ if scene.goal is not None else "the target",
+    }
+
+
+def _robot(item: str) -> dict[str, Any]:
+    from optipromp.robots.library import load_robot
+
+    robot = load_robot(item)
+    return {
+        "name": robot.name,
+        "joints": list(robot.joint_names),
+        "held_at_zero": list(robot.held_joints),
+        "lower": robot.lower.tolist(),
+        "upper": robot.upper.tolist(),
+        "velocity": robot.velocity.tolist(),
+        "acceleration": robot.acceleration.tolist(),
+        "links": list(robot.link_names),
+        "body_spheres": len(robot.spheres.radius),
+        "self_pairs": len(robot.self_pairs),
+    }
+
+
+def _demonstrations(item: str) -> dict[str, Any]:
+    from optipromp.promp.demonstrations import load_demonstrations
+
+    recorded = load_demonstrations(Path(item))
+    lengths = [len(demonstration.times) for demonstration in recorded]
+    return {
+        "joints": list(recorded.joint_names),
+        "demonstrations": len(recorded),
+        "samples": sum(lengths),
+        "shortest": min(lengths),
+        "longest": max(lengths),
+        "lowest": [float(min(d.positions[:, j].min() for d in recorded)) for j in _range(recorded)],
+        "highest": [
+            float(max(d.positions[:, j].max() for d in recorded)) for j in _range(recorded)
+        ],
+    }
+
+
+def _range(recorded: Any) -> range:
+    return range(recorded.n_joints)
+
+
+def _primitive(item: str) -> dict[str, Any]:
+    from optipromp.promp.model import ProMP
+
+    promp = ProMP.load(Path(item))
+    return {
+        "joints": list(promp.joint_names),
+        "basis": promp.basis.count,
+        "width": promp.basis.width,
+        "start": promp.mean_trajectory(2)[0].tolist(),
+        "end": promp.mean_trajectory(2)[-1].tolist(),
+    }
+
+
+def _plan(item: str) -> dict[str, Any]:
+    from optipromp.output import load_plan
+
+    plan = load_plan(Path(item))
+    return {
+        "status": plan.status,
+        "scene": plan.scene.name,
+        "planner": plan.planner,
+        "strategy": plan.strategy,
+        "knots": plan.trajectory.n_knots,
+        "duration": plan.trajectory.duration,
+    }
+
+
+_SUMMARIES = {
+    Kind.SCENE: _scene,
+    Kind.ROBOT: _robot,
+    Kind.DEMONSTRATIONS: _demonstrations,
+    Kind.PRIMITIVE: _primitive,
+    Kind.PLAN: _plan,
+}

@@ -1,0 +1,137 @@
+"""What the commands share: where they print, how they wait, how they fail."""
+
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import wraps
+from typing import TYPE_CHECKING, Any, ParamSpec
+
+import typer
+
+from optipromp.errors import Code, OptiPrompError
+from optipromp.files import json_text
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+_OUTCOMES = frozenset(
+    {
+        Code.START_IN_COLLISION,
+        Code.GOAL_IN_COLLISION,
+        Code.GOAL_UNREACHABLE,
+        Code.NO_PLAN,
+        Code.INVALID_PLAN,
+        Code.TIMEOUT,
+    }
+)
+_PATIENCE = 2.0  # [s] before a wait shows itself
+
+P = ParamSpec("P")
+
+
+def exit_code(code: Code) -> int:
+    """0 for success, 1 where the input was right and no plan came of it, 2 for wrong input."""
+    if code is Code.SUCCESS:
+        return OK
+    return FAILED if code in _OUTCOMES else WRONG_INPUT
+
+
+def stdout() -> "Console":
+    """A console for the answer."""
+    from rich.console import Console
+
+    return Console(file=sys.stdout, highlight=False, soft_wrap=not sys.stdout.isatty())
+
+
+def stderr() -> "Console":
+    """A console for everything that is not the answer."""
+    from rich.console import Console
+
+    return Console(file=sys.stderr, highlight=False, soft_wrap=True)
+
+
+def print_json(document: object) -> None:
+    """Print one JSON document on standard output; NaN and infinities become null."""
+    sys.stdout.write(json_text(document))
+
+
+def command(
+    failure: Callable[[OptiPrompError, Mapping[str, Any]], object] | None = None,
+) -> Callable[[Callable[P, int]], Callable[P, None]]:
+    """Turn a function that returns an exit code into a command.
+
+    A typed error becomes one line on standard error and its exit code; under ``--json`` standard
+    output still gets one document, from ``failure(error, arguments)``.
+    """
+
+    def decorate(function: Callable[P, int]) -> Callable[P, None]:
+        @wraps(function)
+        def run(*args: P.args, **kwargs: P.kwargs) -> None:
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("default", UserWarning)
+                    warnings.showwarning = _show_warning
+                    code = function(*args, **kwargs)
+            except OptiPrompError as error:
+                if kwargs.get("as_json"):
+                    document = failure(error, kwargs) if failure else error_document(error)
+                    print_json(document)
+                sys.stderr.write(f"error {error.code}: {_one_line(error.message)}\n")
+                raise typer.Exit(exit_code(error.code)) from None
+            except KeyboardInterrupt:
+                sys.stderr.write("interrupted; nothing half-written was left\n")
+                raise typer.Exit(INTERRUPTED) from None
+            raise typer.Exit(code)
+
+        return run
+
+    return decorate
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    sys.stderr.write(f"warning: {_one_line(str(message))}\n")
+
+
+def error_document(error: OptiPrompError) -> dict[str, Any]:
+    """An error as a JSON document."""
+    return {"status": error.code, "message": error.message}
+
+
+def _one_line(message: str) -> str:
+    return " ".join(message.split())
+
+
+@contextmanager
+def waiting(message: str) -> Iterator[None]:
+    """Show a spinner on standard error after two seconds of waiting, on a terminal only."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.status import Status
+
+    status = Status(message, console=stderr())
+    timer = threading.Timer(_PATIENCE, status.start)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        timer.join()
+        status.stop()
+
+
+def say_if_compiling() -> None:
+    """Say on standard error that kernels compile, when Numba's cache does not hold them yet."""
+    from pathlib import Path
+
+    from optipromp.optimization import kernels
+
+    dispatcher = next(value for value in vars(kernels).values() if hasattr(value, "py_func"))
+    folder = Path(dispatcher.stats.cache_path)
+    if not any(folder.glob("*.nbi")):
+        sys.stderr.write("compiling kernels, once (a minute or so) ...\n")
+        sys.stderr.flush()

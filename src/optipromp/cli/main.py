@@ -1,0 +1,71 @@
+"""``optipromp``: the command and its sub-commands.
+
+Nothing heavy is imported here: each command imports what it needs when it runs.
+"""
+
+import signal
+import sys
+from types import FrameType
+from typing import Annotated, NoReturn
+
+import typer
+
+from optipromp.cli import catalogue, check, learn, plan, scenarios
+
+app = typer.Typer(
+    name="optipromp",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"optipromp {version('optipromp')}")
+        raise typer.Exit
+
+
+@app.callback()
+def root(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_version, is_eager=True, help="Print the version and end."
+        ),
+    ] = False,
+) -> None:
+    """Reach a ripe fruit past its unripe neighbours.
+
+    Start with [bold]optipromp plan scenario-3 --out reach[/bold] and look into the folder reach.
+    """
+
+
+app.command("plan")(plan.plan)
+app.command("scenarios")(scenarios.scenarios)
+app.command("learn")(learn.learn)
+app.command("check")(check.check)
+app.command("list")(catalogue.catalogue)
+
+
+def _terminate(number: int, frame: FrameType | None) -> NoReturn:
+    sys.stderr.write("terminated; nothing half-written was left\n")
+    raise SystemExit(128 + number)
+
+
+def main() -> None:
+    """Run the command line and end the process with its exit code."""
+    signal.signal(signal.SIGTERM, _terminate)
+    try:
+        app()
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted\n")
+        raise SystemExit(130) from None
+
+
+if __name__ == "__main__":
+    main()

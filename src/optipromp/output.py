@@ -1,0 +1,158 @@
+"""Plans as files: ``plan.json``, ``trajectory.csv`` and ``trajectory.npz``; and back."""
+
+import io
+import json
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optipromp.errors import Code, InvalidRequestError, InvalidSceneError, OptiPrompError
+from optipromp.files import json_text, write_atomically
+from optipromp.metrics import Metrics
+from optipromp.planning import Plan, Term, bind
+from optipromp.scenes.io import scene_from_dict, scene_to_dict
+from optipromp.trajectory import Trajectory
+
+__all__ = ["load_plan", "write_plan"]
+
+FORMAT = 1
+
+
+def write_plan(
+    plan: Plan, folder: Path, further: Mapping[str, bytes] | None = None
+) -> tuple[str, ...]:
+    """Write a plan into ``folder``, each file whole or not at all, ``plan.json`` last.
+
+    Args:
+        plan: any plan, also one that failed.
+        folder: made if need be; files of an earlier plan are replaced.
+        further: more files by name (figures), written along.
+
+    Returns:
+        The names of the files.
+
+    Raises:
+        InvalidRequestError: the folder cannot be written.
+    """
+    files: dict[str, bytes] = {
+        "trajectory.csv": _csv(plan.trajectory),
+        "trajectory.npz": _npz(plan),
+        **(further or {}),
+        "plan.json": json_text(_document(plan, folder)).encode("utf-8"),
+    }
+    for name, content in files.items():
+        write_atomically(folder / name, content)
+    return tuple(files)
+
+
+def load_plan(path: Path | str) -> Plan:
+    """Load what :func:`write_plan` left: a folder, or the ``plan.json`` in it.
+
+    Raises:
+        InvalidRequestError: files missing, damaged, or of another format; the message names them.
+        InvalidSceneError: the scene the plan was made for cannot be used.
+    """
+    path = Path(path)
+    folder = path if path.is_dir() else path.parent
+    document = _read_json(folder / "plan.json" if path.is_dir() else path)
+    arrays = _read_npz(folder / "trajectory.npz")
+    try:
+        if document["format"] != FORMAT:
+            raise InvalidRequestError(f"format {document['format']!r} is unknown, not {FORMAT}")
+        if document["scene_file"] is None:
+            raise InvalidRequestError("its scene held a shape made in memory and was not written")
+        scene = scene_from_dict(document["scene_file"], base_dir=folder, source=str(path))
+        robot, _ = bind(scene)
+        names = tuple(str(name) for name in arrays["joint_names"])
+        return Plan(
+            scene=scene,
+            robot=robot,
+            planner=document["planner"],
+            strategy=document["strategy"],
+            seed=document["seed"],
+            status=Code(document["status"]),
+            message=document["message"],
+            trajectory=Trajectory(arrays["positions"], float(arrays["dt"]), names),
+            initial=Trajectory(arrays["initial"], float(arrays["initial_dt"]), names),
+            metrics=Metrics(**document["metrics"]),
+            terms={
+                name: Term(
+                    initial=term["initial"],
+                    final=term["final"],
+                    history=tuple(term["history"]),
+                    stage=term["stage"],
+                )
+                for name, term in document["terms"].items()
+            },
+            time=document["time"],
+        )
+    except InvalidSceneError:
+        raise
+    except OptiPrompError as error:
+        raise InvalidRequestError(f"{path}: {error.message}") from None
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InvalidRequestError(f"{path}: not a plan that this version wrote ({error})") from None
+
+
+def _document(plan: Plan, folder: Path) -> dict[str, Any]:
+    from optipromp import __version__
+
+    try:
+        scene = scene_to_dict(plan.scene, base_dir=folder)
+    except InvalidSceneError:  # a mesh made in memory: the plan is still worth writing
+        scene = None
+    return {
+        **plan.to_dict(),
+        "format": FORMAT,
+        "version": __version__,
+        "seed": plan.seed,
+        "scene_file": scene,
+    }
+
+
+def _csv(trajectory: Trajectory) -> bytes:
+    rows = [",".join(["time", *trajectory.joint_names])]
+    rows += [
+        ",".join(format(value, ".10g") for value in (time, *knot))
+        for time, knot in zip(trajectory.times, trajectory.positions, strict=True)
+    ]
+    return ("\n".join(rows) + "\n").encode("utf-8")
+
+
+def _npz(plan: Plan) -> bytes:
+    stream = io.BytesIO()
+    np.savez_compressed(
+        stream,
+        time=plan.trajectory.times,
+        positions=plan.trajectory.positions,
+        dt=np.array(plan.trajectory.dt),
+        initial=plan.initial.positions,
+        initial_dt=np.array(plan.initial.dt),
+        joint_names=np.array(plan.trajectory.joint_names, dtype=np.str_),
+    )
+    return stream.getvalue()
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InvalidRequestError(f"cannot read {path}: {error.strerror or error}") from None
+    except ValueError as error:
+        raise InvalidRequestError(f"{path}: not a plan ({error})") from None
+    if not isinstance(document, dict):
+        raise InvalidRequestError(f"{path}: not a plan, but a {type(document).__name__}")
+    return document
+
+
+def _read_npz(path: Path) -> dict[str, Any]:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except OSError as error:
+        raise InvalidRequestError(f"cannot read {path}: {error.strerror or error}") from None
+    except (ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise InvalidRequestError(f"{path}: not a trajectory ({error})") from None
