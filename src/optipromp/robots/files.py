@@ -81,7 +81,9 @@ def read_robot_file(path: Path) -> RobotFile:
     try:
         content = yaml.load(text, Loader=_Loader)  # noqa: S506 (a SafeLoader)
     except (yaml.YAMLError, RecursionError) as error:
-        raise InvalidRobotError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from error
+        raise InvalidRobotError(
+            f"{path}: not valid YAML: {' '.join(str(error).split())}"
+        ) from error
     if not isinstance(content, dict):
         raise InvalidRobotError(f"{path}: a robot file is a mapping of keys, starting 'format: 1'")
     try:
@@ -120,7 +122,9 @@ def _build(entry: RobotFile, model: UrdfModel, path: Path) -> Robot:
     names = chain.joint_names
     n = len(names)
     unlimited = np.full(n, np.inf)
-    home = _per_joint(path, "home", entry.home, names, np.clip(np.zeros(n), chain.lower, chain.upper))
+    home = _per_joint(
+        path, "home", entry.home, names, np.clip(np.zeros(n), chain.lower, chain.upper)
+    )
     outside = np.flatnonzero((home < chain.lower) | (home > chain.upper))
     if len(outside):
         i = int(outside[0])
@@ -129,7 +133,11 @@ def _build(entry: RobotFile, model: UrdfModel, path: Path) -> Robot:
             f"[{chain.lower[i]:g}, {chain.upper[i]:g}]"
         )
     known = set(model.links)
-    mentioned = [*entry.spheres, *entry.capsules, *(link for pair in entry.allow_self for link in pair)]
+    mentioned = [
+        *entry.spheres,
+        *entry.capsules,
+        *(link for pair in entry.allow_self for link in pair),
+    ]
     for link in mentioned:
         if link not in known:
             shown = ", ".join(list(model.links)[:20])
@@ -202,5 +210,3 @@ def _link_cover(entry: RobotFile, model: UrdfModel, link: str) -> FloatArray:
         start, end = np.array(capsule.start), np.array(capsule.end)
         covers.append(cover_capsule(start, end, capsule.radius, entry.bulge))
     return np.concatenate(covers)
-
-

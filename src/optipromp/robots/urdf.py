@@ -214,16 +214,16 @@ class _Reader:
         if found is not None and "velocity" in found.attributes:
             velocity = self.numbers(found, "velocity", 1, what)[0]
             if velocity <= 0.0:
-                self.refuse(
-                    f"{what} velocity is {velocity:g}; give a positive one, or none", found
-                )
+                self.refuse(f"{what} velocity is {velocity:g}; give a positive one, or none", found)
         if kind == "prismatic":
             velocity *= self.scale
         if kind == "continuous":
             return -math.inf, math.inf, velocity
         if found is None or not {"lower", "upper"} & set(found.attributes):
             right = "use type continuous if it turns freely" if kind == "revolute" else "in metres"
-            self.refuse(f"{owner} is {kind} and has no limits; give lower and upper ({right})", node)
+            self.refuse(
+                f"{owner} is {kind} and has no limits; give lower and upper ({right})", node
+            )
         unit = self.scale if kind == "prismatic" else 1.0
         lower = unit * self.numbers(found, "lower", 1, what, default=(0.0,))[0]
         upper = unit * self.numbers(found, "upper", 1, what, default=(0.0,))[0]
@@ -231,7 +231,9 @@ class _Reader:
             self.refuse(f"{what} lower {lower:g} is above upper {upper:g}", found)
         reach = max(abs(lower), abs(upper))
         if kind == "revolute" and reach > ANGLE_LIMIT:
-            self.refuse(f"{what} reaches {reach:g} rad, beyond 4 pi: degrees? Radians needed", found)
+            self.refuse(
+                f"{what} reaches {reach:g} rad, beyond 4 pi: degrees? Radians needed", found
+            )
         if kind == "prismatic" and reach > LENGTH_LIMIT:
             self.refuse(f"{what} reaches {reach:g} m, beyond 20 m: millimetres?", found)
         return lower, upper, velocity

@@ -1,0 +1,168 @@
+r"""Covering a cup (an open cylinder on a neck) with few spheres.
+
+The outside is tight: no sphere reaches more than a bulge b = max(4 mm, 0.09 R) beyond the outer
+radius R or above the rim. Inside the mouth and behind the base, within R + b of the axis, there is
+room for larger spheres.
+
+A ring of m spheres of radius s whose centres stand at ρ = R + b - s, at one height, covers the wall
+between neighbours up to h above and below where
+
+.. math:: h^2 = s^2 - (\rho^2 + R^2 - 2 ρ R \cos(\pi / m)).
+
+One sphere on the axis of radius R + b covers h = sqrt((R + b)² - R²). The wall is stacked from such
+bands, from the rim down; the cheapest stack is found by dynamic programming over heights.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.robots.spheres import cover_capsule
+
+NECK_RADIUS = 0.01
+_STEPS = 100  # heights of the dynamic programme
+_SLACK = 1.0 + 1e-9
+
+
+@dataclass(frozen=True)
+class _Band:
+    """A ring (or one sphere on the axis): ``count`` spheres of ``radius`` at ``ring`` from it."""
+
+    count: int
+    ring: float
+    radius: float
+    half_height: float  # it covers the wall this far above and below its height
+
+
+def cover_cup(radius: float, inner: float, height: float, length: float) -> FloatArray:
+    """Spheres (k, 4) over a cup whose base stands ``length`` above the origin, mouth along z [m].
+
+    Covered: the outer wall, the base disc, the rim from ``inner`` to ``radius``, the neck.
+    """
+    bulge = max(0.004, 0.09 * radius)
+    rows = _stack(radius, height, bulge)
+    rows += _rim(radius, inner, height, bulge, rows)
+    rings = [_ring(z, band) for z, band in rows]
+    cup = np.concatenate([*rings, _base(radius, height, bulge, rows)])
+    cup[:, 2] += length
+    neck = np.zeros((0, 4))
+    # the neck ends where a sphere on the axis begins to cover it
+    on_axis = cup[np.hypot(cup[:, 0], cup[:, 1]) < 1e-12]
+    below = [z - math.sqrt(s * s - NECK_RADIUS**2) for _, _, z, s in on_axis if s > NECK_RADIUS]
+    top = min([length, *below])
+    if top > 0.0:
+        base, tip = np.array([0.0, 0.0, 0.0]), np.array([0.0, 0.0, top])
+        neck = cover_capsule(base, tip, NECK_RADIUS, bulge=0.004)
+    cover: FloatArray = np.concatenate([neck, cup])
+    cover[:, 3] *= _SLACK
+    return cover
+
+
+def _stack(radius: float, height: float, bulge: float) -> list[tuple[float, _Band]]:
+    """Bands that cover the wall from the rim (z = height) to the base (z = 0), with their heights."""
+    bands = _bands(radius, bulge)
+    count = np.array([band.count for band in bands])
+    size = np.array([band.radius for band in bands])
+    half = np.array([band.half_height for band in bands])
+    step = height / _STEPS
+    cost, choice = np.zeros(_STEPS + 1), np.zeros(_STEPS + 1, dtype=int)
+    after = np.zeros((_STEPS + 1, len(bands)), dtype=int)
+    for i in range(1, _STEPS + 1):
+        after[i] = np.maximum(np.ceil(i - 2.0 * half / step + 1e-9), 0).astype(int)
+        # a band must be below the rim, and must get somewhere
+        fits = (size - half <= height + bulge - i * step + 1e-12) & (after[i] < i)
+        total = np.where(fits, count + cost[np.minimum(after[i], i - 1)] + 1e-3 * size, np.inf)
+        choice[i] = int(np.argmin(total))
+        cost[i] = total[choice[i]]
+    rows, i = [], _STEPS
+    while i > 0:
+        band, top = bands[choice[i]], i * step
+        # at the bottom it may stand higher than it must, which keeps it from behind the base
+        middle = min(max(top - band.half_height, top / 2.0), height + bulge - band.radius)
+        rows.append((middle if after[i, choice[i]] == 0 else top - band.half_height, band))
+        i = int(after[i, choice[i]])
+    return rows
+
+
+def _bands(radius: float, bulge: float) -> list[_Band]:
+    outer = radius + bulge
+    bands = [_Band(1, 0.0, outer, math.sqrt(outer**2 - radius**2))]
+    for count in range(5, 61):
+        cosine = math.cos(math.pi / count)
+        for size in np.linspace(bulge, 0.9 * outer, 120):
+            ring = outer - float(size)
+            square = size**2 - (ring**2 + radius**2 - 2.0 * ring * radius * cosine)
+            if square > 0.0:
+                bands.append(_Band(count, ring, float(size), math.sqrt(square)))
+    return bands
+
+
+def _inner_edge(band: _Band, offset: float) -> float:
+    """The radius down to which a band covers a horizontal plane ``offset`` from its height."""
+    angle = math.pi / band.count
+    reach = band.radius**2 - offset**2
+    across = (band.ring * math.sin(angle)) ** 2 if band.count > 1 else 0.0
+    if reach < across or band.count == 1 or band.ring**2 <= reach:
+        return 0.0 if reach >= band.ring**2 else math.inf
+    return band.ring * math.cos(angle) - math.sqrt(reach - across)
+
+
+def _rim(
+    radius: float, inner: float, height: float, bulge: float, rows: list[tuple[float, _Band]]
+) -> list[tuple[float, _Band]]:
+    """More bands where the wall is thicker at the rim than the outermost band covers."""
+    edge = min((_inner_edge(band, abs(height - z)) for z, band in rows), default=radius)
+    added: list[tuple[float, _Band]] = []
+    while edge > inner * _SLACK:
+        best: tuple[float, float, _Band] | None = None
+        for size in np.linspace(bulge, (height + bulge) / 2.0, 40):
+            reach = 2.0 * size * bulge - bulge**2  # squared, in the plane of the rim
+            if reach >= edge**2 and (best is None or best[1] > inner or best[2].count > 1):
+                best = (1.0 / edge, 0.0, _Band(1, 0.0, float(size), 0.0))
+                break
+            for count in range(4, 61):
+                angle = math.pi / count
+                room = reach - (edge * math.sin(angle)) ** 2
+                if room <= 0.0:
+                    continue
+                ring = min(edge * math.cos(angle) - math.sqrt(room) + 1e-9, radius + bulge - size)
+                if ring <= 0.0:
+                    continue
+                band = _Band(count, ring, float(size), 0.0)
+                end = max(_inner_edge(band, float(size) - bulge), inner)
+                price = count / max(edge - end, 1e-12)
+                if best is None or price < best[0]:
+                    best = (price, end, band)
+        if best is None or best[1] >= edge:  # cannot be: a ring of small enough spheres advances
+            raise RuntimeError(f"no cover of the rim from {edge} to {inner}")
+        edge = best[1]
+        added.append((height + bulge - best[2].radius, best[2]))
+    return added
+
+
+def _ring(z: float, band: _Band) -> FloatArray:
+    angle = 2.0 * math.pi * np.arange(band.count) / band.count
+    out = np.empty((band.count, 4))
+    out[:, 0], out[:, 1] = band.ring * np.cos(angle), band.ring * np.sin(angle)
+    out[:, 2], out[:, 3] = z, band.radius
+    return out
+
+
+def _base(
+    radius: float, height: float, bulge: float, rows: list[tuple[float, _Band]]
+) -> FloatArray:
+    """Spheres over what the bands leave open of the base disc (z = 0)."""
+    edge = min(_inner_edge(band, abs(z)) for z, band in rows)
+    edge = min(edge, radius)
+    if edge <= 0.0:
+        return np.zeros((0, 4))
+    if edge <= height + bulge:
+        return np.array([[0.0, 0.0, 0.0, edge]])
+    count = math.ceil(math.sqrt(2.0) * edge / (height + bulge))
+    cell = 2.0 * edge / count
+    x, y = np.meshgrid(*[(np.arange(count) + 0.5) * cell - edge] * 2, indexing="ij")
+    nearest = np.hypot(np.maximum(np.abs(x) - cell / 2, 0), np.maximum(np.abs(y) - cell / 2, 0))
+    x, y = x[nearest < edge], y[nearest < edge]
+    return np.column_stack([x, y, np.zeros(len(x)), np.full(len(x), cell * math.sqrt(0.5))])
