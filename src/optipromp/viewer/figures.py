@@ -71,7 +71,7 @@ def joint_figure(plan: "Plan") -> "Figure":
     columns = 2 if robot.n_joints > 3 else 1
     rows = -(-robot.n_joints // columns)
     figure = Figure(figsize=(5.2 * columns, 1.75 * rows + 0.7), layout="constrained")
-    panels = figure.subplots(rows, columns, squeeze=False, sharex=True).ravel(order="F")
+    panels = figure.subplots(rows, columns, squeeze=False).ravel(order="F")
     for joint, (panel, name) in enumerate(zip(panels, robot.joint_names, strict=False)):
         prismatic = bool(np.any(robot.kinematics.kind[robot.kinematics.dof == joint] == 1))
         for trajectory, colour, label in (
@@ -88,16 +88,12 @@ def joint_figure(plan: "Plan") -> "Figure":
         _plain(panel)
     for panel in panels[robot.n_joints :]:
         panel.set_visible(False)
-    for column in range(columns):
-        last = min((column + 1) * rows, robot.n_joints) - 1
-        panels[last].tick_params(labelbottom=True)
-        panels[last].set_xlabel("time [s]")
     handles, labels = panels[0].get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
     figure.legend(
         unique.values(), unique.keys(), loc="outside lower center", ncols=3, frameon=False
     )
-    figure.suptitle(f"{_title(plan)}: joints", fontsize=11)
+    figure.suptitle(f"{_title(plan)}: joints over time [s]", fontsize=11)
     return figure
 
 

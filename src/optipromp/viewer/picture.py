@@ -62,9 +62,15 @@ class Picture:
     camera: Camera
     _corners: list[FloatArray] = field(default_factory=list)
     _colours: list[FloatArray] = field(default_factory=list)
+    _framed: list[bool] = field(default_factory=list)
 
-    def add(self, faces: FloatArray, colour: str, alpha: float = 1.0) -> None:
-        """Add faces (F, 4, 3); those that turn their back to the camera are left out."""
+    def add(
+        self, faces: FloatArray, colour: str, alpha: float = 1.0, *, framed: bool = True
+    ) -> None:
+        """Add faces (F, 4, 3); those that turn their back to the camera are left out.
+
+        The picture's frame holds everything but what is added with ``framed=False``.
+        """
         from matplotlib.colors import to_rgba
 
         normal = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
@@ -84,6 +90,7 @@ class Picture:
         shades[:, :3] *= brightness[:, None]
         self._corners.append(self.camera.project(faces))
         self._colours.append(shades)
+        self._framed.append(framed and len(faces) > 0)
 
     def dots(self, points: FloatArray, radius: float, colour: str, alpha: float = 1.0) -> None:
         """Add a small ball at each of ``points`` (k, 3)."""
@@ -97,17 +104,22 @@ class Picture:
         from matplotlib.collections import PolyCollection
 
         corners, colours = np.concatenate(self._corners), np.concatenate(self._colours)
+        # An edge in a face's own colour hides the seam to its neighbour; on glass it would show.
+        edges = np.where(colours[:, 3:] < 1.0, 0.0, colours)
         order = np.argsort(corners[..., 2].mean(axis=1), kind="stable")
         axes.add_collection(
             PolyCollection(
                 list(corners[order][..., :2]),
                 facecolors=colours[order],  # type: ignore[arg-type]
-                edgecolors="none",
-                antialiased=False,
+                edgecolors=edges[order],  # type: ignore[arg-type]
+                linewidths=0.35,
             ),
             autolim=False,
         )
-        low, high = corners[..., :2].min(axis=(0, 1)), corners[..., :2].max(axis=(0, 1))
+        seen = np.concatenate(
+            [c for c, frame in zip(self._corners, self._framed, strict=True) if frame]
+        )
+        low, high = seen[..., :2].min(axis=(0, 1)), seen[..., :2].max(axis=(0, 1))
         margin = 0.03 * float(np.max(high - low))
         axes.set_xlim(low[0] - margin, high[0] + margin)
         axes.set_ylim(low[1] - margin, high[1] + margin)

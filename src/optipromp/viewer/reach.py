@@ -84,17 +84,25 @@ def _draw_close(axes: "Axes", plan: "Plan") -> None:
         if item.role in ("target", "pushable"):
             x, y, _ = picture.camera.project(np.asarray(item.position))
             if abs(x) < half and -1.35 * half < y < 0.95 * half:
-                axes.annotate(
-                    item.id,
-                    (x, y),
-                    xytext=(7, 5),
-                    textcoords="offset points",
-                    fontsize=8,
-                    color="#222222",
-                )
-    bar, low = 0.05, -1.28 * half
+                _label(axes, x + min(item.radius, 0.02), y, item.id)
+    axes.set_title("along x_g: y_g to the right, z_g up", fontsize=8.5, color="#555555")
+    bar, low = 0.05, -1.26 * half
     axes.plot([0.55 * half, 0.55 * half + bar], [low, low], color="#222222", lw=2)
     axes.text(0.55 * half + 0.5 * bar, low + 0.02 * half, "5 cm", ha="center", fontsize=8)
+
+
+def _label(axes: "Axes", x: float, y: float, text: str) -> None:
+    from matplotlib.patheffects import withStroke
+
+    axes.annotate(
+        text,
+        (x, y),
+        xytext=(4, 0),
+        textcoords="offset points",
+        va="center",
+        fontsize=8.5,
+        path_effects=[withStroke(linewidth=2.5, foreground="white")],
+    )
 
 
 def _focus(plan: "Plan") -> FloatArray:
@@ -106,7 +114,7 @@ def _focus(plan: "Plan") -> FloatArray:
 
 
 def _add_floor(picture: Picture, reach: float) -> None:
-    ticks = np.arange(-4, 5) * 0.25 * max(1.0, np.ceil(reach))
+    ticks = np.arange(-4, 5) * 0.15 * max(1.0, reach)
     ends = np.array([ticks[0], ticks[-1]])
     for tick in ticks:
         for line in (
@@ -121,8 +129,8 @@ def _add_floor(picture: Picture, reach: float) -> None:
                 [centre[:-1] + across, centre[1:] + across, centre[1:] - across,
                  centre[:-1] - across], axis=1,
             )  # fmt: skip
-            picture.add(strip, "#d5d9de")
-            picture.add(strip[:, ::-1], "#d5d9de")
+            picture.add(strip, "#d5d9de", framed=False)
+            picture.add(strip[:, ::-1], "#d5d9de", framed=False)
 
 
 def _add_objects(picture: Picture, plan: "Plan", translucent: float) -> None:
