@@ -1,0 +1,133 @@
+"""Meshes and point clouds from files."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.errors import InvalidSceneError
+from optipromp.geometry.grids import check_closed
+from optipromp.geometry.shapes import MeshShape, PointCloudShape
+
+_MESH_SUFFIXES = (".stl", ".obj", ".ply")
+_CLOUD_SUFFIXES = (".npy", ".npz", ".csv", ".xyz", ".txt", ".ply")
+
+
+def load_mesh(path: Path, scale: float = 1.0) -> MeshShape:
+    """Load a closed mesh from STL, OBJ or PLY.
+
+    Args:
+        path: the file.
+        scale: from the file's unit to metres.
+
+    Raises:
+        InvalidSceneError: missing, malformed, no area, not watertight, or trimesh not installed.
+    """
+    _check_file(path, "mesh", _MESH_SUFFIXES)
+    loaded = _trimesh_load(path, "mesh")
+    parts = list(loaded.geometry.values()) if hasattr(loaded, "geometry") else [loaded]
+    if not parts or not all(hasattr(part, "faces") and len(part.faces) for part in parts):
+        raise InvalidSceneError(f"mesh {path}: holds no faces: must be a closed surface")
+    if hasattr(loaded, "to_mesh"):
+        loaded = loaded.to_mesh()
+    vertices = scale * np.asarray(loaded.vertices, dtype=np.float64)
+    mesh = MeshShape(vertices, np.asarray(loaded.faces, dtype=np.int64), path, scale)
+    check_closed(mesh)
+    return mesh
+
+
+def load_cloud(path: Path, radius: float, scale: float = 1.0) -> PointCloudShape:
+    """Load a point cloud; columns past the third (colours, normals) are left out.
+
+    Args:
+        path: ``.npy`` (N, 3), ``.npz`` (key ``points``, or its only array), ``.csv`` (commas),
+            ``.xyz`` or ``.txt`` (blanks), with one line of headings at most, or ``.ply``.
+        radius: of every point [m].
+        scale: from the file's unit to metres.
+
+    Raises:
+        InvalidSceneError: missing, malformed or empty.
+    """
+    _check_file(path, "point cloud", _CLOUD_SUFFIXES)
+    suffix = path.suffix.lower()
+    if suffix == ".ply":
+        loaded = _trimesh_load(path, "point cloud")
+        points = np.asarray(getattr(loaded, "vertices", np.zeros((0, 3))), dtype=np.float64)
+    elif suffix in (".npy", ".npz"):
+        points = _numpy_points(path)
+    else:
+        points = _text_points(path, "," if suffix == ".csv" else None)
+    if points.ndim != 2 or points.shape[1] < 3 or not len(points):
+        raise InvalidSceneError(
+            f"point cloud {path}: holds an array of shape {points.shape}: must be (N, 3), N >= 1"
+        )
+    return PointCloudShape(scale * points[:, :3], radius, path, scale)
+
+
+def _check_file(path: Path, what: str, suffixes: tuple[str, ...]) -> None:
+    if path.suffix.lower() not in suffixes:
+        raise InvalidSceneError(f"{what} {path}: suffix must be one of {', '.join(suffixes)}")
+    try:
+        with path.open("rb") as stream:
+            empty = not stream.read(1)
+    except OSError as error:
+        reason = error.strerror or error
+        raise InvalidSceneError(f"{what} {path}: cannot be read: {reason}") from None
+    if empty:
+        raise InvalidSceneError(f"{what} {path}: is empty")
+
+
+def _trimesh_load(path: Path, what: str) -> Any:
+    try:
+        import trimesh
+    except ImportError:
+        raise InvalidSceneError(
+            f"{what} {path}: reading it needs trimesh: pip install 'optipromp[mesh]'"
+        ) from None
+    try:
+        return trimesh.load(path, skip_materials=True)
+    except Exception as error:  # malformed files make its readers fail in every way there is
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InvalidSceneError(f"{what} {path}: cannot be read: {reason}") from None
+
+
+def _numpy_points(path: Path) -> FloatArray:
+    try:
+        data = np.load(path, allow_pickle=False)
+        if not isinstance(data, np.ndarray):
+            with data:
+                names = data.files
+                name = "points" if "points" in names else names[0] if len(names) == 1 else None
+                if name is None:
+                    raise ValueError(f"arrays are {', '.join(names) or 'none'}: must have 'points'")
+                data = data[name]
+        return np.asarray(data, dtype=np.float64)
+    except Exception as error:
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InvalidSceneError(f"point cloud {path}: cannot be read: {reason}") from None
+
+
+def _text_points(path: Path, delimiter: str | None) -> FloatArray:
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except UnicodeDecodeError:
+        raise InvalidSceneError(f"point cloud {path}: is no text in UTF-8") from None
+    rows: list[list[float]] = []
+    for number, line in enumerate(lines, start=1):
+        text = line.split("#", 1)[0].strip()
+        if not text:
+            continue
+        row: list[float] = []
+        with contextlib.suppress(ValueError):
+            row = [float(entry) for entry in text.split(delimiter)[:3]]
+        if len(row) == 3:
+            rows.append(row)
+        elif number > 1:  # the first line may hold headings
+            raise InvalidSceneError(
+                f"point cloud {path}: line {number}: {text[:40]!r} must begin with three numbers"
+            )
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)
