@@ -1,0 +1,286 @@
+"""Conditioning a ProMP on points in joint space and task space, all at once."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optipromp.arrays import FloatArray
+from optipromp.errors import InvalidRequestError
+from optipromp.promp.checks import PHASE_TOLERANCE, ConditioningWarning, finite_array, frozen
+from optipromp.promp.gaussian import factorise, joseph
+from optipromp.promp.model import ProMP, trusted
+from optipromp.promp.points import JointPoint, Point, TaskPoint, as_matrix
+from optipromp.promp.tasks import Rows, TaskMap, solve
+
+REACH_TOLERANCE = 1e-8
+"""Exact joint points must be attainable to this [rad or m]; beyond it they contradict."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConditioningReport:
+    """How well the task points were met.
+
+    Attributes:
+        converged: every exact point is met to the tolerance and the iteration has settled.
+        iterations: linearisations used; 0 without task points, which need none.
+        position_error: (m,) distance of the new mean's tool point from each task point [m], in
+            the order given. Where a point has a covariance this is a compromise, not a miss.
+        axis_error: (m,) angle of its tool axis from the one asked for [rad]; 0 where none is.
+        missed: indices, among all points given, of the exact ones that are missed.
+    """
+
+    converged: bool
+    iterations: int
+    position_error: FloatArray
+    axis_error: FloatArray
+    missed: tuple[int, ...]
+
+
+def condition(
+    promp: ProMP,
+    points: Sequence[Point] | Point,
+    task_map: TaskMap | None = None,
+    iterations: int = 30,
+    *,
+    tolerance: float = 1e-6,
+    initial: ArrayLike | None = None,
+) -> ProMP:
+    r"""The ProMP given that it passes the points: one Gaussian update, in which order is nothing.
+
+    With the rows H and covariance R of all points stacked, :math:`S = H\Sigma_w H^T + R` and
+    :math:`K = \Sigma_w H^T S^{-1}`
+
+    .. math:: \mu_w^+ = \mu_w + K(y^* - H\mu_w), \qquad
+              \Sigma_w^+ = (I - KH)\Sigma_w(I - KH)^T + KRK^T.
+
+    Joint points are linear, so this is exact. Task points are met by iterating the linearisation
+    of ``task_map`` to the most probable weights given all points
+    (:mod:`optipromp.promp.tasks`), of which :math:`\Sigma_w^+` is the Laplace approximation. The
+    prior's certainty is kept: a direction without variance stays so.
+
+    Args:
+        promp: the prior; unchanged.
+        points: any number of :class:`JointPoint` and :class:`TaskPoint`. Zero variance is exact.
+        task_map: ``q (m, n) -> (point (m, 3), unit axis (m, 3), point Jacobian (m, 3, n), axis
+            Jacobian (m, 3, n))``; needed for task points.
+        iterations: at most so many linearisations, > 0.
+        tolerance: within which an exact task point counts as met [m, rad].
+        initial: weights (n, K) or (nK,) near which to look first; by default the mean. Matters
+            where the task has several solutions.
+
+    Returns:
+        The conditioned ProMP. See :func:`condition_with_report` for how well points were met.
+
+    Warns:
+        ConditioningWarning: an exact task point is missed: out of reach, too far from the
+            demonstrations, or too few iterations.
+
+    Raises:
+        InvalidRequestError: exact points that contradict each other or what the ProMP is already
+            certain of; more exact points than the bases can meet; wrong shapes; task points
+            without ``task_map``.
+    """
+    result, report = condition_with_report(
+        promp, points, task_map, iterations, tolerance=tolerance, initial=initial
+    )
+    if report.missed:
+        worst = max(float(report.position_error.max()), float(report.axis_error.max()))
+        warnings.warn(
+            f"conditioning misses point(s) {', '.join(map(str, report.missed))} by up to "
+            f"{worst:.3g} (m or rad) after {report.iterations} iterations",
+            ConditioningWarning,
+            stacklevel=2,
+        )
+    return result
+
+
+def condition_with_report(
+    promp: ProMP,
+    points: Sequence[Point] | Point,
+    task_map: TaskMap | None = None,
+    iterations: int = 30,
+    *,
+    tolerance: float = 1e-6,
+    initial: ArrayLike | None = None,
+) -> tuple[ProMP, ConditioningReport]:
+    """:func:`condition`, with a report in place of the warning. Same arguments and errors."""
+    if isinstance(points, (JointPoint, TaskPoint)):
+        points = (points,)
+    joints: list[tuple[int, JointPoint]] = []
+    tasks: list[tuple[int, TaskPoint]] = []
+    for i, point in enumerate(points):
+        if isinstance(point, JointPoint):
+            if point.value.size != promp.n_joints:
+                raise InvalidRequestError(
+                    f"point {i}: expected {promp.n_joints} joint values, got {point.value.size}"
+                )
+            joints.append((i, point))
+        elif isinstance(point, TaskPoint):
+            tasks.append((i, point))
+        else:
+            raise InvalidRequestError(
+                f"point {i}: expected a JointPoint or TaskPoint, got {type(point).__name__}"
+            )
+    if iterations < 1:
+        raise InvalidRequestError(f"iterations must be at least 1, got {iterations}")
+    if not tolerance > 0.0:
+        raise InvalidRequestError(f"tolerance must be above 0, got {tolerance}")
+    if joints:
+        promp = _condition_joints(promp, joints)
+    if not tasks:
+        nothing = frozen(np.zeros(0))
+        return promp, ConditioningReport(True, 0, nothing, nothing, ())
+    if task_map is None:
+        raise InvalidRequestError("task points need a task_map (the robot's forward kinematics)")
+    _check_conflicts(tasks)
+    return _condition_tasks(promp, tasks, joints, task_map, iterations, tolerance, initial)
+
+
+def _condition_joints(promp: ProMP, points: Sequence[tuple[int, JointPoint]]) -> ProMP:
+    """The linear update. Rows are joint-major: row (j, p) is joint j at point p."""
+    n, count = promp.mean.shape
+    size, p = n * count, len(points)
+    phases = np.array([point.phase for _, point in points])
+    orders = [point.derivative for _, point in points]
+    values = promp.basis.evaluate(phases, orders[0])
+    if any(order != orders[0] for order in orders):
+        values = np.stack(
+            [promp.basis.evaluate(z, k)[0] for z, k in zip(phases, orders, strict=True)]
+        )
+    target = np.array([point.value for _, point in points])
+    prior = promp.covariance
+    blocks = np.zeros((n, p, n, p))
+    for i, (_, point) in enumerate(points):
+        if point.covariance is not None:
+            blocks[:, i, :, i] = as_matrix(point.covariance, n)
+    noise = blocks.reshape(n * p, n * p)
+
+    cross = (values @ prior.reshape(n, count, size)).reshape(n * p, size)  # H Σ
+    total = (cross.reshape(n * p, n, count) @ values.T).reshape(n * p, n * p) + noise
+    deviation = np.sqrt(np.maximum(np.diagonal(prior), 0.0)).reshape(n, count)
+    reference = ((deviation @ np.abs(values).T) ** 2).reshape(-1) + np.diagonal(noise)
+    factor = factorise(total, reference)
+    gap = (target - values @ promp.mean.T).T.reshape(-1)
+    missed = factor.out_of_reach(gap)
+    if missed is not None and float(np.abs(missed).max()) > REACH_TOLERANCE:
+        _refuse(np.abs(missed).reshape(n, p), points, promp)
+    dual = factor.solve(gap)
+    dual += factor.solve(gap - total @ dual)
+    mean = promp.weights + dual @ cross
+    gain = factor.solve(cross).T
+    gain_rows = (gain.reshape(size * n, p) @ values).reshape(size, size)
+    return trusted(promp, mean, joseph(prior, gain, gain_rows, noise))
+
+
+def _refuse(
+    missed: FloatArray, points: Sequence[tuple[int, JointPoint]], promp: ProMP
+) -> None:
+    joint, worst = (int(i) for i in np.unravel_index(int(missed.argmax()), missed.shape))
+    index, point = points[worst]
+    same = [
+        i
+        for i, other in points
+        if i != index and abs(other.phase - point.phase) <= 1e-6 and other.exact
+    ]
+    if same:
+        reason = f"it contradicts point {same[0]} at the same phase"
+    elif sum(other.exact for _, other in points) > promp.basis.count:
+        reason = f"{promp.basis.count} bases cannot pass through so many exact points"
+    else:
+        reason = "the ProMP is already certain of another value there"
+    raise InvalidRequestError(
+        f"point {index} (phase {point.phase:.6g}) cannot be met exactly: "
+        f"{promp.joint_names[joint]} is off by {missed.max():.3g}; {reason}"
+    )
+
+
+def _check_conflicts(points: Sequence[tuple[int, TaskPoint]]) -> None:
+    """Refuse two exact task points at one phase that differ."""
+    ordered = sorted(points, key=lambda item: item[1].phase)
+    for (i, first), (k, second) in pairwise(ordered):
+        if second.phase - first.phase > PHASE_TOLERANCE:
+            continue
+        apart, what = 0.0, "positions"
+        if first.exact and second.exact:
+            apart = float(np.abs(first.position - second.position).max())
+        loose = bool(first.axis_covariance or second.axis_covariance)
+        if first.axis is None or second.axis is None or loose or apart > REACH_TOLERANCE:
+            pass
+        else:
+            apart, what = float(np.abs(first.axis - second.axis).max()), "axes"
+        if apart > REACH_TOLERANCE:
+            raise InvalidRequestError(
+                f"points {min(i, k)} and {max(i, k)} ask for {what} {apart:.3g} apart, exactly, at "
+                f"one phase ({first.phase:.6g})"
+            )
+
+
+def _condition_tasks(
+    promp: ProMP,
+    points: Sequence[tuple[int, TaskPoint]],
+    joints: Sequence[tuple[int, JointPoint]],
+    task_map: TaskMap,
+    iterations: int,
+    tolerance: float,
+    initial: ArrayLike | None,
+) -> tuple[ProMP, ConditioningReport]:
+    """The iterated update on a prior that already holds the joint points."""
+    n, count = promp.mean.shape
+    size, m = n * count, len(points)
+    phases = np.array([point.phase for _, point in points])
+    values = promp.basis.evaluate(phases)
+    rows = Rows.of([point for _, point in points])
+    prior = promp.covariance
+    joint_major = (prior.reshape(size * n, count) @ values.T).reshape(size, n, m)
+    cross = joint_major.transpose(0, 2, 1).reshape(size, m * n)  # Σ Φᵀ
+    spread = (values @ cross.reshape(n, count, m * n)).transpose(1, 0, 2).reshape(m * n, m * n)
+    spread = 0.5 * (spread + spread.T)
+    mean = values @ promp.mean.T
+    start = np.zeros((m, n))
+    if initial is not None:
+        weights = finite_array(initial, "initial")
+        if weights.size != size:
+            raise InvalidRequestError(f"initial: expected {size} weights, got {weights.size}")
+        gap = (values @ (weights.reshape(n, count) - promp.mean).T).reshape(-1)
+        deviation = np.sqrt(np.maximum(np.diagonal(spread), 0.0))
+        reference = np.full(m * n, max(float(deviation.max()) ** 2, 1e-300))
+        start = factorise(spread, reference).solve(gap)
+        start = start.reshape(m, n)
+    found = solve(rows, task_map, mean, spread, start, iterations, tolerance)
+
+    new_mean = promp.weights + cross @ found.multipliers.reshape(-1)
+    jacobian = found.jacobian
+    r = jacobian.shape[1]
+    by_point = cross.reshape(size, m, n).transpose(1, 0, 2) @ jacobian.transpose(0, 2, 1)
+    gain_cross = by_point.transpose(1, 0, 2).reshape(size, m * r)  # Σ Hᵀ
+    H = (jacobian[:, :, :, None] * values[:, None, None, :]).reshape(m * r, size)
+    noise = rows.variance.reshape(-1)
+    total = H @ gain_cross
+    reference = (np.abs(H) @ np.sqrt(np.maximum(np.diagonal(prior), 0.0))) ** 2 + noise
+    total.flat[:: m * r + 1] += noise
+    gain = factorise(total, reference).solve(gain_cross.T).T
+    result = trusted(promp, new_mean, joseph(prior, gain, gain @ H, noise))
+
+    residual = found.residual
+    position_error = np.sqrt((residual[:, :3] ** 2).sum(axis=1))
+    axis_error = np.sqrt((residual[:, 3:] ** 2).sum(axis=1))
+    off = np.abs(np.where(rows.variance == 0.0, residual, 0.0)).max(axis=1)
+    over = np.flatnonzero(off > tolerance).tolist()
+    missed = tuple(points[i][0] for i in over)
+    given = [(k, p.phase) for k, p in joints if p.exact and p.derivative == 0]
+    for i in over:
+        index, point = points[i]
+        for k, phase in given:
+            if abs(phase - point.phase) <= PHASE_TOLERANCE:
+                raise InvalidRequestError(
+                    f"points {k} and {index} contradict: at phase {phase:.6g} the joints are "
+                    f"given, and put the tool {off[i]:.3g} (m or rad) from where it must be"
+                )
+    report = ConditioningReport(
+        found.converged, found.iterations, frozen(position_error), frozen(axis_error), missed
+    )
+    return result, report

@@ -1,0 +1,266 @@
+"""The probabilistic movement primitive: a Gaussian over trajectories."""
+
+import math
+import os
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optipromp.arrays import FloatArray
+from optipromp.errors import InvalidRequestError
+from optipromp.promp.basis import Basis
+from optipromp.promp.checks import (
+    finite_array,
+    frozen,
+    names_for,
+    positive,
+)
+from optipromp.promp.gaussian import check_covariance, root
+
+
+@dataclass(frozen=True, eq=False)
+class ProMP:
+    r"""A distribution over trajectories of n joints (Paraschos et al., 2013).
+
+    .. math:: y_t = \Phi_t w + \epsilon, \quad w \sim N(\mu_w, \Sigma_w), \quad
+              \epsilon \sim N(0, \mathrm{diag}(r))
+
+    The nK weights are joint-major: weight k of joint j is ``w[j * K + k]``. Values are immutable
+    (arrays are read-only); every operation returns a new one.
+
+    Args:
+        basis: the K basis functions.
+        mean: :math:`\mu_w`, (n, K) or flat (nK,), in rad or m. Kept as (n, K).
+        covariance: :math:`\Sigma_w` (nK, nK), positive semi-definite.
+        noise: variance r of an observation, one per joint (n,) or one for all; unit squared.
+        joint_names: n names; by default ``joint_1`` ... ``joint_n``.
+
+    Raises:
+        InvalidRequestError: a wrong shape, a value that is not finite, or a covariance that is
+            not symmetric positive semi-definite (see :func:`nearest_covariance`).
+    """
+
+    basis: Basis
+    mean: FloatArray
+    covariance: FloatArray
+    noise: FloatArray = field(default_factory=lambda: np.zeros(()))
+    joint_names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.basis, Basis):
+            raise InvalidRequestError(f"basis: expected a Basis, got {type(self.basis).__name__}")
+        count = self.basis.count
+        mean = finite_array(self.mean, "mean")
+        if mean.ndim == 1 and mean.size and mean.size % count == 0:
+            mean = mean.reshape(-1, count)
+        if mean.ndim != 2 or mean.shape[0] == 0 or mean.shape[1] != count:
+            raise InvalidRequestError(
+                f"mean: expected shape (n, {count}) or (n * {count},), got {mean.shape}"
+            )
+        n = mean.shape[0]
+        covariance = check_covariance(self.covariance, n * count, "covariance")
+        noise = finite_array(self.noise, "noise")
+        if noise.shape not in ((), (n,)) or (noise < 0.0).any():
+            raise InvalidRequestError(f"noise: expected {n} variances >= 0, got {noise.tolist()}")
+        object.__setattr__(self, "mean", frozen(mean))
+        object.__setattr__(self, "covariance", frozen(covariance))
+        object.__setattr__(self, "noise", frozen(np.broadcast_to(noise, (n,)).copy()))
+        object.__setattr__(self, "joint_names", names_for(self.joint_names, n))
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints n."""
+        return int(self.mean.shape[0])
+
+    @property
+    def n_weights(self) -> int:
+        """Number of weights nK."""
+        return int(self.mean.size)
+
+    @property
+    def weights(self) -> FloatArray:
+        """Mean weights, flat (nK,), joint-major."""
+        return self.mean.reshape(-1)
+
+    @cached_property
+    def _root(self) -> FloatArray:
+        return frozen(root(self.covariance))
+
+    def mean_trajectory(self, phases: int | ArrayLike) -> FloatArray:
+        """Mean positions (T, n) at phases (T,), or at as many evenly spaced ones."""
+        return self.basis.evaluate(phases) @ self.mean.T
+
+    def mean_velocity(self, phases: int | ArrayLike, duration: float = 1.0) -> FloatArray:
+        """Mean velocities (T, n) [unit/s] if the phase runs evenly over ``duration`` [s]."""
+        return self._mean_derivative(phases, duration, 1)
+
+    def mean_acceleration(self, phases: int | ArrayLike, duration: float = 1.0) -> FloatArray:
+        """Mean accelerations (T, n) [unit/s²] if the phase runs evenly over ``duration`` [s]."""
+        return self._mean_derivative(phases, duration, 2)
+
+    def _mean_derivative(
+        self, phases: int | ArrayLike, duration: float, order: int
+    ) -> FloatArray:
+        rate = 1.0 / positive(duration, "duration") ** order
+        return self.basis.evaluate(phases, order) @ (rate * self.mean.T)
+
+    def trajectory(self, weights: ArrayLike, phases: int | ArrayLike) -> FloatArray:
+        """Positions (..., T, n) of given weights (..., n, K) or (nK,)."""
+        array = finite_array(weights, "weights")
+        if array.shape == (self.n_weights,):
+            array = array.reshape(self.mean.shape)
+        if array.ndim < 2 or array.shape[-2:] != self.mean.shape:
+            raise InvalidRequestError(
+                f"weights: expected (..., {self.n_joints}, {self.basis.count}), got {array.shape}"
+            )
+        result: FloatArray = self.basis.evaluate(phases) @ np.swapaxes(array, -1, -2)
+        return result
+
+    def marginals(
+        self,
+        phases: int | ArrayLike,
+        derivative: int = 0,
+        duration: float = 1.0,
+        observation_noise: bool = False,
+    ) -> tuple[FloatArray, FloatArray]:
+        r"""Mean (T, n) and covariance (T, n, n) of the joints, or of a derivative, at each phase.
+
+        :math:`N(\Phi_t \mu_w, \Phi_t \Sigma_w \Phi_t^T)`.
+
+        Args:
+            phases: (T,) in [0, 1], or a count.
+            derivative: 0 positions, 1 velocities, 2 accelerations, 3 jerks.
+            duration: [s] over which the phase runs evenly; matters to derivatives only.
+            observation_noise: add diag(r) (positions only).
+
+        Raises:
+            InvalidRequestError: a phase outside [0, 1], another derivative, duration <= 0.
+        """
+        rate = 1.0 / positive(duration, "duration") ** derivative
+        values = rate * self.basis.evaluate(phases, derivative)
+        n, count = self.mean.shape
+        pairs = (values[:, :, None] * values[:, None, :]).reshape(-1, count * count)
+        blocks = self.covariance.reshape(n, count, n, count).transpose(1, 3, 0, 2)
+        covariance = (pairs @ blocks.reshape(count * count, n * n)).reshape(-1, n, n)
+        covariance = 0.5 * (covariance + covariance.transpose(0, 2, 1))
+        diagonal = np.einsum("tjj->tj", covariance)
+        np.maximum(diagonal, 0.0, out=diagonal)
+        if observation_noise:
+            if derivative != 0:
+                raise InvalidRequestError("observation_noise: known for positions only")
+            diagonal += self.noise
+        return values @ self.mean.T, covariance
+
+    def standard_deviation(
+        self, phases: int | ArrayLike, derivative: int = 0, duration: float = 1.0
+    ) -> FloatArray:
+        """Standard deviation (T, n) of each joint, or of a derivative, at each phase."""
+        _, covariance = self.marginals(phases, derivative, duration)
+        result: FloatArray = np.sqrt(np.einsum("tjj->tj", covariance))
+        return result
+
+    def sample_weights(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """``count`` draws of the weights, (count, n, K)."""
+        if count < 0:
+            raise InvalidRequestError(f"count of samples must be at least 0, got {count}")
+        draws = rng.standard_normal((count, self.n_weights)) @ self._root.T
+        return (self.weights + draws).reshape(count, *self.mean.shape)
+
+    def sample(
+        self,
+        rng: np.random.Generator,
+        count: int,
+        phases: int | ArrayLike,
+        observation_noise: bool = False,
+    ) -> FloatArray:
+        """``count`` trajectories (count, T, n); smooth unless ``observation_noise`` is added."""
+        weights = self.sample_weights(rng, count)
+        result: FloatArray = self.basis.evaluate(phases) @ np.swapaxes(weights, -1, -2)
+        if observation_noise:
+            result += rng.standard_normal(result.shape) * np.sqrt(self.noise)
+        return result
+
+    def log_likelihood(
+        self, positions: ArrayLike, phases: int | ArrayLike | None = None
+    ) -> float:
+        r"""Log density of a whole trajectory, :math:`\log N(y; \Phi\mu_w, \Phi\Sigma_w\Phi^T + R)`.
+
+        Costs O(T + (nK)^3), not O((Tn)^3): with :math:`\Sigma_w = LL^T` and
+        :math:`A = I + L^T\Phi^T R^{-1}\Phi L`, the determinant is :math:`|A||R|` and the quadratic
+        form is that of the most likely deviation and its remainder.
+
+        Args:
+            positions: (T, n); any part of the movement.
+            phases: (T,) of the rows; by default evenly spaced from 0 to 1.
+
+        Raises:
+            InvalidRequestError: a wrong shape, or a noise of 0 (the density is then degenerate).
+        """
+        y = finite_array(positions, "positions", 2)
+        n, count = self.mean.shape
+        values = self.basis.evaluate(y.shape[0] if phases is None else phases)
+        if y.shape != (values.shape[0], n):
+            raise InvalidRequestError(
+                f"positions: expected shape ({values.shape[0]}, {n}), got {y.shape}"
+            )
+        if (self.noise <= 0.0).any():
+            joint = self.joint_names[int(np.argmin(self.noise))]
+            raise InvalidRequestError(f"log_likelihood needs noise > 0; that of {joint} is 0")
+        gap = y - values @ self.mean.T
+        gram = values.T @ values
+        factor = self._root.reshape(n, count, -1)
+        weighted = (gram @ factor) / self.noise[:, None, None]
+        matrix = np.tensordot(factor, weighted, axes=([0, 1], [0, 1]))
+        matrix.flat[:: self.n_weights + 1] += 1.0
+        force = ((gap / self.noise).T @ values).reshape(-1) @ self._root
+        lower = np.linalg.cholesky(matrix)
+        whitened = np.linalg.solve(matrix, force)
+        rest = gap - values @ (self._root @ whitened).reshape(n, count).T
+        quadratic = float((rest**2 / self.noise).sum() + whitened @ whitened)
+        log_det = 2.0 * float(np.log(np.diagonal(lower)).sum())
+        log_det += y.shape[0] * float(np.log(self.noise).sum())
+        log_det += y.size * math.log(2.0 * math.pi)
+        return float(-0.5 * (quadratic + log_det))
+
+    def with_weights(self, mean: ArrayLike, covariance: ArrayLike) -> "ProMP":
+        """The same primitive (basis, noise, names) with another weight distribution, checked."""
+        return ProMP(
+            self.basis, np.asarray(mean), np.asarray(covariance), self.noise, self.joint_names
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write to an NPZ file: whole or not at all.
+
+        Raises:
+            InvalidRequestError: the file cannot be written; what was there stays.
+        """
+        from optipromp.promp.files import save_promp
+
+        save_promp(self, Path(path))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "ProMP":
+        """Read what :meth:`save` wrote.
+
+        Raises:
+            InvalidRequestError: missing, not a ProMP file, of a newer format, or damaged.
+        """
+        from optipromp.promp.files import load_promp
+
+        return load_promp(Path(path))
+
+
+def trusted(promp: ProMP, mean: FloatArray, covariance: FloatArray) -> ProMP:
+    """``promp`` with another weight distribution, valid by construction: no checks, no copy."""
+    result = object.__new__(ProMP)
+    result.__dict__.update(
+        basis=promp.basis,
+        mean=frozen(mean.reshape(promp.mean.shape)),
+        covariance=frozen(covariance),
+        noise=promp.noise,
+        joint_names=promp.joint_names,
+    )
+    return result
