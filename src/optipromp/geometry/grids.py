@@ -253,7 +253,7 @@ def _cache_file(key: str) -> Path | None:
 def _load(file: Path) -> DistanceGrid | None:
     """The grid in a cache file; None where there is none, or none that can be used."""
     try:
-        with np.load(file, allow_pickle=False) as data:
+        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
             values, origin = data["values"], data["origin"]
             spacing = float(data["spacing"])
     except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile):

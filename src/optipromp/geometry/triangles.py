@@ -176,14 +176,17 @@ def _sign_distances(
     """Turn distances inside negative.
 
     The winding number changes only across the surface: from one node to the next it stays, unless
-    both are nearer to the surface than the step. Rows start outside, in the padding.
+    both are nearer to the surface than the step (and a hundredth, so that the sign of a node on
+    the surface itself, which is arbitrary, is never carried on). Rows start outside, in the
+    padding.
     """
+    near = 1.01 * spacing
     n0, n1, n2 = values.shape
     for i0 in range(n0):
         for i1 in range(n1):
             sign = 1.0
             for i2 in range(1, n2):
-                if abs(values[i0, i1, i2 - 1]) <= spacing and values[i0, i1, i2] <= spacing:
+                if abs(values[i0, i1, i2 - 1]) <= near and values[i0, i1, i2] <= near:
                     winding = winding_number(
                         origin[0] + i0 * spacing,
                         origin[1] + i1 * spacing,

@@ -1,0 +1,235 @@
+"""Signed distances of the primitives: against coal, by finite differences, in every corner."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from optipromp.errors import InvalidRequestError, InvalidSceneError
+from optipromp.geometry import (
+    Box,
+    Capsule,
+    Cylinder,
+    HalfSpace,
+    Sphere,
+    distances,
+    farther_than,
+    pack,
+    signed_distance,
+)
+
+SHAPES = {
+    "sphere": Sphere(0.2),
+    "box": Box((0.3, 0.5, 0.8)),
+    "flat box": Box((1.0, 1.0, 0.01)),
+    "cylinder": Cylinder(0.2, 0.6),
+    "disc": Cylinder(0.5, 0.02),
+    "capsule": Capsule(0.1, 0.5),
+    "half-space": HalfSpace(),
+}
+EYE = np.eye(3)
+ORIGIN = np.zeros(3)
+
+coordinate = st.floats(-1.5, 1.5)
+point = st.tuples(coordinate, coordinate, coordinate)
+quaternion = st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: math.hypot(*q) > 0.1)
+
+
+def rotation_of(wxyz):
+    w, x, y, z = np.array(wxyz) / math.hypot(*wxyz)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return EYE + 2 * w * cross + 2 * cross @ cross
+
+
+def distance_at(obstacles, x, k=0):
+    gradient = np.full(3, np.nan)
+    return signed_distance(obstacles, k, x[0], x[1], x[2], gradient), gradient
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@settings(max_examples=60, deadline=None)
+@given(x=point, turn=quaternion, at=point)
+def test_gradient_is_that_of_the_distance(name, x, turn, at):
+    obstacles = pack([(SHAPES[name], at, rotation_of(turn))])
+    _, gradient = distance_at(obstacles, x)
+    assert abs(np.linalg.norm(gradient) - 1.0) < 1e-9
+    step = 1e-6
+    forward, backward = np.zeros(3), np.zeros(3)
+    for i in range(3):
+        shift = step * EYE[i]
+        here = distance_at(obstacles, x)[0]
+        forward[i] = (distance_at(obstacles, np.add(x, shift))[0] - here) / step
+        backward[i] = (here - distance_at(obstacles, np.subtract(x, shift))[0]) / step
+    if np.abs(forward - backward).max() < 1e-3:  # no kink within a step
+        np.testing.assert_allclose(gradient, 0.5 * (forward + backward), atol=1e-4)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@settings(max_examples=30, deadline=None)
+@given(x=point, turn=quaternion, at=point)
+def test_a_rigid_motion_changes_no_distance(name, x, turn, at):
+    rotation = rotation_of(turn)
+    here, gradient = distance_at(pack([(SHAPES[name], ORIGIN, EYE)]), x)
+    moved = rotation @ x + at
+    there, turned = distance_at(pack([(SHAPES[name], at, rotation)]), moved)
+    assert there == pytest.approx(here, abs=1e-12)
+    # on a kink rounding may take another limit
+    if np.linalg.norm(turned - rotation @ gradient) > 1e-6:
+        along = moved + 1e-6 * rotation @ gradient
+        assert distance_at(pack([(SHAPES[name], at, rotation)]), along)[0] <= there + 1.1e-6
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@settings(max_examples=30, deadline=None)
+@given(x=point, y=point)
+def test_distances_change_no_faster_than_the_point(name, x, y):
+    obstacles = pack([(SHAPES[name], ORIGIN, EYE)])
+    change = distance_at(obstacles, x)[0] - distance_at(obstacles, y)[0]
+    assert abs(change) <= math.dist(x, y) + 1e-12
+
+
+@pytest.mark.parametrize("name", ["sphere", "box", "cylinder", "capsule"])
+def test_agrees_with_coal(name):
+    coal = pytest.importorskip("coal")
+    shape = SHAPES[name]
+    other = {
+        "sphere": lambda: coal.Sphere(shape.radius),
+        "box": lambda: coal.Box(*shape.size),
+        "cylinder": lambda: coal.Cylinder(shape.radius, shape.length),
+        "capsule": lambda: coal.Capsule(shape.radius, shape.length),
+    }[name]()
+    rng = np.random.default_rng(3)
+    obstacles = pack([(shape, [0.1, -0.2, 0.3], rotation_of((0.5, 0.4, -0.6, 0.2)))])
+    pose = coal.Transform3s(obstacles.rotation[0], obstacles.position[0])
+    probe, radius = coal.Sphere(1e-3), 1e-3
+    inside = 0
+    for x in obstacles.position[0] + rng.uniform(-0.4, 0.4, (300, 3)):
+        result = coal.DistanceResult()
+        request = coal.DistanceRequest()
+        request.enable_signed_distance = True
+        theirs = coal.distance(other, pose, probe, coal.Transform3s(EYE, x), request, result)
+        ours = distance_at(obstacles, x)[0]
+        inside += ours < 0
+        if name == "cylinder" and ours < 0:  # coal's depth is an upper bound there, not exact
+            assert theirs <= ours - radius + 2e-5
+        else:
+            assert ours - radius == pytest.approx(theirs, abs=2e-5)
+    assert inside > 5
+
+
+@pytest.mark.parametrize(
+    ("name", "x", "expected"),
+    [
+        ("sphere", (0, 0, 0), -0.2),
+        ("sphere", (0, 0, 0.2), 0.0),
+        ("sphere", (1e-320, 0, 0), -0.2),
+        ("sphere", (1e-160, 1e-160, 0), -0.2),
+        ("box", (0, 0, 0), -0.15),
+        ("box", (0.15, 0.25, 0.4), 0.0),
+        ("box", (0.15, 0.25, 0), 0.0),
+        ("box", (0.15, 0, 0), 0.0),
+        ("box", (np.nextafter(0.15, 1), 0, 0), 0.0),
+        ("box", (0.45, 0.65, 0), 0.5),
+        ("cylinder", (0, 0, 0), -0.2),
+        ("cylinder", (0, 0, 0.3), 0.0),
+        ("cylinder", (0.2, 0, 0.3), 0.0),
+        ("cylinder", (0.5, 0, 0.7), 0.5),
+        ("cylinder", (0, 0, 0.5), 0.2),
+        ("capsule", (0, 0, 0), -0.1),
+        ("capsule", (0, 0, 0.25), -0.1),
+        ("capsule", (0, 0, 0.35), 0.0),
+        ("capsule", (0, 1e-200, 0), -0.1),
+        ("half-space", (5, 5, 0), 0.0),
+        ("half-space", (1, 1, -2), -2.0),
+    ],
+)
+def test_centres_edges_and_surfaces(name, x, expected):
+    distance, gradient = distance_at(pack([(SHAPES[name], ORIGIN, EYE)]), x)
+    assert distance == pytest.approx(expected, abs=1e-15)
+    assert np.isfinite(gradient).all()
+    assert np.linalg.norm(gradient) == pytest.approx(1.0)
+
+
+@settings(max_examples=50, deadline=None)
+@given(x=point, reach=st.floats(-0.5, 1.0))
+def test_farther_than_never_lies(x, reach):
+    obstacles = pack([(shape, ORIGIN, EYE) for shape in SHAPES.values()])
+    for k in range(len(SHAPES)):
+        if farther_than(obstacles, k, *x, reach):
+            assert distance_at(obstacles, x, k)[0] > reach - 1e-12
+
+
+def test_batched_equals_looped_and_leaves_inputs_alone():
+    rng = np.random.default_rng(1)
+    obstacles = pack([(shape, rng.normal(size=3), EYE) for shape in SHAPES.values()])
+    points = rng.normal(size=(20, 3))
+    before = points.copy()
+    found, gradients = distances(obstacles, points)
+    assert found.shape == (20, len(SHAPES))
+    assert gradients.shape == (20, len(SHAPES), 3)
+    for n, x in enumerate(points):
+        for k in range(len(SHAPES)):
+            alone, gradient = distance_at(obstacles, x, k)
+            assert found[n, k] == pytest.approx(alone, abs=1e-14)
+            np.testing.assert_allclose(gradients[n, k], gradient, atol=1e-12)
+    np.testing.assert_array_equal(points, before)
+
+
+def test_no_obstacles_and_no_points():
+    empty = pack([])
+    assert [array.dtype for array in empty] == [
+        array.dtype for array in pack([(Sphere(1.0), ORIGIN, EYE)])
+    ]
+    assert [array.ndim for array in empty] == [
+        array.ndim for array in pack([(Sphere(1.0), ORIGIN, EYE)])
+    ]
+    assert distances(empty, np.zeros((4, 3)))[1].shape == (4, 0, 3)
+    assert distances(pack([(Sphere(1.0), ORIGIN, EYE)]), np.zeros((0, 3)))[0].shape == (0, 1)
+
+
+def test_packed_arrays_are_read_only_and_bounds_hold():
+    obstacles = pack([(shape, ORIGIN, EYE) for shape in SHAPES.values()])
+    assert not any(array.flags.writeable for array in obstacles)
+    np.testing.assert_allclose(
+        obstacles.bound,
+        [
+            0.2,
+            0.5 * math.hypot(0.3, 0.5, 0.8),
+            0.5 * math.hypot(1, 1, 0.01),
+            math.hypot(0.2, 0.3),
+            math.hypot(0.5, 0.01),
+            0.35,
+            math.inf,
+        ],
+    )
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Sphere(0.0), "sphere radius is 0"),
+        (lambda: Sphere(math.nan), "sphere radius is nan"),
+        (lambda: Box((0.1, -0.2, 0.3)), "box size[1] is -0.2"),
+        (lambda: Cylinder(0.1, 0.0), "cylinder length"),
+        (lambda: Capsule(-1.0, 0.1), "capsule radius"),
+        (lambda: pack([(Sphere(1.0), [0, math.inf, 0], EYE)]), "obstacle 0: position[1]"),
+        (lambda: pack([(Sphere(1.0), ORIGIN, 2 * EYE)]), "no rotation matrix"),
+        (lambda: pack([(Sphere(1.0), ORIGIN, -EYE)]), "no rotation matrix"),
+    ],
+)
+def test_refuses(make, words):
+    with pytest.raises(InvalidSceneError) as caught:
+        make()
+    assert words in caught.value.message
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [(np.zeros(3), "(N, 3)"), (np.array([[0, 0, 0], [0, math.nan, 0]]), "points[1]")],
+)
+def test_refuses_points(points, words):
+    with pytest.raises(InvalidRequestError) as caught:
+        distances(pack([]), points)
+    assert words in caught.value.message

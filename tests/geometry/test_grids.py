@@ -1,0 +1,290 @@
+"""Distance grids of meshes and clouds: against analytic shapes and trimesh, cached, and refused."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from optipromp.errors import InvalidSceneError
+from optipromp.geometry import Box, MeshShape, PointCloudShape, Sphere, distances, grids, pack
+from optipromp.geometry.grids import cloud_grid, distance_grid, mesh_grid
+from optipromp.geometry.loading import load_cloud, load_mesh
+from optipromp.geometry.triangles import signed_grid, winding_number
+
+EYE = np.eye(3)
+ZERO = np.zeros(3)
+OPEN = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\n"
+CUBE_FACES = np.array(
+    [
+        [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
+        [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5],
+    ]
+)  # fmt: skip
+
+
+def box_mesh(size, **more):
+    corners = np.array([[x, y, z] for z in (-0.5, 0.5) for y in (-0.5, 0.5) for x in (-0.5, 0.5)])
+    return MeshShape(corners * size, CUBE_FACES, **more)
+
+
+def write_obj(path, mesh):
+    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
+    grids._memory.clear()
+    return tmp_path / "cache"
+
+
+def test_nodes_are_exact_for_a_box():
+    mesh = box_mesh([0.3, 0.2, 0.4])
+    origin, spacing = np.array([-0.25, -0.25, -0.3]), 0.05
+    values = signed_grid(mesh.vertices[mesh.faces], origin, spacing, (11, 11, 13))
+    nodes = origin + spacing * np.argwhere(np.ones(values.shape))
+    expected = distances(pack([(Box((0.3, 0.2, 0.4)), np.zeros(3), EYE)]), nodes)[0][:, 0]
+    np.testing.assert_allclose(values.ravel(), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("flip", [False, True])
+def test_winding_number(flip):
+    mesh = box_mesh([1.0, 1.0, 1.0])
+    triangles = mesh.vertices[mesh.faces[:, ::-1] if flip else mesh.faces]
+    assert abs(winding_number(0.1, 0.2, -0.3, triangles)) == pytest.approx(1.0)
+    assert winding_number(0.1, 0.2, -0.6, triangles) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_agrees_with_trimesh():
+    trimesh = pytest.importorskip("trimesh")
+    pytest.importorskip("rtree")
+    shape = trimesh.creation.torus(0.1, 0.04, major_sections=16, minor_sections=12)
+    triangles = np.ascontiguousarray(shape.triangles, dtype=np.float64)
+    origin, spacing = np.array([-0.17, -0.17, -0.07]), 0.0171
+    values = signed_grid(triangles, origin, spacing, (20, 20, 9))
+    chosen = np.random.default_rng(0).permutation(np.argwhere(np.ones(values.shape)))[:400]
+    theirs = -trimesh.proximity.signed_distance(shape, origin + spacing * chosen)
+    np.testing.assert_allclose(values[tuple(chosen.T)], theirs, atol=1e-6)
+    assert (values < 0).any()
+
+
+def test_mesh_distances_near_a_box():
+    size = np.array([0.3, 0.2, 0.4])
+    at, turn = np.array([0.5, -0.1, 0.2]), EYE[[1, 2, 0]]
+    mesh = pack([(box_mesh(size), at, turn)])
+    exact = pack([(Box(tuple(size)), at, turn)])
+    points = at + np.random.default_rng(0).uniform(-0.3, 0.3, (500, 3))
+    got, gradient = distances(mesh, points)
+    want, _ = distances(exact, points)
+    inside_grid = want[:, 0] < 0.02
+    np.testing.assert_allclose(got[inside_grid], want[inside_grid], atol=0.6 * mesh.grid_spacing[0])
+    assert np.isfinite(gradient).all()
+    assert (got <= want + 0.6 * mesh.grid_spacing[0]).all()  # outside the grid: a lower bound
+
+
+def test_grid_gradient_is_that_of_the_interpolation():
+    obstacles = pack([(box_mesh([0.3, 0.2, 0.4]), [0.1, 0.0, 0.0], EYE)])
+    points = np.random.default_rng(5).uniform(-0.5, 0.5, (200, 3))
+    _, gradient = distances(obstacles, points)
+    step, checked = 1e-7, 0
+    for i in range(3):
+        up = distances(obstacles, points + step * EYE[i])[0][:, 0]
+        down = distances(obstacles, points - step * EYE[i])[0][:, 0]
+        here = distances(obstacles, points)[0][:, 0]
+        smooth = np.abs(up - 2 * here + down) < 1e-10
+        checked += smooth.sum()
+        np.testing.assert_allclose(
+            gradient[smooth, 0, i], ((up - down) / (2 * step))[smooth], atol=1e-5
+        )
+    assert checked > 500
+    assert (np.linalg.norm(gradient, axis=2) <= np.sqrt(3.0) + 1e-9).all()
+
+
+def test_no_jump_at_the_border_and_exact_far_off_a_face():
+    obstacles = pack([(box_mesh([0.3, 0.2, 0.4]), np.zeros(3), EYE)])
+    border = -obstacles.grid_origin[0, 0]
+    d, _ = distances(obstacles, [[border - 1e-9, 0.05, 0.1], [border + 1e-9, 0.05, 0.1]])
+    assert abs(d[0, 0] - d[1, 0]) < 1e-8
+    far, gradient = distances(obstacles, [[2.0, 0.0, 0.0]])
+    assert far[0, 0] == pytest.approx(1.85, abs=obstacles.grid_spacing[0])
+    np.testing.assert_allclose(gradient[0, 0], [1, 0, 0], atol=1e-12)
+
+
+def test_a_thin_plate_is_never_free_space():
+    grid = mesh_grid(box_mesh([1.0, 0.5, 0.004]))
+    assert grid.values.min() < 0
+    obstacles = pack([(box_mesh([1.0, 0.5, 0.004]), np.zeros(3), EYE)])
+    rng = np.random.default_rng(0)
+    inside = rng.uniform(-0.49, 0.49, (500, 3)) * [1.0, 0.5, 0.003]
+    assert distances(obstacles, inside)[0].max() <= 0.0
+
+
+def test_cloud_distances():
+    rng = np.random.default_rng(0)
+    directions = rng.normal(size=(4000, 3))
+    cloud = PointCloudShape(0.2 * directions / np.linalg.norm(directions, axis=1)[:, None], 0.01)
+    obstacles = pack([(cloud, [1.0, 0.0, 0.0], EYE)])
+    spacing = obstacles.grid_spacing[0]
+    on_points = cloud.points + np.array([1.0, 0.0, 0.0])
+    assert distances(obstacles, on_points)[0].max() <= -0.01 + 1e-9
+    shell = pack([(Sphere(0.21), [1.0, 0.0, 0.0], EYE)])
+    points = [1.0, 0.0, 0.0] + 1.2 * (on_points[:300] - [1.0, 0.0, 0.0])
+    difference = distances(obstacles, points)[0] - distances(shell, points)[0]
+    assert np.abs(difference).max() < 1.5 * spacing
+
+
+def test_cloud_of_one_point_is_a_ball():
+    obstacles = pack([(PointCloudShape([[0.1, 0.0, 0.0]], 0.05), np.zeros(3), EYE)])
+    d, gradient = distances(obstacles, [[0.1, 0.0, 0.0], [0.3, 0.0, 0.0]])
+    assert d[0, 0] <= -0.05 + 1e-12
+    assert d[1, 0] == pytest.approx(0.15, abs=obstacles.grid_spacing[0])
+    assert np.isfinite(gradient).all()
+
+
+def test_a_large_cloud_is_quick():
+    import time
+
+    points = np.random.default_rng(0).uniform(-0.5, 0.5, (100_000, 3))
+    began = time.perf_counter()
+    cloud_grid(PointCloudShape(points, 0.005))
+    assert time.perf_counter() - began < 5.0  # about 0.2 s alone; this machine may be shared
+
+
+def test_grids_are_cached_on_disk_and_a_broken_cache_is_rebuilt(cache):
+    mesh = box_mesh([0.1, 0.1, 0.1])
+    first = distance_grid(mesh)
+    (file,) = cache.rglob("*.npz")
+    assert distance_grid(box_mesh([0.1, 0.1, 0.1])) is first
+    grids._memory.clear()
+    again = distance_grid(mesh)
+    np.testing.assert_array_equal(again.values, first.values)
+    for broken in (b"", b"PK\x03\x04 torn", file.read_bytes()[:1000]):
+        file.write_bytes(broken)
+        grids._memory.clear()
+        np.testing.assert_array_equal(distance_grid(mesh).values, first.values)
+    assert len(list(cache.rglob("*"))) == 2  # the folder and the file, no leftovers
+
+
+def test_an_unwritable_cache_is_no_error(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "file"))
+    assert distance_grid(box_mesh([0.1, 0.1, 0.1])).values.min() < 0
+
+
+def test_one_shape_object_has_one_grid():
+    mesh = box_mesh([0.1, 0.1, 0.1])
+    obstacles = pack([(mesh, ZERO, EYE), (Sphere(0.1), ZERO, EYE), (mesh, [1, 0, 0], EYE)])
+    assert obstacles.grid.tolist() == [0, -1, 0]
+    d, _ = distances(obstacles, [[1.0, 0.0, 0.0]])
+    assert d[0, 2] == pytest.approx(-0.05, abs=1e-2)
+    assert d[0, 0] > 0.9
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: MeshShape(np.zeros((8, 3)), CUBE_FACES), "no area"),
+        (lambda: box_mesh([1.0, 1.0, 0.0]), "no volume"),
+        (lambda: MeshShape(box_mesh([1, 1, 1]).vertices, CUBE_FACES[:-1]), "not watertight"),
+        (lambda: MeshShape(box_mesh([1, 1, 1]).vertices, CUBE_FACES + 5), "face indices"),
+        (lambda: MeshShape(np.full((8, 3), np.nan), CUBE_FACES), "vertex 0"),
+        (lambda: PointCloudShape(np.zeros((0, 3)), 0.1), "points have shape"),
+        (lambda: PointCloudShape([[0, 0, 0], [0, np.inf, 0]], 0.1), "point 1"),
+        (lambda: PointCloudShape([[0, 0, 0]], 0.0), "radius is 0"),
+    ],
+)
+def test_refuses_degenerate_shapes(make, words):
+    with pytest.raises(InvalidSceneError) as caught:
+        pack([(make(), np.zeros(3), EYE)])
+    assert words in caught.value.message
+
+
+@pytest.mark.parametrize("suffix", ["obj", "stl", "ply"])
+def test_loads_meshes(tmp_path, suffix):
+    trimesh = pytest.importorskip("trimesh")
+    box = box_mesh([100.0, 200.0, 300.0])
+    path = tmp_path / f"box.{suffix}"
+    trimesh.Trimesh(box.vertices, box.faces).export(path)
+    mesh = load_mesh(path, 0.001)
+    np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), [0.1, 0.2, 0.3], atol=1e-7)
+    assert (mesh.path, mesh.scale) == (path, 0.001)
+
+
+def truncated_stl():
+    return b"\0" * 80 + struct.pack("<I", 12) + b"\0" * 75
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("none.stl", None, "No such file"),
+        ("empty.stl", b"", "is empty"),
+        ("cut.stl", truncated_stl(), "cut.stl"),
+        ("text.stl", b"this is not a mesh\n", "text.stl"),
+        ("noise.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n", "noise.ply"),
+        ("noise.obj", bytes(range(256)), "noise.obj"),
+        (
+            "open.obj",
+            OPEN,
+            "open.obj",
+        ),
+        (
+            "flat.obj",
+            OPEN.replace(b"v 0 1 0\nv 0 0 1", b"v 2 0 0\nv 3 0 0"),
+            "flat.obj",
+        ),
+        ("box.dae", b"<x/>", "suffix"),
+    ],
+)
+def test_refuses_mesh_files(tmp_path, name, content, words):
+    pytest.importorskip("trimesh")
+    path = tmp_path / name
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InvalidSceneError) as caught:
+        load_mesh(path)
+    assert words in caught.value.message
+    assert name in caught.value.message
+    assert "\n" not in caught.value.message
+
+
+@pytest.mark.parametrize("name", ["c.npy", "c.npz", "c.csv", "c.xyz", "c.ply"])
+def test_loads_clouds(tmp_path, name):
+    points = np.random.default_rng(0).normal(size=(10, 3))
+    path = tmp_path / name
+    match path.suffix:
+        case ".npy":
+            np.save(path, points)
+        case ".npz":
+            np.savez(path, points=points, other=np.zeros(2))
+        case ".csv":
+            np.savetxt(path, points, delimiter=",", header="x,y,z", comments="", fmt="%.17g")
+        case ".xyz":
+            np.savetxt(path, np.hstack([points, points]), fmt="%.17g")
+        case ".ply":
+            pytest.importorskip("trimesh").PointCloud(points).export(path)
+    cloud = load_cloud(path, 0.01, 2.0)
+    np.testing.assert_allclose(cloud.points, 2.0 * points, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("c.csv", "x,y,z\n1,2,3\n1,2\n", "line 3"),
+        ("c.xyz", "1 2 3\n1,5 2,5 3,5\n", "line 2"),
+        ("c.xyz", "# nothing\n", "must be (N, 3)"),
+        ("c.npy", "no array", "cannot be read"),
+        ("c.npz", "no array", "cannot be read"),
+        ("c.csv", "1,2,nan\n", "point 0"),
+    ],
+)
+def test_refuses_cloud_files(tmp_path, name, content, words):
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(InvalidSceneError) as caught:
+        load_cloud(path, 0.01)
+    assert words in caught.value.message
+    assert name in caught.value.message
