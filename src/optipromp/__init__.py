@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from optipromp.planning import Plan as Plan
     from optipromp.planning import PlanOptions as PlanOptions
     from optipromp.planning import plan as plan
-    from optipromp.promp.basis import Basis as Basis
-    from optipromp.promp.conditioning import JointPoint as JointPoint
-    from optipromp.promp.conditioning import TaskPoint as TaskPoint
-    from optipromp.promp.conditioning import condition as condition
-    from optipromp.promp.demonstrations import load_demonstrations as load_demonstrations
-    from optipromp.promp.learning import fit as fit
-    from optipromp.promp.learning import fit_em as fit_em
-    from optipromp.promp.model import ProMP as ProMP
+    from optipromp.promp import Basis as Basis
+    from optipromp.promp import JointPoint as JointPoint
+    from optipromp.promp import ProMP as ProMP
+    from optipromp.promp import TaskPoint as TaskPoint
+    from optipromp.promp import condition as condition
+    from optipromp.promp import fit as fit
+    from optipromp.promp import fit_em as fit_em
+    from optipromp.promp import load_demonstrations as load_demonstrations
     from optipromp.robots.library import load_robot as load_robot
     from optipromp.robots.model import Robot as Robot
     from optipromp.robots.tools import Cup as Cup
@@ -44,11 +44,16 @@ _HOMES = {
     "metrics": ("Metrics",),
     "output": ("load_plan", "write_plan"),
     "planning": ("Plan", "PlanOptions", "plan"),
-    "promp.basis": ("Basis",),
-    "promp.conditioning": ("JointPoint", "TaskPoint", "condition"),
-    "promp.demonstrations": ("load_demonstrations",),
-    "promp.learning": ("fit", "fit_em"),
-    "promp.model": ("ProMP",),
+    "promp": (
+        "Basis",
+        "JointPoint",
+        "ProMP",
+        "TaskPoint",
+        "condition",
+        "fit",
+        "fit_em",
+        "load_demonstrations",
+    ),
     "robots.library": ("load_robot",),
     "robots.model": ("Robot",),
     "robots.tools": ("Cup", "FrankaHand", "with_tool"),

@@ -93,7 +93,7 @@ def _robot(item: str) -> dict[str, Any]:
 
 
 def _demonstrations(item: str) -> dict[str, Any]:
-    from optipromp.promp.demonstrations import load_demonstrations
+    from optipromp.promp import load_demonstrations
 
     recorded = load_demonstrations(Path(item))
     lengths = [len(demonstration.times) for demonstration in recorded]
@@ -115,7 +115,7 @@ def _range(recorded: Any) -> range:
 
 
 def _primitive(item: str) -> dict[str, Any]:
-    from optipromp.promp.model import ProMP
+    from optipromp.promp import ProMP
 
     promp = ProMP.load(Path(item))
     return {

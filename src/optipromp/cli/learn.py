@@ -34,9 +34,7 @@ def learn(
     optipromp learn recorded.npz --out reach.npz
     optipromp learn recordings/ --out reach.npz --em --basis 8
     """
-    from optipromp.promp.basis import Basis
-    from optipromp.promp.demonstrations import load_demonstrations
-    from optipromp.promp.learning import fit, fit_em
+    from optipromp.promp import Basis, fit, fit_em, load_demonstrations
 
     with waiting("learning ..."):
         recorded = load_demonstrations(demonstrations)

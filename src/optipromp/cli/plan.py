@@ -124,7 +124,7 @@ def plan(
             seed=seed,
             options=options,
         )
-    written = leave(result, out) if out is not None else []
+    written = leave(result, out) if out is not None else ()
     if as_json:
         print_json(result.to_dict())
     else:
@@ -140,12 +140,12 @@ def plan(
 def read_primitive(path: Path) -> Any:
     """A learnt ProMP where ``path`` is one that was saved; else the path, to be learnt from."""
     from optipromp.cli.kinds import is_primitive
-    from optipromp.promp.model import ProMP
+    from optipromp.promp import ProMP
 
     return ProMP.load(path) if is_primitive(path) else path
 
 
-def leave(result: "Plan", folder: Path) -> list[str]:
+def leave(result: "Plan", folder: Path) -> tuple[str, ...]:
     """Write the plan and its figures; returns the names of the files."""
     from optipromp.output import write_plan
     from optipromp.viewer.figures import plan_figures

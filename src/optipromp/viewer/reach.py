@@ -110,7 +110,7 @@ def _focus(plan: "Plan") -> FloatArray:
     if plan.scene.target is not None:
         return np.asarray(plan.scene.target.position, dtype=float)
     point, _ = plan.robot.tool_pose(plan.trajectory.positions[-1])
-    return point
+    return np.asarray(point)
 
 
 def _add_floor(picture: Picture, reach: float) -> None:
