@@ -90,7 +90,7 @@ def read_document(path: Path) -> Any:
         raise InvalidSceneError(f"{path}: line {error.lineno}: {error.msg}") from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        line = f"line {mark.line + 1}: " if mark is not None else ""
+        line = f"line {min(mark.line + 1, len(text.splitlines()))}: " if mark is not None else ""
         what = error.problem or error.context or "not YAML"
         raise InvalidSceneError(f"{path}: {line}{what}") from None
     except yaml.YAMLError as error:

@@ -185,6 +185,11 @@ def _check_magnitude(item: SceneObject) -> None:
         _check_distance("position", item.position, reachable=item.role != "target")
     if item.stem is not None:
         _check_distance("stem.root", item.stem.points[-1], reachable=item.role != "target")
+    if isinstance(item.shape, MeshShape | PointCloudShape) and item.radius > _FARTHEST:
+        raise InvalidSceneError(
+            f"shape {item.shape.path} extends {item.radius:g} m (at most {_FARTHEST:g}): "
+            "millimetres? then write scale: 0.001 beside its file"
+        )
     if item.role in ("target", "pushable") and item.radius > _LARGEST_FRUIT:
         raise InvalidSceneError(
             f"a {item.role} of radius {item.radius:g} m is too large (at most {_LARGEST_FRUIT:g}): "
@@ -300,7 +305,7 @@ def _robot(scene: Scene, base_dir: Path | None) -> str:
 
 def _relative(path: Path, base_dir: Path | None) -> str:
     if base_dir is None:
-        return str(path.absolute())
+        return os.path.abspath(path)  # noqa: PTH100 - resolve() would follow links
     return Path(os.path.relpath(path.absolute(), base_dir.absolute())).as_posix()
 
 
