@@ -12,7 +12,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optipromp.errors import Code, InvalidRequestError, InvalidSceneError
+from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.geometry import Box, Capsule, Cylinder, HalfSpace, MeshShape, PointCloudShape, Sphere
 from optipromp.scenes import (
     Approach,
@@ -31,7 +31,6 @@ from optipromp.scenes.rotations import from_quaternion, to_quaternion
 FRUIT = {"id": "ripe", "role": "target", "shape": {"sphere": {"radius": 0.015}}}
 FRUIT["position"] = [0.45, 0.0, 0.89]
 MINIMAL = {"format": 1, "name": "s", "robot": "panda", "objects": [FRUIT]}
-TETRAHEDRON = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 
 def with_object(**entries):
@@ -91,28 +90,10 @@ def full():
     }
 
 
-@pytest.fixture
-def files(tmp_path, monkeypatch):
-    """A folder with all the files that ``full`` refers to."""
-    monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
-    (tmp_path / "parts").mkdir()
-    (tmp_path / "parts/rock.obj").write_text(TETRAHEDRON)
-    (tmp_path / "leaves.csv").write_text("0,0,0\n0.1,0,0\n0,0.1,0.1\n")
-    return tmp_path
-
-
 def write(path, document):
     dump = json.dumps if path.suffix == ".json" else yaml.safe_dump
     path.write_text(dump(document))
     return path
-
-
-def refusal(document, **more):
-    with pytest.raises(InvalidSceneError) as caught:
-        scene_from_dict(document, **more)
-    assert caught.value.code is Code.INVALID_SCENE
-    assert "\n" not in caught.value.message
-    return caught.value.message
 
 
 @pytest.mark.parametrize("suffix", ["yaml", "json"])
@@ -260,186 +241,14 @@ def test_a_quaternion_turns_as_it_should():
     np.testing.assert_array_equal(scene_from_dict(near).target.rotation, np.eye(3))
 
 
-NAN, INF = math.nan, math.inf
-
-
-@pytest.mark.parametrize(
-    ("document", "words"),
-    [
-        # numbers
-        (with_fruit(position=[0, NAN, 0]), "objects[0].position[1] is nan: must be finite"),
-        (with_fruit(position=[0, 0, -INF]), "objects[0].position[2] is -inf"),
-        (with_fruit(position=[0, 0]), "objects[0].position has 2 entries: must have at least 3"),
-        (with_fruit(position=[0, "0.5", 0]), "objects[0].position[1] is '0.5': must be a number"),
-        (with_fruit(position=[0, True, 0]), "objects[0].position[1] is True: must be a number"),
-        (with_fruit(position=0.5), "objects[0].position is 0.5: must be a list"),
-        (MINIMAL | {"start": [0, INF]}, "start[1] is inf"),
-        (MINIMAL | {"objects": [], "goal": {"joints": [NAN]}}, "goal.joints[0] is nan"),
-        (MINIMAL | {"objects": [], "goal": {"position": [0, 0, NAN]}}, "goal.position[2] is nan"),
-        # shapes
-        (with_fruit(shape={"sphere": {"radius": 0}}), "shape.sphere.radius is 0: must be above 0"),
-        (with_fruit(shape={"sphere": {"radius": -1.0}}), "shape.sphere.radius is -1.0"),
-        (with_fruit(shape={"box": {"size": [1, -1, 1]}}), "shape.box.size[1] is -1"),
-        (with_fruit(shape={"cube": {}}), "unknown key 'cube': valid are sphere, box"),
-        (with_fruit(shape={"spere": {}}), "did you mean 'sphere'?"),
-        (with_fruit(shape="sphere"), "objects[0].shape: is 'sphere': must be a mapping"),
-        (with_fruit(shape={}), "must have exactly one of sphere, box"),
-        (
-            with_fruit(shape={"sphere": {"radius": 1}, "box": {"size": [1, 1, 1]}}),
-            "has sphere and box: must have exactly one",
-        ),
-        (with_fruit(shape={"sphere": None}), "sphere is empty"),
-        (with_fruit(shape={"half_space": {}}), "cannot be a half_space"),
-        (with_fruit(shape={"sphere": {}}), "objects[0].shape.sphere.radius is missing"),
-        # orientation
-        (with_fruit(orientation=[1.01, 0, 0, 0]), "has length 1.01: must be a unit quaternion"),
-        (with_fruit(orientation=[0, 0, 0, 0]), "has length 0"),
-        (with_fruit(orientation=[1, 0, 0]), "orientation has 3 entries"),
-        # stems
-        (with_fruit(stem={}), "objects[0].stem: must have exactly one of root, points"),
-        (with_fruit(stem={"root": [0.45, 0.0, 0.89]}), "objects[0]: stem piece 0 has no length"),
-        (with_fruit(stem={"points": [[0.45, 0, 1.2], [0.45, 0, 0.9]]}), "must start at its fruit"),
-        (with_fruit(stem={"root": [0.45, NAN, 1]}), "stem.root[1] is nan"),
-        # uncertainty
-        (with_fruit(sigma=-0.1), "sigma is -0.1: must be at least 0"),
-        (with_fruit(sigma=0.1, covariance=np.eye(3).tolist()), "has covariance and sigma"),
-        (with_fruit(covariance=[[1, 0, 0], [0, -1, 0], [0, 0, 1]]), "positive semi-definite"),
-        (with_fruit(covariance=[[1, 2, 0], [0, 1, 0], [0, 0, 1]]), "not symmetric"),
-        (with_fruit(physical={"mass": NAN}), "physical.mass is nan"),
-        # roles, ids, targets
-        (with_object(role="pushabel"), "objects[1].role is 'pushabel': valid are target, pushable"),
-        (with_object(role="pushabel"), "did you mean 'pushable'?"),
-        (with_object(id="ripe"), "objects[1].id 'ripe' is taken by objects[0]"),
-        (with_object(id=3), "objects[1].id is 3: must be text: put it in quotes"),
-        (with_object(id=""), "objects[1].id is '': must not be empty"),
-        (with_object(role="target"), "two targets, 'ripe' and 'n1'"),
-        (with_fruit(role="avoid"), "no target"),
-        (MINIMAL | {"objects": []}, "no target"),
-        (MINIMAL | {"goal": {"joints": [0.0]}}, "target 'ripe' and a goal"),
-        (with_object() | {"target": "n1"}, "'n1' is named as target and has role 'pushable'"),
-        (MINIMAL | {"target": "rip"}, "target 'rip' is no object: valid are ripe; did you mean"),
-        # the rest
-        (with_object(rol="static"), "objects[1]: unknown key 'rol': valid are id, role"),
-        (MINIMAL | {"obstacles": []}, "unknown key 'obstacles'"),
-        (MINIMAL | {1: 2}, "unknown key 1"),
-        (MINIMAL | {"format": 2}, "format is 2"),
-        ({"format": 1, "robot": "panda", "objects": [FRUIT]}, "name is missing"),
-        (MINIMAL | {"robot": 7}, "robot is 7: must be text"),
-        (MINIMAL | {"objects": None}, "objects is None: must be a list"),
-        (MINIMAL | {"objects": [3]}, "objects[0]: is 3: must be a mapping"),
-        (MINIMAL | {"scale": 0}, "scale is 0: must be above 0"),
-        (MINIMAL | {"tool": {"kind": "cap"}}, "tool.kind is 'cap': valid are cup, franka_hand"),
-        (MINIMAL | {"tool": {"kind": "cup"}}, "radius is missing"),
-        (MINIMAL | {"tool": {"kind": "cup", "radius": -1}}, "tool.radius is -1"),
-        (MINIMAL | {"tool": {"kind": "franka_hand", "depth": 1}}, "depth is no parameter"),
-        (MINIMAL | {"approach": {"direction": [0, 0, 0]}}, "must have a direction"),
-        (MINIMAL | {"approach": {"lateral": [0, 0, 3]}}, "parallel"),
-        (MINIMAL | {"approach": {"camera_distance": 0}}, "camera_distance is 0"),
-        (MINIMAL | {"options": {"camera": True}}, "unknown key 'camera'"),
-        (MINIMAL | {"objects": [], "goal": {}}, "must have either joints, or position"),
-        (
-            MINIMAL | {"objects": [], "goal": {"joints": [1], "axis": [0, 0, 1]}},
-            "goes with position",
-        ),
-        ([], "must be a mapping"),
-        (None, "must be a mapping"),
-        # millimetres
-        (with_fruit(position=[450, 0, 890]), "is 997.296 m from the robot"),
-        (with_object(position=[450, 0, 890]), "objects[1]: position"),
-        (with_fruit(shape={"sphere": {"radius": 15}}), "radius 15 m is too large"),
-        (with_fruit(stem={"root": [0.45, 0.0, 1020]}), "stem.root"),
-        (with_object(position=[1e5, 0, 0], role="static"), "100000 m from the robot"),
-        (MINIMAL | {"objects": [], "goal": {"position": [0, 450, 0]}}, "goal.position"),
-    ],
-)
-def test_refuses(document, words):
-    message = refusal(document, source="my.yaml")
-    assert message.startswith("my.yaml: ")
-    assert words in message
-
-
-@pytest.mark.parametrize("words", ["objects[0].role is missing (and 2 more)"])
-def test_counts_further_errors(words):
-    document = MINIMAL | {"objects": [{"id": "a"}]}
-    assert words in refusal(document)
-
-
-def test_ten_kilometres_are_left_to_the_planner():
-    assert scene_from_dict(with_fruit(position=[10_000.0, 0, 0])).target is not None
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (b"", "is empty"),
-        (b"  \n# nothing\n", "must be a mapping"),
-        (b"\x00\x01\x02", "line 1: byte 0x00"),
-        (b"format: 1\nname: \xff\xfe\n", "line 2: byte 0xff"),
-        (b"format: 1\nobjects:\n  - {id: a, role: ta", "line 3"),
-        (b"format: 1\nname: [1, 2\n", "line 3"),
-        (b"format: 1\nname: a\nname: b\n", "line 3: key 'name' stands twice"),
-        (b"format: 1\nname: !!python/object/apply:os.system ['true']\n", "line 2"),
-        (b"name: *nobody\n", "line 1"),
-        (b"name: &a [*a]\n", "holds itself"),
-        (b"? [1, 2]\n: 3\n", "line 1: a key must be text"),
-        (b"---\na: 1\n---\nb: 2\n", "line 3"),
-        (b"name: \x07\n", "scene.yaml: "),
-        (b"[" * 5000, "scene.yaml: "),
-        (b"start: 1" + b"0" * 5000 + b"\n", "scene.yaml: "),
-    ],
-)
-def test_refuses_yaml_files(tmp_path, content, words):
-    path = tmp_path / "scene.yaml"
-    path.write_bytes(content)
-    with pytest.raises(InvalidSceneError) as caught:
-        load_scene(path)
-    assert words in caught.value.message
-    assert caught.value.message.startswith(str(path))
-    assert "\n" not in caught.value.message
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ('{"format": 1,\n "name"', "line 2"),
-        ('{"name": "a", "name": "b"}', "'name' stands twice"),
-        ("[" * 100_000, "nested too deep"),
-        ('{"format": 1, "name": "a", "robot": "b", "start": [NaN]}', "start[0] is nan"),
-    ],
-)
-def test_refuses_json_files(tmp_path, content, words):
-    path = tmp_path / "scene.json"
-    path.write_text(content)
-    with pytest.raises(InvalidSceneError) as caught:
-        load_scene(path)
-    assert words in caught.value.message
-
-
-def test_an_alias_bomb_is_refused(tmp_path):
-    lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
-    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 12)]
-    path = tmp_path / "bomb.yaml"
-    path.write_text("\n".join(lines))
-    with pytest.raises(InvalidSceneError, match="unfold"):
-        load_scene(path)
-
-
-@pytest.mark.parametrize(
-    ("path", "words"), [("none.yaml", "No such file"), (".", "is a folder"), ("none", "neither")]
-)
-def test_refuses_paths(tmp_path, path, words):
-    with pytest.raises(InvalidSceneError) as caught:
-        load_scene(tmp_path / path)
-    assert words in caught.value.message
-
-
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
 def test_yaml_reads_as_one_would_think(tmp_path, encoding):
     path = tmp_path / "scene.yaml"
     path.write_text(
         "name: no\nrobot: panda\nstart: [1e-3, .5, 010, +2, 1.5E2, -0]\n"
         "objects:\n"
-        "  - &fruit {id: on, role: target, shape: &s {sphere: {radius: 15e-3}}, position: [0, 1, 0]}\n"
+        "  - &fruit {id: on, role: target, shape: &s {sphere: {radius: 15e-3}},\n"
+        "            position: [0, 1, 0]}\n"
         "  - {id: 'Kirsche ü', role: avoid, shape: *s, position: [0, 1, 1]}\n"
         "  - {<<: *fruit, id: 1:30, role: pushable}\n",
         encoding=encoding,
@@ -451,30 +260,12 @@ def test_yaml_reads_as_one_would_think(tmp_path, encoding):
     assert scene.target.radius == 0.015
 
 
-@pytest.mark.parametrize(
-    ("entry", "words"),
-    [
-        ({"mesh": {"file": "none.stl"}}, "objects[1]: mesh"),
-        ({"mesh": {"file": "bad.obj"}}, "bad.obj"),
-        ({"mesh": {"file": "parts/rock.obj", "scale": 1000}}, "millimetres?"),
-        ({"mesh": {"file": "parts/rock.obj", "scale": -1}}, "mesh.scale is -1"),
-        ({"point_cloud": {"file": "none.csv", "radius": 0.1}}, "none.csv"),
-        ({"point_cloud": {"file": "leaves.csv"}}, "point_cloud.radius is missing"),
-    ],
-)
-def test_refuses_shape_files(files, entry, words):
-    pytest.importorskip("trimesh")
-    (files / "bad.obj").write_text("v 0 0 0\nf 1 1 1\n")
-    message = refusal(with_object(shape=entry, role="static"), base_dir=files)
-    assert words in message
-
-
 def test_objects_in_python_are_checked_alike():
     with pytest.raises(InvalidSceneError, match="valid are target"):
         SceneObject("a", "fruit", Sphere(0.1), np.zeros(3))
     with pytest.raises(InvalidSceneError, match="parallel"):
         Approach(np.array([0, 1, 0]), np.array([0, -2, 0]))
-    with pytest.raises(InvalidSceneError, match="stem.radius"):
+    with pytest.raises(InvalidSceneError, match=r"stem\.radius"):
         Stem([[0, 0, 0], [0, 0, 1]], 0.0)
     with pytest.raises(InvalidSceneError, match="valid are target"):
         scene_from_dict(MINIMAL).obstacles("statics")

@@ -1,0 +1,229 @@
+"""What is refused, and in which words: file, field, value and what would be right, in one line."""
+
+import copy
+import math
+
+import numpy as np
+import pytest
+
+from optipromp.errors import Code, InvalidSceneError
+from optipromp.scenes import load_scene, scene_from_dict
+
+FRUIT = {"id": "ripe", "role": "target", "shape": {"sphere": {"radius": 0.015}}}
+FRUIT["position"] = [0.45, 0.0, 0.89]
+MINIMAL = {"format": 1, "name": "s", "robot": "panda", "objects": [FRUIT]}
+
+
+def with_object(**entries):
+    document = copy.deepcopy(MINIMAL)
+    document["objects"].append(
+        {"id": "n1", "role": "pushable", "shape": {"sphere": {"radius": 0.015}}}
+        | {"position": [0.4, 0.0, 0.8]}
+        | entries
+    )
+    return document
+
+
+def with_fruit(**entries):
+    document = copy.deepcopy(MINIMAL)
+    document["objects"][0].update(entries)
+    return document
+
+
+def refusal(document, **more):
+    with pytest.raises(InvalidSceneError) as caught:
+        scene_from_dict(document, **more)
+    assert caught.value.code is Code.INVALID_SCENE
+    assert "\n" not in caught.value.message
+    return caught.value.message
+
+
+NAN, INF = math.nan, math.inf
+
+
+@pytest.mark.parametrize(
+    ("document", "words"),
+    [
+        # numbers
+        (with_fruit(position=[0, NAN, 0]), "objects[0].position[1] is nan: must be finite"),
+        (with_fruit(position=[0, 0, -INF]), "objects[0].position[2] is -inf"),
+        (with_fruit(position=[0, 0]), "objects[0].position has 2 entries: must have at least 3"),
+        (with_fruit(position=[0, "0.5", 0]), "objects[0].position[1] is '0.5': must be a number"),
+        (with_fruit(position=[0, True, 0]), "objects[0].position[1] is True: must be a number"),
+        (with_fruit(position=0.5), "objects[0].position is 0.5: must be a list"),
+        (MINIMAL | {"start": [0, INF]}, "start[1] is inf"),
+        (MINIMAL | {"objects": [], "goal": {"joints": [NAN]}}, "goal.joints[0] is nan"),
+        (MINIMAL | {"objects": [], "goal": {"position": [0, 0, NAN]}}, "goal.position[2] is nan"),
+        # shapes
+        (with_fruit(shape={"sphere": {"radius": 0}}), "shape.sphere.radius is 0: must be above 0"),
+        (with_fruit(shape={"sphere": {"radius": -1.0}}), "shape.sphere.radius is -1.0"),
+        (with_fruit(shape={"box": {"size": [1, -1, 1]}}), "shape.box.size[1] is -1"),
+        (with_fruit(shape={"cube": {}}), "unknown key 'cube': valid are sphere, box"),
+        (with_fruit(shape={"spere": {}}), "did you mean 'sphere'?"),
+        (with_fruit(shape="sphere"), "objects[0].shape: is 'sphere': must be a mapping"),
+        (with_fruit(shape={}), "must have exactly one of sphere, box"),
+        (
+            with_fruit(shape={"sphere": {"radius": 1}, "box": {"size": [1, 1, 1]}}),
+            "has sphere and box: must have exactly one",
+        ),
+        (with_fruit(shape={"sphere": None}), "sphere is empty"),
+        (with_fruit(shape={"half_space": {}}), "cannot be a half_space"),
+        (with_fruit(shape={"sphere": {}}), "objects[0].shape.sphere.radius is missing"),
+        # orientation
+        (with_fruit(orientation=[1.01, 0, 0, 0]), "has length 1.01: must be a unit quaternion"),
+        (with_fruit(orientation=[0, 0, 0, 0]), "has length 0"),
+        (with_fruit(orientation=[1, 0, 0]), "orientation has 3 entries"),
+        # stems
+        (with_fruit(stem={}), "objects[0].stem: must have exactly one of root, points"),
+        (with_fruit(stem={"root": [0.45, 0.0, 0.89]}), "objects[0]: stem piece 0 has no length"),
+        (with_fruit(stem={"points": [[0.45, 0, 1.2], [0.45, 0, 0.9]]}), "must start at its fruit"),
+        (with_fruit(stem={"root": [0.45, NAN, 1]}), "stem.root[1] is nan"),
+        # uncertainty
+        (with_fruit(sigma=-0.1), "sigma is -0.1: must be at least 0"),
+        (with_fruit(sigma=0.1, covariance=np.eye(3).tolist()), "has covariance and sigma"),
+        (with_fruit(covariance=[[1, 0, 0], [0, -1, 0], [0, 0, 1]]), "positive semi-definite"),
+        (with_fruit(covariance=[[1, 2, 0], [0, 1, 0], [0, 0, 1]]), "not symmetric"),
+        (with_fruit(physical={"mass": NAN}), "physical.mass is nan"),
+        # roles, ids, targets
+        (with_object(role="pushabel"), "objects[1].role is 'pushabel': valid are target, pushable"),
+        (with_object(role="pushabel"), "did you mean 'pushable'?"),
+        (with_object(id="ripe"), "objects[1].id 'ripe' is taken by objects[0]"),
+        (with_object(id=3), "objects[1].id is 3: must be text: put it in quotes"),
+        (with_object(id=""), "objects[1].id is '': must not be empty"),
+        (with_object(role="target"), "two targets, 'ripe' and 'n1'"),
+        (with_fruit(role="avoid"), "no target"),
+        (MINIMAL | {"objects": []}, "no target"),
+        (MINIMAL | {"goal": {"joints": [0.0]}}, "target 'ripe' and a goal"),
+        (with_object() | {"target": "n1"}, "'n1' is named as target and has role 'pushable'"),
+        (MINIMAL | {"target": "rip"}, "target 'rip' is no object: valid are ripe; did you mean"),
+        # the rest
+        (with_object(rol="static"), "objects[1]: unknown key 'rol': valid are id, role"),
+        (MINIMAL | {"obstacles": []}, "unknown key 'obstacles'"),
+        (MINIMAL | {1: 2}, "unknown key 1"),
+        (MINIMAL | {"format": 2}, "format is 2"),
+        ({"format": 1, "robot": "panda", "objects": [FRUIT]}, "name is missing"),
+        (MINIMAL | {"robot": 7}, "robot is 7: must be text"),
+        (MINIMAL | {"objects": None}, "objects is None: must be a list"),
+        (MINIMAL | {"objects": [3]}, "objects[0]: is 3: must be a mapping"),
+        (MINIMAL | {"scale": 0}, "scale is 0: must be above 0"),
+        (MINIMAL | {"tool": {"kind": "cap"}}, "tool.kind is 'cap': valid are cup, franka_hand"),
+        (MINIMAL | {"tool": {"kind": "cup"}}, "radius is missing"),
+        (MINIMAL | {"tool": {"kind": "cup", "radius": -1}}, "tool.radius is -1"),
+        (MINIMAL | {"tool": {"kind": "franka_hand", "depth": 1}}, "depth is no parameter"),
+        (MINIMAL | {"approach": {"direction": [0, 0, 0]}}, "must have a direction"),
+        (MINIMAL | {"approach": {"lateral": [0, 0, 3]}}, "parallel"),
+        (MINIMAL | {"approach": {"camera_distance": 0}}, "camera_distance is 0"),
+        (MINIMAL | {"options": {"camera": True}}, "unknown key 'camera'"),
+        (MINIMAL | {"objects": [], "goal": {}}, "must have either joints, or position"),
+        (
+            MINIMAL | {"objects": [], "goal": {"joints": [1], "axis": [0, 0, 1]}},
+            "goes with position",
+        ),
+        ([], "must be a mapping"),
+        (None, "must be a mapping"),
+        # millimetres
+        (with_fruit(position=[450, 0, 890]), "is 997.296 m from the robot"),
+        (with_object(position=[450, 0, 890]), "objects[1]: position"),
+        (with_fruit(shape={"sphere": {"radius": 15}}), "radius 15 m is too large"),
+        (with_fruit(stem={"root": [0.45, 0.0, 1020]}), "stem.root"),
+        (with_object(position=[1e5, 0, 0], role="static"), "100000 m from the robot"),
+        (MINIMAL | {"objects": [], "goal": {"position": [0, 450, 0]}}, "goal.position"),
+    ],
+)
+def test_refuses(document, words):
+    message = refusal(document, source="my.yaml")
+    assert message.startswith("my.yaml: ")
+    assert words in message
+
+
+@pytest.mark.parametrize("words", ["objects[0].role is missing (and 2 more)"])
+def test_counts_further_errors(words):
+    document = MINIMAL | {"objects": [{"id": "a"}]}
+    assert words in refusal(document)
+
+
+def test_ten_kilometres_are_left_to_the_planner():
+    assert scene_from_dict(with_fruit(position=[10_000.0, 0, 0])).target is not None
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "is empty"),
+        (b"  \n# nothing\n", "must be a mapping"),
+        (b"\x00\x01\x02", "line 1: byte 0x00"),
+        (b"format: 1\nname: \xff\xfe\n", "line 2: byte 0xff"),
+        (b"format: 1\nobjects:\n  - {id: a, role: ta", "line 3"),
+        (b"format: 1\nname: [1, 2\n", "line 2"),
+        (b"format: 1\nname: a\nname: b\n", "line 3: key 'name' stands twice"),
+        (b"format: 1\nname: !!python/object/apply:os.system ['true']\n", "line 2"),
+        (b"name: *nobody\n", "line 1"),
+        (b"name: &a [*a]\n", "holds itself"),
+        (b"? [1, 2]\n: 3\n", "line 1: a key must be text"),
+        (b"---\na: 1\n---\nb: 2\n", "line 3"),
+        (b"name: \x07\n", "scene.yaml: "),
+        (b"[" * 5000, "scene.yaml: "),
+        (b"start: 1" + b"0" * 5000 + b"\n", "scene.yaml: "),
+    ],
+)
+def test_refuses_yaml_files(tmp_path, content, words):
+    path = tmp_path / "scene.yaml"
+    path.write_bytes(content)
+    with pytest.raises(InvalidSceneError) as caught:
+        load_scene(path)
+    assert words in caught.value.message
+    assert caught.value.message.startswith(str(path))
+    assert "\n" not in caught.value.message
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ('{"format": 1,\n "name"', "line 2"),
+        ('{"name": "a", "name": "b"}', "'name' stands twice"),
+        ("[" * 100_000, "nested too deep"),
+        ('{"format": 1, "name": "a", "robot": "b", "start": [NaN]}', "start[0] is nan"),
+    ],
+)
+def test_refuses_json_files(tmp_path, content, words):
+    path = tmp_path / "scene.json"
+    path.write_text(content)
+    with pytest.raises(InvalidSceneError) as caught:
+        load_scene(path)
+    assert words in caught.value.message
+
+
+def test_an_alias_bomb_is_refused(tmp_path):
+    lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 12)]
+    path = tmp_path / "bomb.yaml"
+    path.write_text("\n".join(lines))
+    with pytest.raises(InvalidSceneError, match="unfold"):
+        load_scene(path)
+
+
+@pytest.mark.parametrize(
+    ("path", "words"), [("none.yaml", "No such file"), (".", "Is a directory"), ("none", "neither")]
+)
+def test_refuses_paths(tmp_path, path, words):
+    with pytest.raises(InvalidSceneError) as caught:
+        load_scene(tmp_path / path)
+    assert words in caught.value.message
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ({"mesh": {"file": "none.stl"}}, "objects[1]: mesh"),
+        ({"mesh": {"file": "bad.obj"}}, "bad.obj"),
+        ({"mesh": {"file": "parts/rock.obj", "scale": 1000}}, "millimetres?"),
+        ({"mesh": {"file": "parts/rock.obj", "scale": -1}}, "mesh.scale is -1"),
+        ({"point_cloud": {"file": "none.csv", "radius": 0.1}}, "none.csv"),
+        ({"point_cloud": {"file": "leaves.csv"}}, "point_cloud.radius is missing"),
+    ],
+)
+def test_refuses_shape_files(files, entry, words):
+    pytest.importorskip("trimesh")
+    (files / "bad.obj").write_text("v 0 0 0\nf 1 1 1\n")
+    message = refusal(with_object(shape=entry, role="static"), base_dir=files)
+    assert words in message
