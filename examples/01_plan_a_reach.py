@@ -1,8 +1,9 @@
 """Plan a reach, look at how it was judged, and keep it.
 
-A scene is loaded by the name of a built-in one or by the path of a file. `plan` returns a value whether it
-succeeds or not: `status` says which, and `metrics` what the judge measured. `write_plan` leaves the files
-that `optipromp plan --out` leaves, without the figures; `load_plan` brings them back.
+A scene is loaded by the name of a built-in one or by the path of a file. `plan` returns a value
+whether it succeeds or not: `status` says which, and `metrics` what the judge measured.
+`write_plan` leaves the files that `optipromp plan --out` leaves, without the figures; `load_plan`
+brings them back.
 
     python examples/01_plan_a_reach.py
 """

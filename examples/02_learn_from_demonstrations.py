@@ -1,20 +1,30 @@
 """Learn a movement primitive, condition it, sample from it, and plan with it.
 
-The demonstrations here are made up: reaches of the Panda from its ready pose to a few points, with some
-wobble, in place of what you would record by guiding an arm. From a recording it is
+The demonstrations here are made up: reaches of the Panda from its ready pose to a few points,
+with some wobble, in place of what you would record by guiding an arm. From a recording it is
 `load_demonstrations("recorded.npz")` (or a CSV, or a folder of CSVs) in place of `recorded`.
 
-`fit` turns them into a Gaussian over basis weights. Conditioning bends it through points: in joints, or
-for the tool in space. What the demonstrations varied in stays free; what they agreed on is kept.
+`fit` turns them into a Gaussian over basis weights. Conditioning bends it through points: in
+joints, or for the tool in space. What the demonstrations varied in stays free; what they agreed
+on is kept.
 
     python examples/02_learn_from_demonstrations.py
 """
 
 import numpy as np
 
-from optipromp import Basis, Cup, JointPoint, TaskPoint, condition, fit, load_robot, load_scene
+from optipromp import (
+    Basis,
+    Cup,
+    JointPoint,
+    TaskPoint,
+    condition,
+    fit,
+    load_robot,
+    load_scene,
+    with_tool,
+)
 from optipromp import plan as make_plan
-from optipromp import with_tool
 from optipromp.robots import ik
 
 rng = np.random.default_rng(3)

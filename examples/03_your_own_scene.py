@@ -1,8 +1,8 @@
 """A scene of your own, built in Python: a shelf, no stems.
 
-Upright cans stand on a board between two walls. The arm comes in horizontally, so the approach direction is
-+x and the lateral one +y. The cans in front are `pushable` and have no stem: both sides are tried for each
-of them, and the better plan is kept. Walls and board are `static`.
+Upright cans stand on a board between two walls. The arm comes in horizontally, so the approach
+direction is +x and the lateral one +y. The cans in front are `pushable` and have no stem: both
+sides are tried for each of them, and the better plan is kept. Walls and board are `static`.
 
     python examples/03_your_own_scene.py
 """

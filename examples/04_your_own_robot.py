@@ -1,8 +1,8 @@
 """A robot of your own: from a URDF to a plan.
 
-Any serial URDF works by its path; nothing is registered. What a URDF does not say (accelerations, a home
-posture, which links may touch) goes into a robot file beside it. Here both are written to a temporary
-folder, as is a scene that uses them: a goal for the tool, and a post in the way.
+Any serial URDF works by its path; nothing is registered. What a URDF does not say (accelerations,
+a home posture, which links may touch) goes into a robot file beside it. Here both are written to
+a temporary folder, as is a scene that uses them: a goal for the tool, and a post in the way.
 
     python examples/04_your_own_robot.py
 """
@@ -71,7 +71,10 @@ robot: six.yaml
 tool: {kind: cup, radius: 0.03}
 goal: {position: [0.25, 0.45, 0.45], axis: [0.5, 0.866, 0.0]}
 objects:
-  - {id: post, role: static, shape: {cylinder: {radius: 0.03, length: 1.0}}, position: [0.50, 0.24, 0.5]}
+  - id: post
+    role: static
+    shape: {cylinder: {radius: 0.03, length: 1.0}}
+    position: [0.50, 0.24, 0.5]
 """
 
 with tempfile.TemporaryDirectory() as name:

@@ -1,8 +1,9 @@
 """A cost term of your own, in plain NumPy: checked, then minimised.
 
-A term returns its value and adds its gradient where it lives: here on the joints (`Posture`) and on the
-tool point (`Ceiling`). No Jacobian is written. The gradient is first compared with finite differences,
-as you should for any new term; then a problem made of both and of a smoothness term is solved.
+A term returns its value and adds its gradient where it lives: here on the joints (`Posture`) and
+on the tool point (`Ceiling`). No Jacobian is written. The gradient is first compared with finite
+differences, as you should for any new term; then a problem made of both and of a smoothness term
+is solved.
 
     python examples/05_cost_term_in_numpy.py
 """

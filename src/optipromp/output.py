@@ -11,8 +11,9 @@ import numpy as np
 
 from optipromp.errors import Code, InvalidRequestError, InvalidSceneError, OptiPrompError
 from optipromp.files import json_text, write_atomically
-from optipromp.metrics import Metrics
+from optipromp.metrics import Contact, Metrics
 from optipromp.planning import Plan, Term, bind
+from optipromp.planning.stages import Stage
 from optipromp.scenes.io import scene_from_dict, scene_to_dict
 from optipromp.trajectory import Trajectory
 
@@ -65,11 +66,10 @@ def load_plan(path: Path | str) -> Plan:
         if document["scene_file"] is None:
             raise InvalidRequestError("its scene held a shape made in memory and was not written")
         scene = scene_from_dict(document["scene_file"], base_dir=folder, source=str(path))
-        robot, _ = bind(scene)
         names = tuple(str(name) for name in arrays["joint_names"])
         return Plan(
             scene=scene,
-            robot=robot,
+            robot=bind(scene).robot,
             planner=document["planner"],
             strategy=document["strategy"],
             seed=document["seed"],
@@ -87,6 +87,18 @@ def load_plan(path: Path | str) -> Plan:
                 )
                 for name, term in document["terms"].items()
             },
+            stages=tuple(
+                Stage(
+                    name=stage["name"],
+                    solver=stage["solver"],
+                    terms=tuple(stage["terms"]),
+                    history=tuple(stage["history"]),
+                    seconds=stage["seconds"],
+                    message=stage["message"],
+                )
+                for stage in document["stages"]
+            ),
+            contacts=tuple(Contact(**contact) for contact in document["contacts"]),
             time=document["time"],
         )
     except InvalidSceneError:
@@ -108,7 +120,7 @@ def _document(plan: Plan, folder: Path) -> dict[str, Any]:
         **plan.to_dict(),
         "format": FORMAT,
         "version": __version__,
-        "seed": plan.seed,
+        "stages": [vars(stage) for stage in plan.stages],
         "scene_file": scene,
     }
 

@@ -59,16 +59,16 @@ def _scene(item: str) -> dict[str, Any]:
     from optipromp.scenes.io import load_scene
 
     scene = load_scene(item)
-    robot, start = bind(scene)
+    bound = bind(scene)
     by_role = {
         role: [thing.id for thing in scene.objects if thing.role == role]
         for role in ("target", "pushable", "avoid", "static")
     }
     return {
         "name": scene.name,
-        "robot": robot.name,
+        "robot": bound.robot.name,
         "tool": scene.tool.kind if scene.tool is not None else None,
-        "start": start.tolist(),
+        "start": bound.start.tolist(),
         **by_role,
         "goal": type(scene.goal).__name__ if scene.goal is not None else "the target",
     }

@@ -105,10 +105,13 @@ def _one_line(message: str) -> str:
 
 
 @contextmanager
-def waiting(message: str) -> Iterator[None]:
-    """Show a spinner on standard error after two seconds of waiting, on a terminal only."""
+def waiting(message: str) -> Iterator[Callable[[str], None]]:
+    """Show a spinner on standard error after two seconds of waiting, on a terminal only.
+
+    Yields a function that changes its message.
+    """
     if not sys.stderr.isatty():
-        yield
+        yield lambda _: None
         return
     from rich.status import Status
 
@@ -117,7 +120,7 @@ def waiting(message: str) -> Iterator[None]:
     timer.daemon = True
     timer.start()
     try:
-        yield
+        yield status.update
     finally:
         timer.cancel()
         timer.join()

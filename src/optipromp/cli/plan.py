@@ -115,7 +115,7 @@ def plan(
     loaded = load_scene(scene)
     primitive = None if demonstrations is None else read_primitive(demonstrations)
     say_if_compiling()
-    with waiting(f"planning {loaded.name} ..."):
+    with waiting(f"planning {loaded.name} ...") as say:
         result = make_plan(
             loaded,
             planner=planner.value,
@@ -123,6 +123,7 @@ def plan(
             demonstrations=primitive,
             seed=seed,
             options=options,
+            progress=say,
         )
     written = leave(result, out) if out is not None else ()
     if as_json:

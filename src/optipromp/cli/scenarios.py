@@ -13,7 +13,6 @@ from optipromp.cli.console import (
     command,
     print_json,
     say_if_compiling,
-    stderr,
     stdout,
     waiting,
 )
@@ -22,7 +21,7 @@ from optipromp.cli.plan import leave, read_primitive
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from optipromp.experiments.scenarios import Case, Row
+    from optipromp.experiments.scenarios import Row
 
 
 @command()
@@ -57,14 +56,8 @@ def scenarios(
         check_folder(out)
     primitive = None if demonstrations is None else read_primitive(demonstrations)
     say_if_compiling()
-    progress = stderr()
-
-    def announce(case: "Case") -> None:
-        if progress.is_terminal:
-            progress.print(f"scenario {case.key}: {case.title}", style="dim")
-
-    with waiting("planning ..."):
-        rows = run_scenarios(seed=seed, demonstrations=primitive, on_case=announce)
+    with waiting("planning ...") as say:
+        rows = run_scenarios(seed=seed, demonstrations=primitive, progress=say)
     document = {"scenarios": [row.to_dict() for row in rows]}
     if out is not None:
         for row in rows:

@@ -194,19 +194,19 @@ def run_scenarios(
     *,
     seed: int = 0,
     demonstrations: "str | PathLike[str] | ProMP | None" = None,
-    on_case: Callable[[Case], object] | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> tuple[Row, ...]:
     """Run every case of the paper's scenarios I to IV.
 
     Args:
         seed: of every plan.
         demonstrations: what the Panda's primitive (scenarios III and IV) is learnt from.
-        on_case: called with each case before it runs.
+        progress: called with a word on what is being done.
     """
     rows = []
     for case in CASES:
-        if on_case is not None:
-            on_case(case)
+        if progress is not None:
+            progress(f"scenario {case.key}: {case.title}")
         panda = case.planner == "opti-promp"
         rows.append(
             Row(
@@ -218,6 +218,7 @@ def run_scenarios(
                     demonstrations=demonstrations if panda else None,
                     seed=seed,
                     options=PlanOptions(**case.options),
+                    progress=progress,
                 ),
             )
         )

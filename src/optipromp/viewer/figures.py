@@ -56,7 +56,8 @@ def cost_figure(plan: "Plan") -> "Figure":
     figure = Figure(figsize=(4.4 * columns, 3.0 * rows), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     for panel, (name, term) in zip(panels, terms.items(), strict=False):
-        _draw_cost(panel, _NAMES.get(name, name), term)
+        solver = next((stage.solver for stage in plan.stages if stage.name == term.stage), "")
+        _draw_cost(panel, _NAMES.get(name, name), term, solver)
     for panel in panels[len(terms) :]:
         panel.set_visible(False)
     figure.suptitle(f"{_title(plan)}: cost over iterations", fontsize=11)
@@ -97,7 +98,7 @@ def joint_figure(plan: "Plan") -> "Figure":
     return figure
 
 
-def _draw_cost(panel: "Axes", name: str, term: "Term") -> None:
+def _draw_cost(panel: "Axes", name: str, term: "Term", solver: str) -> None:
     history = np.asarray(term.history, dtype=float)
     iterations = np.arange(len(history))
     panel.plot(iterations, history, color=AFTER, lw=1.6, marker="o", ms=3.5)
@@ -114,7 +115,7 @@ def _draw_cost(panel: "Axes", name: str, term: "Term") -> None:
         change = ", to zero"
     else:
         change = ""
-    stage = f" ({term.stage})" if term.stage else ""
+    stage = f", {solver}" if solver else ""
     panel.set_title(f"{name}{stage}{change}", fontsize=9, loc="left")
     panel.set_xlabel("iteration")
     panel.set_ylabel("cost")

@@ -1,0 +1,83 @@
+"""Plans to files and back."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optipromp import OptiPrompError, load_plan, write_plan
+from optipromp.planning import Plan, plan
+from optipromp.promp import load_demonstrations
+
+
+@pytest.fixture(scope="module", params=[("scenario-3", "opti-promp"), ("scenario-2", "i-promp")])
+def result(request: pytest.FixtureRequest) -> Plan:
+    scene, planner = request.param
+    return plan(scene, planner=planner, seed=3)
+
+
+def test_a_plan_comes_back_as_it_was(result: Plan, tmp_path: Path) -> None:
+    names = write_plan(result, tmp_path / "reach", {"picture.png": b"x"})
+    assert set(names) == {"plan.json", "trajectory.csv", "trajectory.npz", "picture.png"}
+    assert {path.name for path in (tmp_path / "reach").iterdir()} == set(names)
+    for source in (tmp_path / "reach", tmp_path / "reach" / "plan.json"):
+        again = load_plan(source)
+        assert again.to_dict() == result.to_dict()
+        np.testing.assert_array_equal(again.trajectory.positions, result.trajectory.positions)
+        np.testing.assert_array_equal(again.initial.positions, result.initial.positions)
+        assert again.trajectory.dt == result.trajectory.dt
+        assert again.trajectory.joint_names == result.trajectory.joint_names
+        assert again.scene.name == result.scene.name
+        assert again.stages == result.stages
+        assert again.contacts == result.contacts
+
+
+def test_the_csv_is_a_demonstration(result: Plan, tmp_path: Path) -> None:
+    write_plan(result, tmp_path)
+    recorded = load_demonstrations(tmp_path / "trajectory.csv")
+    assert recorded.joint_names == result.trajectory.joint_names
+    np.testing.assert_allclose(recorded[0].positions, result.trajectory.positions, atol=1e-8)
+    np.testing.assert_allclose(recorded[0].times, result.trajectory.times, atol=1e-8)
+
+
+def test_a_moved_folder_still_loads(result: Plan, tmp_path: Path) -> None:
+    write_plan(result, tmp_path / "a")
+    (tmp_path / "a").rename(tmp_path / "b")
+    assert load_plan(tmp_path / "b").seed == 3
+
+
+def test_plan_json_is_strict_json(result: Plan, tmp_path: Path) -> None:
+    write_plan(result, tmp_path)
+    text = (tmp_path / "plan.json").read_text(encoding="utf-8")
+    document = json.loads(text, parse_constant=pytest.fail)
+    assert document["scene"] == result.scene.name
+    assert str(tmp_path) not in text
+
+
+@pytest.mark.parametrize(
+    "damage", ["missing", "truncated", "list", "format", "key", "scene", "npz"]
+)
+def test_damage_is_named(result: Plan, tmp_path: Path, damage: str) -> None:
+    write_plan(result, tmp_path)
+    path = tmp_path / "plan.json"
+    document = json.loads(path.read_text())
+    match damage:
+        case "missing":
+            path.unlink()
+        case "truncated":
+            path.write_text(path.read_text()[:200])
+        case "list":
+            path.write_text("[]")
+        case "format":
+            path.write_text(json.dumps(document | {"format": 99}))
+        case "key":
+            del document["metrics"]["M_c"]
+            path.write_text(json.dumps(document))
+        case "scene":
+            del document["scene_file"]["objects"]
+            path.write_text(json.dumps(document))
+        case "npz":
+            (tmp_path / "trajectory.npz").write_bytes(b"PK")
+    with pytest.raises(OptiPrompError, match=str(tmp_path)):
+        load_plan(tmp_path)
