@@ -59,12 +59,25 @@ class Metrics:
 
 
 @dataclass(frozen=True)
+class Contact:
+    """Two things that touch and must not: a link, an object or another link, how deep [m]."""
+
+    link: str
+    other: str
+    role: str
+    depth: float
+
+    def __str__(self) -> str:
+        return f"{self.link} enters {self.other} ({self.role}) by {self.depth * 1e3:.1f} mm"
+
+
+@dataclass(frozen=True)
 class Judgement:
     """Metrics, and every reason why the trajectory is not valid (empty when it is)."""
 
     metrics: Metrics
     violations: tuple[str, ...]
-    contacts: tuple[tuple[str, str], ...]
+    contacts: tuple[Contact, ...]
 
 
 def frames(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -130,6 +143,49 @@ def fine_positions(robot: Robot, positions: FloatArray) -> FloatArray:
     return np.vstack([between, positions[-1:]])
 
 
+def clearances(
+    scene: Scene, robot: Robot, q: FloatArray
+) -> tuple[dict[str, float | None], list[Contact], FloatArray]:
+    """Smallest distances over configurations ``q`` (M, n), what touches, and the sphere centres.
+
+    Contacts count with static things for every sphere, with avoid things and pushables for B_d
+    (all but the last link and the tool), and between links that are not neighbours.
+    """
+    contacts: list[Contact] = []
+    spheres = centers(robot, *frames(robot, q))
+    radius, link = robot.spheres.radius, robot.spheres.link
+    distal = np.asarray(robot.spheres.distal)
+
+    def closest(objects: tuple[SceneObject, ...], on: Any, fault: bool = True) -> float | None:
+        best: float | None = None
+        columns = np.flatnonzero(on)
+        for thing in objects if len(columns) else ():
+            d, where = distance_checks.closest(
+                thing.shape, thing.position, thing.rotation, spheres[:, columns], radius[columns],
+                np.inf if best is None else best,
+            )  # fmt: skip
+            if d is None:
+                continue
+            best = d if best is None else min(best, d)
+            if d < 0.0 and fault:
+                name = robot.link_names[link[columns[where]]]
+                contacts.append(Contact(name, thing.id, thing.role, -d))
+        return best
+
+    out = {
+        "clearance_static": closest(scene.static, np.ones(len(radius), dtype=bool)),
+        "clearance_avoid": closest(scene.avoid, ~distal),
+        "clearance_avoid_tool": closest(scene.avoid, distal, fault=False),
+        "clearance_pushable": closest(scene.pushables, ~distal),
+    }
+    apart, pair = distance_checks.self_clearance(spheres, radius, link, robot.self_pairs)
+    out["clearance_self"] = apart
+    if apart is not None and apart < 0.0:
+        first, second = (robot.link_names[link[i]] for i in pair)
+        contacts.append(Contact(first, second, "the robot itself", -apart))
+    return out, contacts, spheres
+
+
 def judge(
     scene: Scene, robot: Robot, trajectory: Trajectory, start: FloatArray | None = None
 ) -> Judgement:
@@ -141,47 +197,12 @@ def judge(
         trajectory: what is to be executed.
         start: (n,) where it must begin; None: not checked.
     """
-    violations: list[str] = []
-    contacts: list[tuple[str, str]] = []
     q = trajectory.positions
-    fine = fine_positions(robot, q)
-    origins, rotations = frames(robot, fine)
-    spheres = centers(robot, origins, rotations)
-    radius, distal = robot.spheres.radius, np.asarray(robot.spheres.distal)
-
-    def closest(objects: tuple[SceneObject, ...], on: Any, hit_is_fault: bool) -> float | None:
-        best: float | None = None
-        columns = np.flatnonzero(on)
-        for thing in objects if len(columns) else ():
-            d, where = distance_checks.closest(
-                thing.shape, thing.position, thing.rotation, spheres[:, columns], radius[columns],
-                np.inf if best is None else best,
-            )  # fmt: skip
-            if d is None:
-                continue
-            best = d if best is None else min(best, d)
-            if d < 0.0 and hit_is_fault:
-                link = robot.link_names[robot.spheres.link[columns[where]]]
-                contacts.append((link, thing.id))
-                violations.append(f"{link} enters {thing.id} ({thing.role}) by {-d * 1e3:.1f} mm")
-        return best
-
-    everything = np.ones(len(radius), dtype=bool)
-    clearance_static = closest(scene.static, everything, True)
-    clearance_avoid = closest(scene.avoid, ~distal, True)
-    clearance_avoid_tool = closest(scene.avoid, distal, False)
-    clearance_pushable = closest(scene.pushables, ~distal, True)
-    clearance_self, pair = distance_checks.self_clearance(
-        spheres, radius, robot.spheres.link, robot.self_pairs
-    )
-    if clearance_self is not None and clearance_self < 0.0:
-        first, second = (robot.link_names[robot.spheres.link[i]] for i in pair)
-        contacts.append((first, second))
-        violations.append(f"{first} touches {second} by {-clearance_self * 1e3:.1f} mm")
-
+    distances, contacts, spheres = clearances(scene, robot, fine_positions(robot, q))
+    violations = [str(contact) for contact in contacts]
     tips, axes = tool(robot, *frames(robot, q))
     goal_error, axis_error = _goal(scene, q[-1], tips[-1], axes[-1], violations)
-    m_p, projection = _passing(scene, tips, violations)
+    m_p, projection = _passing(scene, tips, robot.gripper_radius, violations)
     excess = float(np.max(np.maximum(robot.lower - q, q - robot.upper), initial=0.0))
     if excess > 0.0:
         joint = int(np.argmax(np.max(np.maximum(robot.lower - q, q - robot.upper), axis=0)))
@@ -198,11 +219,7 @@ def judge(
         M_c=distance_checks.core_distance((*scene.static, *scene.avoid), spheres),
         M_p=m_p,
         stem_projection=projection,
-        clearance_static=clearance_static,
-        clearance_avoid=clearance_avoid,
-        clearance_avoid_tool=clearance_avoid_tool,
-        clearance_pushable=clearance_pushable,
-        clearance_self=clearance_self,
+        **distances,
         goal_error=goal_error,
         goal_axis_error=axis_error,
         limit_violation=excess,
@@ -243,7 +260,7 @@ def _goal(
 
 
 def _passing(
-    scene: Scene, tips: FloatArray, violations: list[str]
+    scene: Scene, tips: FloatArray, gripper_radius: float, violations: list[str]
 ) -> tuple[dict[str, float | None], dict[str, float | None]]:
     """M_p at the knot where the tool passes each pushable (the last passage), and y_g·S_n."""
     m_p: dict[str, float | None] = {}
@@ -269,7 +286,7 @@ def _passing(
         passed, near = m_p[thing.id], None
         if passed is not None:
             at = off[knot] - (off[knot] @ up) * up
-            near = float(np.linalg.norm(at)) < thing.reach + 2.0 * scene.gripper_radius
+            near = float(np.linalg.norm(at)) < thing.radius + 2.0 * gripper_radius
         if passed is None or not near or np.linalg.norm(flat) < DECIDED * np.linalg.norm(stem):
             continue
         side = float(at @ flat)

@@ -3,7 +3,8 @@ r"""Kernels of the planning loop: distances, functionals and penalties over all 
 Everything that happens in the workspace happens at *points*: the B body spheres, the tool point and
 a second point on the tool axis (the tip). A kernel reads point positions, adds the gradient of its
 value with respect to them to ``force`` (T, B+2, 3), and a positive semi-definite curvature to
-``stiffness`` (T, B+2, 6), stored as xx, yy, zz, xy, xz, yz. One pass pulls both back to the joints:
+``stiffness`` (T, B+2, 6), stored as xx, yy, zz, xy, xz, yz; that of the tip is with respect to its
+place about the tool point, where a term of the tool's axis lives. One pass pulls both back to the joints:
 the forces by :func:`optipromp.robots.kernels.pull_back`, the stiffnesses by :func:`add_stiffness`.
 """
 
@@ -497,27 +498,32 @@ def add_stiffness(kin, segment, points, stiffness, origins, axes, band, first, o
                 spatial[s, :, :] = 0.0
                 used[s] = True
             x, y, z = points[t, b, 0], points[t, b, 1], points[t, b, 2]
+            if b == n_points - 1:  # the tip moves about the tool point: rotation only
+                x -= points[t, b - 1, 0]
+                y -= points[t, b - 1, 1]
+                z -= points[t, b - 1, 2]
             k = spatial[s]
             c00, c11, c22, c01, c02, c12 = c[0], c[1], c[2], c[3], c[4], c[5]
             # M = C·(−[x]×): velocity of the point is v − x × ω
             m00, m01, m02 = -c01 * z + c02 * y, c00 * z - c02 * x, -c00 * y + c01 * x
             m10, m11, m12 = -c11 * z + c12 * y, c01 * z - c12 * x, -c01 * y + c11 * x
             m20, m21, m22 = -c12 * z + c22 * y, c02 * z - c22 * x, -c02 * y + c12 * x
-            k[0, 0] += c00
-            k[0, 1] += c01
-            k[0, 2] += c02
-            k[1, 1] += c11
-            k[1, 2] += c12
-            k[2, 2] += c22
-            k[0, 3] += m00
-            k[0, 4] += m01
-            k[0, 5] += m02
-            k[1, 3] += m10
-            k[1, 4] += m11
-            k[1, 5] += m12
-            k[2, 3] += m20
-            k[2, 4] += m21
-            k[2, 5] += m22
+            if b < n_points - 1:
+                k[0, 0] += c00
+                k[0, 1] += c01
+                k[0, 2] += c02
+                k[1, 1] += c11
+                k[1, 2] += c12
+                k[2, 2] += c22
+                k[0, 3] += m00
+                k[0, 4] += m01
+                k[0, 5] += m02
+                k[1, 3] += m10
+                k[1, 4] += m11
+                k[1, 5] += m12
+                k[2, 3] += m20
+                k[2, 4] += m21
+                k[2, 5] += m22
             # (−[x]×)ᵀ M = [x]× M
             k[3, 3] += -z * m10 + y * m20
             k[3, 4] += -z * m11 + y * m21

@@ -13,6 +13,9 @@ from optipromp.optimization.terms import Term
 from optipromp.robots.model import Robot
 
 
+ANCHOR = 1e3  # how much of ∫‖δ‖² dt the metric adds to ∫‖δ̈‖² dt, so that slow bends cost too
+
+
 @dataclass(frozen=True)
 class Surroundings:
     """Obstacles by role, ready for the kernels.
@@ -71,7 +74,7 @@ class Problem:
         kernels.smoothness(np.zeros((n_knots, n)), self.dt, 1.0, np.zeros((n_knots, n)), band)
         metric = np.zeros_like(self.matrix)
         free = band[self.first : self.last + 1]
-        metric[0] = free[:, 0].ravel()
+        metric[0] = free[:, 0].ravel() + ANCHOR * self.dt
         metric[n, : -n or None] = free[:-1, 1].ravel()
         metric[2 * n, : -2 * n or None] = free[:-2, 2].ravel()
         self.metric: FloatArray = frozen(metric)

@@ -148,6 +148,7 @@ def solve(
     clearance: Callable[[FloatArray], FloatArray] | None = None,
     distinct: float = 0.25,
     limit_margin: float = 0.0,
+    rest: FloatArray | None = None,
     iterations: int = 40,
 ) -> Solutions:
     """Find distinct configurations with the tool point at ``position`` and its axis along ``axis``.
@@ -162,6 +163,8 @@ def solve(
         clearance: maps (m, n) configurations to (m,) clearances [m], used to rank.
         distinct: solutions closer than this (largest joint difference, rad) are one.
         limit_margin: keep this far from every finite joint limit [rad or m].
+        rest: (n,) values for joints that move neither tool point nor axis; None: the home
+            configuration. Solutions that differ in such joints only are one.
         iterations: of each descent.
 
     Returns:
@@ -200,7 +203,7 @@ def solve(
         q, position_error, axis_error,
     )  # fmt: skip
     good = (position_error < POSITION_TOLERANCE) & (axis_error < AXIS_TOLERANCE)
-    q = q[good]
+    q = _at_rest(robot, q[good], robot.home if rest is None else rest, axis is not None)
     margin = np.min(np.minimum(q - robot.lower, robot.upper - q), axis=1, initial=np.inf)
     room = np.full(len(q), np.inf) if clearance is None or not len(q) else clearance(q)
     order = np.argsort(-np.minimum(margin / 0.3, room / 0.05), kind="stable")
@@ -209,6 +212,15 @@ def solve(
         if all(np.max(np.abs(q[i] - q[k])) > distinct for k in kept):
             kept.append(int(i))
     return Solutions(q[kept], margin[kept], room[kept])
+
+
+def _at_rest(robot: Robot, q: FloatArray, rest: FloatArray, with_axis: bool) -> FloatArray:
+    """Move joints without effect on the task (a roll about the tool axis) to ``rest``."""
+    if not len(q):
+        return q
+    jp, ja = robot.tool_jacobian(q)
+    effect = np.abs(jp).max(axis=1) + (np.abs(ja).max(axis=1) if with_axis else 0.0)
+    return np.where(effect < 1e-9, rest, q)
 
 
 def track(

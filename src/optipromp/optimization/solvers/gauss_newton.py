@@ -23,7 +23,7 @@ class GaussNewtonOptions:
     stages: tuple[float, ...] = (0.01, 0.1, 1.0)
     iterations: tuple[int, ...] = (8, 6, 12)
     tolerance: float = 1e-4
-    damping: float = 1e-5
+    damping: float = 1e-4
     largest_step: float = 0.3
 
 
@@ -66,13 +66,13 @@ def solve(
     n = q.shape[1]
     history: list[dict[str, float]] = []
     taken = 0
+    damping = options.damping
     message = "converged"
     value = Value(np.inf, {})
     for scale, limit in zip(options.stages[stages], options.iterations[stages], strict=True):
         value = problem.evaluate(q, scale)
         if not history:
             history.append(value.terms)
-        damping = options.damping
         gradient, curvature = problem.gradient(), problem.curvature()
         message = "iteration limit"
         for _ in range(limit):
@@ -97,13 +97,13 @@ def solve(
                 q, value = trial, new
                 gradient, curvature = problem.gradient(), problem.curvature()
                 history.append(value.terms)
-                damping = max(damping * 0.2, 1e-9)
+                damping = max(damping * 0.2, 1e-8)
                 if gain < options.tolerance * abs(value.merit) and largest < 0.02:
                     message = "converged"
                     break
             else:
                 history.append(value.terms)
-                damping = max(damping * 10.0, 1e-7)
+                damping *= 8.0
                 if largest < 1e-6:
                     message = "converged"
                     break

@@ -1,0 +1,7 @@
+"""Planning: one way in, for all three planners."""
+
+from optipromp.planning.options import PLANNERS, STRATEGIES, Planner, PlanOptions, Strategy
+from optipromp.planning.plan import Plan, Term, plan
+from optipromp.planning.stages import Stage
+
+__all__ = ["PLANNERS", "STRATEGIES", "Plan", "PlanOptions", "Planner", "Stage", "Strategy", "Term", "plan"]

@@ -1,0 +1,72 @@
+"""The planners without optimisation: ProMP (scenario I) and I-ProMP (scenario II)."""
+
+import time
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.planning import joint
+from optipromp.planning.build import Knots
+from optipromp.planning.options import Planner, PlanOptions
+from optipromp.planning.primitives import conditioned, detection_variance, on_branch, via_points
+from optipromp.planning.setup import Setup
+from optipromp.planning.stages import Outcome
+from optipromp.promp.model import ProMP
+from optipromp.pushing.interactive import pushes
+
+CAMERA_PHASE = 0.5
+
+
+def knots_without_vias(count: int) -> Knots:
+    """Knots of a motion that nothing divides."""
+    return Knots(count, CAMERA_PHASE)
+
+
+def plan_movement(
+    setup: Setup,
+    promp: ProMP,
+    options: PlanOptions,
+    goals: FloatArray,
+    planner: Planner,
+    rng: np.random.Generator,
+) -> Outcome:
+    """Condition the ProMP on the planner's points, on the branch nearest to the ProMP's own end.
+
+    ``promp`` passes start, camera point (unless the scene or the options leave it out) and target;
+    ``i-promp`` also each neighbour's pose and pushed pose, at evenly spaced phases.
+    """
+    began = time.perf_counter()
+    end = promp.mean_trajectory(np.array([1.0]))[0]
+    goal = goals[int(np.argmin(np.linalg.norm(goals - end, axis=1)))]
+    phase = options.camera_phase or CAMERA_PHASE
+    camera = options.camera_point
+    if camera is None:
+        camera = setup.scene.options.get("camera_point", True)
+    branch: FloatArray | None = None
+    if setup.goal_joints is None and (planner == "i-promp" or camera):
+        positions: list[FloatArray] = []
+        variances: list[float] = []
+        if planner == "i-promp":
+            deviation = options.direction_deviation
+            things = setup.neighbours
+            for push, thing in zip(
+                pushes(setup.scene, things, setup.robot.gripper_radius, rng, deviation),
+                things,
+                strict=True,
+            ):
+                positions += [push.position, push.pushed]
+                variances += [detection_variance(thing)] * 2
+        via = via_points(setup, positions, phase, options.via_deviation)
+        branch = on_branch(setup, via, goal)
+    if branch is None:
+        posterior = conditioned(promp, setup.start, np.array([1.0]), goal[None], np.zeros(1))
+    else:
+        spread = (via.deviations / joint.LEVER_ARM) ** 2
+        spread[1:-1] += np.array(variances) / joint.LEVER_ARM**2
+        posterior = conditioned(promp, setup.start, via.phases, branch, spread)
+    knots = Knots(options.knots or 200, phase)
+    q = joint.settled(posterior.mean_trajectory(knots.count), setup.start, goal)
+    trajectory = joint.trajectory_of(setup, options, q)
+    return Outcome(
+        trajectory, trajectory, knots, (), True, {planner: time.perf_counter() - began}
+    )

@@ -1,0 +1,109 @@
+"""What a planner may be told."""
+
+from dataclasses import dataclass, fields
+from typing import Literal
+
+import numpy as np
+
+from optipromp.errors import InvalidRequestError
+from optipromp.optimization.constraints import Priority
+from optipromp.optimization.terms import PushForm, Reduction
+from optipromp.pushing.sides import DriftRule
+
+Planner = Literal["promp", "i-promp", "opti-promp"]
+Strategy = Literal["joint", "sequential"]
+PLANNERS: tuple[Planner, ...] = ("promp", "i-promp", "opti-promp")
+STRATEGIES: tuple[Strategy, ...] = ("joint", "sequential")
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """Settings of a plan, with the defaults of the method.
+
+    Attributes:
+        knots: T; None chooses it so that no joint moves more than ``step_target`` between knots.
+        duration: of the trajectory [s]; None takes the shortest that the limits allow.
+        timeout: wall time after which the best so far is returned as TIMEOUT [s].
+        alphas: α1 … α4, weights of static, avoid, push and velocity.
+        epsilon: safety distance of the obstacle cost [m].
+        reduction: over body points, ``max`` (the paper) or ``sum`` (CHOMP); None: the strategy's
+            own, ``sum`` for joint and ``max`` for sequential.
+        push: form of F_p; None: the strategy's own, ``quadratic`` and ``reciprocal``.
+        push_weights: weights of F_p along x_g, y_g, z_g.
+        drift: which way the tool passes pushables.
+        drift_offset: how far it passes from their centres [m]; None: R_gripper.
+        corridor: tolerance of constraint 3 along x_g and z_g [m].
+        smoothness: weight of ½∫‖ξ̈‖² dt in the joint strategy.
+        static_clearance: wanted between every body sphere and static things [m].
+        avoid_clearance: wanted between B_d and avoid things and pushables [m].
+        self_clearance: wanted between links that are not neighbours [m].
+        limit_margin: kept from the joint limits [rad or m].
+        priority: stiffness of the constraints where they conflict.
+        starts: how many starts are solved together.
+        camera_phase: t_1, the phase of the camera point; None: so that knots before and after it
+            take steps alike.
+        camera_point: whether the promp planner is conditioned on the camera point; None: as the
+            scene says, by default yes.
+        max_step: no joint moves more between knots [rad or m].
+        iterations: of the optimiser; None: its own schedule. 0 returns the initial trajectory,
+            marked as not optimised.
+        via_deviation: standard deviation with which a ProMP is held to a pushable [m].
+        direction_deviation: of I-ProMP's push direction [rad]; above 0 it is sampled by the seed.
+    """
+
+    knots: int | None = None
+    duration: float | None = None
+    timeout: float = 20.0
+    alphas: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 0.0)
+    epsilon: float = 0.01
+    reduction: Reduction | None = None
+    push: PushForm | None = None
+    push_weights: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    drift: DriftRule = "lateral-plane"
+    drift_offset: float | None = None
+    corridor: float = 0.02
+    smoothness: float = 2e-5
+    static_clearance: float = 0.012
+    avoid_clearance: float = 0.005
+    self_clearance: float = 0.005
+    limit_margin: float = 0.01
+    priority: Priority = Priority()
+    starts: int = 3
+    camera_phase: float | None = None
+    camera_point: bool | None = None
+    max_step: float = 0.045
+    iterations: int | None = None
+    via_deviation: float = 1e-3
+    direction_deviation: float = 0.0
+
+    def __post_init__(self) -> None:
+        def need(ok: bool, name: str, wanted: str) -> None:
+            if not ok:
+                raise InvalidRequestError(f"{name} is {getattr(self, name)}; it must be {wanted}")
+
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, float) and not np.isfinite(value):
+                need(field.name == "timeout" and value > 0, field.name, "finite")
+        need(self.knots is None or self.knots >= 3, "knots", "at least 3")
+        need(self.duration is None or self.duration > 0, "duration", "positive [s]")
+        need(self.timeout > 0, "timeout", "positive [s]")
+        need(len(self.alphas) == 4 and min(self.alphas) >= 0, "alphas", "four weights, none negative")
+        need(self.epsilon > 0, "epsilon", "positive [m]")
+        need(self.reduction in (None, "max", "sum"), "reduction", "'max' or 'sum'")
+        need(self.push in (None, "quadratic", "reciprocal"), "push", "'quadratic' or 'reciprocal'")
+        need(
+            len(self.push_weights) == 3 and min(self.push_weights) >= 0,
+            "push_weights", "three weights, none negative",
+        )  # fmt: skip
+        need(self.drift in ("lateral-plane", "paper"), "drift", "'lateral-plane' or 'paper'")
+        need(self.drift_offset is None or self.drift_offset >= 0, "drift_offset", "not negative")
+        need(self.corridor >= 0, "corridor", "not negative")
+        need(self.smoothness >= 0, "smoothness", "not negative")
+        need(self.starts >= 1, "starts", "at least 1")
+        phase = self.camera_phase
+        need(phase is None or 0.0 < phase < 1.0, "camera_phase", "between 0 and 1")
+        need(self.max_step > 0, "max_step", "positive")
+        need(self.iterations is None or self.iterations >= 0, "iterations", "not negative")
+        need(self.via_deviation >= 0, "via_deviation", "not negative")
+        need(self.direction_deviation >= 0, "direction_deviation", "not negative")

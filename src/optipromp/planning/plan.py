@@ -1,0 +1,285 @@
+"""``plan``: the one way in, for all three planners."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from optipromp import metrics
+from optipromp.arrays import FloatArray
+from optipromp.errors import Code, InvalidRequestError
+from optipromp.metrics import Contact, Judgement, Metrics
+from optipromp.planning import joint, movement, sequential
+from optipromp.planning.options import Planner, PlanOptions, Strategy
+from optipromp.planning.primitives import PAPER_BASIS, learnt
+from optipromp.planning.setup import Setup, bind
+from optipromp.planning.stages import Outcome, Stage, value_of
+from optipromp.promp.model import ProMP
+from optipromp.robots import ik
+from optipromp.robots.model import Robot
+from optipromp.scenes.io import load_scene
+from optipromp.scenes.scene import Scene
+from optipromp.trajectory import Trajectory
+
+GOAL_STARTS = 48  # of the inverse kinematics
+
+
+@dataclass(frozen=True)
+class Term:
+    """One functional of a plan, without its weight.
+
+    Attributes:
+        initial: value at the beginning of the stage that optimises it.
+        final: value of the returned trajectory.
+        history: over the iterations of that stage, the initial value first.
+        stage: name of that stage; empty where nothing optimises the term.
+    """
+
+    initial: float
+    final: float
+    history: tuple[float, ...]
+    stage: str
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What a planner returns: a trajectory, what it does, and whether it is valid.
+
+    Attributes:
+        scene: what was planned for.
+        robot: the scene's robot with its tool.
+        planner: ``promp``, ``i-promp`` or ``opti-promp``.
+        strategy: of opti-promp.
+        seed: of everything random.
+        status: ``success`` only where the independent check found nothing wrong.
+        message: why, in words.
+        trajectory: the best found, whatever the status.
+        initial: the conditioned ProMP it began from.
+        metrics: see :class:`optipromp.metrics.Metrics`.
+        terms: ``static``, ``avoid``, ``push``, ``velocity``.
+        stages: optimisation stages in the order they ran.
+        contacts: things that touch and must not.
+        time: ``total`` and per stage [s].
+    """
+
+    scene: Scene
+    robot: Robot
+    planner: Planner
+    strategy: Strategy | None
+    seed: int
+    status: Code
+    message: str
+    trajectory: Trajectory
+    initial: Trajectory
+    metrics: Metrics
+    terms: Mapping[str, Term]
+    stages: tuple[Stage, ...]
+    contacts: tuple[Contact, ...]
+    time: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def success(self) -> bool:
+        """Whether the trajectory is valid."""
+        return self.status == Code.SUCCESS
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the trajectories, as plain values for JSON."""
+        return {
+            "scene": self.scene.name,
+            "planner": self.planner,
+            "strategy": self.strategy,
+            "seed": self.seed,
+            "status": str(self.status),
+            "message": self.message,
+            "metrics": self.metrics.to_dict(),
+            "terms": {
+                name: {
+                    "initial": t.initial,
+                    "final": t.final,
+                    "history": list(t.history),
+                    "stage": t.stage,
+                }
+                for name, t in self.terms.items()
+            },
+            "contacts": [
+                {"link": c.link, "other": c.other, "role": c.role, "depth": c.depth}
+                for c in self.contacts
+            ],
+            "time": dict(self.time),
+        }
+
+
+def plan(
+    scene: Scene | str | Path,
+    *,
+    planner: Planner = "opti-promp",
+    strategy: Strategy = "joint",
+    demonstrations: ProMP | str | Path | None = None,
+    seed: int = 0,
+    options: PlanOptions | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Plan:
+    """Plan a reach in a scene.
+
+    Args:
+        scene: a scene, a built-in scene's name, or a scene file.
+        planner: ``promp`` (conditioned on start, camera point and target), ``i-promp`` (pushes by
+            geometry) or ``opti-promp`` (optimises the whole arm's trajectory).
+        strategy: of opti-promp: ``joint`` or, as the paper does, ``sequential``.
+        demonstrations: a ProMP or a file to learn it from; None: the robot's built-in ones.
+        seed: of everything random; the same input gives the same plan.
+        options: see :class:`PlanOptions`.
+        progress: called with a word on what is being done.
+
+    Returns:
+        A plan. One that fails is returned too, with its code, best trajectory and metrics.
+
+    Raises:
+        InvalidSceneError, InvalidRobotError, InvalidDemonstrationError, InvalidRequestError,
+        StartInvalidError: wrong input.
+    """
+    began = time.perf_counter()
+    options = options or PlanOptions()
+    if planner not in get_args(Planner):
+        raise InvalidRequestError(f"planner is {planner!r}; valid: {', '.join(get_args(Planner))}")
+    if strategy not in get_args(Strategy):
+        raise InvalidRequestError(
+            f"strategy is {strategy!r}; valid: {', '.join(get_args(Strategy))}"
+        )
+    say = progress or (lambda _: None)
+    if not isinstance(scene, Scene):
+        scene = load_scene(scene)
+    setup = bind(scene)
+    paper = planner == "opti-promp" and strategy == "sequential"
+    basis = {"basis": PAPER_BASIS} if paper else {}
+    promp = learnt(setup, demonstrations, **basis)
+    clock = {"setup": time.perf_counter() - began}
+    deadline = began + options.timeout
+    rng = np.random.default_rng(seed)
+
+    def finish(outcome: Outcome, status: Code | None = None, message: str = "") -> Plan:
+        start = time.perf_counter()
+        verdict = metrics.judge(scene, setup.robot, outcome.trajectory, setup.start)
+        if status is None:
+            status, message = _verdict(verdict, outcome, deadline)
+        now = time.perf_counter()
+        times = {**clock, **outcome.time, "check": now - start, "total": now - began}
+        return Plan(
+            scene=scene, robot=setup.robot, planner=planner,
+            strategy=strategy if planner == "opti-promp" else None, seed=seed, status=status,
+            message=message, trajectory=outcome.trajectory, initial=outcome.initial,
+            metrics=verdict.metrics, terms=_terms(setup, options, outcome, paper),
+            stages=outcome.stages, contacts=verdict.contacts, time=times,
+        )  # fmt: skip
+
+    _, touching, _ = metrics.clearances(scene, setup.robot, setup.start[None])
+    if touching:
+        return finish(
+            _stay(setup), Code.START_IN_COLLISION,
+            "at the start " + "; ".join(map(str, touching)),
+        )  # fmt: skip
+    if _at_goal(setup):
+        return finish(_stay(setup))
+
+    say("inverse kinematics")
+    before = time.perf_counter()
+    goals = _goals(setup, seed)
+    clock["inverse kinematics"] = time.perf_counter() - before
+    if not len(goals):
+        return finish(_stay(setup), Code.GOAL_UNREACHABLE, _unreachable(setup))
+    if planner != "opti-promp":
+        say(planner)
+        return finish(movement.plan_movement(setup, promp, options, goals, planner, rng))
+
+    free, blocked = _free(setup, goals)
+    say(f"optimising ({strategy})")
+    chosen = goals if free is None else free
+    if strategy == "sequential":
+        outcome = sequential.solve(setup, promp, options, chosen, deadline)
+    else:
+        outcome = joint.plan_joint(setup, promp, options, chosen, rng, deadline)
+    if free is None:
+        return finish(outcome, Code.GOAL_IN_COLLISION, blocked)
+    return finish(outcome)
+
+
+def _verdict(verdict: Judgement, outcome: Outcome, deadline: float) -> tuple[Code, str]:
+    note = "" if outcome.optimised else " (not optimised)"
+    if not verdict.violations:
+        return Code.SUCCESS, "reaches the target, keeps all limits, touches nothing it must not" + note
+    message = "; ".join(verdict.violations) + note
+    if time.perf_counter() > deadline:
+        return Code.TIMEOUT, f"time ran out; the best so far: {message}"
+    return Code.INVALID_PLAN, message
+
+
+def _terms(setup: Setup, options: PlanOptions, outcome: Outcome, paper: bool) -> dict[str, Term]:
+    """Each functional: over the stage that optimises it, and at the returned trajectory."""
+    q0, q1 = outcome.initial.positions, outcome.trajectory.positions
+    first = value_of(setup, options, outcome.knots, q0, paper)
+    last = first if q1 is q0 else value_of(setup, options, outcome.knots, q1, paper)
+    out = {}
+    for name in ("static", "avoid", "push", "velocity"):
+        stage = next((s for s in outcome.stages if name in s.terms), None)
+        if stage is None:
+            history: tuple[float, ...] = ()
+            begin = first.get(name, 0.0)
+        else:
+            history = tuple(values.get(name, 0.0) for values in stage.history)
+            begin = history[0]
+        out[name] = Term(begin, last.get(name, 0.0), history, "" if stage is None else stage.name)
+    return out
+
+
+def _stay(setup: Setup) -> Outcome:
+    """A trajectory that does not move."""
+    q = np.tile(setup.start, (3, 1))
+    trajectory = Trajectory(q, 0.1, setup.robot.joint_names)
+    return Outcome(trajectory, trajectory, movement.knots_without_vias(3), (), False, {})
+
+
+def _at_goal(setup: Setup) -> bool:
+    if setup.goal_joints is not None:
+        return bool(np.max(np.abs(setup.start - setup.goal_joints)) < metrics.GOAL_TOLERANCE)
+    assert setup.goal_position is not None and setup.goal_axis is not None
+    point, axis = setup.robot.tool_pose(setup.start)
+    near = np.linalg.norm(point - setup.goal_position) < metrics.GOAL_TOLERANCE
+    return bool(near and axis @ setup.goal_axis > np.cos(metrics.AXIS_TOLERANCE))
+
+
+def _goals(setup: Setup, seed: int) -> FloatArray:
+    """Goal configurations (m, n), ranked."""
+    if setup.goal_joints is not None:
+        return setup.goal_joints[None]
+    assert setup.goal_position is not None
+    solutions = ik.solve(
+        setup.robot, setup.goal_position, setup.goal_axis, starts=GOAL_STARTS, seed=seed,
+        near=setup.start[None], rest=setup.start,
+    )  # fmt: skip
+    return solutions.joints
+
+
+def _free(setup: Setup, goals: FloatArray) -> tuple[FloatArray | None, str]:
+    """The goal configurations that touch nothing; None, and what they touch, where all do."""
+    kept, worst = [], ""
+    for i, goal in enumerate(goals):
+        _, touching, _ = metrics.clearances(setup.scene, setup.robot, goal[None])
+        if not touching:
+            kept.append(i)
+        elif not worst:
+            worst = "; ".join(map(str, touching))
+    if kept:
+        return goals[kept], ""
+    return None, f"every one of {len(goals)} configurations found at the goal touches: {worst}"
+
+
+def _unreachable(setup: Setup) -> str:
+    assert setup.goal_position is not None
+    away = float(np.linalg.norm(setup.goal_position))
+    return (
+        f"no configuration within the joint limits has the tool at "
+        f"{np.round(setup.goal_position, 4).tolist()} along its axis ({away:.3g} m from the base)"
+    )

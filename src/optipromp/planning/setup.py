@@ -1,0 +1,144 @@
+"""From a scene to what a planner works on: robot with tool, start, goal, obstacles, neighbours."""
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from optipromp.arrays import FloatArray, frozen
+from optipromp.errors import InvalidRequestError, InvalidSceneError, StartInvalidError
+from optipromp.geometry.obstacles import pack
+from optipromp.optimization.evaluation import BodyPoints
+from optipromp.optimization.problem import Surroundings
+from optipromp.pushing.neighbours import neighbours
+from optipromp.robots.library import load_robot, robot_names
+from optipromp.robots.model import Robot
+from optipromp.robots.tools import Cup, FrankaHand, with_tool
+from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
+
+LIMIT_TOLERANCE = 1e-9
+TOOLS: dict[str, type[Cup] | type[FrankaHand]] = {"cup": Cup, "franka_hand": FrankaHand}
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """A scene bound to its robot.
+
+    Attributes:
+        scene: as given.
+        robot: with the scene's tool.
+        body: the points the planning loop follows.
+        start: (n,).
+        goal_joints: (n,), where the goal is a configuration.
+        goal_position: (3,) of the tool point; None for a goal in joints.
+        goal_axis: (3,) of the tool axis.
+        surroundings: obstacles by role.
+        neighbours: pushables in the way, first met first.
+    """
+
+    scene: Scene
+    robot: Robot
+    body: BodyPoints
+    start: FloatArray
+    goal_joints: FloatArray | None
+    goal_position: FloatArray | None
+    goal_axis: FloatArray | None
+    surroundings: Surroundings
+    neighbours: tuple[SceneObject, ...]
+
+
+def _robot_with_tool(scene: Scene) -> tuple[Robot, BodyPoints]:
+    tool = None
+    if scene.tool is not None:
+        tool = (scene.tool.kind, tuple(sorted(scene.tool.parameters.items())))
+    if scene.robot in robot_names():  # a file may change between plans, a built-in robot does not
+        return _built_in(scene.robot, tool)
+    return _equip(load_robot(scene.robot, scene.base_dir), tool)
+
+
+ToolKey = tuple[str, tuple[tuple[str, float], ...]] | None
+
+
+@functools.lru_cache(maxsize=32)
+def _built_in(name: str, tool: ToolKey) -> tuple[Robot, BodyPoints]:
+    return _equip(load_robot(name), tool)
+
+
+def _equip(robot: Robot, tool: ToolKey) -> tuple[Robot, BodyPoints]:
+    if tool is not None:
+        kind, parameters = tool
+        if kind not in TOOLS:
+            raise InvalidSceneError(f"tool.kind is {kind!r}; valid are {', '.join(TOOLS)}")
+        robot = with_tool(robot, TOOLS[kind](**dict(parameters)))
+    return robot, BodyPoints(robot)
+
+
+def bind(scene: Scene) -> Setup:
+    """Load the scene's robot and tool and check start and goal against it.
+
+    Raises:
+        InvalidRobotError: a robot that cannot be loaded.
+        InvalidSceneError: a tool that cannot be mounted.
+        StartInvalidError: wrong joint count, or outside the joint limits.
+        InvalidRequestError: a goal in joints that is not a configuration of the robot.
+    """
+    robot, body = _robot_with_tool(scene)
+    start = robot.home if scene.start is None else scene.start
+    if start.shape != (robot.n_joints,):
+        raise StartInvalidError(
+            f"start has {start.size} values; {robot.name} has {robot.n_joints} joints: "
+            f"{', '.join(robot.joint_names)}"
+        )
+    _within_limits(robot, start, "start", StartInvalidError)
+    joints = position = axis = None
+    if isinstance(scene.goal, JointGoal):
+        joints = robot.check_configuration(scene.goal.joints)
+        _within_limits(robot, joints, "goal", InvalidRequestError)
+    elif isinstance(scene.goal, PoseGoal):
+        position, axis = scene.goal.position, scene.goal.axis
+    else:
+        assert scene.target is not None  # a scene has a target or a goal
+        position, axis = scene.target.position, scene.frame[2]
+    return Setup(
+        scene, robot, body, frozen(start), joints, position, axis, _surroundings(scene, robot),
+        neighbours(scene, robot.gripper_radius),
+    )  # fmt: skip
+
+
+def _within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> None:
+    over = np.maximum(robot.lower - q, q - robot.upper)
+    worst = int(np.argmax(over))
+    if over[worst] > LIMIT_TOLERANCE:
+        raise error(
+            f"{what}: {robot.joint_names[worst]} is {q[worst]:.4f}, outside its limits "
+            f"[{robot.lower[worst]:.4f}, {robot.upper[worst]:.4f}]"
+        )
+
+
+def reach(robot: Robot) -> float:
+    """No point of the robot is ever farther from the base origin than this [m]."""
+    kin = robot.kinematics
+    far = float(np.linalg.norm(kin.translation, axis=1).sum())
+    slide = np.maximum(np.abs(robot.lower), np.abs(robot.upper))[kin.dof]
+    slide = np.abs(kin.multiplier) * slide + np.abs(kin.offset)
+    far += float(slide[kin.kind == 1].sum())
+    spheres = np.linalg.norm(robot.spheres.center, axis=1) + robot.spheres.radius
+    return far + max(float(spheres.max(initial=0.0)), float(np.linalg.norm(robot.tool_point)))
+
+
+def _surroundings(scene: Scene, robot: Robot) -> Surroundings:
+    far = reach(robot) + 0.1
+
+    def near(things: tuple[SceneObject, ...]) -> list[tuple[object, FloatArray, FloatArray]]:
+        return [
+            (thing.shape, thing.position, thing.rotation)
+            for thing in things
+            if not float(np.linalg.norm(thing.position)) - thing.radius > far
+        ]
+
+    avoid = near(scene.avoid)
+    return Surroundings(
+        static=pack(near(scene.static)),  # type: ignore[arg-type]
+        dynamic=pack([*avoid, *near(scene.pushables)]),  # type: ignore[arg-type]
+        shared=len(avoid),
+    )

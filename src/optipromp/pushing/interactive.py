@@ -1,0 +1,115 @@
+r"""I-ProMP: where each neighbour is pushed, by the geometry of its stem (method §4, 3 and 4).
+
+A fruit on a stem of length L, inclined by θ0 in the push plane, swings by
+:math:`\Delta\theta=\arcsin(R_{gripper}/L)-\theta_0`, a chord of :math:`2L\sin(\Delta\theta/2)`,
+until it clears the gripper.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.scenes.scene import Scene, SceneObject
+
+
+@dataclass(frozen=True, eq=False)
+class Push:
+    """One push: the neighbour ``id`` goes from ``position`` to ``pushed`` (3,) [m].
+
+    ``direction`` is the unit tangent and ``swing`` the angle Δθ [rad] (0 for a fruit that already
+    hangs clear).
+    """
+
+    id: str
+    position: FloatArray
+    pushed: FloatArray
+    direction: FloatArray
+    swing: float
+
+
+def pushes(
+    scene: Scene,
+    things: Sequence[SceneObject],
+    gripper_radius: float,
+    rng: np.random.Generator | None = None,
+    direction_deviation: float = 0.0,
+) -> tuple[Push, ...]:
+    """The pushes of the neighbours, first met first.
+
+    Args:
+        scene: with a target.
+        things: neighbours in the order the tool meets them.
+        gripper_radius: R_gripper [m].
+        rng: for uncertain stems; needed where ``direction_deviation`` is above 0.
+        direction_deviation: standard deviation of the push direction [rad], about the approach.
+
+    Returns:
+        One push per neighbour. Each candidate tangent is a line; it is taken in the sense that the
+        rule asks for: towards the next neighbour, and for the last one away from the target.
+    """
+    assert scene.target is not None
+    z_g = scene.frame[2]
+    out = []
+    for i, thing in enumerate(things):
+        if i + 1 < len(things):
+            wish = things[i + 1].position - thing.position
+        else:
+            wish = thing.position - scene.target.position
+        lines = _tangents(scene, thing)
+        shares = [float(line @ wish) for line in lines]
+        best = int(np.argmax(np.abs(shares)))
+        direction = lines[best] * (1.0 if shares[best] >= 0.0 else -1.0)
+        if rng is not None and direction_deviation > 0.0:
+            direction = _turned(direction, z_g, float(rng.normal(0.0, direction_deviation)))
+        out.append(_push(scene, thing, direction, gripper_radius))
+    return tuple(out)
+
+
+def _tangents(scene: Scene, thing: SceneObject) -> tuple[FloatArray, FloatArray]:
+    """The candidate push lines: S × z and S × (S × z); y_g and x_g for a vertical or no stem."""
+    x_g, y_g, z_g = scene.frame
+    if thing.stem is None:
+        return y_g, x_g
+    stem = thing.stem.vector / np.linalg.norm(thing.stem.vector)
+    across = np.cross(stem, z_g)
+    length = float(np.linalg.norm(across))
+    if length < 1e-6:
+        return y_g, x_g
+    across = across / length
+    return across, np.cross(stem, across)
+
+
+def _push(scene: Scene, thing: SceneObject, direction: FloatArray, gripper_radius: float) -> Push:
+    if thing.stem is None:
+        return Push(
+            thing.id, thing.position, thing.position + gripper_radius * direction, direction, 0.0
+        )
+    root = thing.stem.root
+    arm = thing.position - root
+    length = float(np.linalg.norm(arm))
+    along = arm / length
+    # keep the tangent perpendicular to the stem (it may have been turned, or the stem be bent)
+    tangent = direction - (direction @ along) * along
+    tangent = tangent / np.linalg.norm(tangent)
+    z_g = scene.frame[2]
+    inclined = float(np.arctan2(arm @ _level(tangent, z_g), -(arm @ z_g)))
+    swing = max(0.0, float(np.arcsin(min(1.0, gripper_radius / length))) - inclined)
+    pushed = root + length * (np.cos(swing) * along + np.sin(swing) * tangent)
+    return Push(thing.id, thing.position, pushed, tangent, swing)
+
+
+def _level(tangent: FloatArray, up: FloatArray) -> FloatArray:
+    """The level part of a tangent as a unit vector; the tangent itself where it is upright."""
+    level = tangent - (tangent @ up) * up
+    length = float(np.linalg.norm(level))
+    return level / length if length > 1e-9 else tangent
+
+
+def _turned(vector: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
+    return np.asarray(
+        np.cos(angle) * vector
+        + np.sin(angle) * np.cross(axis, vector)
+        + (1 - np.cos(angle)) * (axis @ vector) * axis
+    )
