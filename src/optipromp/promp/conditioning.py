@@ -18,6 +18,7 @@ from optipromp.promp.tasks import Rows, TaskMap, solve
 
 REACH_TOLERANCE = 1e-8
 """Exact joint points must be attainable to this [rad or m]; beyond it they contradict."""
+_RESTARTS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,7 @@ def condition(
     promp: ProMP,
     points: Sequence[Point] | Point,
     task_map: TaskMap | None = None,
-    iterations: int = 30,
+    iterations: int = 60,
     *,
     tolerance: float = 1e-6,
     initial: ArrayLike | None = None,
@@ -69,8 +70,8 @@ def condition(
             Jacobian (m, 3, n))``; needed for task points.
         iterations: at most so many linearisations, > 0.
         tolerance: within which an exact task point counts as met [m, rad].
-        initial: weights (n, K) or (nK,) near which to look first; by default the mean. Matters
-            where the task has several solutions.
+        initial: weights (n, K) or (nK,) near which to look; by default the mean, then, should an
+            exact point be missed from there, six draws from the prior (always the same).
 
     Returns:
         The conditioned ProMP. See :func:`condition_with_report` for how well points were met.
@@ -102,7 +103,7 @@ def condition_with_report(
     promp: ProMP,
     points: Sequence[Point] | Point,
     task_map: TaskMap | None = None,
-    iterations: int = 30,
+    iterations: int = 60,
     *,
     tolerance: float = 1e-6,
     initial: ArrayLike | None = None,
@@ -176,9 +177,7 @@ def _condition_joints(promp: ProMP, points: Sequence[tuple[int, JointPoint]]) ->
     return trusted(promp, mean, joseph(prior, gain, gain_rows, noise))
 
 
-def _refuse(
-    missed: FloatArray, points: Sequence[tuple[int, JointPoint]], promp: ProMP
-) -> None:
+def _refuse(missed: FloatArray, points: Sequence[tuple[int, JointPoint]], promp: ProMP) -> None:
     joint, worst = (int(i) for i in np.unravel_index(int(missed.argmax()), missed.shape))
     index, point = points[worst]
     same = [
@@ -245,12 +244,15 @@ def _condition_tasks(
         weights = finite_array(initial, "initial")
         if weights.size != size:
             raise InvalidRequestError(f"initial: expected {size} weights, got {weights.size}")
-        gap = (values @ (weights.reshape(n, count) - promp.mean).T).reshape(-1)
-        deviation = np.sqrt(np.maximum(np.diagonal(spread), 0.0))
-        reference = np.full(m * n, max(float(deviation.max()) ** 2, 1e-300))
-        start = factorise(spread, reference).solve(gap)
-        start = start.reshape(m, n)
+        start = _multipliers(promp, weights.reshape(1, n, count), values, spread)[0]
     found = solve(rows, task_map, mean, spread, start, iterations, tolerance)
+    if initial is None and found.missed > tolerance:
+        draws = promp.sample_weights(np.random.default_rng(0), _RESTARTS)
+        for start in _multipliers(promp, draws, values, spread):
+            other = solve(rows, task_map, mean, spread, start, iterations, tolerance)
+            found = other if other.missed < found.missed else found
+            if found.missed <= tolerance:
+                break
 
     new_mean = promp.weights + cross @ found.multipliers.reshape(-1)
     jacobian = found.jacobian
@@ -284,3 +286,13 @@ def _condition_tasks(
         found.converged, found.iterations, frozen(position_error), frozen(axis_error), missed
     )
     return result, report
+
+
+def _multipliers(
+    promp: ProMP, weights: FloatArray, values: FloatArray, spread: FloatArray
+) -> FloatArray:
+    """The a (c, m, n) for which q = μ_q + Σ_q a passes where weights (c, n, K) do."""
+    gap = (values @ (weights - promp.mean).transpose(0, 2, 1)).reshape(len(weights), -1)
+    reference = np.full(gap.shape[1], max(float(np.diagonal(spread).max()), 1e-300))
+    solved = factorise(spread, reference).solve(gap.T).T
+    return np.ascontiguousarray(solved).reshape(len(weights), len(values), -1)

@@ -169,9 +169,7 @@ def load_demonstrations(path: str | os.PathLike[str]) -> Demonstrations:
     return result
 
 
-def save_demonstrations(
-    demonstrations: Demonstrations, path: str | os.PathLike[str]
-) -> None:
+def save_demonstrations(demonstrations: Demonstrations, path: str | os.PathLike[str]) -> None:
     """Write demonstrations to an NPZ file that :func:`load_demonstrations` reads; atomic.
 
     Raises:

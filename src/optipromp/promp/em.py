@@ -141,9 +141,7 @@ class _Sums:
         values = np.split(basis.evaluate(np.concatenate(samples.phases)), np.cumsum(sizes)[:-1])
         self.values = values
         self.gram = np.stack([v.T @ v for v in values])
-        self.moment = np.stack(
-            [v.T @ y for v, y in zip(values, samples.positions, strict=True)]
-        )
+        self.moment = np.stack([v.T @ y for v, y in zip(values, samples.positions, strict=True)])
         keys: dict[bytes, int] = {}
         self.kind = np.array([keys.setdefault(g.tobytes(), len(keys)) for g in self.gram])
         self.first = np.array([int(np.argmax(self.kind == k)) for k in range(len(keys))])

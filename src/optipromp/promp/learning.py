@@ -102,9 +102,7 @@ def _regularised(message: str) -> None:
     warnings.warn(message, RegularisedWarning, stacklevel=3)
 
 
-def _ridge_weights(
-    samples: Samples, basis: Basis, ridge: float
-) -> tuple[FloatArray, FloatArray]:
+def _ridge_weights(samples: Samples, basis: Basis, ridge: float) -> tuple[FloatArray, FloatArray]:
     """Weights (N, nK) of each demonstration and the squared residual (n,) over all of them."""
     n, count = samples.n_joints, basis.count
     if samples.stacked is not None:

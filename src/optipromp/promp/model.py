@@ -101,9 +101,7 @@ class ProMP:
         """Mean accelerations (T, n) [unit/s²] if the phase runs evenly over ``duration`` [s]."""
         return self._mean_derivative(phases, duration, 2)
 
-    def _mean_derivative(
-        self, phases: int | ArrayLike, duration: float, order: int
-    ) -> FloatArray:
+    def _mean_derivative(self, phases: int | ArrayLike, duration: float, order: int) -> FloatArray:
         rate = 1.0 / positive(duration, "duration") ** order
         return self.basis.evaluate(phases, order) @ (rate * self.mean.T)
 
@@ -183,9 +181,7 @@ class ProMP:
             result += rng.standard_normal(result.shape) * np.sqrt(self.noise)
         return result
 
-    def log_likelihood(
-        self, positions: ArrayLike, phases: int | ArrayLike | None = None
-    ) -> float:
+    def log_likelihood(self, positions: ArrayLike, phases: int | ArrayLike | None = None) -> float:
         r"""Log density of a whole trajectory, :math:`\log N(y; \Phi\mu_w, \Phi\Sigma_w\Phi^T + R)`.
 
         Costs O(T + (nK)^3), not O((Tn)^3): with :math:`\Sigma_w = LL^T` and

@@ -60,9 +60,7 @@ def gather(demonstrations: DemonstrationsLike, joint_names: Sequence[str] | None
         if stacked.shape[0] == 0:
             raise error("no demonstrations: at least one is needed")
         if stacked.shape[1] < 2 or stacked.shape[2] == 0:
-            raise error(
-                f"demonstrations: expected (N, T >= 2, n >= 1), got shape {stacked.shape}"
-            )
+            raise error(f"demonstrations: expected (N, T >= 2, n >= 1), got shape {stacked.shape}")
         phases = np.linspace(0.0, 1.0, stacked.shape[1])
         names = names_for(joint_names or (), stacked.shape[2])
         return Samples((phases,) * len(stacked), tuple(stacked), stacked, names)

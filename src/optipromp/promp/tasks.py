@@ -13,9 +13,13 @@ which asks for no inverse and allows a singular :math:`\Sigma_w`. Points ask for
 .. math:: \lambda = (J\Sigma_q J^T + R)^{-1}(e + J(q - \mu_q)), \qquad a = J^T\lambda
 
 is the minimiser of the linearised problem (Gauss-Newton, or sequential quadratic programming
-where R = 0). The step towards it is cut to at most a radian and halved until the merit
+where R = 0). Far from the mean the linearisation misleads, so the step towards it is cut to at
+most a radian and halved until the merit
 :math:`\tfrac12 a^T\Sigma_q a + \tfrac12\sum e^2/R + \nu\|e_{R=0}\|` falls below the largest of the
-last three; where that fails, Levenberg damping is added to R.
+last three. Where steps must be halved, a proximal term in the prior's own metric
+:math:`\tfrac\rho2\|w - w_k\|^2_{\Sigma_w^{-1}}` shortens the next; where none helps, Levenberg
+damping is added to R (near a singular configuration). Exact rows left open at the end are closed
+by steps of least change.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,7 +30,7 @@ import numpy as np
 
 from optipromp.arrays import BoolArray, FloatArray
 from optipromp.errors import InvalidRequestError
-from optipromp.promp.gaussian import factorise
+from optipromp.promp import kernels
 from optipromp.promp.points import TaskPoint, as_matrix
 
 TaskMap = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray, FloatArray]]
@@ -35,7 +39,9 @@ TaskMap = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray, Float
 _LARGEST_STEP: Final = 1.0
 _HALVINGS: Final = 6
 _MEMORY: Final = 3
-_STEP_TOLERANCE: Final = 1e-6
+_SETTLED: Final = 1e-3
+_CLOSING: Final = 1e-10
+_CLOSING_STEPS: Final = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,76 +51,71 @@ class Rows:
 
     Attributes:
         position: (m, 3) targets [m].
-        turn: (m, 3, 3) rows are the directions of the position rows; None: the world's.
-        axis: (m, 3) unit targets, or None if no point has one.
+        turn: (m, 3, 3) rows are the directions of the position rows.
+        axis: (m, 3) unit targets.
         with_axis: (m,) which points have one.
         variance: (m, r), r = 3 or 5; 0: exact. 1 in the unused rows of points without axis.
     """
 
     position: FloatArray
-    turn: FloatArray | None
-    axis: FloatArray | None
+    turn: FloatArray
+    axis: FloatArray
     with_axis: BoolArray
     variance: FloatArray
 
     @staticmethod
     def of(points: Sequence[TaskPoint]) -> "Rows":
         """Rows of the given points."""
-        position = np.array([point.position for point in points])
+        m = len(points)
+        position, axis = np.empty((m, 3)), np.zeros((m, 3))
         with_axis = np.array([point.axis is not None for point in points])
-        variance = np.zeros((len(points), 5 if with_axis.any() else 3))
-        turn = None
+        variance = np.zeros((m, 5 if with_axis.any() else 3))
+        turn = np.zeros((m, 3, 3))
+        turn[:, (0, 1, 2), (0, 1, 2)] = 1.0
         for i, point in enumerate(points):
-            if point.covariance is not None and np.ndim(point.covariance) == 2:
+            position[i] = point.position
+            if isinstance(point.covariance, np.ndarray):
                 values, vectors = np.linalg.eigh(as_matrix(point.covariance, 3))
                 values[values < 1e-14 * max(float(values[-1]), 0.0)] = 0.0
-                turn = np.tile(np.eye(3), (len(points), 1, 1)) if turn is None else turn
-                turn[i], variance[i, :3] = vectors.T, np.maximum(values, 0.0)
+                turn[i], variance[i, :3] = vectors.T, values
             else:
                 variance[i, :3] = point.covariance or 0.0
-        axis = None
-        if with_axis.any():
-            unused = np.array([0.0, 0.0, 1.0])
-            axis = np.array([unused if p.axis is None else p.axis for p in points])
-            free = [1.0 if p.axis is None else p.axis_covariance or 0.0 for p in points]
-            variance[:, 3:] = np.array(free)[:, None]
+            if point.axis is not None:
+                axis[i] = point.axis
+                variance[i, 3:] = point.axis_covariance or 0.0
+            else:
+                variance[i, 3:] = 1.0
         return Rows(position, turn, axis, with_axis, variance)
 
     def evaluate(self, task_map: TaskMap, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residuals (m, r) and Jacobian (m, r, n) at joints q (m, n)."""
-        point, axis, point_jacobian, axis_jacobian = task_map(q)
-        residual = self.position - point
-        jacobian = point_jacobian
-        if self.turn is not None:
-            residual = (self.turn @ residual[..., None])[..., 0]
-            jacobian = self.turn @ jacobian
-        if self.axis is not None:
-            angles, tilt = _tilt(axis, self.axis)
-            angles[~self.with_axis] = 0.0
-            tilt[~self.with_axis] = 0.0
-            residual = np.concatenate([residual, angles], axis=1)
-            jacobian = np.concatenate([jacobian, tilt @ axis_jacobian], axis=1)
+        """Residuals (m, r) and Jacobian (m, r, n) at joints q (m, n).
+
+        Raises:
+            InvalidRequestError: the task map returns a wrong shape or a value that is not finite.
+        """
+        m, n = q.shape
+        outputs = [np.ascontiguousarray(part, dtype=np.float64) for part in task_map(q)]
+        shapes = [part.shape for part in outputs]
+        if shapes != [(m, 3), (m, 3), (m, 3, n), (m, 3, n)]:
+            raise InvalidRequestError(
+                f"task_map: expected point ({m}, 3), axis ({m}, 3) and their Jacobians "
+                f"({m}, 3, {n}), got {shapes}"
+            )
+        point, axis, point_jacobian, axis_jacobian = outputs
+        residual, jacobian, finite = kernels.residuals(
+            point,
+            axis,
+            point_jacobian,
+            axis_jacobian,
+            self.position,
+            self.turn,
+            self.axis,
+            self.with_axis,
+            self.variance.shape[1],
+        )
+        if not finite:
+            raise InvalidRequestError("task_map returned a value that is not finite")
         return residual, jacobian
-
-
-def _tilt(axis: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rotation (m, 2) [rad] that takes ``axis`` to ``target`` along the great circle, and the
-    directions (m, 2, 3) across ``axis`` it is given in.
-    """
-    x, y, z = axis.T
-    sign = np.copysign(1.0, z)
-    s = -1.0 / (sign + z)
-    t = x * y * s
-    across = np.empty((len(axis), 2, 3))
-    across[:, 0, 0], across[:, 0, 1], across[:, 0, 2] = 1.0 + sign * x * x * s, sign * t, -sign * x
-    across[:, 1, 0], across[:, 1, 1], across[:, 1, 2] = t, sign + y * y * s, -y
-    sine = (across @ target[..., None])[..., 0]
-    length = np.sqrt((sine**2).sum(axis=1))
-    angle = np.arctan2(length, (axis * target).sum(axis=1))
-    opposite = (length < 1e-12) & (angle > 1.0)  # any direction will do
-    sine[opposite] = (1.0, 0.0)
-    length = np.where(opposite, 1.0, np.maximum(length, 1e-300))
-    return sine * (angle / length)[:, None], across
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,13 +127,15 @@ class Solution:
         residual: (m, r) at the end.
         jacobian: (m, r, n) at the end.
         iterations: linearisations used.
-        converged: exact rows are met and the last step was small.
+        missed: largest residual of an exact row.
+        converged: exact rows are met and the merit has settled.
     """
 
     multipliers: FloatArray
     residual: FloatArray
     jacobian: FloatArray
     iterations: int
+    missed: float
     converged: bool
 
 
@@ -155,89 +158,95 @@ def solve(
         start: a (m, n) to begin with.
         iterations: at most so many.
         tolerance: of exact rows [m, rad].
-
-    Raises:
-        InvalidRequestError: the task map returns wrong shapes or values that are not finite.
     """
-    m, n = mean.shape
     variance = rows.variance
-    exact = variance == 0.0
-    weight = np.where(exact, 0.0, 1.0 / np.where(exact, 1.0, variance))
-    any_exact = bool(exact.any())
-    blocks = covariance.reshape(m, n, m * n)
-    reach = np.sqrt(np.diagonal(covariance)).reshape(m, 1, n)
-
-    def merit(a: FloatArray, q: FloatArray, residual: FloatArray) -> tuple[float, float]:
-        off = float(np.sqrt((residual[exact] ** 2).sum())) if any_exact else 0.0
-        cost = float((a * (q - mean)).sum() + (weight * residual * residual).sum())
-        return 0.5 * cost, off
-
     a = start
-    q = mean + (covariance @ a.reshape(-1)).reshape(m, n)
-    residual, jacobian = rows.evaluate(task_map, q)
-    _check(residual, jacobian, variance.shape, n)
-    history = [merit(a, q, residual)]
-    damping, penalty, done = 0.0, 0.0, 0
-    size = variance.size
-    while done < iterations:
+    offset = (covariance @ a.reshape(-1)).reshape(mean.shape)
+    residual, jacobian = rows.evaluate(task_map, mean + offset)
+    history = [kernels.merit(a, offset, residual, variance)]
+    hold, damping, penalty = 0.0, 0.0, 0.0
+    done, settled = 0, False
+    while done < iterations and not settled:
         done += 1
-        turned = (jacobian @ blocks).reshape(size, m, n).transpose(1, 0, 2)
-        spread = (turned @ jacobian.transpose(0, 2, 1)).transpose(1, 0, 2).reshape(size, size)
-        reference = ((np.abs(jacobian) * reach).sum(axis=2) ** 2 + variance).reshape(-1)
-        diagonal = np.diagonal(spread).copy()
-        right = (residual + (jacobian @ (q - mean)[..., None])[..., 0]).reshape(-1)
-        step_found = False
-        while damping < 1e3:
-            total = spread.copy()
-            total.flat[:: size + 1] += variance.reshape(-1) + damping * (
-                diagonal + 1e-3 * diagonal.mean()
+        half, total = kernels.spread(jacobian, covariance)
+        for attempt in range(16):
+            a_step, o_step, largest, force, cost, off = kernels.step(
+                jacobian, residual, half, total, variance, a, offset, hold, damping
             )
-            factor = factorise(total, reference)
-            dual = factor.solve(right)
-            dual += factor.solve(right - total @ dual)
-            dual = dual.reshape(variance.shape)
-            new_a = (dual[:, None, :] @ jacobian)[:, 0]
-            new_q = mean + (covariance @ new_a.reshape(-1)).reshape(m, n)
-            a_step, q_step = new_a - a, new_q - q
-            largest = float(np.abs(q_step).max())
-            if any_exact:
-                force = float(np.sqrt((dual[exact] ** 2).sum()))
-                penalty = max(1.5 * force, 0.25 * penalty)
-            linear = residual - (jacobian @ q_step[..., None])[..., 0]
-            promised = merit(new_a, new_q, linear)
-            now = history[-1][0] + penalty * history[-1][1]
-            gain = max(now - promised[0] - penalty * promised[1], 0.0)
-            ceiling = max(cost + penalty * off for cost, off in history[-_MEMORY:])
             share = min(1.0, _LARGEST_STEP / largest) if largest > 0.0 else 1.0
-            for _ in range(_HALVINGS):
-                try_a, try_q = a + share * a_step, q + share * q_step
-                try_residual, try_jacobian = rows.evaluate(task_map, try_q)
-                cost, off = merit(try_a, try_q, try_residual)
-                if cost + penalty * off <= ceiling - 1e-4 * share * gain + 1e-12 * abs(ceiling):
-                    step_found = True
+            penalty = max(1.5 * force, 0.25 * penalty)
+            gain = history[-1][0] - cost + penalty * (history[-1][1] - off)
+            ceiling = max(past[0] + penalty * past[1] for past in history[-_MEMORY:])
+            ceiling += 1e-12 * abs(ceiling)
+            found = False
+            for _ in range(_HALVINGS if gain >= 0.0 else 0):
+                try_a, try_o = a + share * a_step, offset + share * o_step
+                try_residual, try_jacobian = rows.evaluate(task_map, mean + try_o)
+                reached = kernels.merit(try_a, try_o, try_residual, variance)
+                if reached[0] + penalty * reached[1] <= ceiling - 1e-4 * share * gain:
+                    found = True
                     break
                 share *= 0.5
-            if step_found:
+            if found:
                 break
-            damping = max(100.0 * damping, 1e-6)
-        if not step_found:
+            if attempt % 2 == 0:
+                hold = max(4.0 * hold, 0.25)
+            else:
+                damping = max(100.0 * damping, 1e-6)
+        if not found:
             break
-        a, q, residual, jacobian = try_a, try_q, try_residual, try_jacobian
-        history.append((cost, off))
+        a, offset, residual, jacobian = try_a, try_o, try_residual, try_jacobian
+        history.append(reached)
         damping = 0.01 * damping if damping > 1e-7 else 0.0
-        missed = float(np.abs(residual[exact]).max()) if any_exact else 0.0
-        if share == 1.0 and largest < _STEP_TOLERANCE and damping == 0.0 and missed < tolerance:
-            return Solution(a, residual, jacobian, done, True)
-    return Solution(a, residual, jacobian, done, False)
+        if share < 1.0 and largest < _LARGEST_STEP:
+            hold = max(2.0 * hold, 0.25)
+        else:
+            hold = hold / 3.0 if hold > 0.05 else 0.0
+        settled = share == 1.0 and gain * (1.0 + hold) <= _SETTLED * (1.0 + abs(reached[0]))
+    a, offset, residual, jacobian = _close(
+        rows, task_map, mean, covariance, (a, offset, residual, jacobian)
+    )
+    missed = kernels.merit(a, offset, residual, variance)[2]
+    return Solution(a, residual, jacobian, done, missed, settled and missed <= tolerance)
 
 
-def _check(
-    residual: FloatArray, jacobian: FloatArray, shape: tuple[int, ...], joints: int
-) -> None:
-    if residual.shape != shape or jacobian.shape != (*shape, joints):
-        raise InvalidRequestError(
-            f"task_map: expected point (m, 3), axis (m, 3) and Jacobians (m, 3, {joints}) for "
-            f"m = {shape[0]}"
+_State = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+
+
+def _close(
+    rows: Rows, task_map: TaskMap, mean: FloatArray, covariance: FloatArray, state: _State
+) -> _State:
+    """Close exact rows left open by damped steps of least change; the others are let go."""
+    exact = rows.variance == 0.0
+    a, offset, residual, jacobian = state
+    missed = float((residual[exact] ** 2).sum())
+    nothing = np.zeros_like(a)
+    damping = 0.0
+    for _ in range(_CLOSING_STEPS):
+        if missed <= _CLOSING**2:
+            break
+        half, total = kernels.spread(jacobian, covariance)
+        a_step, o_step, largest, *_ = kernels.step(
+            jacobian,
+            np.where(exact, residual, 0.0),
+            half,
+            total,
+            np.where(exact, 0.0, 1e6 * (total.diagonal().max() + 1e-300)),
+            nothing,
+            nothing,
+            0.0,
+            damping,
         )
-    if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
-        raise InvalidRequestError("task_map returned a value that is not finite")
+        share = min(1.0, 0.5 / largest) if largest > 0.0 else 1.0
+        try_a, try_o = a + share * a_step, offset + share * o_step
+        try_residual, try_jacobian = rows.evaluate(task_map, mean + try_o)
+        reached = float((try_residual[exact] ** 2).sum())
+        if reached < missed:
+            a, offset, residual, jacobian = try_a, try_o, try_residual, try_jacobian
+            missed = reached
+            damping = 0.1 * damping if damping > 1e-6 else 0.0
+        elif damping > 1e3:
+            break
+        else:
+            damping = max(10.0 * damping, 1e-4)
+    return a, offset, residual, jacobian

@@ -1,0 +1,152 @@
+"""Combining primitives: co-activation and blending (Paraschos et al., 2013, section 2.3)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optipromp.arrays import FloatArray
+from optipromp.errors import InvalidRequestError
+from optipromp.promp.checks import finite_array, frozen, phase_array, positive
+from optipromp.promp.gaussian import product
+from optipromp.promp.model import ProMP, trusted
+
+
+@dataclass(frozen=True, eq=False)
+class Marginals:
+    """A Gaussian for each phase: what co-activation with changing activations gives.
+
+    Attributes:
+        phases: (T,).
+        mean: (T, n).
+        covariance: (T, n, n).
+    """
+
+    phases: FloatArray
+    mean: FloatArray
+    covariance: FloatArray
+
+    @property
+    def standard_deviation(self) -> FloatArray:
+        """Standard deviation of each joint at each phase (T, n)."""
+        variance = np.einsum("tjj->tj", self.covariance)
+        result: FloatArray = np.sqrt(np.maximum(variance, 0.0))
+        return result
+
+
+def coactivate(promps: Sequence[ProMP], activations: ArrayLike | None = None) -> ProMP:
+    r"""Several primitives at once, each as far as it is certain; again a ProMP.
+
+    .. math:: p(w) \propto \prod_i p_i(w)^{\alpha_i}: \quad
+              \Sigma = \Big(\sum_i \alpha_i\Sigma_i^{-1}\Big)^{-1}, \quad
+              \mu = \Sigma\sum_i\alpha_i\Sigma_i^{-1}\mu_i
+
+    computed without an inverse of any Σ_i, so primitives conditioned exactly are welcome.
+
+    Args:
+        promps: on the same basis and joints.
+        activations: α (m,), each >= 0, not all 0; by default all 1.
+
+    Raises:
+        InvalidRequestError: different bases or joints, bad activations, or two primitives that
+            are certain of different values.
+    """
+    _check_alike(promps, same_basis=True)
+    alpha = _activations(activations, (len(promps),))
+    active = [(promp, power) for promp, power in zip(promps, alpha, strict=True) if power > 0.0]
+    mean, covariance = active[0][0].weights, active[0][0].covariance / active[0][1]
+    one = np.ones(())
+    for promp, power in active[1:]:
+        mean, covariance = product(
+            (mean, promp.weights), (covariance, promp.covariance / power), (one, one), "coactivate"
+        )
+    return trusted(promps[0], mean.copy(), covariance)
+
+
+def coactivate_marginals(
+    promps: Sequence[ProMP], activations: ArrayLike, phases: int | ArrayLike
+) -> Marginals:
+    r"""Several primitives with activations that change along the phase.
+
+    At each phase on its own, :math:`p(y_t) \propto \prod_i N(y_t; \mu_{i,t}, \Sigma_{i,t})^
+    {\alpha_{i,t}}`. Bases may differ.
+
+    Args:
+        promps: m primitives of the same joints.
+        activations: (m, T), each >= 0, not all 0 at any phase.
+        phases: (T,) in [0, 1], or a count.
+
+    Raises:
+        InvalidRequestError: different joints, bad activations, or two primitives that are certain
+            of different values at a phase where both are active.
+    """
+    _check_alike(promps, same_basis=False)
+    z = phase_array(phases)
+    alpha = _activations(activations, (len(promps), z.size))
+    mean, covariance = promps[0].marginals(z)
+    power = alpha[0]
+    for promp, other in zip(promps[1:], alpha[1:], strict=True):
+        used = power + other > 0.0  # where neither is, the phase waits for a later one
+        moments = promp.marginals(z)
+        mean, covariance = product(
+            (mean, moments[0]),
+            (covariance, moments[1]),
+            (np.where(used, power, 1.0), other),
+            "coactivate_marginals",
+        )
+        power = np.where(used, 1.0, 0.0)
+    if len(promps) == 1:
+        covariance = covariance / power[:, None, None]
+    return Marginals(frozen(z.copy()), frozen(mean), frozen(covariance))
+
+
+def blend(
+    first: ProMP,
+    second: ProMP,
+    phases: int | ArrayLike,
+    at: float = 0.5,
+    width: float = 0.2,
+) -> Marginals:
+    r"""From one primitive to another: co-activation that moves over smoothly.
+
+    The second's activation rises from 0 to 1 over ``width`` of the phase about ``at`` as
+    :math:`s^3(10 - 15s + 6s^2)`; the first's is what is missing to 1.
+
+    Args:
+        first: followed before the change.
+        second: followed after it.
+        phases: (T,) in [0, 1], or a count.
+        at: phase of the middle of the change.
+        width: > 0, in phase.
+
+    Raises:
+        InvalidRequestError: as :func:`coactivate_marginals`, or ``at``, ``width`` out of range.
+    """
+    z = phase_array(phases)
+    middle = float(phase_array(float(at))[0])
+    s = np.clip((z - middle) / positive(width, "width") + 0.5, 0.0, 1.0)
+    rise = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    return coactivate_marginals((first, second), np.stack([1.0 - rise, rise]), z)
+
+
+def _activations(activations: ArrayLike | None, shape: tuple[int, ...]) -> FloatArray:
+    alpha = np.ones(shape) if activations is None else finite_array(activations, "activations")
+    if alpha.shape != shape:
+        raise InvalidRequestError(f"activations: expected shape {shape}, got {alpha.shape}")
+    if (alpha < 0.0).any() or not (alpha.max(axis=0) > 0.0).all():
+        raise InvalidRequestError("activations must be at least 0, and not all 0 at once")
+    return alpha
+
+
+def _check_alike(promps: Sequence[ProMP], same_basis: bool) -> None:
+    if not promps:
+        raise InvalidRequestError("expected at least one ProMP")
+    for i, promp in enumerate(promps):
+        if promp.joint_names != promps[0].joint_names:
+            raise InvalidRequestError(
+                f"ProMP {i} moves {', '.join(promp.joint_names)}; the first "
+                f"{', '.join(promps[0].joint_names)}"
+            )
+        if same_basis and promp.basis != promps[0].basis:
+            raise InvalidRequestError(f"ProMP {i} has {promp.basis}; the first {promps[0].basis}")
