@@ -12,7 +12,8 @@ import numpy as np
 from optipromp.errors import Code, InvalidRequestError, InvalidSceneError, OptiPrompError
 from optipromp.files import json_text, write_atomically
 from optipromp.metrics import Contact, Metrics
-from optipromp.planning import Plan, Term, bind
+from optipromp.planning import Plan, Term
+from optipromp.planning.setup import bind
 from optipromp.planning.stages import Stage
 from optipromp.scenes.io import scene_from_dict, scene_to_dict
 from optipromp.trajectory import Trajectory

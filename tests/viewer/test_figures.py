@@ -46,7 +46,11 @@ def test_the_joint_figure_has_a_panel_for_every_joint_with_its_limits(result: Pl
 def test_the_cost_figure_shows_each_history(result: Plan) -> None:
     figure = cost_figure(result)
     shown = [panel for panel in figure.axes if panel.get_visible()]
-    histories = [term.history for term in result.terms.values() if len(term.history) > 1]
+    histories = [
+        term.history
+        for term in result.terms.values()
+        if len(term.history) > 1 and any(term.history)
+    ]
     assert len(shown) == len(histories)
     for panel, history in zip(shown, histories, strict=True):
         np.testing.assert_array_equal(panel.lines[0].get_ydata(), history)

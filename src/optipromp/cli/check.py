@@ -55,7 +55,7 @@ def _words(value: object) -> str:
 
 
 def _scene(item: str) -> dict[str, Any]:
-    from optipromp.planning import bind
+    from optipromp.planning.setup import bind
     from optipromp.scenes.io import load_scene
 
     scene = load_scene(item)

@@ -69,8 +69,7 @@ def scenarios(
         console.print(table_one(rows))
         console.print(reductions(rows))
         for row in rows:
-            if row.plan.message:
-                console.print(f"{row.case.key}: {row.plan.message}", markup=False)
+            console.print(f"{row.case.key}, {row.case.title}: {row.plan.message}", markup=False)
         if out is not None:
             console.print(f"wrote the plans and their figures to {out}", markup=False)
     return OK if all(row.as_expected for row in rows) else FAILED
@@ -78,82 +77,66 @@ def scenarios(
 
 def table_one(rows: Sequence["Row"]) -> "Table":
     """Table I of the paper, ours beside it."""
+    from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    table = Table(title="Table I: the paper's figures and ours [m]", title_justify="left")
-    for name in ("scenario", "", "status", "M_c paper", "M_c ours"):
-        table.add_column(name)
     ids = ("n1", "n2")
-    for item in ids:
-        table.add_column(f"M_p {item} paper")
-        table.add_column("ours")
-    for name in ("stems", "static", "goal", "time"):
-        table.add_column(name)
+    table = Table(
+        box=SIMPLE_HEAD,
+        title="Table I: the paper's figures | ours, millimetres",
+        title_justify="left",
+        pad_edge=False,
+        padding=(0, 1, 0, 0),
+    )
+    for name in ("scenario", "status", "M_c", *(f"M_p {item}" for item in ids), "static", "time"):
+        table.add_column(name, no_wrap=True)
     for row in rows:
         metrics, paper = row.plan.metrics, row.case.published
-        cells = [
+        table.add_row(
             row.case.key,
-            row.case.title,
             f"[{'green' if row.as_expected else 'red'}]{row.plan.status}[/]",
-            number(paper.M_c if paper else None),
-            number(metrics.M_c),
-        ]
-        for item in ids:
-            cells += [number(paper.M_p[item] if paper else None), number(metrics.M_p.get(item))]
-        cells += [
-            _sides(row),
-            number(metrics.clearance_static),
-            number(metrics.goal_error),
-            f"{row.plan.time.get('total', math.nan):.3f} s",
-        ]
-        table.add_row(*cells)
+            _pair(paper.M_c if paper else None, metrics.M_c),
+            *(_pair(paper.M_p[item] if paper else None, metrics.M_p.get(item)) for item in ids),
+            _millimetres(metrics.clearance_static),
+            f"{row.plan.time['total']:.2f} s",
+        )
     return table
 
 
 def reductions(rows: Sequence["Row"]) -> "Table":
-    """How far each stage's cost falls, beside the paper."""
+    """How far each stage's cost falls with the paper's strategy, beside the paper."""
+    from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    table = Table(title="Cost reductions, before ÷ after", title_justify="left")
-    for name in (
-        "scenario",
-        "cost",
-        "stage",
-        "paper",
-        "ours, as many iterations",
-        "ours, at its end",
-    ):
+    table = Table(
+        box=SIMPLE_HEAD,
+        title="Cost before ÷ after a stage, sequential strategy",
+        title_justify="left",
+        pad_edge=False,
+    )
+    for name in ("scenario", "cost", "paper", "ours, as many", "ours, at the end"):
         table.add_column(name)
     for row in rows:
-        for item in row.reductions:
+        for item in row.reductions if row.case.strategy == "sequential" else ():
             table.add_row(
                 row.case.key,
                 item.term,
-                item.stage,
                 f"÷ {item.paper:g} in {item.paper_iterations}",
-                f"÷ {_factor(item.same)}",
-                f"÷ {_factor(item.final)} in {item.iterations}",
+                _factor(item.same),
+                f"{_factor(item.final)} in {item.iterations}",
             )
     return table
 
 
-def number(value: float | None) -> str:
-    """A length for a table; a dash where there is none."""
-    if value is None or not math.isfinite(value):
-        return "–"
-    return f"{value:.4f}" if abs(value) >= 1e-4 or value == 0 else f"{value:.1e}"
+def _pair(paper: float | None, ours: float | None) -> str:
+    return f"{_millimetres(paper)} | {_millimetres(ours)}"
+
+
+def _millimetres(value: float | None) -> str:
+    return "–" if value is None or not math.isfinite(value) else f"{1e3 * value:.0f}"
 
 
 def _factor(value: float) -> str:
-    return "∞" if math.isinf(value) else f"{value:.3g}"
-
-
-def _sides(row: "Row") -> str:
-    """Whether the tool passes every pushable on the side away from its stem."""
-    metrics = row.plan.metrics
-    sides = []
-    for item, offset in metrics.M_p.items():
-        stem = metrics.stem_projection.get(item)
-        if offset is not None and stem is not None:
-            sides.append(offset * stem < 0)
-    return "–" if not sides else "away" if all(sides) else "crossed"
+    if math.isnan(value):
+        return "nothing to lower"
+    return "to zero" if value > 1e6 else f"÷ {value:.3g}"

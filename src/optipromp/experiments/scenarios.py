@@ -1,5 +1,6 @@
 """The paper's four scenarios, its published figures and ours."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from os import PathLike
@@ -63,7 +64,8 @@ class Reduction:
         paper: the paper's factor.
         paper_iterations: and its iterations.
         same: our factor after as many iterations (or fewer, where the stage ended earlier).
-        final: our factor at the end of the stage; infinite where nothing is left.
+        final: our factor at the end of the stage; infinite where nothing is left, NaN where there
+            was nothing to lower.
         iterations: our iterations.
     """
 
@@ -104,7 +106,7 @@ class Row:
                     stage=term.stage,
                     paper=factor,
                     paper_iterations=iterations,
-                    same=_factor(history[0], min(history[: at + 1])),
+                    same=_factor(history[0], history[at]),
                     final=_factor(history[0], history[-1]),
                     iterations=len(history) - 1,
                 )
@@ -147,7 +149,7 @@ _IV = Published(
 
 CASES: tuple[Case, ...] = (
     Case(
-        "1-start-target",
+        "1-plain",
         "scenario-1",
         "ProMP on start and target",
         "promp",
@@ -228,4 +230,4 @@ def run_scenarios(
 def _factor(before: float, after: float) -> float:
     if after > 0.0:
         return before / after
-    return float("inf") if before > 0.0 else 1.0
+    return math.inf if before > 0.0 else math.nan

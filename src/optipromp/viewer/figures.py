@@ -29,7 +29,7 @@ _NAMES = {
 def plan_figures(plan: "Plan") -> dict[str, bytes]:
     """The figures of a plan as PNG files: ``reach``, ``joints`` and ``cost`` where it has one."""
     figures = {"reach": reach_figure(plan), "joints": joint_figure(plan)}
-    if any(len(term.history) > 1 for term in plan.terms.values()):
+    if _optimised(plan):
         figures["cost"] = cost_figure(plan)
     return {f"{name}.png": png(figure) for name, figure in figures.items()}
 
@@ -50,7 +50,7 @@ def cost_figure(plan: "Plan") -> "Figure":
     """Each term's cost over the iterations of the stage that optimises it."""
     from matplotlib.figure import Figure
 
-    terms = {name: term for name, term in plan.terms.items() if len(term.history) > 1}
+    terms = _optimised(plan)
     columns = max(1, min(2, len(terms)))
     rows = max(1, -(-len(terms) // columns))
     figure = Figure(figsize=(4.4 * columns, 3.0 * rows), layout="constrained")
@@ -75,12 +75,12 @@ def joint_figure(plan: "Plan") -> "Figure":
     panels = figure.subplots(rows, columns, squeeze=False).ravel(order="F")
     for joint, (panel, name) in enumerate(zip(panels, robot.joint_names, strict=False)):
         prismatic = bool(np.any(robot.kinematics.kind[robot.kinematics.dof == joint] == 1))
-        for trajectory, colour, label in (
-            (plan.initial, BEFORE, "before"),
-            (plan.trajectory, AFTER, "after"),
+        for trajectory, colour, label, width in (
+            (plan.initial, "#e79a94", "before", 3.6),
+            (plan.trajectory, AFTER, "after", 1.4),
         ):
             times = np.linspace(0.0, plan.trajectory.duration, trajectory.n_knots)
-            panel.plot(times, trajectory.positions[:, joint], color=colour, lw=1.6, label=label)
+            panel.plot(times, trajectory.positions[:, joint], color=colour, lw=width, label=label)
         for limit in (robot.lower[joint], robot.upper[joint]):
             if np.isfinite(limit):
                 panel.axhline(limit, color=LIMIT, lw=1.0, ls=(0, (4, 3)), label="limit")
@@ -98,6 +98,15 @@ def joint_figure(plan: "Plan") -> "Figure":
     return figure
 
 
+def _optimised(plan: "Plan") -> dict[str, "Term"]:
+    """The terms that a stage optimised and that were not zero all along."""
+    return {
+        name: term
+        for name, term in plan.terms.items()
+        if len(term.history) > 1 and any(term.history)
+    }
+
+
 def _draw_cost(panel: "Axes", name: str, term: "Term", solver: str) -> None:
     history = np.asarray(term.history, dtype=float)
     iterations = np.arange(len(history))
@@ -107,7 +116,7 @@ def _draw_cost(panel: "Axes", name: str, term: "Term", solver: str) -> None:
     if len(positive) == len(history) and history.max() > 30 * history.min():
         panel.set_yscale("log")
     else:
-        panel.set_ylim(bottom=min(0.0, float(history.min())))
+        panel.set_ylim(0.0, 1.08 * float(history.max()))
     first, last = history[0], history[-1]
     if last > 0 and first > last:
         change = f", ÷ {first / last:.3g}"

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from optipromp.arrays import FloatArray
+from optipromp.geometry.shapes import HalfSpace
+from optipromp.trajectory import Trajectory
 from optipromp.viewer import solids
 from optipromp.viewer.picture import Camera, Picture
 
@@ -58,7 +60,10 @@ def _draw_wide(axes: "Axes", plan: "Plan") -> None:
     middle = 0.5 * (focus + base)
     reach = max(0.6, float(np.linalg.norm(focus)))
     heading = float(np.arctan2(focus[1], focus[0])) if np.hypot(*focus[:2]) > 1e-6 else 0.0
-    picture = Picture(Camera.orbit(middle, heading - 1.0, 0.28, 3.5 * reach))
+    views = [
+        Camera.orbit(middle, heading + turn, 0.28, 3.5 * reach) for turn in (-1.0, 1.0, -2.1, 2.1)
+    ]
+    picture = Picture(min(views, key=lambda view: _hidden(view, plan, focus)))
     _add_floor(picture, reach)
     _add_objects(picture, plan, translucent=0.32)
     _add_arms(picture, plan)
@@ -113,6 +118,17 @@ def _focus(plan: "Plan") -> FloatArray:
     return np.asarray(point)
 
 
+def _hidden(view: Camera, plan: "Plan", focus: FloatArray) -> float:
+    """How far static things stand before the focus, seen from the camera [m]."""
+    back = view.axes[2]
+    nearer = [
+        float(back @ (item.position - focus))
+        for item in plan.scene.static
+        if not isinstance(item.shape, HalfSpace)
+    ]
+    return sum(max(0.0, distance) for distance in nearer)
+
+
 def _add_floor(picture: Picture, reach: float) -> None:
     ticks = np.arange(-4, 5) * 0.15 * max(1.0, reach)
     ends = np.array([ticks[0], ticks[-1]])
@@ -135,7 +151,7 @@ def _add_floor(picture: Picture, reach: float) -> None:
 
 def _add_objects(picture: Picture, plan: "Plan", translucent: float) -> None:
     for item in plan.scene.objects:
-        alpha = translucent if item.role == "avoid" else 0.75 if item.role == "static" else 1.0
+        alpha = translucent if item.role == "avoid" else 1.0
         faces = solids.shape_faces(item.shape, item.position, item.rotation)
         picture.add(faces, _COLOURS[item.role], alpha)
         if item.stem is not None:
@@ -143,10 +159,8 @@ def _add_objects(picture: Picture, plan: "Plan", translucent: float) -> None:
 
 
 def _add_arms(picture: Picture, plan: "Plan") -> None:
-    for positions, colour in (
-        (plan.initial.positions, BEFORE),
-        (plan.trajectory.positions, AFTER),
-    ):
+    for trajectory, colour in _motions(plan):
+        positions = trajectory.positions
         _add_arm(picture, plan.robot, positions[passing_knot(plan, positions)], colour)
 
 
@@ -171,8 +185,15 @@ def _add_arm(picture: Picture, robot: "Robot", q: FloatArray, colour: str) -> No
         picture.add(solids.cup(floor, axis, robot.gripper_radius, height), colour)
 
 
+def _motions(plan: "Plan") -> list[tuple[Trajectory, str]]:
+    """Before and after, or the plan alone where nothing was optimised."""
+    if np.array_equal(plan.initial.positions, plan.trajectory.positions):
+        return [(plan.trajectory, AFTER)]
+    return [(plan.initial, BEFORE), (plan.trajectory, AFTER)]
+
+
 def _add_paths(picture: Picture, plan: "Plan", radius: float) -> None:
-    for trajectory, colour in ((plan.initial, BEFORE), (plan.trajectory, AFTER)):
+    for trajectory, colour in _motions(plan):
         points, _ = plan.robot.tool_pose(trajectory.positions)
         picture.dots(points, radius, colour)
 
@@ -180,17 +201,20 @@ def _add_paths(picture: Picture, plan: "Plan", radius: float) -> None:
 def _legend(figure: "Figure", plan: "Plan") -> None:
     from matplotlib.lines import Line2D
 
-    entries = [
-        ("before", BEFORE, "o"),
-        ("after", AFTER, "o"),
-        ("target", _COLOURS["target"], "o"),
-    ]
-    names = {"pushable": "to push aside", "avoid": "to avoid", "static": "static"}
+    motions = [colour for _, colour in _motions(plan)]
+    words = ("before", "after") if len(motions) > 1 else ("plan",)
+    entries = list(zip(words, motions, strict=True))
+    names = {
+        "target": "target",
+        "pushable": "to push aside",
+        "avoid": "to avoid",
+        "static": "static",
+    }
     present = {item.role for item in plan.scene.objects}
-    entries += [(text, _COLOURS[role], "o") for role, text in names.items() if role in present]
+    entries += [(text, _COLOURS[role]) for role, text in names.items() if role in present]
     handles = [
-        Line2D([], [], color=colour, marker=marker, ls="none", ms=7, label=text)
-        for text, colour, marker in entries
+        Line2D([], [], color=colour, marker="o", ls="none", ms=7, label=text)
+        for text, colour in entries
     ]
     figure.legend(
         handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=9
