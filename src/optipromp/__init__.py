@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from optipromp.output import write_plan as write_plan
     from optipromp.planning import Plan as Plan
     from optipromp.planning import PlanOptions as PlanOptions
-    from optipromp.planning import plan as plan
+    from optipromp.planning.plan import plan as plan
     from optipromp.promp import Basis as Basis
     from optipromp.promp import JointPoint as JointPoint
     from optipromp.promp import ProMP as ProMP

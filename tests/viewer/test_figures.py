@@ -30,11 +30,10 @@ def test_a_plan_that_was_not_optimised_has_no_cost_figure() -> None:
 
 def test_the_joint_figure_has_a_panel_for_every_joint_with_its_limits(result: Plan) -> None:
     figure = joint_figure(result)
-    panels = [panel for panel in figure.axes if panel.get_visible()]
-    assert [panel.get_title(loc="left") for panel in panels] == [
-        f"{name} [rad]" for name in result.robot.joint_names
-    ]
-    for joint, panel in enumerate(panels):
+    panels = {panel.get_title(loc="left"): panel for panel in figure.axes if panel.get_visible()}
+    assert set(panels) == {f"{name} [rad]" for name in result.robot.joint_names}
+    for joint, name in enumerate(result.robot.joint_names):
+        panel = panels[f"{name} [rad]"]
         heights = [np.asarray(line.get_ydata()) for line in panel.lines]
         np.testing.assert_array_equal(heights[0], result.initial.positions[:, joint])
         np.testing.assert_array_equal(heights[1], result.trajectory.positions[:, joint])

@@ -1,6 +1,7 @@
 """``optipromp plan``: one scene, one plan."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -110,8 +111,9 @@ def plan(
         from optipromp.files import check_folder
 
         check_folder(out)
-    given = {"duration": duration, "knots": knots, "timeout": timeout}
-    options = PlanOptions(**{key: value for key, value in given.items() if value is not None})
+    options = PlanOptions(duration=duration, knots=knots)
+    if timeout is not None:
+        options = replace(options, timeout=timeout)
     loaded = load_scene(scene)
     primitive = None if demonstrations is None else read_primitive(demonstrations)
     say_if_compiling()

@@ -3,11 +3,11 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from optipromp.errors import Code
-from optipromp.planning import Plan, PlanOptions, plan
+from optipromp.planning import Plan, Planner, PlanOptions, Strategy, plan
 from optipromp.scenes.io import load_scene
 
 if TYPE_CHECKING:
@@ -47,8 +47,8 @@ class Case:
     key: str
     scene: str
     title: str
-    planner: str
-    strategy: str = "joint"
+    planner: Planner
+    strategy: Strategy = "joint"
     expected: Code | None = None
     published: Published | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -195,7 +195,7 @@ CASES: tuple[Case, ...] = (
 def run_scenarios(
     *,
     seed: int = 0,
-    demonstrations: "str | PathLike[str] | ProMP | None" = None,
+    demonstrations: "str | Path | ProMP | None" = None,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[Row, ...]:
     """Run every case of the paper's scenarios I to IV.

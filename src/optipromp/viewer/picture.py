@@ -110,8 +110,8 @@ class Picture:
         axes.add_collection(
             PolyCollection(
                 list(corners[order][..., :2]),
-                facecolors=colours[order],  # type: ignore[arg-type]
-                edgecolors=edges[order],  # type: ignore[arg-type]
+                facecolors=colours[order],
+                edgecolors=edges[order],
                 linewidths=0.35,
             ),
             autolim=False,
