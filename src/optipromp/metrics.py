@@ -283,13 +283,24 @@ def _passing(
         share = float(lateral @ stem)
         projection[thing.id] = share
         flat = stem - (stem @ up) * up
-        passed, near = m_p[thing.id], None
-        if passed is not None:
-            at = off[knot] - (off[knot] @ up) * up
-            near = float(np.linalg.norm(at)) < thing.radius + 2.0 * gripper_radius
-        if passed is None or not near or np.linalg.norm(flat) < DECIDED * np.linalg.norm(stem):
+        passed = m_p[thing.id]
+        if passed is None or np.linalg.norm(flat) < DECIDED * np.linalg.norm(stem):
+            continue
+        at = off[knot] - (off[knot] @ up) * up
+        near = float(np.linalg.norm(at)) < thing.radius + 2.0 * gripper_radius
+        if not near and not _in_the_way(scene, thing, gripper_radius):
             continue
         side = float(at @ flat)
         if side > 0.0:
             violations.append(f"the tool passes {thing.id} on the side of its stem")
     return m_p, projection
+
+
+def _in_the_way(scene: Scene, thing: SceneObject, gripper_radius: float) -> bool:
+    """Whether a straight approach would push this pushable (method §4, 1)."""
+    if scene.target is None:
+        return False
+    off = thing.position - scene.target.position
+    along = float(off @ scene.frame[2])
+    aside = float(np.linalg.norm(off - along * scene.frame[2]))
+    return -0.2 <= along < 0.0 and aside <= 1.5 * gripper_radius

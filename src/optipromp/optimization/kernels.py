@@ -360,9 +360,12 @@ def push_quadratic(points, tool, goal, frame, axis_weights, dt, first, weight, f
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def push_reciprocal(points, tool, goal, lateral, softening, first, weight, force):  # type: ignore[no-untyped-def]
-    """The authors' Σ_t 1/|y_g·(fk − X_g)|, finite near zero: Σ_t (y² + softening²)^(-1/2)."""
+    """The authors' Σ_t 1/|y_g·(fk − X_g)|, finite near zero: Σ_t (y² + softening²)^(-1/2).
+
+    The last knot is left out: it is at the target, where the term is without bound and without use.
+    """
     total = 0.0
-    for t in range(first, points.shape[0]):
+    for t in range(first, points.shape[0] - 1):
         y = (
             lateral[0] * (points[t, tool, 0] - goal[0])
             + lateral[1] * (points[t, tool, 1] - goal[1])

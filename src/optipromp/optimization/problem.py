@@ -12,7 +12,6 @@ from optipromp.optimization.evaluation import BodyPoints, Evaluation
 from optipromp.optimization.terms import Term
 from optipromp.robots.model import Robot
 
-
 ANCHOR = 1e3  # how much of ∫‖δ‖² dt the metric adds to ∫‖δ̈‖² dt, so that slow bends cost too
 
 

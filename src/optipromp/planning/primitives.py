@@ -21,7 +21,7 @@ from optipromp.robots import ik
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import SceneObject
 
-BASIS = Basis(count=10, width=2.0, outside=1)
+BASIS = Basis(count=14, width=2.0, outside=1)
 PAPER_BASIS = Basis(count=5, width=4.0, outside=1)
 ACCELERATION = 40.0  # [rad per unit of phase²] deviation of the prior's acceleration
 SPREAD = 3.0  # [rad] deviation of the prior's position
@@ -77,7 +77,7 @@ def _built_in(name: str, basis: Basis) -> ProMP | None:
 def learnt(
     setup: Setup, demonstrations: ProMP | str | Path | None, basis: Basis = BASIS
 ) -> ProMP:
-    """The ProMP a plan starts from.
+    """The ProMP a plan starts from, widened by a little of the smooth prior.
 
     Args:
         setup: the scene and its robot.
@@ -103,7 +103,7 @@ def learnt(
             f"the ProMP has {promp.n_joints} joints, {robot.name} has {robot.n_joints}: "
             f"{', '.join(robot.joint_names)}"
         )
-    return promp
+    return widened(promp, robot)
 
 
 def from_file(path: Path, basis: Basis) -> ProMP:

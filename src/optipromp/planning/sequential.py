@@ -29,6 +29,7 @@ from optipromp.promp.model import ProMP
 from optipromp.pushing.sides import Drift
 
 CONTROL_POINTS = 18
+CORRIDOR_EVERY = 4  # knots; the spline leaves no room for more between
 PUSH_ITERATIONS = {"first": 10, "second": 15}  # of the paper's scenarios III and IV
 COLLISION_ITERATIONS = {"first": 3, "second": 15}
 
@@ -184,7 +185,10 @@ def minimise_push(
                     constraint, rows.lower, rows.upper, jac=jacobian, hess=optimize.BFGS()
                 )
             ],
-            callback=record, options={"maxiter": limit, "initial_tr_radius": 0.3},
+            callback=record, options={
+                "maxiter": limit, "initial_tr_radius": 1.0, "initial_barrier_parameter": 0.01,
+                "initial_barrier_tolerance": 0.01,
+            },
         )  # fmt: skip
     return trajectory(result.x), history, str(result.message)
 
@@ -220,7 +224,7 @@ class Rows:
                     lower.append(float(center @ direction) + offset)
                     upper.append(np.inf)
         initial = setup.robot.tool_pose(reference)[0]
-        for t in range(knots.first, knots.count - 1):
+        for t in range(knots.first, knots.count - 1, CORRIDOR_EVERY):
             for axis in (x_g, z_g):
                 index.append(t)
                 axes.append(axis)
