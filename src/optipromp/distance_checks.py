@@ -1,6 +1,7 @@
 """Distances for the judge: plain NumPy on the scene's shapes, apart from the planner's kernels."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -124,48 +125,72 @@ def closest(
     return float(d[i]), int(index[1][i])
 
 
+@dataclass(frozen=True, eq=False)
+class LinkPairs:
+    """The sphere pairs that must keep apart, by the two links they belong to.
+
+    Attributes:
+        links: the spheres (index arrays) of each link that takes part.
+        groups: for each pair of links, their places in ``links`` and the sphere pairs (k, 2).
+    """
+
+    links: tuple[IntArray, ...]
+    groups: tuple[tuple[int, int, IntArray], ...]
+
+
+def link_pairs(link: IntArray, pairs: IntArray) -> LinkPairs:
+    """Group sphere ``pairs`` (P, 2) by the ``link`` (B,) of each sphere."""
+    if not len(pairs):
+        return LinkPairs((), ())
+    names = np.unique(link[pairs])
+    place = {int(name): i for i, name in enumerate(names)}
+    keys = link[pairs]
+    groups = tuple(
+        (place[int(a)], place[int(b)], pairs[(keys[:, 0] == a) & (keys[:, 1] == b)])
+        for a, b in np.unique(keys, axis=0)
+    )
+    return LinkPairs(tuple(np.flatnonzero(link == name) for name in names), groups)
+
+
 def self_clearance(
-    spheres: FloatArray, radius: FloatArray, link: IntArray, pairs: IntArray
+    spheres: FloatArray, radius: FloatArray, by_link: LinkPairs
 ) -> tuple[float | None, tuple[int, int]]:
     """Smallest surface distance over the sphere pairs that must keep apart, and that pair.
 
     Pairs of links go in order of a lower bound from their bounding spheres, and only the moments
-    that could still hold the minimum are measured.
+    that could still hold the minimum are measured. ``spheres`` (M, B, 3).
     """
-    if not len(pairs):
+    if not by_link.groups:
         return None, (-1, -1)
-    middle: dict[int, FloatArray] = {}
-    bound: dict[int, float] = {}
-    for name in np.unique(link[pairs]):
-        on = np.flatnonzero(link == name)
-        middle[name] = spheres[:, on].mean(axis=1)
-        bound[name] = float(
-            np.max(np.linalg.norm(spheres[0, on] - middle[name][0], axis=1) + radius[on])
-        )
-    keys = link[pairs]
-    groups = []
-    for first, second in np.unique(keys, axis=0):
-        apart = np.linalg.norm(middle[first] - middle[second], axis=1)
-        lower = apart - bound[first] - bound[second]
-        groups.append((float(lower.min()), first, second, lower))
+    middle = [spheres[:, on].mean(axis=1) for on in by_link.links]
+    bound = [
+        float(np.max(np.linalg.norm(spheres[0, on] - m[0], axis=1) + radius[on]))
+        for on, m in zip(by_link.links, middle, strict=True)
+    ]
+    first = np.array([g[0] for g in by_link.groups])
+    second = np.array([g[1] for g in by_link.groups])
+    centers = np.stack(middle)
+    apart = np.linalg.norm(centers[first] - centers[second], axis=2)
+    lower = apart - (np.array(bound)[first] + np.array(bound)[second])[:, None]  # (G, M)
+    least = lower.min(axis=1)
     best, where = np.inf, (-1, -1)
-    for least, first, second, lower in sorted(groups, key=lambda g: g[0]):
-        if least >= best:
+    for g in np.argsort(least):
+        if least[g] >= best:
             break
-        moments = np.flatnonzero(lower < best)
-        chosen = pairs[(keys[:, 0] == first) & (keys[:, 1] == second)]
-        order = moments[np.argsort(lower[moments])]
-        for low in range(0, len(order), 64):
-            some = order[low : low + 64]
-            if lower[some[0]] >= best:
-                break
-            between = spheres[some][:, chosen[:, 0]] - spheres[some][:, chosen[:, 1]]
-            d = np.sqrt(np.einsum("...i,...i", between, between))
-            d -= radius[chosen[:, 0]] + radius[chosen[:, 1]]
+        chosen = by_link.groups[g][2]
+        moments = np.flatnonzero(lower[g] < best)
+        order = moments[np.argsort(lower[g][moments])]
+        reach = radius[chosen[:, 0]] + radius[chosen[:, 1]]
+        step = 8
+        while len(order) and lower[g][order[0]] < best:
+            some, order = order[:step], order[step:]
+            between = spheres[some[:, None], chosen[:, 0]] - spheres[some[:, None], chosen[:, 1]]
+            d = np.sqrt(np.einsum("...i,...i", between, between)) - reach
             if d.min() < best:
                 best = float(d.min())
-                i = int(np.unravel_index(np.argmin(d), d.shape)[1])
+                i = int(np.argmin(d)) % len(chosen)
                 where = (int(chosen[i, 0]), int(chosen[i, 1]))
+            step = 64
     return best, where
 
 

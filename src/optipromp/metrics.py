@@ -6,6 +6,7 @@ trajectory is checked between its knots too, so finely that no body sphere moves
 radius from one check to the next (linear motion of the joints between knots).
 """
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
@@ -143,6 +144,11 @@ def fine_positions(robot: Robot, positions: FloatArray) -> FloatArray:
     return np.vstack([between, positions[-1:]])
 
 
+@functools.lru_cache(maxsize=16)
+def _link_pairs(robot: Robot) -> distance_checks.LinkPairs:
+    return distance_checks.link_pairs(np.asarray(robot.spheres.link), robot.self_pairs)
+
+
 def clearances(
     scene: Scene, robot: Robot, q: FloatArray
 ) -> tuple[dict[str, float | None], list[Contact], FloatArray]:
@@ -178,7 +184,7 @@ def clearances(
         "clearance_avoid_tool": closest(scene.avoid, distal, fault=False),
         "clearance_pushable": closest(scene.pushables, ~distal),
     }
-    apart, pair = distance_checks.self_clearance(spheres, radius, link, robot.self_pairs)
+    apart, pair = distance_checks.self_clearance(spheres, radius, _link_pairs(robot))
     out["clearance_self"] = apart
     if apart is not None and apart < 0.0:
         first, second = (robot.link_names[link[i]] for i in pair)

@@ -63,7 +63,7 @@ def _grouped_pairs(
     pairs = np.sort(place[self_pairs], axis=1)
     index = np.searchsorted(links, link)
     first, second = index[pairs[:, 0]], index[pairs[:, 1]]
-    by_links = np.lexsort((second, first))
+    by_links = np.lexsort((pairs[:, 1], pairs[:, 0], second, first))
     pairs, keys = pairs[by_links], np.stack([first, second], axis=1)[by_links]
     starts = np.flatnonzero(np.append(True, np.any(np.diff(keys, axis=0) != 0, axis=1)))
     ends = np.append(starts[1:], len(pairs))

@@ -193,8 +193,18 @@ def self_penalty(
             far = link_bound[first] + link_bound[second] + margin
             if (c[0] - d[0]) ** 2 + (c[1] - d[1]) ** 2 + (c[2] - d[2]) ** 2 >= far * far:
                 continue
+            last, skip = -1, False
             for p in range(groups[g, 2], groups[g, 3]):
                 i, j = pairs[p, 0], pairs[p, 1]
+                if i != last:  # pairs are sorted: one test for all partners of a sphere
+                    last = i
+                    far = radius[i] + link_bound[second] + margin
+                    dx = points[t, i, 0] - d[0]
+                    dy = points[t, i, 1] - d[1]
+                    dz = points[t, i, 2] - d[2]
+                    skip = dx * dx + dy * dy + dz * dz >= far * far
+                if skip:
+                    continue
                 dx = points[t, i, 0] - points[t, j, 0]
                 dy = points[t, i, 1] - points[t, j, 1]
                 dz = points[t, i, 2] - points[t, j, 2]

@@ -13,6 +13,7 @@ import numpy as np
 
 from optipromp import metrics
 from optipromp.arrays import FloatArray
+from optipromp.metrics import Judgement
 from optipromp.optimization.evaluation import Evaluation
 from optipromp.optimization.problem import Problem, Value
 from optipromp.optimization.solvers import gauss_newton
@@ -156,8 +157,11 @@ def plan_joint(
     """
     began = time.perf_counter()
 
-    def verify(trajectory: Trajectory) -> bool:
-        return not metrics.judge(setup.scene, setup.robot, trajectory, setup.start).violations
+    heard: dict[int, Judgement] = {}
+
+    def verify(trajectory: Trajectory, a: Attempt) -> bool:
+        heard[id(a)] = metrics.judge(setup.scene, setup.robot, trajectory, setup.start)
+        return not heard[id(a)].violations
 
     best = solve(setup, promp, options, goals, rng, deadline, verify)
     seconds = time.perf_counter() - began
@@ -171,6 +175,7 @@ def plan_joint(
         (stage,) if optimised else (),
         optimised,
         {"joint": seconds},
+        heard.get(id(best)),
     )
 
 
@@ -181,7 +186,7 @@ def solve(
     goals: FloatArray,
     rng: np.random.Generator,
     deadline: float,
-    verify: Callable[[Trajectory], bool],
+    verify: Callable[[Trajectory, Attempt], bool],
 ) -> Attempt:
     """The best attempt over all starts; the first that ``verify`` finds valid ends the search."""
     workspaces: dict[int, Evaluation] = {}
@@ -220,7 +225,7 @@ def solve(
             done = [advance(a, slice(1, None)) for a in batch[: max(1, (len(batch) + 1) // 2)]]
             done.sort(key=lambda a: a.value.merit)
             for a in done:
-                if verify(trajectory_of(setup, options, a.q)):
+                if verify(trajectory_of(setup, options, a.q), a):
                     return a
             if best is None or done[0].value.merit < best.value.merit:
                 best = done[0]

@@ -1,5 +1,6 @@
 """``plan``: the one way in, for all three planners."""
 
+import functools
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -7,6 +8,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
+from threadpoolctl import ThreadpoolController
 
 from optipromp import metrics
 from optipromp.arrays import FloatArray
@@ -25,6 +27,12 @@ from optipromp.scenes.scene import Scene
 from optipromp.trajectory import Trajectory
 
 GOAL_STARTS = 48  # of the inverse kinematics
+
+
+@functools.lru_cache(maxsize=1)
+def _threads() -> ThreadpoolController:
+    """Every matrix here is small: BLAS threads would spend their time waiting for one another."""
+    return ThreadpoolController()
 
 
 @dataclass(frozen=True)
@@ -141,6 +149,19 @@ def plan(
         InvalidSceneError, InvalidRobotError, InvalidDemonstrationError, InvalidRequestError,
         StartInvalidError: wrong input.
     """
+    with _threads().limit(limits=1, user_api="blas"):
+        return _plan(scene, planner, strategy, demonstrations, seed, options, progress)
+
+
+def _plan(
+    scene: Scene | str | Path,
+    planner: Planner,
+    strategy: Strategy,
+    demonstrations: ProMP | str | Path | None,
+    seed: int,
+    options: PlanOptions | None,
+    progress: Callable[[str], None] | None,
+) -> Plan:
     began = time.perf_counter()
     options = options or PlanOptions()
     if planner not in get_args(Planner):
@@ -162,7 +183,9 @@ def plan(
 
     def finish(outcome: Outcome, status: Code | None = None, message: str = "") -> Plan:
         start = time.perf_counter()
-        verdict = metrics.judge(scene, setup.robot, outcome.trajectory, setup.start)
+        verdict = outcome.judgement
+        if verdict is None:
+            verdict = metrics.judge(scene, setup.robot, outcome.trajectory, setup.start)
         if status is None:
             status, message = _verdict(verdict, outcome, deadline)
         now = time.perf_counter()

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from optipromp.arrays import FloatArray
+from optipromp.metrics import Judgement
 from optipromp.optimization.problem import Problem
 from optipromp.planning.build import Knots, functionals
 from optipromp.planning.options import PlanOptions
@@ -34,7 +35,7 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Trajectories before and after, and the stages between."""
+    """Trajectories before and after, the stages between, and the judge's word if already heard."""
 
     initial: Trajectory
     trajectory: Trajectory
@@ -42,6 +43,7 @@ class Outcome:
     stages: tuple[Stage, ...]
     optimised: bool
     time: Mapping[str, float]
+    judgement: Judgement | None = None
 
 
 def value_of(

@@ -6,6 +6,7 @@ import difflib
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -199,7 +200,7 @@ class Approach:
         object.__setattr__(self, "direction", z)
         object.__setattr__(self, "lateral", y)
 
-    @property
+    @cached_property
     def frame(self) -> FloatArray:
         """(3, 3) rows x_g, y_g, z_g with x_g = y_g × z_g: maps world vectors into F_g."""
         z = self.direction
