@@ -116,7 +116,7 @@ def closest(
         # the sphere nearest by bounding spheres gives a first upper bound
         least = np.unravel_index(np.argmin(lower), lower.shape)
         first = float(to_shape(shape, away[least] @ rotation)) - radius[least[1]]
-        mask = lower <= first
+        mask = lower <= first + 1e-9
     if not mask.any():
         return None, -1
     index = np.nonzero(mask)

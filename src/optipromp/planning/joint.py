@@ -2,7 +2,7 @@
 
 Starts differ in the inverse-kinematics branch of the goal, in the side on which undecided pushables
 are passed and, where those are not enough, in samples of the ProMP. They are solved together: all
-through the first stage of penalty stiffness, the better half to the end.
+through the first stage of penalty stiffness, those close to the best to the end.
 """
 
 import time
@@ -29,7 +29,8 @@ from optipromp.trajectory import Trajectory, shortest_dt
 LEVER_ARM = 0.4  # [m] turns a deviation of the tool into one of the joints
 PEAK = 1.9  # largest over mean speed of a smooth reach
 FEWEST, MOST = 60, 600  # knots
-NEAR = 8  # best goal configurations that become starts
+NEAR = 6  # best goal configurations that become starts
+CLOSE = 1.3  # a start within this factor of the best one after the first stage goes on
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +223,8 @@ def solve(
                 return batch[0]
             batch = [advance(a, slice(0, 1)) for a in batch]
             batch.sort(key=lambda a: a.value.merit)
-            done = [advance(a, slice(1, None)) for a in batch[: max(1, (len(batch) + 1) // 2)]]
+            ahead = [a for a in batch if a.value.merit < CLOSE * batch[0].value.merit]
+            done = [advance(a, slice(1, None)) for a in ahead]
             done.sort(key=lambda a: a.value.merit)
             for a in done:
                 if verify(trajectory_of(setup, options, a.q), a):

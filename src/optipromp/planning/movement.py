@@ -33,7 +33,8 @@ def plan_movement(
     """Condition the ProMP on the planner's points, on the branch nearest to the ProMP's own end.
 
     ``promp`` passes start, camera point (unless the scene or the options leave it out) and target;
-    ``i-promp`` also each neighbour's pose and pushed pose, at evenly spaced phases.
+    ``i-promp`` also each neighbour's pose and pushed pose, at evenly spaced phases. The arm pauses
+    at the camera point, to look.
     """
     began = time.perf_counter()
     end = promp.mean_trajectory(np.array([1.0]))[0]
@@ -63,7 +64,7 @@ def plan_movement(
     else:
         spread = (via.deviations / joint.LEVER_ARM) ** 2
         spread[1:-1] += np.array(variances) / joint.LEVER_ARM**2
-        posterior = conditioned(promp, setup.start, via.phases, branch, spread)
+        posterior = conditioned(promp, setup.start, via.phases, branch, spread, pause=phase)
     knots = Knots(options.knots or 200, phase)
     q = joint.settled(posterior.mean_trajectory(knots.count), setup.start, goal)
     trajectory = joint.trajectory_of(setup, options, q)

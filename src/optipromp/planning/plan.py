@@ -188,6 +188,8 @@ def _plan(
             verdict = metrics.judge(scene, setup.robot, outcome.trajectory, setup.start)
         if status is None:
             status, message = _verdict(verdict, outcome, deadline)
+        elif status == Code.GOAL_IN_COLLISION:
+            message += "; the trajectory that comes nearest: " + "; ".join(verdict.violations)
         now = time.perf_counter()
         times = {**clock, **outcome.time, "check": now - start, "total": now - began}
         return Plan(
@@ -286,12 +288,14 @@ def _goals(setup: Setup, seed: int) -> FloatArray:
 
 
 def _free(setup: Setup, goals: FloatArray) -> tuple[FloatArray | None, str]:
-    """The goal configurations that touch nothing; None, and what they touch, where all do."""
+    """The best goal configurations that touch nothing; None, and what they touch, where all do."""
     kept, worst = [], ""
     for i, goal in enumerate(goals):
         _, touching, _ = metrics.clearances(setup.scene, setup.robot, goal[None])
         if not touching:
             kept.append(i)
+            if len(kept) == joint.NEAR:
+                break
         elif not worst:
             worst = "; ".join(map(str, touching))
     if kept:

@@ -25,6 +25,7 @@ BASIS = Basis(count=14, width=2.0, outside=1)
 PAPER_BASIS = Basis(count=5, width=4.0, outside=1)
 ACCELERATION = 40.0  # [rad per unit of phase²] deviation of the prior's acceleration
 SPREAD = 3.0  # [rad] deviation of the prior's position
+PAUSED = 0.1  # [rad per unit of phase] deviation from standing still
 TRACKED = 1e-5  # [m] largest error of a followed task point
 
 
@@ -168,13 +169,20 @@ def on_branch(setup: Setup, via: ViaPoints, goal: FloatArray) -> FloatArray | No
 
 
 def conditioned(
-    promp: ProMP, start: FloatArray, phases: FloatArray, values: FloatArray, variances: FloatArray
+    promp: ProMP,
+    start: FloatArray,
+    phases: FloatArray,
+    values: FloatArray,
+    variances: FloatArray,
+    pause: float | None = None,
 ) -> ProMP:
     """``promp`` conditioned on the start and on configurations at phases, in joint space.
 
-    ``variances`` (m,) [rad²] of each point; 0 is exact.
+    ``variances`` (m,) [rad²] of each point; 0 is exact. At the phase ``pause`` the arm stands still.
     """
     points = [JointPoint(0.0, start)]
+    if pause is not None:
+        points.append(JointPoint(pause, np.zeros_like(start), PAUSED**2, derivative=1))
     points += [
         JointPoint(float(z), q, float(v) if v > 0 else None)
         for z, q, v in zip(phases, values, variances, strict=True)

@@ -20,9 +20,9 @@ from optipromp.optimization.problem import Problem, Value
 class GaussNewtonOptions:
     """Stages of penalty stiffness, iterations in each, and when to stop."""
 
-    stages: tuple[float, ...] = (0.01, 0.1, 1.0)
-    iterations: tuple[int, ...] = (8, 6, 12)
-    tolerance: float = 1e-4
+    stages: tuple[float, ...] = (0.02, 1.0)
+    iterations: tuple[int, ...] = (8, 16)
+    tolerance: float = 2e-3
     damping: float = 1e-4
     largest_step: float = 0.3
 
@@ -98,7 +98,7 @@ def solve(
                 gradient, curvature = problem.gradient(), problem.curvature()
                 history.append(value.terms)
                 damping = max(damping * 0.2, 1e-8)
-                if gain < options.tolerance * abs(value.merit) and largest < 0.02:
+                if gain < options.tolerance * value.merit:
                     message = "converged"
                     break
             else:
