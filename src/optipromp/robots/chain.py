@@ -51,7 +51,7 @@ class _Drive:
 
 
 def serial_chain(model: UrdfModel, flange: str | None = None) -> Chain:
-    """The chain of ``model`` that ends at link ``flange`` (default: the deepest leaf, first in file).
+    """The chain of ``model`` that ends at link ``flange`` (default: the deepest leaf).
 
     Movable joints off the chain stand at zero, or at the limit nearest to it.
     Raises InvalidRobotError when there is no such link, no movable joint on the way, or when the
@@ -77,12 +77,13 @@ def serial_chain(model: UrdfModel, flange: str | None = None) -> Chain:
             f"{model.path}: no movable joint between the root '{model.root}' and the flange '{tip}'"
         )
     names = tuple(dict.fromkeys(drives[joint.name].leader for joint in movable))
-    lower, upper, velocity = _limits(model, names, drives)
+    index = {name: i for i, name in enumerate(names)}
+    lower, upper, velocity = _limits(model, index, drives)
 
     on_path = {joint.name for joint in path}
     placements = {model.root: Placement(-1, np.eye(3), np.zeros(3))}
     segments: list[tuple[UrdfJoint, FloatArray, FloatArray]] = []
-    held: list[str] = []
+    held: set[str] = set()
     for child in order[1:]:
         joint = above[child]
         base = placements[joint.parent]
@@ -95,10 +96,10 @@ def serial_chain(model: UrdfModel, flange: str | None = None) -> Chain:
             if joint.name in on_path:
                 segments.append((joint, rotation, translation))
                 segment, rotation, translation = len(segments) - 1, np.eye(3), np.zeros(3)
-            elif drive.leader in names:
+            elif drive.leader in index:
                 driver = driver or joint.name
             else:
-                held.append(joint.name)
+                held.add(joint.name)
                 leader = model.joints[drive.leader]
                 rest = min(max(0.0, leader.lower), leader.upper)
                 value = drive.multiplier * rest + drive.offset
@@ -113,7 +114,7 @@ def serial_chain(model: UrdfModel, flange: str | None = None) -> Chain:
         rotation=frozen([rotation for _, rotation, _ in segments]),
         translation=frozen([translation for _, _, translation in segments]),
         axis=frozen([joint.axis for joint in movable]),
-        dof=frozen([names.index(drives[joint.name].leader) for joint in movable], np.int64),
+        dof=frozen([index[drives[joint.name].leader] for joint in movable], np.int64),
         multiplier=frozen([drives[joint.name].multiplier for joint in movable]),
         offset=frozen([drives[joint.name].offset for joint in movable]),
     )
@@ -124,7 +125,7 @@ def serial_chain(model: UrdfModel, flange: str | None = None) -> Chain:
         velocity=frozen(velocity),
         kinematics=kinematics,
         flange=placements[tip],
-        held_joints=tuple(name for name in model.joints if name in set(held)),
+        held_joints=tuple(name for name in model.joints if name in held),
         placements=MappingProxyType({name: placements[name] for name in model.links}),
     )
 
@@ -187,13 +188,12 @@ def _drives(model: UrdfModel) -> dict[str, _Drive]:
 
 
 def _limits(
-    model: UrdfModel, names: tuple[str, ...], drives: Mapping[str, _Drive]
+    model: UrdfModel, index: Mapping[str, int], drives: Mapping[str, _Drive]
 ) -> tuple[list[float], list[float], list[float]]:
     """Limits of the independent joints that keep every joint they drive within its own."""
-    lower = [model.joints[name].lower for name in names]
-    upper = [model.joints[name].upper for name in names]
-    velocity = [model.joints[name].velocity for name in names]
-    index = {name: i for i, name in enumerate(names)}
+    lower = [model.joints[name].lower for name in index]
+    upper = [model.joints[name].upper for name in index]
+    velocity = [model.joints[name].velocity for name in index]
     for joint in model.joints.values():
         drive = drives[joint.name]
         if joint.mimic is None or drive.leader not in index:
@@ -203,7 +203,8 @@ def _limits(
         if m == 0.0:
             if not joint.lower <= o <= joint.upper:
                 raise InvalidRobotError(
-                    f"{where} stands at {o:g}, outside its limits [{joint.lower:g}, {joint.upper:g}]"
+                    f"{where} stands at {o:g}, outside its limits "
+                    f"[{joint.lower:g}, {joint.upper:g}]"
                 )
             continue
         ends = sorted(((joint.lower - o) / m, (joint.upper - o) / m))

@@ -61,7 +61,7 @@ def cover_cup(radius: float, inner: float, height: float, length: float) -> Floa
 
 
 def _stack(radius: float, height: float, bulge: float) -> list[tuple[float, _Band]]:
-    """Bands that cover the wall from the rim (z = height) to the base (z = 0), with their heights."""
+    """Heights and bands that cover the wall from the rim (z = height) to the base (z = 0)."""
     bands = _bands(radius, bulge)
     count = np.array([band.count for band in bands])
     size = np.array([band.radius for band in bands])
@@ -99,25 +99,35 @@ def _bands(radius: float, bulge: float) -> list[_Band]:
     return bands
 
 
-def _inner_edge(band: _Band, offset: float) -> float:
-    """The radius down to which a band covers a horizontal plane ``offset`` from its height."""
-    angle = math.pi / band.count
+def _span(band: _Band, offset: float) -> tuple[float, float]:
+    """From which to which radius a band covers a horizontal plane ``offset`` from its height."""
+    angle = math.pi / band.count if band.count > 1 else 0.0
     reach = band.radius**2 - offset**2
-    across = (band.ring * math.sin(angle)) ** 2 if band.count > 1 else 0.0
-    if reach < across or band.count == 1 or band.ring**2 <= reach:
-        return 0.0 if reach >= band.ring**2 else math.inf
-    return band.ring * math.cos(angle) - math.sqrt(reach - across)
+    across = (band.ring * math.sin(angle)) ** 2
+    if reach < across:
+        return math.inf, -math.inf
+    middle, half = band.ring * math.cos(angle), math.sqrt(reach - across)
+    return (0.0 if band.ring**2 <= reach else middle - half), middle + half
+
+
+def _inner_edge(outer: float, plane: float, rows: list[tuple[float, _Band]]) -> float:
+    """The radius down to which ``rows`` cover the plane at height ``plane``, from ``outer`` in."""
+    edge = outer
+    for low, high in sorted((_span(band, plane - z) for z, band in rows), key=lambda s: -s[1]):
+        if high * _SLACK >= edge:
+            edge = min(edge, low)
+    return edge
 
 
 def _rim(
     radius: float, inner: float, height: float, bulge: float, rows: list[tuple[float, _Band]]
 ) -> list[tuple[float, _Band]]:
     """More bands where the wall is thicker at the rim than the outermost band covers."""
-    edge = min((_inner_edge(band, abs(height - z)) for z, band in rows), default=radius)
+    edge = _inner_edge(radius, height, rows)
     added: list[tuple[float, _Band]] = []
     while edge > inner * _SLACK:
         best: tuple[float, float, _Band] | None = None
-        for size in np.linspace(bulge, (height + bulge) / 2.0, 40):
+        for size in np.linspace(bulge, min((height + bulge) / 2.0, radius + bulge), 40):
             reach = 2.0 * size * bulge - bulge**2  # squared, in the plane of the rim
             if reach >= edge**2 and (best is None or best[1] > inner or best[2].count > 1):
                 best = (1.0 / edge, 0.0, _Band(1, 0.0, float(size), 0.0))
@@ -131,7 +141,7 @@ def _rim(
                 if ring <= 0.0:
                     continue
                 band = _Band(count, ring, float(size), 0.0)
-                end = max(_inner_edge(band, float(size) - bulge), inner)
+                end = max(_span(band, float(size) - bulge)[0], inner)
                 price = count / max(edge - end, 1e-12)
                 if best is None or price < best[0]:
                     best = (price, end, band)
@@ -154,15 +164,18 @@ def _base(
     radius: float, height: float, bulge: float, rows: list[tuple[float, _Band]]
 ) -> FloatArray:
     """Spheres over what the bands leave open of the base disc (z = 0)."""
-    edge = min(_inner_edge(band, abs(z)) for z, band in rows)
-    edge = min(edge, radius)
+    edge = _inner_edge(radius, 0.0, rows)
     if edge <= 0.0:
         return np.zeros((0, 4))
     if edge <= height + bulge:
         return np.array([[0.0, 0.0, 0.0, edge]])
     count = math.ceil(math.sqrt(2.0) * edge / (height + bulge))
-    cell = 2.0 * edge / count
-    x, y = np.meshgrid(*[(np.arange(count) + 0.5) * cell - edge] * 2, indexing="ij")
-    nearest = np.hypot(np.maximum(np.abs(x) - cell / 2, 0), np.maximum(np.abs(y) - cell / 2, 0))
-    x, y = x[nearest < edge], y[nearest < edge]
-    return np.column_stack([x, y, np.zeros(len(x)), np.full(len(x), cell * math.sqrt(0.5))])
+    while True:
+        half = edge / count
+        x, y = np.meshgrid(*[(2.0 * np.arange(count) + 1.0) * half - edge] * 2, indexing="ij")
+        nearest = np.hypot(np.maximum(np.abs(x) - half, 0.0), np.maximum(np.abs(y) - half, 0.0))
+        x, y = x[nearest < edge], y[nearest < edge]
+        size = half * math.sqrt(2.0)
+        if float(np.hypot(x, y).max()) + size <= radius + bulge:
+            return np.column_stack([x, y, np.zeros(len(x)), np.full(len(x), size)])
+        count += 1

@@ -79,7 +79,7 @@ def read_robot_file(path: Path) -> RobotFile:
     except (OSError, UnicodeDecodeError) as error:
         raise InvalidRobotError(f"{path}: cannot be read: {error}") from error
     try:
-        content = yaml.load(text, Loader=_Loader)  # noqa: S506 (a SafeLoader)
+        content = yaml.load(text, Loader=_Loader)
     except (yaml.YAMLError, RecursionError) as error:
         raise InvalidRobotError(
             f"{path}: not valid YAML: {' '.join(str(error).split())}"
@@ -192,6 +192,11 @@ def _body_spheres(entry: RobotFile, model: UrdfModel, chain: Chain) -> BodySpher
         radius.append(cover[:, 3])
         segment += [place.segment] * len(cover)
         link += [index] * len(cover)
+    if not segment and not entry.spheres and not entry.capsules:
+        raise InvalidRobotError(
+            f"{model.path}: no link has collision or visual geometry, so nothing could be kept off "
+            "an obstacle; give spheres or capsules in a robot file"
+        )
     carrier = np.array(segment, dtype=np.int64)
     return BodySpheres(
         segment=frozen(carrier, np.int64),

@@ -17,7 +17,7 @@ _SLACK = 1.0 + 1e-9  # against rounding, so that a point on the surface counts a
 
 
 def cover_capsule(start: FloatArray, end: FloatArray, radius: float, bulge: float) -> FloatArray:
-    r"""The fewest equal spheres in a row that cover a capsule and reach at most ``bulge`` beyond it.
+    r"""The fewest equal spheres in a row that cover a capsule, at most ``bulge`` beyond it.
 
     With k spheres of radius r + e, the outer ones e inside the ends, neighbours d apart cover the
     side when (r + e)² = r² + (d/2)²: a quadratic for e.
@@ -38,21 +38,22 @@ def cover_capsule(start: FloatArray, end: FloatArray, radius: float, bulge: floa
     return np.column_stack([centers, np.full(count, (radius + excess) * _SLACK)])
 
 
-def cover_box(size: FloatArray, bulge: float) -> FloatArray:
+def cover_box(size: FloatArray, bulge: float, most: int = MAX_SPHERES) -> FloatArray:
     """A grid of spheres, one around each cell, that covers a box of full sizes ``size`` (3,).
 
-    The fewest that reach at most ``bulge`` beyond it, or those that reach least with MAX_SPHERES.
+    The fewest that reach at most ``bulge`` beyond it, or of ``most`` those that reach least.
     """
     size = np.asarray(size, float)
-    best: tuple[float, tuple[int, int, int]] | None = None
+    best = (math.inf, _GRIDS[0])
     for counts in _GRIDS:
+        if math.prod(counts) > most:
+            break
         half = size / (2.0 * np.array(counts))
         excess = float(np.linalg.norm(half) - half.min())
-        if best is None or excess < best[0] - 1e-12:
+        if excess < best[0] - 1e-12:
             best = (excess, counts)
         if excess <= bulge:
             break
-    assert best is not None  # noqa: S101 (for mypy: _GRIDS is not empty)
     return _grid(size, best[1])
 
 
@@ -66,7 +67,7 @@ def cover_cylinder(radius: float, length: float, bulge: float) -> FloatArray:
         grid = grid[np.hypot(nearest[:, 0], nearest[:, 1]) < radius]
         if len(grid) > 1:
             return grid
-    count = max(1, round(length / (2.0 * radius)))
+    count = min(max(1, round(length / (2.0 * radius))), MAX_SPHERES)
     while math.hypot(radius, length / (2 * count)) - radius > bulge and count < MAX_SPHERES:
         count += 1
     half_step = length / (2.0 * count)
@@ -90,20 +91,20 @@ def _cover(model: UrdfModel, link: str, shape: UrdfGeometry) -> FloatArray:
     if shape.kind == "sphere":
         return np.array([[0.0, 0.0, 0.0, shape.size[0]]])
     if shape.kind == "box":
-        return cover_box(np.array(shape.size), _allowance(min(shape.size) / 2.0))
+        return cover_box(np.array(shape.size), allowance(min(shape.size) / 2.0))
     if shape.kind == "mesh":
         from optipromp.robots.meshes import cover_mesh
 
         return cover_mesh(model, link, shape)
     radius, length = shape.size
     if shape.kind == "cylinder":
-        return cover_cylinder(radius, length, _allowance(min(radius, length / 2.0)))
+        return cover_cylinder(radius, length, allowance(min(radius, length / 2.0)))
     tip = np.array([0.0, 0.0, length / 2.0])
-    return cover_capsule(-tip, tip, radius, _allowance(radius))
+    return cover_capsule(-tip, tip, radius, allowance(radius))
 
 
-def _allowance(half_width: float) -> float:
-    """A centimetre or a fifth of the half width, whichever is more."""
+def allowance(half_width: float) -> float:
+    """The bulge that covers of URDF geometry may have [m]: the more of 0.01 and 0.2 half widths."""
     return max(0.01, 0.2 * half_width)
 
 

@@ -150,24 +150,26 @@ class _Reader:
             self.refuse(f"{owner} needs one <geometry> that holds one shape", holder or node)
         shape = holder.children[0]
         what = f"{owner} <{shape.tag}>"
+        if shape.tag not in ("box", "capsule", "cylinder", "mesh", "sphere"):
+            self.refuse(
+                f"{what} is not a known shape; known: box, capsule, cylinder, mesh, sphere", shape
+            )
         if shape.tag == "sphere":
             return UrdfGeometry("sphere", (self.size(shape, "radius", what),), xyz, rpy)
-        if shape.tag == "cylinder" or shape.tag == "capsule":
+        if shape.tag in ("cylinder", "capsule"):
             size = (self.size(shape, "radius", what), self.size(shape, "length", what))
-            return UrdfGeometry(shape.tag, size, xyz, rpy)
+            return UrdfGeometry(
+                "cylinder" if shape.tag == "cylinder" else "capsule", size, xyz, rpy
+            )
         if shape.tag == "box":
             return UrdfGeometry("box", self.vector(shape, "size", what, positive=True), xyz, rpy)
-        if shape.tag == "mesh":
-            file = shape.attributes.get("filename", "").strip()
-            if not file:
-                self.refuse(f"{what} has no filename", shape)
-            given = self.numbers(shape, "scale", 3, what, default=(1.0, 1.0, 1.0))
-            if min(abs(s) for s in given) == 0.0:
-                self.refuse(f"{what} scale is {given}; it must not be zero", shape)
-            return UrdfGeometry("mesh", tuple(s * self.scale for s in given), xyz, rpy, file)
-        self.refuse(
-            f"{what} is not a known shape; known: box, capsule, cylinder, mesh, sphere", shape
-        )
+        file = shape.attributes.get("filename", "").strip()
+        if not file:
+            self.refuse(f"{what} has no filename", shape)
+        given = self.numbers(shape, "scale", 3, what, default=(1.0, 1.0, 1.0))
+        if min(abs(s) for s in given) == 0.0:
+            self.refuse(f"{what} scale is {given}; it must not be zero", shape)
+        return UrdfGeometry("mesh", tuple(s * self.scale for s in given), xyz, rpy, file)
 
     def joint(self, node: Node) -> UrdfJoint:
         name = self.name(node)

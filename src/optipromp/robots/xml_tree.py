@@ -31,10 +31,10 @@ class _Builder(ContentHandler):
         self.open: list[Node] = []
         self.locator: Locator | None = None
 
-    def setDocumentLocator(self, locator: Locator) -> None:  # noqa: N802 (name of the SAX API)
+    def setDocumentLocator(self, locator: Locator) -> None:
         self.locator = locator
 
-    def startElement(self, name: str, attrs: AttributesImpl) -> None:  # noqa: N802
+    def startElement(self, name: str, attrs: AttributesImpl) -> None:
         line = (self.locator.getLineNumber() if self.locator is not None else None) or 0
         if name.startswith("xacro:"):
             raise InvalidRobotError(
@@ -56,7 +56,7 @@ class _Builder(ContentHandler):
             self.root = node
         self.open.append(node)
 
-    def endElement(self, name: str) -> None:  # noqa: N802
+    def endElement(self, name: str) -> None:
         self.open.pop()
 
 
@@ -66,9 +66,10 @@ def read_xml(path: Path) -> Node:
     Raises InvalidRobotError when the file cannot be read, is not well-formed XML, declares
     entities or refers to external ones (none is ever opened), or holds unexpanded xacro.
     """
+    from xml.sax import SAXParseException
+
     import defusedxml.sax
     from defusedxml.common import DefusedXmlException
-    from xml.sax import SAXParseException
 
     try:
         content = path.read_bytes()

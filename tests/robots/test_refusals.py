@@ -1,0 +1,256 @@
+"""Every bad robot description is one InvalidRobotError that says where and what would be right."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optipromp.errors import Code, InvalidRobotError
+from optipromp.robots.library import load_robot
+
+Writer = Callable[..., Path]
+
+
+def refused(path: Path, *words: str) -> None:
+    with pytest.raises(InvalidRobotError) as caught:
+        load_robot(path)
+    assert caught.value.code is Code.INVALID_ROBOT
+    for word in (path.name, *words):
+        assert word in caught.value.message
+    assert "\n" not in caught.value.message
+
+
+LINKS = '<link name="a"/><link name="b"/>'
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", ["empty"]),
+        (b"  \n ", ["empty"]),
+        (b"<robot name='r'><link name='a'>", ["robot.urdf:1:", "not well-formed"]),
+        (b"\x00\x01\x02\x7fELF", ["robot.urdf:1:", "not well-formed"]),
+        (b"<?xml version='1.0' encoding='no-such'?><robot/>", ["encoding"]),
+        (b"<sdf><model/></sdf>", ["<sdf>", "<robot>"]),
+        (b"<robot name='r'/>", ["no <link>"]),
+        (b"<robot><link name='a'/></robot>", ["no movable joint", "'a'"]),
+        (b"<robot><link/></robot>", ["<link> has no name"]),
+        (b"<robot>\n<xacro:macro name='x'/></robot>", [":2", "xacro:macro", "expand"]),
+        (b"<robot>\n\n<link name='${prefix}a'/></robot>", [":3", "${prefix}", "expand"]),
+        (b"<robot>\n<link name='$(arg n)a'/></robot>", [":2", "$(arg n)", "expand"]),
+    ],
+)
+def test_content(write: Writer, content: bytes, words: list[str]) -> None:
+    refused(write(content), *words)
+
+
+def test_entity_bomb(write: Writer) -> None:
+    body = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 10}">' for i in range(1, 10))
+    bomb = f'<!DOCTYPE robot [<!ENTITY e0 "ha">{body}]><robot name="&e9;"/>'
+    refused(write(bomb), "entities")
+
+
+@pytest.mark.parametrize(
+    "doctype",
+    [
+        '<!DOCTYPE robot [<!ENTITY x SYSTEM "{secret}">]><robot name="r">&x;</robot>',
+        '<!DOCTYPE robot [<!ENTITY % x SYSTEM "{secret}"> %x;]><robot name="r"/>',
+        '<!DOCTYPE robot SYSTEM "{secret}"><robot name="r"/>',
+    ],
+)
+def test_external_entity_is_not_read(
+    write: Writer, tmp_path: Path, doctype: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    secret = tmp_path / "secret"
+    secret.write_text("<!ENTITY leaked 'secret'>")
+    path = write(doctype.format(secret=secret))
+    opened: list[str] = []
+    monkeypatch.setattr("builtins.open", lambda *args, **_: opened.append(str(args[0])))
+    monkeypatch.setattr("urllib.request.urlopen", lambda *args, **_: opened.append(str(args[0])))
+    with pytest.raises(InvalidRobotError) as caught:
+        load_robot(path)
+    assert "leaked" not in caught.value.message
+    assert not opened
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"kind": "floating"}, ["'ab'", "'floating'", "revolute, continuous, prismatic, fixed"]),
+        ({"kind": "planar"}, ["'ab'", "'planar'"]),
+        ({"kind": "hinge"}, ["'hinge'"]),
+        ({"origin": '<origin xyz="nan 0 0"/>'}, ["'ab'", "nan", "finite"]),
+        ({"origin": '<origin xyz="0 inf 0"/>'}, ["'ab'", "inf"]),
+        ({"origin": '<origin xyz="0 1e400 0"/>'}, ["1e400", "finite"]),
+        ({"origin": '<origin xyz="0,1 0 0"/>'}, ["0,1", "decimal point"]),
+        ({"origin": '<origin xyz="1_0 0 0"/>'}, ["1_0"]),
+        ({"origin": '<origin xyz="0 0"/>'}, ["2 numbers", "needs 3"]),
+        ({"origin": '<origin xyz="0 0 333"/>'}, ["333 m", "20 m", "millimetres"]),
+        ({"origin": '<origin rpy="0 90 0"/>'}, ["90", "degrees"]),
+        ({"origin": "<origin/><origin/>"}, ["2 <origin>"]),
+        ({"axis": '<axis xyz="0 0 0"/>'}, ["'ab'", "zero axis"]),
+        ({"axis": '<axis xyz="1e-200 0 0"/>'}, ["zero axis"]),
+        ({"axis": "<axis/>"}, ["no xyz"]),
+        ({"limit": '<limit lower="1" upper="-1"/>'}, ["lower 1", "upper -1"]),
+        ({"limit": '<limit lower="-180" upper="180"/>'}, ["180 rad", "degrees"]),
+        ({"limit": ""}, ["'ab'", "no limits", "continuous"]),
+        ({"kind": "prismatic", "limit": ""}, ["prismatic", "no limits"]),
+        ({"kind": "prismatic", "limit": '<limit effort="1" velocity="1"/>'}, ["no limits"]),
+        (
+            {"kind": "prismatic", "limit": '<limit lower="0" upper="510"/>'},
+            ["510 m", "millimetres"],
+        ),
+        ({"limit": '<limit lower="-1" upper="1" velocity="0"/>'}, ["velocity is 0", "positive"]),
+        ({"limit": '<limit lower="-1" upper="1" velocity="-2"/>'}, ["velocity is -2"]),
+        ({"limit": '<limit lower="a" upper="1"/>'}, ['"a"']),
+        ({"more": '<mimic joint="ab"/>'}, ["'ab'", "mimics itself"]),
+        ({"more": '<mimic joint="zz"/>'}, ["'ab'", "'zz'", "not defined"]),
+        ({"more": "<mimic/>"}, ["names no joint"]),
+        ({"more": '<mimic joint="bc" offset="nan"/>'}, ["nan"]),
+    ],
+)
+def test_joint(
+    urdf: Writer, joint: Callable[..., str], changes: dict[str, str], words: list[str]
+) -> None:
+    refused(urdf(joint("ab", "a", "b", **changes) + joint("bc", "b", "c")), *words)
+
+
+@pytest.mark.parametrize(
+    ("joints", "words"),
+    [
+        ([("ab", "a", "b"), ("ab", "b", "c")], ["joint 'ab'", "twice"]),
+        ([("ac", "a", "c"), ("bc", "b", "c")], ["'c'", "two parents", "'ac'", "'bc'"]),
+        ([("ab", "a", "b"), ("bc", "b", "c"), ("ca", "c", "a")], ["cycle"]),
+        ([("bc", "b", "c"), ("cb", "c", "b")], ["cycle", "'b'", "'c'"]),
+        ([("ab", "a", "b"), ("cc", "c", "c")], ["cycle", "'c'"]),
+        ([("ab", "a", "b")], ["2 roots", "'a'", "'c'"]),
+        ([("ab", "a", "b"), ("bz", "b", "z")], ["'bz'", "child", "'z'", "not defined"]),
+        ([("ab", "a", "b"), ("zc", "z", "c")], ["'zc'", "parent", "'z'"]),
+        ([("ab", "a", "b"), ("bc", "b", "")], ["'bc'", "<child"]),
+    ],
+)
+def test_tree(
+    urdf: Writer, joint: Callable[..., str], joints: list[tuple[str, str, str]], words: list[str]
+) -> None:
+    refused(urdf("".join(joint(*ends) for ends in joints)), *words)
+
+
+def test_mimics_in_a_ring_or_of_a_fixed_joint(urdf: Writer, joint: Callable[..., str]) -> None:
+    first = joint("ab", "a", "b", more='<mimic joint="bc"/>')
+    refused(urdf(first + joint("bc", "b", "c", more='<mimic joint="ab"/>')), "ring", "'ab', 'bc'")
+    refused(urdf(first + joint("bc", "b", "c", kind="fixed")), "'ab'", "'bc'", "fixed")
+
+
+def test_mimic_limits_with_nothing_in_common(urdf: Writer, joint: Callable[..., str]) -> None:
+    follower = joint("bc", "b", "c", more='<mimic joint="ab" multiplier="1" offset="5"/>')
+    refused(urdf(joint("ab", "a", "b") + follower), "'bc'", "'ab'", "[-1, 1]")
+    still = joint("bc", "b", "c", more='<mimic joint="ab" multiplier="0" offset="5"/>')
+    refused(urdf(joint("ab", "a", "b") + still), "'bc'", "stands at 5")
+
+
+def test_duplicate_link(urdf: Writer) -> None:
+    refused(urdf(links='<link name="a"/><link name="a"/>'), "link 'a'", "twice")
+
+
+@pytest.mark.parametrize(
+    ("shape", "words"),
+    [
+        ('<sphere radius="0"/>', ["'a'", "radius is 0", "positive"]),
+        ('<sphere radius="-0.1"/>', ["radius is -0.1"]),
+        ("<sphere/>", ["no radius"]),
+        ('<sphere radius="60"/>', ["60 m", "millimetres"]),
+        ('<cylinder radius="0.1" length="-1"/>', ["length is -1"]),
+        ('<box size="1 -1 1"/>', ["'a'", "1 -1 1", "positive"]),
+        ('<box size="1 1"/>', ["2 numbers"]),
+        ('<cone radius="1"/>', ["<cone>", "known: box"]),
+        ("", ["needs one <geometry>"]),
+        ('<sphere radius="1"/><sphere radius="1"/>', ["one shape"]),
+        ("<mesh/>", ["no filename"]),
+        ('<mesh filename="x.stl" scale="0 1 1"/>', ["scale", "zero"]),
+        ('<mesh filename="missing.stl"/>', ["'a'", "missing.stl", "no such file"]),
+        ('<mesh filename="package://pkg/meshes/a.stl"/>', ["package://pkg", "no such file"]),
+    ],
+)
+@pytest.mark.parametrize("tag", ["collision", "visual"])
+def test_geometry(urdf: Writer, tag: str, shape: str, words: list[str]) -> None:
+    link = f'<link name="a"><{tag}><geometry>{shape}</geometry></{tag}></link>'
+    refused(urdf(links=link + '<link name="b"/><link name="c"/>'), *words)
+
+
+def test_no_geometry_at_all(urdf: Writer) -> None:
+    refused(urdf(links='<link name="a"/><link name="b"/><link name="c"/>'), "no link has")
+
+
+def test_unreadable(tmp_path: Path) -> None:
+    (tmp_path / "folder.urdf").mkdir()
+    refused(tmp_path / "folder.urdf", "no such file")
+    refused(tmp_path / "none.urdf", "no such file", "panda, scara")
+    with pytest.raises(InvalidRobotError, match="built-in: panda, scara"):
+        load_robot("pandda")
+
+
+# -- what is accepted ------------------------------------------------------------------------
+
+
+def test_utf16_loads(write: Writer, urdf: Writer) -> None:
+    text = urdf().read_text()
+    path = write(text.encode("utf-16"), "wide.urdf")
+    assert load_robot(path).joint_names == ("ab", "bc")
+
+
+def test_unnormalised_axis_same_kinematics(urdf: Writer, joint: Callable[..., str]) -> None:
+    q = np.array([0.4, -0.3])
+    poses = []
+    for axis in ("1 2 3", "0.1 0.2 0.3", "1e200 2e200 3e200"):
+        first = joint("ab", "a", "b", axis=f'<axis xyz="{axis}"/>')
+        path = urdf(first + joint("bc", "b", "c"))
+        poses.append(np.concatenate(load_robot(path).tool_pose(q)))
+    np.testing.assert_allclose(poses[1:], [poses[0]] * 2, atol=1e-12)
+
+
+def test_continuous_needs_no_limits(urdf: Writer, joint: Callable[..., str]) -> None:
+    path = urdf(joint("ab", "a", "b", kind="continuous", limit="") + joint("bc", "b", "c"))
+    robot = load_robot(path)
+    assert robot.lower[0] == -math.inf
+    assert robot.upper[0] == math.inf
+    assert robot.velocity[0] == math.inf
+    assert robot.velocity[1] == 2.0
+
+
+def test_chain_of_3000_links(write: Writer, joint: Callable[..., str]) -> None:
+    count = 3000
+    ball = '<collision><geometry><sphere radius="0.001"/></geometry></collision>'
+    links = "".join(f'<link name="l{i}">{ball if i % 10 == 0 else ""}</link>' for i in range(count))
+    origin = '<origin xyz="0 0 0.01"/>'
+    joints = "".join(joint(f"j{i}", f"l{i}", f"l{i + 1}", origin=origin) for i in range(count - 1))
+    robot = load_robot(write(f'<robot name="long">{links}{joints}</robot>'))
+    assert robot.n_joints == count - 1
+    point, _ = robot.tool_pose(np.zeros(count - 1))
+    np.testing.assert_allclose(point, [0, 0, 0.01 * (count - 1)], atol=1e-9)
+
+
+def test_mimic_is_no_independent_joint(urdf: Writer, joint: Callable[..., str]) -> None:
+    follower = joint("bc", "b", "c", more='<mimic joint="ab" multiplier="-2" offset="0.5"/>')
+    robot = load_robot(urdf(joint("ab", "a", "b") + follower))
+    assert robot.joint_names == ("ab",)
+    # the follower's own limits hold too: -1 <= -2 q + 0.5 <= 1
+    np.testing.assert_allclose([robot.lower[0], robot.upper[0]], [-0.25, 0.75])
+    assert robot.velocity[0] == 1.0
+
+
+def test_leader_off_the_chain_drives_it(urdf: Writer, joint: Callable[..., str]) -> None:
+    joints = joint("ab", "a", "b", more='<mimic joint="ac"/>') + joint("ac", "a", "c")
+    robot = load_robot(urdf(joints))
+    assert robot.joint_names == ("ac",)
+    assert robot.held_joints == ()
+
+
+def test_branch_that_moves_with_the_chain_is_refused(
+    urdf: Writer, joint: Callable[..., str]
+) -> None:
+    ball = '<collision><geometry><sphere radius="0.02"/></geometry></collision>'
+    links = f'<link name="a"/><link name="b">{ball}</link><link name="c">{ball}</link>'
+    joints = joint("ab", "a", "b") + joint("ac", "a", "c", more='<mimic joint="ab"/>')
+    refused(urdf(joints, links), "'c'", "'ac'", "serial chain")

@@ -1,0 +1,148 @@
+"""Tools: where the tool point lies, what the spheres cover, what is refused."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from optipromp.errors import InvalidRequestError
+from optipromp.robots.library import load_robot
+from optipromp.robots.tools import Cup, FrankaHand, Tool, with_tool, without_tool
+
+
+def cup_surface(cup: Cup) -> np.ndarray:
+    """Dense points of outer wall, base, rim and neck, in the flange frame."""
+    angle = np.linspace(0.0, 2.0 * math.pi, 90, endpoint=False) + 0.003
+    ring = np.column_stack([np.cos(angle), np.sin(angle)])
+    inner = cup.radius if cup.opening is None else cup.opening / 2.0
+    rows = [(cup.radius, cup.length + z) for z in np.linspace(0.0, cup.height, 40)]
+    rows += [(r, cup.length) for r in np.linspace(0.0, cup.radius, 25)]
+    rows += [(r, cup.length + cup.height) for r in np.linspace(inner, cup.radius, 25)]
+    rows += [(0.01, z) for z in np.linspace(0.0, cup.length, 25) if cup.length > 0.0]
+    return np.concatenate([np.column_stack([r * ring, np.full(len(ring), z)]) for r, z in rows])
+
+
+def worst_gap(points: np.ndarray, cover: np.ndarray) -> float:
+    gap = np.full(len(points), np.inf)
+    for sphere in cover:
+        gap = np.minimum(gap, np.linalg.norm(points - sphere[:3], axis=1) - sphere[3])
+    return float(gap.max())
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    radius=st.floats(0.01, 0.2),
+    height=st.floats(0.01, 0.2),
+    length=st.floats(0.0, 0.3),
+    share=st.floats(0.05, 1.0),
+)
+def test_cup_is_covered_and_little_more(
+    radius: float, height: float, length: float, share: float
+) -> None:
+    cup = Cup(radius, height, length, depth=height / 2, opening=2.0 * radius * share)
+    cover = cup.spheres()
+    assert worst_gap(cup_surface(cup), cover) <= 1e-9
+    bulge = max(0.004, 0.09 * radius) + 1e-6
+    body = cover[cover[:, 2] > length - 1e-9] if length else cover
+    outward = np.hypot(cover[:, 0], cover[:, 1]) + cover[:, 3]
+    assert (outward <= max(radius, 0.01) + bulge).all()
+    assert ((body[:, 2] + body[:, 3]) <= length + height + bulge).all()
+
+
+def test_the_usual_cup() -> None:
+    cup = Cup(0.05)
+    cover = cup.spheres()
+    assert len(cover) <= 40
+    assert worst_gap(cup_surface(cup), cover) <= 0.0
+    assert (np.hypot(cover[:, 0], cover[:, 1]) + cover[:, 3]).max() < 0.05 + 0.0046
+    assert (cover[:, 2] + cover[:, 3]).max() < 0.15 + 0.0046
+
+
+def test_franka_hand_is_covered() -> None:
+    cover = FrankaHand().spheres()
+    rng = np.random.default_rng(0)
+    for height, radius in ((0.04, 0.04), (0.10, 0.02)):
+        v = rng.normal(size=(4000, 3))
+        v *= radius / np.linalg.norm(v, axis=1, keepdims=True)
+        along = rng.uniform(-0.05, 0.05, (4000, 1)) * [math.sqrt(0.5), math.sqrt(0.5), 0.0]
+        points = along + v + [0.0, 0.0, height]
+        assert worst_gap(points, cover) <= 1e-9
+
+
+@pytest.mark.parametrize("name", ["panda", "scara"])
+@pytest.mark.parametrize(
+    ("tool", "reach", "radius"),
+    [
+        (Cup(0.05), 0.13, 0.05),
+        (Cup(0.03, 0.04, 0.06, 0.01), 0.09, 0.03),
+        (FrankaHand(), 0.1034, 0.04),
+    ],
+)
+def test_mounted(name: str, tool: Tool, reach: float, radius: float) -> None:
+    bare = load_robot(name)
+    robot = with_tool(bare, tool)
+    flange, axis = bare.tool_pose(bare.home)
+    point, same_axis = robot.tool_pose(robot.home)
+    np.testing.assert_allclose(point, flange + reach * axis, atol=1e-12)
+    np.testing.assert_array_equal(axis, same_axis)
+    assert robot.gripper_radius == radius
+    assert robot.tool is tool
+    on_tool = robot.spheres.link == robot.link_names.index("tool")
+    assert robot.spheres.distal[on_tool].all()
+    # on the flange: the covers stand in the flange frame
+    rotation = robot.segment_frames(robot.home)[1][-1] @ robot.flange_rotation
+    local = (robot.sphere_centers(robot.home)[on_tool] - flange) @ rotation
+    np.testing.assert_allclose(local, tool.spheres()[:, :3], atol=1e-12)
+    pairs = robot.spheres.segment[robot.self_pairs]
+    assert (np.abs(pairs[:, 0] - pairs[:, 1]) >= 2).all()
+    assert bare.tool is None
+
+
+def test_a_second_tool_takes_the_place_of_the_first() -> None:
+    panda = load_robot("panda")
+    twice, once = with_tool(with_tool(panda, FrankaHand()), Cup(0.05)), with_tool(panda, Cup(0.05))
+    np.testing.assert_array_equal(twice.spheres.center, once.spheres.center)
+    np.testing.assert_array_equal(twice.self_pairs, once.self_pairs)
+    bare = without_tool(once)
+    assert bare.link_names == panda.link_names
+    np.testing.assert_array_equal(bare.self_pairs, panda.self_pairs)
+    np.testing.assert_array_equal(bare.tool_point, panda.tool_point)
+
+
+def test_tool_against_the_forearm_is_seen() -> None:
+    """At q6 = 0 the flange points back along the forearm, 0.088 beside it: a wide cup meets it."""
+    panda = with_tool(load_robot("panda"), Cup(0.05))
+    centers = panda.sphere_centers(np.array([0, 0, 0, -1.5, 0, 0, 0.8]))
+    i, j = panda.self_pairs.T
+    reach = panda.spheres.radius[i] + panda.spheres.radius[j]
+    gaps = np.linalg.norm(centers[i] - centers[j], axis=1) - reach
+    names = {panda.link_names[k] for k in panda.spheres.link[panda.self_pairs[gaps.argmin()]]}
+    assert gaps.min() < 0.0
+    assert names == {"link5", "tool"}
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"radius": 0.0}, ["radius", "0.0"]),
+        ({"radius": -0.05}, ["radius", "-0.05"]),
+        ({"radius": math.nan}, ["radius", "nan"]),
+        ({"radius": math.inf}, ["radius", "inf"]),
+        ({"radius": 50}, ["radius", "50", "metres"]),
+        ({"radius": "0.05"}, ["radius", "'0.05'"]),
+        ({"radius": True}, ["radius", "True"]),
+        ({"radius": 0.05, "height": 0}, ["height", "0"]),
+        ({"radius": 0.05, "length": -0.1}, ["length", "-0.1"]),
+        ({"radius": 0.05, "depth": 0.06}, ["depth", "0.06", "0.05]"]),
+        ({"radius": 0.05, "depth": -0.01}, ["depth"]),
+        ({"radius": 0.05, "opening": 0.11}, ["opening", "0.11", "0.1]"]),
+        ({"radius": 0.05, "opening": 0.0}, ["opening"]),
+    ],
+)
+def test_cup_refused(values: dict[str, float], words: list[str]) -> None:
+    with pytest.raises(InvalidRequestError) as caught:
+        Cup(**values)
+    for word in ("tool cup", *words):
+        assert word in caught.value.message
