@@ -1,0 +1,1 @@
+"""Robots: description files, kinematics, body spheres, tools."""
