@@ -137,6 +137,7 @@ def condition_with_report(
         return promp, ConditioningReport(True, 0, nothing, nothing, ())
     if task_map is None:
         raise InvalidRequestError("task points need a task_map (the robot's forward kinematics)")
+    tasks.sort(key=lambda item: (item[1].phase, *item[1].position))  # the order given is nothing
     _check_conflicts(tasks)
     return _condition_tasks(promp, tasks, joints, task_map, iterations, tolerance, initial)
 
@@ -198,9 +199,8 @@ def _refuse(missed: FloatArray, points: Sequence[tuple[int, JointPoint]], promp:
 
 
 def _check_conflicts(points: Sequence[tuple[int, TaskPoint]]) -> None:
-    """Refuse two exact task points at one phase that differ."""
-    ordered = sorted(points, key=lambda item: item[1].phase)
-    for (i, first), (k, second) in pairwise(ordered):
+    """Refuse two exact task points at one phase that differ; points come sorted by phase."""
+    for (i, first), (k, second) in pairwise(points):
         if second.phase - first.phase > PHASE_TOLERANCE:
             continue
         apart, what = 0.0, "positions"
@@ -282,8 +282,13 @@ def _condition_tasks(
                     f"points {k} and {index} contradict: at phase {phase:.6g} the joints are "
                     f"given, and put the tool {off[i]:.3g} (m or rad) from where it must be"
                 )
+    given_order = np.argsort([index for index, _ in points])
     report = ConditioningReport(
-        found.converged, found.iterations, frozen(position_error), frozen(axis_error), missed
+        found.converged,
+        found.iterations,
+        frozen(position_error[given_order]),
+        frozen(axis_error[given_order]),
+        tuple(sorted(missed)),
     )
     return result, report
 

@@ -30,8 +30,8 @@ def fit_em(
     demonstrations: DemonstrationsLike,
     basis: Basis | None = None,
     *,
-    iterations: int = 300,
-    tolerance: float = 1e-4,
+    iterations: int = 1000,
+    tolerance: float = 1e-3,
     prior_strength: float = 1.0,
     prior_covariance: ArrayLike | None = None,
     joint_names: Sequence[str] | None = None,
@@ -65,7 +65,8 @@ def fit_em(
         joint_names: n names, in place of those of the demonstrations.
 
     Warns:
-        RegularisedWarning: one demonstration, or a stretch of the phase that none covers.
+        RegularisedWarning: one demonstration, identical ones, or a stretch of the phase that none
+            covers.
         ConvergenceWarning: ``iterations`` were not enough.
 
     Raises:
@@ -83,6 +84,8 @@ def fit_em(
     size = n * count
     if demos == 1:
         _regularised("one demonstration says nothing about spread; the covariance is the prior's")
+    elif data.identical:
+        _regularised(f"the {demos} demonstrations are identical; the covariance is the prior's")
     cover = data.gram.sum(axis=0).diagonal()
     if (cover < 1e-3).any():
         _regularised(
@@ -146,6 +149,8 @@ class _Sums:
         self.kind = np.array([keys.setdefault(g.tobytes(), len(keys)) for g in self.gram])
         self.first = np.array([int(np.argmax(self.kind == k)) for k in range(len(keys))])
         self.multiplicity = np.bincount(self.kind).astype(np.float64)
+        apart = float(np.ptp(self.moment, axis=0).max())
+        self.identical = len(keys) == 1 and apart <= 1e-9 * float(np.abs(self.moment).max())
 
 
 def _start(

@@ -35,10 +35,12 @@ def read_npz(path: Path, error: type[OptiPrompError]) -> dict[str, NDArray[np.ge
         OptiPrompError: of the type given, if the file is missing, damaged or no NPZ.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file:  # opened here: NumPy leaves a damaged one open
+            archive = np.load(file, allow_pickle=False)
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise error(f"{path} is a single array, not an NPZ archive")
-            return {key: archive[key] for key in archive.files}
+            with archive:
+                return {key: archive[key] for key in archive.files}
     except OSError as cause:
         raise error(f"cannot read {path}: {cause.strerror or cause}") from None
     except (ValueError, EOFError, zipfile.BadZipFile, KeyError, NotImplementedError) as cause:

@@ -27,7 +27,7 @@ def fit(
     demonstrations: DemonstrationsLike,
     basis: Basis | None = None,
     *,
-    ridge: float = 1e-8,
+    ridge: float = 1e-10,
     prior_strength: float = 1.0,
     prior_covariance: ArrayLike | None = None,
     joint_names: Sequence[str] | None = None,

@@ -1,0 +1,246 @@
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from optipromp.errors import InvalidRequestError
+from optipromp.promp import (
+    Basis,
+    Demonstrations,
+    JointPoint,
+    ProMP,
+    TaskPoint,
+    condition,
+    condition_with_report,
+    fit,
+)
+
+Make = Callable[..., ProMP]
+seeds = st.integers(0, 10**6)
+quick = settings(max_examples=30, deadline=None)
+
+
+def random_points(rng: np.random.Generator, n: int, count: int) -> list[JointPoint]:
+    """Points at phases well apart, exact, isotropic or with a full covariance."""
+    points = []
+    for phase in (rng.permutation(count) + 0.5) / count:
+        kind, factor = rng.integers(3), rng.normal(size=(n, n))
+        covariance = [None, 0.01, factor @ factor.T][kind]
+        points.append(JointPoint(float(phase), rng.normal(size=n), covariance))
+    return points
+
+
+@given(seeds, st.integers(1, 4), st.sampled_from([None, 8]))
+@quick
+def test_is_the_textbook_update(make_promp: Make, seed: int, count: int, rank: int | None) -> None:
+    rng = np.random.default_rng(seed)
+    promp = make_promp(seed)
+    points = [JointPoint(p.phase, p.value, 0.1) for p in random_points(rng, 3, count)]
+    H = np.concatenate([np.kron(np.eye(3), promp.basis.matrix([p.phase])) for p in points])
+    S = H @ promp.covariance @ H.T + 0.1 * np.eye(len(H))
+    K = np.linalg.solve(S, H @ promp.covariance).T
+    y = np.concatenate([p.value for p in points])
+    result = condition(promp, points)
+    np.testing.assert_allclose(
+        result.weights, promp.weights + K @ (y - H @ promp.weights), atol=1e-9
+    )
+    np.testing.assert_allclose(
+        result.covariance, promp.covariance - K @ H @ promp.covariance, atol=1e-9
+    )
+
+
+@given(seeds, st.integers(1, 6))
+@quick
+def test_exact_points_are_hit(make_promp: Make, seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    promp = make_promp(seed)
+    z = (np.arange(count) + 0.5) / count
+    y = rng.normal(size=(count, 3))
+    result = condition(promp, [JointPoint(*pair) for pair in zip(z, y, strict=True)])
+    np.testing.assert_allclose(result.mean_trajectory(z), y, atol=1e-8)
+    assert result.standard_deviation(z).max() < 1e-5
+    samples = result.sample(np.random.default_rng(0), 5, z)
+    np.testing.assert_allclose(samples, np.broadcast_to(y, samples.shape), atol=1e-5)
+
+
+@given(seeds, st.integers(2, 5))
+@quick
+def test_order_does_not_matter(make_promp: Make, seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    promp = make_promp(seed)
+    points = random_points(rng, 3, count)
+    together = condition(promp, points)
+    reversed_ = condition(promp, points[::-1])
+    one_by_one = promp
+    for point in points:
+        one_by_one = condition(one_by_one, point)
+    for other in (reversed_, one_by_one):
+        np.testing.assert_allclose(other.mean, together.mean, atol=1e-6)
+        np.testing.assert_allclose(other.covariance, together.covariance, atol=1e-7)
+
+
+@given(seeds, st.integers(1, 8), st.sampled_from([None, 4, 9]))
+@quick
+def test_covariance_stays_symmetric_and_shrinks(
+    make_promp: Make, seed: int, count: int, rank: int | None
+) -> None:
+    rng = np.random.default_rng(seed)
+    promp = make_promp(seed, rank=rank)
+    points = [JointPoint(p.phase, p.value, 1e-6) for p in random_points(rng, 3, count)]
+    result = condition(promp, points)
+    np.testing.assert_array_equal(result.covariance, result.covariance.T)
+    scale = np.abs(promp.covariance).max()
+    assert np.linalg.eigvalsh(result.covariance)[0] >= -1e-12 * scale
+    shrunk = promp.covariance - result.covariance
+    assert np.linalg.eigvalsh(shrunk)[0] >= -1e-9 * scale
+
+
+def test_inputs_are_unchanged(make_promp: Make) -> None:
+    promp = make_promp(0)
+    before = promp.mean.copy(), promp.covariance.copy()
+    value = np.ones(3)
+    point = JointPoint(0.5, value)
+    condition(promp, [point])
+    value[:] = 9.0
+    np.testing.assert_array_equal(point.value, np.ones(3))
+    np.testing.assert_array_equal(promp.mean, before[0])
+    np.testing.assert_array_equal(promp.covariance, before[1])
+
+
+def test_derivative_points(make_promp: Make) -> None:
+    """Start at rest in a given posture, and pass the middle at a given velocity."""
+    promp = make_promp(1)
+    rest, speed = np.zeros(3), np.array([1.0, 2.0, 3.0])
+    result = condition(
+        promp,
+        [
+            JointPoint(0.0, speed),
+            JointPoint(0.0, rest, derivative=1),
+            JointPoint(0.0, rest, derivative=2),
+            JointPoint(0.5, speed, derivative=1),
+        ],
+    )
+    np.testing.assert_allclose(result.mean_trajectory([0.0])[0], speed, atol=1e-9)
+    np.testing.assert_allclose(result.mean_velocity([0.0])[0], rest, atol=1e-8)
+    np.testing.assert_allclose(result.mean_acceleration([0.0])[0], rest, atol=1e-6)
+    np.testing.assert_allclose(result.mean_velocity([0.5])[0], speed, atol=1e-8)
+
+
+def test_nothing_to_condition_on(make_promp: Make) -> None:
+    promp = make_promp(2)
+    assert condition(promp, []) is promp
+
+
+def test_partly_exact_covariance(make_promp: Make) -> None:
+    promp = make_promp(3)
+    point = JointPoint(0.3, np.ones(3), np.diag([0.0, 1e3, 1e3]))
+    result = condition(promp, [point])
+    reached = result.mean_trajectory([0.3])[0]
+    assert reached[0] == pytest.approx(1.0, abs=1e-10)
+    assert np.abs(reached[1:] - 1.0).min() > 1e-3
+
+
+def test_same_point_twice_is_once(make_promp: Make) -> None:
+    promp, point = make_promp(4), JointPoint(0.4, np.ones(3))
+    once, twice = condition(promp, [point]), condition(promp, [point, point])
+    np.testing.assert_allclose(twice.mean, once.mean, atol=1e-9)
+    np.testing.assert_allclose(twice.covariance, once.covariance, atol=1e-9)
+    again = condition(once, [point])
+    np.testing.assert_allclose(again.mean, once.mean, atol=1e-9)
+
+
+def test_noisy_points_at_one_phase_average(make_promp: Make) -> None:
+    promp = make_promp(5)
+    points = [JointPoint(0.4, np.full(3, v), 1e-8) for v in (0.0, 1.0)]
+    reached = condition(promp, points).mean_trajectory([0.4])[0]
+    np.testing.assert_allclose(reached, 0.5, atol=1e-4)
+
+
+def test_contradictions_are_refused(make_promp: Make) -> None:
+    promp = make_promp(6)
+    here, there = JointPoint(0.4, np.zeros(3)), JointPoint(0.4, np.array([0.0, 0.1, 0.0]))
+    with pytest.raises(InvalidRequestError, match=r"contradicts point . at the same phase"):
+        condition(promp, [here, there])
+    with pytest.raises(InvalidRequestError, match="already certain"):
+        condition(condition(promp, here), there)
+    many = [JointPoint(z, np.full(3, (-1.0) ** i)) for i, z in enumerate(np.linspace(0, 1, 9))]
+    with pytest.raises(InvalidRequestError, match="6 bases cannot pass"):
+        condition(promp, many)
+    certain = ProMP(Basis(6), np.zeros((3, 6)), np.zeros((18, 18)))
+    with pytest.raises(InvalidRequestError, match=r"joint_2 is off by 0\.1"):
+        condition(certain, there)
+    assert np.isfinite(condition(certain, here).mean).all()
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: JointPoint(1.2, np.zeros(3)),
+        lambda: JointPoint(-0.1, np.zeros(3)),
+        lambda: JointPoint(float("nan"), np.zeros(3)),
+        lambda: JointPoint(0.5, np.array([0.0, np.inf, 0.0])),
+        lambda: JointPoint(0.5, np.zeros((3, 1))),
+        lambda: JointPoint(0.5, np.zeros(3), -1.0),
+        lambda: JointPoint(0.5, np.zeros(3), np.eye(2)),
+        lambda: JointPoint(0.5, np.zeros(3), -np.eye(3)),
+        lambda: JointPoint(0.5, np.zeros(3), np.triu(np.ones((3, 3)))),
+        lambda: JointPoint(0.5, np.zeros(3), derivative=3),
+        lambda: TaskPoint(2.0, np.zeros(3)),
+        lambda: TaskPoint(0.5, np.zeros(2)),
+        lambda: TaskPoint(0.5, np.array([0.0, 0.0, np.nan])),
+        lambda: TaskPoint(0.5, np.zeros(3), np.zeros(3)),
+        lambda: TaskPoint(0.5, np.zeros(3), covariance=-np.eye(3)),
+        lambda: TaskPoint(0.5, np.zeros(3), np.ones(3), axis_covariance=-1.0),
+    ],
+)
+def test_bad_points_are_refused(make: Callable[[], object]) -> None:
+    with pytest.raises(InvalidRequestError):
+        make()
+
+
+def test_bad_requests_are_refused(make_promp: Make) -> None:
+    promp = make_promp(7)
+    with pytest.raises(InvalidRequestError, match="point 1: expected 3 joint values, got 2"):
+        condition(promp, [JointPoint(0.5, np.zeros(3)), JointPoint(0.5, np.zeros(2))])
+    with pytest.raises(InvalidRequestError, match="point 0"):
+        condition(promp, [0.5])  # type: ignore[list-item]
+    with pytest.raises(InvalidRequestError, match="task_map"):
+        condition(promp, [TaskPoint(0.5, np.zeros(3))])
+    with pytest.raises(InvalidRequestError, match="iterations"):
+        condition(promp, [JointPoint(0.5, np.zeros(3))], iterations=0)
+    with pytest.raises(InvalidRequestError, match="tolerance"):
+        condition(promp, [JointPoint(0.5, np.zeros(3))], tolerance=0.0)
+
+
+def test_report_without_task_points(make_promp: Make) -> None:
+    _, report = condition_with_report(make_promp(8), JointPoint(0.5, np.zeros(3)))
+    assert (report.converged, report.iterations, report.missed) == (True, 0, ())
+
+
+@given(seeds)
+@settings(max_examples=15, deadline=None)
+def test_badly_scaled_priors(seed: int) -> None:
+    """A prismatic joint in metres beside revolute ones, twelve orders of variance apart."""
+    rng = np.random.default_rng(seed)
+    scales = np.repeat([1e-5, 1.0, 10.0], 6)
+    factor = scales[:, None] * rng.normal(size=(18, 18))
+    promp = ProMP(Basis(6), np.zeros((3, 6)), factor @ factor.T)
+    value = np.array([1e-5, 1.0, -10.0]) * rng.normal(size=3)
+    result = condition(promp, [JointPoint(0.2, value), JointPoint(0.9, -value)])
+    np.testing.assert_allclose(result.mean_trajectory([0.2])[0], value, rtol=1e-7, atol=1e-12)
+    assert np.linalg.eigvalsh(result.covariance)[0] > -1e-12 * 1e2
+
+
+def test_recorded_demonstrations(recorded: Demonstrations) -> None:
+    promp = fit(recorded)
+    start = np.array([0.0, 0.0, 0.0, -0.1, 0.0, 0.0, 0.8])
+    end = recorded[3].positions[-1]
+    result = condition(promp, [JointPoint(0.0, start), JointPoint(1.0, end)])
+    np.testing.assert_allclose(result.mean_trajectory(2), [start, end], atol=1e-9)
+    # between, it stays among the demonstrations
+    low = np.min([d.positions.min(axis=0) for d in recorded], axis=0)
+    high = np.max([d.positions.max(axis=0) for d in recorded], axis=0)
+    path = result.mean_trajectory(50)
+    assert ((path >= low - 0.2) & (path <= high + 0.2)).all()

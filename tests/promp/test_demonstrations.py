@@ -1,0 +1,184 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optipromp.errors import InvalidDemonstrationError
+from optipromp.promp import (
+    Demonstration,
+    Demonstrations,
+    UnitsWarning,
+    fit,
+    load_demonstrations,
+    save_demonstrations,
+)
+
+TIMES = np.array([0.0, 1.0, 3.0])
+Q = np.array([[0.0, 1.0], [0.5, 0.5], [1.0, 0.0]])
+
+
+def test_phases() -> None:
+    np.testing.assert_allclose(Demonstration(TIMES, Q).phases, [0, 1 / 3, 1])
+    partial = Demonstration(TIMES, Q, span=(-1.0, 4.0))
+    np.testing.assert_allclose(partial.phases, [0.2, 0.4, 0.8])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((TIMES, np.where(Q == 0.5, np.nan, Q)), r"positions\[1, 0\] is nan"),
+        (([0.0, np.inf, 3.0], Q), r"times\[1\] is inf"),
+        (([0.0, 1.0, 1.0], Q), r"times\[2\] = 1.0 after 1.0"),
+        (([0.0, 2.0, 1.0], Q), r"times must increase"),
+        (([0.0, 1.0], Q), "positions"),
+        (([0.0], Q[:1]), "at least 2"),
+        ((TIMES, Q[:, :0]), "positions"),
+        ((TIMES, Q, (1.0, 4.0)), "enclose"),
+        ((TIMES, Q, (4.0, 0.0)), "enclose"),
+        ((TIMES, Q, (0.0, 1.0, 2.0)), "span"),
+    ],
+)
+def test_refuses(arguments: tuple[object, ...], message: str) -> None:
+    with pytest.raises(InvalidDemonstrationError, match=message):
+        Demonstration(*arguments)  # type: ignore[arg-type]
+
+
+def test_is_a_sequence() -> None:
+    demos = Demonstrations((Demonstration(TIMES, Q),) * 3)
+    assert len(demos) == len(list(demos)) == len(demos[:]) == 3
+    assert demos[0].n_joints == demos.n_joints == 2
+    with pytest.raises(ValueError, match="read-only"):
+        demos[0].positions[0] = 1.0
+    with pytest.raises(InvalidDemonstrationError, match="no demonstrations"):
+        Demonstrations(())
+    with pytest.raises(InvalidDemonstrationError, match="demonstration 1 has 1 joints"):
+        Demonstrations((demos[0], Demonstration(TIMES, Q[:, :1])))
+
+
+def test_npz_concatenated(tmp_path: Path) -> None:
+    demos = Demonstrations(
+        (Demonstration(TIMES, Q), Demonstration(2 * TIMES[:2], Q[:2] + 1)), ("a", "b")
+    )
+    save_demonstrations(demos, tmp_path / "d.npz")
+    loaded = load_demonstrations(tmp_path / "d.npz")
+    assert loaded.joint_names == ("a", "b")
+    for one, other in zip(demos, loaded, strict=True):
+        np.testing.assert_array_equal(one.times, other.times)
+        np.testing.assert_array_equal(one.positions, other.positions)
+    partial = Demonstrations((Demonstration(TIMES, Q, span=(0.0, 9.0)),))
+    with pytest.raises(InvalidDemonstrationError, match="partial"):
+        save_demonstrations(partial, tmp_path / "p.npz")
+    assert not (tmp_path / "p.npz").exists()
+
+
+def test_npz_stacked(tmp_path: Path) -> None:
+    positions = np.random.default_rng(0).normal(size=(4, 9, 2))
+    for extra in ({}, {"time": np.arange(9.0)}, {"time": np.tile(np.arange(9.0), (4, 1))}):
+        np.savez(tmp_path / "d.npz", positions=positions, **extra)
+        loaded = load_demonstrations(tmp_path / "d.npz")
+        np.testing.assert_array_equal([d.positions for d in loaded], positions)
+        np.testing.assert_allclose(loaded[2].phases, np.linspace(0, 1, 9))
+
+
+def test_npz_refuses(tmp_path: Path) -> None:
+    bad = Q.copy()
+    bad[1, 1] = np.nan
+    flat = {"Q": Q, "time": TIMES, "lengths": np.array([3])}
+    cases: list[tuple[dict[str, np.ndarray], str]] = [
+        ({"x": Q}, "holds x; expected Q, time, lengths"),
+        (flat | {"lengths": np.array([2])}, "sum to 3"),
+        (flat | {"lengths": np.array([1.5, 1.5])}, "whole"),
+        (flat | {"time": TIMES[:2]}, "expected Q"),
+        (flat | {"Q": bad}, r"demonstration 0: positions\[1, 1\] is nan"),
+        (flat | {"lengths": np.array([2, 1])}, "demonstration 1.*at least 2"),
+        (flat | {"Q": Q.astype(str)}, "expected numbers"),
+        ({"positions": Q}, r"expected shape \(N, T, n\)"),
+        ({"positions": np.zeros((0, 4, 2))}, "no demonstrations"),
+        ({"positions": Q[None], "time": np.zeros(7)}, "time: expected shape"),
+        ({"positions": Q[None], "time": np.zeros(3)}, "increase"),
+        ({"positions": Q[None], "joint_names": np.array(["a"])}, "joint_names"),
+        ({"positions": np.array([object()])}, "plain arrays"),
+    ]
+    for arrays, message in cases:
+        np.savez(tmp_path / "d.npz", **arrays)
+        with pytest.raises(InvalidDemonstrationError, match=f"d.npz.*{message}"):
+            load_demonstrations(tmp_path / "d.npz")
+    (tmp_path / "d.npz").write_bytes(b"PK\x03\x04 cut off")
+    with pytest.raises(InvalidDemonstrationError, match=r"d\.npz"):
+        load_demonstrations(tmp_path / "d.npz")
+
+
+def test_csv(tmp_path: Path) -> None:
+    path = tmp_path / "d.csv"
+    path.write_text("time,shoulder,elbow\n0,0,1\n1,0.5,0.5\n\n3,1,0\n", encoding="utf-8-sig")
+    (demo,) = (loaded := load_demonstrations(path))
+    assert loaded.joint_names == ("shoulder", "elbow")
+    np.testing.assert_array_equal(demo.times, TIMES)
+    np.testing.assert_array_equal(demo.positions, Q)
+
+
+def test_csv_with_a_demo_column(tmp_path: Path) -> None:
+    path = tmp_path / "d.csv"
+    path.write_text("demo,time,q1\nb,0,1\nb,1,2\na,0,3\na,2,4\n")
+    loaded = load_demonstrations(path)
+    assert [d.positions[:, 0].tolist() for d in loaded] == [[1, 2], [3, 4]]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "empty"),
+        ("0,1,2\n1,2,3\n", "line 1: expected a header"),
+        ("time\n0\n1\n", "header"),
+        ("time;q1\n0;1\n", "header"),
+        ("time,q1\n", "no demonstrations"),
+        ("time,q1\n0,1\n", "at least 2"),
+        ("time,q1\n0,1\n1,x\n", "line 3: q1 is 'x'"),
+        ("time,q1\n0,1\n1,nan\n", "line 3: q1 is 'nan'"),
+        ("time,q1\n0,1\n1,\n", "line 3: q1 is ''"),
+        ("time,q1\n0,1,5\n1,2,5\n", "line 2: 3 values"),
+        ("time,q1\n0,1\n0,2\n", "increase"),
+        ("time,q1,q1\n0,1,1\n1,2,2\n", "'q1' appears twice"),
+        ("demo,time,q1\na,0,1\na,1,1\nb,0,1\n", "demo b: .*at least 2"),
+    ],
+)
+def test_csv_refuses(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "d.csv"
+    path.write_text(text)
+    with pytest.raises(InvalidDemonstrationError, match=f"d.csv.*{message}"):
+        load_demonstrations(path)
+
+
+def test_csv_that_is_no_text(tmp_path: Path) -> None:
+    path = tmp_path / "d.csv"
+    path.write_bytes("time,q1\n0,1\n1,2\n".encode("utf-16"))
+    with pytest.raises(InvalidDemonstrationError, match="UTF-8"):
+        load_demonstrations(path)
+
+
+def test_folder(tmp_path: Path) -> None:
+    with pytest.raises(InvalidDemonstrationError, match=r"no \.csv"):
+        load_demonstrations(tmp_path)
+    for i in (2, 1):
+        (tmp_path / f"{i}.csv").write_text(f"time,q1\n0,{i}\n1,{i}\n")
+    (tmp_path / "notes.txt").write_text("not read")
+    loaded = load_demonstrations(tmp_path)
+    assert [d.positions[0, 0] for d in loaded] == [1, 2]
+    (tmp_path / "3.csv").write_text("time,q2\n0,1\n1,1\n")
+    with pytest.raises(InvalidDemonstrationError, match=r"3\.csv: joints q2; 1\.csv has q1"):
+        load_demonstrations(tmp_path)
+
+
+def test_other_paths(tmp_path: Path) -> None:
+    with pytest.raises(InvalidDemonstrationError, match="does not exist"):
+        load_demonstrations(tmp_path / "none.npz")
+    (tmp_path / "d.txt").write_text("")
+    with pytest.raises(InvalidDemonstrationError, match=r"expected \.npz, \.csv"):
+        load_demonstrations(tmp_path / "d.txt")
+
+
+def test_degrees_are_noticed(tmp_path: Path) -> None:
+    np.savez(tmp_path / "d.npz", positions=90.0 * np.random.default_rng(0).normal(size=(3, 9, 2)))
+    with pytest.warns(UnitsWarning, match="read as radians or metres"):
+        loaded = load_demonstrations(tmp_path / "d.npz")
+    assert fit(loaded).n_joints == 2

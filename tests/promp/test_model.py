@@ -1,0 +1,211 @@
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
+
+from optipromp.errors import InvalidRequestError
+from optipromp.promp import Basis, ProMP, RegularisedWarning, nearest_covariance
+
+Make = Callable[..., ProMP]
+
+
+def dense(promp: ProMP, phases: np.ndarray, order: int = 0) -> np.ndarray:
+    """Φ as one matrix (Tn, nK), rows time-major."""
+    values = promp.basis.evaluate(phases, order)
+    return np.concatenate([np.kron(np.eye(promp.n_joints), v) for v in values])
+
+
+@pytest.mark.parametrize("order", [0, 1, 2, 3])
+def test_marginals_are_those_of_the_dense_matrix(make_promp: Make, order: int) -> None:
+    promp, z = make_promp(1), np.linspace(0, 1, 7)
+    phi = dense(promp, z, order) / 2.0**order
+    whole = phi @ promp.covariance @ phi.T
+    mean, covariance = promp.marginals(z, order, duration=2.0)
+    np.testing.assert_allclose(mean.ravel(), phi @ promp.weights, atol=1e-9)
+    for t in range(7):
+        block = whole[3 * t : 3 * t + 3, 3 * t : 3 * t + 3]
+        np.testing.assert_allclose(covariance[t], block, atol=1e-9 * np.abs(whole).max())
+    deviation = promp.standard_deviation(z, order, duration=2.0)
+    np.testing.assert_allclose(deviation.ravel() ** 2, np.diagonal(whole), rtol=1e-9)
+
+
+def test_mean_derivatives_are_finite_differences(make_promp: Make) -> None:
+    promp, z, h, duration = make_promp(2), np.linspace(0.1, 0.9, 9), 1e-5, 3.0
+    ahead, behind = z + h, z - h
+    for function, derivative in (
+        (lambda p: promp.mean_trajectory(p), promp.mean_velocity),
+        (lambda p: promp.mean_velocity(p, duration), promp.mean_acceleration),
+    ):
+        difference = (function(ahead) - function(behind)) / (2 * h * duration)
+        np.testing.assert_allclose(derivative(z, duration), difference, atol=1e-5)
+
+
+def test_observation_noise_is_added(make_promp: Make) -> None:
+    promp = make_promp(3)
+    without = promp.marginals(5)[1]
+    added = promp.marginals(5, observation_noise=True)[1]
+    np.testing.assert_allclose(added - without, np.tile(np.diag(promp.noise), (5, 1, 1)))
+    with pytest.raises(InvalidRequestError):
+        promp.marginals(5, derivative=1, observation_noise=True)
+
+
+def test_samples_have_the_moments(make_promp: Make) -> None:
+    promp = make_promp(4)
+    samples = promp.sample(np.random.default_rng(0), 20000, 5)
+    mean, covariance = promp.marginals(5)
+    np.testing.assert_allclose(samples.mean(axis=0), mean, atol=0.05)
+    for t in range(5):
+        np.testing.assert_allclose(np.cov(samples[:, t].T), covariance[t], atol=0.05)
+    noisy = promp.sample(np.random.default_rng(0), 4000, 5, observation_noise=True)
+    rough = (noisy - promp.sample(np.random.default_rng(0), 4000, 5)).var(axis=(0, 1))
+    np.testing.assert_allclose(rough, promp.noise, rtol=0.1)
+
+
+def test_samples_are_seeded(make_promp: Make) -> None:
+    draws = [make_promp(4).sample(np.random.default_rng(7), 3, 5) for _ in range(2)]
+    np.testing.assert_array_equal(draws[0], draws[1])
+    assert make_promp(4).sample(np.random.default_rng(0), 0, 5).shape == (0, 5, 3)
+
+
+def test_trajectory_of_weights_batches(make_promp: Make) -> None:
+    promp = make_promp(5)
+    weights = promp.sample_weights(np.random.default_rng(0), 4)
+    looped = [promp.trajectory(w, 8) for w in weights]
+    np.testing.assert_allclose(promp.trajectory(weights, 8), looped)
+    np.testing.assert_allclose(promp.trajectory(promp.weights, 8), promp.mean_trajectory(8))
+    with pytest.raises(InvalidRequestError, match="weights"):
+        promp.trajectory(np.zeros((3, 4)), 8)
+
+
+@given(st.integers(0, 10**6), st.integers(1, 12), st.booleans())
+@settings(max_examples=25, deadline=None)
+def test_log_likelihood_is_the_dense_one(seed: int, size: int, singular: bool) -> None:
+    rng = np.random.default_rng(seed)
+    factor = rng.normal(size=(10, 3 if singular else 10))
+    promp = ProMP(Basis(5), rng.normal(size=10), factor @ factor.T, rng.uniform(1e-3, 1, 2))
+    z = np.sort(rng.uniform(0, 1, size))
+    y = promp.mean_trajectory(z) + rng.normal(size=(size, 2))
+    phi = dense(promp, z)
+    covariance = phi @ promp.covariance @ phi.T + np.diag(np.tile(promp.noise, size))
+    expected = multivariate_normal(phi @ promp.weights, covariance).logpdf(y.ravel())
+    assert promp.log_likelihood(y, z) == pytest.approx(expected, rel=1e-8, abs=1e-7)
+
+
+def test_log_likelihood_prefers_its_own(make_promp: Make) -> None:
+    promp = make_promp(6)
+    own = promp.sample(np.random.default_rng(0), 1, 50, observation_noise=True)[0]
+    assert promp.log_likelihood(own) > promp.log_likelihood(own + 1.0)
+
+
+def test_log_likelihood_refuses(make_promp: Make) -> None:
+    promp = make_promp(6)
+    certain = ProMP(promp.basis, promp.mean, promp.covariance)
+    with pytest.raises(InvalidRequestError, match="noise"):
+        certain.log_likelihood(np.zeros((5, 3)))
+    with pytest.raises(InvalidRequestError, match="shape"):
+        promp.log_likelihood(np.zeros((5, 2)))
+    with pytest.raises(InvalidRequestError, match="finite"):
+        promp.log_likelihood(np.full((5, 3), np.nan))
+
+
+def test_is_immutable(make_promp: Make) -> None:
+    promp = make_promp(7)
+    for array in (promp.mean, promp.covariance, promp.noise, promp.weights):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+    mean, covariance = np.zeros(6), np.eye(6)
+    ProMP(Basis(6), mean, covariance)
+    mean[0] = covariance[0, 0] = 2.0  # the caller's arrays stay the caller's
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mean": np.zeros(7)}, "mean"),
+        ({"mean": np.full(10, np.inf)}, r"mean\[0\] is inf"),
+        ({"covariance": np.eye(9)}, "covariance"),
+        ({"covariance": np.triu(np.ones((10, 10)))}, "not symmetric"),
+        ({"covariance": -np.eye(10)}, "positive semi-definite"),
+        ({"covariance": np.diag([1.0] * 9 + [-1e-3])}, "smallest eigenvalue -0.001"),
+        ({"covariance": np.full((10, 10), np.nan)}, r"covariance\[0, 0\] is nan"),
+        ({"noise": -1.0}, "noise"),
+        ({"noise": np.ones(3)}, "noise"),
+        ({"joint_names": ("a",)}, "joint_names"),
+        ({"joint_names": ("a", "a")}, "'a' appears twice"),
+        ({"joint_names": "ab"}, "joint_names"),
+        ({"basis": 5}, "basis"),
+    ],
+)
+def test_refuses(change: dict[str, object], message: str) -> None:
+    values = {"basis": Basis(5), "mean": np.zeros(10), "covariance": np.eye(10), "noise": 0.1}
+    with pytest.raises(InvalidRequestError, match=message):
+        ProMP(**(values | change))  # type: ignore[arg-type]
+
+
+def test_nearest_covariance_says_by_how_much() -> None:
+    with pytest.warns(RegularisedWarning, match=r"smallest was -0\.5, changed by 0\.5"):
+        projected = nearest_covariance(np.diag([1.0, -0.5]))
+    np.testing.assert_allclose(projected, np.diag([1.0, 0.0]), atol=1e-15)
+    np.testing.assert_array_equal(nearest_covariance(np.eye(2)), np.eye(2))  # and no warning
+    with pytest.warns(RegularisedWarning):
+        assert np.linalg.eigvalsh(nearest_covariance(np.zeros((2, 2)), 0.1))[0] >= 0.1 - 1e-12
+    with pytest.raises(InvalidRequestError):
+        nearest_covariance(np.eye(2), -1.0)
+    with pytest.raises(InvalidRequestError):
+        nearest_covariance(np.ones((2, 3)))
+
+
+def test_saves_and_loads(make_promp: Make, tmp_path: Path) -> None:
+    promp = make_promp(8)
+    path = tmp_path / "reach.npz"
+    promp.save(path)
+    promp.save(path)
+    loaded = ProMP.load(path)
+    assert (loaded.basis, loaded.joint_names) == (promp.basis, promp.joint_names)
+    for name in ("mean", "covariance", "noise"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(promp, name))
+    assert [p.name for p in tmp_path.iterdir()] == ["reach.npz"]
+
+
+def test_save_never_writes_half(make_promp: Make, tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("kept")
+    with pytest.raises(InvalidRequestError, match="cannot write"):
+        make_promp(8).save(blocked / "reach.npz")
+    assert blocked.read_text() == "kept"
+
+
+def test_load_refuses(make_promp: Make, tmp_path: Path) -> None:
+    good = tmp_path / "good.npz"
+    make_promp(8).save(good)
+    data = dict(np.load(good))
+    cases = {
+        "newer": data | {"format": np.array(99)},
+        "lacking": {"mean": data["mean"]},
+        "wrong": data | {"covariance": -data["covariance"]},
+        "pickled": data | {"mean": np.array([object()])},
+        "odd": data | {"basis": np.array([5.5, 4, 1])},
+        "words": data | {"mean": np.array(["a"])},
+    }
+    for name, arrays in cases.items():
+        np.savez(tmp_path / f"{name}.npz", **arrays)
+        with pytest.raises(InvalidRequestError, match=name):
+            ProMP.load(tmp_path / f"{name}.npz")
+    (tmp_path / "cut.npz").write_bytes(good.read_bytes()[:200])
+    (tmp_path / "empty.npz").write_bytes(b"")
+    np.save(tmp_path / "single.npy", np.eye(2))
+    for name in ("cut.npz", "empty.npz", "single.npy", "missing.npz"):
+        with pytest.raises(InvalidRequestError, match=name):
+            ProMP.load(tmp_path / name)
+    with pytest.raises(InvalidRequestError):
+        ProMP.load(tmp_path)
+
+
+def test_with_weights(make_promp: Make) -> None:
+    promp = make_promp(9)
+    other = promp.with_weights(promp.mean + 1.0, 2.0 * promp.covariance)
+    np.testing.assert_allclose(other.mean_trajectory(4), promp.mean_trajectory(4) + 1.0)
