@@ -1,16 +1,16 @@
-"""A cost term of your own, in plain NumPy: checked, then minimised.
+"""A cost term of your own, in plain NumPy: checked, minimised alone, and planned with.
 
-A term returns its value and adds its gradient where it lives: here on the joints (`Posture`) and
-on the tool point (`Ceiling`). No Jacobian is written. The gradient is first compared with finite
-differences, as you should for any new term; then a problem made of both and of a smoothness term
-is solved.
+A term returns its value and adds its gradient where it lives: here on the joints (`Posture`) and on
+the tool point (`Ceiling`). No Jacobian is written. The gradient is first compared with finite
+differences, as you should for any new term; then a problem made of both and of a smoothness term is
+solved. At the end the planner itself takes a term along.
 
     python examples/05_cost_term_in_numpy.py
 """
 
 import numpy as np
 
-from optipromp import Cup, load_robot, with_tool
+from optipromp import Cup, PlanOptions, load_robot, plan, with_tool
 from optipromp.arrays import FloatArray
 from optipromp.geometry.obstacles import pack
 from optipromp.optimization.evaluation import Evaluation
@@ -96,3 +96,15 @@ for term in terms:
     print(f"{term.name:<10} {before:.3e} → {after:.3e}")
 if not result.history[-1]["ceiling"] < 0.1 * result.history[0]["ceiling"]:
     raise SystemExit("the tool is still above the ceiling")
+
+# In a plan: the joint strategy minimises it with its own terms.
+alone = plan("scenario-4")
+start, end = alone.trajectory.positions[0], alone.trajectory.positions[-1]
+line = np.linspace(start, end, alone.trajectory.n_knots)
+options = PlanOptions(knots=len(line), terms=(Posture(0.1, line),))
+with_posture = plan("scenario-4", options=options)
+for name, result in (("alone", alone), ("with the posture", with_posture)):
+    away = float(np.abs(result.trajectory.positions - line).max())
+    print(f"{name}: {result.status}, {away:.3f} rad from a straight line in the joints")
+if not with_posture.success:
+    raise SystemExit(1)
