@@ -1,40 +1,40 @@
-"""Distances for the judge: plain NumPy on the scene's shapes, apart from the planner's kernels."""
+"""Distances of the judge to meshes and point clouds, in NumPy, and its view of simple shapes."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from optipromp.arrays import FloatArray, IntArray
+from optipromp.arrays import FloatArray
 from optipromp.geometry import shapes
+from optipromp.sweep import BOX, CAPSULE, CYLINDER, HALF_SPACE, SPHERE
+
+
+def is_simple(shape: Any) -> bool:
+    """Whether :mod:`optipromp.sweep` measures this shape itself."""
+    return not isinstance(shape, (shapes.MeshShape, shapes.PointCloudShape))
+
+
+def simple(shape: Any) -> tuple[int, tuple[float, float, float]]:
+    """Kind and sizes of a simple shape, as :class:`optipromp.sweep.Things` holds them."""
+    match shape:
+        case shapes.Sphere():
+            return SPHERE, (shape.radius, 0.0, 0.0)
+        case shapes.Box():
+            x, y, z = (0.5 * float(side) for side in shape.size)
+            return BOX, (x, y, z)
+        case shapes.Cylinder():
+            return CYLINDER, (shape.radius, 0.5 * shape.length, 0.0)
+        case shapes.Capsule():
+            return CAPSULE, (shape.radius, 0.5 * shape.length, 0.0)
+        case shapes.HalfSpace():
+            return HALF_SPACE, (0.0, 0.0, 0.0)
+    raise TypeError(f"{type(shape).__name__} is not simple")
 
 
 def to_shape(shape: Any, points: FloatArray) -> FloatArray:
     """Signed distance [m] of ``points`` (..., 3), in the shape's own frame, to its surface."""
     match shape:
-        case shapes.Sphere():
-            return np.linalg.norm(points, axis=-1) - shape.radius
-        case shapes.Box():
-            over = np.abs(points) - 0.5 * np.asarray(shape.size)
-            return np.linalg.norm(np.maximum(over, 0), axis=-1) + np.minimum(over.max(axis=-1), 0)
-        case shapes.Cylinder():
-            over = np.stack(
-                [
-                    np.hypot(points[..., 0], points[..., 1]) - shape.radius,
-                    np.abs(points[..., 2]) - 0.5 * shape.length,
-                ],
-                axis=-1,
-            )
-            return np.linalg.norm(np.maximum(over, 0), axis=-1) + np.minimum(over.max(axis=-1), 0)
-        case shapes.Capsule():
-            half = 0.5 * shape.length
-            away = points.copy()
-            away[..., 2] -= np.clip(points[..., 2], -half, half)
-            return np.linalg.norm(away, axis=-1) - shape.radius
-        case shapes.HalfSpace():
-            return np.asarray(points[..., 2])
         case shapes.PointCloudShape():
             tree = cKDTree(shape.points)
             return np.asarray(tree.query(points)[0]) - shape.radius
@@ -123,108 +123,3 @@ def closest(
     d = to_shape(shape, away[index] @ rotation) - radius[index[1]]
     i = int(np.argmin(d))
     return float(d[i]), int(index[1][i])
-
-
-@dataclass(frozen=True, eq=False)
-class LinkPairs:
-    """The sphere pairs that must keep apart, by the two links they belong to.
-
-    Attributes:
-        links: the spheres (index arrays) of each link that takes part.
-        groups: for each pair of links, their places in ``links`` and the sphere pairs (k, 2).
-    """
-
-    links: tuple[IntArray, ...]
-    groups: tuple[tuple[int, int, IntArray], ...]
-
-
-def link_pairs(link: IntArray, pairs: IntArray) -> LinkPairs:
-    """Group sphere ``pairs`` (P, 2) by the ``link`` (B,) of each sphere."""
-    if not len(pairs):
-        return LinkPairs((), ())
-    names = np.unique(link[pairs])
-    place = {int(name): i for i, name in enumerate(names)}
-    keys = link[pairs]
-    groups = tuple(
-        (place[int(a)], place[int(b)], pairs[(keys[:, 0] == a) & (keys[:, 1] == b)])
-        for a, b in np.unique(keys, axis=0)
-    )
-    return LinkPairs(tuple(np.flatnonzero(link == name) for name in names), groups)
-
-
-def self_clearance(
-    spheres: FloatArray, radius: FloatArray, by_link: LinkPairs
-) -> tuple[float | None, tuple[int, int]]:
-    """Smallest surface distance over the sphere pairs that must keep apart, and that pair.
-
-    Pairs of links go in order of a lower bound from their bounding spheres, and only the moments
-    that could still hold the minimum are measured. ``spheres`` (M, B, 3).
-    """
-    if not by_link.groups:
-        return None, (-1, -1)
-    middle = [spheres[:, on].mean(axis=1) for on in by_link.links]
-    bound = [
-        float(np.max(np.linalg.norm(spheres[0, on] - m[0], axis=1) + radius[on]))
-        for on, m in zip(by_link.links, middle, strict=True)
-    ]
-    first = np.array([g[0] for g in by_link.groups])
-    second = np.array([g[1] for g in by_link.groups])
-    centers = np.stack(middle)
-    apart = np.linalg.norm(centers[first] - centers[second], axis=2)
-    lower = apart - (np.array(bound)[first] + np.array(bound)[second])[:, None]  # (G, M)
-    least = lower.min(axis=1)
-    best, where = np.inf, (-1, -1)
-    for g in np.argsort(least):
-        if least[g] >= best:
-            break
-        chosen = by_link.groups[g][2]
-        moments = np.flatnonzero(lower[g] < best)
-        order = moments[np.argsort(lower[g][moments])]
-        reach = radius[chosen[:, 0]] + radius[chosen[:, 1]]
-        step = 8
-        while len(order) and lower[g][order[0]] < best:
-            some, order = order[:step], order[step:]
-            between = spheres[some[:, None], chosen[:, 0]] - spheres[some[:, None], chosen[:, 1]]
-            d = np.sqrt(np.einsum("...i,...i", between, between)) - reach
-            if d.min() < best:
-                best = float(d.min())
-                i = int(np.argmin(d)) % len(chosen)
-                where = (int(chosen[i, 0]), int(chosen[i, 1]))
-            step = 64
-    return best, where
-
-
-def core_distance(objects: Iterable[Any], spheres: FloatArray) -> float | None:
-    """The paper's M_c: from sphere centres to the core of each obstacle.
-
-    The core of a sphere is its centre, of a bar (box, cylinder, capsule) its long axis; other
-    shapes count by their surface. None without obstacles.
-    """
-    best: float | None = None
-    flat = spheres.reshape(-1, 3)
-    for thing in objects:
-        away = flat - thing.position
-        bound = extent(thing.shape)
-        if best is not None and np.isfinite(bound):
-            away = away[np.einsum("...i,...i", away, away) < (best + bound) ** 2]
-            if not len(away):
-                continue
-        match thing.shape:
-            case shapes.Sphere():
-                d = np.linalg.norm(away, axis=1)
-            case shapes.Box():
-                half = 0.5 * np.asarray(thing.shape.size)
-                d = _to_axis(away @ thing.rotation, int(np.argmax(half)), float(half.max()))
-            case shapes.Cylinder() | shapes.Capsule():
-                d = _to_axis(away @ thing.rotation, 2, 0.5 * thing.shape.length)
-            case _:
-                d = to_shape(thing.shape, away @ thing.rotation)
-        best = float(d.min()) if best is None else min(best, float(d.min()))
-    return best
-
-
-def _to_axis(points: FloatArray, axis: int, half: float) -> FloatArray:
-    """Distance to the segment of half length ``half`` along a coordinate axis."""
-    away = points.copy()
-    away[:, axis] -= np.clip(points[:, axis], -half, half)
-    return np.linalg.norm(away, axis=1)

@@ -25,7 +25,7 @@ class Code(StrEnum):
 
 
 class OptiPrompError(Exception):
-    """Root of every error raised on purpose; ``code`` names the kind, ``message`` says what to do."""
+    """Root of every error raised on purpose: ``code`` is its kind, ``message`` what to do."""
 
     code: Code = Code.INVALID_REQUEST
 

@@ -1,22 +1,25 @@
 """The judge: what a trajectory really does, by code that shares nothing with the solver.
 
-Kinematics here are plain NumPy products of the robot's description, and distances come from the
-shapes of the scene; no kernel of ``robots``, ``geometry`` or ``optimization`` is used. The
+Kinematics and distances are the judge's own (:mod:`optipromp.sweep`, :mod:`.distance_checks`); no
+kernel of ``robots``, ``geometry`` or ``optimization`` is used. The
 trajectory is checked between its knots too, so finely that no body sphere moves more than half its
 radius from one check to the next (linear motion of the joints between knots).
 """
 
 import functools
-from collections.abc import Mapping
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from optipromp import distance_checks
 from optipromp.arrays import FloatArray
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
+from optipromp.sweep import AVOID, PUSHABLE, STATIC, Body, Things, divisions, place, sweep
 from optipromp.trajectory import Trajectory
 
 GOAL_TOLERANCE = 1e-3  # [m], or [rad] for a goal in joints
@@ -106,17 +109,60 @@ def frames(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     return origins, rotations
 
 
-def centers(robot: Robot, origins: FloatArray, rotations: FloatArray) -> FloatArray:
-    """World centres (M, B, 3) of the body spheres."""
-    spheres = robot.spheres
-    out = np.empty((len(origins), len(spheres.radius), 3))
-    for s in np.unique(spheres.segment):
-        on = spheres.segment == s
-        local = spheres.center[on]
-        if s < 0:
-            out[:, on] = local
-        else:
-            out[:, on] = origins[:, None, s] + local @ rotations[:, s].transpose(0, 2, 1)
+@functools.lru_cache(maxsize=32)
+def judged_body(robot: Robot) -> Body:
+    """The robot as the sweep takes it."""
+    kin, spheres = robot.kinematics, robot.spheres
+    order = np.argsort(spheres.link, kind="stable")
+    link, radius = np.asarray(spheres.link)[order], np.asarray(spheres.radius)[order]
+    local, carrier = np.asarray(spheres.center)[order], np.asarray(spheres.segment)[order]
+    names, start = np.unique(link, return_index=True)
+    start = np.append(start, len(link)).astype(np.int64)
+    spans = list(itertools.pairwise(start))
+    hub = np.array([local[i:j].mean(axis=0) for i, j in spans]).reshape(-1, 3)
+    reach = [
+        np.max(np.linalg.norm(local[i:j] - h, axis=1) + radius[i:j])
+        for (i, j), h in zip(spans, hub, strict=True)
+    ]
+    pairs = np.sort(np.argsort(order)[np.asarray(robot.self_pairs).reshape(-1, 2)], axis=1)
+    keys = np.searchsorted(names, link[pairs])
+    by = np.lexsort((pairs[:, 1], pairs[:, 0], keys[:, 1], keys[:, 0]))
+    pairs, keys = pairs[by], keys[by]
+    cuts = np.flatnonzero(np.any(np.diff(keys, axis=0) != 0, axis=1)) + 1
+    edges = np.concatenate([[0], cuts, [len(pairs)]]) if len(pairs) else np.zeros(1, dtype=int)
+    groups = [(*keys[i], i, j) for i, j in itertools.pairwise(edges)]
+    quaternions = Rotation.from_matrix(kin.rotation).as_quat(scalar_first=True)
+    return Body(
+        prismatic=kin.kind == 1, turn=np.ascontiguousarray(quaternions), shift=kin.translation,
+        axis=kin.axis, driver=kin.dof, ratio=kin.multiplier, offset=kin.offset, carrier=carrier,
+        local=local, radius=radius, original=order, start=start,
+        distal=np.asarray(spheres.distal)[order][start[:-1]], hub=hub, hub_radius=np.array(reach),
+        groups=np.array(groups, dtype=np.int64).reshape(-1, 4), pairs=pairs.astype(np.int64),
+    )  # fmt: skip
+
+
+def simple_things(objects: Sequence[SceneObject]) -> Things:
+    """Objects of simple shape as arrays."""
+    roles = {"static": STATIC, "avoid": AVOID, "pushable": PUSHABLE}
+    simple = [distance_checks.simple(thing.shape) for thing in objects]
+    return Things(
+        kind=np.array([kind for kind, _ in simple], dtype=np.int64),
+        role=np.array([roles[thing.role] for thing in objects], dtype=np.int64),
+        position=np.array([thing.position for thing in objects], dtype=float).reshape(-1, 3),
+        rotation=np.array([thing.rotation for thing in objects], dtype=float).reshape(-1, 3, 3),
+        size=np.array([size for _, size in simple], dtype=float).reshape(-1, 3),
+        bound=np.array([distance_checks.extent(thing.shape) for thing in objects], dtype=float),
+    )
+
+
+def centers(robot: Robot, q: FloatArray) -> FloatArray:
+    """World centres (M, B, 3) of the body spheres at ``q`` (M, n), in the robot's own order."""
+    body = judged_body(robot)
+    out = np.empty((len(q), len(body.radius), 3))
+    placed, hubs = np.empty((len(body.radius), 3)), np.empty((len(body.hub_radius), 3))
+    for m, configuration in enumerate(q):
+        place(body, configuration, placed, hubs)
+        out[m, body.original] = placed
     return out
 
 
@@ -130,66 +176,93 @@ def tool(robot: Robot, origins: FloatArray, rotations: FloatArray) -> tuple[Floa
 
 def fine_positions(robot: Robot, positions: FloatArray) -> FloatArray:
     """The trajectory refined so that no sphere moves over half its radius between checks."""
-    at_knots = centers(robot, *frames(robot, positions))
-    if at_knots.shape[1] == 0:
-        return positions
-    moved = np.linalg.norm(np.diff(at_knots, axis=0), axis=2)
-    parts = np.ceil(1.1 * np.max(moved / (0.5 * robot.spheres.radius), axis=1, initial=0.0))
-    parts = np.maximum(parts, 1).astype(int)
-    if parts.sum() > MOST_CHECKS:
-        parts = np.maximum(1, parts * MOST_CHECKS // parts.sum())
+    parts = np.empty(len(positions) - 1, dtype=np.int64)
+    divisions(judged_body(robot), positions, max(1, MOST_CHECKS // len(parts)), parts)
     index = np.repeat(np.arange(len(parts)), parts)
     share = (np.arange(len(index)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[index]
     between = positions[index] + share[:, None] * (positions[index + 1] - positions[index])
     return np.vstack([between, positions[-1:]])
 
 
-@functools.lru_cache(maxsize=16)
-def _link_pairs(robot: Robot) -> distance_checks.LinkPairs:
-    return distance_checks.link_pairs(np.asarray(robot.spheres.link), robot.self_pairs)
-
-
 def clearances(
     scene: Scene, robot: Robot, q: FloatArray
-) -> tuple[dict[str, float | None], list[Contact], FloatArray]:
-    """Smallest distances over configurations ``q`` (M, n), what touches, and the sphere centres.
+) -> tuple[dict[str, float | None], list[Contact]]:
+    """Smallest distances over configurations ``q`` (M, n), and what touches and must not.
 
     Contacts count with static things for every sphere, with avoid things and pushables for B_d
-    (all but the last link and the tool), and between links that are not neighbours.
+    (all but the last link and the tool), and between links that are not neighbours. The dictionary
+    has the keys of :class:`Metrics`; None where there is nothing to measure.
     """
-    contacts: list[Contact] = []
-    spheres = centers(robot, *frames(robot, q))
-    radius, link = robot.spheres.radius, robot.spheres.link
-    distal = np.asarray(robot.spheres.distal)
+    body = judged_body(robot)
+    objects = [thing for thing in scene.objects if thing.role != "target"]
+    simple = [thing for thing in objects if distance_checks.is_simple(thing.shape)]
+    closest, core, apart = np.full(4, np.inf), np.full(1, np.inf), np.full(3, np.inf)
+    depth, deepest = np.full(len(simple), np.inf), np.zeros(len(simple), dtype=np.int64)
+    q = np.ascontiguousarray(q, dtype=np.float64)
+    sweep(body, simple_things(simple), q, closest, core, depth, deepest, apart)
 
-    def closest(objects: tuple[SceneObject, ...], on: Any, fault: bool = True) -> float | None:
-        best: float | None = None
-        columns = np.flatnonzero(on)
-        for thing in objects if len(columns) else ():
+    def name(sphere: int) -> str:
+        return str(robot.link_names[robot.spheres.link[body.original[sphere]]])
+
+    contacts = [
+        Contact(name(int(b)), thing.id, thing.role, -float(d))
+        for thing, d, b in zip(simple, depth, deepest, strict=True)
+        if d < 0.0
+    ]
+    rest = [thing for thing in objects if not distance_checks.is_simple(thing.shape)]
+    if rest:
+        contacts += _other_shapes(rest, robot, q, closest, core)
+    if apart[0] < 0.0:
+        pair = name(int(apart[1])), name(int(apart[2]))
+        contacts.append(Contact(*pair, "the robot itself", -float(apart[0])))
+
+    def known(value: float) -> float | None:
+        return float(value) if np.isfinite(value) else None
+
+    return {
+        "M_c": known(core[0]),
+        "clearance_static": known(closest[0]),
+        "clearance_avoid": known(closest[1]),
+        "clearance_avoid_tool": known(closest[2]),
+        "clearance_pushable": known(closest[3]),
+        "clearance_self": known(apart[0]),
+    }, contacts
+
+
+def _other_shapes(
+    objects: Sequence[SceneObject],
+    robot: Robot,
+    q: FloatArray,
+    closest: FloatArray,
+    core: FloatArray,
+) -> list[Contact]:
+    """Meshes and point clouds, measured in NumPy; updates ``closest`` and ``core``."""
+    spheres, radius = centers(robot, q), np.asarray(robot.spheres.radius)
+    distal = np.asarray(robot.spheres.distal)
+    sets = {
+        "static": ((0, np.ones_like(distal), True),),
+        "avoid": ((1, ~distal, True), (2, distal, False)),
+        "pushable": ((3, ~distal, True),),
+    }
+    contacts = []
+    for thing in objects:
+        for slot, chosen, fault in sets[thing.role]:
+            columns = np.flatnonzero(chosen)
+            if not len(columns):
+                continue
             d, where = distance_checks.closest(
                 thing.shape, thing.position, thing.rotation, spheres[:, columns], radius[columns],
-                np.inf if best is None else best,
+                float(closest[slot]),
             )  # fmt: skip
             if d is None:
                 continue
-            best = d if best is None else min(best, d)
-            if d < 0.0 and fault:
-                name = robot.link_names[link[columns[where]]]
-                contacts.append(Contact(name, thing.id, thing.role, -d))
-        return best
-
-    out = {
-        "clearance_static": closest(scene.static, np.ones(len(radius), dtype=bool)),
-        "clearance_avoid": closest(scene.avoid, ~distal),
-        "clearance_avoid_tool": closest(scene.avoid, distal, fault=False),
-        "clearance_pushable": closest(scene.pushables, ~distal),
-    }
-    apart, pair = distance_checks.self_clearance(spheres, radius, _link_pairs(robot))
-    out["clearance_self"] = apart
-    if apart is not None and apart < 0.0:
-        first, second = (robot.link_names[link[i]] for i in pair)
-        contacts.append(Contact(first, second, "the robot itself", -apart))
-    return out, contacts, spheres
+            closest[slot] = min(closest[slot], d)
+            if thing.role != "pushable":
+                core[0] = min(core[0], d + float(radius[columns[where]]))
+            if fault and d < 0.0:
+                link = robot.link_names[robot.spheres.link[columns[where]]]
+                contacts.append(Contact(link, thing.id, thing.role, -d))
+    return contacts
 
 
 def judge(
@@ -204,7 +277,7 @@ def judge(
         start: (n,) where it must begin; None: not checked.
     """
     q = trajectory.positions
-    distances, contacts, spheres = clearances(scene, robot, fine_positions(robot, q))
+    distances, contacts = clearances(scene, robot, fine_positions(robot, q))
     violations = [str(contact) for contact in contacts]
     tips, axes = tool(robot, *frames(robot, q))
     goal_error, axis_error = _goal(scene, q[-1], tips[-1], axes[-1], violations)
@@ -222,7 +295,6 @@ def judge(
         violations.append("the trajectory does not begin at the start")
     steps = np.diff(q, axis=0)
     metrics = Metrics(
-        M_c=distance_checks.core_distance((*scene.static, *scene.avoid), spheres),
         M_p=m_p,
         stem_projection=projection,
         **distances,
@@ -256,8 +328,6 @@ def _goal(
     error = float(np.linalg.norm(tip - position))
     if error > GOAL_TOLERANCE:
         violations.append(f"the tool ends {error * 1e3:.1f} mm from the goal")
-    if direction is None:
-        return error, None
     unit = np.asarray(direction) / np.linalg.norm(direction)
     angle = float(np.arctan2(np.linalg.norm(np.cross(axis, unit)), axis @ unit))
     if angle > AXIS_TOLERANCE:

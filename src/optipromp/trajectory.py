@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optipromp.errors import InvalidRequestError
 from optipromp.arrays import FloatArray, frozen
+from optipromp.errors import InvalidRequestError
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,18 +57,18 @@ class Trajectory:
     @property
     def times(self) -> FloatArray:
         """Time of each knot (T,) [s]."""
-        return np.arange(self.n_knots) * self.dt
+        return np.asarray(np.arange(self.n_knots) * self.dt, dtype=np.float64)
 
     @property
     def velocities(self) -> FloatArray:
         """Velocity of each interval (T-1, n) [rad/s or m/s]."""
-        return np.diff(self.positions, axis=0) / self.dt
+        return np.asarray(np.diff(self.positions, axis=0) / self.dt, dtype=np.float64)
 
     @property
     def accelerations(self) -> FloatArray:
         """Acceleration at each knot (T, n), from rest before the first and after the last knot."""
         padded = np.concatenate([self.positions[:1], self.positions, self.positions[-1:]])
-        return np.diff(padded, n=2, axis=0) / self.dt**2
+        return np.asarray(np.diff(padded, n=2, axis=0) / self.dt**2)
 
     def with_dt(self, dt: float) -> "Trajectory":
         """The same knots at another spacing [s]."""

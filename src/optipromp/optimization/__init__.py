@@ -1,0 +1,1 @@
+"""Functionals, constraints, the problem they make, and its solvers."""

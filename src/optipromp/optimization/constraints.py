@@ -1,8 +1,8 @@
 """The constraints as one-sided quadratic penalties, weighed by their priority.
 
 Method §5 ranks what gives way where constraints conflict: joint limits and static clearance first,
-then reaching the target, avoid objects, the drift offset, straightness. :class:`Priority` holds that
-order as stiffnesses [per m² or rad²]: with a Gauss-Newton solver a stiff penalty costs no
+then reaching the target, avoid objects, the drift offset, straightness. :class:`Priority` holds
+that order as stiffnesses [per m² or rad²]: with a Gauss-Newton solver a stiff penalty costs no
 conditioning, and two constraints that cannot both hold share the conflict in the ratio of theirs.
 """
 
@@ -117,7 +117,7 @@ class CorridorConstraint(Term):
 
 
 class UprightConstraint(Term):
-    """The tool axis stays within an angle [rad] of the approach direction from knot ``first`` on."""
+    """The tool axis stays within an angle [rad] of the approach, from knot ``first`` on."""
 
     def __init__(self, weight: float, axis: FloatArray, tolerance: float, first: int) -> None:
         super().__init__("upright", weight)

@@ -40,7 +40,9 @@ class BodyPoints:
         last = robot.n_segments - 1
         tool = np.stack([robot.tool_point, robot.tool_point + LEVER * robot.tool_axis])
         self.tool = len(radius)
-        self.local: FloatArray = frozen(np.vstack([center, tool, np.reshape(bound_centers, (-1, 3))]))
+        self.local: FloatArray = frozen(
+            np.vstack([center, tool, np.reshape(bound_centers, (-1, 3))])
+        )
         self.segment: IntArray = frozen(
             np.concatenate([segment, [last, last], bound_segments]), np.int64
         )
@@ -78,8 +80,8 @@ class Evaluation:
 
     What terms read: ``q`` (T, n), ``dt``, ``points`` (T, P, 3) in the order of :class:`BodyPoints`,
     ``tool`` (index of the tool point), ``static`` and ``dynamic`` fields. What terms add to:
-    ``force`` (T, B+2, 3), the gradient with respect to points; ``stiffness`` (T, B+2, 6), a positive
-    semi-definite curvature there; ``joint_gradient`` (T, n) and its curvature ``band`` (T, 3, n).
+    ``force`` (T, B+2, 3), the gradient with respect to points; ``stiffness`` (T, B+2, 6), a
+    positive semi-definite curvature there; ``joint_gradient`` (T, n) and its curvature ``band`` (T, 3, n).
     A term may leave curvature out: the solver's metric takes its place.
     """
 
@@ -102,9 +104,7 @@ class Evaluation:
     def move_to(self, q: FloatArray) -> None:
         """Kinematics of the trajectory ``q`` (T, n); what terms add to is cleared."""
         self.q[:] = q
-        robot_kernels.frames(
-            self.robot.kinematics, self.q, self.origins, self.rotations, self.axes
-        )
+        robot_kernels.frames(self.robot.kinematics, self.q, self.origins, self.rotations, self.axes)
         robot_kernels.carried_points(
             self.body.segment, self.body.local, self.origins, self.rotations, self.points
         )
@@ -126,7 +126,9 @@ class Evaluation:
         """What the terms added, pulled back to the joints (T, n)."""
         out = self.joint_gradient.copy()
         robot_kernels.pull_back(
-            self.robot.kinematics, self.body.segment[: self.tool + 2], self.points[:, : self.tool + 2],
+            self.robot.kinematics,
+            self.body.segment[: self.tool + 2],
+            self.points[:, : self.tool + 2],
             self.force, self.origins, self.axes, out,
         )  # fmt: skip
         return out

@@ -4,7 +4,8 @@ Everything that happens in the workspace happens at *points*: the B body spheres
 a second point on the tool axis (the tip). A kernel reads point positions, adds the gradient of its
 value with respect to them to ``force`` (T, B+2, 3), and a positive semi-definite curvature to
 ``stiffness`` (T, B+2, 6), stored as xx, yy, zz, xy, xz, yz; that of the tip is with respect to its
-place about the tool point, where a term of the tool's axis lives. One pass pulls both back to the joints:
+place about the tool point, where a term of the tool's axis lives. One pass pulls both back
+to the joints:
 the forces by :func:`optipromp.robots.kernels.pull_back`, the stiffnesses by :func:`add_stiffness`.
 """
 
@@ -29,10 +30,10 @@ def add_outer(stiffness, weight, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def clearance_field(
+def clearance_field(  # type: ignore[no-untyped-def]
     points, radius, link_start, link_bound, link_distal, obstacles, shared, cutoff,
     distance, normal,
-):  # type: ignore[no-untyped-def]  # fmt: skip
+):  # fmt: skip
     """Distance from every body sphere's surface to the nearest obstacle, where below ``cutoff``.
 
     ``points`` (T, B+2+L, 3) holds the bounding-sphere centres of the L links after the spheres and
@@ -49,7 +50,11 @@ def clearance_field(
             normal[t, b, 1] = 0.0
             normal[t, b, 2] = 0.0
         for k in range(obstacles.kind.shape[0]):
-            px, py, pz = obstacles.position[k, 0], obstacles.position[k, 1], obstacles.position[k, 2]
+            px, py, pz = (
+                obstacles.position[k, 0],
+                obstacles.position[k, 1],
+                obstacles.position[k, 2],
+            )
             reach = obstacles.bound[k] + cutoff
             for link in range(n_links):
                 if k >= shared and link_distal[link]:
@@ -96,9 +101,7 @@ def point_speed(points, t, b, dt):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def obstacle_functional(
-    points, distance, normal, epsilon, dt, use_max, weight, force, stiffness
-):  # type: ignore[no-untyped-def]
+def obstacle_functional(points, distance, normal, epsilon, dt, use_max, weight, force, stiffness):  # type: ignore[no-untyped-def]
     r"""F = ∫ max_u c(x_u) ‖dx_u/dt‖ dt (or the sum over u), by the trapezoid rule.
 
     The gradient is that of the discrete sum, so it agrees with finite differences at any T, and
@@ -135,9 +138,24 @@ def obstacle_functional(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _obstacle_force(
-    t, b, weight, c, slope, speed, ux, uy, uz, before, after, span, epsilon, normal, force, stiffness
-):  # type: ignore[no-untyped-def]
+def _obstacle_force(  # type: ignore[no-untyped-def]
+    t,
+    b,
+    weight,
+    c,
+    slope,
+    speed,
+    ux,
+    uy,
+    uz,
+    before,
+    after,
+    span,
+    epsilon,
+    normal,
+    force,
+    stiffness,
+):
     nx, ny, nz = normal[t, b, 0], normal[t, b, 1], normal[t, b, 2]
     push = weight * slope * speed
     force[t, b, 0] += push * nx
@@ -176,9 +194,7 @@ def clearance_penalty(distance, normal, margin, weight, force, stiffness):  # ty
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def self_penalty(
-    points, radius, groups, pairs, link_bound, margin, weight, force, stiffness
-):  # type: ignore[no-untyped-def]
+def self_penalty(points, radius, groups, pairs, link_bound, margin, weight, force, stiffness):  # type: ignore[no-untyped-def]
     """½ Σ weight·max(0, margin − D)² over the pairs of body spheres that must keep apart.
 
     ``groups`` (G, 4): two links and the range of their ``pairs`` (P, 2), so that a pair of links
@@ -231,10 +247,10 @@ def self_penalty(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def drift_penalty(
+def drift_penalty(  # type: ignore[no-untyped-def]
     points, tool, centers, directions, approach, half_height, offset, slope, first, weight,
     force, stiffness,
-):  # type: ignore[no-untyped-def]  # fmt: skip
+):  # fmt: skip
     r"""½ Σ weight·max(0, offset_n − slope·max(0, |z| − h_n) − d_n·(fk − X_n))².
 
     ``z`` is the height of the tool point over the pushable along ``approach``. Inside the passing
@@ -267,9 +283,7 @@ def drift_penalty(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def corridor_penalty(
-    points, tool, reference, axes, tolerance, first, weight, force, stiffness
-):  # type: ignore[no-untyped-def]
+def corridor_penalty(points, tool, reference, axes, tolerance, first, weight, force, stiffness):  # type: ignore[no-untyped-def]
     """½ Σ weight·max(0, |axis·(fk − reference)| − tolerance)² along each of ``axes`` (m, 3)."""
     total = 0.0
     for t in range(first, points.shape[0]):
@@ -293,9 +307,7 @@ def corridor_penalty(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def axis_penalty(
-    points, tool, lever, axis, tolerance, first, weight, force, stiffness
-):  # type: ignore[no-untyped-def]
+def axis_penalty(points, tool, lever, axis, tolerance, first, weight, force, stiffness):  # type: ignore[no-untyped-def]
     """½ Σ weight·max(0, ‖a − axis‖ − tolerance)², a the tool axis; both are unit vectors."""
     total = 0.0
     for t in range(first, points.shape[0]):
@@ -484,10 +496,10 @@ def add_stiffness(kin, segment, points, stiffness, origins, axes, band, first, o
     r"""The banded Gauss-Newton matrix :math:`\sum_b J_b^\top C_b J_b` plus the joint-space bands.
 
     The point stiffnesses of each segment are gathered as 6×6 spatial stiffnesses about the world
-    origin and summed down the chain, as forces are; then :math:`H_{ij} = s_i^\top K_{\max(i,j)} s_j`
-    with the joints' twists s. ``out`` ((bandwidth+1), N) is LAPACK's lower banded form for the knots
-    ``first`` … ``first + N/n − 1``; ``band`` (T, 3, n) couples a knot with itself, the next and the one
-    after.
+    origin and summed down the chain, as forces are; then
+    :math:`H_{ij} = s_i^\top K_{\max(i,j)} s_j` with the joints' twists s. ``out``
+    ((bandwidth+1), N) is LAPACK's lower banded form for the knots ``first`` … ``first + N/n − 1``;
+    ``band`` (T, 3, n) couples a knot with itself, the next and the one after.
     """
     n = band.shape[2]
     n_segments = kin.kind.shape[0]

@@ -64,7 +64,7 @@ class ObstacleTerm(Term):
 
 
 class PushTerm(Term):
-    r""":math:`F_p=\int_{t_1}^T\lVert fk(\xi_t)-X_g\rVert^2_{\mathcal F_g}dt`, or the authors' form."""
+    r""":math:`F_p=\int_{t_1}^T\lVert fk(\xi_t)-X_g\rVert^2_{\mathcal F_g}dt`, or the authors'."""
 
     def __init__(
         self,
@@ -109,7 +109,7 @@ class VelocityTerm(Term):
 
 
 class SmoothnessTerm(Term):
-    r""":math:`\tfrac12\int\lVert\ddot\xi\rVert^2dt`: CHOMP's finite-difference metric A as a term."""
+    r""":math:`\tfrac12\int\lVert\ddot\xi\rVert^2dt`: CHOMP's metric A as a term."""
 
     def __init__(self, weight: float) -> None:
         super().__init__("smoothness", weight)

@@ -4,4 +4,14 @@ from optipromp.planning.options import PLANNERS, STRATEGIES, Planner, PlanOption
 from optipromp.planning.plan import Plan, Term, plan
 from optipromp.planning.stages import Stage
 
-__all__ = ["PLANNERS", "STRATEGIES", "Plan", "PlanOptions", "Planner", "Stage", "Strategy", "Term", "plan"]
+__all__ = [
+    "PLANNERS",
+    "STRATEGIES",
+    "Plan",
+    "PlanOptions",
+    "Planner",
+    "Stage",
+    "Strategy",
+    "Term",
+    "plan",
+]

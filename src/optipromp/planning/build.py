@@ -119,7 +119,7 @@ def joint_problem(
     terms = functionals(
         setup, options, knots, options.reduction or "sum", options.push or "quadratic"
     )
-    terms.append(SmoothnessTerm(options.smoothness))
+    terms += [SmoothnessTerm(options.smoothness), *options.terms]
     return Problem(
         setup.robot, setup.surroundings, terms,
         constraints(setup, options, knots, drift, reference), knots.count,

@@ -71,9 +71,7 @@ def knots_for(
     return Knots(count, phase)
 
 
-def starts(
-    setup: Setup, promp: ProMP, options: PlanOptions, goals: FloatArray
-) -> Iterator[Start]:
+def starts(setup: Setup, promp: ProMP, options: PlanOptions, goals: FloatArray) -> Iterator[Start]:
     """A start for each goal configuration (m, n) and each choice of sides, in that order."""
     choices = drift_choices(setup.scene, setup.neighbours, options.drift)
     for goal in goals[:NEAR]:
@@ -125,7 +123,7 @@ def sampled_starts(
     rng: np.random.Generator,
     rounds: int = 4,
 ) -> Iterator[Start]:
-    """Starts drawn from the ProMP conditioned on its ends only, for each goal and choice of sides."""
+    """Starts drawn from the ProMP conditioned on its ends, for each goal and choice of sides."""
     choices = drift_choices(setup.scene, setup.neighbours, options.drift)
     for _ in range(rounds):
         for goal in goals[:NEAR]:

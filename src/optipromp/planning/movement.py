@@ -68,6 +68,4 @@ def plan_movement(
     knots = Knots(options.knots or 200, phase)
     q = joint.settled(posterior.mean_trajectory(knots.count), setup.start, goal)
     trajectory = joint.trajectory_of(setup, options, q)
-    return Outcome(
-        trajectory, trajectory, knots, (), True, {planner: time.perf_counter() - began}
-    )
+    return Outcome(trajectory, trajectory, knots, (), True, {planner: time.perf_counter() - began})

@@ -1,13 +1,13 @@
 """What a planner may be told."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Literal
 
 import numpy as np
 
 from optipromp.errors import InvalidRequestError
 from optipromp.optimization.constraints import Priority
-from optipromp.optimization.terms import PushForm, Reduction
+from optipromp.optimization.terms import PushForm, Reduction, Term
 from optipromp.pushing.sides import DriftRule
 
 Planner = Literal["promp", "i-promp", "opti-promp"]
@@ -49,6 +49,7 @@ class PlanOptions:
             marked as not optimised.
         via_deviation: standard deviation with which a ProMP is held to a pushable [m].
         direction_deviation: of I-ProMP's push direction [rad]; above 0 it is sampled by the seed.
+        terms: cost terms of your own, minimised with the others by the joint strategy.
     """
 
     knots: int | None = None
@@ -67,7 +68,7 @@ class PlanOptions:
     avoid_clearance: float = 0.005
     self_clearance: float = 0.005
     limit_margin: float = 0.01
-    priority: Priority = Priority()
+    priority: Priority = field(default_factory=Priority)
     starts: int = 3
     camera_phase: float | None = None
     camera_point: bool | None = None
@@ -75,20 +76,23 @@ class PlanOptions:
     iterations: int | None = None
     via_deviation: float = 1e-3
     direction_deviation: float = 0.0
+    terms: tuple[Term, ...] = ()
 
     def __post_init__(self) -> None:
         def need(ok: bool, name: str, wanted: str) -> None:
             if not ok:
                 raise InvalidRequestError(f"{name} is {getattr(self, name)}; it must be {wanted}")
 
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for item in fields(self):
+            value = getattr(self, item.name)
             if isinstance(value, float) and not np.isfinite(value):
-                need(field.name == "timeout" and value > 0, field.name, "finite")
+                need(item.name == "timeout" and value > 0, item.name, "finite")
         need(self.knots is None or self.knots >= 3, "knots", "at least 3")
         need(self.duration is None or self.duration > 0, "duration", "positive [s]")
         need(self.timeout > 0, "timeout", "positive [s]")
-        need(len(self.alphas) == 4 and min(self.alphas) >= 0, "alphas", "four weights, none negative")
+        need(
+            len(self.alphas) == 4 and min(self.alphas) >= 0, "alphas", "four weights, none negative"
+        )
         need(self.epsilon > 0, "epsilon", "positive [m]")
         need(self.reduction in (None, "max", "sum"), "reduction", "'max' or 'sum'")
         need(self.push in (None, "quadratic", "reciprocal"), "push", "'quadratic' or 'reciprocal'")

@@ -200,7 +200,7 @@ def _plan(
             stages=outcome.stages, contacts=verdict.contacts, time=times,
         )  # fmt: skip
 
-    _, touching, _ = metrics.clearances(scene, setup.robot, setup.start[None])
+    _, touching = metrics.clearances(scene, setup.robot, setup.start[None])
     if touching:
         return finish(
             _stay(setup), Code.START_IN_COLLISION,
@@ -234,7 +234,10 @@ def _plan(
 def _verdict(verdict: Judgement, outcome: Outcome, deadline: float) -> tuple[Code, str]:
     note = "" if outcome.optimised else " (not optimised)"
     if not verdict.violations:
-        return Code.SUCCESS, "reaches the target, keeps all limits, touches nothing it must not" + note
+        return (
+            Code.SUCCESS,
+            "reaches the target, keeps all limits, touches nothing it must not" + note,
+        )
     message = "; ".join(verdict.violations) + note
     if time.perf_counter() > deadline:
         return Code.TIMEOUT, f"time ran out; the best so far: {message}"
@@ -269,7 +272,8 @@ def _stay(setup: Setup) -> Outcome:
 def _at_goal(setup: Setup) -> bool:
     if setup.goal_joints is not None:
         return bool(np.max(np.abs(setup.start - setup.goal_joints)) < metrics.GOAL_TOLERANCE)
-    assert setup.goal_position is not None and setup.goal_axis is not None
+    assert setup.goal_position is not None
+    assert setup.goal_axis is not None
     point, axis = setup.robot.tool_pose(setup.start)
     near = np.linalg.norm(point - setup.goal_position) < metrics.GOAL_TOLERANCE
     return bool(near and axis @ setup.goal_axis > np.cos(metrics.AXIS_TOLERANCE))
@@ -291,7 +295,7 @@ def _free(setup: Setup, goals: FloatArray) -> tuple[FloatArray | None, str]:
     """The best goal configurations that touch nothing; None, and what they touch, where all do."""
     kept, worst = [], ""
     for i, goal in enumerate(goals):
-        _, touching, _ = metrics.clearances(setup.scene, setup.robot, goal[None])
+        _, touching = metrics.clearances(setup.scene, setup.robot, goal[None])
         if not touching:
             kept.append(i)
             if len(kept) == joint.NEAR:

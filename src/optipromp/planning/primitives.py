@@ -40,7 +40,7 @@ def _prior_covariance(basis: Basis) -> FloatArray:
         + position.T @ position / (len(z) * SPREAD**2)
         + ends.T @ ends / 0.05**2
     )
-    return np.linalg.inv(precision)
+    return np.asarray(np.linalg.inv(precision), dtype=np.float64)
 
 
 def smooth_prior(robot: Robot, basis: Basis = BASIS) -> ProMP:
@@ -55,6 +55,7 @@ def smooth_prior(robot: Robot, basis: Basis = BASIS) -> ProMP:
     return ProMP(basis, mean, 0.5 * (covariance + covariance.T), joint_names=robot.joint_names)
 
 
+@functools.lru_cache(maxsize=8)
 def widened(promp: ProMP, robot: Robot, share: float = 0.01) -> ProMP:
     """``promp`` with ``share`` of the smooth prior's covariance added.
 
@@ -75,9 +76,7 @@ def _built_in(name: str, basis: Basis) -> ProMP | None:
         return fit(load_demonstrations(path), basis)
 
 
-def learnt(
-    setup: Setup, demonstrations: ProMP | str | Path | None, basis: Basis = BASIS
-) -> ProMP:
+def learnt(setup: Setup, demonstrations: ProMP | str | Path | None, basis: Basis = BASIS) -> ProMP:
     """The ProMP a plan starts from, widened by a little of the smooth prior.
 
     Args:
@@ -135,20 +134,22 @@ class ViaPoints:
 
 
 def camera_point(setup: Setup) -> FloatArray:
-    """Where the camera looks from: ``camera_distance`` before the lowest fruit, below the target."""
+    """Where the camera looks from (3,): below the target, before the lowest fruit."""
     assert setup.goal_position is not None
     up = setup.scene.frame[2]
     lowest = 0.0
     for thing in setup.neighbours:
         lowest = min(lowest, float((thing.position - setup.goal_position) @ up) - thing.radius)
-    return setup.goal_position + (lowest - setup.scene.approach.camera_distance) * up
+    below = lowest - setup.scene.approach.camera_distance
+    return np.asarray(setup.goal_position + below * up)
 
 
 def via_points(
     setup: Setup, positions: Sequence[FloatArray], camera_phase: float, deviation: float
 ) -> ViaPoints:
     """The camera point, then ``positions`` at evenly spaced phases, then the goal."""
-    assert setup.goal_position is not None and setup.goal_axis is not None
+    assert setup.goal_position is not None
+    assert setup.goal_axis is not None
     points = np.array([camera_point(setup), *positions, setup.goal_position])
     deviations = np.full(len(points), deviation)
     deviations[0], deviations[-1] = 5.0 * deviation, 0.0
@@ -161,7 +162,7 @@ def via_points(
 
 
 def on_branch(setup: Setup, via: ViaPoints, goal: FloatArray) -> FloatArray | None:
-    """Configurations (m, n) at the via points, followed back from ``goal``; None where it fails."""
+    """Configurations (m, n) at the via points, followed back from ``goal``; None: out of reach."""
     back, errors = ik.track(setup.robot, via.positions[-2::-1], via.axes[-2::-1], goal)
     if len(errors) and errors.max() > TRACKED:
         return None
@@ -178,7 +179,7 @@ def conditioned(
 ) -> ProMP:
     """``promp`` conditioned on the start and on configurations at phases, in joint space.
 
-    ``variances`` (m,) [rad²] of each point; 0 is exact. At the phase ``pause`` the arm stands still.
+    ``variances`` (m,) [rad²] of each point; 0 is exact. At phase ``pause`` the arm stands still.
     """
     points = [JointPoint(0.0, start)]
     if pause is not None:

@@ -53,13 +53,15 @@ def solve(
             q, history, message = minimise_push(
                 setup, options, knots, start.drift, basis, q, q0, limit, deadline
             )
-            terms, solver = ("push",), "trust-constr"
+            terms: tuple[str, ...] = ("push",)
+            solver = "trust-constr"
         else:
             limit = options.iterations or COLLISION_ITERATIONS[place]
             q, history, message = minimise_collision(
                 setup, options, knots, basis, q, limit, deadline
             )
-            terms, solver = ("static", "avoid", "velocity"), "l-bfgs-b"
+            terms = ("static", "avoid", "velocity")
+            solver = "l-bfgs-b"
         seconds = time.perf_counter() - stage_began
         stages.append(Stage(name, solver, terms, tuple(history), seconds, message))
     timing = {stage.name: stage.seconds for stage in stages}
@@ -71,7 +73,7 @@ def solve(
 
 
 def deviation_basis(n_knots: int, count: int = CONTROL_POINTS) -> FloatArray:
-    """Cubic B-splines (T, K) on the knots; the first and the last two, which move an end, left out."""
+    """Cubic B-splines (T, K) on the knots, without the two that move an end."""
     inner = np.linspace(0.0, 1.0, count - 2)
     grid = np.concatenate([[0.0] * 3, inner, [1.0] * 3])
     z = np.linspace(0.0, 1.0, n_knots)
@@ -79,9 +81,7 @@ def deviation_basis(n_knots: int, count: int = CONTROL_POINTS) -> FloatArray:
     return np.ascontiguousarray(design[:, 1:-1])
 
 
-def control_bounds(
-    setup: Setup, basis: FloatArray, q: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def control_bounds(setup: Setup, basis: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Bounds (K, n) on the control points under which q + Bc keeps the joint limits."""
     robot = setup.robot
     support = basis > 0.0
@@ -145,7 +145,7 @@ def minimise_push(
     limit: int,
     deadline: float,
 ) -> tuple[FloatArray, list[dict[str, float]], str]:
-    """F_p by trust-constr under constraints 1 to 4, from ``q``; constraint 3 is about ``reference``."""
+    """F_p by trust-constr under constraints 1 to 4, from ``q``; 3 is about ``reference``."""
     terms = functionals(setup, options, knots, "max", options.push or "reciprocal")
     problem = Problem(
         setup.robot, setup.surroundings, [t for t in terms if t.name == "push"], (), knots.count,
@@ -157,7 +157,7 @@ def minimise_push(
     rows = Rows(setup, options, knots, drift, q, reference)
 
     def trajectory(c: FloatArray) -> FloatArray:
-        return q + basis @ c.reshape(shape)
+        return np.asarray(q + basis @ c.reshape(shape))
 
     def objective(c: FloatArray) -> tuple[float, FloatArray]:
         value = problem.evaluate(trajectory(c))
@@ -168,7 +168,8 @@ def minimise_push(
 
     def jacobian(c: FloatArray) -> FloatArray:
         by_knot = rows.jacobian(trajectory(c))  # (m, n), each at its knot
-        return np.einsum("mk,mn->mkn", basis[rows.knots], by_knot).reshape(len(by_knot), -1)
+        full = np.einsum("mk,mn->mkn", basis[rows.knots], by_knot)
+        return np.asarray(full.reshape(len(by_knot), -1))
 
     def record(c: FloatArray, _: object) -> bool:
         history.append(problem.evaluate(trajectory(c)).terms)
@@ -237,11 +238,9 @@ class Rows:
     def values(self, q: FloatArray) -> FloatArray:
         """The rows (m,) at a trajectory."""
         points = self.robot.tool_pose(q)[0]
-        return np.einsum("mi,mi->m", points[self.knots], self.axes)
+        return np.asarray(np.einsum("mi,mi->m", points[self.knots], self.axes))
 
     def jacobian(self, q: FloatArray) -> FloatArray:
         """Derivatives (m, n) of each row with respect to the joints at its knot."""
         jp, _ = self.robot.tool_jacobian(q)
-        return np.einsum("mi,min->mn", self.axes, jp[self.knots])
-
-
+        return np.asarray(np.einsum("mi,min->mn", self.axes, jp[self.knots]))

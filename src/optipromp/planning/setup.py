@@ -8,6 +8,7 @@ import numpy as np
 from optipromp.arrays import FloatArray, frozen
 from optipromp.errors import InvalidRequestError, InvalidSceneError, StartInvalidError
 from optipromp.geometry.obstacles import pack
+from optipromp.geometry.shapes import Shape
 from optipromp.optimization.evaluation import BodyPoints
 from optipromp.optimization.problem import Surroundings
 from optipromp.pushing.neighbours import neighbours
@@ -129,7 +130,7 @@ def reach(robot: Robot) -> float:
 def _surroundings(scene: Scene, robot: Robot) -> Surroundings:
     far = reach(robot) + 0.1
 
-    def near(things: tuple[SceneObject, ...]) -> list[tuple[object, FloatArray, FloatArray]]:
+    def near(things: tuple[SceneObject, ...]) -> list[tuple[Shape, FloatArray, FloatArray]]:
         return [
             (thing.shape, thing.position, thing.rotation)
             for thing in things
@@ -138,7 +139,7 @@ def _surroundings(scene: Scene, robot: Robot) -> Surroundings:
 
     avoid = near(scene.avoid)
     return Surroundings(
-        static=pack(near(scene.static)),  # type: ignore[arg-type]
-        dynamic=pack([*avoid, *near(scene.pushables)]),  # type: ignore[arg-type]
+        static=pack(near(scene.static)),
+        dynamic=pack([*avoid, *near(scene.pushables)]),
         shared=len(avoid),
     )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from optipromp.arrays import FloatArray
 from optipromp.metrics import Judgement
 from optipromp.optimization.problem import Problem
+from optipromp.optimization.terms import PushForm, Reduction
 from optipromp.planning.build import Knots, functionals
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.setup import Setup
@@ -50,10 +51,9 @@ def value_of(
     setup: Setup, options: PlanOptions, knots: Knots, q: FloatArray, paper: bool
 ) -> dict[str, float]:
     """The functionals at one trajectory (T, n), by their names."""
-    reduction, push = ("max", "reciprocal") if paper else ("sum", "quadratic")
-    terms = functionals(
-        setup, options, knots, options.reduction or reduction, options.push or push  # type: ignore[arg-type]
-    )
+    reduction: Reduction = options.reduction or ("max" if paper else "sum")
+    push: PushForm = options.push or ("reciprocal" if paper else "quadratic")
+    terms = functionals(setup, options, knots, reduction, push)
     problem = Problem(
         setup.robot, setup.surroundings, terms, (), len(q), cutoff=options.epsilon, body=setup.body
     )

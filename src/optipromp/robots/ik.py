@@ -45,7 +45,7 @@ class Solutions:
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def cholesky_solve(a, b):  # type: ignore[no-untyped-def]
-    """Solve ``a x = b`` in place for a small symmetric positive definite ``a`` (n, n); x in ``b``."""
+    """Solve ``a x = b`` in place, ``a`` (n, n) symmetric positive definite; x in ``b``."""
     n = b.shape[0]
     for i in range(n):
         for j in range(i + 1):
@@ -69,10 +69,10 @@ def cholesky_solve(a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def descend(
+def descend(  # type: ignore[no-untyped-def]
     kin, tool_point, tool_axis, position, axis, axis_weight, lower, upper, center, weight,
     iterations, q, position_error, axis_error,
-):  # type: ignore[no-untyped-def]  # fmt: skip
+):  # fmt: skip
     """Run every start in ``q`` (M, n) to a solution, in place; errors (M,) in m and rad."""
     n_starts, n = q.shape
     n_segments = kin.kind.shape[0]
@@ -209,7 +209,7 @@ def solve(
     order = np.argsort(-np.minimum(margin / 0.3, room / 0.05), kind="stable")
     kept: list[int] = []
     for i in order:
-        if all(np.max(np.abs(q[i] - q[k])) > distinct for k in kept):
+        if not kept or np.abs(q[kept] - q[i]).max(axis=1).min() > distinct:
             kept.append(int(i))
     return Solutions(q[kept], margin[kept], room[kept])
 

@@ -3,13 +3,14 @@ r"""Kinematics kernels: one serial chain of moving segments, many configurations
 Fixed joints are merged when the robot is built, so a segment is a moving joint and what it carries.
 With the parent's frame :math:`(R_{s-1}, o_{s-1})` segment *s* stands at
 
-.. math:: o_s = o_{s-1} + R_{s-1} t_s \;(+\, a_s\, q),\qquad R_s = R_{s-1} F_s \,\exp([a_s]_\times q)
+.. math:: o_s = o_{s-1} + R_{s-1} t_s \;(+\, a_s\, q),\qquad
+          R_s = R_{s-1} F_s \,\exp([a_s]_\times q)
 
 where :math:`q` is the value of the independent joint ``dof[s]`` times ``multiplier[s]`` plus
 ``offset[s]`` (a mimic joint shares its driver's ``dof``).
 
 Forces pull back without a Jacobian: the forces on the points that segment *s* and everything after
-it carry are summed to a wrench :math:`(f, m)` about the world origin, and the generalised force of a
+it carry are summed to a wrench :math:`(f, m)` about the world origin; the generalised force of a
 revolute joint is :math:`a\cdot(m - o\times f)`, of a prismatic one :math:`a\cdot f`.
 """
 

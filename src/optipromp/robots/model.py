@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from optipromp.arrays import BoolArray, FloatArray, IntArray
 from optipromp.errors import InvalidRequestError
 from optipromp.robots import kernels
 from optipromp.robots.kernels import Kinematics
-from optipromp.arrays import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from optipromp.robots.tools import Tool
@@ -107,7 +107,7 @@ class Robot:
         return jp, ja
 
     def tool_map(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Tool point, axis and both Jacobians in one pass (a ``task_map`` for ProMP conditioning)."""
+        """Tool point, axis and both Jacobians in one pass: a ``task_map`` for conditioning."""
         array = self.check_configuration(q)
         flat = array.reshape(-1, self.n_joints)
         m, n = flat.shape
