@@ -219,6 +219,12 @@ def test_em_fills_in_what_partial_demonstrations_hide() -> None:
     assert np.mean(errors) < 0.1 * np.mean(guesses)
 
 
+def test_partial_demonstrations_are_for_em_only() -> None:
+    demos = [Demonstration(np.arange(30.0), np.zeros((30, 1)), span=(0.0, 40.0))]
+    with pytest.raises(InvalidDemonstrationError, match=r"demonstration 0 is partial.*fit_em"):
+        fit(demos)
+
+
 def test_em_raises_the_likelihood() -> None:
     source = truth(9)
     y = source.sample(np.random.default_rng(0), 12, 30, observation_noise=True)

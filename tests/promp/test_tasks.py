@@ -86,7 +86,7 @@ def test_exact_points_are_hit(arm: TaskMap, arm_promp: ProMP, seed: int, spread:
 
 
 @given(seeds)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=5, deadline=None)
 def test_order_does_not_matter(arm: TaskMap, arm_promp: ProMP, seed: int) -> None:
     points = [*reachable(arm_promp, arm, seed, 1.0), JointPoint(0.0, np.full(7, 0.1))]
     one, _ = condition_with_report(arm_promp, points, arm)
@@ -95,7 +95,7 @@ def test_order_does_not_matter(arm: TaskMap, arm_promp: ProMP, seed: int) -> Non
     np.testing.assert_allclose(one.covariance, other.covariance, atol=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_finds_the_most_probable(arm: TaskMap, arm_promp: ProMP, seed: int) -> None:
     """Against L-BFGS-B on the weights themselves, to the 0.1 % a step at which it stops."""
     factor = 0.05 * np.random.default_rng(seed).normal(size=(3, 3))

@@ -77,7 +77,10 @@ def nearest_covariance(covariance: ArrayLike, floor: float = 0.0) -> FloatArray:
 
 def root(covariance: FloatArray) -> FloatArray:
     """A factor L (d, d) with L Lᵀ = covariance, also for a singular one."""
-    eigenvalues, vectors = np.linalg.eigh(covariance)
+    try:
+        return np.asarray(np.linalg.cholesky(covariance))
+    except np.linalg.LinAlgError:
+        eigenvalues, vectors = np.linalg.eigh(covariance)
     factor: FloatArray = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
     return factor
 

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optipromp.arrays import FloatArray
+from optipromp.errors import InvalidDemonstrationError
 from optipromp.promp.basis import Basis
-from optipromp.promp.checks import RegularisedWarning, positive
+from optipromp.promp.checks import PHASE_TOLERANCE, RegularisedWarning, positive
 from optipromp.promp.em import fit_em
 from optipromp.promp.model import ProMP
 from optipromp.promp.samples import (
@@ -62,13 +63,20 @@ def fit(
             than bases.
 
     Raises:
-        InvalidDemonstrationError: none, values that are not finite, or unequal joints.
+        InvalidDemonstrationError: none, values that are not finite, unequal joints, or a partial
+            one (see :func:`fit_em`).
         InvalidRequestError: another argument out of range.
     """
     basis = basis or Basis()
     ridge = positive(ridge, "ridge")
     strength = positive(prior_strength, "prior_strength")
     samples = gather(demonstrations, joint_names)
+    for i, phases in enumerate(samples.phases):
+        if phases[0] > PHASE_TOLERANCE or phases[-1] < 1.0 - PHASE_TOLERANCE:
+            raise InvalidDemonstrationError(
+                f"demonstration {i} is partial (phases {phases[0]:.3g} to {phases[-1]:.3g}); "
+                "fit_em learns from partial ones"
+            )
     short = [i for i, phases in enumerate(samples.phases) if phases.size < basis.count]
     if short:
         size = samples.phases[short[0]].size
@@ -119,18 +127,15 @@ def _ridge_weights(samples: Samples, basis: Basis, ridge: float) -> tuple[FloatA
         rest = y - values @ weights.transpose(0, 2, 1)
         residual: FloatArray = np.einsum("itj,itj->j", rest, rest)
         return weights.reshape(demos, n * count), residual
-    demos = len(samples.phases)
-    weights = np.empty((demos, n, count))
+    ends = np.cumsum([phases.size for phases in samples.phases])[:-1]
+    values_of = np.split(basis.evaluate(np.concatenate(samples.phases)), ends)
+    pairs = list(zip(values_of, samples.positions, strict=True))
+    grams = np.stack([values.T @ values / len(values) for values in values_of])
+    grams += ridge * np.eye(count)
+    means = np.stack([y.mean(axis=0) for y in samples.positions])
+    rights = np.stack([v.T @ (y - c) / len(v) for (v, y), c in zip(pairs, means, strict=True)])
+    weights = np.linalg.solve(grams, rights).transpose(0, 2, 1) + means[:, :, None]
     residual = np.zeros(n)
-    sizes = [phases.size for phases in samples.phases]
-    ends = np.cumsum(sizes)
-    everything = basis.evaluate(np.concatenate(samples.phases))
-    for i, (size, end, y) in enumerate(zip(sizes, ends, samples.positions, strict=True)):
-        values = everything[end - size : end]
-        gram = values.T @ values / size
-        gram.flat[:: count + 1] += ridge
-        middle = y.mean(axis=0)
-        weights[i] = np.linalg.solve(gram, values.T @ (y - middle) / size).T + middle[:, None]
-        rest = y - values @ weights[i].T
-        residual += (rest**2).sum(axis=0)
-    return weights.reshape(demos, n * count), residual
+    for (values, y), w in zip(pairs, weights, strict=True):
+        residual += ((y - values @ w.T) ** 2).sum(axis=0)
+    return weights.reshape(len(pairs), n * count), residual
