@@ -149,7 +149,7 @@ def solve(
     distinct: float = 0.25,
     limit_margin: float = 0.0,
     rest: FloatArray | None = None,
-    iterations: int = 40,
+    iterations: int = 24,
 ) -> Solutions:
     """Find distinct configurations with the tool point at ``position`` and its axis along ``axis``.
 
