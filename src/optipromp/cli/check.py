@@ -22,9 +22,10 @@ def check(
         bool, typer.Option("--json", help="Print one JSON document and nothing else.")
     ] = False,
 ) -> int:
-    """Check a scene, a robot, demonstrations, a learnt primitive or a plan, and say what it holds.
+    """Check a scene, robot, demonstrations or plan, and say what it holds.
 
-    The kind is told by the file. What is wrong is one line: the code, the file, the field.
+    The kind is told by the file; a primitive that learn wrote is known too.
+    What is wrong is one line: the code, the file, the field.
 
     [bold]Examples[/bold]
 

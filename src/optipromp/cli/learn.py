@@ -26,7 +26,7 @@ def learn(
         bool, typer.Option("--json", help="Print one JSON document and nothing else.")
     ] = False,
 ) -> int:
-    """Learn a movement primitive from demonstrations, for plan --demonstrations.
+    """Learn a movement primitive, for plan --demonstrations.
 
     [bold]Examples[/bold]
 

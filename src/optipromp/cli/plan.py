@@ -92,8 +92,9 @@ def plan(
 ) -> int:
     """Plan a reach to the target of SCENE and judge it.
 
-    The exit code is 0 only when the plan reaches the target, keeps every limit and touches nothing
-    it must not; 1 when no such plan was found; 2 when the input is wrong.
+    The exit code is 0 only when the plan reaches the target, keeps every
+    limit and touches nothing it must not; 1 when no such plan was found;
+    2 when the input is wrong.
 
     [bold]Examples[/bold]
 

@@ -39,8 +39,9 @@ def scenarios(
 ) -> int:
     """Run the paper's four scenarios and set its figures beside ours.
 
-    Scenarios 1 and 2 must end in a collision with the table-top, as in the paper; 3 and 4 must
-    succeed with the joint strategy. The exit code is 0 when all of that holds, else 1.
+    Scenarios 1 and 2 must end in a collision with the table-top, as in the
+    paper; 3 and 4 must succeed with the joint strategy. The exit code is 0
+    when all of that holds, else 1.
 
     [bold]Examples[/bold]
 
@@ -123,7 +124,7 @@ def reductions(rows: Sequence["Row"]) -> "Table":
                 item.term,
                 f"÷ {item.paper:g} in {item.paper_iterations}",
                 _factor(item.same),
-                f"{_factor(item.final)} in {item.iterations}",
+                _factor(item.final) + (f" in {item.iterations}" if item.iterations else ""),
             )
     return table
 
