@@ -80,19 +80,19 @@ class DriftConstraint(Term):
         centers: FloatArray,
         directions: FloatArray,
         approach: FloatArray,
-        half_height: FloatArray,
+        windows: FloatArray,
         offset: FloatArray,
         first: int,
         slope: float = 4.0,
     ) -> None:
         super().__init__("drift", weight)
         self.centers, self.directions, self.approach = centers, directions, approach
-        self.half_height, self.offset, self.first, self.slope = half_height, offset, first, slope
+        self.windows, self.offset, self.first, self.slope = windows, offset, first, slope
 
     def add(self, e: Evaluation, scale: float) -> float:
         return float(
             kernels.drift_penalty(
-                e.points, e.tool, self.centers, self.directions, self.approach, self.half_height,
+                e.points, e.tool, self.centers, self.directions, self.approach, self.windows,
                 self.offset, self.slope, self.first, scale, e.force, e.stiffness,
             )
         )  # fmt: skip

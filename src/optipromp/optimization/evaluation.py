@@ -81,8 +81,8 @@ class Evaluation:
     What terms read: ``q`` (T, n), ``dt``, ``points`` (T, P, 3) in the order of :class:`BodyPoints`,
     ``tool`` (index of the tool point), ``static`` and ``dynamic`` fields. What terms add to:
     ``force`` (T, B+2, 3), the gradient with respect to points; ``stiffness`` (T, B+2, 6), a
-    positive semi-definite curvature there; ``joint_gradient`` (T, n) and its curvature ``band`` (T, 3, n).
-    A term may leave curvature out: the solver's metric takes its place.
+    positive semi-definite curvature there; ``joint_gradient`` (T, n) and its curvature ``band`` (T,
+    3, n). A term may leave curvature out: the solver's metric takes its place.
     """
 
     def __init__(self, robot: Robot, body: BodyPoints, n_knots: int, dt: float) -> None:

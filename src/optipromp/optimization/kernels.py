@@ -248,14 +248,14 @@ def self_penalty(points, radius, groups, pairs, link_bound, margin, weight, forc
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def drift_penalty(  # type: ignore[no-untyped-def]
-    points, tool, centers, directions, approach, half_height, offset, slope, first, weight,
+    points, tool, centers, directions, approach, windows, offset, slope, first, weight,
     force, stiffness,
 ):  # fmt: skip
-    r"""½ Σ weight·max(0, offset_n − slope·max(0, |z| − h_n) − d_n·(fk − X_n))².
+    r"""½ Σ weight·max(0, offset_n − slope·(z outside [low_n, high_n]) − d_n·(fk − X_n))².
 
     ``z`` is the height of the tool point over the pushable along ``approach``. Inside the passing
-    window |z| ≤ h_n this is the drift constraint; the slope lets it fade outside, so that the
-    penalty is continuous when a knot enters the window. Knots before ``first`` are free.
+    window low_n ≤ z ≤ high_n this is the drift constraint; the slope lets it fade outside, so that
+    the penalty is continuous when a knot enters the window. Knots before ``first`` are free.
     """
     total = 0.0
     for n in range(centers.shape[0]):
@@ -264,13 +264,14 @@ def drift_penalty(  # type: ignore[no-untyped-def]
             y = points[t, tool, 1] - centers[n, 1]
             z = points[t, tool, 2] - centers[n, 2]
             height = x * approach[0] + y * approach[1] + z * approach[2]
-            outside = max(0.0, abs(height) - half_height[n])
+            over, under = height - windows[n, 1], windows[n, 0] - height
+            outside = max(0.0, over, under)
             aside = x * directions[n, 0] + y * directions[n, 1] + z * directions[n, 2]
             short = offset[n] - slope * outside - aside
             if short <= 0.0:
                 continue
             total += 0.5 * weight * short * short
-            tilt = 0.0 if outside == 0.0 else math.copysign(slope, height)
+            tilt = 0.0 if outside == 0.0 else (slope if over > under else -slope)
             nx = directions[n, 0] + tilt * approach[0]
             ny = directions[n, 1] + tilt * approach[1]
             nz = directions[n, 2] + tilt * approach[2]

@@ -74,7 +74,7 @@ def drift_constraint(setup: Setup, options: PlanOptions, knots: Knots, drift: Dr
     wanted = setup.robot.gripper_radius if offset is None else offset
     return DriftConstraint(
         options.priority.drift, drift.centers, drift.directions, setup.scene.frame[2],
-        drift.half_heights, np.full(len(drift.ids), wanted + DRIFT_MARGIN),
+        drift.windows, np.full(len(drift.ids), wanted + DRIFT_MARGIN),
         knots.first,
     )  # fmt: skip
 

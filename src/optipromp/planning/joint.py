@@ -73,11 +73,22 @@ def knots_for(
 
 def starts(setup: Setup, promp: ProMP, options: PlanOptions, goals: FloatArray) -> Iterator[Start]:
     """A start for each goal configuration (m, n) and each choice of sides, in that order."""
-    choices = drift_choices(setup.scene, setup.neighbours, options.drift)
+    choices = sides(setup, options)
     for goal in goals[:NEAR]:
         q, knots = initial(setup, promp, options, goal)
         for drift in choices:
             yield Start(q, drift, knots)
+
+
+def sides(setup: Setup, options: PlanOptions) -> tuple[Drift, ...]:
+    """Every choice of sides for the neighbours of a setup."""
+    return drift_choices(
+        setup.scene,
+        setup.neighbours,
+        options.drift,
+        window=options.window,
+        depth=getattr(setup.robot.tool, "depth", 0.0),
+    )
 
 
 def initial(
@@ -124,7 +135,7 @@ def sampled_starts(
     rounds: int = 4,
 ) -> Iterator[Start]:
     """Starts drawn from the ProMP conditioned on its ends, for each goal and choice of sides."""
-    choices = drift_choices(setup.scene, setup.neighbours, options.drift)
+    choices = sides(setup, options)
     for _ in range(rounds):
         for goal in goals[:NEAR]:
             _, knots = conditioned_on_goal(setup, promp, options, goal)

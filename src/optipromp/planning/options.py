@@ -8,7 +8,7 @@ import numpy as np
 from optipromp.errors import InvalidRequestError
 from optipromp.optimization.constraints import Priority
 from optipromp.optimization.terms import PushForm, Reduction, Term
-from optipromp.pushing.sides import DriftRule
+from optipromp.pushing.sides import DriftRule, Window
 
 Planner = Literal["promp", "i-promp", "opti-promp"]
 Strategy = Literal["joint", "sequential"]
@@ -31,6 +31,8 @@ class PlanOptions:
         push: form of F_p; None: the strategy's own, ``quadratic`` and ``reciprocal``.
         push_weights: weights of F_p along x_g, y_g, z_g.
         drift: which way the tool passes pushables.
+        window: at which heights it passes them aside; see
+            :func:`optipromp.pushing.sides.passing_window`.
         drift_offset: how far it passes from their centres [m]; None: R_gripper.
         corridor: tolerance of constraint 3 along x_g and z_g [m].
         smoothness: weight of ½∫‖ξ̈‖² dt in the joint strategy.
@@ -61,6 +63,7 @@ class PlanOptions:
     push: PushForm | None = None
     push_weights: tuple[float, float, float] = (1.0, 1.0, 1.0)
     drift: DriftRule = "lateral-plane"
+    window: Window = "rim"
     drift_offset: float | None = None
     corridor: float = 0.02
     smoothness: float = 2e-5
@@ -101,6 +104,7 @@ class PlanOptions:
             "push_weights", "three weights, none negative",
         )  # fmt: skip
         need(self.drift in ("lateral-plane", "paper"), "drift", "'lateral-plane' or 'paper'")
+        need(self.window in ("rim", "paper"), "window", "'rim' or 'paper'")
         need(self.drift_offset is None or self.drift_offset >= 0, "drift_offset", "not negative")
         need(self.corridor >= 0, "corridor", "not negative")
         need(self.smoothness >= 0, "smoothness", "not negative")

@@ -13,6 +13,7 @@ basis is a partition of unity, bounds on c keep every knot inside the joint limi
 import time
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from scipy import optimize
@@ -39,7 +40,7 @@ def solve(
 ) -> Outcome:
     """Both stages in the paper's order, from the conditioned ProMP on the best goal branch."""
     began = time.perf_counter()
-    start = next(joint.starts(setup, promp, options, goals))
+    start = next(joint.starts(setup, promp, replace(options, window="paper"), goals))
     q0, knots = start.q, start.knots
     basis = deviation_basis(knots.count)
     order = ("collision", "push") if setup.scene.static else ("push", "collision")
@@ -215,11 +216,11 @@ class Rows:
         wanted = setup.robot.gripper_radius
         offset = (wanted if options.drift_offset is None else options.drift_offset) + DRIFT_MARGIN
         index, axes, lower, upper = [], [], [], []
-        for center, direction, half in zip(
-            drift.centers, drift.directions, drift.half_heights, strict=True
+        for center, direction, (low, high) in zip(
+            drift.centers, drift.directions, drift.windows, strict=True
         ):
             for t in range(knots.first, knots.count - 1):
-                if abs(float((points[t] - center) @ z_g)) <= half:
+                if low <= float((points[t] - center) @ z_g) <= high:
                     index.append(t)
                     axes.append(direction)
                     lower.append(float(center @ direction) + offset)

@@ -17,6 +17,8 @@ from optipromp.errors import InvalidRequestError
 from optipromp.scenes.scene import Scene, SceneObject
 
 DriftRule = Literal["lateral-plane", "paper"]
+Window = Literal["rim", "paper"]
+CAPTURE_MARGIN = 0.003  # [m] under the target at which the rim must be free to close in
 LEAST_INCLINATION = np.deg2rad(1.0)
 MOST_CHOICES = 8
 
@@ -29,13 +31,13 @@ class Drift:
         ids: neighbours, first met first.
         centers: (N, 3) their centres [m].
         directions: (N, 3) unit vectors of the lateral plane.
-        half_heights: (N,) half of each passing window along z_g [m].
+        windows: (N, 2) from where to where, along z_g from the centre, the tool point passes [m].
     """
 
     ids: tuple[str, ...]
     centers: FloatArray
     directions: FloatArray
-    half_heights: FloatArray
+    windows: FloatArray
 
 
 def stem_side(scene: Scene, thing: SceneObject, rule: DriftRule) -> FloatArray | None:
@@ -53,21 +55,49 @@ def stem_side(scene: Scene, thing: SceneObject, rule: DriftRule) -> FloatArray |
     return None if length < least else -flat / length
 
 
+def passing_window(
+    scene: Scene, thing: SceneObject, window: Window, depth: float
+) -> tuple[float, float]:
+    """Heights of the tool point over a pushable between which the drift holds [m].
+
+    The paper's window is the pushable's own extent about its centre. What decides whether a fruit
+    ends inside or outside the mouth is the rim, ``depth`` [m] above the tool point: it must be
+    aside before it reaches the pushable, and may come back once it has passed the centre where
+    otherwise it would be aside of the target too. So the ``rim`` window begins lower, by the depth,
+    and ends where the rim begins to take in the target.
+    """
+    radius = thing.radius
+    if window == "paper" or scene.target is None:
+        return -radius, radius
+    height = float((scene.target.position - thing.position) @ scene.frame[2])
+    capture = height - depth - scene.target.radius - CAPTURE_MARGIN
+    return -depth - radius, min(radius, max(capture, -depth))
+
+
 def drift_choices(
-    scene: Scene, things: Sequence[SceneObject], rule: DriftRule = "lateral-plane"
+    scene: Scene,
+    things: Sequence[SceneObject],
+    rule: DriftRule = "lateral-plane",
+    *,
+    window: Window = "rim",
+    depth: float = 0.0,
 ) -> tuple[Drift, ...]:
     """Every combination of sides the tool may pass ``things`` on, at most :data:`MOST_CHOICES`.
 
     A stem that leans decides its side; a vertical one, or none, leaves both ways along y_g open.
-    The first choice leaves the approach line least.
+    The first choice leaves the approach line least. ``window`` and ``depth``: see
+    :func:`passing_window`.
 
     Raises:
-        InvalidRequestError: an unknown rule.
+        InvalidRequestError: an unknown rule or window.
     """
+    if window not in ("rim", "paper"):
+        raise InvalidRequestError(f"window is {window!r}; use 'rim' or 'paper'")
     if rule not in ("lateral-plane", "paper"):
         raise InvalidRequestError(f"drift is {rule!r}; use 'lateral-plane' or 'paper'")
     y_g = scene.frame[1]
     centers = np.array([thing.position for thing in things]).reshape(-1, 3)
+    windows = np.array([passing_window(scene, t, window, depth) for t in things]).reshape(-1, 2)
     options: list[list[FloatArray]] = []
     for thing in things:
         side = stem_side(scene, thing, rule)
@@ -84,7 +114,7 @@ def drift_choices(
             tuple(thing.id for thing in things),
             centers,
             np.array(directions).reshape(-1, 3),
-            np.array([thing.radius for thing in things]),
+            windows,
         )
         for directions in chosen
     )

@@ -2,8 +2,8 @@ r"""Gauss-Newton on the penalised problem, in the covariant metric.
 
 Each step solves :math:`(H + \nu A)\,\delta = -g`, with H the Gauss-Newton curvature of all terms
 and penalties (block-banded over the knots), A the finite-difference metric of CHOMP (so that a step
-is smooth wherever the terms do not say otherwise) and ν a Levenberg-Marquardt damping. The penalties
-stiffen in a few stages.
+is smooth wherever the terms do not say otherwise) and ν a Levenberg-Marquardt damping. The
+penalties stiffen in a few stages.
 """
 
 import time
