@@ -1,0 +1,117 @@
+"""Random clusters of fruits on stems before a ripe one, their neighbours and a gutter."""
+
+from typing import Literal, get_args
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.geometry.shapes import Box, Sphere
+from optipromp.scenes.scene import STEM_RADIUS, Approach, Scene, SceneObject, Stem, ToolSpec
+
+GutterSide = Literal["+x", "-x", "+y", "-y", "above"]
+GUTTER_SIDES: tuple[GutterSide, ...] = get_args(GutterSide)
+
+READY = (1.42, 1.10, -1.26, -2.42, -1.69, 1.02, 0.8)
+"""Panda with the tool upright at (0.45, 0, 0.50), as in scenarios 3 and 4 [rad]."""
+
+TARGET_LOW, TARGET_HIGH = (0.40, -0.06, 0.85), (0.50, 0.06, 0.93)
+GRIPPER_RADIUS = (0.02, 0.03)
+FRUIT_RADIUS = (0.015, 0.020)
+MOUTH_CLEARANCE = 0.004  # [m] between the target and the cup's outer wall, at the least
+BEFORE = (0.03, 0.15)  # [m] of a pushable before the target, centre to centre
+STEM_LENGTH = (0.10, 0.30)
+INCLINATION = np.deg2rad(25.0)
+
+NEIGHBOUR_DISTANCE = (0.12, 0.25)  # [m] to a side, centre to centre
+NEIGHBOUR_RADIUS = (0.05, 0.10)
+NEIGHBOUR_HEIGHT = (-0.12, 0.06)  # [m] above the target
+NEIGHBOUR_SHIFT = 0.05  # [m] along the other lateral direction
+
+GUTTER_DISTANCE = (0.03, 0.08)  # [m] from the target's centre to the gutter's surface
+GUTTER_LENGTH = 1.0
+GUTTER_WIDTH = (0.08, 0.20)
+GUTTER_HEIGHT = (0.06, 0.16)
+GUTTER_BOTTOM = (-0.08, 0.02)  # [m] of a gutter beside the target, above the target
+
+
+def draw(
+    name: str, count: int, sides: bool, gutter: GutterSide | None, rng: np.random.Generator
+) -> Scene:
+    """One draw, possible or not.
+
+    Args:
+        name: of the scene.
+        count: of pushables.
+        sides: with a neighbouring cluster on either side.
+        gutter: side on which a gutter stands, if any.
+        rng: where every number comes from.
+    """
+    gripper = float(rng.uniform(*GRIPPER_RADIUS))
+    target = rng.uniform(TARGET_LOW, TARGET_HIGH)
+    objects: list[SceneObject] = []
+    roof: float | None = None
+    if gutter is not None:
+        box = _gutter(target, gutter, rng)
+        objects.append(box)
+        if gutter == "above":
+            roof = float(box.position[2] - 0.5 * box.shape.size[2])  # type: ignore[union-attr]
+    if sides:
+        objects += [_neighbour("left", target, 1.0, rng), _neighbour("right", target, -1.0, rng)]
+    largest = min(FRUIT_RADIUS[1], gripper - MOUTH_CLEARANCE)
+    radius = float(rng.uniform(FRUIT_RADIUS[0], largest))
+    # what hangs under a gutter that is nearer than the shortest stem hangs on the gutter
+    ripe = SceneObject("ripe", "target", Sphere(radius), target, stem=_stem(target, rng, roof))
+    fruits = [ripe]
+    for i in range(count):
+        offset = np.array([*rng.uniform(-gripper, gripper, 2), -rng.uniform(*BEFORE)])
+        position = target + offset
+        shape = Sphere(float(rng.uniform(*FRUIT_RADIUS)))
+        stem = _stem(position, rng)
+        fruits.append(SceneObject(f"n{i + 1}", "pushable", shape, position, stem=stem))
+    return Scene(
+        name=name,
+        robot="panda",
+        tool=ToolSpec("cup", {"radius": gripper, "height": 0.05, "length": 0.10}),
+        start=np.array(READY),
+        objects=(*fruits, *objects),
+        approach=Approach(),
+    )
+
+
+def _stem(position: FloatArray, rng: np.random.Generator, roof: float | None = None) -> Stem:
+    """A straight stem, ended where it meets a ``roof`` [m]."""
+    length = float(rng.uniform(*STEM_LENGTH))
+    tilt, turn = float(rng.uniform(0.0, INCLINATION)), float(rng.uniform(0.0, 2.0 * np.pi))
+    way = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+    if roof is not None:
+        length = min(length, (roof - position[2] - STEM_RADIUS - 1e-3) / way[2])
+    return Stem(np.array([position, position + length * way]))
+
+
+def _neighbour(name: str, target: FloatArray, side: float, rng: np.random.Generator) -> SceneObject:
+    shift = float(rng.uniform(-NEIGHBOUR_SHIFT, NEIGHBOUR_SHIFT))
+    aside = side * float(rng.uniform(*NEIGHBOUR_DISTANCE))
+    height = float(rng.uniform(*NEIGHBOUR_HEIGHT))
+    shape = Sphere(float(rng.uniform(*NEIGHBOUR_RADIUS)))
+    return SceneObject(name, "avoid", shape, target + np.array([shift, aside, height]))
+
+
+def _gutter(target: FloatArray, side: GutterSide, rng: np.random.Generator) -> SceneObject:
+    """A box whose surface is as far from the target's centre as drawn."""
+    distance = float(rng.uniform(*GUTTER_DISTANCE))
+    width, height = float(rng.uniform(*GUTTER_WIDTH)), float(rng.uniform(*GUTTER_HEIGHT))
+    bottom, share = float(rng.uniform(*GUTTER_BOTTOM)), float(rng.uniform(-0.5, 0.5))
+    along = float(rng.uniform(-0.2, 0.2))
+    across = int(rng.integers(2))  # the axis a gutter above runs across
+    if side == "above":
+        offset = np.array([0.0, 0.0, distance + 0.5 * height])
+        offset[across], offset[1 - across] = share * width, along
+    else:
+        across = 0 if side[1] == "x" else 1
+        gap = float(np.sqrt(distance**2 - max(0.0, bottom) ** 2))
+        offset = np.array([0.0, 0.0, bottom + 0.5 * height])
+        offset[across] = (1.0 if side[0] == "+" else -1.0) * (gap + 0.5 * width)
+        offset[1 - across] = along
+    size = [GUTTER_LENGTH, GUTTER_LENGTH, height]
+    size[across] = width
+    return SceneObject("gutter", "static", Box((size[0], size[1], size[2])), target + offset)

@@ -1,0 +1,100 @@
+"""Whether a drawn scene is physically possible: nothing inside anything else, at rest."""
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.geometry import distances, pack
+from optipromp.geometry.shapes import Sphere
+from optipromp.scenes.scene import Scene, SceneObject
+
+SAMPLE = 0.004  # [m] between checks along a stem
+
+
+class Overlap(Exception):
+    """A draw that could not be finished because things overlap; the message says which."""
+
+
+def interpenetration(scene: Scene) -> str | None:
+    """What kinds of things interpenetrate; None where the scene is possible.
+
+    Checked are fruits (spheres) against one another and against neighbours and static things, stems
+    against all of these but their own fruits, and neighbours against static things.
+    """
+    fruits = [thing for thing in scene.objects if thing.role in ("target", "pushable")]
+    hanging = [thing for thing in fruits if isinstance(thing.shape, Sphere)]
+    for i, one in enumerate(hanging):
+        for other in hanging[i + 1 :]:
+            if _apart(one, other) < 0.0:
+                return "fruit in fruit"
+    if not hanging:
+        return None  # a shelf, whose footprints its draw has kept apart
+    positions = np.array([thing.position for thing in hanging])
+    radii = np.array([thing.radius for thing in hanging])
+    for things, word in ((scene.static, "static"), (scene.avoid, "neighbour")):
+        if not things:
+            continue
+        surface = pack([(thing.shape, thing.position, thing.rotation) for thing in things])
+        away, _ = distances(surface, positions)
+        if float((away - radii[:, None]).min()) < 0.0:
+            return f"fruit in {word}"
+        for thing in hanging:
+            if thing.stem is None:
+                continue
+            along, _ = distances(surface, _samples(thing.stem.points))
+            if float(along.min()) < thing.stem.radius:
+                return f"stem in {word}"
+        if word == "static":
+            for cluster in scene.avoid:
+                away, _ = distances(surface, cluster.position[None])
+                if float(away.min()) < cluster.radius:
+                    return "neighbour in static"
+    for i, one in enumerate(hanging):
+        if one.stem is None:
+            continue
+        for j, other in enumerate(hanging):
+            if i == j:
+                continue
+            gap = to_segment(other.position, one.stem.points[0], one.stem.points[1])
+            if gap < other.radius + one.stem.radius:
+                return "stem in fruit"
+            if j > i and other.stem is not None:
+                between = segments(one.stem.points, other.stem.points)
+                if between < one.stem.radius + other.stem.radius:
+                    return "stem in stem"
+    for i, one in enumerate(scene.avoid):
+        for other in scene.avoid[i + 1 :]:
+            if _apart(one, other) < 0.0:
+                return "neighbour in neighbour"
+    return None
+
+
+def _apart(one: SceneObject, other: SceneObject) -> float:
+    return float(np.linalg.norm(one.position - other.position)) - one.radius - other.radius
+
+
+def _samples(points: FloatArray) -> FloatArray:
+    length = float(np.linalg.norm(points[1] - points[0]))
+    share = np.linspace(0.0, 1.0, max(2, int(np.ceil(length / SAMPLE)) + 1))
+    return np.asarray(points[0] + share[:, None] * (points[1] - points[0]))
+
+
+def to_segment(point: FloatArray, a: FloatArray, b: FloatArray) -> float:
+    """Distance from a point (3,) to the segment from ``a`` to ``b`` [m]."""
+    way = b - a
+    share = float(np.clip((point - a) @ way / (way @ way), 0.0, 1.0))
+    return float(np.linalg.norm(point - a - share * way))
+
+
+def segments(one: FloatArray, other: FloatArray) -> float:
+    """Distance between two segments (2, 3) [m] (Ericson, Real-Time Collision Detection, 5.1.9)."""
+    d1, d2, r = one[1] - one[0], other[1] - other[0], one[0] - other[0]
+    a, e, f = float(d1 @ d1), float(d2 @ d2), float(d2 @ r)
+    b, c = float(d1 @ d2), float(d1 @ r)
+    denominator = a * e - b * b
+    s = min(1.0, max(0.0, (b * f - c * e) / denominator)) if denominator > 1e-15 else 0.0
+    t = (b * s + f) / e
+    if t < 0.0:
+        t, s = 0.0, min(1.0, max(0.0, -c / a))
+    elif t > 1.0:
+        t, s = 1.0, min(1.0, max(0.0, (b - c) / a))
+    return float(np.linalg.norm(r + s * d1 - t * d2))

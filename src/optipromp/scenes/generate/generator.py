@@ -1,0 +1,114 @@
+"""Draw, check, draw again: a scene that is possible, and how many were not.
+
+What is discrete (how many pushables, on which side the gutter stands) is drawn once and kept while
+the rest is drawn again, so that crowded scenes do not become rare because they are hard to place.
+"""
+
+import zlib
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+import numpy as np
+
+from optipromp.errors import InvalidRequestError
+from optipromp.scenes.generate import bunches, shelves
+from optipromp.scenes.generate.checks import Overlap, interpenetration
+from optipromp.scenes.generate.solvable import unsolvable
+from optipromp.scenes.scene import Scene, suggest
+
+Preset = Literal["cluster", "side-clusters", "table-top", "mixed", "shelf"]
+PRESETS: tuple[Preset, ...] = get_args(Preset)
+PATIENCE = 1000  # redraws before what is discrete is drawn again
+MOST_REDRAWS = 50_000
+
+Draw = Callable[[np.random.Generator], Scene]
+
+
+@dataclass(frozen=True)
+class GenerationReport:
+    """How a scene came about.
+
+    Attributes:
+        preset: what was asked for.
+        seed: of the scene.
+        redraws: scenes drawn before that were impossible.
+        reasons: why, and how often.
+    """
+
+    preset: Preset
+    seed: int
+    redraws: int
+    reasons: Mapping[str, int] = field(default_factory=dict)
+
+
+def generate(preset: Preset, seed: int) -> Scene:
+    """The scene of a preset and a seed; see :func:`generate_with_report`."""
+    return generate_with_report(preset, seed)[0]
+
+
+def generate_with_report(preset: Preset, seed: int) -> tuple[Scene, GenerationReport]:
+    """Draw a random scene.
+
+    Presets (lengths in metres; every number uniform in its range):
+
+    - ``cluster``: 1 to 4 pushables 0.03 to 0.15 before the target along the approach (upwards),
+      offset by up to R_gripper along each lateral direction; stems 0.10 to 0.30 long inclined by up
+      to 25 degrees any way; R_gripper 0.02 to 0.03; fruits of 30 to 40 mm, the target smaller
+      where the cup asks for it.
+    - ``side-clusters``: also a neighbouring cluster on either side, 0.12 to 0.25 away.
+    - ``table-top``: a cluster, and a gutter 0.03 to 0.08 from the target's centre on any side but
+      the approach.
+    - ``mixed``: all of these at once.
+    - ``shelf``: a can behind 2 to 6 upright cans and boxes on a shelf; horizontal approach with
+      the Franka hand.
+
+    A scene is drawn again only where things interpenetrate, or where no arm could solve it: the
+    target out of reach, inside something static, or every goal configuration in collision.
+
+    Args:
+        preset: one of :data:`PRESETS`.
+        seed: not negative; the same seed gives the same scene.
+
+    Raises:
+        InvalidRequestError: an unknown preset or a negative seed.
+    """
+    if preset not in PRESETS:
+        raise InvalidRequestError(f"preset is {preset!r}: {suggest(preset, PRESETS)}")
+    if seed < 0:
+        raise InvalidRequestError(f"seed is {seed}; it must not be negative")
+    rng = np.random.default_rng([zlib.crc32(preset.encode()), seed])
+    reasons: Counter[str] = Counter()
+    draw = _kind(preset, seed, rng)
+    patience = PATIENCE
+    while reasons.total() < MOST_REDRAWS:
+        if patience == 0:
+            draw, patience = _kind(preset, seed, rng), PATIENCE
+        patience -= 1
+        try:
+            scene = draw(rng)
+        except Overlap as overlap:
+            reasons[str(overlap)] += 1
+            continue
+        fault = interpenetration(scene) or unsolvable(scene)
+        if fault is None:
+            report = GenerationReport(preset, seed, reasons.total(), dict(sorted(reasons.items())))
+            return scene, report
+        reasons[fault] += 1
+    raise InvalidRequestError(  # a preset that cannot be drawn: not for the five above
+        f"no possible scene of {preset} within {MOST_REDRAWS} draws: {dict(reasons)}"
+    )
+
+
+def _kind(preset: Preset, seed: int, rng: np.random.Generator) -> Draw:
+    """Draw what is discrete; returns the draw of the rest."""
+    name = f"{preset}-{seed}"
+    if preset == "shelf":
+        count = int(rng.integers(2, 7))
+        return lambda rng: shelves.draw(name, count, rng)
+    count = int(rng.integers(1, 5))
+    sides = preset in ("side-clusters", "mixed")
+    gutter = bunches.GUTTER_SIDES[int(rng.integers(len(bunches.GUTTER_SIDES)))]
+    chosen = gutter if preset in ("table-top", "mixed") else None
+    return lambda rng: bunches.draw(name, count, sides, chosen, rng)

@@ -1,0 +1,74 @@
+"""What a detector sees of a scene: positions and stem directions with Gaussian errors."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.errors import InvalidRequestError
+from optipromp.scenes.scene import Scene, SceneObject, Stem
+
+
+def perceived(scene: Scene, rng: np.random.Generator, position_sd: float, angle_sd: float) -> Scene:
+    """The scene as detected: target, pushables and neighbours where they seem to be.
+
+    Static things (a gutter, a shelf) are surveyed once and known. A thing without a stem that is
+    no ball stands upright on something known: it is misplaced on the level only. Each detected
+    thing carries the covariance of its position.
+
+    Args:
+        scene: the truth.
+        rng: the same state gives the same errors.
+        position_sd: standard deviation of each coordinate of a position [m].
+        angle_sd: standard deviation of a stem's inclination, about each of two axes across it [rad].
+
+    Raises:
+        InvalidRequestError: a deviation that is negative or not finite.
+    """
+    for name, value in (("position_sd", position_sd), ("angle_sd", angle_sd)):
+        if not (math.isfinite(value) and value >= 0.0):
+            raise InvalidRequestError(f"{name} is {value}; it must be finite and not negative")
+    if position_sd == 0.0 and angle_sd == 0.0:
+        return scene
+    return replace(
+        scene, objects=tuple(_seen(thing, rng, position_sd, angle_sd) for thing in scene.objects)
+    )
+
+
+def _seen(
+    thing: SceneObject, rng: np.random.Generator, position_sd: float, angle_sd: float
+) -> SceneObject:
+    # as many numbers for every thing, so that a role changed elsewhere changes no other's error
+    error, turn = position_sd * rng.standard_normal(3), angle_sd * rng.standard_normal(2)
+    if thing.role == "static":
+        return thing
+    spread = np.full(3, position_sd**2)
+    if _stands(thing):
+        error[2] = spread[2] = 0.0
+    stem = None
+    if thing.stem is not None:
+        away = thing.stem.points - thing.stem.points[0]
+        begin = thing.stem.points[0] + error
+        stem = Stem(begin + away @ _turn(away[1], turn).T, thing.stem.radius)
+    return replace(thing, position=thing.position + error, stem=stem, covariance=np.diag(spread))
+
+
+def _stands(thing: SceneObject) -> bool:
+    from optipromp.geometry.shapes import Sphere
+
+    return thing.stem is None and not isinstance(thing.shape, Sphere)
+
+
+def _turn(vector: FloatArray, angles: FloatArray) -> FloatArray:
+    """Rotation (3, 3) that tilts ``vector`` by two angles [rad] about two axes across it."""
+    way = vector / np.linalg.norm(vector)
+    first = np.cross(way, np.eye(3)[int(np.argmin(np.abs(way)))])
+    first /= np.linalg.norm(first)
+    axis = angles[0] * first + angles[1] * np.cross(way, first)
+    angle = float(np.linalg.norm(axis))
+    if angle == 0.0:
+        return np.eye(3)
+    k = axis / angle
+    cross = np.array([[0.0, -k[2], k[1]], [k[2], 0.0, -k[0]], [-k[1], k[0], 0.0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross))

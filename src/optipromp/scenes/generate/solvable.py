@@ -1,0 +1,82 @@
+"""Whether any arm motion could end at the target: reach, and room for a goal configuration.
+
+Nothing here asks a planner. Only the goal is judged, and only against static things and the arm
+itself; that the way there is hard, or that the arm must brush a neighbour, is no reason to draw a
+scene again.
+"""
+
+import functools
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.geometry import distances
+from optipromp.robots import ik
+from optipromp.robots.library import load_robot
+from optipromp.robots.model import Robot
+from optipromp.robots.tools import Cup, FrankaHand, with_tool
+from optipromp.scenes.scene import Scene
+
+STARTS = 200  # of the inverse kinematics
+ROLLS = 12  # turns about the tool axis tried for each solution
+
+
+@functools.lru_cache(maxsize=4)
+def _bare(name: str) -> Robot:
+    return load_robot(name)
+
+
+def equipped(scene: Scene) -> Robot:
+    """The scene's built-in robot with the scene's tool."""
+    robot, tool = _bare(scene.robot), scene.tool
+    if tool is None:
+        return robot
+    kinds: dict[str, type[Cup] | type[FrankaHand]] = {"cup": Cup, "franka_hand": FrankaHand}
+    return with_tool(robot, kinds[tool.kind](**dict(tool.parameters)))
+
+
+def unsolvable(scene: Scene) -> str | None:
+    """Why no arm motion can end at the target; None where one might."""
+    target = scene.target
+    assert target is not None  # the generator draws none without
+    static = scene.obstacles("static")
+    if len(static.kind):
+        inside, _ = distances(static, target.position[None])
+        if float(inside.min()) < 0.0:
+            return "target inside a static thing"
+    robot = equipped(scene)
+    goals = ik.solve(robot, target.position, scene.frame[2], starts=STARTS, distinct=0.05).joints
+    if not len(goals):
+        return "target out of reach"
+    if not _free(scene, robot, rolled(robot, goals)).any():
+        return "goal always in collision"
+    return None
+
+
+def rolled(robot: Robot, goals: FloatArray) -> FloatArray:
+    """The goals (m, n) with the joints that only roll the tool at :data:`ROLLS` values."""
+    jp, ja = robot.tool_jacobian(goals)
+    idle = np.flatnonzero(np.abs(jp).max(axis=(0, 1)) + np.abs(ja).max(axis=(0, 1)) < 1e-9)
+    if not len(idle):
+        return goals
+    out = np.repeat(goals, ROLLS, axis=0)
+    for joint in idle:
+        low, high = max(robot.lower[joint], -np.pi), min(robot.upper[joint], np.pi)
+        out[:, joint] = np.tile(np.linspace(low, high, ROLLS), len(goals))
+    return np.vstack([goals, out])
+
+
+def _free(scene: Scene, robot: Robot, q: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """(m,) whether configurations touch neither static things nor the arm itself."""
+    centers, radius = robot.sphere_centers(q), robot.spheres.radius
+    free = np.ones(len(q), dtype=bool)
+    static = scene.obstacles("static")
+    if len(static.kind):
+        away, _ = distances(static, centers.reshape(-1, 3))
+        nearest = away.min(axis=1).reshape(len(q), -1) - radius
+        free &= nearest.min(axis=1) >= 0.0
+    if len(robot.self_pairs):
+        i, j = robot.self_pairs.T
+        gap = np.linalg.norm(centers[:, i] - centers[:, j], axis=2) - radius[i] - radius[j]
+        free &= gap.min(axis=1) >= 0.0
+    return free
