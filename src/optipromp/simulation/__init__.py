@@ -1,0 +1,37 @@
+"""The physics twin: a scene as a MuJoCo world, a plan executed in it, and what really happened.
+
+Needs the extra ``sim``: ``pip install 'optipromp[sim]'``.
+"""
+
+from optipromp.simulation.execute import Run, simulate
+from optipromp.simulation.outcome import Cause, Contact, Outcome
+from optipromp.simulation.parameters import (
+    ControlParameters,
+    EngineParameters,
+    FruitParameters,
+    RobotParameters,
+    SimulationParameters,
+    StemParameters,
+    ThingParameters,
+    Thresholds,
+    catalogue,
+)
+from optipromp.simulation.rollout import Rollout
+
+__all__ = [
+    "Cause",
+    "Contact",
+    "ControlParameters",
+    "EngineParameters",
+    "FruitParameters",
+    "Outcome",
+    "RobotParameters",
+    "Rollout",
+    "Run",
+    "SimulationParameters",
+    "StemParameters",
+    "ThingParameters",
+    "Thresholds",
+    "catalogue",
+    "simulate",
+]

@@ -1,0 +1,204 @@
+"""The robot and its tool as MuJoCo bodies."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from optipromp.arrays import FloatArray, IntArray, frozen
+from optipromp.robots.model import Robot
+from optipromp.robots.tools import TOOL_LINK, Cup
+from optipromp.simulation.engine import engine
+from optipromp.simulation.entities import Entity, layers
+from optipromp.simulation.parameters import SimulationParameters
+from optipromp.simulation.solids import quaternion
+
+WALLS = 16  # flat pieces of a cup's wall
+NECK_RADIUS = 0.01
+LEAST_MASS, LEAST_INERTIA = 0.05, 1e-5  # of a link without spheres [kg], [kg m²]
+ARM_COLOUR = (0.86, 0.87, 0.88, 1.0)
+BASE_COLOUR = (0.55, 0.57, 0.60, 1.0)
+CUP_COLOUR = (0.15, 0.55, 0.75, 0.55)
+NECK_COLOUR = (0.25, 0.30, 0.35, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Drives:
+    """How independent joints drive the S moving segments: angle = multiplier q[dof] + offset."""
+
+    dof: IntArray  # (S,)
+    multiplier: FloatArray  # (S,)
+    offset: FloatArray  # (S,)
+    torque: FloatArray  # (S,) limit, may be infinite
+    first: IntArray  # (n,) the first segment that each joint drives
+
+    def segments(self, q: FloatArray, *, rates: bool = False) -> FloatArray:
+        """Segment values (..., S) of joint values (..., n); of rates without the offset."""
+        values: FloatArray = q[..., self.dof] * self.multiplier
+        return values if rates else values + self.offset
+
+    def joints(self, values: FloatArray, *, rates: bool = False) -> FloatArray:
+        """Joint values (..., n) of segment values (..., S)."""
+        shifted = values if rates else values - self.offset
+        out: FloatArray = (shifted / self.multiplier)[..., self.first]
+        return out
+
+
+def drives(robot: Robot, parameters: SimulationParameters) -> Drives:
+    """The drives of a robot; torque limits by its name, else unlimited."""
+    kin = robot.kinematics
+    torque = parameters.robot.torques.get(robot.name)
+    if torque is None or len(torque) != robot.n_segments:
+        torque = (np.inf,) * robot.n_segments
+    first = [int(np.flatnonzero(kin.dof == j)[0]) for j in range(robot.n_joints)]
+    return Drives(
+        frozen(kin.dof, np.int64), frozen(kin.multiplier), frozen(kin.offset), frozen(torque),
+        frozen(first, np.int64),
+    )  # fmt: skip
+
+
+def link_entities(robot: Robot) -> tuple[Entity, ...]:
+    """One entity a link, in the order of ``robot.link_names``."""
+    last = robot.n_segments - 1
+    out = []
+    for index, name in enumerate(robot.link_names):
+        mine = robot.spheres.link == index
+        distal = bool(robot.spheres.distal[mine].any()) or bool(
+            (robot.spheres.segment[mine] == last).any()
+        )
+        is_tool = name == TOOL_LINK and robot.tool is not None
+        out.append(Entity("tool" if is_tool else "link", name, distal))
+    return tuple(out)
+
+
+def add_robot(spec: Any, robot: Robot, parameters: SimulationParameters, first: int) -> None:
+    """Add base, links and tool. Geoms carry the entity ``first + link`` in their user data."""
+    mujoco = engine()
+    kin, body = robot.kinematics, spec.worldbody
+    masses = parameters.robot.masses.get(robot.name)
+    _add_spheres(body, robot, -1, parameters, first)
+    for s in range(robot.n_segments):
+        body = body.add_body(
+            name=f"segment:{s}", pos=kin.translation[s], quat=quaternion(kin.rotation[s])
+        )
+        slides = kin.kind[s] == 1
+        joint = body.add_joint(
+            name=f"joint:{s}",
+            type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
+            axis=kin.axis[s],
+            armature=parameters.robot.armature,
+            frictionloss=parameters.robot.joint_friction,
+        )
+        joint.damping[0] = parameters.robot.joint_damping
+        ends = np.sort(
+            kin.multiplier[s] * np.array([robot.lower[kin.dof[s]], robot.upper[kin.dof[s]]])
+            + kin.offset[s]
+        )
+        if np.isfinite(ends).all():
+            joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+            joint.range = ends
+        given = masses[s] if masses is not None and len(masses) == robot.n_segments else None
+        _set_inertia(body, robot, s, given, parameters.robot.link_density)
+        _add_spheres(body, robot, s, parameters, first)
+    if robot.tool is not None:
+        _add_tool(body, robot, parameters, first + robot.link_names.index(TOOL_LINK))
+
+
+def _surface(parameters: SimulationParameters, friction: float, entity: int) -> dict[str, Any]:
+    return {
+        "friction": [friction, 0.005, 1e-4],
+        "solref": [parameters.thing.contact_time, 1.0],
+        "condim": 3,
+        "userdata": [float(entity)],
+    }
+
+
+def _add_spheres(
+    body: Any, robot: Robot, segment: int, parameters: SimulationParameters, first: int
+) -> None:
+    mujoco = engine()
+    spheres = robot.spheres
+    tool = robot.link_names.index(TOOL_LINK) if isinstance(robot.tool, Cup) else -1
+    for b in np.flatnonzero((spheres.segment == segment) & (spheres.link != tool)):
+        link = int(spheres.link[b])
+        body.add_geom(
+            name=f"body:{b}", type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[spheres.radius[b], 0.0, 0.0], pos=spheres.center[b],
+            rgba=BASE_COLOUR if segment < 0 else ARM_COLOUR, **layers("link"),
+            **_surface(parameters, parameters.robot.tool_friction, first + link),
+        )  # fmt: skip
+
+
+def _set_inertia(body: Any, robot: Robot, segment: int, mass: float | None, density: float) -> None:
+    """Mass (by density where none is given), and the inertia of balls where the spheres are."""
+    spheres = robot.spheres
+    mine = spheres.segment == segment
+    if robot.tool is not None:
+        mine &= spheres.link != robot.link_names.index(TOOL_LINK)
+    radius, center = spheres.radius[mine], spheres.center[mine]
+    volume = 4.0 / 3.0 * np.pi * radius**3
+    if mass is None:  # spheres overlap by about half
+        mass = max(0.5 * density * float(volume.sum()), LEAST_MASS)
+    inertia, middle = LEAST_INERTIA * np.eye(3), np.zeros(3)
+    if len(volume):
+        share = volume / volume.sum() * mass
+        middle = share @ center / mass
+        for m, r, c in zip(share, radius, center - middle, strict=True):
+            inertia = inertia + m * ((0.4 * r**2 + c @ c) * np.eye(3) - np.outer(c, c))
+    _explicit(body, mass, middle, inertia)
+
+
+def _explicit(body: Any, mass: float, middle: FloatArray, inertia: FloatArray) -> None:
+    body.explicitinertial = True
+    body.mass, body.ipos = mass, middle
+    i = inertia
+    body.fullinertia = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
+
+
+def _add_tool(body: Any, robot: Robot, parameters: SimulationParameters, entity: int) -> None:
+    """The tool as a body of its own on the flange; a cup as neck, floor and a ring of walls."""
+    mujoco = engine()
+    tool, mass = robot.tool, parameters.robot.tool_mass
+    held = body.add_body(
+        name="tool", pos=robot.flange_translation, quat=quaternion(robot.flange_rotation)
+    )
+    if not isinstance(tool, Cup):
+        # its spheres were added with the last segment's
+        _explicit(held, mass, np.array([0.0, 0.0, 0.05]), mass * 0.04**2 * np.eye(3))
+        return
+    radius, height, length = tool.radius, tool.height, tool.length
+    middle = np.array([0.0, 0.0, length + 0.5 * height])
+    across = 0.5 * radius**2 + height**2 / 12.0
+    _explicit(held, mass, middle, mass * np.diag([across, across, radius**2]))
+    surface = _surface(parameters, parameters.robot.tool_friction, entity)
+    surface = {**layers("tool"), **surface, "rgba": CUP_COLOUR}
+    inner = cup_inner_radius(tool, parameters)
+    wall = radius - inner
+    if length > 0.0:
+        held.add_geom(
+            name="neck", type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            size=[min(NECK_RADIUS, radius), length / 2.0, 0.0], pos=[0.0, 0.0, length / 2.0],
+            **{**surface, "rgba": NECK_COLOUR},
+        )  # fmt: skip
+    floor = min(parameters.robot.wall, height / 4.0)
+    held.add_geom(
+        name="floor", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[radius, floor / 2.0, 0.0],
+        pos=[0.0, 0.0, length + floor / 2.0], **surface,
+    )  # fmt: skip
+    for k in range(WALLS):
+        angle = 2.0 * np.pi * k / WALLS
+        x, y = np.cos(angle), np.sin(angle)
+        held.add_geom(
+            name=f"wall:{k}", type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[wall / 2.0, radius * np.tan(np.pi / WALLS), height / 2.0],
+            pos=[(inner + wall / 2.0) * x, (inner + wall / 2.0) * y, middle[2]],
+            quat=[np.cos(angle / 2.0), 0.0, 0.0, np.sin(angle / 2.0)],
+            **surface,
+        )  # fmt: skip
+
+
+def cup_inner_radius(tool: Cup, parameters: SimulationParameters) -> float:
+    """Inner radius of the mouth [m]: half the opening, or a thin wall's."""
+    if tool.opening is not None:
+        return min(tool.opening / 2.0, tool.radius - 1e-4)
+    return max(tool.radius - parameters.robot.wall, 0.5 * tool.radius)

@@ -1,0 +1,56 @@
+"""What can touch what, and who it was."""
+
+from dataclasses import dataclass
+from enum import IntFlag
+from typing import Literal
+
+EntityKind = Literal["link", "tool", "fruit", "thing", "stem", "static", "avoid"]
+
+
+@dataclass(frozen=True)
+class Entity:
+    """A thing that contacts are counted for: a robot link, the tool, a fruit, its stem, an object.
+
+    Attributes:
+        kind: of it.
+        name: of the link, or the object's id (a stem has its fruit's).
+        distal: of a link: the last one or the tool, which are not in B_d.
+    """
+
+    kind: EntityKind
+    name: str
+    distal: bool = False
+
+    @property
+    def label(self) -> str:
+        """Unique among the entities of a world."""
+        return f"{self.kind}:{self.name}"
+
+
+class Layer(IntFlag):
+    """Bits of MuJoCo's contype."""
+
+    ROBOT = 1
+    FRUIT = 2
+    STEM = 4
+    STATIC = 8
+    AVOID = 16
+
+
+def layers(kind: EntityKind) -> dict[str, int]:
+    """``contype`` and ``conaffinity`` of a kind.
+
+    The robot meets everything but itself; fruits meet each other and everything; stems meet robot
+    and fruits, not each other and not what they grow beside.
+    """
+    meets_movers = int(Layer.ROBOT | Layer.FRUIT)
+    match kind:
+        case "link" | "tool":
+            return {"contype": int(Layer.ROBOT), "conaffinity": 0}
+        case "fruit" | "thing":
+            return {"contype": int(Layer.FRUIT), "conaffinity": meets_movers}
+        case "stem":
+            return {"contype": int(Layer.STEM), "conaffinity": meets_movers}
+        case "static":
+            return {"contype": int(Layer.STATIC), "conaffinity": meets_movers}
+    return {"contype": int(Layer.AVOID), "conaffinity": meets_movers}

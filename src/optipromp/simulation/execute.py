@@ -1,0 +1,103 @@
+"""``simulate``: the one way in."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from optipromp.errors import InvalidRequestError
+from optipromp.planning import Plan
+from optipromp.planning.setup import bind
+from optipromp.robots.model import Robot
+from optipromp.scenes.scene import Scene
+from optipromp.simulation.outcome import Outcome, judge
+from optipromp.simulation.parameters import SimulationParameters
+from optipromp.simulation.reference import reference
+from optipromp.simulation.rollout import Rollout, run
+from optipromp.simulation.world import build
+from optipromp.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A plan, executed.
+
+    Attributes:
+        scene: where it was executed.
+        robot: with its tool.
+        parameters: of the physics.
+        seed: of everything random.
+        rollout: what happened.
+        outcome: what that means.
+        seconds: wall time it took, building the world included.
+    """
+
+    scene: Scene
+    robot: Robot
+    parameters: SimulationParameters
+    seed: int
+    rollout: Rollout
+    outcome: Outcome
+    seconds: float
+
+    @property
+    def success(self) -> bool:
+        """Whether the target alone is in the cup and nothing was harmed."""
+        return self.outcome.success
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated time over wall time."""
+        return float(self.rollout.times[-1]) / max(self.seconds, 1e-9)
+
+
+def simulate(
+    plan_or_trajectory: Plan | Trajectory,
+    scene: Scene | None = None,
+    *,
+    parameters: SimulationParameters | None = None,
+    seed: int = 0,
+    record_rate: float = 100.0,
+) -> Run:
+    """Execute a plan in the physics twin and judge what happened there.
+
+    Args:
+        plan_or_trajectory: what to execute, whatever its status.
+        scene: the world as it truly is; None: the plan's own scene. A planner that saw detections
+            with errors gave a plan for another scene than this one.
+        parameters: physical numbers, controller, thresholds.
+        seed: of everything random; the same input gives the same run to the last bit.
+        record_rate: of the rollout's records [Hz].
+
+    Returns:
+        The run. One that fails says why; only wrong input raises.
+
+    Raises:
+        InvalidRequestError: MuJoCo is not installed, no scene for a bare trajectory, joint names
+            that are not the robot's, a rate that is not positive.
+        InvalidSceneError: something in the scene cannot be built.
+    """
+    began = time.perf_counter()
+    parameters = parameters or SimulationParameters()
+    if isinstance(plan_or_trajectory, Plan):
+        trajectory = plan_or_trajectory.trajectory
+        scene = scene or plan_or_trajectory.scene
+    else:
+        trajectory = plan_or_trajectory
+    if scene is None:
+        raise InvalidRequestError("a bare trajectory needs the scene it is to be executed in")
+    if not (np.isfinite(record_rate) and record_rate > 0):
+        raise InvalidRequestError(f"record_rate is {record_rate}; it must be above 0 [Hz]")
+    robot = bind(scene).robot
+    if trajectory.joint_names != robot.joint_names:
+        raise InvalidRequestError(
+            f"the trajectory moves {', '.join(trajectory.joint_names)}; {robot.name} has "
+            f"{', '.join(robot.joint_names)}"
+        )
+    world = build(scene, robot, parameters, seed)
+    motion = reference(
+        trajectory, robot, speed=parameters.control.speed, dt=parameters.engine.timestep
+    )
+    rollout, log = run(world, motion, record_rate)
+    outcome = judge(world, rollout, log)
+    return Run(scene, robot, parameters, seed, rollout, outcome, time.perf_counter() - began)

@@ -1,0 +1,191 @@
+"""Fruits on flexible stems, and things that stand on something."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from optipromp.arrays import FloatArray, frozen
+from optipromp.errors import InvalidSceneError
+from optipromp.geometry.shapes import Sphere
+from optipromp.scenes.scene import SceneObject, Stem, suggest
+from optipromp.simulation.engine import engine
+from optipromp.simulation.entities import layers
+from optipromp.simulation.parameters import SimulationParameters
+from optipromp.simulation.solids import add_shape, quaternion, volume
+
+PHYSICAL = ("mass", "density", "friction", "stem_stiffness", "abscission_force")
+RIPE = (0.80, 0.08, 0.10, 1.0)
+UNRIPE = (0.55, 0.72, 0.30, 1.0)
+STEM_COLOUR = (0.30, 0.50, 0.18, 1.0)
+WELD_TIME = 0.004  # [s] time constant of the joint between stem and fruit
+WELD_LEVER = 0.02  # [m] weighs its angles against its positions
+
+
+@dataclass(frozen=True, eq=False)
+class Hanging:
+    """A fruit as it was built; what is needed to find it in the model and to hold it up.
+
+    Attributes:
+        id: of the scene's object.
+        key: of its bodies' names.
+        mass: [kg].
+        nodes: (N+1, 3) of the stem, root first; empty without one.
+        grown: (N, 3) torque at each joint that carries stem and fruit in the scene's pose [N m].
+        bare: (N, 3) the same without the fruit.
+        abscission: pull that tears it off [N].
+        shown: whether it is one of the scene's objects (not part of a neighbouring cluster).
+    """
+
+    id: str
+    key: str
+    mass: float
+    nodes: FloatArray
+    grown: FloatArray
+    bare: FloatArray
+    abscission: float
+    shown: bool = True
+
+    @property
+    def has_stem(self) -> bool:
+        """Whether it hangs."""
+        return len(self.nodes) > 0
+
+
+def check_physical(thing: SceneObject) -> None:
+    """Raise InvalidSceneError for a physical property the twin does not know or cannot use."""
+    for name, value in thing.physical.items():
+        if name not in PHYSICAL:
+            raise InvalidSceneError(
+                f"object {thing.id!r}: physical property {name!r} is unknown: "
+                f"{suggest(name, PHYSICAL)}"
+            )
+        if not (np.isfinite(value) and value > 0):
+            raise InvalidSceneError(
+                f"object {thing.id!r}: physical.{name} is {value}: must be above 0"
+            )
+
+
+def add_fruit(
+    spec: Any,
+    thing: SceneObject,
+    parameters: SimulationParameters,
+    entity: int,
+    stem_entity: int,
+    *,
+    key: str | None = None,
+    kind: str | None = None,
+) -> Hanging:
+    """Add a target or pushable: free, and where it has a stem, welded to the end of it."""
+    mujoco = engine()
+    check_physical(thing)
+    key = thing.id if key is None else key
+    hangs = thing.stem is not None
+    group = parameters.fruit if hangs else parameters.thing
+    density = thing.physical.get("density", group.density)
+    mass = thing.physical.get("mass", density * volume(thing.shape))
+    friction = thing.physical.get("friction", group.friction)
+    body = spec.worldbody.add_body(
+        name=f"fruit:{key}", pos=thing.position, quat=quaternion(thing.rotation)
+    )
+    body.add_freejoint(name=f"free:{key}")
+    geoms = add_shape(
+        spec, body, thing.shape, f"fruit:{key}", np.eye(3), np.zeros(3),
+        rgba=RIPE if thing.role == "target" else UNRIPE,
+        friction=[friction, 0.005, parameters.fruit.rolling_friction],
+        condim=3 if hangs else 6,
+        solref=[group.contact_time, 1.0],
+        userdata=[float(entity)],
+        **layers("fruit" if hangs else "thing"),
+    )  # fmt: skip
+    for geom in geoms:
+        geom.mass = mass / len(geoms)
+    if thing.stem is None:
+        none = frozen(np.zeros((0, 3)))
+        return Hanging(thing.id, key, mass, none, none, none, np.inf)
+    nodes = _nodes(thing, thing.stem, parameters)
+    stem_masses = _add_chain(spec, thing, thing.stem, nodes, parameters, key, stem_entity)
+    mouth = thing.rotation.T @ (nodes[-1] - thing.position)
+    weld = spec.add_equality(
+        name=f"weld:{key}", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
+        name1=f"stem:{key}:{len(nodes) - 2}", name2=f"fruit:{key}", active=True,
+        solref=[WELD_TIME, 1.0], solimp=[0.98, 0.995, 0.001, 0.5, 2.0],
+    )  # fmt: skip
+    weld.data = [*mouth, *[0.0] * 7, WELD_LEVER, *[0.0] * (len(weld.data) - 11)]
+    for k in range(len(nodes) - 1):
+        spec.add_exclude(bodyname1=f"fruit:{key}", bodyname2=f"stem:{key}:{k}")
+    middles = 0.5 * (nodes[:-1] + nodes[1:])
+    gravity = parameters.engine.gravity
+    bare = _holding(nodes, middles, stem_masses, gravity)
+    grown = bare + _holding(nodes, thing.position[None], np.array([mass]), gravity)
+    force = thing.physical.get("abscission_force", parameters.stem.abscission_force)
+    return Hanging(
+        thing.id, key, mass, frozen(nodes), frozen(grown), frozen(bare), force, kind is None
+    )
+
+
+def _nodes(thing: SceneObject, stem: Stem, parameters: SimulationParameters) -> FloatArray:
+    """Joints of the chain (N+1, 3): the root first, the fruit's surface last."""
+    points = np.array(stem.points)
+    first = points[1] - points[0]
+    length = float(np.linalg.norm(first))
+    if isinstance(thing.shape, Sphere) and np.linalg.norm(points[0] - thing.position) < 1e-9:
+        points[0] += first * min(thing.radius / length, 0.8)
+    points = points[::-1]
+    pieces = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    p = parameters.stem
+    wanted = pieces.sum() / p.segment_length
+    total = int(np.clip(np.ceil(wanted), p.least_segments, p.most_segments))
+    counts = np.maximum(np.round(total * pieces / pieces.sum()).astype(int), 1)
+    nodes = [points[0]]
+    for start, end, count in zip(points[:-1], points[1:], counts, strict=True):
+        nodes += [start + (end - start) * (i + 1) / count for i in range(count)]
+    return np.array(nodes)
+
+
+def _add_chain(
+    spec: Any, thing: SceneObject, stem: Stem, nodes: FloatArray,
+    parameters: SimulationParameters, key: str, entity: int,
+) -> FloatArray:  # fmt: skip
+    """Capsules with elastic ball joints: EI over the length that each joint stands for."""
+    mujoco = engine()
+    p = parameters.stem
+    stiffness: float = thing.physical.get("stem_stiffness", p.bending_stiffness())
+    pieces = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
+    masses: FloatArray = p.density * np.pi / 4.0 * p.diameter**2 * pieces
+    body = spec.worldbody
+    for k, length in enumerate(pieces):
+        body = body.add_body(
+            name=f"stem:{key}:{k}", pos=nodes[0] if k == 0 else nodes[k] - nodes[k - 1]
+        )
+        bends = 0.5 * length if k == 0 else 0.5 * (pieces[k - 1] + length)
+        joint = body.add_joint(
+            name=f"bend:{key}:{k}", type=mujoco.mjtJoint.mjJNT_BALL, armature=p.armature
+        )
+        joint.stiffness[0] = stiffness / bends
+        joint.damping[0] = p.damping_time * stiffness / bends + (p.swing_damping if k == 0 else 0.0)
+        body.add_geom(
+            name=f"stem:{key}:{k}", type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            size=[stem.radius, 0.0, 0.0], fromto=[0.0, 0.0, 0.0, *(nodes[k + 1] - nodes[k])],
+            mass=masses[k], rgba=STEM_COLOUR, friction=[p.friction, 0.005, 1e-4], condim=3,
+            solref=[parameters.fruit.contact_time, 1.0], userdata=[float(entity)],
+            **layers("stem"),
+        )  # fmt: skip
+    return masses
+
+
+def _holding(
+    nodes: FloatArray, points: FloatArray, masses: FloatArray, gravity: float
+) -> FloatArray:
+    """Torques (N, 3) at the joints nodes[:-1] that carry masses at points beyond them."""
+    weights = np.zeros((len(masses), 3))
+    weights[:, 2] = -gravity * masses
+    beyond = points[None] - nodes[:-1, None]
+    torques = np.cross(beyond, weights[None])
+    if len(masses) > 1:  # one mass a segment: joint k carries segments k and on
+        torques = (
+            torques
+            * (np.arange(len(masses))[None] >= np.arange(len(nodes) - 1)[:, None])[:, :, None]
+        )
+    held: FloatArray = -torques.sum(axis=1)
+    return held

@@ -1,0 +1,305 @@
+"""A scene and its robot as a MuJoCo model."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from optipromp.arrays import FloatArray, IntArray, frozen
+from optipromp.geometry.shapes import Sphere
+from optipromp.robots.model import Robot
+from optipromp.scenes.scene import Scene, SceneObject, Stem
+from optipromp.simulation.arm import Drives, add_robot, drives, link_entities
+from optipromp.simulation.engine import engine
+from optipromp.simulation.entities import Entity, layers
+from optipromp.simulation.fruits import Hanging, add_fruit, check_physical
+from optipromp.simulation.parameters import SimulationParameters
+from optipromp.simulation.solids import add_shape
+
+STATIC_COLOUR = (0.62, 0.60, 0.57, 1.0)
+AVOID_COLOUR = (0.35, 0.60, 0.30, 0.35)
+PICTURE = 1280, 960  # largest off-screen picture
+FRUIT_RADIUS = 0.015  # [m] of a real neighbouring cluster
+
+
+@dataclass(frozen=True, eq=False)
+class Fruit:
+    """Where a target or pushable is in the model.
+
+    Attributes:
+        id, role: of the scene's object.
+        built: how it was built.
+        entity, stem_entity: indices into ``World.entities``; the latter -1 without a stem.
+        body, position, spin: its body, and first indices into qpos and qvel.
+        weld: its equality, -1 without a stem.
+        dofs: of its stem's joints, in qvel.
+        last: body of the stem's last segment, -1 without a stem.
+        along: (3,) unit, in that body's frame, from the fruit up the stem.
+    """
+
+    id: str
+    role: str
+    built: Hanging
+    entity: int
+    stem_entity: int
+    body: int
+    position: int
+    spin: int
+    weld: int
+    dofs: slice
+    last: int
+    along: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A compiled model, and who is who in it.
+
+    Attributes:
+        model: the ``MjModel``.
+        scene, robot, parameters: what it was made from.
+        drives: of the robot's segments; their qpos and qvel are the first S.
+        entities: what contacts are counted for.
+        geom_entity: (ngeom,) index into ``entities``.
+        fruits: targets and pushables, then the fruits of real neighbouring clusters.
+        overlapping: pairs of labels that overlap in the scene and so do not collide.
+    """
+
+    model: Any
+    scene: Scene
+    robot: Robot
+    parameters: SimulationParameters
+    drives: Drives
+    entities: tuple[Entity, ...]
+    geom_entity: IntArray
+    fruits: tuple[Fruit, ...]
+    overlapping: tuple[tuple[str, str], ...]
+
+    @property
+    def shown(self) -> tuple[Fruit, ...]:
+        """Targets and pushables of the scene."""
+        return tuple(fruit for fruit in self.fruits if fruit.built.shown)
+
+    def data(self, q: FloatArray) -> Any:
+        """Fresh data with the robot at ``q`` (n,), at rest, stems carrying their fruits."""
+        mujoco = engine()
+        data = mujoco.MjData(self.model)
+        data.qpos[: self.robot.n_segments] = self.drives.segments(q)
+        for fruit in self.fruits:
+            data.qfrc_applied[fruit.dofs] = fruit.built.grown.ravel()
+        mujoco.mj_forward(self.model, data)
+        return data
+
+
+def build(
+    scene: Scene, robot: Robot, parameters: SimulationParameters | None = None, seed: int = 0
+) -> World:
+    """Build the world of ``scene`` with ``robot`` (with its tool) in it.
+
+    Things that overlap in the scene (a fruit and the stem of another, in the paper's own scenes)
+    would burst apart at the first step; such a pair does not collide, and ``World.overlapping``
+    names it. The robot collides with everything.
+
+    Args:
+        scene: what there is.
+        robot: whose frame is the world's.
+        parameters: physical numbers.
+        seed: of the fruits of real neighbouring clusters.
+
+    Raises:
+        InvalidSceneError: a physical property the twin does not know, a shape it cannot build.
+        InvalidRequestError: MuJoCo is not installed.
+    """
+    parameters = parameters or SimulationParameters()
+    draft = _Draft(scene, robot, parameters, seed)
+    model = draft.compile()
+    pairs = draft.overlapping(model)
+    if pairs:
+        for a, b in pairs:
+            draft.exclude(a, b)
+        model = draft.compile()
+    return draft.world(
+        model, tuple((draft.entities[a].label, draft.entities[b].label) for a, b in pairs)
+    )
+
+
+class _Draft:
+    """A model under construction."""
+
+    def __init__(
+        self, scene: Scene, robot: Robot, parameters: SimulationParameters, seed: int
+    ) -> None:
+        self.scene, self.robot, self.parameters = scene, robot, parameters
+        self.entities: list[Entity] = list(link_entities(robot))
+        self.fruits: list[tuple[SceneObject, Hanging, int, int]] = []
+        self.spec = self._options()
+        add_robot(self.spec, robot, parameters, 0)
+        for thing in scene.objects:
+            if thing.role in ("target", "pushable"):
+                self._fruit(thing)
+            elif thing.role == "static":
+                self._static(thing)
+            elif parameters.thing.avoid_as == "soft":
+                self._soft(thing)
+        if parameters.thing.avoid_as == "fruits":
+            rng = np.random.default_rng(seed)
+            for thing in scene.avoid:
+                self._cluster(thing, rng)
+        self._lights()
+
+    def _options(self) -> Any:
+        mujoco = engine()
+        spec = mujoco.MjSpec()
+        spec.modelname = self.scene.name
+        spec.compiler.degree = False
+        spec.nuser_geom = 1
+        spec.memory = 64 * 1024 * 1024
+        option, p = spec.option, self.parameters.engine
+        option.timestep = p.timestep
+        option.gravity = [0.0, 0.0, -p.gravity]
+        option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+        option.iterations = int(p.iterations)
+        option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        view = getattr(spec.visual, "global")
+        view.offwidth, view.offheight = PICTURE
+        return spec
+
+    def _lights(self) -> None:
+        world = self.spec.worldbody
+        world.add_light(pos=[1.5, -1.5, 2.5], dir=[-0.5, 0.5, -0.8], diffuse=[0.7, 0.7, 0.7])
+        world.add_light(
+            pos=[-1.0, 1.5, 2.0],
+            dir=[0.5, -0.6, -0.7],
+            diffuse=[0.35, 0.35, 0.35],
+            castshadow=False,
+        )
+
+    def _entity(self, kind: Any, name: str) -> int:
+        self.entities.append(Entity(kind, name))
+        return len(self.entities) - 1
+
+    def _fruit(self, thing: SceneObject) -> None:
+        entity = self._entity("fruit" if thing.stem is not None else "thing", thing.id)
+        stem = -1 if thing.stem is None else self._entity("stem", thing.id)
+        built = add_fruit(self.spec, thing, self.parameters, entity, stem)
+        self.fruits.append((thing, built, entity, stem))
+
+    def _static(self, thing: SceneObject) -> None:
+        check_physical(thing)
+        p = self.parameters.thing
+        body = self.spec.worldbody.add_body(name=f"static:{thing.id}")
+        add_shape(
+            self.spec, body, thing.shape, f"static:{thing.id}", thing.rotation, thing.position,
+            rgba=STATIC_COLOUR, friction=[thing.physical.get("friction", p.friction), 0.005, 1e-4],
+            solref=[p.contact_time, 1.0], condim=3,
+            userdata=[float(self._entity("static", thing.id))], **layers("static"),
+        )  # fmt: skip
+
+    def _soft(self, thing: SceneObject) -> None:
+        k = self.parameters.thing.cluster_stiffness
+        body = self.spec.worldbody.add_body(name=f"avoid:{thing.id}")
+        add_shape(
+            self.spec, body, thing.shape, f"avoid:{thing.id}", thing.rotation, thing.position,
+            rgba=AVOID_COLOUR, friction=[0.1, 0.005, 1e-4], condim=3, priority=1,
+            solref=[-k, -2.0 * np.sqrt(k)],
+            userdata=[float(self._entity("avoid", thing.id))], **layers("avoid"),
+        )  # fmt: skip
+
+    def _cluster(self, thing: SceneObject, rng: np.random.Generator) -> None:
+        """Fruits within the shape's ball, each on a vertical stem."""
+        p = self.parameters.thing
+        entity = self._entity("avoid", thing.id)
+        count = int(p.cluster_fruits)
+        reach = max(thing.radius - FRUIT_RADIUS, 0.0)
+        golden = np.pi * (3.0 - np.sqrt(5.0))
+        turn = rng.uniform(0.0, 2.0 * np.pi)
+        for k in range(count):
+            z = 1.0 - 2.0 * (k + 0.5) / count
+            flat = np.sqrt(1.0 - z * z)
+            direction = np.array(
+                [flat * np.cos(turn + k * golden), flat * np.sin(turn + k * golden), z]
+            )
+            center = thing.position + reach * direction
+            root = center + np.array([0.0, 0.0, p.cluster_stem + reach * (1.0 - z)])
+            fruit = SceneObject(
+                thing.id,
+                "pushable",
+                Sphere(FRUIT_RADIUS),
+                center,
+                stem=Stem(np.array([center, root])),
+            )
+            built = add_fruit(
+                self.spec, fruit, self.parameters, entity, entity, key=f"{thing.id}:{k}",
+                kind="avoid",
+            )  # fmt: skip
+            self.fruits.append((fruit, built, entity, entity))
+
+    def compile(self) -> Any:
+        return self.spec.compile()
+
+    def overlapping(self, model: Any) -> list[tuple[int, int]]:
+        """Pairs of entities that penetrate in the scene's pose, the robot left out."""
+        mujoco = engine()
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        who = _owners(model)
+        out = set()
+        for (g1, g2), distance in zip(data.contact.geom, data.contact.dist, strict=True):
+            a, b = sorted((int(who[g1]), int(who[g2])))
+            if distance < 0.0 and self.entities[a].kind not in ("link", "tool"):
+                standing = {self.entities[a].kind, self.entities[b].kind} == {"thing", "static"}
+                if a != b and not (standing and distance > -1e-3):  # it stands on it
+                    out.add((a, b))
+        return sorted(out)
+
+    def exclude(self, a: int, b: int) -> None:
+        for one in self._bodies(a):
+            for other in self._bodies(b):
+                self.spec.add_exclude(bodyname1=one, bodyname2=other)
+
+    def _bodies(self, entity: int) -> list[str]:
+        kind, name = self.entities[entity].kind, self.entities[entity].name
+        if kind in ("static", "avoid") and (
+            kind == "static" or self.parameters.thing.avoid_as == "soft"
+        ):
+            return [f"{kind}:{name}"]
+        out = []
+        for _, built, whole, stem in self.fruits:
+            if whole == entity:
+                out.append(f"fruit:{built.key}")
+            if stem == entity:
+                out += [f"stem:{built.key}:{k}" for k in range(len(built.nodes) - 1)]
+        return out
+
+    def world(self, model: Any, overlapping: tuple[tuple[str, str], ...]) -> World:
+        return World(
+            model, self.scene, self.robot, self.parameters, drives(self.robot, self.parameters),
+            tuple(self.entities), frozen(_owners(model), np.int64),
+            tuple(self._located(model, *item) for item in self.fruits), overlapping,
+        )  # fmt: skip
+
+    def _located(
+        self, model: Any, thing: SceneObject, built: Hanging, entity: int, stem: int
+    ) -> Fruit:
+        body = model.body(f"fruit:{built.key}").id
+        free = model.joint(f"free:{built.key}")
+        weld, dofs, last, along = -1, slice(0, 0), -1, np.zeros(3)
+        if built.has_stem:
+            count = len(built.nodes) - 1
+            start = int(model.joint(f"bend:{built.key}:0").dofadr[0])
+            dofs = slice(start, start + 3 * count)
+            weld = model.equality(f"weld:{built.key}").id
+            last = model.body(f"stem:{built.key}:{count - 1}").id
+            along = built.nodes[-2] - built.nodes[-1]
+            along = along / np.linalg.norm(along)
+        return Fruit(
+            built.id, thing.role, built, entity, stem, body, int(free.qposadr[0]),
+            int(free.dofadr[0]), weld, dofs, last, frozen(along),
+        )  # fmt: skip
+
+
+def _owners(model: Any) -> IntArray:
+    owners: IntArray = np.asarray(model.geom_user)[:, 0].astype(np.int64)
+    return owners
