@@ -10,7 +10,7 @@ from optipromp.scenes.scene import Scene, SceneObject
 SAMPLE = 0.004  # [m] between checks along a stem
 
 
-class Overlap(Exception):
+class OverlapError(Exception):
     """A draw that could not be finished because things overlap; the message says which."""
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from optipromp.errors import InvalidRequestError
 from optipromp.scenes.generate import bunches, shelves
-from optipromp.scenes.generate.checks import Overlap, interpenetration
+from optipromp.scenes.generate.checks import OverlapError, interpenetration
 from optipromp.scenes.generate.solvable import unsolvable
 from optipromp.scenes.scene import Scene, suggest
 
@@ -88,7 +88,7 @@ def generate_with_report(preset: Preset, seed: int) -> tuple[Scene, GenerationRe
         patience -= 1
         try:
             scene = draw(rng)
-        except Overlap as overlap:
+        except OverlapError as overlap:
             reasons[str(overlap)] += 1
             continue
         fault = interpenetration(scene) or unsolvable(scene)

@@ -21,7 +21,7 @@ def perceived(scene: Scene, rng: np.random.Generator, position_sd: float, angle_
         scene: the truth.
         rng: the same state gives the same errors.
         position_sd: standard deviation of each coordinate of a position [m].
-        angle_sd: standard deviation of a stem's inclination, about each of two axes across it [rad].
+        angle_sd: standard deviation of a stem's tilt about each of two axes across it [rad].
 
     Raises:
         InvalidRequestError: a deviation that is negative or not finite.

@@ -6,7 +6,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.geometry.shapes import Box, Cylinder
-from optipromp.scenes.generate.checks import Overlap
+from optipromp.scenes.generate.checks import OverlapError
 from optipromp.scenes.scene import Approach, Scene, SceneObject, ToolSpec
 
 READY = (-0.4001, -1.3608, 0.5859, -2.9529, 2.3117, 2.8412, -0.9618)
@@ -14,7 +14,10 @@ READY = (-0.4001, -1.3608, 0.5859, -2.9529, 2.3117, 2.8412, -0.9618)
 
 TARGET_LOW, TARGET_HIGH = (0.64, -0.04), (0.72, 0.04)  # [m] x and y
 BOARD = (0.42, 0.48)  # [m] height of the board's upper side
-DEPTH = (0.15, 0.22)  # [m] of the target's axis behind the front edge
+DEPTH = (
+    0.12,
+    0.18,
+)  # [m] of the target behind the front edge: the wrist of a Panda stays before it
 BEHIND = (0.06, 0.15)  # [m] of the back wall behind the target's axis
 WIDTH = (0.40, 0.70)
 SHIFT = 0.05  # [m] of the shelf's middle from the target
@@ -78,7 +81,7 @@ def draw(name: str, count: int, rng: np.random.Generator) -> Scene:
     """One draw of ``count`` packs before a can.
 
     Raises:
-        Overlap: no place was left for a pack.
+        OverlapError: no place was left for a pack.
     """
     board = float(rng.uniform(*BOARD))
     at = rng.uniform(TARGET_LOW, TARGET_HIGH)
@@ -137,7 +140,7 @@ def _place(
             continue
         if center[0] + reach[0] < target[0] and all(apart(place, other) for other in taken):
             return place
-    raise Overlap("no place for a pack")
+    raise OverlapError("no place for a pack")
 
 
 def _shelf(
