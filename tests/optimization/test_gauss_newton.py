@@ -1,0 +1,102 @@
+"""The solver: descends, keeps what is fixed, stops in time, and gets where it must."""
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optipromp.geometry import pack
+from optipromp.optimization.constraints import (
+    ClearanceConstraint,
+    GoalConstraint,
+    LimitConstraint,
+    StepConstraint,
+)
+from optipromp.optimization.problem import Problem, Surroundings
+from optipromp.optimization.solvers.gauss_newton import GaussNewtonOptions, solve
+from optipromp.optimization.terms import ObstacleTerm, SmoothnessTerm, VelocityTerm
+
+NOTHING = Surroundings(pack([]), pack([]), 0)
+ONE_STAGE = GaussNewtonOptions(stages=(1.0,), iterations=(30,), tolerance=1e-12)
+
+
+def to_goal(panda: Any, goal: np.ndarray, around: Surroundings = NOTHING) -> Problem:
+    limits = LimitConstraint(1e6, panda.robot.lower, panda.robot.upper)
+    return panda.problem(  # type: ignore[no-any-return]
+        [SmoothnessTerm(1e-5)], [GoalConstraint(1e6, goal, None), limits], surroundings=around
+    )
+
+
+def test_reaches_a_goal_from_a_standstill(panda: Any) -> None:
+    still = np.tile(panda.q[0], (len(panda.q), 1))
+    point = panda.robot.tool_pose(panda.q[0])[0] + [0.05, 0.1, -0.08]
+    result = solve(to_goal(panda, point), still, ONE_STAGE)
+    assert np.linalg.norm(panda.robot.tool_pose(result.q[-1])[0] - point) < 1e-6
+    np.testing.assert_array_equal(result.q[0], still[0])
+    assert np.abs(np.diff(result.q, axis=0)).max() > 1e-3
+    assert result.iterations == len(result.history) - 1
+    assert result.message in ("converged", "iteration limit")
+
+
+def test_never_ends_above_where_it_began(panda: Any) -> None:
+    terms = [ObstacleTerm("static", 1.0, 0.05, "sum"), VelocityTerm(0.1), SmoothnessTerm(1e-4)]
+    kept = [
+        ClearanceConstraint("touch", "static", 1e4, 0.02),
+        StepConstraint(1e4, np.full(7, 0.05)),
+    ]
+    problem = panda.problem(terms, kept, end_fixed=True)
+    before = problem.evaluate(panda.q)
+    gradient = np.linalg.norm(problem.gradient())
+    result = solve(problem, panda.q, ONE_STAGE)
+    assert result.value.merit < 0.9 * before.merit
+    assert problem.evaluate(result.q).merit == result.value.merit
+    assert np.linalg.norm(problem.gradient()) < 1e-3 * gradient
+    np.testing.assert_array_equal(result.q[[0, -1]], panda.q[[0, -1]])
+    assert result.history[0] == before.terms
+
+
+def test_its_input_stays_as_it_is(panda: Any) -> None:
+    q = panda.q.copy()
+    solve(to_goal(panda, np.array([0.3, 0.2, 0.5])), q, ONE_STAGE)
+    np.testing.assert_array_equal(q, panda.q)
+
+
+def test_stops_at_its_deadline_with_what_it_has(panda: Any) -> None:
+    problem = to_goal(panda, np.array([0.3, 0.2, 0.5]))
+    result = solve(problem, panda.q, ONE_STAGE, deadline=time.perf_counter() - 1.0)
+    assert result.message == "time ran out"
+    assert result.iterations == 0
+    np.testing.assert_array_equal(result.q, panda.q)
+
+
+def test_no_iterations_is_no_step(panda: Any) -> None:
+    options = GaussNewtonOptions(stages=(0.1, 1.0), iterations=(0, 0))
+    result = solve(to_goal(panda, np.array([0.3, 0.2, 0.5])), panda.q, options)
+    np.testing.assert_array_equal(result.q, panda.q)
+    assert len(result.history) == 1
+
+
+def test_no_step_is_longer_than_allowed(panda: Any) -> None:
+    options = GaussNewtonOptions(stages=(1.0,), iterations=(1,), largest_step=0.01)
+    result = solve(to_goal(panda, np.array([0.3, 0.2, 0.5])), panda.q, options)
+    assert 0.0 < np.abs(result.q - panda.q).max() <= 0.01 * (1.0 + 1e-12)
+
+
+def test_a_goal_out_of_reach_ends_finite_and_inside_the_limits(panda: Any) -> None:
+    result = solve(to_goal(panda, np.array([30.0, 0.0, 0.0])), panda.q, ONE_STAGE)
+    assert np.isfinite(result.q).all()
+    assert np.isfinite(result.value.merit)
+
+
+@pytest.mark.parametrize("end_fixed", [False, True])
+def test_three_knots_are_enough(panda: Any, end_fixed: bool) -> None:
+    q = panda.q[:3]
+    kept = [GoalConstraint(1.0, np.array([0.4, 0.1, 0.5]), None)]
+    problem = Problem(
+        panda.robot, NOTHING, [VelocityTerm(1.0)], kept, 3, cutoff=0.05, end_fixed=end_fixed
+    )
+    result = solve(problem, q, ONE_STAGE)
+    assert result.value.merit < problem.evaluate(q).merit
+    np.testing.assert_array_equal(result.q[0], q[0])
+    assert np.array_equal(result.q[-1], q[-1]) == end_fixed
