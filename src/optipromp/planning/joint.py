@@ -29,7 +29,6 @@ from optipromp.trajectory import Trajectory, shortest_dt
 LEVER_ARM = 0.4  # [m] turns a deviation of the tool into one of the joints
 PEAK = 1.9  # largest over mean speed of a smooth reach
 FEWEST, MOST = 60, 600  # knots
-NEAR = 6  # best goal configurations that become starts
 CLOSE = 1.3  # a start within this factor of the best one after the first stage goes on
 
 
@@ -74,7 +73,7 @@ def knots_for(
 def starts(setup: Setup, promp: ProMP, options: PlanOptions, goals: FloatArray) -> Iterator[Start]:
     """A start for each goal configuration (m, n) and each choice of sides, in that order."""
     choices = sides(setup, options)
-    for goal in goals[:NEAR]:
+    for goal in goals:
         q, knots = initial(setup, promp, options, goal)
         for drift in choices:
             yield Start(q, drift, knots)
@@ -137,7 +136,7 @@ def sampled_starts(
     """Starts drawn from the ProMP conditioned on its ends, for each goal and choice of sides."""
     choices = sides(setup, options)
     for _ in range(rounds):
-        for goal in goals[:NEAR]:
+        for goal in goals:
             _, knots = conditioned_on_goal(setup, promp, options, goal)
             ends = conditioned(promp, setup.start, np.array([1.0]), goal[None], np.zeros(1))
             (q,) = ends.sample(rng, 1, knots.count)

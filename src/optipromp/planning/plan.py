@@ -11,22 +11,18 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from optipromp import metrics
-from optipromp.arrays import FloatArray
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.metrics import Contact, Judgement, Metrics
-from optipromp.planning import joint, movement, sequential
+from optipromp.planning import goals, joint, movement, sequential
 from optipromp.planning.options import Planner, PlanOptions, Strategy
 from optipromp.planning.primitives import PAPER_BASIS, learnt
 from optipromp.planning.setup import Setup, bind
 from optipromp.planning.stages import Outcome, Stage, value_of
 from optipromp.promp.model import ProMP
-from optipromp.robots import ik
 from optipromp.robots.model import Robot
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene
 from optipromp.trajectory import Trajectory
-
-GOAL_STARTS = 48  # of the inverse kinematics
 
 
 @functools.lru_cache(maxsize=1)
@@ -211,24 +207,20 @@ def _plan(
 
     say("inverse kinematics")
     before = time.perf_counter()
-    goals = _goals(setup, seed)
+    chosen, is_free, reason = goals.choose(setup, seed)
     clock["inverse kinematics"] = time.perf_counter() - before
-    if not len(goals):
-        return finish(_stay(setup), Code.GOAL_UNREACHABLE, _unreachable(setup))
+    if not len(chosen):
+        return finish(_stay(setup), Code.GOAL_UNREACHABLE, reason)
     if planner != "opti-promp":
         say(planner)
-        return finish(movement.plan_movement(setup, promp, options, goals, planner, rng))
+        return finish(movement.plan_movement(setup, promp, options, chosen, planner, rng))
 
-    free, blocked = _free(setup, goals)
     say(f"optimising ({strategy})")
-    chosen = goals if free is None else free
     if strategy == "sequential":
         outcome = sequential.solve(setup, promp, options, chosen, deadline)
     else:
         outcome = joint.plan_joint(setup, promp, options, chosen, rng, deadline)
-    if free is None:
-        return finish(outcome, Code.GOAL_IN_COLLISION, blocked)
-    return finish(outcome)
+    return finish(outcome) if is_free else finish(outcome, Code.GOAL_IN_COLLISION, reason)
 
 
 def _verdict(verdict: Judgement, outcome: Outcome, deadline: float) -> tuple[Code, str]:
@@ -277,40 +269,3 @@ def _at_goal(setup: Setup) -> bool:
     point, axis = setup.robot.tool_pose(setup.start)
     near = np.linalg.norm(point - setup.goal_position) < metrics.GOAL_TOLERANCE
     return bool(near and axis @ setup.goal_axis > np.cos(metrics.AXIS_TOLERANCE))
-
-
-def _goals(setup: Setup, seed: int) -> FloatArray:
-    """Goal configurations (m, n), ranked."""
-    if setup.goal_joints is not None:
-        return setup.goal_joints[None]
-    assert setup.goal_position is not None
-    solutions = ik.solve(
-        setup.robot, setup.goal_position, setup.goal_axis, starts=GOAL_STARTS, seed=seed,
-        near=setup.start[None], rest=setup.start,
-    )  # fmt: skip
-    return solutions.joints
-
-
-def _free(setup: Setup, goals: FloatArray) -> tuple[FloatArray | None, str]:
-    """The best goal configurations that touch nothing; None, and what they touch, where all do."""
-    kept, worst = [], ""
-    for i, goal in enumerate(goals):
-        _, touching = metrics.clearances(setup.scene, setup.robot, goal[None])
-        if not touching:
-            kept.append(i)
-            if len(kept) == joint.NEAR:
-                break
-        elif not worst:
-            worst = "; ".join(map(str, touching))
-    if kept:
-        return goals[kept], ""
-    return None, f"every one of {len(goals)} configurations found at the goal touches: {worst}"
-
-
-def _unreachable(setup: Setup) -> str:
-    assert setup.goal_position is not None
-    away = float(np.linalg.norm(setup.goal_position))
-    return (
-        f"no configuration within the joint limits has the tool at "
-        f"{np.round(setup.goal_position, 4).tolist()} along its axis ({away:.3g} m from the base)"
-    )

@@ -1,0 +1,100 @@
+"""Goal configurations: found by inverse kinematics, ranked by room, checked by the judge."""
+
+import numpy as np
+
+from optipromp import metrics
+from optipromp.arrays import FloatArray
+from optipromp.optimization import kernels
+from optipromp.optimization.evaluation import Evaluation
+from optipromp.planning.setup import Setup
+from optipromp.robots import ik
+
+STARTS, MANY_STARTS = 48, 320  # of the inverse kinematics, and where those leave too little choice
+ENOUGH = 6  # free configurations to choose among
+ROOM = 0.06  # [m] beyond which more clearance is not better
+SELF_MARGIN = 0.01  # [m]
+
+
+def clearance(setup: Setup, q: FloatArray) -> FloatArray:
+    """Room (m,) of configurations ``q`` (m, n) to static things, and of B_d to the others [m]."""
+    e = Evaluation(setup.robot, setup.body, len(q), 1.0)
+    e.move_to(q)
+    around = setup.surroundings
+    e.static.measure(e, around.static, len(around.static.kind), ROOM)
+    e.dynamic.measure(e, around.dynamic, around.shared, ROOM)
+    proximal = ~np.asarray(setup.body.distal)
+    room = np.minimum(
+        e.static.distance.min(axis=1, initial=ROOM),
+        e.dynamic.distance[:, proximal].min(axis=1, initial=ROOM),
+    )
+    body = setup.body
+    for i in range(len(q)):
+        overlap = kernels.self_penalty(
+            e.points[i : i + 1], body.radius, body.groups, body.pairs, body.link_bound,
+            SELF_MARGIN, 2.0, e.force[i : i + 1], e.stiffness[i : i + 1],
+        )  # fmt: skip
+        room[i] = min(room[i], SELF_MARGIN - np.sqrt(overlap)) if overlap > 0.0 else room[i]
+    return np.asarray(room)
+
+
+def find(setup: Setup, seed: int, *, many: bool = False) -> FloatArray:
+    """Goal configurations (m, n), best first; empty where there is none.
+
+    ``many``: search longer and keep solutions that are closer to one another.
+    """
+    if setup.goal_joints is not None:
+        return setup.goal_joints[None]
+    assert setup.goal_position is not None
+    solutions = ik.solve(
+        setup.robot, setup.goal_position, setup.goal_axis, starts=MANY_STARTS if many else STARTS,
+        seed=seed, near=setup.start[None], rest=setup.start, distinct=0.1 if many else 0.25,
+        clearance=lambda q: clearance(setup, q),
+    )  # fmt: skip
+    return solutions.joints
+
+
+def free(setup: Setup, goals: FloatArray) -> tuple[FloatArray, str]:
+    """The best goal configurations that touch nothing, and what the first other one touches."""
+    kept, blocked = [], ""
+    for i, goal in enumerate(goals):
+        _, touching = metrics.clearances(setup.scene, setup.robot, goal[None])
+        if not touching:
+            kept.append(i)
+            if len(kept) == ENOUGH:
+                break
+        elif not blocked:
+            blocked = "; ".join(map(str, touching))
+    return goals[kept], blocked
+
+
+def choose(setup: Setup, seed: int) -> tuple[FloatArray, bool, str]:
+    """Goal configurations to plan to, whether they are free, and a word where they are not.
+
+    Returns:
+        (m, n) configurations, at most :data:`ENOUGH` where they are free; whether they touch
+        nothing; and, where none does, or none exists, why.
+    """
+    goals = find(setup, seed)
+    if not len(goals):
+        return goals, False, unreachable(setup)
+    kept, blocked = free(setup, goals)
+    if not len(kept) and setup.goal_joints is None:
+        goals = find(setup, seed, many=True)
+        kept, blocked = free(setup, goals)
+    if len(kept):
+        return kept, True, ""
+    return (
+        goals[:ENOUGH],
+        False,
+        f"every one of {len(goals)} configurations found at the goal touches: {blocked}",
+    )
+
+
+def unreachable(setup: Setup) -> str:
+    """Why there is no goal configuration."""
+    assert setup.goal_position is not None
+    away = float(np.linalg.norm(setup.goal_position))
+    return (
+        f"no configuration within the joint limits has the tool at "
+        f"{np.round(setup.goal_position, 4).tolist()} along its axis ({away:.3g} m from the base)"
+    )
