@@ -128,7 +128,7 @@ def waiting(message: str) -> Iterator[Callable[[str], None]]:
 
 
 def say_if_compiling() -> None:
-    """Say on standard error that kernels compile, when Numba's cache does not hold them yet."""
+    """Compile the kernels before the first plan, and say so, when Numba's cache lacks them."""
     from pathlib import Path
 
     from optipromp.optimization import kernels
@@ -138,3 +138,6 @@ def say_if_compiling() -> None:
     if not any(folder.glob("*.nbi")):
         sys.stderr.write("compiling kernels, once (a minute or so) ...\n")
         sys.stderr.flush()
+        from optipromp.planning.plan import warm_up
+
+        warm_up()

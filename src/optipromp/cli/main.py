@@ -10,7 +10,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from optipromp.cli import catalogue, check, learn, plan, scenarios
+from optipromp.cli import catalogue, check, learn, plan, scenarios, simulate
 
 app = typer.Typer(
     name="optipromp",
@@ -47,6 +47,7 @@ def root(
 
 app.command("plan")(plan.plan)
 app.command("scenarios")(scenarios.scenarios)
+app.command("simulate")(simulate.simulate)
 app.command("learn")(learn.learn)
 app.command("check")(check.check)
 app.command("list")(catalogue.catalogue)

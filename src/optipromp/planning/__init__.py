@@ -1,7 +1,7 @@
 """Planning: one way in, for all three planners."""
 
 from optipromp.planning.options import PLANNERS, STRATEGIES, Planner, PlanOptions, Strategy
-from optipromp.planning.plan import Plan, Term, plan
+from optipromp.planning.plan import Plan, Term, plan, warm_up
 from optipromp.planning.stages import Stage
 
 __all__ = [
@@ -14,4 +14,5 @@ __all__ = [
     "Strategy",
     "Term",
     "plan",
+    "warm_up",
 ]

@@ -56,7 +56,7 @@ class PlanOptions:
 
     knots: int | None = None
     duration: float | None = None
-    timeout: float = 20.0
+    timeout: float = 60.0
     alphas: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 0.0)
     epsilon: float = 0.01
     reduction: Reduction | None = None

@@ -1,6 +1,7 @@
 """``plan``: the one way in, for all three planners."""
 
 import functools
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -149,6 +150,11 @@ def plan(
         return _plan(scene, planner, strategy, demonstrations, seed, options, progress)
 
 
+def warm_up() -> None:
+    """Compile every kernel, or load it from the cache, so that no plan's time pays for that."""
+    plan("scenario-3", options=PlanOptions(timeout=math.inf))
+
+
 def _plan(
     scene: Scene | str | Path,
     planner: Planner,
@@ -183,7 +189,7 @@ def _plan(
         if verdict is None:
             verdict = metrics.judge(scene, setup.robot, outcome.trajectory, setup.start)
         if status is None:
-            status, message = _verdict(verdict, outcome, deadline)
+            status, message = _verdict(verdict, outcome, options, deadline)
         elif status == Code.GOAL_IN_COLLISION:
             message += "; the trajectory that comes nearest: " + "; ".join(verdict.violations)
         now = time.perf_counter()
@@ -223,15 +229,24 @@ def _plan(
     return finish(outcome) if is_free else finish(outcome, Code.GOAL_IN_COLLISION, reason)
 
 
-def _verdict(verdict: Judgement, outcome: Outcome, deadline: float) -> tuple[Code, str]:
+def _verdict(
+    verdict: Judgement, outcome: Outcome, options: PlanOptions, deadline: float
+) -> tuple[Code, str]:
+    late = time.perf_counter() > deadline
     note = "" if outcome.optimised else " (not optimised)"
+    if late and not outcome.optimised and options.iterations != 0:
+        found = "; ".join(verdict.violations) or "valid"
+        return (
+            Code.TIMEOUT,
+            f"time ran out before any optimisation; the initial trajectory: {found}",
+        )
     if not verdict.violations:
         return (
             Code.SUCCESS,
             "reaches the target, keeps all limits, touches nothing it must not" + note,
         )
     message = "; ".join(verdict.violations) + note
-    if time.perf_counter() > deadline:
+    if late:
         return Code.TIMEOUT, f"time ran out; the best so far: {message}"
     return Code.INVALID_PLAN, message
 

@@ -1,0 +1,199 @@
+"""``optipromp simulate``: execute a plan in the physics twin and tell what happened."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from optipromp.cli.console import (
+    FAILED,
+    OK,
+    command,
+    print_json,
+    say_if_compiling,
+    stdout,
+    waiting,
+)
+from optipromp.cli.plan import Planner, Strategy
+from optipromp.errors import InvalidRequestError, OptiPrompError
+
+if TYPE_CHECKING:
+    from optipromp.planning import Plan
+    from optipromp.simulation import Outcome, Run, SimulationParameters
+
+
+def failed_run(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """The document of a run that could not be tried."""
+    return {
+        "scene": arguments["scene_or_plan"],
+        "success": False,
+        "cause": None,
+        "status": error.code,
+        "message": error.message,
+    }
+
+
+@command(failure=failed_run)
+def simulate(
+    scene_or_plan: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE|PLAN_DIR",
+            help="A scene to plan for, or a folder that 'plan --out' left, to execute as it is.",
+        ),
+    ],
+    planner: Annotated[
+        Planner, typer.Option(help="Of a scene; a plan's folder has its plan.")
+    ] = Planner.OPTI_PROMP,
+    strategy: Annotated[Strategy, typer.Option(help="Of opti-promp.")] = Strategy.JOINT,
+    true_scene: Annotated[
+        Path | None,
+        typer.Option(
+            "--in", metavar="SCENE_FILE", help="Execute in this world instead of the plan's own."
+        ),
+    ] = None,
+    speed: Annotated[
+        float | None,
+        typer.Option(metavar="SHARE", help="Of the velocity limits that the motion uses (0.5)."),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Same seed, same run.")] = 0,
+    video: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Draw a film of the run: .mp4, or .gif."),
+    ] = None,
+    slow: Annotated[
+        float, typer.Option(metavar="FACTOR", help="How many times slower the film runs.")
+    ] = 1.0,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Leave outcome.json and rollout.npz.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON document and nothing else.")
+    ] = False,
+) -> int:
+    """Execute a plan in the physics twin and judge what happened there.
+
+    The exit code is 0 only when the target alone ended in the gripper and nothing was harmed; 1 when
+    it did not; 2 when the input is wrong. Needs the extra 'sim': pip install 'optipromp\\[sim]'.
+
+    [bold]Examples[/bold]
+
+    \b
+    optipromp simulate scenario-3 --video reach.mp4
+    optipromp simulate reach --out run
+    optipromp simulate my-scene.yaml --planner i-promp --json
+    """
+    from optipromp.scenes.io import load_scene
+    from optipromp.simulation import SimulationParameters
+    from optipromp.simulation import simulate as execute
+    from optipromp.simulation.engine import engine
+
+    engine()  # fail before planning where it is missing
+    _check(video, slow, out)
+    parameters = SimulationParameters()
+    if speed is not None:
+        parameters = replace(parameters, control=replace(parameters.control, speed=speed))
+    plan = _plan(scene_or_plan, planner, strategy, seed)
+    truth = None if true_scene is None else load_scene(true_scene)
+    with waiting(f"executing in {(truth or plan.scene).name} ..."):
+        run = execute(plan, truth, parameters=parameters, seed=seed)
+    written = _leave(run, out, video, slow)
+    if as_json:
+        from optipromp.simulation.files import run_document
+
+        print_json({**run_document(run), "planner": plan.planner, "plan_status": plan.status})
+    else:
+        console = stdout()
+        _report(run, plan, parameters)
+        if written:
+            console.print(f"wrote {', '.join(written)}")
+    return OK if run.success else FAILED
+
+
+def _check(video: Path | None, slow: float, out: Path | None) -> None:
+    from optipromp.files import check_folder
+
+    if video is not None:
+        if video.suffix.lower() not in (".mp4", ".gif"):
+            raise InvalidRequestError(f"--video {video}: a film ends in .mp4 or .gif")
+        check_folder(video.parent)
+    if not 0.05 <= slow <= 50.0:
+        raise InvalidRequestError(f"--slow is {slow:g}; it must be between 0.05 and 50")
+    if out is not None:
+        check_folder(out)
+
+
+def _plan(item: str, planner: Planner, strategy: Strategy, seed: int) -> "Plan":
+    from optipromp.cli.kinds import Kind, kind_of
+    from optipromp.output import load_plan
+    from optipromp.planning import plan as make_plan
+    from optipromp.scenes.io import load_scene
+
+    kind = kind_of(item)
+    if kind is Kind.PLAN:
+        return load_plan(item)
+    if kind is not Kind.SCENE:
+        raise InvalidRequestError(f"{item} is a {kind.value}; simulate takes a scene or a plan")
+    scene = load_scene(item)
+    say_if_compiling()
+    with waiting(f"planning {scene.name} ...") as say:
+        return make_plan(
+            scene, planner=planner.value, strategy=strategy.value, seed=seed, progress=say
+        )
+
+
+def _leave(run: "Run", out: Path | None, video: Path | None, slow: float) -> list[str]:
+    from optipromp.files import write_atomically
+    from optipromp.simulation.files import write_run
+
+    written = []
+    if video is not None:
+        from optipromp.simulation.render import animation, film
+
+        with waiting("drawing ..."):
+            gif = video.suffix.lower() == ".gif"
+            content = animation(run, slow=slow) if gif else film(run, slow=slow)
+        write_atomically(video, content)
+        written.append(str(video))
+    if out is not None:
+        written += [str(out / name) for name in write_run(run, out)]
+    return written
+
+
+def _report(run: "Run", plan: "Plan", parameters: "SimulationParameters") -> None:
+    outcome, console = run.outcome, stdout()
+    verdict = "picked" if run.success else f"failed: {outcome.cause}"
+    console.print(f"{run.scene.name}  {plan.planner} (plan: {plan.status})  {verdict}")
+    console.print(outcome.message, markup=False)
+    for name, words in _rows(run, outcome):
+        console.print(f"  {name:<26}{words}", markup=False)
+
+
+def _rows(run: "Run", outcome: "Outcome") -> list[tuple[str, str]]:
+    rows = []
+    if outcome.picked is not None:
+        at = "" if outcome.swallowed_at is None else f" since {outcome.swallowed_at:.2f} s"
+        rows.append(("target in the cup", ("yes" if outcome.picked else "no") + at))
+    if outcome.target_displacement is not None:
+        rows.append(("target moved before", f"{1e3 * outcome.target_displacement:.1f} mm"))
+    for id_, force in outcome.peak_force.items():
+        words = [f"at most {force:.2f} N"]
+        if id_ in outcome.stem_tension:
+            words.append(f"stem pulled {outcome.stem_tension[id_]:.2f} N")
+        if outcome.stem_force.get(id_, 0.0) > 0.0:
+            words.append(f"stem pressed {outcome.stem_force[id_]:.2f} N")
+        words.append(f"moved {1e3 * outcome.displacement[id_]:.0f} mm")
+        rows.append((id_, ", ".join(words)))
+    for what, contacts in (
+        ("static", outcome.static_contacts),
+        ("cluster", outcome.avoid_contacts + outcome.tool_avoid_contacts),
+    ):
+        for c in contacts:
+            words_ = f"{c.peak_force:.2f} N for {c.duration:.2f} s from {c.first:.2f} s"
+            rows.append((f"{c.link} on {c.other}", f"{words_} ({what})"))
+    rows.append(("tracking error", f"{1e3 * outcome.tracking_error:.2f} mm"))
+    speed = f"{run.real_time_factor:.1f} times as fast as it was"
+    rows.append(("motion", f"{outcome.duration:.2f} s, simulated {speed}"))
+    return rows
