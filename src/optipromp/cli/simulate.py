@@ -59,30 +59,32 @@ def simulate(
         typer.Option(metavar="SHARE", help="Of the velocity limits that the motion uses (0.5)."),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same run.")] = 0,
-    video: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Draw a film of the run: .mp4, or .gif."),
-    ] = None,
-    slow: Annotated[
-        float, typer.Option(metavar="FACTOR", help="How many times slower the film runs.")
-    ] = 1.0,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Leave outcome.json and rollout.npz.")
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Leave outcome.json, rollout.npz and films here; else in PLAN_DIR, or in out.",
+        ),
     ] = None,
+    video: Annotated[bool, typer.Option("--video", help="Draw a film of it: run.mp4.")] = False,
+    gif: Annotated[bool, typer.Option("--gif", help="And as an animation: run.gif.")] = False,
+    slow: Annotated[
+        float, typer.Option(metavar="FACTOR", help="How many times slower a film runs.")
+    ] = 1.0,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON document and nothing else.")
     ] = False,
 ) -> int:
     """Execute a plan in the physics twin and judge what happened there.
 
-    The exit code is 0 only when the target alone ended in the gripper and nothing was harmed; 1 when
-    it did not; 2 when the input is wrong. Needs the extra 'sim': pip install 'optipromp\\[sim]'.
+    The exit code is 0 only when the target alone ended in the gripper and nothing was harmed; 1
+    otherwise; 2 when the input is wrong. Needs the extra 'sim': pip install 'optipromp\\[sim]'.
 
     [bold]Examples[/bold]
 
     \b
-    optipromp simulate scenario-3 --video reach.mp4
-    optipromp simulate reach --out run
+    optipromp simulate scenario-3 --video
+    optipromp simulate reach --slow 4 --gif
     optipromp simulate my-scene.yaml --planner i-promp --json
     """
     from optipromp.scenes.io import load_scene
@@ -91,7 +93,8 @@ def simulate(
     from optipromp.simulation.engine import engine
 
     engine()  # fail before planning where it is missing
-    _check(video, slow, out)
+    folder = _folder(scene_or_plan) if out is None else out
+    _check(slow, folder)
     parameters = SimulationParameters()
     if speed is not None:
         parameters = replace(parameters, control=replace(parameters.control, speed=speed))
@@ -99,7 +102,7 @@ def simulate(
     truth = None if true_scene is None else load_scene(true_scene)
     with waiting(f"executing in {(truth or plan.scene).name} ..."):
         run = execute(plan, truth, parameters=parameters, seed=seed)
-    written = _leave(run, out, video, slow)
+    written = _leave(run, folder, video, gif, slow)
     if as_json:
         from optipromp.simulation.files import run_document
 
@@ -107,22 +110,23 @@ def simulate(
     else:
         console = stdout()
         _report(run, plan, parameters)
-        if written:
-            console.print(f"wrote {', '.join(written)}")
+        console.print(f"wrote {', '.join(written)} to {folder}")
     return OK if run.success else FAILED
 
 
-def _check(video: Path | None, slow: float, out: Path | None) -> None:
+def _folder(item: str) -> Path:
+    path = Path(item)
+    if path.is_dir():
+        return path
+    return path.parent if path.name == "plan.json" else Path("out")
+
+
+def _check(slow: float, folder: Path) -> None:
     from optipromp.files import check_folder
 
-    if video is not None:
-        if video.suffix.lower() not in (".mp4", ".gif"):
-            raise InvalidRequestError(f"--video {video}: a film ends in .mp4 or .gif")
-        check_folder(video.parent)
     if not 0.05 <= slow <= 50.0:
         raise InvalidRequestError(f"--slow is {slow:g}; it must be between 0.05 and 50")
-    if out is not None:
-        check_folder(out)
+    check_folder(folder)
 
 
 def _plan(item: str, planner: Planner, strategy: Strategy, seed: int) -> "Plan":
@@ -144,22 +148,19 @@ def _plan(item: str, planner: Planner, strategy: Strategy, seed: int) -> "Plan":
         )
 
 
-def _leave(run: "Run", out: Path | None, video: Path | None, slow: float) -> list[str]:
-    from optipromp.files import write_atomically
+def _leave(run: "Run", folder: Path, video: bool, gif: bool, slow: float) -> tuple[str, ...]:
     from optipromp.simulation.files import write_run
 
-    written = []
-    if video is not None:
+    films = {}
+    if video or gif:
         from optipromp.simulation.render import animation, film
 
         with waiting("drawing ..."):
-            gif = video.suffix.lower() == ".gif"
-            content = animation(run, slow=slow) if gif else film(run, slow=slow)
-        write_atomically(video, content)
-        written.append(str(video))
-    if out is not None:
-        written += [str(out / name) for name in write_run(run, out)]
-    return written
+            if video:
+                films["run.mp4"] = film(run, slow=slow)
+            if gif:
+                films["run.gif"] = animation(run, slow=slow)
+    return write_run(run, folder, films)
 
 
 def _report(run: "Run", plan: "Plan", parameters: "SimulationParameters") -> None:

@@ -16,7 +16,7 @@ from optipromp.simulation.solids import quaternion
 WALLS = 16  # flat pieces of a cup's wall
 NECK_RADIUS = 0.01
 LEAST_MASS, LEAST_INERTIA = 0.05, 1e-5  # of a link without spheres [kg], [kg m²]
-ARM_COLOUR = (0.86, 0.87, 0.88, 1.0)
+ARM_COLOUR = (0.78, 0.79, 0.80, 1.0)
 BASE_COLOUR = (0.55, 0.57, 0.60, 1.0)
 CUP_COLOUR = (0.15, 0.55, 0.75, 0.55)
 NECK_COLOUR = (0.25, 0.30, 0.35, 1.0)

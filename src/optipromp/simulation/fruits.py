@@ -11,7 +11,7 @@ from optipromp.geometry.shapes import Sphere
 from optipromp.scenes.scene import SceneObject, Stem, suggest
 from optipromp.simulation.engine import engine
 from optipromp.simulation.entities import layers
-from optipromp.simulation.parameters import SimulationParameters
+from optipromp.simulation.parameters import SimulationParameters, StemParameters
 from optipromp.simulation.solids import add_shape, quaternion, volume
 
 PHYSICAL = ("mass", "density", "friction", "stem_stiffness", "abscission_force")
@@ -104,7 +104,13 @@ def add_fruit(
         none = frozen(np.zeros((0, 3)))
         return Hanging(thing.id, key, mass, none, none, none, np.inf)
     nodes = _nodes(thing, thing.stem, parameters)
-    stem_masses = _add_chain(spec, thing, thing.stem, nodes, parameters, key, stem_entity)
+    pieces = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
+    p, gravity = parameters.stem, parameters.engine.gravity
+    stem_masses = p.density * np.pi / 4.0 * p.diameter**2 * pieces
+    bare = _holding(nodes, 0.5 * (nodes[:-1] + nodes[1:]), stem_masses, gravity)
+    grown = bare + _holding(nodes, thing.position[None], np.array([mass]), gravity)
+    stiffness = _stiffness(thing, pieces, grown, p)
+    _add_chain(spec, thing.stem, nodes, stiffness, stem_masses, parameters, key, stem_entity)
     mouth = thing.rotation.T @ (nodes[-1] - thing.position)
     weld = spec.add_equality(
         name=f"weld:{key}", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
@@ -114,10 +120,6 @@ def add_fruit(
     weld.data = [*mouth, *[0.0] * 7, WELD_LEVER, *[0.0] * (len(weld.data) - 11)]
     for k in range(len(nodes) - 1):
         spec.add_exclude(bodyname1=f"fruit:{key}", bodyname2=f"stem:{key}:{k}")
-    middles = 0.5 * (nodes[:-1] + nodes[1:])
-    gravity = parameters.engine.gravity
-    bare = _holding(nodes, middles, stem_masses, gravity)
-    grown = bare + _holding(nodes, thing.position[None], np.array([mass]), gravity)
     force = thing.physical.get("abscission_force", parameters.stem.abscission_force)
     return Hanging(
         thing.id, key, mass, frozen(nodes), frozen(grown), frozen(bare), force, kind is None
@@ -143,27 +145,43 @@ def _nodes(thing: SceneObject, stem: Stem, parameters: SimulationParameters) -> 
     return np.array(nodes)
 
 
+def _bends(pieces: FloatArray) -> FloatArray:
+    """Length of stem (N,) that each joint stands for; the one at the root for half a piece."""
+    return np.concatenate([[0.5 * pieces[0]], 0.5 * (pieces[:-1] + pieces[1:])])
+
+
+def _stiffness(
+    thing: SceneObject, pieces: FloatArray, grown: FloatArray, stem: StemParameters
+) -> float:
+    r"""EI of a stem [N m²]: the object's own, or the modulus's, or what its pose implies.
+
+    A stem that holds moments :math:`M_i` at joints that stand for lengths :math:`l_i` turns by
+    :math:`\sum_i |M_i| l_i / EI` when they go; that is kept to ``stem.grown_turn``.
+    """
+    if "stem_stiffness" in thing.physical:
+        return float(thing.physical["stem_stiffness"])
+    implied = float(np.linalg.norm(grown, axis=1) @ _bends(pieces)) / max(stem.grown_turn, 1e-6)
+    return max(stem.bending_stiffness(), implied)
+
+
 def _add_chain(
-    spec: Any, thing: SceneObject, stem: Stem, nodes: FloatArray,
+    spec: Any, stem: Stem, nodes: FloatArray, stiffness: float, masses: FloatArray,
     parameters: SimulationParameters, key: str, entity: int,
-) -> FloatArray:  # fmt: skip
+) -> None:  # fmt: skip
     """Capsules with elastic ball joints: EI over the length that each joint stands for."""
     mujoco = engine()
     p = parameters.stem
-    stiffness: float = thing.physical.get("stem_stiffness", p.bending_stiffness())
-    pieces = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
-    masses: FloatArray = p.density * np.pi / 4.0 * p.diameter**2 * pieces
+    bends = _bends(np.linalg.norm(np.diff(nodes, axis=0), axis=1))
     body = spec.worldbody
-    for k, length in enumerate(pieces):
+    for k, bend in enumerate(bends):
         body = body.add_body(
             name=f"stem:{key}:{k}", pos=nodes[0] if k == 0 else nodes[k] - nodes[k - 1]
         )
-        bends = 0.5 * length if k == 0 else 0.5 * (pieces[k - 1] + length)
         joint = body.add_joint(
             name=f"bend:{key}:{k}", type=mujoco.mjtJoint.mjJNT_BALL, armature=p.armature
         )
-        joint.stiffness[0] = stiffness / bends
-        joint.damping[0] = p.damping_time * stiffness / bends + (p.swing_damping if k == 0 else 0.0)
+        joint.stiffness[0] = stiffness / bend
+        joint.damping[0] = p.damping_time * stiffness / bend + (p.swing_damping if k == 0 else 0.0)
         body.add_geom(
             name=f"stem:{key}:{k}", type=mujoco.mjtGeom.mjGEOM_CAPSULE,
             size=[stem.radius, 0.0, 0.0], fromto=[0.0, 0.0, 0.0, *(nodes[k + 1] - nodes[k])],
@@ -171,7 +189,6 @@ def _add_chain(
             solref=[parameters.fruit.contact_time, 1.0], userdata=[float(entity)],
             **layers("stem"),
         )  # fmt: skip
-    return masses
 
 
 def _holding(

@@ -76,6 +76,12 @@ class StemParameters(Checked):
         "green herbaceous stems and peduncles are reported between some 10 and some 100 MPa",
     )  # fmt: skip
     density: float = _parameter(1000.0, "kg/m^3", "guess", "turgid green tissue: mostly water")
+    grown_turn: float = _parameter(
+        0.5, "rad", "guess",
+        "how far a stem turns, root to tip, once nothing hangs on it. A stem that its scene shows "
+        "off the vertical holds its fruit there; where the modulus alone would need more turn than "
+        "this to have grown in, the stem is taken to be as stiff as this turn implies",
+    )  # fmt: skip
     damping_time: float = _parameter(
         0.06, "s", "guess",
         "joint damping over joint stiffness (Kelvin-Voigt): swings die within about a second",

@@ -18,6 +18,7 @@ from optipromp.simulation.solids import add_shape
 
 STATIC_COLOUR = (0.62, 0.60, 0.57, 1.0)
 AVOID_COLOUR = (0.35, 0.60, 0.30, 0.35)
+SKY = (0.95, 0.97, 0.98), (0.72, 0.80, 0.84)
 PICTURE = 1280, 960  # largest off-screen picture
 FRUIT_RADIUS = 0.015  # [m] of a real neighbouring cluster
 
@@ -167,13 +168,14 @@ class _Draft:
         return spec
 
     def _lights(self) -> None:
-        world = self.spec.worldbody
-        world.add_light(pos=[1.5, -1.5, 2.5], dir=[-0.5, 0.5, -0.8], diffuse=[0.7, 0.7, 0.7])
+        mujoco, world = engine(), self.spec.worldbody
+        self.spec.add_texture(
+            name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, width=64, height=384,
+            builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT, rgb1=SKY[0], rgb2=SKY[1],
+        )  # fmt: skip
+        world.add_light(pos=[1.5, -1.5, 2.5], dir=[-0.5, 0.5, -0.8], diffuse=[0.45] * 3)
         world.add_light(
-            pos=[-1.0, 1.5, 2.0],
-            dir=[0.5, -0.6, -0.7],
-            diffuse=[0.35, 0.35, 0.35],
-            castshadow=False,
+            pos=[-1.0, 1.5, 2.0], dir=[0.5, -0.6, -0.7], diffuse=[0.2] * 3, castshadow=False
         )
 
     def _entity(self, kind: Any, name: str) -> int:
