@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import BoolArray, FloatArray
 from optipromp.errors import InvalidRequestError
-from optipromp.robots.kernels import chain_frames, tool_rows
+from optipromp.robots.kernels import PRISMATIC, chain_frames, tool_rows
 from optipromp.robots.model import Robot
 
 AXIS_LENGTH = 0.3  # [m] lever that weighs an axis error against a position error
@@ -161,7 +161,8 @@ def solve(
         seed: of the random starts.
         near: (m, n) further starts, kept close to where they begin.
         clearance: maps (m, n) configurations to (m,) clearances [m], used to rank.
-        distinct: solutions closer than this (largest joint difference, rad) are one.
+        distinct: solutions closer than this (largest joint difference, rad) are one; full turns of
+            a continuous joint do not count, and are taken to be nearest ``rest``.
         limit_margin: keep this far from every finite joint limit [rad or m].
         rest: (n,) values for joints that move neither tool point nor axis; None: the home
             configuration. Solutions that differ in such joints only are one.
@@ -203,15 +204,28 @@ def solve(
         q, position_error, axis_error,
     )  # fmt: skip
     good = (position_error < POSITION_TOLERANCE) & (axis_error < AXIS_TOLERANCE)
-    q = _at_rest(robot, q[good], robot.home if rest is None else rest, axis is not None)
+    rested = robot.home if rest is None else rest
+    turning = _turning(robot)
+    q = _at_rest(robot, q[good], rested, axis is not None)
+    q[:, turning] -= 2.0 * np.pi * np.round((q - rested)[:, turning] / (2.0 * np.pi))
     margin = np.min(np.minimum(q - robot.lower, robot.upper - q), axis=1, initial=np.inf)
     room = np.full(len(q), np.inf) if clearance is None or not len(q) else clearance(q)
     order = np.argsort(-np.minimum(margin / 0.3, room / 0.05), kind="stable")
     kept: list[int] = []
     for i in order:
-        if not kept or np.abs(q[kept] - q[i]).max(axis=1).min() > distinct:
+        apart = np.abs(q[kept] - q[i])
+        apart[:, turning] = np.minimum(apart[:, turning], 2.0 * np.pi - apart[:, turning])
+        if not kept or apart.max(axis=1).min() > distinct:
             kept.append(int(i))
     return Solutions(q[kept], margin[kept], room[kept])
+
+
+def _turning(robot: Robot) -> BoolArray:
+    """Joints (n,) of which a full turn is no change: no limits, and mimicked in whole turns."""
+    kin = robot.kinematics
+    turning = np.isinf(robot.lower) & np.isinf(robot.upper)
+    turning[kin.dof[(kin.kind == PRISMATIC) | (kin.multiplier != np.round(kin.multiplier))]] = False
+    return np.asarray(turning)
 
 
 def _at_rest(robot: Robot, q: FloatArray, rest: FloatArray, with_axis: bool) -> FloatArray:
