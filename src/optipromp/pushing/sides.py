@@ -7,7 +7,7 @@ vector :math:`d_n` of the lateral plane. The paper's rule takes :math:`d_n=\pm y
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import islice, product
 from typing import Literal
 
 import numpy as np
@@ -108,7 +108,7 @@ def drift_choices(
         away = float(y_g @ (scene.target.position - thing.position))
         first = 1.0 if away >= 0.0 else -1.0
         options.append([first * y_g, -first * y_g])
-    chosen = list(product(*options))[:MOST_CHOICES]
+    chosen = islice(product(*options), MOST_CHOICES)
     return tuple(
         Drift(
             tuple(thing.id for thing in things),
