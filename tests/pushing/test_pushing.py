@@ -1,0 +1,317 @@
+"""Which neighbours, on which side, pushed how far: the rules of method §4 and §5 by hand."""
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from optipromp.errors import InvalidRequestError
+from optipromp.geometry import Sphere
+from optipromp.pushing import drift_choices, neighbours, pushes
+from optipromp.pushing.sides import MOST_CHOICES, passing_window
+from optipromp.scenes import Approach, PoseGoal, Scene, SceneObject, Stem, load_scene
+
+TARGET = np.array([0.4, 0.1, 0.9])
+R = 0.05
+
+
+def fruit(
+    name: str, off: Sequence[float], stem: Sequence[float] | None = None, role: Any = "pushable",
+    frame: np.ndarray | None = None,
+) -> SceneObject:  # fmt: skip
+    """A fruit at ``off`` from the target, its stem along ``stem``; both in the target frame."""
+    rows = np.eye(3) if frame is None else frame
+    at = TARGET + rows.T @ np.asarray(off, dtype=float)
+    hung = None if stem is None else Stem(np.array([at, at + rows.T @ np.asarray(stem)]))
+    return SceneObject(name, role, Sphere(0.015), at, stem=hung)
+
+
+def scene(*things: SceneObject, approach: Approach | None = None) -> Scene:
+    ripe = SceneObject("ripe", "target", Sphere(0.015), TARGET)
+    return Scene("s", "panda", (ripe, *things), approach=approach or Approach())
+
+
+APPROACHES = [
+    Approach(),
+    Approach(np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])),
+    Approach(np.array([1.0, 2.0, 2.0]), np.array([0.3, 1.0, -0.5])),
+]
+
+
+# --- neighbours --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("approach", APPROACHES)
+def test_neighbours_are_before_the_target_near_the_line_first_met_first(approach: Approach) -> None:
+    f = approach.frame
+    things = [
+        fruit("high", (0.0, 0.01, -0.04), frame=f),
+        fruit("low", (0.0, 0.0, -0.18), frame=f),
+        fruit("tie-far", (0.0, 0.07, -0.1), frame=f),
+        fruit("tie-near", (0.02, 0.0, -0.1), frame=f),
+        fruit("behind", (0.0, 0.0, 0.03), frame=f),
+        fruit("beside", (0.0, 0.0, 0.0), frame=f),
+        fruit("too far", (0.0, 0.0, -0.21), frame=f),
+        fruit("off the line", (0.054, 0.054, -0.1), frame=f),
+        fruit("avoided", (0.0, 0.0, -0.1), role="avoid", frame=f),
+    ]
+    found = neighbours(scene(*things, approach=approach), R)
+    assert [n.id for n in found] == ["low", "tie-near", "tie-far", "high"]
+
+
+def test_the_limits_of_the_search_are_inclusive_and_settable() -> None:
+    beside = scene(fruit("n", (0.0, 0.0749, -0.1)))
+    assert [n.id for n in neighbours(beside, R)] == ["n"]  # D_plane = 1.5 · 0.05
+    assert neighbours(beside, 0.0499) == ()
+    assert neighbours(beside, R, plane_factor=1.4) == ()
+    below = scene(fruit("n", (0.0, 0.0, -0.3)))
+    assert neighbours(below, R) == ()
+    assert [n.id for n in neighbours(below, R, search_radius=0.31)] == ["n"]
+
+
+def test_the_order_in_the_file_does_not_matter() -> None:
+    things = [fruit(str(i), (0.0, 0.01 * (-1) ** i, -0.03 * (i + 1))) for i in range(5)]
+    ids = [n.id for n in neighbours(scene(*things), R)]
+    assert ids == [n.id for n in neighbours(scene(*things[::-1]), R)] == ["4", "3", "2", "1", "0"]
+
+
+def test_a_goal_has_no_neighbours() -> None:
+    goal = PoseGoal(TARGET, np.array([0.0, 0.0, 1.0]))
+    assert neighbours(Scene("s", "panda", (fruit("n", (0, 0, -0.1)),), goal=goal), R) == ()
+
+
+# --- sides -------------------------------------------------------------------------------------
+
+
+def test_the_paper_drifts_along_y_away_from_the_stem() -> None:
+    s = load_scene("scenario-3")
+    (drift,) = drift_choices(s, neighbours(s, R), "paper")
+    assert drift.ids == ("n1", "n2")
+    np.testing.assert_array_equal(drift.directions, [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
+    np.testing.assert_allclose(drift.centers, [t.position for t in neighbours(s, R)])
+
+
+@pytest.mark.parametrize("approach", APPROACHES)
+def test_the_general_rule_goes_straight_against_the_lateral_part(approach: Approach) -> None:
+    f = approach.frame
+    thing = fruit("n", (0.0, 0.0, -0.1), (0.03, -0.04, 0.2), frame=f)
+    s = scene(thing, approach=approach)
+    (general,) = drift_choices(s, [thing], "lateral-plane")
+    np.testing.assert_allclose(f @ general.directions[0], [-0.6, 0.8, 0.0], atol=1e-12)
+    (paper,) = drift_choices(s, [thing], "paper")
+    np.testing.assert_allclose(f @ paper.directions[0], [0.0, 1.0, 0.0], atol=1e-12)
+
+
+def test_a_stem_that_leans_along_x_only_decides_for_one_rule_alone() -> None:
+    thing = fruit("n", (0.0, 0.0, -0.1), (0.05, 0.0, 0.2))
+    s = scene(thing)
+    (general,) = drift_choices(s, [thing], "lateral-plane")
+    np.testing.assert_allclose(general.directions, [[-1.0, 0.0, 0.0]])
+    both = drift_choices(s, [thing], "paper")
+    np.testing.assert_allclose([c.directions[0] for c in both], [[0, 1, 0], [0, -1, 0]])
+
+
+@pytest.mark.parametrize("rule", ["lateral-plane", "paper"])
+@pytest.mark.parametrize("stem", [None, (0.0, 0.0, 0.2), (0.0, 0.2 * np.sin(np.deg2rad(0.9)), 0.2)])
+def test_without_a_lean_both_sides_are_open(rule: Any, stem: Any) -> None:
+    """The first choice leaves the approach line least: towards the target's side."""
+    for aside, first in ((0.02, -1.0), (-0.02, 1.0)):
+        thing = fruit("n", (0.0, aside, -0.1), stem)
+        choices = drift_choices(scene(thing), [thing], rule)
+        assert len(choices) == 2
+        np.testing.assert_allclose(choices[0].directions, [[0.0, first, 0.0]])
+        np.testing.assert_allclose(choices[1].directions, [[0.0, -first, 0.0]])
+
+
+def test_one_degree_decides() -> None:
+    for degrees, count in ((0.95, 2), (1.05, 1)):
+        lean = np.deg2rad(degrees)
+        thing = fruit("n", (0.0, 0.0, -0.1), (0.0, 0.2 * np.sin(lean), 0.2 * np.cos(lean)))
+        assert len(drift_choices(scene(thing), [thing])) == count
+
+
+def test_combinations_are_all_there_and_capped() -> None:
+    things = [fruit(str(i), (0.0, 0.001, -0.03 * (i + 1))) for i in range(6)]
+    leaning = fruit("stem", (0.0, 0.0, -0.19), (0.0, 0.05, 0.2))
+    choices = drift_choices(scene(*things[:2], leaning), [leaning, *things[:2]])
+    sides = {tuple(c.directions[:, 1]) for c in choices}
+    assert sides == {(-1.0, a, b) for a in (-1.0, 1.0) for b in (-1.0, 1.0)}
+    many = drift_choices(scene(*things), things)
+    assert len(many) == MOST_CHOICES
+    assert len({tuple(c.directions[:, 1]) for c in many}) == MOST_CHOICES
+
+
+def test_many_undecided_neighbours_take_no_time() -> None:
+    """2⁴⁰ combinations are not made to keep eight of them."""
+    things = [fruit(str(i), (0.0, 0.001, -0.004 * (i + 1))) for i in range(40)]
+    began = time.perf_counter()
+    assert len(drift_choices(scene(*things), things)) == MOST_CHOICES
+    assert time.perf_counter() - began < 1.0
+
+
+def test_no_neighbours_leave_one_choice_with_nothing_in_it() -> None:
+    (drift,) = drift_choices(scene(), [])
+    assert drift.ids == ()
+    assert drift.centers.shape == drift.directions.shape == (0, 3)
+    assert drift.windows.shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("settings_", "message"),
+    [({"rule": "left"}, "'lateral-plane' or 'paper'"), ({"window": "wide"}, "'rim' or 'paper'")],
+)
+def test_unknown_rules_are_refused(settings_: Any, message: str) -> None:
+    with pytest.raises(InvalidRequestError, match=message):
+        drift_choices(scene(), [], **settings_)
+
+
+def test_passing_windows() -> None:
+    thing = fruit("n", (0.0, 0.0, -0.1))
+    s = scene(thing)
+    assert passing_window(s, thing, "paper", 0.02) == (-0.015, 0.015)
+    low, high = passing_window(s, thing, "rim", 0.02)
+    assert low == pytest.approx(-0.035)  # the rim meets the fruit this much earlier
+    assert high == pytest.approx(0.015)  # far below the target nothing cuts it short
+    close = fruit("n", (0.0, 0.0, -0.04))
+    low, high = passing_window(scene(close), close, "rim", 0.02)
+    assert high == pytest.approx(0.04 - 0.02 - 0.015 - 0.003)
+    beside = fruit("n", (0.0, 0.0, -0.001))
+    low, high = passing_window(scene(beside), beside, "rim", 0.02)
+    assert low < high == -0.02
+
+
+# --- I-ProMP -----------------------------------------------------------------------------------
+
+
+def test_without_a_stem_the_push_is_straight() -> None:
+    thing = fruit("n", (0.0, 0.02, -0.1))
+    (push,) = pushes(scene(thing), [thing], R)
+    np.testing.assert_allclose(push.direction, [0.0, 1.0, 0.0])  # away from the target
+    np.testing.assert_allclose(push.pushed, thing.position + [0.0, R, 0.0])
+    assert (push.id, push.swing) == ("n", 0.0)
+
+
+def test_a_vertical_stem_swings_by_asin_of_the_radius_over_its_length() -> None:
+    length = 0.2
+    thing = fruit("n", (0.0, -0.01, -0.1), (0.0, 0.0, length))
+    (push,) = pushes(scene(thing), [thing], R)
+    swing = np.arcsin(R / length)
+    assert push.swing == pytest.approx(swing)
+    expected = [0.0, -length * np.sin(swing), length * (1.0 - np.cos(swing))]
+    np.testing.assert_allclose(push.pushed - thing.position, expected, atol=1e-12)
+    assert abs(expected[1]) == pytest.approx(R)  # it hangs clear of the gripper
+    chord = np.linalg.norm(push.pushed - thing.position)
+    assert chord == pytest.approx(2.0 * length * np.sin(swing / 2.0))
+
+
+@pytest.mark.parametrize(("lean", "swings"), [(0.1, True), (-0.1, True), (0.4, False)])
+def test_what_a_stem_leans_already_is_taken_off(lean: float, swings: bool) -> None:
+    """Δθ = asin(R/L) − θ0: θ0 > 0 where the fruit already hangs towards where it is pushed."""
+    length = 0.2
+    stem = (0.0, -length * np.sin(lean), length * np.cos(lean))
+    thing = fruit("n", (0.0, 0.12, -0.1), stem)
+    (push,) = pushes(scene(thing), [thing], R)
+    wanted = np.arcsin(R / length) - lean
+    assert push.swing == pytest.approx(max(0.0, wanted))
+    assert (push.swing > 0.0) == swings
+    root = thing.position + np.array(stem)
+    if swings:
+        assert push.pushed[1] - root[1] == pytest.approx(R)  # clear of a gripper below the root
+    else:
+        np.testing.assert_allclose(push.pushed, thing.position, atol=1e-12)
+
+
+lean = st.floats(-0.6, 0.6)
+
+
+@settings(max_examples=80, deadline=None)
+@given(
+    x=lean, y=lean, length=st.floats(0.04, 0.5), radius=st.floats(0.01, 0.08),
+    off=st.tuples(st.floats(-0.05, 0.05), st.floats(-0.05, 0.05)), turn=st.integers(0, 2),
+)  # fmt: skip
+def test_a_pushed_fruit_stays_on_the_arc_of_its_stem(
+    x: float, y: float, length: float, radius: float, off: tuple[float, float], turn: int
+) -> None:
+    approach = APPROACHES[turn]
+    direction = np.array([x, y, 1.0]) / np.linalg.norm([x, y, 1.0])
+    thing = fruit("n", (*off, -0.1), length * direction, frame=approach.frame)
+    s = scene(thing, approach=approach)
+    (push,) = pushes(s, [thing], radius)
+    assert thing.stem is not None
+    root = thing.stem.root
+    length = float(np.linalg.norm(thing.position - root))
+    assert np.linalg.norm(push.pushed - root) == pytest.approx(length)
+    assert np.linalg.norm(push.direction) == pytest.approx(1.0)
+    assert push.direction @ thing.stem.vector == pytest.approx(0.0, abs=1e-12)
+    assert 0.0 <= push.swing <= np.pi
+    chord = np.linalg.norm(push.pushed - thing.position)
+    assert chord == pytest.approx(2.0 * length * np.sin(push.swing / 2.0), abs=1e-12)
+    moved = push.pushed - thing.position
+    assert moved @ push.direction >= -1e-12
+
+
+def test_all_but_the_last_go_towards_the_next_and_the_last_from_the_target() -> None:
+    first = fruit("first", (0.0, 0.01, -0.15), (0.0, 0.0, 0.2))
+    last = fruit("last", (0.0, -0.03, -0.05), (0.0, 0.0, 0.2))
+    one, two = pushes(scene(first, last), [first, last], R)
+    assert (one.id, two.id) == ("first", "last")
+    assert one.direction[1] == -1.0  # the next one is at smaller y
+    assert two.direction[1] == -1.0  # and the target at larger y than the last
+    (alone,) = pushes(scene(first), [first], R)
+    assert alone.direction[1] == 1.0
+
+
+def test_of_two_tangents_the_one_with_the_larger_share_is_taken() -> None:
+    stem = np.array([0.0, 0.05, 0.2])
+    sideways = fruit("n", (0.04, 0.001, -0.1), stem)
+    (push,) = pushes(scene(sideways), [sideways], R)
+    across = np.cross(stem, [0.0, 0.0, 1.0])
+    assert abs(push.direction @ across) == pytest.approx(np.linalg.norm(across))
+    assert push.direction[0] > 0.0
+    along = fruit("n", (0.001, 0.06, -0.05), stem)
+    (push,) = pushes(scene(along), [along], R)
+    assert push.direction @ across == pytest.approx(0.0, abs=1e-12)
+    assert push.direction[1] > 0.9
+
+
+def test_uncertain_directions_follow_the_generator() -> None:
+    thing = fruit("n", (0.0, 0.02, -0.1), (0.0, 0.0, 0.2))
+    s = scene(thing)
+
+    def directions(seed: int, deviation: float) -> np.ndarray:
+        rng = np.random.default_rng(seed)
+        return np.array([pushes(s, [thing], R, rng, deviation)[0].direction for _ in range(400)])
+
+    drawn = directions(0, 0.3)
+    np.testing.assert_array_equal(drawn, directions(0, 0.3))
+    angles = np.arctan2(-drawn[:, 0], drawn[:, 1])
+    assert np.std(angles) == pytest.approx(0.3, rel=0.15)
+    assert np.mean(angles) == pytest.approx(0.0, abs=0.06)
+    np.testing.assert_allclose(drawn[:, 2], 0.0, atol=1e-12)
+    sure = directions(1, 0.0)
+    assert (sure == sure[0]).all()
+    assert pushes(s, [thing], R)[0].direction[1] == 1.0
+
+
+def test_a_gripper_wider_than_the_stem_is_long_swings_it_level() -> None:
+    thing = fruit("n", (0.0, 0.02, -0.1), (0.0, 0.0, 0.03))
+    (push,) = pushes(scene(thing), [thing], R)
+    assert push.swing == pytest.approx(np.pi / 2)
+    np.testing.assert_allclose(push.pushed, thing.position + [0.0, 0.03, 0.03], atol=1e-12)
+
+
+def test_nothing_in_the_way_is_no_push() -> None:
+    assert pushes(scene(), [], R) == ()
+
+
+def test_a_bent_stem_swings_about_its_root() -> None:
+    at = TARGET + [0.0, 0.02, -0.1]
+    stem = Stem(np.array([at, at + [0.0, 0.03, 0.05], at + [0.0, 0.0, 0.2]]))
+    thing = SceneObject("n", "pushable", Sphere(0.015), at, stem=stem)
+    (push,) = pushes(scene(thing), [thing], R)
+    assert np.linalg.norm(push.pushed - stem.root) == pytest.approx(0.2)
+    assert np.isfinite(push.pushed).all()
