@@ -29,6 +29,8 @@ from optipromp.trajectory import Trajectory, shortest_dt
 LEVER_ARM = 0.4  # [m] turns a deviation of the tool into one of the joints
 PEAK = 1.9  # largest over mean speed of a smooth reach
 FEWEST, MOST = 60, 600  # knots
+LONGER = 1.5  # a motion with this many times the knots of the shortest waits for a later batch
+SAMPLE_ROUNDS = 4
 CLOSE = 1.3  # a start within this factor of the best one after the first stage goes on
 
 
@@ -70,13 +72,27 @@ def knots_for(
     return Knots(count, phase)
 
 
-def starts(setup: Setup, promp: ProMP, options: PlanOptions, goals: FloatArray) -> Iterator[Start]:
-    """A start for each goal configuration (m, n) and each choice of sides, in that order."""
-    choices = sides(setup, options)
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """A goal configuration (n,) and, where they can be followed, those of the via points (m, n)."""
+
+    goal: FloatArray
+    via: FloatArray | None
+    deviations: FloatArray
+    knots: Knots
+
+
+def branches(setup: Setup, options: PlanOptions, goals: FloatArray) -> list[Branch]:
+    """The branches of the goal configurations (m, n), shortest motion first."""
+    out = []
     for goal in goals:
-        q, knots = initial(setup, promp, options, goal)
-        for drift in choices:
-            yield Start(q, drift, knots)
+        via, deviations = None, np.zeros(1)
+        if setup.neighbours:
+            positions = [thing.position for thing in setup.neighbours]
+            points = via_points(setup, positions, 0.5, options.via_deviation)
+            via, deviations = on_branch(setup, points, goal), points.deviations
+        out.append(Branch(goal, via, deviations, knots_for(setup, options, setup.start, via, goal)))
+    return sorted(out, key=lambda branch: branch.knots.count)
 
 
 def sides(setup: Setup, options: PlanOptions) -> tuple[Drift, ...]:
@@ -90,32 +106,17 @@ def sides(setup: Setup, options: PlanOptions) -> tuple[Drift, ...]:
     )
 
 
-def initial(
-    setup: Setup, promp: ProMP, options: PlanOptions, goal: FloatArray
-) -> tuple[FloatArray, Knots]:
-    """The ProMP conditioned on start, camera point, pushables and one goal configuration."""
-    posterior, knots = conditioned_on_goal(setup, promp, options, goal)
-    return settled(posterior.mean_trajectory(knots.count), setup.start, goal), knots
-
-
-def conditioned_on_goal(
-    setup: Setup, promp: ProMP, options: PlanOptions, goal: FloatArray
-) -> tuple[ProMP, Knots]:
-    """The conditioned ProMP of one goal configuration, and the knots it asks for."""
-    branch = None
-    if setup.neighbours:
-        positions = [thing.position for thing in setup.neighbours]
-        via = via_points(setup, positions, 0.5, options.via_deviation)
-        branch = on_branch(setup, via, goal)
-    knots = knots_for(setup, options, setup.start, branch, goal)
-    if branch is None:
-        return conditioned(
-            promp, setup.start, np.array([1.0]), goal[None], np.zeros(1)
-        ), knots  # fmt: skip
-    phases = np.linspace(knots.camera_phase, 1.0, len(branch))
-    variances = (via.deviations / LEVER_ARM) ** 2
-    variances[1:-1] += [detection_variance(t) / LEVER_ARM**2 for t in setup.neighbours]
-    return conditioned(promp, setup.start, phases, branch, variances), knots
+def initial(setup: Setup, promp: ProMP, branch: Branch) -> FloatArray:
+    """The ProMP conditioned on start, camera point, pushables and one goal configuration (T, n)."""
+    if branch.via is None:
+        phases, values, variances = np.array([1.0]), branch.goal[None], np.zeros(1)
+    else:
+        values = branch.via
+        phases = np.linspace(branch.knots.camera_phase, 1.0, len(values))
+        variances = (branch.deviations / LEVER_ARM) ** 2
+        variances[1:-1] += [detection_variance(t) / LEVER_ARM**2 for t in setup.neighbours]
+    posterior = conditioned(promp, setup.start, phases, values, variances)
+    return settled(posterior.mean_trajectory(branch.knots.count), setup.start, branch.goal)
 
 
 def settled(q: FloatArray, start: FloatArray, goal: FloatArray) -> FloatArray:
@@ -125,25 +126,47 @@ def settled(q: FloatArray, start: FloatArray, goal: FloatArray) -> FloatArray:
     return out
 
 
-def sampled_starts(
+def sampled(setup: Setup, promp: ProMP, branch: Branch, rng: np.random.Generator) -> FloatArray:
+    """A draw (T, n) from the ProMP conditioned on its ends only."""
+    ends = conditioned(promp, setup.start, np.array([1.0]), branch.goal[None], np.zeros(1))
+    (q,) = ends.sample(rng, 1, branch.knots.count)
+    robot = setup.robot
+    return settled(np.clip(q, robot.lower, robot.upper), setup.start, branch.goal)
+
+
+def batches(
     setup: Setup,
     promp: ProMP,
     options: PlanOptions,
     goals: FloatArray,
     rng: np.random.Generator,
-    rounds: int = 4,
-) -> Iterator[Start]:
-    """Starts drawn from the ProMP conditioned on its ends, for each goal and choice of sides."""
+) -> Iterator[list[Start]]:
+    """Starts to solve together, the most promising batch first.
+
+    Branches whose motion is much longer than the shortest one wait for a later batch, and samples
+    of the ProMP come when every branch has failed.
+    """
     choices = sides(setup, options)
-    for _ in range(rounds):
-        for goal in goals:
-            _, knots = conditioned_on_goal(setup, promp, options, goal)
-            ends = conditioned(promp, setup.start, np.array([1.0]), goal[None], np.zeros(1))
-            (q,) = ends.sample(rng, 1, knots.count)
-            robot = setup.robot
-            q = np.clip(q, robot.lower, robot.upper)
-            for drift in choices:
-                yield Start(settled(q, setup.start, goal), drift, knots)
+    waiting = branches(setup, options, goals)
+    order = list(waiting)
+    while waiting:
+        reach = LONGER * waiting[0].knots.count
+        batch = [branch for branch in waiting[: options.starts] if branch.knots.count <= reach]
+        waiting = waiting[len(batch) :]
+        yield [
+            Start(q, drift, branch.knots)
+            for branch in batch
+            for q in (initial(setup, promp, branch),)
+            for drift in choices
+        ]
+    for _ in range(SAMPLE_ROUNDS):
+        for low in range(0, len(order), options.starts):
+            yield [
+                Start(q, drift, branch.knots)
+                for branch in order[low : low + options.starts]
+                for q in (sampled(setup, promp, branch, rng),)
+                for drift in choices
+            ]
 
 
 def plan_joint(
@@ -219,28 +242,20 @@ def solve(
         history = a.history + result.history[1:]
         return Attempt(a.start, a.problem, result.q, result.value, history, result.message)
 
-    sources: list[Iterator[Start]] = [
-        starts(setup, promp, options, goals),
-        sampled_starts(setup, promp, options, goals, rng),
-    ]
-    for source in sources:
-        waiting = sorted((attempt(s) for s in source), key=lambda a: a.value.merit)
-        for low in range(0, len(waiting), options.starts):
-            batch = waiting[low : low + options.starts]
-            if options.iterations == 0:
-                return batch[0]
-            batch = [advance(a, slice(0, 1)) for a in batch]
-            batch.sort(key=lambda a: a.value.merit)
-            ahead = [a for a in batch if a.value.merit < CLOSE * batch[0].value.merit]
-            done = [advance(a, slice(1, None)) for a in ahead]
-            done.sort(key=lambda a: a.value.merit)
-            for a in done:
-                if verify(trajectory_of(setup, options, a.q), a):
-                    return a
-            if best is None or done[0].value.merit < best.value.merit:
-                best = done[0]
-            if time.perf_counter() > deadline:
-                return best
+    for batch in batches(setup, promp, options, goals, rng):
+        attempts = [attempt(start) for start in batch]
+        if options.iterations == 0:
+            return min(attempts, key=lambda a: a.value.merit)
+        attempts = sorted((advance(a, slice(0, 1)) for a in attempts), key=lambda a: a.value.merit)
+        ahead = [a for a in attempts if a.value.merit <= CLOSE * attempts[0].value.merit]
+        done = sorted((advance(a, slice(1, None)) for a in ahead), key=lambda a: a.value.merit)
+        for a in done:
+            if verify(trajectory_of(setup, options, a.q), a):
+                return a
+        if best is None or done[0].value.merit < best.value.merit:
+            best = done[0]
+        if time.perf_counter() > deadline:
+            return best
     assert best is not None  # there is at least one goal configuration
     return best
 

@@ -40,8 +40,9 @@ def solve(
 ) -> Outcome:
     """Both stages in the paper's order, from the conditioned ProMP on the best goal branch."""
     began = time.perf_counter()
-    start = next(joint.starts(setup, promp, replace(options, window="paper"), goals))
-    q0, knots = start.q, start.knots
+    branch = joint.branches(setup, options, goals)[0]
+    drift = joint.sides(setup, replace(options, window="paper"))[0]
+    q0, knots = joint.initial(setup, promp, branch), branch.knots
     basis = deviation_basis(knots.count)
     order = ("collision", "push") if setup.scene.static else ("push", "collision")
     q, stages = q0, []
@@ -52,7 +53,7 @@ def solve(
         if name == "push":
             limit = options.iterations or PUSH_ITERATIONS[place]
             q, history, message = minimise_push(
-                setup, options, knots, start.drift, basis, q, q0, limit, deadline
+                setup, options, knots, drift, basis, q, q0, limit, deadline
             )
             terms: tuple[str, ...] = ("push",)
             solver = "trust-constr"

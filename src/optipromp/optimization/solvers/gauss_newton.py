@@ -74,7 +74,7 @@ def solve(
         if not history:
             history.append(value.terms)
         gradient, curvature = problem.gradient(), problem.curvature()
-        message = "iteration limit"
+        message, idle = "iteration limit", 0
         for _ in range(limit):
             if time.perf_counter() > deadline:
                 return Result(q, value, tuple(history), taken, "time ran out")
@@ -98,7 +98,8 @@ def solve(
                 gradient, curvature = problem.gradient(), problem.curvature()
                 history.append(value.terms)
                 damping = max(damping * 0.2, 1e-8)
-                if gain < options.tolerance * value.merit:
+                idle = idle + 1 if gain < options.tolerance * value.merit else 0
+                if idle == 2:
                     message = "converged"
                     break
             else:
