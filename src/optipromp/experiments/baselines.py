@@ -1,0 +1,164 @@
+"""The planners of a study: ours, and those it is measured against.
+
+``straight`` and ``chomp`` are built from the library's own parts and returned, as every planner's
+answer here, as an :class:`Attempt` that the simulator can execute.
+"""
+
+import time
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+
+from optipromp import metrics
+from optipromp.arrays import FloatArray
+from optipromp.errors import Code, InvalidRequestError
+from optipromp.planning import PlanOptions, plan
+from optipromp.planning.primitives import camera_point
+from optipromp.planning.setup import Setup, bind
+from optipromp.robots import ik
+from optipromp.scenes.scene import Scene, suggest
+from optipromp.trajectory import Trajectory, shortest_dt
+
+StudyPlanner = Literal["straight", "promp", "i-promp", "chomp", "opti-promp"]
+STUDY_PLANNERS: tuple[StudyPlanner, ...] = get_args(StudyPlanner)
+
+STEP = 0.04  # [rad or m] no joint moves more between the knots of ``straight``
+LINE_STEP = 0.005  # [m] between followed tool points
+FOLLOWED = 1e-5  # [m] largest error of a followed tool point
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """A planner's answer to a scene.
+
+    Attributes:
+        planner: which one.
+        status: ``success`` only where the independent check found nothing wrong.
+        message: why, in words.
+        trajectory: what is executed; None where the planner has none.
+        seconds: wall time of planning.
+    """
+
+    planner: StudyPlanner
+    status: Code
+    message: str
+    trajectory: Trajectory | None
+    seconds: float
+
+
+def attempt(
+    scene: Scene, planner: StudyPlanner, *, seed: int = 0, options: PlanOptions | None = None
+) -> Attempt:
+    """Plan a scene with any planner of a study.
+
+    - ``straight``: to the camera point, then straight along the approach, no fruit considered.
+    - ``promp``, ``i-promp``, ``opti-promp``: see :func:`optipromp.planning.plan`.
+    - ``chomp``: opti-promp to which every pushable is an obstacle like a neighbour: the whole robot
+      keeps away by cost, and nothing drifts past anything.
+
+    Args:
+        scene: as the planner sees it.
+        planner: one of :data:`STUDY_PLANNERS`.
+        seed: of everything random.
+        options: of the planners that take some.
+
+    Raises:
+        InvalidRequestError: an unknown planner.
+        InvalidSceneError, InvalidRobotError, StartInvalidError: wrong input.
+    """
+    if planner not in STUDY_PLANNERS:
+        raise InvalidRequestError(f"planner is {planner!r}: {suggest(planner, STUDY_PLANNERS)}")
+    began = time.perf_counter()
+    if planner == "straight":
+        return straight(scene)
+    if planner == "chomp":
+        made = plan(as_obstacles(scene), planner="opti-promp", seed=seed, options=options)
+    else:
+        made = plan(scene, planner=planner, seed=seed, options=options)
+    seconds = time.perf_counter() - began
+    status, message = made.status, made.message
+    if planner == "chomp" and status in (Code.SUCCESS, Code.INVALID_PLAN):
+        status, message = _judged(bind(scene), made.trajectory)
+    moves = bool(np.ptp(made.trajectory.positions, axis=0).max() > 0.0)
+    return Attempt(planner, status, message, made.trajectory if moves else None, seconds)
+
+
+def as_obstacles(scene: Scene) -> Scene:
+    """The scene with every pushable in the role of a neighbour to be avoided."""
+    objects = tuple(
+        replace(thing, role="avoid") if thing.role == "pushable" else thing
+        for thing in scene.objects
+    )
+    return replace(scene, objects=objects)
+
+
+def straight(scene: Scene) -> Attempt:
+    """The tool to the camera point, a stop, and straight along the approach to the target.
+
+    Both parts follow a line of the tool point by inverse kinematics from the start, each with the
+    timing of least jerk. Where the arm cannot follow the first line, it moves in joint space to
+    the branch that reaches the target. No obstacle is considered.
+    """
+    began = time.perf_counter()
+    setup = bind(scene)
+    parts = _parts(setup)
+    if parts is None:
+        away = "no configuration follows the approach line to the target"
+        return Attempt("straight", Code.GOAL_UNREACHABLE, away, None, time.perf_counter() - began)
+    q = np.vstack([parts[0], parts[1][1:]])
+    robot = setup.robot
+    dt = shortest_dt(q, robot.velocity, robot.acceleration)
+    trajectory = Trajectory(q, dt, robot.joint_names)
+    status, message = _judged(setup, trajectory)
+    return Attempt("straight", status, message, trajectory, time.perf_counter() - began)
+
+
+def _judged(setup: Setup, trajectory: Trajectory) -> tuple[Code, str]:
+    verdict = metrics.judge(setup.scene, setup.robot, trajectory, setup.start)
+    if verdict.violations:
+        return Code.INVALID_PLAN, "; ".join(verdict.violations)
+    return Code.SUCCESS, "reaches the target, keeps all limits, touches nothing it must not"
+
+
+def _parts(setup: Setup) -> tuple[FloatArray, FloatArray] | None:
+    """Knots (m, n) from start to camera point, and from there to the target."""
+    robot, goal, axis = setup.robot, setup.goal_position, setup.goal_axis
+    if goal is None or axis is None:
+        raise InvalidRequestError("straight needs a target to approach; the scene's goal is joints")
+    camera = camera_point(setup)
+    point, pointing = robot.tool_pose(setup.start)
+    there, missed = ik.track(robot, *_line(point, camera, pointing, axis), setup.start)
+    ahead, off = ik.track(robot, *_line(camera, goal, axis, axis), there[-1])
+    if max(missed.max(), off.max()) < FOLLOWED:
+        first = np.vstack([setup.start, there])
+        return _least_jerk(first), _least_jerk(np.vstack([there[-1], ahead]))
+    best: tuple[float, FloatArray] | None = None
+    for end in ik.solve(robot, goal, axis, near=setup.start[None], rest=setup.start).joints:
+        back, off = ik.track(robot, *_line(goal, camera, axis, axis), end)
+        turn = float(np.max(np.abs(back[-1] - setup.start)))
+        if off.max() < FOLLOWED and (best is None or turn < best[0]):
+            best = turn, np.vstack([end, back])[::-1]
+    if best is None:
+        return None
+    return _least_jerk(np.vstack([setup.start, best[1][0]])), _least_jerk(best[1])
+
+
+def _line(
+    begin: FloatArray, end: FloatArray, first: FloatArray, last: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Tool points (m, 3) and axes (m, 3) on a line, without its beginning."""
+    count = max(2, int(np.ceil(np.linalg.norm(end - begin) / LINE_STEP)))
+    share = np.linspace(0.0, 1.0, count + 1)[1:, None]
+    axes = first + share * (last - first)
+    return begin + share * (end - begin), axes / np.linalg.norm(axes, axis=1, keepdims=True)
+
+
+def _least_jerk(path: FloatArray) -> FloatArray:
+    """Knots (T, n) along a path (m, n) with the timing 10 τ³ − 15 τ⁴ + 6 τ⁵."""
+    lengths = np.max(np.abs(np.diff(path, axis=0)), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(np.maximum(lengths, 1e-12))])
+    count = max(10, int(np.ceil(1.9 * along[-1] / STEP)))  # the middle is 1.9 times as fast
+    tau = np.linspace(0.0, 1.0, count + 1)
+    share = along[-1] * (10.0 * tau**3 - 15.0 * tau**4 + 6.0 * tau**5)
+    return np.stack([np.interp(share, along, column) for column in path.T], axis=1)
