@@ -28,6 +28,7 @@ START_TOLERANCE = 1e-6  # [rad]
 RATIO_TOLERANCE = 1e-6  # share of a velocity or acceleration limit
 DECIDED = np.sin(np.deg2rad(1.0))  # a stem leans to a side when this share of it is lateral
 MOST_CHECKS = 200_000
+LARGEST_TURN = 0.2  # [rad or m] over all joints, between two configurations whose chord counts
 
 
 @dataclass(frozen=True)
@@ -175,13 +176,36 @@ def tool(robot: Robot, origins: FloatArray, rotations: FloatArray) -> tuple[Floa
 
 
 def fine_positions(robot: Robot, positions: FloatArray) -> FloatArray:
-    """The trajectory refined so that no sphere moves over half its radius between checks."""
-    parts = np.empty(len(positions) - 1, dtype=np.int64)
-    divisions(judged_body(robot), positions, max(1, MOST_CHECKS // len(parts)), parts)
+    """The trajectory refined so that no sphere moves over half its radius between checks.
+
+    At most :data:`MOST_CHECKS` configurations, more coarsely where those are not enough.
+    """
+    return _refined(robot, positions)[0]
+
+
+def _refined(robot: Robot, positions: FloatArray) -> tuple[FloatArray, bool]:
+    """The refined trajectory, and whether it is as fine as it must be."""
+    kin = robot.kinematics
+    turns = np.abs(np.diff(positions, axis=0))[:, kin.dof] @ np.abs(kin.multiplier)
+    coarse, fits = positions, True
+    if turns.max(initial=0.0) > LARGEST_TURN:  # a chord says little about a large arc
+        coarse, fits = _cut(positions, np.maximum(1, np.ceil(turns / LARGEST_TURN)))
+    parts = np.empty(len(coarse) - 1, dtype=np.int64)
+    divisions(judged_body(robot), coarse, parts)
+    fine, complete = _cut(coarse, parts)
+    return fine, fits and complete
+
+
+def _cut(positions: FloatArray, parts: Any) -> tuple[FloatArray, bool]:
+    """Each interval in as many ``parts`` (T-1,), and whether all of them could be made."""
+    total = float(np.sum(parts))
+    if total > MOST_CHECKS:
+        parts = np.maximum(1, np.floor(parts * (MOST_CHECKS / total)))
+    parts = parts.astype(np.int64)
     index = np.repeat(np.arange(len(parts)), parts)
     share = (np.arange(len(index)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[index]
     between = positions[index] + share[:, None] * (positions[index + 1] - positions[index])
-    return np.vstack([between, positions[-1:]])
+    return np.vstack([between, positions[-1:]]), total <= MOST_CHECKS
 
 
 def clearances(
@@ -257,11 +281,15 @@ def _other_shapes(
             if d is None:
                 continue
             closest[slot] = min(closest[slot], d)
-            if thing.role != "pushable":
-                core[0] = min(core[0], d + float(radius[columns[where]]))
             if fault and d < 0.0:
                 link = robot.link_names[robot.spheres.link[columns[where]]]
                 contacts.append(Contact(link, thing.id, thing.role, -d))
+        if thing.role != "pushable":  # their core is their surface
+            d, _ = distance_checks.closest(
+                thing.shape, thing.position, thing.rotation, spheres, np.zeros_like(radius),
+                float(core[0]),
+            )  # fmt: skip
+            core[0] = core[0] if d is None else min(core[0], d)
     return contacts
 
 
@@ -277,11 +305,15 @@ def judge(
         start: (n,) where it must begin; None: not checked.
     """
     q = trajectory.positions
-    distances, contacts = clearances(scene, robot, fine_positions(robot, q))
+    fine, complete = _refined(robot, q)
+    distances, contacts = clearances(scene, robot, fine)
     violations = [str(contact) for contact in contacts]
+    if not complete:
+        violations.append(f"it moves too far to be checked between its knots ({MOST_CHECKS} times)")
     tips, axes = tool(robot, *frames(robot, q))
     goal_error, axis_error = _goal(scene, q[-1], tips[-1], axes[-1], violations)
-    m_p, projection = _passing(scene, tips, robot.gripper_radius, violations)
+    rims = tips + getattr(robot.tool, "depth", 0.0) * axes
+    m_p, projection = _passing(scene, tips, rims, robot.gripper_radius, violations)
     excess = float(np.max(np.maximum(robot.lower - q, q - robot.upper), initial=0.0))
     if excess > 0.0:
         joint = int(np.argmax(np.max(np.maximum(robot.lower - q, q - robot.upper), axis=0)))
@@ -336,40 +368,46 @@ def _goal(
 
 
 def _passing(
-    scene: Scene, tips: FloatArray, gripper_radius: float, violations: list[str]
+    scene: Scene,
+    tips: FloatArray,
+    rims: FloatArray,
+    gripper_radius: float,
+    violations: list[str],
 ) -> tuple[dict[str, float | None], dict[str, float | None]]:
-    """M_p at the knot where the tool passes each pushable (the last passage), and y_g·S_n."""
+    """M_p at the knot where the tool passes each pushable (the last passage), and y_g·S_n.
+
+    On which side of the stem a fruit ends is decided where the rim (T, 3) of the tool passes it.
+    """
     m_p: dict[str, float | None] = {}
     projection: dict[str, float | None] = {}
     lateral, up = scene.frame[1], scene.frame[2]
     for thing in scene.pushables:
-        off = tips - thing.position
-        height = off @ up
-        crossings = np.flatnonzero(np.sign(height[:-1]) != np.sign(height[1:]))
-        if len(crossings):
-            before = int(crossings[-1])
-            knot = before if abs(height[before]) <= abs(height[before + 1]) else before + 1
-            m_p[thing.id] = float(off[knot] @ lateral)
-        else:
-            m_p[thing.id] = None
+        passed = _last_passage(tips - thing.position, up)
+        m_p[thing.id] = None if passed is None else float(passed @ lateral)
         if thing.stem is None:
             projection[thing.id] = None
             continue
         stem = np.asarray(thing.stem.points[1]) - np.asarray(thing.stem.points[0])
-        share = float(lateral @ stem)
-        projection[thing.id] = share
+        projection[thing.id] = float(lateral @ stem)
         flat = stem - (stem @ up) * up
-        passed = m_p[thing.id]
-        if passed is None or np.linalg.norm(flat) < DECIDED * np.linalg.norm(stem):
+        at = _last_passage(rims - thing.position, up)
+        if at is None or np.linalg.norm(flat) < DECIDED * np.linalg.norm(stem):
             continue
-        at = off[knot] - (off[knot] @ up) * up
         near = float(np.linalg.norm(at)) < thing.radius + 2.0 * gripper_radius
-        if not near and not _in_the_way(scene, thing, gripper_radius):
-            continue
-        side = float(at @ flat)
-        if side > 0.0:
+        if (near or _in_the_way(scene, thing, gripper_radius)) and float(at @ flat) > 0.0:
             violations.append(f"the tool passes {thing.id} on the side of its stem")
     return m_p, projection
+
+
+def _last_passage(off: FloatArray, up: FloatArray) -> FloatArray | None:
+    """Where a path ``off`` (T, 3) is, at the knot nearest its last crossing of the level plane."""
+    height = off @ up
+    crossings = np.flatnonzero(np.sign(height[:-1]) != np.sign(height[1:]))
+    if not len(crossings):
+        return None
+    before = int(crossings[-1])
+    knot = before if abs(height[before]) <= abs(height[before + 1]) else before + 1
+    return np.asarray(off[knot] - height[knot] * up)
 
 
 def _in_the_way(scene: Scene, thing: SceneObject, gripper_radius: float) -> bool:

@@ -157,8 +157,12 @@ def to_core(kind, size, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def divisions(body, q, most, parts):  # type: ignore[no-untyped-def]
-    """Into how many parts (T-1,) each interval is cut, so that no sphere moves half its radius."""
+def divisions(body, q, parts):  # type: ignore[no-untyped-def]
+    """Into how many parts (T-1,) each interval is cut, so that no sphere moves half its radius.
+
+    Arcs are taken for 1.1 times their chords: no interval may turn a sphere by much more than a
+    radian.
+    """
     n_spheres, n_links = body.radius.shape[0], body.hub_radius.shape[0]
     spheres, before = np.empty((n_spheres, 3)), np.empty((n_spheres, 3))
     hubs = np.empty((n_links, 3))
@@ -172,7 +176,7 @@ def divisions(body, q, most, parts):  # type: ignore[no-untyped-def]
                 squared += (spheres[b, i] - before[b, i]) ** 2
                 before[b, i] = spheres[b, i]
             worst = max(worst, squared / (body.radius[b] * body.radius[b]))
-        parts[t] = min(most, max(1, math.ceil(1.1 * 2.0 * math.sqrt(worst))))
+        parts[t] = max(1, math.ceil(1.1 * 2.0 * math.sqrt(worst)))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
