@@ -10,7 +10,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from optipromp.cli import catalogue, check, learn, plan, scenarios, simulate
+from optipromp.cli import catalogue, check, generate, learn, plan, scenarios, simulate, study
 
 app = typer.Typer(
     name="optipromp",
@@ -48,6 +48,8 @@ def root(
 app.command("plan")(plan.plan)
 app.command("scenarios")(scenarios.scenarios)
 app.command("simulate")(simulate.simulate)
+app.command("generate")(generate.generate)
+app.command("study")(study.study)
 app.command("learn")(learn.learn)
 app.command("check")(check.check)
 app.command("list")(catalogue.catalogue)

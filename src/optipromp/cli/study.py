@@ -1,0 +1,206 @@
+"""``optipromp study``: planners against one another over random scenes, judged by physics."""
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from optipromp.cli.console import OK, command, print_json, say_if_compiling, stderr, stdout
+from optipromp.errors import InvalidRequestError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from optipromp.experiments.runs import Row
+    from optipromp.experiments.statistics import Cell
+
+Progress = Callable[[int, int, "Row | None"], None]
+
+
+@command()
+def study(
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Where rows go; rows that are there are kept.")
+    ],
+    preset: Annotated[
+        str, typer.Option(metavar="NAMES", help="Presets, separated by commas, or all.")
+    ] = "all",
+    planners: Annotated[
+        str,
+        typer.Option(
+            metavar="NAMES",
+            help="straight, promp, i-promp, chomp, opti-promp, separated by commas, or all.",
+        ),
+    ] = "all",
+    seeds: Annotated[
+        str, typer.Option(metavar="A:B", help="Seeds of the scenes, from A to before B.")
+    ] = "0:20",
+    noise_position: Annotated[
+        float, typer.Option(metavar="METRES", help="Standard deviation of detected positions.")
+    ] = 0.0,
+    noise_angle: Annotated[
+        float, typer.Option(metavar="DEGREES", help="Standard deviation of detected stems.")
+    ] = 0.0,
+    only_valid: Annotated[
+        bool,
+        typer.Option("--only-valid", help="Do not execute plans that the judge refuses."),
+    ] = False,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes; one a core if left out.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON document and nothing else.")
+    ] = False,
+) -> int:
+    """Run planners on random scenes and execute their plans in the physics twin.
+
+    Every run is a row of rows.csv in DIR. Ctrl-C keeps what is done; the same command goes on from
+    there. At the end: success rates with 95 % intervals, causes of failure, and a figure.
+
+    [bold]Examples[/bold]
+
+    \b
+    optipromp study --preset cluster,shelf --seeds 1000:1200 --out fresh
+    optipromp study --planners opti-promp --noise-position 0.005 --noise-angle 5 --out noisy
+    """
+    from optipromp.experiments.baselines import STUDY_PLANNERS
+    from optipromp.experiments.statistics import summary
+    from optipromp.experiments.study import Study, run_study
+    from optipromp.experiments.study_output import write_results
+    from optipromp.scenes.generate import PRESETS
+
+    chosen: Any = _names(preset, PRESETS)
+    compared: Any = _names(planners, STUDY_PLANNERS)
+    plan = Study(chosen, compared, _range(seeds), noise_position, noise_angle, only_valid)
+    say_if_compiling()
+    with _shown() as progress:
+        rows = run_study(plan, out, workers=workers, progress=progress)
+    cells = summary(rows)
+    written = write_results(rows, cells, out)
+    if as_json:
+        print_json({"runs": len(rows), "cells": [cell.to_dict() for cell in cells]})
+        return OK
+    console = stdout()
+    console.print(table(cells))
+    console.print(causes(cells))
+    console.print(f"wrote rows.csv, {', '.join(written)} to {out}", markup=False)
+    return OK
+
+
+def _names(text: str, all_of_them: Sequence[str]) -> tuple[str, ...]:
+    if text.strip() == "all":
+        return tuple(all_of_them)
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def _range(text: str) -> tuple[int, int]:
+    parts = text.split(":")
+    try:
+        first, end = (int(part) for part in parts)
+    except ValueError:
+        raise InvalidRequestError(f"seeds are {text!r}; write them as 0:200") from None
+    return first, end
+
+
+@contextmanager
+def _shown() -> Iterator[Progress]:
+    """A progress bar on a terminal; elsewhere a line on standard error now and then."""
+    if not sys.stderr.isatty():
+        yield _say
+        return
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    )  # fmt: skip
+    with Progress(*columns, console=stderr(), transient=True) as bar:
+        task = bar.add_task("runs", total=None)
+        successes: dict[str, list[bool]] = {}
+
+        def update(done: int, total: int, row: "Row | None") -> None:
+            words = "runs"
+            if row is not None:
+                successes.setdefault(row.planner, []).append(row.success)
+                shares = (f"{name} {sum(s)}/{len(s)}" for name, s in successes.items())
+                words = ", ".join(shares)
+            bar.update(task, completed=done, total=total, description=words)
+
+        yield update
+
+
+def _say(done: int, total: int, row: "Row | None") -> None:
+    step = max(1, total // 20)
+    if row is None or done % step == 0 or done == total:
+        sys.stderr.write(f"{done} of {total} runs\n")
+        sys.stderr.flush()
+
+
+def table(cells: Sequence["Cell"]) -> "Table":
+    """Rates, contacts, forces and median times of every preset and planner."""
+    from rich.table import Table
+
+    out = _grid(
+        Table, "success by physics, with 95 % intervals (Wilson); unripe: median peak force"
+    )
+    for name in ("preset", "planner"):
+        out.add_column(name, no_wrap=True)
+    for name in ("runs", "success", "95 %", "plans", "static", "torn", "unripe", "plan", "run"):
+        out.add_column(name, no_wrap=True, justify="right")
+    for cell, first in _sections(out, cells):
+        force = "–" if cell.unripe_force is None else f"{cell.unripe_force:.1f} N"
+        run = "–" if cell.simulation_time is None else f"{cell.simulation_time:.1f} s"
+        out.add_row(
+            cell.preset if first else "",
+            cell.planner,
+            str(cell.runs),
+            f"{100 * cell.rate:.1f}",
+            f"{100 * cell.low:.0f}–{100 * cell.high:.0f}",
+            str(cell.plans),
+            str(cell.static_contacts),
+            str(cell.torn),
+            force,
+            f"{cell.plan_time:.2f} s",
+            run,
+        )
+    return out
+
+
+def causes(cells: Sequence["Cell"]) -> "Table":
+    """Why runs failed, most frequent first."""
+    from rich.table import Table
+
+    out = _grid(Table, "causes of failure")
+    for name in ("preset", "planner"):
+        out.add_column(name, no_wrap=True)
+    out.add_column("failed by")
+    for cell, first in _sections(out, cells):
+        words = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in cell.causes.items())
+        out.add_row(cell.preset if first else "", cell.planner, words or "–")
+    return out
+
+
+def _grid(table_type: type["Table"], title: str) -> "Table":
+    from rich.box import SIMPLE_HEAD
+
+    return table_type(
+        box=SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False, padding=(0, 1, 0, 0)
+    )
+
+
+def _sections(out: "Table", cells: Sequence["Cell"]) -> Iterator[tuple["Cell", bool]]:
+    """Each cell, and whether it is the first of its preset."""
+    before = ""
+    for cell in cells:
+        if before and cell.preset != before:
+            out.add_section()
+        yield cell, cell.preset != before
+        before = cell.preset

@@ -1,0 +1,209 @@
+"""One run of a study: a generated scene, as a planner sees it, and what its plan does in it."""
+
+import functools
+import hashlib
+import time
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optipromp.errors import Code, OptiPrompError
+from optipromp.experiments.baselines import Attempt, StudyPlanner, attempt
+from optipromp.scenes.generate import Preset, generate, generate_with_report, perceived
+from optipromp.scenes.scene import Scene
+
+NO_PLAN = "no_plan"
+"""Cause of a run that was not executed because there was nothing to execute."""
+ERROR = "error"
+"""Cause of a run that broke off; its message says how."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One run.
+
+    Attributes:
+        preset: of the scene.
+        seed: of the scene, of its detection noise, of the planner and of the physics.
+        planner: see :data:`optipromp.experiments.baselines.STUDY_PLANNERS`.
+        noise_position: standard deviation of detected positions [m].
+        noise_angle: standard deviation of detected stem directions [degrees].
+        pushables: how many stand in the scene.
+        redraws: impossible scenes drawn before this one.
+        plan_status: code of the plan, which knows what was detected only.
+        success: what the physics says.
+        cause: why not; empty for a success.
+        message: in words.
+        picked: the target is in the tool.
+        swallowed: ids of other things that are, separated by spaces.
+        unripe_force: largest force on anything that was not to be picked [N]; None: not executed.
+        target_force: largest force on the target [N].
+        static_force: largest force of arm or tool on static things [N].
+        torn: ids of fruits that came off, separated by spaces.
+        stem_force: largest force of arm or tool on a stem [N].
+        duration: of the executed motion [s].
+        plan_time: wall time of planning [s].
+        simulation_time: wall time of the execution [s].
+        version: of the library, with a digest of its source.
+    """
+
+    preset: str
+    seed: int
+    planner: str
+    noise_position: float
+    noise_angle: float
+    pushables: int
+    redraws: int
+    plan_status: str
+    success: bool
+    cause: str
+    message: str
+    picked: bool | None
+    swallowed: str
+    unripe_force: float | None
+    target_force: float | None
+    static_force: float | None
+    torn: str
+    stem_force: float | None
+    duration: float | None
+    plan_time: float
+    simulation_time: float
+    version: str
+
+    @property
+    def key(self) -> tuple[str, int, str]:
+        """Preset, seed and planner: no study holds two such rows."""
+        return self.preset, self.seed, self.planner
+
+
+COLUMNS: tuple[str, ...] = tuple(field.name for field in fields(Row))
+_NUMBERS = {"noise_position", "noise_angle", "plan_time", "simulation_time"}
+_OPTIONAL = {"unripe_force", "target_force", "static_force", "stem_force", "duration"}
+
+
+def row_from_text(texts: Mapping[str, str]) -> Row:
+    """A row from its CSV cells.
+
+    Raises:
+        ValueError, KeyError: cells that are not a row's.
+    """
+    values: dict[str, Any] = {name: texts[name] for name in COLUMNS}
+    for name in ("seed", "pushables", "redraws"):
+        values[name] = int(values[name])
+    for name in _NUMBERS:
+        values[name] = float(values[name])
+    for name in _OPTIONAL:
+        values[name] = float(values[name]) if values[name] else None
+    values["success"] = {"True": True, "False": False}[values["success"]]
+    values["picked"] = {"True": True, "False": False, "": None}[values["picked"]]
+    return Row(**values)
+
+
+@functools.lru_cache(maxsize=1)
+def source_version() -> str:
+    """The library's version and a digest of its source: rows of other code are told apart."""
+    root = Path(__file__).resolve().parents[1]
+    digest = hashlib.sha256()
+    for path in sorted(root.rglob("*.py")):
+        if path.relative_to(root).parts[0] in ("cli", "viewer"):
+            continue  # they change no row
+        digest.update(path.relative_to(root).as_posix().encode())
+        digest.update(path.read_bytes())
+    try:
+        version = metadata.version("optipromp")
+    except metadata.PackageNotFoundError:  # run from its source
+        version = "source"
+    return f"{version}+{digest.hexdigest()[:10]}"
+
+
+def run_scene(
+    preset: Preset,
+    seed: int,
+    planners: Iterable[StudyPlanner],
+    noise_position: float,
+    noise_angle: float,
+    version: str,
+    only_valid: bool = False,
+) -> list[Row]:
+    """Run every planner on one scene.
+
+    Args:
+        preset: of the scene.
+        seed: of scene, noise, planners and physics.
+        planners: in the order they run; all see the same errors of detection.
+        noise_position: [m].
+        noise_angle: [degrees].
+        version: written into the rows.
+        only_valid: plans that the judge refuses are not executed, and count as failures.
+    """
+    scene, report = generate_with_report(preset, seed)
+    rng = np.random.default_rng([seed, 1])
+    seen = perceived(scene, rng, noise_position, float(np.deg2rad(noise_angle)))
+
+    def row(planner: StudyPlanner, **values: Any) -> Row:
+        empty: dict[str, Any] = {
+            "success": False, "cause": "", "message": "", "picked": None, "swallowed": "",
+            "unripe_force": None, "target_force": None, "static_force": None, "torn": "",
+            "stem_force": None, "duration": None, "plan_time": 0.0, "simulation_time": 0.0,
+        }  # fmt: skip
+        return Row(
+            preset=preset, seed=seed, planner=planner, noise_position=noise_position,
+            noise_angle=noise_angle, pushables=len(scene.pushables), redraws=report.redraws,
+            version=version, **{**empty, **values},
+        )  # fmt: skip
+
+    rows = []
+    for planner in planners:
+        try:
+            made = attempt(seen, planner, seed=seed)
+            rows.append(row(planner, **_executed(made, scene, seed, only_valid)))
+        except OptiPrompError as error:
+            rows.append(
+                row(planner, plan_status=str(error.code), cause=ERROR, message=error.message)
+            )
+        except Exception as error:  # a study tells of a broken run, and goes on
+            words = f"{type(error).__name__}: {error}"
+            rows.append(row(planner, plan_status=ERROR, cause=ERROR, message=words))
+    return rows
+
+
+def _executed(made: Attempt, scene: Scene, seed: int, only_valid: bool) -> dict[str, Any]:
+    """What became of a plan in the true scene, as values of a row."""
+    values: dict[str, Any] = {"plan_status": str(made.status), "plan_time": made.seconds}
+    refused = only_valid and made.status != Code.SUCCESS
+    if made.trajectory is None or refused:
+        return {**values, "cause": NO_PLAN, "message": made.message}
+    from optipromp.simulation import simulate
+
+    began = time.perf_counter()
+    outcome = simulate(made.trajectory, scene, seed=seed).outcome
+    target = scene.target
+    static = (contact.peak_force for contact in outcome.static_contacts)
+    return {
+        **values,
+        "success": outcome.success,
+        "cause": "" if outcome.cause is None else str(outcome.cause),
+        "message": outcome.message,
+        "picked": outcome.picked,
+        "swallowed": " ".join(outcome.swallowed_others),
+        "unripe_force": outcome.unripe_peak_force,
+        "target_force": None if target is None else outcome.peak_force.get(target.id),
+        "static_force": max(static, default=0.0),
+        "torn": " ".join(outcome.torn),
+        "stem_force": max(outcome.stem_force.values(), default=0.0),
+        "duration": outcome.duration,
+        "simulation_time": time.perf_counter() - began,
+    }
+
+
+def warm_up(preset: Preset, planners: Iterable[StudyPlanner]) -> None:
+    """Load and compile what plans need, so that no row's time holds it."""
+    scene = generate(preset, 0)
+    for planner in planners:
+        with suppress(OptiPrompError):
+            attempt(scene, planner)

@@ -1,0 +1,111 @@
+"""What the rows of a study say: rates with intervals, causes, times, forces."""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from statistics import median
+from typing import Any
+
+from optipromp.errors import Code
+from optipromp.experiments.runs import Row
+
+Z95 = 1.959963984540054
+STATIC_FORCE = 0.5  # [N] a harder touch of a static thing counts as contact, as in the simulation
+
+
+def wilson(successes: int, runs: int, z: float = Z95) -> tuple[float, float]:
+    """Wilson's score interval of a rate (Wilson 1927); (0, 1) where there are no runs."""
+    if runs == 0:
+        return 0.0, 1.0
+    rate = successes / runs
+    middle = rate + z * z / (2 * runs)
+    half = z * math.sqrt(rate * (1.0 - rate) / runs + z * z / (4 * runs * runs))
+    scale = 1.0 + z * z / runs
+    low = 0.0 if successes == 0 else (middle - half) / scale
+    high = 1.0 if successes == runs else (middle + half) / scale
+    return low, high
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One planner on one preset.
+
+    Attributes:
+        preset: of the scenes.
+        planner: that was run.
+        runs: how many.
+        successes: of them, by the physics.
+        rate: of success.
+        low: lower end of its 95 % interval.
+        high: upper end.
+        plans: runs whose plan was valid by the judge.
+        causes: of failure, most frequent first.
+        static_contacts: runs in which arm or tool pressed a static thing.
+        torn: runs in which a fruit came off.
+        unripe_force: median over executed runs of the largest force on what was not to be picked
+            [N]; None where nothing was executed.
+        unripe_force_90: its 90 % quantile [N].
+        plan_time: median wall time of planning [s].
+        simulation_time: median wall time of execution [s], over executed runs.
+        redraws: impossible scenes drawn before the scenes of these runs.
+    """
+
+    preset: str
+    planner: str
+    runs: int
+    successes: int
+    rate: float
+    low: float
+    high: float
+    plans: int
+    causes: Mapping[str, int]
+    static_contacts: int
+    torn: int
+    unripe_force: float | None
+    unripe_force_90: float | None
+    plan_time: float
+    simulation_time: float | None
+    redraws: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return asdict(self)
+
+
+def summary(rows: Iterable[Row]) -> tuple[Cell, ...]:
+    """One cell for each preset and planner, in the order they first appear."""
+    groups: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        groups.setdefault((row.preset, row.planner), []).append(row)
+    presets = {preset: i for i, preset in enumerate(dict.fromkeys(p for p, _ in groups))}
+    planners = {planner: i for i, planner in enumerate(dict.fromkeys(p for _, p in groups))}
+    keys = sorted(groups, key=lambda key: (presets[key[0]], planners[key[1]]))
+    return tuple(_cell(*key, groups[key]) for key in keys)
+
+
+def _cell(preset: str, planner: str, rows: Sequence[Row]) -> Cell:
+    successes = sum(row.success for row in rows)
+    low, high = wilson(successes, len(rows))
+    causes = Counter(row.cause for row in rows if not row.success)
+    executed = [row for row in rows if row.unripe_force is not None]
+    forces = sorted(row.unripe_force for row in executed if row.unripe_force is not None)
+    seconds = [row.simulation_time for row in executed]
+    return Cell(
+        preset=preset,
+        planner=planner,
+        runs=len(rows),
+        successes=successes,
+        rate=successes / len(rows),
+        low=low,
+        high=high,
+        plans=sum(row.plan_status == Code.SUCCESS for row in rows),
+        causes=dict(causes.most_common()),
+        static_contacts=sum((row.static_force or 0.0) > STATIC_FORCE for row in rows),
+        torn=sum(bool(row.torn) for row in rows),
+        unripe_force=median(forces) if forces else None,
+        unripe_force_90=forces[math.ceil(0.9 * len(forces)) - 1] if forces else None,
+        plan_time=median(row.plan_time for row in rows),
+        simulation_time=median(seconds) if seconds else None,
+        redraws=sum(row.redraws for row in rows),
+    )

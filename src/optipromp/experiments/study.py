@@ -1,0 +1,314 @@
+"""A study: presets × planners × seeds over the cores, resumable, one row a run.
+
+Rows are appended to ``rows.csv`` as they come, each whole, by one process; a study begun again in
+the same folder runs what is missing. ``study.json`` holds what the rows have in common.
+"""
+
+import csv
+import io
+import itertools
+import json
+import math
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from optipromp.errors import InvalidRequestError
+from optipromp.experiments.baselines import STUDY_PLANNERS, StudyPlanner
+from optipromp.experiments.runs import (
+    COLUMNS,
+    Row,
+    row_from_text,
+    run_scene,
+    source_version,
+    warm_up,
+)
+from optipromp.files import check_folder, json_text, write_atomically
+from optipromp.scenes.generate import PRESETS, Preset
+from optipromp.scenes.scene import suggest
+
+ROWS, SETTINGS = "rows.csv", "study.json"
+THREADS = (
+    "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is run.
+
+    Args:
+        presets: of the scenes.
+        planners: that are compared.
+        seeds: first, and one beyond the last.
+        noise_position: standard deviation of detected positions [m].
+        noise_angle: standard deviation of detected stem directions [degrees].
+        only_valid: plans that the judge refuses are not executed, and count as failures.
+
+    Raises:
+        InvalidRequestError: an unknown preset or planner, none, one twice, an empty or negative
+            range of seeds, a noise that is negative or not finite.
+    """
+
+    presets: tuple[Preset, ...] = PRESETS
+    planners: tuple[StudyPlanner, ...] = STUDY_PLANNERS
+    seeds: tuple[int, int] = (0, 20)
+    noise_position: float = 0.0
+    noise_angle: float = 0.0
+    only_valid: bool = False
+
+    def __post_init__(self) -> None:
+        for name, given, valid in (
+            ("preset", self.presets, PRESETS),
+            ("planner", self.planners, STUDY_PLANNERS),
+        ):
+            if not given:
+                raise InvalidRequestError(f"no {name}: valid are {', '.join(valid)}")
+            for item in given:
+                if item not in valid:
+                    raise InvalidRequestError(f"{name} is {item!r}: {suggest(item, valid)}")
+            if len(set(given)) < len(given):
+                raise InvalidRequestError(f"a {name} is named twice: {', '.join(given)}")
+        first, end = self.seeds
+        if not 0 <= first < end:
+            raise InvalidRequestError(
+                f"seeds are {first}:{end}; the first must not be negative, the end (which is not "
+                "run) must be above it"
+            )
+        for name in ("noise_position", "noise_angle"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise InvalidRequestError(f"{name} is {value}; it must be finite, not negative")
+
+    def scenes(self) -> Iterator[tuple[Preset, int]]:
+        """Preset and seed of every scene, seeds outermost: a study cut short is a smaller one."""
+        for seed in range(*self.seeds):
+            for preset in self.presets:
+                yield preset, seed
+
+    def __len__(self) -> int:
+        return len(self.presets) * len(self.planners) * (self.seeds[1] - self.seeds[0])
+
+    def common(self) -> dict[str, Any]:
+        """What all rows of one folder share."""
+        return {
+            "noise_position": self.noise_position,
+            "noise_angle": self.noise_angle,
+            "only_valid": self.only_valid,
+            "version": source_version(),
+        }
+
+
+class RowFile:
+    """The rows of a folder. A line that an interruption cut short is dropped when it is opened.
+
+    Args:
+        folder: made if need be.
+        study: whose rows it is to hold.
+
+    Raises:
+        InvalidRequestError: the folder cannot be written, or holds rows of another noise, of other
+            code, or something that is no row.
+    """
+
+    def __init__(self, folder: Path, study: Study) -> None:
+        check_folder(folder)
+        self.path = folder / ROWS
+        self._check_settings(folder / SETTINGS, study)
+        self.rows: list[Row] = self._read()
+
+    def _check_settings(self, path: Path, study: Study) -> None:
+        wanted = study.common()
+        if not self.path.exists():
+            write_atomically(path, json_text(wanted).encode())
+            return
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise InvalidRequestError(
+                f"{self.path} is there and {path.name} beside it cannot be read ({error}): choose "
+                "another folder"
+            ) from None
+        for name, value in wanted.items():
+            if found.get(name) != value:
+                raise InvalidRequestError(
+                    f"{path.parent} holds rows with {name} {found.get(name)!r}, this study has "
+                    f"{value!r}: choose another folder"
+                )
+
+    def _read(self) -> list[Row]:
+        if not self.path.exists():
+            self._append(",".join(COLUMNS) + "\n")
+            return []
+        content = self.path.read_bytes()
+        whole = content[: content.rfind(b"\n") + 1]
+        if len(whole) < len(content):
+            with self.path.open("r+b") as stream:
+                stream.truncate(len(whole))
+        if not whole:
+            self._append(",".join(COLUMNS) + "\n")
+            return []
+        try:
+            table = csv.DictReader(io.StringIO(whole.decode("utf-8")))
+            return [row_from_text(line) for line in table]
+        except (ValueError, KeyError, TypeError, AttributeError, csv.Error) as error:
+            raise InvalidRequestError(
+                f"{self.path} holds something that is no row: {error}"
+            ) from None
+
+    def append(self, row: Row) -> None:
+        """Add a row, whole, and have it on disk."""
+        line = io.StringIO()
+        values = {name: getattr(row, name) for name in COLUMNS}
+        values["message"] = " ".join(row.message.split())  # one line a row
+        csv.DictWriter(line, COLUMNS, lineterminator="\n").writerow(values)
+        self._append(line.getvalue())
+        self.rows.append(row)
+
+    def _append(self, text: str) -> None:
+        try:
+            handle = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+            try:
+                os.write(handle, text.encode("utf-8"))
+                os.fsync(handle)
+            finally:
+                os.close(handle)
+        except OSError as error:
+            raise InvalidRequestError(f"cannot write {self.path}: {error.strerror}") from error
+
+
+def run_study(
+    study: Study,
+    folder: Path,
+    *,
+    workers: int | None = None,
+    progress: Callable[[int, int, Row | None], None] | None = None,
+) -> list[Row]:
+    """Run what the folder does not hold yet.
+
+    Ctrl-C lets the scenes under way finish, keeps their rows and raises ``KeyboardInterrupt``.
+
+    Args:
+        study: what to run.
+        folder: where rows are, and go.
+        workers: processes; None: one a core.
+        progress: called with runs done, runs in all, and the newest row (None at the beginning).
+
+    Returns:
+        The study's rows, those of earlier calls too, in the study's order.
+
+    Raises:
+        InvalidRequestError: see :class:`RowFile`; MuJoCo is missing; a worker died.
+    """
+    if workers is not None and workers < 1:
+        raise InvalidRequestError(f"workers is {workers}; it must be at least 1")
+    _need_simulation()
+    file = RowFile(folder, study)
+    done = {row.key for row in file.rows}
+    tasks = []
+    for preset, seed in study.scenes():
+        missing = tuple(p for p in study.planners if (preset, seed, p) not in done)
+        if missing:
+            tasks.append((preset, seed, missing))
+    left = sum(len(missing) for _, _, missing in tasks)
+    finished, total = len(study) - left, len(study)
+    if progress is not None:
+        progress(finished, total, None)
+
+    def keep(rows: Sequence[Row]) -> None:
+        nonlocal finished
+        for row in rows:
+            if row.key in done:
+                continue
+            file.append(row)
+            done.add(row.key)
+            finished += 1
+            if progress is not None:
+                progress(finished, total, row)
+
+    version = source_version()
+    common = (study.noise_position, study.noise_angle, version, study.only_valid)
+    count = min(workers or os.cpu_count() or 1, max(1, len(tasks)))
+    if count == 1 and tasks:
+        warm_up(study.presets[0], study.planners)
+        for preset, seed, missing in tasks:
+            keep(run_scene(preset, seed, missing, *common))
+    elif tasks:
+        everything = [(*task, *common) for task in tasks]
+        _in_parallel(everything, count, keep, (study.presets[0], study.planners))
+    order: dict[tuple[str, int, str], int] = {}
+    for preset, seed in study.scenes():
+        for planner in study.planners:
+            order[preset, seed, planner] = len(order)
+    return sorted((row for row in file.rows if row.key in order), key=lambda row: order[row.key])
+
+
+def _in_parallel(
+    tasks: Sequence[tuple[Any, ...]],
+    workers: int,
+    keep: Callable[[Sequence[Row]], None],
+    first: tuple[Preset, tuple[StudyPlanner, ...]],
+) -> None:
+    """Run tasks in processes of one thread each; rows are kept by this process alone."""
+    queue = iter(tasks)
+    waiting: set[Future[list[Row]]] = set()
+    with _single_threads():
+        pool = ProcessPoolExecutor(
+            workers, multiprocessing.get_context("spawn"), initializer=_prepare, initargs=first
+        )
+        try:
+            for task in itertools.islice(queue, 2 * workers):
+                waiting.add(pool.submit(run_scene, *task))
+            while waiting:
+                ready, _ = wait(waiting, return_when=FIRST_COMPLETED)
+                for future in ready:
+                    keep(future.result())
+                    waiting.remove(future)
+                    for task in itertools.islice(queue, 1):
+                        waiting.add(pool.submit(run_scene, *task))
+        except BrokenProcessPool as error:
+            raise InvalidRequestError(
+                "a worker process ended (out of memory?); begin the study again to go on"
+            ) from error
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+            for future in waiting:  # not empty after an interruption only
+                if future.done() and not future.cancelled() and future.exception() is None:
+                    keep(future.result())
+
+
+def _prepare(preset: Preset, planners: tuple[StudyPlanner, ...]) -> None:
+    """In a worker: Ctrl-C is for the process that keeps the rows; load what plans need."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    warm_up(preset, planners)
+
+
+@contextmanager
+def _single_threads() -> Iterator[None]:
+    """Processes started within use one thread each."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _need_simulation() -> None:
+    from importlib.util import find_spec
+
+    if find_spec("mujoco") is None:
+        raise InvalidRequestError("a study needs MuJoCo: pip install 'optipromp[sim]'")
