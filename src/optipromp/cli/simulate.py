@@ -49,9 +49,9 @@ def simulate(
     ] = Planner.OPTI_PROMP,
     strategy: Annotated[Strategy, typer.Option(help="Of opti-promp.")] = Strategy.JOINT,
     true_scene: Annotated[
-        Path | None,
+        str | None,
         typer.Option(
-            "--in", metavar="SCENE_FILE", help="Execute in this world instead of the plan's own."
+            "--in", metavar="SCENE", help="Execute in this world instead of the plan's own."
         ),
     ] = None,
     speed: Annotated[
@@ -135,7 +135,7 @@ def _plan(item: str, planner: Planner, strategy: Strategy, seed: int) -> "Plan":
     from optipromp.planning import plan as make_plan
     from optipromp.scenes.io import load_scene
 
-    kind = kind_of(item)
+    kind = Kind.PLAN if Path(item).name == "plan.json" else kind_of(item)
     if kind is Kind.PLAN:
         return load_plan(item)
     if kind is not Kind.SCENE:

@@ -20,6 +20,13 @@ UNRIPE = (0.55, 0.72, 0.30, 1.0)
 STEM_COLOUR = (0.30, 0.50, 0.18, 1.0)
 WELD_TIME = 0.004  # [s] time constant of the joint between stem and fruit
 WELD_LEVER = 0.02  # [m] weighs its angles against its positions
+WELD_IMPEDANCE = [
+    0.9999,
+    0.9999,
+    0.001,
+    0.5,
+    2.0,
+]  # stiff: at once it carries all but 1e-4 of a load
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +122,7 @@ def add_fruit(
     weld = spec.add_equality(
         name=f"weld:{key}", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
         name1=f"stem:{key}:{len(nodes) - 2}", name2=f"fruit:{key}", active=True,
-        solref=[WELD_TIME, 1.0], solimp=[0.98, 0.995, 0.001, 0.5, 2.0],
+        solref=[WELD_TIME, 1.0], solimp=WELD_IMPEDANCE,
     )  # fmt: skip
     weld.data = [*mouth, *[0.0] * 7, WELD_LEVER, *[0.0] * (len(weld.data) - 11)]
     for k in range(len(nodes) - 1):
@@ -146,8 +153,13 @@ def _nodes(thing: SceneObject, stem: Stem, parameters: SimulationParameters) -> 
 
 
 def _bends(pieces: FloatArray) -> FloatArray:
-    """Length of stem (N,) that each joint stands for; the one at the root for half a piece."""
-    return np.concatenate([[0.5 * pieces[0]], 0.5 * (pieces[:-1] + pieces[1:])])
+    """Length of stem (N,) that each joint stands for: half of the pieces beside it.
+
+    Scaled so that the tip of a straight chain yields to a force as the beam does, S³ / 3EI.
+    """
+    bends: FloatArray = np.concatenate([[0.5 * pieces[0]], 0.5 * (pieces[:-1] + pieces[1:])])
+    to_tip = np.cumsum(pieces[::-1])[::-1]
+    return bends * to_tip[0] ** 3 / (3.0 * float(bends @ to_tip**2))
 
 
 def _stiffness(

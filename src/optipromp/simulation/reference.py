@@ -1,6 +1,7 @@
 """From a plan's knots to a reference in time that keeps velocity, acceleration and jerk limits."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -9,8 +10,8 @@ from optipromp.robots.model import Robot
 from optipromp.trajectory import Trajectory
 
 RAMPS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8)  # shares of the plan's duration that are tried
-SAMPLES = 8  # between two knots, to find the largest derivatives
-MARGIN = 1e-3  # below the limits
+SAMPLES = 8  # a knot, to find the largest derivatives
+MARGIN = 3e-3  # below the limits, for what lies between the samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,13 +64,11 @@ def reference(trajectory: Trajectory, robot: Robot, *, speed: float, dt: float) 
         none = np.zeros(knots.shape[1])
         ends = ([(3, none), (4, none)], [(3, none), (4, none)])
     path = make_interp_spline(times, knots, k=order, bc_type=ends)
-    fine = np.linspace(0.0, times[-1], SAMPLES * (len(times) - 1) + 1)
-    derivatives = tuple(np.asarray(path(fine, k)) for k in (1, 2, 3))
     limits = (speed * robot.velocity, speed**2 * robot.acceleration, speed**3 * robot.jerk)
     best = (np.inf, 1.0, RAMPS[-1])
     for share in RAMPS:
         ramp = share * trajectory.duration
-        scale = _slowest(derivatives, fine, ramp, limits)
+        scale = _slowest(path, trajectory, ramp, limits)
         best = min(best, (scale * (trajectory.duration + ramp), scale, ramp))
     total, scale, ramp = best
     count = max(int(np.ceil(total / dt - 1e-9)), 2)
@@ -92,21 +91,14 @@ def reference(trajectory: Trajectory, robot: Robot, *, speed: float, dt: float) 
 
 
 def _slowest(
-    derivatives: tuple[FloatArray, ...],
-    fine: FloatArray,
-    ramp: float,
-    limits: tuple[FloatArray, ...],
+    path: Any, trajectory: Trajectory, ramp: float, limits: tuple[FloatArray, ...]
 ) -> float:
     """The factor >= 1 by which time must be stretched for the limits to hold."""
-    duration = float(fine[-1])
-    # the law at the samples of the path, by its inverse on a table
-    table = np.linspace(0.0, duration + ramp, 4 * len(fine))
-    u = _law(table, duration, ramp)
-    at = np.searchsorted(fine, u[0]).clip(1, len(fine) - 1)
-    mix = ((u[0] - fine[at - 1]) / (fine[at] - fine[at - 1]))[:, None]
-    sampled = tuple(d[at - 1] + mix * (d[at] - d[at - 1]) for d in derivatives)
+    end = trajectory.duration + ramp
+    u = _law(np.linspace(0.0, end, SAMPLES * trajectory.n_knots), trajectory.duration, ramp)
+    along = tuple(np.asarray(path(u[0], order)) for order in (1, 2, 3))
     worst = 1.0
-    for order, (values, limit) in enumerate(zip(_chain(sampled, u), limits, strict=True), start=1):
+    for order, (values, limit) in enumerate(zip(_chain(along, u), limits, strict=True), start=1):
         ratio = float(np.max(np.abs(values) / limit, initial=0.0))
         worst = max(worst, ((1.0 + MARGIN) * ratio) ** (1.0 / order))
     return worst

@@ -78,11 +78,11 @@ def run(world: World, motion: Reference, record_rate: float) -> tuple[Rollout, C
 
     A number that stops being one, or a warning of MuJoCo, ends the run there.
     """
-    return _Execution(world, motion, record_rate).run()
+    return Execution(world, motion, record_rate).run()
 
 
-class _Execution:
-    """One run."""
+class Execution:
+    """One run: built, then run; ``data`` may be touched in between."""
 
     def __init__(self, world: World, motion: Reference, record_rate: float) -> None:
         self.world, self.motion = world, motion
@@ -122,6 +122,7 @@ class _Execution:
                     self.of_pair[a * count + b] = watchers
 
     def run(self) -> tuple[Rollout, ContactLog]:
+        """Execute the motion and the hold."""
         p = self.world.parameters
         moving = max(round(self.motion.duration / self.step), 1)
         before = round(p.engine.settle / self.step)

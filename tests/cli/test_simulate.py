@@ -1,0 +1,69 @@
+"""``optipromp simulate``."""
+
+import json
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+from optipromp.cli.main import app
+
+pytest.importorskip("mujoco")
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(app, ["simulate", *map(str, arguments)])
+
+
+def test_a_scene_is_planned_for_executed_and_told(tmp_path):
+    result = invoke("scenario-1", "--planner", "promp", "--out", tmp_path)
+    assert result.exit_code == 1
+    assert "failed: static_contact" in result.stdout
+    assert "table-top" in result.stdout
+    document = json.loads((tmp_path / "outcome.json").read_text())
+    assert document["cause"] == "static_contact"
+    assert (tmp_path / "rollout.npz").exists()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["outcome.json", "rollout.npz"]
+
+
+def test_a_plans_folder_is_executed_as_it_is(tmp_path):
+    planned = CliRunner().invoke(app, ["plan", "scenario-3", "--out", str(tmp_path)])
+    assert planned.exit_code == 0
+    result = invoke(tmp_path, "--json")
+    document = json.loads(result.stdout)
+    assert result.exit_code == (0 if document["success"] else 1)
+    assert document["planner"] == "opti-promp"
+    assert document["plan_status"] == "success"
+    assert document["static_contacts"] == []
+    assert json.loads((tmp_path / "outcome.json").read_text())["success"] == document["success"]
+    again = invoke(tmp_path / "plan.json", "--json", "--in", "scenario-3")
+    same = json.loads(again.stdout)
+    for key in ("seconds", "real_time_factor"):
+        del document[key], same[key]
+    assert same == document
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["panda"], "takes a scene or a plan"),
+        (["nowhere"], "no file and nothing built in"),
+        (["scenario-3", "--slow", "0"], "--slow"),
+        (["scenario-3", "--speed", "0"], "control.speed"),
+    ],
+)
+def test_wrong_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    result = invoke(*arguments)
+    assert result.exit_code == 2
+    assert words in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert json.loads(invoke(*arguments, "--json").stdout)["status"] == "INVALID_REQUEST"
+
+
+def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    result = invoke("scenario-3")
+    assert result.exit_code == 2
+    assert "pip install 'optipromp[sim]'" in result.stderr

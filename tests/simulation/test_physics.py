@@ -1,0 +1,154 @@
+"""The twin against what is known of hanging, bending, breaking and standing things."""
+
+import numpy as np
+import pytest
+
+from optipromp.geometry.shapes import Box, Cylinder
+from optipromp.planning.setup import bind
+from optipromp.scenes.io import load_scene
+from optipromp.scenes.scene import SceneObject
+from optipromp.simulation import Cause, SimulationParameters, simulate
+from optipromp.simulation.reference import reference
+from optipromp.simulation.rollout import Execution
+from optipromp.simulation.world import build
+from optipromp.trajectory import Trajectory
+
+P = SimulationParameters()
+WEIGHT = 950.0 * 4.0 / 3.0 * np.pi * 0.015**3 * 9.81
+
+
+@pytest.mark.parametrize("name", ["scenario-1", "scenario-3"])
+def test_fruits_hang_where_the_scene_has_them(name):
+    scene = load_scene(name)
+    setup = bind(scene)
+    world = build(scene, setup.robot, P)
+    names = setup.robot.joint_names
+    stay = Trajectory(np.tile(setup.start, (10, 1)), 0.2, names)
+    motion = reference(stay, setup.robot, speed=1.0, dt=1e-3)
+    rollout, _ = Execution(world, motion, 50.0).run()
+    begin = np.array([thing.position for thing in (scene.target, *scene.pushables)])
+    order = [rollout.fruit_ids.index(t.id) for t in (scene.target, *scene.pushables)]
+    np.testing.assert_allclose(rollout.fruit_positions[0, order], begin, atol=1e-9)
+    drift = np.linalg.norm(rollout.fruit_positions - rollout.fruit_positions[0], axis=2)
+    assert rollout.times[-1] > 2.0
+    assert drift.max() < 1e-3
+    for thing in (scene.target, *scene.pushables):
+        lean = thing.stem.vector / np.linalg.norm(thing.stem.vector)
+        assert rollout.tension[thing.id] == pytest.approx(WEIGHT * lean[2], rel=0.05)
+
+
+@pytest.mark.parametrize("length", [0.10, 0.28])
+def test_a_stem_bends_as_a_beam(bench, length):
+    """Static tip deflection F (L³ - r³) / 3EI (the fruit itself is stiff), within 5 %."""
+    stiffness, force = 2e-3, 0.002
+    scene = bench.scene(
+        bench.fruit("ripe", (0.0, 0.0, 0.5), length=length, stem_stiffness=stiffness)
+    )
+    parameters = bench.parameters(
+        engine={"gravity": 0.0}, stem={"damping_time": 0.3}, control={"hold": 4.0}
+    )
+    run = bench.execution(scene, parameters)
+    body = run.world.fruits[0].body
+    run.data.xfrc_applied[body, 0] = force
+    rollout, _ = run.run()
+    expected = force * (length**3 - 0.015**3) / (3.0 * stiffness)
+    deflection = rollout.fruit_positions[-1, 0, 0] - rollout.fruit_positions[0, 0, 0]
+    assert deflection == pytest.approx(expected, rel=0.05)
+
+
+def test_a_fruit_swings_like_a_pendulum(bench):
+    """A slack stem: the period of a point mass on a thread, within 3 %."""
+    length = 0.25
+    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5), length=length, stem_stiffness=1e-7))
+    parameters = bench.parameters(
+        stem={"swing_damping": 0.0, "armature": 1e-7}, control={"hold": 4.0}
+    )
+    run = bench.execution(scene, parameters)
+    free = run.world.fruits[0]
+    run.data.qvel[free.spin] = 0.02
+    # every joint alike, so that stem and fruit start together
+    rollout, _ = run.run()
+    x = rollout.fruit_positions[:, 0, 0] - rollout.fruit_positions[:, 0, 0].mean()
+    ups = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
+    period = np.diff(rollout.times[ups]).mean()
+    assert period == pytest.approx(2.0 * np.pi * np.sqrt(length / 9.81), rel=0.03)
+
+
+def test_a_cup_moved_straight_up_swallows_a_hanging_fruit(bench):
+    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)))
+    run = simulate(bench.line((0.0, 0.0, 0.3), (0.0, 0.0, 0.5)), scene)
+    assert run.success, run.outcome.message
+    assert run.outcome.picked
+    assert run.outcome.swallowed_at is not None
+    assert run.outcome.target_displacement < 1e-3
+    assert run.outcome.tracking_error < 1e-3
+
+
+def test_a_cup_aside_swallows_nothing(bench):
+    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)))
+    run = simulate(bench.line((0.1, 0.0, 0.3), (0.1, 0.0, 0.5)), scene)
+    assert run.outcome.cause is Cause.NOT_PICKED
+
+
+def test_a_fruit_below_the_target_is_swallowed_too(bench):
+    scene = bench.scene(
+        bench.fruit("ripe", (0.0, 0.0, 0.5)),
+        bench.fruit("n1", (0.012, 0.0, 0.42), lean=(0.03, 0.0), length=0.2, role="pushable"),
+    )
+    run = simulate(bench.line((0.0, 0.0, 0.3), (0.0, 0.0, 0.5)), scene)
+    assert run.outcome.cause is Cause.SWALLOWED_OTHER
+    assert run.outcome.swallowed_others == ("n1",)
+
+
+@pytest.mark.parametrize(("pull", "torn"), [(4.5, False), (5.2, True)])
+def test_a_stem_tears_at_its_threshold(bench, pull, torn):
+    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)))
+    run = bench.execution(scene)
+    run.data.xfrc_applied[run.world.fruits[0].body, 2] = -(pull - WEIGHT)
+    rollout, _ = run.run()
+    assert bool(rollout.torn_at) is torn
+    assert bool(rollout.attached[-1, 0]) is not torn
+    if not torn:
+        assert rollout.tension["ripe"] == pytest.approx(pull, rel=0.15)  # a step overshoots
+    else:
+        assert rollout.fruit_positions[-1, 0, 2] < 0.0
+
+
+def test_a_can_stands_on_its_shelf_and_is_pushed_along_it(bench):
+    shelf = SceneObject("shelf", "static", Box((0.1, 0.2, 0.02)), np.array([0.0, 0.0, 0.49]))
+    can = SceneObject("can", "pushable", Cylinder(0.03, 0.10), np.array([-0.03, 0.0, 0.55]))
+    scene = bench.scene(bench.fruit("ripe", (0.0, 0.4, 0.9)), can, shelf)
+    run = simulate(bench.still((-0.4, -0.4, 0.2)), scene)
+    assert run.outcome.displacement["can"] < 1e-3
+    assert run.outcome.stem_tension.keys() == {"ripe"}
+    push = simulate(bench.line((-0.2, 0.0, 0.53), (-0.075, 0.0, 0.53)), scene)
+    assert push.outcome.static_contacts == ()
+    moved = push.rollout.fruit_positions[-1, 1] - push.rollout.fruit_positions[0, 1]
+    assert moved[0] == pytest.approx(0.015, abs=2e-3)
+    assert abs(moved[2]) < 1e-3
+    assert push.outcome.peak_force["can"] > 0.5
+
+
+def test_pressing_a_static_thing_is_a_static_contact(bench):
+    wall = SceneObject("wall", "static", Box((0.2, 0.2, 0.02)), np.array([0.0, 0.0, 0.45]))
+    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.6)), wall)
+    run = simulate(bench.line((0.0, 0.0, 0.3), (0.0, 0.0, 0.5)), scene)
+    assert run.outcome.cause is Cause.STATIC_CONTACT
+    (contact,) = run.outcome.static_contacts
+    assert (contact.link, contact.other) == ("tool", "wall")
+    assert contact.peak_force > 1.0
+    assert contact.duration > 0.1
+
+
+def test_a_pressed_stem_is_caught(bench):
+    """The cup's rim is driven sideways against a short stem, above its fruit."""
+    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5), length=0.06, abscission_force=100.0))
+    run = simulate(bench.line((0.10, 0.0, 0.52), (-0.10, 0.0, 0.52), 1.0), scene)
+    assert run.outcome.stem_force["ripe"] > 0.1
+    limits = bench.parameters(thresholds={"stem_force": 0.1, "stem_time": 0.01})
+    assert (
+        "ripe"
+        in simulate(
+            bench.line((0.10, 0.0, 0.52), (-0.10, 0.0, 0.52), 1.0), scene, parameters=limits
+        ).outcome.stem_caught
+    )

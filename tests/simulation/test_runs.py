@@ -1,0 +1,225 @@
+"""Plans executed: references, the Panda, the four scenarios, failures of the simulation itself."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from optipromp.errors import InvalidRequestError, InvalidSceneError
+from optipromp.geometry.shapes import HalfSpace, MeshShape, PointCloudShape, Sphere
+from optipromp.planning import plan
+from optipromp.planning.setup import bind
+from optipromp.scenes.scene import SceneObject
+from optipromp.simulation import Cause, SimulationParameters, catalogue, simulate
+from optipromp.simulation.files import write_run
+from optipromp.simulation.outcome import judge
+from optipromp.simulation.reference import reference
+from optipromp.simulation.world import build
+from optipromp.trajectory import Trajectory
+
+PLANNERS = {
+    "scenario-1": "promp",
+    "scenario-2": "i-promp",
+    "scenario-3": "opti-promp",
+    "scenario-4": "opti-promp",
+}
+
+
+@pytest.fixture(scope="module")
+def plans():
+    return {name: plan(name, planner=planner) for name, planner in PLANNERS.items()}
+
+
+@pytest.fixture(scope="module")
+def runs(plans):
+    return {name: simulate(made) for name, made in plans.items()}
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+@pytest.mark.parametrize("speed", [0.3, 1.0])
+def test_a_reference_keeps_the_limits_and_the_path(plans, name, speed):
+    made = plans[name]
+    robot, knots = made.robot, made.trajectory
+    motion = reference(knots, robot, speed=speed, dt=1e-3)
+    assert motion.use["velocity"] <= speed + 1e-6
+    assert motion.use["acceleration"] <= speed**2 + 1e-6
+    assert motion.use["jerk"] <= speed**3 * 1.02  # jerk is interpolated where it is looked at
+    np.testing.assert_allclose(motion.q[0], knots.positions[0], atol=1e-9)
+    np.testing.assert_allclose(motion.q[-1], knots.positions[-1], atol=1e-9)
+    np.testing.assert_allclose(motion.velocity[[0, -1]], 0.0, atol=1e-9)
+    np.testing.assert_allclose(motion.acceleration[[0, -1]], 0.0, atol=1e-6)
+    dt = motion.times[1]
+    slope = np.gradient(motion.q, dt, axis=0)[2:-2]
+    np.testing.assert_allclose(slope, motion.velocity[2:-2], atol=2e-3)
+    # the path: every knot is passed, and between knots the tool stays on their polyline
+    points, _ = robot.tool_pose(motion.q)
+    corners, _ = robot.tool_pose(knots.positions)
+    step = np.diff(corners, axis=0)
+    length = np.maximum((step**2).sum(axis=1), 1e-18)
+    share = np.einsum("tki,ki->tk", points[:, None] - corners[None, :-1], step) / length
+    nearest = corners[None, :-1] + np.clip(share, 0.0, 1.0)[:, :, None] * step
+    assert np.linalg.norm(points[:, None] - nearest, axis=2).min(axis=1).max() < 2.5e-3
+
+
+def test_a_slow_plan_stays_slow(plans):
+    made = plans["scenario-3"]
+    slow = made.trajectory.with_dt(0.2)
+    motion = reference(slow, made.robot, speed=1.0, dt=1e-3)
+    assert motion.duration >= slow.duration
+
+
+def test_the_panda_follows_its_plan(runs):
+    outcome = runs["scenario-3"].outcome
+    assert outcome.tracking_error < 5e-3
+    assert outcome.limit_use["torque"] < 1.0
+    assert outcome.limit_use["position"] <= 1.0
+    assert outcome.warnings == ()
+
+
+@pytest.mark.parametrize("name", ["scenario-1", "scenario-2"])
+def test_the_papers_first_scenarios_hit_the_table_top(runs, name):
+    outcome = runs[name].outcome
+    assert outcome.cause is Cause.STATIC_CONTACT
+    assert {contact.other for contact in outcome.static_contacts} == {"table-top"}
+
+
+@pytest.mark.parametrize("name", ["scenario-3", "scenario-4"])
+def test_the_papers_last_scenarios_touch_nothing_static_and_tear_nothing(runs, name):
+    outcome = runs[name].outcome
+    assert outcome.static_contacts == ()
+    assert outcome.avoid_contacts == ()
+    assert outcome.torn == ()
+    assert outcome.success == (outcome.cause is None)
+    assert outcome.success <= (bool(outcome.picked) and not outcome.swallowed_others)
+
+
+def test_runs_faster_than_real_time(runs):
+    assert max(run.real_time_factor for run in runs.values()) > 1.0
+
+
+def test_the_same_seed_gives_the_same_run_to_the_last_bit(plans, runs):
+    first, second = runs["scenario-4"], simulate(plans["scenario-4"])
+    for name, values in first.rollout.arrays().items():
+        assert values.tobytes() == second.rollout.arrays()[name].tobytes(), name
+    assert first.outcome == second.outcome
+
+
+def test_a_number_that_stops_being_one_fails_the_run(bench, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)))
+    for bad in (np.nan, 1e30):
+        run = bench.execution(scene)
+        run.data.xfrc_applied[run.world.fruits[0].body, 0] = bad
+        rollout, _ = run.run()
+        assert rollout.warnings
+        assert rollout.times[-1] < 0.1
+        assert np.isfinite(rollout.fruit_positions).all()
+    assert not list(tmp_path.glob("*.TXT"))
+
+
+def test_an_unstable_run_is_told_as_such(bench):
+    run = bench.execution(bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5))))
+    run.data.xfrc_applied[run.world.fruits[0].body, 0] = np.nan
+    outcome = judge(run.world, *run.run())
+    assert not outcome.success
+    assert outcome.cause is Cause.UNSTABLE
+    assert "simulation broke down" in outcome.message
+
+
+def test_neighbouring_clusters_of_real_fruits(plans, bench):
+    parameters = bench.parameters(thing={"avoid_as": "fruits"})
+    world = build(plans["scenario-3"].scene, plans["scenario-3"].robot, parameters, 3)
+    assert len(world.fruits) == 3 + 2 * 6
+    assert len(world.shown) == 3
+    run = simulate(plans["scenario-3"], parameters=parameters)
+    assert run.rollout.fruit_ids == ("ripe", "n1", "n2")
+    assert run.outcome.warnings == ()
+
+
+def tetrahedra():
+    """Two tetrahedra that share nothing: not convex."""
+    corner = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]], dtype=float)
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    return np.vstack([corner, corner + [0.2, 0, 0]]), np.vstack([faces, faces + 4])
+
+
+def test_every_shape_can_be_a_static_thing(bench, tmp_path, monkeypatch):
+    monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
+    vertices, faces = tetrahedra()
+    cloud = np.random.default_rng(0).uniform(-0.1, 0.1, (200, 3))
+    things = [
+        SceneObject("floor", "static", HalfSpace(), np.array([0.0, 0.0, -1.2])),
+        SceneObject("hull", "static", MeshShape(vertices[:4], faces[:4]), np.array([0.8, 0, 0])),
+        SceneObject("pair", "static", MeshShape(vertices, faces), np.array([0.8, 0.5, 0])),
+        SceneObject("cloud", "static", PointCloudShape(cloud, 0.01), np.array([-0.8, 0.0, 0.0])),
+    ]
+    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)), *things)
+    world = build(scene, bind(scene).robot)
+    names = [world.model.geom(i).name for i in range(world.model.ngeom)]
+    assert sum(name.startswith("static:pair") for name in names) > 10
+    assert sum(name.startswith("static:hull") for name in names) == 1
+    assert sum(name.startswith("static:cloud") for name in names) == 200
+    assert simulate(bench.still((0.3, 0.3, 0.0)), scene).outcome.static_contacts == ()
+
+
+def test_an_unknown_physical_property_is_refused_by_name(bench):
+    thing = SceneObject("a", "pushable", Sphere(0.02), np.zeros(3), physical={"weight": 1.0})
+    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)), thing)
+    with pytest.raises(InvalidSceneError, match="'weight' is unknown: valid are mass"):
+        simulate(bench.still(), scene)
+
+
+def test_wrong_requests_are_refused(bench, plans):
+    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)))
+    with pytest.raises(InvalidRequestError, match="needs the scene"):
+        simulate(bench.still())
+    with pytest.raises(InvalidRequestError, match="gantry has x, y, z"):
+        simulate(plans["scenario-3"].trajectory, scene)
+    with pytest.raises(InvalidRequestError, match="record_rate"):
+        simulate(bench.still(), scene, record_rate=0.0)
+    with pytest.raises(InvalidRequestError, match=r"StemParameters\.diameter is -1"):
+        bench.parameters(stem={"diameter": -1.0})
+    with pytest.raises(InvalidRequestError, match="avoid_as"):
+        bench.parameters(thing={"avoid_as": "glass"})
+
+
+def test_without_mujoco_the_error_says_what_to_install(bench, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(InvalidRequestError, match=r"pip install 'optipromp\[sim\]'"):
+        simulate(bench.still(), bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5))))
+
+
+def test_every_parameter_says_its_unit_and_its_source():
+    entries = list(catalogue(SimulationParameters()))
+    assert len(entries) > 40
+    for entry in entries:
+        assert entry.source, entry.name
+        assert entry.kind in ("measured", "published", "computed", "guess", "choice")
+
+
+def test_a_scene_with_a_goal_and_no_target_is_executed(bench):
+    from optipromp.scenes.scene import PoseGoal
+
+    goal = PoseGoal(np.array([0.3, 0.0, 0.3]), np.array([0.0, 0.0, 1.0]))
+    run = simulate(bench.line((0, 0, 0), (0.3, 0, 0.3)), bench.scene(goal=goal))
+    assert run.success
+    assert run.outcome.picked is None
+
+
+def test_a_run_is_written_whole(runs, tmp_path):
+    assert write_run(runs["scenario-4"], tmp_path) == ("rollout.npz", "outcome.json")
+    document = json.loads((tmp_path / "outcome.json").read_text())
+    assert document["success"] is runs["scenario-4"].success
+    assert document["scene"] == "scenario-4"
+    with np.load(tmp_path / "rollout.npz") as archive:
+        assert archive["q"].shape[1] == 7
+        assert archive["fruit_positions"].shape[1:] == (3, 3)
+        assert list(archive["fruit_ids"]) == ["ripe", "n1", "n2"]
+
+
+def test_a_trajectory_of_three_knots(bench):
+    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)))
+    knots = np.array([[0, 0, 0], [0.05, 0, 0], [0.1, 0, 0.0]])
+    run = simulate(Trajectory(knots, 0.5, ("x", "y", "z")), scene)
+    assert run.outcome.tracking_error < 2e-3
