@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optipromp.arrays import FloatArray
+from optipromp.errors import InvalidRequestError
 from optipromp.scenes.scene import Scene, SceneObject
 
 
@@ -39,7 +40,7 @@ def pushes(
     """The pushes of the neighbours, first met first.
 
     Args:
-        scene: with a target.
+        scene: with a target, where there is something to push.
         things: neighbours in the order the tool meets them.
         gripper_radius: R_gripper [m].
         rng: for uncertain stems; needed where ``direction_deviation`` is above 0.
@@ -48,8 +49,14 @@ def pushes(
     Returns:
         One push per neighbour. Each candidate tangent is a line; it is taken in the sense that the
         rule asks for: towards the next neighbour, and for the last one away from the target.
+
+    Raises:
+        InvalidRequestError: neighbours to push in a scene without a target.
     """
-    assert scene.target is not None
+    if not things:
+        return ()
+    if scene.target is None:
+        raise InvalidRequestError("pushes need a scene with a target: the last goes away from it")
     z_g = scene.frame[2]
     out = []
     for i, thing in enumerate(things):
