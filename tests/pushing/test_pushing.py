@@ -306,6 +306,11 @@ def test_a_gripper_wider_than_the_stem_is_long_swings_it_level() -> None:
 
 def test_nothing_in_the_way_is_no_push() -> None:
     assert pushes(scene(), [], R) == ()
+    thing = fruit("n", (0.0, 0.0, -0.1))
+    no_target = Scene("s", "panda", (thing,), goal=PoseGoal(TARGET, np.array([0.0, 0.0, 1.0])))
+    assert pushes(no_target, [], R) == ()
+    with pytest.raises(InvalidRequestError, match="a scene with a target"):
+        pushes(no_target, [thing], R)
 
 
 def test_a_bent_stem_swings_about_its_root() -> None:
