@@ -144,20 +144,23 @@ def _say(done: int, total: int, row: "Row | None") -> None:
         sys.stderr.flush()
 
 
+TITLE = """picked and nothing harmed, in the physics twin; 95 %: Wilson's interval
+plans: valid ones; static, torn: runs with such contact, torn fruit
+medians: force on unripe fruit [N], planning and execution [s]"""
+
+
 def table(cells: Sequence["Cell"]) -> "Table":
     """Rates, contacts, forces and median times of every preset and planner."""
     from rich.table import Table
 
-    out = _grid(
-        Table, "success by physics, with 95 % intervals (Wilson); unripe: median peak force"
-    )
+    out = _grid(Table, TITLE)
     for name in ("preset", "planner"):
         out.add_column(name, no_wrap=True)
-    for name in ("runs", "success", "95 %", "plans", "static", "torn", "unripe", "plan", "run"):
+    for name in ("n", "%", "95 %", "plans", "static", "torn", "unripe", "plan", "run"):
         out.add_column(name, no_wrap=True, justify="right")
     for cell, first in _sections(out, cells):
-        force = "–" if cell.unripe_force is None else f"{cell.unripe_force:.1f} N"
-        run = "–" if cell.simulation_time is None else f"{cell.simulation_time:.1f} s"
+        force = "–" if cell.unripe_force is None else f"{cell.unripe_force:.1f}"
+        run = "–" if cell.simulation_time is None else f"{cell.simulation_time:.1f}"
         out.add_row(
             cell.preset if first else "",
             cell.planner,
@@ -168,7 +171,7 @@ def table(cells: Sequence["Cell"]) -> "Table":
             str(cell.static_contacts),
             str(cell.torn),
             force,
-            f"{cell.plan_time:.2f} s",
+            f"{cell.plan_time:.2f}",
             run,
         )
     return out

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from optipromp.experiments.statistics import Cell
 
@@ -18,12 +18,14 @@ COLOURS = {
     "opti-promp": "#1f5fb4",
 }
 
+_BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.15)}
+
 
 def study_figure(cells: Sequence[Cell]) -> "Figure":
     """Success by preset and planner with 95 % intervals; beside it each planner's failures."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11.0, 4.2), layout="constrained")
+    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
     rates, causes = figure.subplots(1, 2, width_ratios=(3, 2))
     _rates(rates, cells)
     _causes(causes, cells)
@@ -51,7 +53,7 @@ def _rates(axes: "Axes", cells: Sequence[Cell]) -> None:
     axes.set_ylim(0.0, 105.0)
     axes.set_ylabel("picked, nothing harmed [%]")
     axes.set_title("Success with 95 % intervals (Wilson)", fontsize=10)
-    axes.legend(frameon=False, fontsize=8, ncols=len(planners), loc="upper center")
+    axes.legend(frameon=False, fontsize=8, ncols=len(planners), **_BELOW)
     axes.spines[["top", "right"]].set_visible(False)
 
 
@@ -73,5 +75,5 @@ def _causes(axes: "Axes", cells: Sequence[Cell]) -> None:
     axes.set_xlabel("of all runs [%]")
     axes.set_title("Why runs failed", fontsize=10)
     if causes:
-        axes.legend(frameon=False, fontsize=8, loc="lower right")
+        axes.legend(frameon=False, fontsize=8, ncols=3, **_BELOW)
     axes.spines[["top", "right"]].set_visible(False)

@@ -1,0 +1,87 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from optipromp.cli.main import app
+from optipromp.experiments import study
+from optipromp.experiments.runs import Row
+from optipromp.scenes import load_scene
+
+RUN = CliRunner()
+
+
+def test_generate_writes_scenes_and_tells_of_redraws(tmp_path: Path) -> None:
+    result = RUN.invoke(
+        app,
+        ["generate", "--preset", "mixed", "--seed", "3", "--count", "2", "--out", str(tmp_path)],
+    )
+    assert result.exit_code == 0
+    assert "drawn again" in result.stdout
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["mixed-3.yaml", "mixed-4.yaml"]
+    assert load_scene(tmp_path / "mixed-4.yaml").name == "mixed-4"
+
+
+def test_generate_json(tmp_path: Path) -> None:
+    result = RUN.invoke(app, ["generate", "--preset", "shelf", "--out", str(tmp_path), "--json"])
+    document = json.loads(result.stdout)
+    assert document["preset"] == "shelf"
+    (scene,) = document["scenes"]
+    assert Path(scene["file"]).exists()
+    assert document["redraws"] == scene["redraws"] == sum(scene["reasons"].values())
+
+
+def test_generate_refuses_an_unknown_preset(tmp_path: Path) -> None:
+    assert RUN.invoke(app, ["generate", "--preset", "rows", "--out", str(tmp_path)]).exit_code == 2
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    def run_scene(preset, seed, planners, noise_position, noise_angle, version, only_valid=False):
+        row = Row(
+            preset=preset, seed=seed, planner="", noise_position=noise_position,
+            noise_angle=noise_angle, pushables=1, redraws=0, plan_status="success", success=False,
+            cause="stem_caught", message="", picked=True, swallowed="", unripe_force=1.0,
+            target_force=1.0, static_force=0.0, torn="", stem_force=0.0, duration=1.0,
+            plan_time=0.1, simulation_time=1.0, version=version,
+        )  # fmt: skip
+        return [replace(row, planner=planner, success=planner == "chomp") for planner in planners]
+
+    monkeypatch.setattr(study, "run_scene", run_scene)
+    monkeypatch.setattr(study, "warm_up", lambda *_: None)
+
+
+def test_study_prints_rates_and_causes(quick, tmp_path: Path) -> None:
+    arguments = [
+        "study", "--preset", "cluster, shelf", "--planners", "straight,chomp", "--seeds", "5:8",
+        "--workers", "1", "--out", str(tmp_path),
+    ]  # fmt: skip
+    result = RUN.invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    assert "3 stem caught" in result.stdout
+    assert "44–100" in result.stdout  # 3 of 3
+    names = {"rows.csv", "study.json", "summary.json", "study.png"}
+    assert names <= {p.name for p in tmp_path.iterdir()}
+    again = RUN.invoke(app, [*arguments, "--json"])
+    document = json.loads(again.stdout)
+    assert document["runs"] == 12
+    assert [cell["rate"] for cell in document["cells"]] == [0.0, 1.0, 0.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--seeds", "5"], "write them as"),
+        (["--seeds", "8:5"], "8:5"),
+        (["--preset", "clusters"], "did you mean 'cluster'"),
+        (["--planners", "rrt"], "planner is 'rrt'"),
+        (["--noise-angle", "-1"], "noise_angle"),
+    ],
+)
+def test_study_refuses_what_is_wrong_in_one_line(options, words, tmp_path: Path) -> None:
+    result = RUN.invoke(app, ["study", "--out", str(tmp_path), *options])
+    assert result.exit_code == 2
+    assert words in result.stderr
+    assert "Traceback" not in result.output

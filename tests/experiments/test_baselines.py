@@ -1,0 +1,76 @@
+import numpy as np
+import pytest
+
+from optipromp import metrics
+from optipromp.errors import Code, InvalidRequestError
+from optipromp.experiments.baselines import STUDY_PLANNERS, as_obstacles, attempt, straight
+from optipromp.planning.primitives import camera_point
+from optipromp.planning.setup import bind
+from optipromp.scenes import JointGoal, load_scene
+from optipromp.scenes.generate import generate
+
+
+@pytest.mark.parametrize("preset", ["cluster", "shelf"])
+def test_straight_goes_to_the_camera_point_and_then_along_the_approach(preset: str) -> None:
+    scene = generate(preset, 7)
+    made = straight(scene)
+    setup = bind(scene)
+    q = made.trajectory.positions
+    np.testing.assert_array_equal(q[0], setup.start)
+    tips, axes = setup.robot.tool_pose(q)
+    assert np.linalg.norm(tips[-1] - scene.target.position) < 1e-4
+    assert axes[-1] @ scene.frame[2] > np.cos(1e-3)
+    camera = camera_point(setup)
+    stop = int(np.argmin(np.linalg.norm(tips - camera, axis=1)))
+    assert np.linalg.norm(tips[stop] - camera) < 1e-4
+    off = tips[stop:] - scene.target.position
+    along = off @ scene.frame[2]
+    aside = np.linalg.norm(off - along[:, None] * scene.frame[2], axis=1)
+    assert aside.max() < 1e-3
+    assert (np.diff(along) > -1e-6).all()
+
+
+def test_straight_keeps_the_limits_and_says_what_it_touches() -> None:
+    for seed in range(4):
+        made = straight(generate("table-top", seed))
+        setup = bind(generate("table-top", seed))
+        verdict = metrics.judge(setup.scene, setup.robot, made.trajectory, setup.start)
+        assert verdict.metrics.velocity_ratio <= 1.0 + 1e-6
+        assert verdict.metrics.acceleration_ratio <= 1.0 + 1e-6
+        assert verdict.metrics.goal_error < 1e-3
+        assert (made.status is Code.SUCCESS) == (not verdict.violations)
+
+
+def test_straight_says_when_it_cannot_get_there() -> None:
+    from dataclasses import replace
+
+    scene = load_scene("scenario-3")
+    far = replace(scene.target, position=np.array([2.0, 0.0, 0.5]), stem=None)
+    made = straight(replace(scene, objects=(far,)))
+    assert made.status is Code.GOAL_UNREACHABLE
+    assert made.trajectory is None
+    no_target = replace(scene, objects=(), goal=JointGoal(scene.start))
+    with pytest.raises(InvalidRequestError, match="joints"):
+        straight(no_target)
+
+
+def test_chomp_sees_obstacles_where_others_see_pushables() -> None:
+    scene = generate("cluster", 3)
+    copy = as_obstacles(scene)
+    assert not copy.pushables
+    assert {thing.id for thing in copy.avoid} == {thing.id for thing in scene.pushables}
+    assert copy.target is scene.target
+
+
+@pytest.mark.parametrize("planner", STUDY_PLANNERS)
+def test_every_planner_answers(planner: str) -> None:
+    made = attempt(generate("cluster", 1), planner, seed=1)
+    assert made.planner == planner
+    assert made.trajectory is not None
+    assert made.seconds > 0.0
+    assert made.message
+
+
+def test_an_unknown_planner_is_refused_by_name() -> None:
+    with pytest.raises(InvalidRequestError, match="did you mean 'chomp'"):
+        attempt(generate("cluster", 1), "chom")  # type: ignore[arg-type]

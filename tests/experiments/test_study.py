@@ -1,0 +1,275 @@
+import json
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optipromp.errors import InvalidRequestError
+from optipromp.experiments import runs, study
+from optipromp.experiments.runs import COLUMNS, Row, row_from_text
+from optipromp.experiments.statistics import summary, wilson
+from optipromp.experiments.study import RowFile, Study, run_study
+from optipromp.experiments.study_figure import study_figure
+from optipromp.experiments.study_output import write_results
+
+ROW = Row(
+    preset="cluster", seed=0, planner="straight", noise_position=0.0, noise_angle=0.0, pushables=2,
+    redraws=5, plan_status="success", success=False, cause="crushed", message='n1, "hard"',
+    picked=True, swallowed="", unripe_force=12.5, target_force=0.1, static_force=0.0, torn="",
+    stem_force=1.0, duration=3.0, plan_time=0.1, simulation_time=1.0, version="x",
+)  # fmt: skip
+
+
+def small(**changes) -> Study:
+    given = {"presets": ("cluster",), "planners": ("straight", "promp"), "seeds": (0, 3)}
+    return Study(**{**given, **changes})
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Runs that cost nothing, and a list of the scenes that were run."""
+    asked: list[tuple[str, int, tuple[str, ...]]] = []
+
+    def run_scene(preset, seed, planners, noise_position, noise_angle, version, only_valid=False):
+        asked.append((preset, seed, tuple(planners)))
+        return [
+            replace(ROW, preset=preset, seed=seed, planner=planner, success=planner == "promp")
+            for planner in planners
+        ]
+
+    monkeypatch.setattr(study, "run_scene", run_scene)
+    monkeypatch.setattr(study, "warm_up", lambda *_: None)
+    return asked
+
+
+# --- statistics ---------------------------------------------------------------------------------
+
+
+def test_wilson_against_published_values() -> None:
+    # Newcombe 1998, table I, method 3: 81 of 263, 15 of 148, 0 of 20, 1 of 29
+    for (k, n), (low, high) in {
+        (81, 263): (0.2553, 0.3662),
+        (15, 148): (0.0624, 0.1605),
+        (0, 20): (0.0, 0.1611),
+        (1, 29): (0.0061, 0.1718),
+    }.items():
+        assert wilson(k, n) == pytest.approx((low, high), abs=5e-5)
+    assert wilson(0, 0) == (0.0, 1.0)
+    assert wilson(7, 7)[1] == 1.0
+
+
+def test_summary_counts() -> None:
+    rows = [
+        replace(ROW, seed=0, success=True, cause=""),
+        replace(ROW, seed=1, static_force=3.0, cause="static_contact", unripe_force=2.5),
+        replace(ROW, seed=2, cause="no_plan", plan_status="INVALID_PLAN", unripe_force=None),
+        replace(ROW, seed=3, torn="n1 n2"),
+    ]
+    (cell,) = summary(rows)
+    assert (cell.runs, cell.successes, cell.plans) == (4, 1, 3)
+    assert cell.causes == {"static_contact": 1, "no_plan": 1, "crushed": 1}
+    assert (cell.static_contacts, cell.torn, cell.redraws) == (1, 1, 20)
+    assert cell.unripe_force == 12.5
+    assert cell.low < cell.rate == 0.25 < cell.high
+
+
+# --- the rows file ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "row", [ROW, replace(ROW, picked=None, unripe_force=None, duration=None, success=True)]
+)
+def test_a_row_outlives_its_file(row: Row, tmp_path: Path) -> None:
+    RowFile(tmp_path, small()).append(row)
+    assert RowFile(tmp_path, small()).rows == [row]
+    assert row_from_text({name: str(getattr(ROW, name)) for name in COLUMNS}) == ROW
+
+
+def test_a_row_cut_short_is_dropped_and_the_rest_kept(tmp_path: Path) -> None:
+    file = RowFile(tmp_path, small())
+    file.append(ROW)
+    whole = file.path.read_bytes()
+    file.append(replace(ROW, seed=1))
+    file.path.write_bytes(file.path.read_bytes()[:-7])
+    again = RowFile(tmp_path, small())
+    assert again.rows == [ROW]
+    assert file.path.read_bytes() == whole
+
+
+def test_a_message_of_many_lines_is_one_line(tmp_path: Path) -> None:
+    file = RowFile(tmp_path, small())
+    file.append(replace(ROW, message="one\ntwo\r\n three"))
+    assert RowFile(tmp_path, small()).rows[0].message == "one two three"
+    assert file.path.read_bytes().count(b"\n") == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [({"noise_angle": 5.0}, "noise_angle"), ({"only_valid": True}, "only_valid")],
+)
+def test_rows_of_another_study_are_not_mixed(change, named, tmp_path: Path) -> None:
+    RowFile(tmp_path, small())
+    with pytest.raises(InvalidRequestError, match=named):
+        RowFile(tmp_path, small(**change))
+
+
+def test_rows_of_other_code_are_not_mixed(tmp_path: Path, monkeypatch) -> None:
+    RowFile(tmp_path, small())
+    monkeypatch.setattr(study, "source_version", lambda: "other")
+    with pytest.raises(InvalidRequestError, match="version"):
+        RowFile(tmp_path, small())
+
+
+def test_what_is_no_row_is_refused(tmp_path: Path) -> None:
+    file = RowFile(tmp_path, small())
+    with file.path.open("a") as stream:
+        stream.write("cluster,zero,straight\n")
+    with pytest.raises(InvalidRequestError, match=r"rows\.csv"):
+        RowFile(tmp_path, small())
+
+
+# --- running ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"presets": ("clusters",)}, "did you mean 'cluster'"),
+        ({"planners": ("rrt",)}, "planner is 'rrt'"),
+        ({"planners": ()}, "no planner"),
+        ({"planners": ("promp", "promp")}, "twice"),
+        ({"seeds": (3, 3)}, "3:3"),
+        ({"seeds": (-1, 3)}, "-1:3"),
+        ({"noise_position": float("nan")}, "noise_position"),
+    ],
+)
+def test_wrong_studies_are_refused(change, named) -> None:
+    with pytest.raises(InvalidRequestError, match=named):
+        small(**change)
+
+
+def test_a_study_goes_on_where_it_was_left(quick, tmp_path: Path) -> None:
+    first = run_study(small(seeds=(0, 2)), tmp_path, workers=1)
+    assert len(first) == 4
+    quick.clear()
+    steps = []
+    rows = run_study(
+        small(planners=("straight", "promp", "chomp")), tmp_path, workers=1,
+        progress=lambda done, total, row: steps.append((done, total)),
+    )  # fmt: skip
+    assert quick == [
+        ("cluster", 0, ("chomp",)),
+        ("cluster", 1, ("chomp",)),
+        ("cluster", 2, ("straight", "promp", "chomp")),
+    ]
+    assert steps[0] == (4, 9)
+    assert steps[-1] == (9, 9)
+    assert [row.key for row in rows] == [
+        ("cluster", seed, planner)
+        for seed in range(3)
+        for planner in ("straight", "promp", "chomp")
+    ]
+
+
+def test_an_interruption_keeps_the_rows_that_are_done(quick, tmp_path: Path) -> None:
+    def interrupt(done: int, total: int, row: Row | None) -> None:
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_study(small(), tmp_path, workers=1, progress=interrupt)
+    assert len(RowFile(tmp_path, small()).rows) == 3
+    assert len(run_study(small(), tmp_path, workers=1)) == 6
+    assert len({row.key for row in RowFile(tmp_path, small()).rows}) == 6
+
+
+def test_results_are_written(quick, tmp_path: Path) -> None:
+    rows = run_study(small(), tmp_path, workers=1)
+    names = write_results(rows, summary(rows), tmp_path)
+    assert {"summary.json", "study.png"} <= set(names)
+    cells = json.loads((tmp_path / "summary.json").read_text())["cells"]
+    assert [(cell["planner"], cell["successes"]) for cell in cells] == [
+        ("straight", 0),
+        ("promp", 3),
+    ]
+    assert (tmp_path / "study.png").read_bytes()[:4] == b"\x89PNG"
+    assert len(study_figure(summary(rows)).axes) == 2
+
+
+def test_a_run_that_breaks_off_is_a_row_too(monkeypatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("of all things")
+
+    monkeypatch.setattr(runs, "attempt", broken)
+    (row,) = runs.run_scene("cluster", 0, ("straight",), 0.0, 0.0, "x")
+    assert (row.success, row.cause) == (False, "error")
+    assert "of all things" in row.message
+
+
+def test_plans_that_are_refused_are_not_executed_where_so_asked() -> None:
+    pytest.importorskip("mujoco")
+    for seed in range(20):
+        (row,) = runs.run_scene("table-top", seed, ("straight",), 0.0, 0.0, "x", only_valid=True)
+        if row.plan_status != "success":
+            assert row.cause == "no_plan"
+            assert row.unripe_force is None
+            return
+    pytest.fail("twenty table-tops that a straight approach does not mind")
+
+
+def test_a_real_run_is_the_same_in_another_process(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    wanted = small(planners=("straight",), seeds=(0, 2), noise_position=0.005, noise_angle=5.0)
+    alone = run_study(wanted, tmp_path / "alone", workers=1)
+    together = run_study(wanted, tmp_path / "together", workers=2)
+    assert len(alone) == len(together) == 2
+    for one, other in zip(alone, together, strict=True):
+        times = {"plan_time": 0.0, "simulation_time": 0.0}
+        assert replace(one, **times) == replace(other, **times)
+        assert one.plan_status in ("success", "INVALID_PLAN")
+        assert one.unripe_force is not None
+    assert not multiprocessing.active_children()
+    assert np.ptp([row.seed for row in alone]) == 1
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_ctrl_c_leaves_whole_rows_and_no_process(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    command = [
+        sys.executable, "-m", "optipromp", "study", "--preset", "cluster", "--planners", "straight",
+        "--seeds", "0:400", "--workers", "2", "--out", str(tmp_path),
+    ]  # fmt: skip
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True)
+    rows = tmp_path / "rows.csv"
+    until = time.monotonic() + 120
+    while time.monotonic() < until and process.poll() is None:
+        if rows.exists() and rows.read_bytes().count(b"\n") >= 3:
+            break
+        time.sleep(0.1)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to every process of the group
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 130, errors
+    assert b"Traceback" not in errors
+    content = rows.read_bytes()
+    assert content.endswith(b"\n")
+    kept = RowFile(tmp_path, Study(("cluster",), ("straight",), (0, 400))).rows
+    assert 2 <= len(kept) < 400
+    until = time.monotonic() + 10
+    while group_lives(process.pid) and time.monotonic() < until:
+        time.sleep(0.1)  # multiprocessing's own helper ends when it sees the others gone
+    assert not group_lives(process.pid)
+
+
+def group_lives(group: int) -> bool:
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
