@@ -21,9 +21,10 @@ class PlanOptions:
     """Settings of a plan, with the defaults of the method.
 
     Attributes:
-        knots: T; None chooses it so that no joint moves more than ``step_target`` between knots.
+        knots: T; None chooses it so that no joint moves more than ``max_step`` between knots.
         duration: of the trajectory [s]; None takes the shortest that the limits allow.
-        timeout: wall time after which the best so far is returned as TIMEOUT [s].
+        timeout: wall time [s] after which the best so far is returned, as TIMEOUT where it is not
+            valid or nothing has been optimised yet.
         alphas: α1 … α4, weights of static, avoid, push and velocity.
         epsilon: safety distance of the obstacle cost [m].
         reduction: over body points, ``max`` (the paper) or ``sum`` (CHOMP); None: the strategy's
@@ -31,17 +32,19 @@ class PlanOptions:
         push: form of F_p; None: the strategy's own, ``quadratic`` and ``reciprocal``.
         push_weights: weights of F_p along x_g, y_g, z_g.
         drift: which way the tool passes pushables.
-        window: at which heights it passes them aside; see
+        window: at which heights it passes them aside in the joint strategy (the sequential one
+            keeps the paper's); see
             :func:`optipromp.pushing.sides.passing_window`.
         drift_offset: how far it passes from their centres [m]; None: R_gripper.
         corridor: tolerance of constraint 3 along x_g and z_g [m].
         smoothness: weight of ½∫‖ξ̈‖² dt in the joint strategy.
-        static_clearance: wanted between every body sphere and static things [m].
+        static_clearance: wanted between every body sphere and static things [m]. This setting and
+            the next five are of the joint strategy.
         avoid_clearance: wanted between B_d and avoid things and pushables [m].
         self_clearance: wanted between links that are not neighbours [m].
         limit_margin: kept from the joint limits [rad or m].
         priority: stiffness of the constraints where they conflict.
-        starts: how many starts are solved together.
+        starts: how many goal configurations are solved for together.
         camera_phase: t_1, the phase of the camera point; None: so that knots before and after it
             take steps alike.
         camera_point: whether the promp planner is conditioned on the camera point; None: as the
@@ -86,11 +89,16 @@ class PlanOptions:
             if not ok:
                 raise InvalidRequestError(f"{name} is {getattr(self, name)}; it must be {wanted}")
 
+        def whole(value: object) -> bool:
+            return isinstance(value, int | np.integer)
+
         for item in fields(self):
             value = getattr(self, item.name)
-            if isinstance(value, float) and not np.isfinite(value):
-                need(item.name == "timeout" and value > 0, item.name, "finite")
-        need(self.knots is None or self.knots >= 3, "knots", "at least 3")
+            for number in value if isinstance(value, tuple) else (value,):
+                if isinstance(number, float) and not np.isfinite(number):
+                    need(item.name == "timeout" and number > 0, item.name, "finite")
+        knots, iterations = self.knots, self.iterations
+        need(knots is None or (whole(knots) and knots >= 3), "knots", "a whole number, at least 3")
         need(self.duration is None or self.duration > 0, "duration", "positive [s]")
         need(self.timeout > 0, "timeout", "positive [s]")
         need(
@@ -108,10 +116,18 @@ class PlanOptions:
         need(self.drift_offset is None or self.drift_offset >= 0, "drift_offset", "not negative")
         need(self.corridor >= 0, "corridor", "not negative")
         need(self.smoothness >= 0, "smoothness", "not negative")
-        need(self.starts >= 1, "starts", "at least 1")
+        for name in ("static_clearance", "avoid_clearance", "self_clearance", "limit_margin"):
+            need(getattr(self, name) >= 0, name, "not negative")
+        stiffness = vars(self.priority).values()
+        need(all(0 <= k < np.inf for k in stiffness), "priority", "finite and not negative")
+        need(whole(self.starts) and self.starts >= 1, "starts", "a whole number, at least 1")
         phase = self.camera_phase
         need(phase is None or 0.0 < phase < 1.0, "camera_phase", "between 0 and 1")
         need(self.max_step > 0, "max_step", "positive")
-        need(self.iterations is None or self.iterations >= 0, "iterations", "not negative")
+        need(
+            iterations is None or (whole(iterations) and iterations >= 0),
+            "iterations", "a whole number, not negative",
+        )  # fmt: skip
         need(self.via_deviation >= 0, "via_deviation", "not negative")
         need(self.direction_deviation >= 0, "direction_deviation", "not negative")
+        need(all(isinstance(term, Term) for term in self.terms), "terms", "cost terms")
