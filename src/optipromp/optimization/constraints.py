@@ -26,7 +26,10 @@ class Priority:
     clearance: float = 2e4
     avoid: float = 1e5
     step: float = 1e5
+    tool_avoid: float = 5e3
+    funnel: float = 1e4
     drift: float = 1e4
+    berth: float = 1e3
     corridor: float = 1e2
     upright: float = 1e1
 
@@ -94,6 +97,37 @@ class DriftConstraint(Term):
             kernels.drift_penalty(
                 e.points, e.tool, self.centers, self.directions, self.approach, self.windows,
                 self.offset, self.slope, self.first, scale, e.force, e.stiffness,
+            )
+        )  # fmt: skip
+
+
+class FunnelConstraint(Term):
+    """Straightness: no farther from the approach line than the pushables ask for, and at the target
+    no farther than the mouth can be off and still take it in.
+
+    The funnel has ``width`` down to ``below`` the goal [m] and opens with ``slope`` to ``widest``.
+    """
+
+    def __init__(
+        self,
+        weight: float,
+        goal: FloatArray,
+        approach: FloatArray,
+        below: float,
+        width: float,
+        widest: float,
+        first: int,
+        slope: float = 4.0,
+    ) -> None:
+        super().__init__("funnel", weight)
+        self.goal, self.approach, self.below = goal, approach, below
+        self.width, self.widest, self.first, self.slope = width, widest, first, slope
+
+    def add(self, e: Evaluation, scale: float) -> float:
+        return float(
+            kernels.funnel_penalty(
+                e.points, e.tool, self.goal, self.approach, self.below, self.width, self.slope,
+                self.widest, self.first, scale, e.force, e.stiffness,
             )
         )  # fmt: skip
 

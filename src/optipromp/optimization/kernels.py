@@ -284,6 +284,43 @@ def drift_penalty(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def funnel_penalty(  # type: ignore[no-untyped-def]
+    points, tool, goal, approach, below, width, slope, widest, first, weight, force, stiffness
+):
+    r"""½ Σ weight·max(0, ρ − min(width + slope·max(0, −z − below), widest))².
+
+    ρ is the tool point's distance from the approach line through ``goal`` and z its height over it:
+    ``below`` the goal the funnel opens, up to ``widest``.
+    """
+    total = 0.0
+    for t in range(first, points.shape[0]):
+        x = points[t, tool, 0] - goal[0]
+        y = points[t, tool, 1] - goal[1]
+        z = points[t, tool, 2] - goal[2]
+        height = x * approach[0] + y * approach[1] + z * approach[2]
+        x -= height * approach[0]
+        y -= height * approach[1]
+        z -= height * approach[2]
+        away = math.sqrt(x * x + y * y + z * z)
+        opened = width + slope * max(0.0, -height - below)
+        tilt = slope if -height > below else 0.0
+        if opened > widest:
+            opened, tilt = widest, 0.0
+        over = away - opened
+        if over <= 0.0 or away < 1e-12:
+            continue
+        total += 0.5 * weight * over * over
+        nx = x / away + tilt * approach[0]
+        ny = y / away + tilt * approach[1]
+        nz = z / away + tilt * approach[2]
+        force[t, tool, 0] += weight * over * nx
+        force[t, tool, 1] += weight * over * ny
+        force[t, tool, 2] += weight * over * nz
+        add_outer(stiffness[t, tool], weight, nx, ny, nz)
+    return total
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def corridor_penalty(points, tool, reference, axes, tolerance, first, weight, force, stiffness):  # type: ignore[no-untyped-def]
     """½ Σ weight·max(0, |axis·(fk − reference)| − tolerance)² along each of ``axes`` (m, 3)."""
     total = 0.0

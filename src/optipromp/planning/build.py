@@ -9,6 +9,7 @@ from optipromp.optimization.constraints import (
     ClearanceConstraint,
     CorridorConstraint,
     DriftConstraint,
+    FunnelConstraint,
     GoalConstraint,
     LimitConstraint,
     SelfConstraint,
@@ -32,6 +33,8 @@ from optipromp.pushing.sides import Drift
 
 DRIFT_MARGIN = 1e-3  # [m] so that the drift still holds at the knots once the penalty has settled
 TOUCH_MARGIN = 1e-3  # [m] under which clearance outranks the goal
+ASIDE_MARGIN = 4e-3  # [m] that the tool may swing out beyond what the pushables ask for
+CAPTURE_LEAST = 2e-3  # [m] off the approach line at the target, for a mouth hardly wider than it
 UPRIGHT = np.deg2rad(8.0)  # [rad] tilt of the tool allowed on the approach
 
 
@@ -68,14 +71,43 @@ def functionals(
     return terms
 
 
-def drift_constraint(setup: Setup, options: PlanOptions, knots: Knots, drift: Drift) -> Term:
-    """Constraints 1 and 2."""
-    offset = options.drift_offset
-    wanted = setup.robot.gripper_radius if offset is None else offset
-    return DriftConstraint(
-        options.priority.drift, drift.centers, drift.directions, setup.scene.frame[2],
-        drift.windows, np.full(len(drift.ids), wanted + DRIFT_MARGIN),
-        knots.first,
+def widths(setup: Setup, options: PlanOptions) -> tuple[FloatArray, FloatArray]:
+    """How far (N,) the tool must pass each neighbour, and how far it should [m]."""
+    wanted = options.drift_offset
+    least = (setup.robot.gripper_radius if wanted is None else wanted) + DRIFT_MARGIN
+    radii = np.array([thing.radius for thing in setup.neighbours])
+    return np.full(len(radii), least), least + options.berth * radii
+
+
+def capture_height(setup: Setup) -> float:
+    """How far below the goal the tool begins to take in the target [m]."""
+    assert setup.scene.target is not None
+    return float(getattr(setup.robot.tool, "depth", 0.0)) + setup.scene.target.radius
+
+
+def drift_constraints(setup: Setup, options: PlanOptions, knots: Knots, drift: Drift) -> list[Term]:
+    """Constraints 1 and 2, and the wider berth that a real fruit wants."""
+    weights = options.priority.drift, options.priority.berth
+    return [
+        DriftConstraint(
+            weight, drift.centers, drift.directions, setup.scene.frame[2], drift.windows, offset,
+            knots.first,
+        )
+        for weight, offset in zip(weights, widths(setup, options), strict=True)
+    ]  # fmt: skip
+
+
+def funnel_constraint(setup: Setup, options: PlanOptions, knots: Knots, drift: Drift) -> Term:
+    """How far from the approach line the tool may be, at every height."""
+    target, up = setup.scene.target, setup.scene.frame[2]
+    assert target is not None
+    off = drift.centers - target.position
+    flat = off - (off @ up)[:, None] * up
+    ends = flat + (widths(setup, options)[1] + ASIDE_MARGIN)[:, None] * drift.directions
+    return FunnelConstraint(
+        options.priority.funnel, target.position, up, below=capture_height(setup),
+        width=max(CAPTURE_LEAST, setup.robot.gripper_radius - target.radius),
+        widest=float(np.max(np.linalg.norm(ends, axis=1))), first=knots.first,
     )  # fmt: skip
 
 
@@ -93,6 +125,7 @@ def constraints(
         ClearanceConstraint("touch", "static", p.touch, TOUCH_MARGIN),
         ClearanceConstraint("clearance", "static", p.clearance, options.static_clearance),
         ClearanceConstraint("avoid", "dynamic", p.avoid, options.avoid_clearance, proximal),
+        ClearanceConstraint("tool avoid", "dynamic", p.tool_avoid, 0.0, ~proximal),
         SelfConstraint(p.avoid, options.self_clearance),
     ]
     if setup.goal_position is not None:
@@ -100,7 +133,8 @@ def constraints(
     if drift.ids:
         assert setup.goal_axis is not None
         terms += [
-            drift_constraint(setup, options, knots, drift),
+            *drift_constraints(setup, options, knots, drift),
+            funnel_constraint(setup, options, knots, drift),
             CorridorConstraint(p.corridor, reference, frame[[0, 2]], options.corridor, first),
             UprightConstraint(p.upright, setup.goal_axis, UPRIGHT, first),
         ]

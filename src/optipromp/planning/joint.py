@@ -17,16 +17,26 @@ from optipromp.metrics import Judgement
 from optipromp.optimization.evaluation import Evaluation
 from optipromp.optimization.problem import Problem, Value
 from optipromp.optimization.solvers import gauss_newton
-from optipromp.planning.build import Knots, joint_problem
+from optipromp.planning.build import Knots, capture_height, joint_problem, widths
 from optipromp.planning.options import PlanOptions
-from optipromp.planning.primitives import conditioned, detection_variance, on_branch, via_points
+from optipromp.planning.primitives import (
+    camera_point,
+    conditioned,
+    detection_variance,
+    on_branch,
+    via_points,
+)
 from optipromp.planning.setup import Setup
 from optipromp.planning.stages import Outcome, Stage
 from optipromp.promp.model import ProMP
 from optipromp.pushing.sides import Drift, drift_choices
+from optipromp.pushing.thread import evenly, length, thread
+from optipromp.robots import ik
 from optipromp.trajectory import Trajectory, shortest_dt
 
 LEVER_ARM = 0.4  # [m] turns a deviation of the tool into one of the joints
+TOOL_STEP = 0.005  # [m] of the tool point between knots of the approach
+FOLLOWED = 1e-4  # [m] largest error of a followed tool point
 PEAK = 1.9  # largest over mean speed of a smooth reach
 FEWEST, MOST = 60, 600  # knots
 LONGER = 1.5  # a motion with this many times the knots of the shortest waits for a later batch
@@ -36,8 +46,9 @@ CLOSE = 1.3  # a start within this factor of the best one after the first stage 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """An initial trajectory (T, n) with the sides it is to pass pushables on."""
+    """A conditioned ProMP (T, n), the trajectory to begin from, and the sides to pass on."""
 
+    initial: FloatArray
     q: FloatArray
     drift: Drift
     knots: Knots
@@ -56,19 +67,26 @@ class Attempt:
 
 
 def knots_for(
-    setup: Setup, options: PlanOptions, start: FloatArray, via: FloatArray | None, goal: FloatArray
+    setup: Setup,
+    options: PlanOptions,
+    via: FloatArray | None,
+    goal: FloatArray,
+    path: float,
 ) -> Knots:
-    """Knots such that no joint moves much over the wanted step, before t_1 and after alike."""
+    """Knots such that no joint moves much over the wanted step, before t_1 and after alike.
+
+    ``path`` is the length of the tool's way from the camera point to the goal [m].
+    """
     step = 0.8 * options.max_step
     if via is None or len(via) < 2:
-        reach = PEAK * float(np.max(np.abs(goal - start))) / step
+        reach = PEAK * float(np.max(np.abs(goal - setup.start))) / step
         count = options.knots or int(np.clip(np.ceil(reach) + 1, FEWEST, MOST))
         return Knots(count, options.camera_phase or 0.5)
-    reach = PEAK * float(np.max(np.abs(via[0] - start))) / step
+    reach = PEAK * float(np.max(np.abs(via[0] - setup.start))) / step
     approach = 1.6 * float(np.max(np.abs(np.diff(via, axis=0)), axis=1).sum()) / step
-    reach, approach = max(reach, 25.0), max(approach, 50.0)
+    reach, approach = max(reach, 25.0), max(approach, 40.0, path / TOOL_STEP)
     count = options.knots or int(np.clip(10 * np.ceil((reach + approach) / 10), FEWEST, MOST))
-    phase = options.camera_phase or float(np.clip(reach / (reach + approach), 0.3, 0.75))
+    phase = options.camera_phase or float(np.clip(reach / (reach + approach), 0.2, 0.75))
     return Knots(count, phase)
 
 
@@ -85,13 +103,17 @@ class Branch:
 def branches(setup: Setup, options: PlanOptions, goals: FloatArray) -> list[Branch]:
     """The branches of the goal configurations (m, n), shortest motion first."""
     out = []
+    path = max(
+        (length(tool_path(setup, options, drift)) for drift in sides(setup, options)), default=0.0
+    )
     for goal in goals:
         via, deviations = None, np.zeros(1)
         if setup.neighbours:
             positions = [thing.position for thing in setup.neighbours]
             points = via_points(setup, positions, 0.5, options.via_deviation)
             via, deviations = on_branch(setup, points, goal), points.deviations
-        out.append(Branch(goal, via, deviations, knots_for(setup, options, setup.start, via, goal)))
+        knots = knots_for(setup, options, via, goal, path)
+        out.append(Branch(goal, via, deviations, knots))
     return sorted(out, key=lambda branch: branch.knots.count)
 
 
@@ -104,6 +126,44 @@ def sides(setup: Setup, options: PlanOptions) -> tuple[Drift, ...]:
         window=options.window,
         depth=getattr(setup.robot.tool, "depth", 0.0),
     )
+
+
+def tool_path(setup: Setup, options: PlanOptions, drift: Drift) -> FloatArray:
+    """Corners (k, 3) of the tool's way from the camera point past the neighbours to the goal."""
+    if not drift.ids or setup.goal_position is None:
+        return np.zeros((1, 3))
+    return thread(
+        drift,
+        widths(setup, options)[1],
+        setup.goal_position,
+        setup.scene.frame,
+        camera_point(setup),
+        capture_height(setup),
+    )
+
+
+def threaded(
+    setup: Setup, options: PlanOptions, branch: Branch, drift: Drift, q: FloatArray
+) -> FloatArray:
+    """``q`` (T, n) with its approach led along the tool path past the neighbours.
+
+    The approach is followed by inverse kinematics from the goal back, on the branch; the reach
+    before it is bent to meet it. ``q`` itself where the path cannot be followed.
+    """
+    if branch.via is None or options.window == "paper":
+        return q
+    assert setup.goal_axis is not None
+    first = branch.knots.first
+    points = evenly(tool_path(setup, options, drift), len(q) - first)
+    axes = np.tile(setup.goal_axis, (len(points) - 1, 1))
+    back, errors = ik.track(setup.robot, points[-2::-1], axes, branch.goal)
+    if errors.max() > FOLLOWED:
+        return q
+    out = np.array(q)
+    out[first:-1] = back[::-1]
+    share = np.linspace(0.0, 1.0, first + 1)[:, None]
+    out[: first + 1] = q[: first + 1] + share**2 * (3.0 - 2.0 * share) * (out[first] - q[first])
+    return out
 
 
 def initial(setup: Setup, promp: ProMP, branch: Branch) -> FloatArray:
@@ -154,7 +214,7 @@ def batches(
         batch = [branch for branch in waiting[: options.starts] if branch.knots.count <= reach]
         waiting = waiting[len(batch) :]
         yield [
-            Start(q, drift, branch.knots)
+            Start(q, threaded(setup, options, branch, drift, q), drift, branch.knots)
             for branch in batch
             for q in (initial(setup, promp, branch),)
             for drift in choices
@@ -162,7 +222,7 @@ def batches(
     for _ in range(SAMPLE_ROUNDS):
         for low in range(0, len(order), options.starts):
             yield [
-                Start(q, drift, branch.knots)
+                Start(q, q, drift, branch.knots)
                 for branch in order[low : low + options.starts]
                 for q in (sampled(setup, promp, branch, rng),)
                 for drift in choices
@@ -201,7 +261,7 @@ def plan_joint(
     names = tuple(term.name for term in best.problem.terms)
     stage = Stage("joint", "gauss-newton", names, best.history, seconds, best.message)
     return Outcome(
-        trajectory_of(setup, options, best.start.q),
+        trajectory_of(setup, options, best.start.initial),
         trajectory_of(setup, options, best.q),
         best.start.knots,
         (stage,) if optimised else (),

@@ -34,8 +34,10 @@ class PlanOptions:
         drift: which way the tool passes pushables.
         window: at which heights it passes them aside in the joint strategy (the sequential one
             keeps the paper's); see
-            :func:`optipromp.pushing.sides.passing_window`.
+            :func:`optipromp.pushing.sides.passing_windows`.
         drift_offset: how far it passes from their centres [m]; None: R_gripper.
+        berth: how much farther, in radii of the pushable, it passes where nothing stands against
+            it: a rim right under a fruit's centre may tip it either way. 0 in the paper.
         corridor: tolerance of constraint 3 along x_g and z_g [m].
         smoothness: weight of ½∫‖ξ̈‖² dt in the joint strategy.
         static_clearance: wanted between every body sphere and static things [m]. This setting and
@@ -68,8 +70,9 @@ class PlanOptions:
     drift: DriftRule = "lateral-plane"
     window: Window = "rim"
     drift_offset: float | None = None
+    berth: float = 0.8
     corridor: float = 0.02
-    smoothness: float = 2e-5
+    smoothness: float = 2e-6
     static_clearance: float = 0.012
     avoid_clearance: float = 0.005
     self_clearance: float = 0.005
@@ -114,6 +117,7 @@ class PlanOptions:
         need(self.drift in ("lateral-plane", "paper"), "drift", "'lateral-plane' or 'paper'")
         need(self.window in ("rim", "paper"), "window", "'rim' or 'paper'")
         need(self.drift_offset is None or self.drift_offset >= 0, "drift_offset", "not negative")
+        need(self.berth >= 0, "berth", "not negative")
         need(self.corridor >= 0, "corridor", "not negative")
         need(self.smoothness >= 0, "smoothness", "not negative")
         for name in ("static_clearance", "avoid_clearance", "self_clearance", "limit_margin"):

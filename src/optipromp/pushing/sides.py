@@ -18,7 +18,9 @@ from optipromp.scenes.scene import Scene, SceneObject
 
 DriftRule = Literal["lateral-plane", "paper"]
 Window = Literal["rim", "paper"]
-CAPTURE_MARGIN = 0.003  # [m] under the target at which the rim must be free to close in
+RELEASE = 0.5  # radii past a pushable's centre at which the rim may come back
+ROOM_TO_TURN = 0.02  # [m] of height to go from one side to another
+ALIKE = 0.7  # cosine from which two directions are one
 LEAST_INCLINATION = np.deg2rad(1.0)
 MOST_CHOICES = 8
 
@@ -55,23 +57,40 @@ def stem_side(scene: Scene, thing: SceneObject, rule: DriftRule) -> FloatArray |
     return None if length < least else -flat / length
 
 
-def passing_window(
-    scene: Scene, thing: SceneObject, window: Window, depth: float
-) -> tuple[float, float]:
-    """Heights of the tool point over a pushable between which the drift holds [m].
+def passing_windows(
+    scene: Scene,
+    things: Sequence[SceneObject],
+    directions: Sequence[FloatArray],
+    window: Window,
+    depth: float,
+) -> FloatArray:
+    """Heights (N, 2) of the tool point over each pushable between which its drift holds [m].
 
     The paper's window is the pushable's own extent about its centre. What decides whether a fruit
     ends inside or outside the mouth is the rim, ``depth`` [m] above the tool point: it must be
-    aside before it reaches the pushable, and may come back once it has passed the centre where
-    otherwise it would be aside of the target too. So the ``rim`` window begins lower, by the depth,
-    and ends where the rim begins to take in the target.
+    aside before it reaches the pushable, so the ``rim`` window begins lower, by the depth. It ends
+    where the paper's does, unless the tool is wanted elsewhere by then: where the rim takes in the
+    target, or where the next pushable asks for another direction. Then it ends as soon as the rim
+    is safely past the centre.
     """
-    radius = thing.radius
+    radii = np.array([thing.radius for thing in things])
     if window == "paper" or scene.target is None:
-        return -radius, radius
-    height = float((scene.target.position - thing.position) @ scene.frame[2])
-    capture = height - depth - scene.target.radius - CAPTURE_MARGIN
-    return -depth - radius, min(radius, max(capture, -depth))
+        return np.stack([-radii, radii], axis=1).reshape(-1, 2)
+    up = scene.frame[2]
+    heights = np.array([thing.position @ up for thing in things])
+    capture = float(scene.target.position @ up) - depth - scene.target.radius
+    wanted = [capture - ROOM_TO_TURN]
+    out = np.empty((len(things), 2))
+    for n in range(len(things) - 1, -1, -1):
+        released = -depth + RELEASE * radii[n]
+        elsewhere = [
+            heights[m] - depth - radii[m] - ROOM_TO_TURN
+            for m in range(n + 1, len(things))
+            if float(directions[m] @ directions[n]) < ALIKE
+        ]
+        free = min([*wanted, *elsewhere]) - heights[n]
+        out[n] = -depth - radii[n], min(radii[n], max(free, released))
+    return out
 
 
 def drift_choices(
@@ -86,7 +105,7 @@ def drift_choices(
 
     A stem that leans decides its side; a vertical one, or none, leaves both ways along y_g open.
     The first choice leaves the approach line least. ``window`` and ``depth``: see
-    :func:`passing_window`.
+    :func:`passing_windows`.
 
     Raises:
         InvalidRequestError: an unknown rule or window.
@@ -97,7 +116,6 @@ def drift_choices(
         raise InvalidRequestError(f"drift is {rule!r}; use 'lateral-plane' or 'paper'")
     y_g = scene.frame[1]
     centers = np.array([thing.position for thing in things]).reshape(-1, 3)
-    windows = np.array([passing_window(scene, t, window, depth) for t in things]).reshape(-1, 2)
     options: list[list[FloatArray]] = []
     for thing in things:
         side = stem_side(scene, thing, rule)
@@ -114,7 +132,7 @@ def drift_choices(
             tuple(thing.id for thing in things),
             centers,
             np.array(directions).reshape(-1, 3),
-            windows,
+            passing_windows(scene, things, directions, window, depth),
         )
         for directions in chosen
     )
