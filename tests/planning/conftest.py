@@ -1,0 +1,94 @@
+"""Scenes and plans that the tests of planning share; a plan is made once and only read."""
+
+import functools
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optipromp.planning import Plan, PlanOptions, plan
+from optipromp.planning.plan import warm_up
+from optipromp.scenes import Scene, SceneObject, Stem, load_scene
+
+RECORDED = (
+    Path(__file__).resolve().parents[2] / "../shared/data/panda_demonstrations/demonstrations.npz"
+)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled() -> None:
+    """No test's clock runs while kernels are compiled."""
+    warm_up()
+
+
+@functools.cache
+def made(scene: str, planner: Any, strategy: Any, options: tuple[tuple[str, Any], ...]) -> Plan:
+    return plan(scene, planner=planner, strategy=strategy, options=PlanOptions(**dict(options)))
+
+
+@pytest.fixture(scope="session")
+def planned() -> Callable[..., Plan]:
+    """planned(scene, planner, strategy, **options) -> plan, from a cache."""
+
+    def _planned(
+        scene: str, planner: str = "opti-promp", strategy: str = "joint", **options: Any
+    ) -> Plan:
+        return made(scene, planner, strategy, tuple(sorted(options.items())))
+
+    return _planned
+
+
+@pytest.fixture
+def three() -> Scene:
+    return load_scene("scenario-3")
+
+
+@pytest.fixture(scope="session")
+def recorded() -> Path:
+    """The recorded demonstrations, which lie beside the repository where they are at all."""
+    if not RECORDED.is_file():
+        pytest.skip("no recorded demonstrations beside this repository")
+    return RECORDED
+
+
+def hung(thing: SceneObject, position: np.ndarray, root: np.ndarray) -> SceneObject:
+    """A fruit at another place, its straight stem to another root."""
+    return replace(thing, position=position, stem=Stem(np.array([position, root])))
+
+
+def noisy(scene: Scene, seed: int, deviation: float = 0.005) -> Scene:
+    """Every fruit moved by N(0, deviation), still hanging from its root."""
+    rng = np.random.default_rng(seed)
+    objects = []
+    for thing in scene.objects:
+        if thing.stem is None:
+            objects.append(thing)
+        else:
+            off = rng.normal(0.0, deviation, 3)
+            objects.append(hung(thing, thing.position + off, thing.stem.root))
+    return replace(scene, objects=tuple(objects))
+
+
+def moved(scene: Scene, seed: int, reach: float = 0.04) -> Scene:
+    """The whole cluster elsewhere: every object moved alike, by up to ``reach`` along each axis."""
+    off = np.random.default_rng(seed).uniform(-reach, reach, 3)
+    objects = []
+    for thing in scene.objects:
+        if thing.stem is None:
+            objects.append(replace(thing, position=thing.position + off))
+        else:
+            objects.append(hung(thing, thing.position + off, thing.stem.root + off))
+    return replace(scene, objects=tuple(objects))
+
+
+@pytest.fixture(scope="session", name="noisy")
+def noisy_fixture() -> Callable[..., Scene]:
+    return noisy
+
+
+@pytest.fixture(scope="session", name="moved")
+def moved_fixture() -> Callable[..., Scene]:
+    return moved

@@ -1,0 +1,438 @@
+"""What else may be asked of a plan, and what bad or hopeless requests get."""
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optipromp.errors import (
+    Code,
+    InvalidDemonstrationError,
+    InvalidRequestError,
+    InvalidSceneError,
+    StartInvalidError,
+)
+from optipromp.geometry import Box, Sphere
+from optipromp.optimization.evaluation import Evaluation
+from optipromp.optimization.terms import Term
+from optipromp.planning import PLANNERS, STRATEGIES, Plan, PlanOptions, plan
+from optipromp.planning.primitives import smooth_prior
+from optipromp.planning.setup import bind
+from optipromp.robots.library import load_robot
+from optipromp.scenes import JointGoal, PoseGoal, Scene, SceneObject, Stem, load_scene
+
+UP = np.array([0.0, 0.0, 1.0])
+END = np.array([-0.9, 0.7, 0.4, -1.9, 0.3, 1.9, 0.5])
+
+
+def block(role: Any, shape: Any, at: Any, name: str = "block") -> SceneObject:
+    return SceneObject(name, role, shape, np.asarray(at, dtype=float))
+
+
+def without(scene: Scene, *roles: str) -> Scene:
+    return replace(scene, objects=tuple(o for o in scene.objects if o.role not in roles))
+
+
+def assert_success(result: Plan) -> None:
+    assert result.status is Code.SUCCESS, result.message
+    assert result.success
+    assert result.metrics.limit_violation == 0.0
+    assert result.metrics.goal_error <= 1e-3
+
+
+@pytest.fixture
+def obstructed(three: Scene) -> Scene:
+    """A goal in joints, with a ball where the tool passes on the straight way there."""
+    free = replace(three, objects=(), goal=JointGoal(END))
+    straight = plan(free)
+    assert_success(straight)
+    tools = straight.robot.tool_pose(straight.trajectory.positions)[0]
+    middle = tools[len(tools) // 2]
+    return replace(free, objects=(block("static", Sphere(0.06), middle),))
+
+
+# --- goals -----------------------------------------------------------------------------------
+
+
+def test_a_goal_in_joints_is_met_exactly_around_an_obstacle(obstructed: Scene) -> None:
+    result = plan(obstructed)
+    assert_success(result)
+    np.testing.assert_allclose(result.trajectory.positions[-1], END, atol=1e-12)
+    before = plan(obstructed, options=PlanOptions(iterations=0))
+    assert before.status is Code.INVALID_PLAN  # the way there is not free by itself
+    assert "block" in before.message
+    assert result.metrics.clearance_static is not None
+    assert result.metrics.clearance_static > 0.0
+    assert result.metrics.goal_axis_error is None
+    assert result.metrics.M_p == {}
+    assert result.terms["push"].initial == result.terms["push"].final == 0.0
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+@pytest.mark.parametrize("kind", ["joints", "pose"])
+def test_every_planner_goes_to_a_goal(planner: Any, kind: str, three: Scene) -> None:
+    goal: Any = JointGoal(END) if kind == "joints" else PoseGoal(np.array([0.45, 0.1, 0.75]), UP)
+    clusters = tuple(o for o in three.objects if o.role == "avoid")
+    result = plan(replace(three, objects=clusters, goal=goal), planner=planner)
+    assert_success(result)
+    if kind == "pose":
+        assert result.metrics.goal_axis_error is not None
+        assert result.metrics.goal_axis_error <= np.deg2rad(2.0)
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_a_pose_with_a_slanted_axis(strategy: Any, three: Scene) -> None:
+    axis = np.array([0.5, 0.2, 1.0])
+    scene = replace(three, objects=(), goal=PoseGoal(np.array([0.45, 0.1, 0.7]), axis))
+    result = plan(scene, strategy=strategy)
+    assert_success(result)
+    _, along = result.robot.tool_pose(result.trajectory.positions[-1])
+    assert along @ axis / np.linalg.norm(axis) > np.cos(np.deg2rad(2.0))
+
+
+def test_no_pushables(three: Scene, planned: Callable[..., Plan]) -> None:
+    for planner in PLANNERS:
+        result = plan(without(three, "pushable"), planner=planner)
+        assert_success(result)
+        assert result.terms["push"].final == 0.0
+        assert result.metrics.clearance_pushable is None
+        assert result.metrics.M_p == result.metrics.stem_projection == {}
+
+
+def test_nothing_but_a_target(three: Scene) -> None:
+    for strategy in STRATEGIES:
+        result = plan(without(three, "pushable", "avoid"), strategy=strategy)
+        assert_success(result)
+        assert result.terms["static"].final == result.terms["avoid"].final == 0.0
+        assert result.metrics.clearance_static is None
+        assert result.metrics.clearance_avoid is None
+        assert result.metrics.M_c is None
+
+
+@pytest.mark.parametrize("stem", ["none", "vertical"])
+def test_without_sides_one_is_chosen(stem: str, three: Scene) -> None:
+    objects = []
+    for o in three.objects:
+        hung = None
+        if o.stem is not None and stem == "vertical":
+            hung = Stem(np.array([o.position, o.position + 0.2 * UP]))
+        objects.append(replace(o, stem=hung))
+    result = plan(replace(three, objects=tuple(objects)))
+    assert_success(result)
+    for offset in result.metrics.M_p.values():
+        assert offset is not None
+        assert abs(offset) >= 0.05
+    projections = set(result.metrics.stem_projection.values())
+    assert projections == ({None} if stem == "none" else {0.0})
+
+
+def test_an_undecided_pushable_is_passed_where_there_is_room(three: Scene) -> None:
+    """One side is blocked for the arm and the tool: both are tried, the free one is kept."""
+    n2 = next(o for o in three.objects if o.id == "n2")
+    target = next(o for o in three.objects if o.role == "target")
+    for side in (-1.0, 1.0):
+        wall = block("static", Box((0.3, 0.01, 0.1)), n2.position + [0.0, side * 0.062, -0.02])
+        scene = replace(three, objects=(target, replace(n2, stem=None), wall))
+        result = plan(scene)
+        assert_success(result)
+        offset = result.metrics.M_p["n2"]
+        assert offset is not None
+        assert offset * side < 0.0
+
+
+# --- trivial and hopeless --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+@pytest.mark.parametrize("kind", ["joints", "pose", "target"])
+def test_start_at_the_goal_is_a_trivial_plan(kind: str, planner: Any, three: Scene) -> None:
+    setup = bind(three)
+    point, axis = setup.robot.tool_pose(setup.start)
+    if kind == "joints":
+        scene = replace(three, objects=(), goal=JointGoal(setup.start))
+    elif kind == "pose":
+        scene = replace(three, objects=(), goal=PoseGoal(point, axis))
+    else:
+        scene = replace(
+            three, objects=(block("target", Sphere(0.015), point),),
+            approach=replace(three.approach, direction=axis, lateral=np.array([0.3, 1.0, 0.1])),
+        )  # fmt: skip
+    result = plan(scene, planner=planner)
+    assert_success(result)
+    q = result.trajectory.positions
+    np.testing.assert_array_equal(q, np.tile(setup.start, (len(q), 1)))
+    assert result.metrics.path_length == 0.0
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_out_of_reach_is_said_at_once(planner: Any, three: Scene) -> None:
+    far = replace(three, objects=(), goal=PoseGoal(np.array([10_000.0, 0.0, 0.0]), UP))
+    began = time.perf_counter()
+    result = plan(far, planner=planner)
+    assert time.perf_counter() - began < 1.0
+    assert result.status is Code.GOAL_UNREACHABLE
+    assert not result.success
+    assert "10000" in result.message
+    np.testing.assert_array_equal(result.trajectory.positions[-1], three.start)
+
+
+def test_an_axis_no_joint_can_turn_to_is_unreachable() -> None:
+    scara = load_scene("scenario-1")
+    goal = PoseGoal(np.array([0.0, 0.5, 0.2]), np.array([1.0, 0.0, 0.0]))
+    result = plan(replace(scara, objects=scara.static, goal=goal))
+    assert result.status is Code.GOAL_UNREACHABLE
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_start_in_collision(planner: Any, three: Scene) -> None:
+    assert three.start is not None
+    tool = bind(three).robot.tool_pose(three.start)[0]
+    result = plan(
+        replace(three, objects=(*three.objects, block("static", Sphere(0.05), tool))),
+        planner=planner,
+    )
+    assert result.status is Code.START_IN_COLLISION
+    assert "tool enters block (static)" in result.message
+    assert ("tool", "block") in {(c.link, c.other) for c in result.contacts}
+
+
+def test_the_papers_start_is_in_collision_with_itself(three: Scene) -> None:
+    result = plan(replace(three, start=np.array([0.0, 0.0, 0.0, -0.1, 0.0, 0.0, 0.8])))
+    assert result.status is Code.START_IN_COLLISION
+    assert "the robot itself" in result.message
+
+
+def test_goal_in_collision_names_what_it_touches_and_comes_as_near_as_it_can(three: Scene) -> None:
+    lid = block("static", Box((0.3, 0.3, 0.05)), [0.45, 0.0, 0.93], "lid")
+    result = plan(replace(three, objects=(*three.objects, lid)))
+    assert result.status is Code.GOAL_IN_COLLISION
+    assert not result.success
+    assert "lid" in result.message
+    assert 1e-3 < result.metrics.goal_error < 0.05
+
+
+def test_a_goal_in_joints_in_collision(three: Scene) -> None:
+    tool = bind(three).robot.tool_pose(END)[0]
+    scene = replace(three, objects=(block("static", Sphere(0.1), tool),), goal=JointGoal(END))
+    result = plan(scene)
+    assert result.status is Code.GOAL_IN_COLLISION
+    assert "block" in result.message
+
+
+# --- iterations and time ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_zero_iterations_return_the_initial_trajectory_and_say_so(
+    strategy: Any, three: Scene
+) -> None:
+    result = plan(three, strategy=strategy, options=PlanOptions(iterations=0))
+    np.testing.assert_array_equal(result.trajectory.positions, result.initial.positions)
+    assert "not optimised" in result.message
+    assert result.stages == ()
+    for term in result.terms.values():
+        assert term.history == ()
+        assert term.stage == ""
+        assert term.initial == term.final
+    full = plan(three, strategy=strategy)
+    assert "not optimised" not in full.message
+    assert full.initial.n_knots == result.initial.n_knots
+
+
+@pytest.mark.parametrize("iterations", [1, 2, 3])
+def test_iterations_are_counted(iterations: int, three: Scene) -> None:
+    options = PlanOptions(iterations=iterations)
+    result = plan(three, options=options)
+    (stage,) = result.stages
+    assert 1 < len(stage.history) <= iterations + 1
+    pushed = plan(three, strategy="sequential", options=options)
+    assert all(len(s.history) <= iterations + 2 for s in pushed.stages)
+
+
+def test_time_runs_out(obstructed: Scene) -> None:
+    """Before the first step; the initial trajectory runs into the obstacle."""
+    began = time.perf_counter()
+    result = plan(obstructed, options=PlanOptions(timeout=1e-6))
+    assert time.perf_counter() - began < 1.0
+    assert result.status is Code.TIMEOUT
+    assert not result.success
+    assert "time ran out" in result.message
+    assert "block" in result.message
+    assert result.trajectory.n_knots > 3
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_time_running_out_on_the_way_keeps_to_its_budget(strategy: Any, three: Scene) -> None:
+    """A problem without a solution: the target is under a lid, so every start is tried."""
+    lid = block("static", Box((0.3, 0.3, 0.05)), [0.45, 0.0, 0.93], "lid")
+    scene = replace(three, objects=(*three.objects, lid))
+    for budget in (0.05, 0.2):
+        began = time.perf_counter()
+        result = plan(scene, strategy=strategy, options=PlanOptions(timeout=budget))
+        assert time.perf_counter() - began < budget + 0.5
+        assert not result.success
+        assert result.status in (Code.TIMEOUT, Code.GOAL_IN_COLLISION)
+
+
+def crowd(count: int, role: Any) -> tuple[SceneObject, ...]:
+    """Small balls in a shell about the arm's work, some of them within its reach."""
+    rng = np.random.default_rng(0)
+    directions = rng.normal(size=(count, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    places = rng.uniform(1.1, 2.0, (count, 1)) * directions + [0.0, 0.0, 0.4]
+    shape = Sphere(0.01)
+    return tuple(SceneObject(f"c{i}", role, shape, at) for i, at in enumerate(places))
+
+
+def test_a_hundred_thousand_obstacles(three: Scene) -> None:
+    scene = replace(three, objects=(*three.objects, *crowd(100_000, "static")))
+    result = plan(scene, options=PlanOptions(timeout=20.0))
+    assert result.status in (Code.SUCCESS, Code.TIMEOUT), result.message
+    assert result.time["total"] < 20.0
+
+
+# --- repeatability ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_the_same_seed_gives_the_same_plan_bit_for_bit(
+    planner: Any, strategy: Any, three: Scene
+) -> None:
+    options = PlanOptions(direction_deviation=0.2)
+    first, again = (
+        plan(three, planner=planner, strategy=strategy, seed=3, options=options) for _ in range(2)
+    )
+    np.testing.assert_array_equal(first.trajectory.positions, again.trajectory.positions)
+    assert first.trajectory.dt == again.trajectory.dt
+    assert first.metrics == again.metrics
+    assert first.terms == again.terms
+    assert first.message == again.message
+
+
+def test_another_seed_pushes_another_way(three: Scene) -> None:
+    options = PlanOptions(direction_deviation=0.5)
+    ends = [plan(three, planner="i-promp", seed=s, options=options) for s in (1, 2)]
+    assert not np.array_equal(ends[0].trajectory.positions, ends[1].trajectory.positions)
+    sure = [plan(three, planner="i-promp", seed=s) for s in (1, 2)]
+    assert sure[0].metrics.path_length == pytest.approx(sure[1].metrics.path_length, rel=0.2)
+
+
+def test_planning_leaves_the_scene_alone(three: Scene) -> None:
+    before = [o.position.copy() for o in three.objects]
+    plan(three)
+    for o, position in zip(three.objects, before, strict=True):
+        np.testing.assert_array_equal(o.position, position)
+
+
+# --- what is handed over ---------------------------------------------------------------------
+
+
+def test_to_dict_is_a_json_document(planned: Callable[..., Plan]) -> None:
+    result = planned("scenario-3")
+    document = result.to_dict()
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
+    assert document["scene"] == "scenario-3"
+    assert document["planner"] == "opti-promp"
+    assert document["strategy"] == "joint"
+    assert document["status"] == "success"
+    assert document["time"]["total"] > 0.0
+    assert planned("scenario-3", "i-promp").to_dict()["strategy"] is None
+
+
+def test_the_initial_trajectory_is_the_conditioned_promp(planned: Callable[..., Plan]) -> None:
+    result = planned("scenario-3")
+    q = result.initial.positions
+    np.testing.assert_array_equal(q[0], result.scene.start)
+    point, axis = result.robot.tool_pose(q[-1])
+    assert result.scene.target is not None
+    assert np.linalg.norm(point - result.scene.target.position) < 1e-5
+    assert axis @ UP > np.cos(1e-3)
+
+
+class Low(Term):
+    """½ ∫ max(0, z − h)² dt of the tool point: written as a user would."""
+
+    def __init__(self, weight: float, height: float) -> None:
+        super().__init__("low", weight)
+        self.height = height
+
+    def add(self, e: Evaluation, scale: float) -> float:
+        over = np.maximum(e.tool_points[:, 2] - self.height, 0.0)
+        e.force[:, e.tool, 2] += scale * e.dt * over
+        return 0.5 * e.dt * float(np.sum(over**2))
+
+
+def test_terms_of_ones_own_are_minimised_with_the_others(three: Scene) -> None:
+    scene = replace(three, objects=(), goal=JointGoal(END))
+    plain = plan(scene)
+    heights = plain.robot.tool_pose(plain.trajectory.positions)[0][:, 2]
+    limit = float(max(heights[0], heights[-1])) - 0.05
+    lowered = plan(scene, options=PlanOptions(terms=(Low(50.0, limit),)))
+    assert_success(lowered)
+    lower = lowered.robot.tool_pose(lowered.trajectory.positions)[0][:, 2]
+    assert np.mean(np.maximum(lower - limit, 0.0)) < 0.8 * np.mean(np.maximum(heights - limit, 0.0))
+
+
+# --- refusals --------------------------------------------------------------------------------
+
+
+def test_unknown_planners_and_strategies_name_the_valid_ones(three: Scene) -> None:
+    with pytest.raises(InvalidRequestError, match="promp, i-promp, opti-promp"):
+        plan(three, planner="chomp")  # type: ignore[arg-type]
+    with pytest.raises(InvalidRequestError, match="joint, sequential"):
+        plan(three, strategy="both")  # type: ignore[arg-type]
+    with pytest.raises(InvalidSceneError, match="scenario-3"):
+        plan("scenario-33")
+
+
+@pytest.mark.parametrize(
+    ("start", "message"),
+    [
+        (np.zeros(6), "start has 6 values; panda has 7 joints"),
+        (np.array([0.0, 0.0, 0.0, 0.5, 0.0, 1.0, 0.0]), "start: joint4 is 0.5000"),
+    ],
+)
+def test_bad_starts(start: np.ndarray, message: str, three: Scene) -> None:
+    with pytest.raises(StartInvalidError, match=message) as caught:
+        plan(replace(three, start=start))
+    assert caught.value.code is Code.START_INVALID
+
+
+def test_bad_goals_in_joints(three: Scene) -> None:
+    outside = END.copy()
+    outside[3] = 1.0
+    with pytest.raises(InvalidRequestError, match=r"goal: joint4 is 1\.0"):
+        plan(replace(three, objects=(), goal=JointGoal(outside)))
+    with pytest.raises(InvalidRequestError, match="7 joints"):
+        plan(replace(three, objects=(), goal=JointGoal(np.zeros(3))))
+
+
+def test_demonstrations_of_another_robot(three: Scene, tmp_path: Path) -> None:
+    other = smooth_prior(load_robot("scara"))
+    with pytest.raises(InvalidRequestError, match="3 joints"):
+        plan(three, demonstrations=other)
+    saved = tmp_path / "other.npz"
+    other.save(saved)
+    with pytest.raises(InvalidRequestError, match="3 joints"):
+        plan(three, demonstrations=saved)
+
+
+def test_demonstrations_that_are_not_there(three: Scene, tmp_path: Path) -> None:
+    with pytest.raises(InvalidDemonstrationError, match=r"none\.npz"):
+        plan(three, demonstrations=tmp_path / "none.npz")
+
+
+def test_a_promp_may_be_given_in_every_form(three: Scene, tmp_path: Path) -> None:
+    promp = smooth_prior(load_robot("panda"))
+    saved = tmp_path / "prior.npz"
+    promp.save(saved)
+    results = [plan(three, demonstrations=d) for d in (promp, saved, str(saved))]
+    for result in results:
+        assert_success(result)
+        np.testing.assert_array_equal(result.trajectory.positions, results[0].trajectory.positions)

@@ -1,0 +1,268 @@
+"""The figures that issue 2 asks of the paper's four scenarios."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optipromp import metrics
+from optipromp.errors import Code
+from optipromp.planning import Plan, PlanOptions, plan
+from optipromp.scenes import Scene, load_scene
+
+Planned = Callable[..., Plan]
+PAPER_M_P = {
+    "scenario-3": {"n1": -0.01, "n2": 0.001968},
+    "scenario-4": {"n1": -0.0084, "n2": 0.03379},
+}
+
+
+def stem_free_offsets(result: Plan) -> list[float]:
+    """How far the tool passes each pushable on the side away from its stem."""
+    m = result.metrics
+    offsets = []
+    for name, offset in m.M_p.items():
+        projection = m.stem_projection[name]
+        assert offset is not None
+        assert projection is not None
+        offsets.append(-np.sign(projection) * offset)
+    assert len(offsets) == 2
+    return offsets
+
+
+def assert_limits_kept(result: Plan) -> None:
+    m, q = result.metrics, result.trajectory.positions
+    robot = result.robot
+    assert m.limit_violation == 0.0
+    assert (q >= robot.lower).all()
+    assert (q <= robot.upper).all()
+    assert m.velocity_ratio <= 1.0 + 1e-6
+    assert m.acceleration_ratio <= 1.0 + 1e-6
+    assert m.max_step <= 0.05
+
+
+def assert_reaches_and_is_clear(result: Plan) -> None:
+    m = result.metrics
+    assert result.status is Code.SUCCESS, result.message
+    assert result.success
+    assert m.goal_error <= 1e-3
+    assert m.goal_axis_error is not None
+    assert m.goal_axis_error <= np.deg2rad(2.0)
+    assert m.clearance_self is not None
+    assert m.clearance_self > 0.0
+    assert m.clearance_pushable is not None
+    assert m.clearance_pushable > 0.0
+    assert result.contacts == ()
+    np.testing.assert_array_equal(result.trajectory.positions[0], result.scene.start)
+    assert_limits_kept(result)
+
+
+def test_scenario_3_joint(planned: Planned) -> None:
+    result = planned("scenario-3")
+    assert_reaches_and_is_clear(result)
+    m = result.metrics
+    assert m.M_c is not None
+    assert m.M_c > 0.1  # the radius of the side clusters
+    assert m.clearance_avoid is not None
+    assert m.clearance_avoid > 0.0
+    assert min(stem_free_offsets(result)) >= 0.05
+    paper = PAPER_M_P["scenario-3"]
+    for name, offset in m.M_p.items():
+        assert offset is not None
+        assert np.sign(offset) == np.sign(paper[name])
+        assert abs(offset) > abs(paper[name])
+
+
+def test_scenario_4_joint(planned: Planned) -> None:
+    result = planned("scenario-4")
+    assert_reaches_and_is_clear(result)
+    m = result.metrics
+    assert m.M_c is not None
+    assert m.M_c > 0.03
+    assert m.clearance_static is not None
+    assert m.clearance_static > 0.01
+    assert min(stem_free_offsets(result)) >= 0.03
+
+
+def history(result: Plan, term: str) -> tuple[float, ...]:
+    values = result.terms[term].history
+    assert len(values) > 1
+    assert values[0] == result.terms[term].initial
+    return values
+
+
+def test_scenario_3_sequential_reduces_as_much_as_the_paper(planned: Planned) -> None:
+    result = planned("scenario-3", strategy="sequential")
+    assert [s.name for s in result.stages] == ["push", "collision"]
+    assert [s.solver for s in result.stages] == ["trust-constr", "l-bfgs-b"]
+    push, avoid = history(result, "push"), history(result, "avoid")
+    assert push[0] / push[min(10, len(push) - 1)] >= 15.5
+    assert avoid[0] > 0.0
+    assert min(avoid[:16]) * 9.5 <= avoid[0]
+    assert_limits_kept(result)
+
+
+def test_scenario_4_sequential_reduces_what_there_is(planned: Planned) -> None:
+    """The paper's order here is collision, then push.
+
+    Its collision cost falls by 4.2. Ours begins at nothing: the initial trajectory keeps clear of
+    the table-top already, so there is nothing to divide, and the stage must leave it so. The push
+    that comes last in that order knows nothing of the table-top, and may end in it: the plan says
+    so then.
+    """
+    result = planned("scenario-4", strategy="sequential")
+    assert [s.name for s in result.stages] == ["collision", "push"]
+    assert result.terms["static"].initial == 0.0
+    assert set(result.terms["static"].history) == {0.0}
+    assert not (result.success and result.contacts)
+    push = history(result, "push")
+    assert push[0] / push[min(15, len(push) - 1)] >= 2.2
+    assert_limits_kept(result)
+
+
+@pytest.mark.parametrize("name", ["scenario-3", "scenario-4"])
+def test_sequential_begins_from_the_conditioned_promp(name: str, planned: Planned) -> None:
+    result = planned(name, strategy="sequential")
+    q = result.initial.positions
+    assert q.shape == result.trajectory.positions.shape
+    assert not np.array_equal(q, result.trajectory.positions)
+    np.testing.assert_array_equal(q[0], result.scene.start)
+    point, axis = result.robot.tool_pose(q[-1])
+    assert result.scene.target is not None
+    assert np.linalg.norm(point - result.scene.target.position) < 1e-5
+    assert axis[2] > np.cos(1e-3)
+    # it passes the pushables' own places: pushing starts from contact, as in the paper
+    tools = result.robot.tool_pose(q)[0]
+    for thing in result.scene.pushables:
+        assert np.linalg.norm(tools - thing.position, axis=1).min() < 0.02
+
+
+@pytest.mark.parametrize("name", ["scenario-1", "scenario-2"])
+@pytest.mark.parametrize("planner", ["promp", "i-promp"])
+def test_the_scara_is_seen_to_meet_the_table_top(name: str, planner: str, planned: Planned) -> None:
+    result = planned(name, planner)
+    assert result.status is Code.INVALID_PLAN
+    assert not result.success
+    assert ("tool", "table-top") in {(c.link, c.other) for c in result.contacts}
+    assert "tool enters table-top (static)" in result.message
+    m = result.metrics
+    assert m.clearance_static is not None
+    assert m.clearance_static < 0.0
+    assert m.goal_error <= 1e-3  # it does reach, through the table-top
+    assert_in_range(result)
+
+
+def assert_in_range(result: Plan) -> None:
+    assert result.metrics.limit_violation == 0.0
+    assert result.metrics.velocity_ratio <= 1.0 + 1e-6
+    assert result.metrics.acceleration_ratio <= 1.0 + 1e-6
+
+
+def test_scenario_1_is_run_with_and_without_the_camera_point(planned: Planned) -> None:
+    plain = planned("scenario-1", "promp", camera_point=False)
+    camera = planned("scenario-1", "promp", camera_point=True)
+    assert plain.status is camera.status is Code.INVALID_PLAN
+    below = np.array([0.0, 0.5, 0.2175 - 0.015 - 0.10])
+    distances = [
+        np.linalg.norm(r.robot.tool_pose(r.trajectory.positions)[0] - below, axis=1).min()
+        for r in (plain, camera)
+    ]
+    assert distances[1] < 0.01 < distances[0]
+    assert planned("scenario-1", "promp").metrics == plain.metrics  # what its file asks for
+
+
+@pytest.mark.parametrize("name", ["scenario-1", "scenario-2"])
+def test_three_joints_cannot_and_the_plan_says_so(name: str, planned: Planned) -> None:
+    result = planned(name)
+    assert result.status is Code.GOAL_IN_COLLISION
+    assert not result.success
+    assert "table-top" in result.message
+    assert "configurations found at the goal" in result.message
+    assert_in_range(result)
+
+
+@pytest.mark.parametrize("name", ["scenario-3", "scenario-4"])
+def test_a_success_stays_one_when_judged_again(name: str, planned: Planned) -> None:
+    """At four times the knots, along the same path."""
+    result = planned(name)
+    q = result.trajectory.positions
+    z = np.linspace(0.0, len(q) - 1.0, 4 * (len(q) - 1) + 1)
+    fine = np.array([np.interp(z, np.arange(len(q)), column) for column in q.T]).T
+    _, contacts = metrics.clearances(result.scene, result.robot, fine)
+    assert not contacts
+    again = metrics.judge(result.scene, result.robot, result.trajectory, result.scene.start)
+    assert again.violations == ()
+    assert again.metrics == result.metrics
+
+
+def test_the_message_of_a_term_is_its_story(planned: Planned) -> None:
+    result = planned("scenario-3")
+    assert set(result.terms) == {"static", "avoid", "push", "velocity"}
+    for name, term in result.terms.items():
+        assert term.history[0] == term.initial, name
+        assert term.history[-1] == pytest.approx(term.final, rel=1e-9, abs=1e-15), name
+        assert term.stage == "joint"
+
+
+# --- recorded demonstrations, noise and other targets ----------------------------------------
+
+
+def test_recorded_demonstrations_plan_scenario_3(recorded: Path) -> None:
+    result = plan("scenario-3", demonstrations=recorded)
+    assert_reaches_and_is_clear(result)
+    assert min(stem_free_offsets(result)) >= 0.05
+
+
+def plans(scenes: list[Scene], **more: Any) -> list[str]:
+    """What went wrong, for each scene that did not succeed."""
+    faults = []
+    for index, scene in enumerate(scenes):
+        result = plan(scene, **more)
+        if not result.success:
+            faults.append(f"{index}: {result.status} {result.message}")
+        else:
+            assert result.metrics.limit_violation == 0.0
+            assert result.metrics.goal_error <= 1e-3
+    return faults
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_noise_in_the_scene(seed: int, three: Scene, noisy: Callable[..., Scene]) -> None:
+    assert plans([noisy(three, seed)]) == []
+
+
+def test_other_targets(three: Scene, moved: Callable[..., Scene], recorded: Path) -> None:
+    assert plans([moved(three, seed) for seed in range(3)], demonstrations=recorded) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["scenario-3", "scenario-4"])
+def test_noise_over_fifty_seeds(name: str, noisy: Callable[..., Scene]) -> None:
+    scene = load_scene(name)
+    faults = plans([noisy(scene, seed) for seed in range(50)])
+    assert len(faults) <= 2, "\n".join(faults)
+
+
+@pytest.mark.slow
+def test_twenty_targets(three: Scene, moved: Callable[..., Scene], recorded: Path) -> None:
+    scenes = [moved(three, seed) for seed in range(20)]
+    faults = plans(scenes, demonstrations=recorded)
+    assert faults == []
+
+
+@pytest.mark.slow
+def test_recorded_demonstrations_and_noise(
+    three: Scene, noisy: Callable[..., Scene], recorded: Path
+) -> None:
+    faults = plans([noisy(three, seed) for seed in range(50)], demonstrations=recorded)
+    assert len(faults) <= 2, "\n".join(faults)
+
+
+@pytest.mark.slow
+def test_every_seed_of_the_planner_succeeds(three: Scene) -> None:
+    failed = [
+        seed for seed in range(30) if not plan(three, seed=seed, options=PlanOptions()).success
+    ]
+    assert failed == []
