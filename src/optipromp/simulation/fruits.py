@@ -159,7 +159,8 @@ def _bends(pieces: FloatArray) -> FloatArray:
     """
     bends: FloatArray = np.concatenate([[0.5 * pieces[0]], 0.5 * (pieces[:-1] + pieces[1:])])
     to_tip = np.cumsum(pieces[::-1])[::-1]
-    return bends * to_tip[0] ** 3 / (3.0 * float(bends @ to_tip**2))
+    scale = float(to_tip[0] ** 3 / (3.0 * (bends @ to_tip**2)))
+    return bends * scale
 
 
 def _stiffness(

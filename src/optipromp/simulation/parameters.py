@@ -2,9 +2,10 @@
 
 Each field carries ``unit``, ``source`` and ``kind`` as metadata (:func:`catalogue` lists them):
 
-- ``measured``: reported by people who measured it (the source names what and, where we know, who);
+- ``measured``: by the people the source names;
+- ``reported``: a size that the harvesting literature gives again and again; we did not trace it to
+  one measurement;
 - ``published``: a manufacturer's or a model author's figure;
-- ``computed``: follows from other numbers by a formula;
 - ``guess``: ours, of a plausible size; vary it before you rely on it;
 - ``choice``: of the simulation or the judge, not of nature.
 """
@@ -17,7 +18,7 @@ import numpy as np
 
 from optipromp.errors import InvalidRequestError
 
-Kind = Literal["measured", "published", "computed", "guess", "choice"]
+Kind = Literal["measured", "reported", "published", "guess", "choice"]
 
 
 def _parameter(default: Any, unit: str, kind: Kind, source: str) -> Any:
@@ -49,7 +50,7 @@ class FruitParameters(Checked):
     """Fruits: things with role target or pushable."""
 
     density: float = _parameter(
-        950.0, "kg/m^3", "measured",
+        950.0, "kg/m^3", "reported",
         "strawberries float barely; density reported as 0.9-1.0 g/cm^3. A sphere of radius 15 mm "
         "weighs 13 g, one of 20 mm 32 g: the 10-30 g of commercial fruit",
     )  # fmt: skip
@@ -67,7 +68,7 @@ class StemParameters(Checked):
     """Stems: peduncles as chains of capsules with elastic ball joints."""
 
     diameter: float = _parameter(
-        0.0025, "m", "measured",
+        0.0025, "m", "reported",
         "strawberry peduncles are 2-3 mm thick; of the elastic beam (what collides has the scene's "
         "stem radius)",
     )  # fmt: skip
@@ -101,7 +102,7 @@ class StemParameters(Checked):
     )  # fmt: skip
     friction: float = _parameter(0.3, "1", "guess", "green stem on plastics")
     abscission_force: float = _parameter(
-        5.0, "N", "guess",
+        5.0, "N", "reported",
         "pull along the stem that tears the fruit off; harvesting papers report a few newtons, "
         "less for ripe fruit and for pulls across the stem",
     )  # fmt: skip
@@ -188,7 +189,7 @@ class EngineParameters(Checked):
     """Of MuJoCo."""
 
     timestep: float = _parameter(0.001, "s", "choice", "of the integrator (implicitfast)")
-    gravity: float = _parameter(9.81, "m/s^2", "measured", "standard")
+    gravity: float = _parameter(9.81, "m/s^2", "choice", "standard")
     settle: float = _parameter(0.0, "s", "choice", "of simulation before the motion begins")
     iterations: int = _parameter(30, "1", "choice", "most of the Newton solver a step")
 
@@ -210,7 +211,7 @@ class Thresholds(Checked):
     fruit_force: float = _parameter(
         10.0,
         "N",
-        "measured",
+        "reported",
         "harvesting papers keep the grip below about 10 N so as not to bruise",
     )
     inside_margin: float = _parameter(

@@ -127,7 +127,7 @@ def _dress(model: Any, mujoco: Any) -> None:
     model.vis.headlight.diffuse[:] = 0.25
     model.vis.map.znear = 0.01
     model.vis.quality.offsamples = 4
-    model.vis.quality.shadowsize = 2048
+    model.vis.quality.shadowsize = 1024
 
 
 def _camera(mujoco: Any, world: World, run: Run, view: View) -> Any:
