@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from optipromp.errors import InvalidRequestError
 from optipromp.geometry import Sphere
 from optipromp.pushing import drift_choices, neighbours, pushes
-from optipromp.pushing.sides import MOST_CHOICES, passing_window
+from optipromp.pushing.sides import MOST_CHOICES, RELEASE, ROOM_TO_TURN, passing_windows
+from optipromp.pushing.thread import evenly, length, thread
 from optipromp.scenes import Approach, PoseGoal, Scene, SceneObject, Stem, load_scene
 
 TARGET = np.array([0.4, 0.1, 0.9])
@@ -169,19 +170,40 @@ def test_unknown_rules_are_refused(settings_: Any, message: str) -> None:
         drift_choices(scene(), [], **settings_)
 
 
-def test_passing_windows() -> None:
-    thing = fruit("n", (0.0, 0.0, -0.1))
-    s = scene(thing)
-    assert passing_window(s, thing, "paper", 0.02) == (-0.015, 0.015)
-    low, high = passing_window(s, thing, "rim", 0.02)
-    assert low == pytest.approx(-0.035)  # the rim meets the fruit this much earlier
+def windows_of(things: Sequence[SceneObject], *directions: Sequence[float]) -> np.ndarray:
+    """The rim windows of pushables that the tool passes along ``directions``."""
+    wanted = [np.asarray(d, dtype=float) for d in directions]
+    return passing_windows(scene(*things), things, wanted, "rim", 0.02)
+
+
+RIGHT, LEFT = (0.0, -1.0, 0.0), (0.0, 1.0, 0.0)
+
+
+def test_the_papers_window_is_the_fruits_own_extent() -> None:
+    things = [fruit("n", (0.0, 0.0, -0.1))]
+    windows = passing_windows(scene(*things), things, [np.array(LEFT)], "paper", 0.02)
+    np.testing.assert_allclose(windows, [[-0.015, 0.015]])
+
+
+def test_the_rim_meets_a_fruit_earlier_by_its_depth() -> None:
+    ((low, high),) = windows_of([fruit("n", (0.0, 0.0, -0.1))], LEFT)
+    assert low == pytest.approx(-0.035)
     assert high == pytest.approx(0.015)  # far below the target nothing cuts it short
-    close = fruit("n", (0.0, 0.0, -0.04))
-    low, high = passing_window(scene(close), close, "rim", 0.02)
-    assert high == pytest.approx(0.04 - 0.02 - 0.015 - 0.003)
-    beside = fruit("n", (0.0, 0.0, -0.001))
-    low, high = passing_window(scene(beside), beside, "rim", 0.02)
-    assert low < high == -0.02
+
+
+def test_the_window_ends_in_time_to_take_in_the_target() -> None:
+    ((_, high),) = windows_of([fruit("n", (0.0, 0.0, -0.06))], LEFT)
+    assert high == pytest.approx(0.06 - 0.02 - 0.015 - ROOM_TO_TURN)
+    ((_, high),) = windows_of([fruit("n", (0.0, 0.0, -0.03))], LEFT)
+    assert high == pytest.approx(-0.02 + RELEASE * 0.015)  # but not before the rim is past
+
+
+def test_the_window_ends_in_time_to_turn_to_another_side() -> None:
+    low, high = fruit("low", (0.0, 0.0, -0.16)), fruit("high", (0.0, 0.0, -0.1))
+    alike = windows_of([low, high], LEFT, LEFT)
+    assert alike[0, 1] == pytest.approx(0.015)
+    opposed = windows_of([low, high], LEFT, RIGHT)
+    assert opposed[0, 1] == pytest.approx(0.06 - 0.02 - 0.015 - ROOM_TO_TURN)
 
 
 # --- I-ProMP -----------------------------------------------------------------------------------
@@ -320,3 +342,30 @@ def test_a_bent_stem_swings_about_its_root() -> None:
     (push,) = pushes(scene(thing), [thing], R)
     assert np.linalg.norm(push.pushed - stem.root) == pytest.approx(0.2)
     assert np.isfinite(push.pushed).all()
+
+
+# --- the threaded path -------------------------------------------------------------------------
+
+
+def test_the_threaded_path_is_aside_in_every_window_and_ends_at_the_goal() -> None:
+    things = [
+        fruit("n1", (0.01, -0.01, -0.14), (0.0, 0.05, 0.2)),
+        fruit("n2", (-0.01, 0.01, -0.07), (0.0, -0.05, 0.2)),
+    ]
+    s = scene(*things)
+    (drift,) = drift_choices(s, things, depth=0.02)
+    offsets = np.full(2, 0.04)
+    camera = TARGET - np.array([0.0, 0.0, 0.25])
+    corners = thread(drift, offsets, TARGET, s.frame, camera, 0.035)
+    np.testing.assert_allclose(corners[0], camera)
+    np.testing.assert_allclose(corners[-1], TARGET)
+    points = evenly(corners, 400)
+    for n in range(2):
+        off = points - drift.centers[n]
+        inside = (off[:, 2] > drift.windows[n, 0] + 2e-3) & (off[:, 2] < drift.windows[n, 1] - 2e-3)
+        assert inside.any()
+        assert (off[inside] @ drift.directions[n]).min() >= 0.04 - 1e-6
+    taken_in = points[:, 2] > TARGET[2] - 0.034
+    np.testing.assert_allclose(points[taken_in, :2], np.tile(TARGET[:2], (taken_in.sum(), 1)))
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    assert steps.max() <= length(corners) / 399 + 1e-9
