@@ -317,7 +317,8 @@ def test_no_sphere_moves_over_half_its_radius_between_checks(
 ) -> None:
     robot: Robot = request.getfixturevalue(name)
     q = size * np.random.default_rng(1).uniform(-1.0, 1.0, (4, robot.n_joints)).cumsum(axis=0)
-    fine = metrics.fine_positions(robot, q)
+    fine, complete = metrics.fine_positions(robot, q)
+    assert complete
     moved = np.linalg.norm(np.diff(robot.sphere_centers(fine), axis=0), axis=2)
     assert (moved <= 0.5 * np.asarray(robot.spheres.radius)).all()
     at = [int(np.argmin(np.abs(fine - k).max(axis=1))) for k in q]
@@ -365,7 +366,9 @@ def test_what_cannot_be_checked_finely_enough_is_no_success(
     monkeypatch.setattr(metrics, "MOST_CHECKS", 50)
     (violation,) = metrics.judge(scene, gantry, moving(gantry, q)).violations
     assert "too far to be checked" in violation
-    assert len(metrics.fine_positions(gantry, q)) <= 50 + len(q)
+    fine, complete = metrics.fine_positions(gantry, q)
+    assert len(fine) <= 50 + len(q)
+    assert not complete
 
 
 # --- what is a violation ---------------------------------------------------------------------

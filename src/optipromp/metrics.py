@@ -175,16 +175,13 @@ def tool(robot: Robot, origins: FloatArray, rotations: FloatArray) -> tuple[Floa
     )
 
 
-def fine_positions(robot: Robot, positions: FloatArray) -> FloatArray:
+def fine_positions(robot: Robot, positions: FloatArray) -> tuple[FloatArray, bool]:
     """The trajectory refined so that no sphere moves over half its radius between checks.
 
-    At most :data:`MOST_CHECKS` configurations, more coarsely where those are not enough.
+    Returns:
+        (M, n) positions, the knots among them, and whether they are as fine as that: at most
+        :data:`MOST_CHECKS` are made.
     """
-    return _refined(robot, positions)[0]
-
-
-def _refined(robot: Robot, positions: FloatArray) -> tuple[FloatArray, bool]:
-    """The refined trajectory, and whether it is as fine as it must be."""
     kin = robot.kinematics
     turns = np.abs(np.diff(positions, axis=0))[:, kin.dof] @ np.abs(kin.multiplier)
     coarse, fits = positions, True
@@ -305,7 +302,7 @@ def judge(
         start: (n,) where it must begin; None: not checked.
     """
     q = trajectory.positions
-    fine, complete = _refined(robot, q)
+    fine, complete = fine_positions(robot, q)
     distances, contacts = clearances(scene, robot, fine)
     violations = [str(contact) for contact in contacts]
     if not complete:

@@ -12,7 +12,6 @@ basis is a partition of unity, bounds on c keep every knot inside the joint limi
 
 import time
 import warnings
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -90,13 +89,6 @@ def control_bounds(setup: Setup, basis: FloatArray, q: FloatArray) -> tuple[Floa
     low = np.where(support[:, :, None], (robot.lower - q)[:, None, :], -np.inf).max(axis=0)
     high = np.where(support[:, :, None], (robot.upper - q)[:, None, :], np.inf).min(axis=0)
     return np.minimum(low, 0.0), np.maximum(high, 0.0)
-
-
-def _deadline_stop(deadline: float) -> Callable[..., bool]:
-    def stop(*_: object) -> bool:
-        return time.perf_counter() > deadline
-
-    return stop
 
 
 def minimise_collision(
