@@ -5,8 +5,8 @@ then reaching the target, avoid objects, the drift offset, straightness. :class:
 that order as stiffnesses [per m² or rad²]: with a Gauss-Newton solver a stiff penalty costs no
 conditioning, and two constraints that cannot both hold share the conflict in the ratio of theirs.
 
-A penalty knows no value without its stiffness: what ``add`` of a constraint returns is multiplied by
-``scale`` already, unlike that of a functional. So a constraint belongs among the constraints of a
+A penalty knows no value without its stiffness: what ``add`` of a constraint returns is multiplied
+by ``scale`` already, unlike that of a functional. So a constraint belongs among those of a
 :class:`~optipromp.optimization.problem.Problem`, not among its terms.
 """
 
