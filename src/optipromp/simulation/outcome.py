@@ -57,7 +57,7 @@ class Outcome:
         success: the target alone is in the cup and nothing was harmed.
         cause: a :class:`Cause` where it failed, else None.
         message: in words.
-        picked: the target's centre is inside the cup at the end and rests there; None for a scene
+        picked: the target's centre is inside the cup at the end and stays there; None for a scene
             without a target.
         swallowed_others: other fruits whose centre is inside the cup at the end.
         entered: other fruits whose centre was inside the cup at any time.
@@ -189,9 +189,8 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
     picked = swallowed_at = displacement = None
     if target is not None:
         mine = inside[target]
-        picked = bool(mine[-1]) and _slip(rollout, shown.index(_named(world, target))) < (
-            limits.rest_speed
-        )
+        late = rollout.times >= rollout.times[-1] - limits.rest_time - 1e-9
+        picked = bool(mine[late].all())
         outside = np.flatnonzero(~mine)
         displacement = float(moved[target].max())
         if mine[-1]:
@@ -281,19 +280,6 @@ def _contacts(world: World, log: ContactLog) -> Iterator[tuple[Contact, bool, st
                     float(log.first[a, b]),
                 )  # fmt: skip
                 yield contact, link.distal, other.kind
-
-
-def _slip(rollout: Rollout, index: int) -> float:
-    """Speed of a fruit relative to the tool point over the last tenth of a second [m/s]."""
-    away = rollout.fruit_positions[:, index] - rollout.tool_point
-    span = int(np.searchsorted(rollout.times, rollout.times[-1] - 0.1))
-    span = min(span, len(rollout.times) - 2)
-    seconds = float(rollout.times[-1] - rollout.times[span])
-    return float(np.linalg.norm(away[-1] - away[span])) / seconds if seconds > 0 else 0.0
-
-
-def _named(world: World, id_: str) -> Any:
-    return next(fruit for fruit in world.shown if fruit.id == id_)
 
 
 def _force(contact: Contact) -> str:

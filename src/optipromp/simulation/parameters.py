@@ -220,9 +220,11 @@ class Thresholds(Checked):
     tracking_error: float = _parameter(
         0.02, "m", "choice", "of the tool point; beyond it the arm was stopped by something"
     )
-    rest_speed: float = _parameter(
-        0.10, "m/s", "choice", "relative to the cup: faster at the end is not resting in it"
-    )
+    rest_time: float = _parameter(
+        0.3, "s", "choice",
+        "how long, up to the end, the target must have been in the cup without a break; it may "
+        "still swing on its stem there",
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
