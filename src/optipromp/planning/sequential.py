@@ -181,7 +181,7 @@ def minimise_push(
                 )
             ],
             callback=record, options={
-                "maxiter": limit, "initial_tr_radius": 0.3, "initial_barrier_parameter": 0.01,
+                "maxiter": limit, "initial_tr_radius": 1.0, "initial_barrier_parameter": 0.01,
                 "initial_barrier_tolerance": 0.01,
             },
         )  # fmt: skip
