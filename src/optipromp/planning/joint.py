@@ -7,7 +7,7 @@ through the first stage of penalty stiffness, those close to the best to the end
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -305,7 +305,8 @@ def solve(
     for batch in batches(setup, promp, options, goals, rng):
         attempts = [attempt(start) for start in batch]
         if options.iterations == 0:
-            return min(attempts, key=lambda a: a.value.merit)
+            least = min(attempts, key=lambda a: a.value.merit)
+            return replace(least, q=least.start.initial)
         attempts = sorted((advance(a, slice(0, 1)) for a in attempts), key=lambda a: a.value.merit)
         ahead = [a for a in attempts if a.value.merit <= CLOSE * attempts[0].value.merit]
         done = sorted((advance(a, slice(1, None)) for a in ahead), key=lambda a: a.value.merit)
