@@ -11,6 +11,7 @@ from optipromp.optimization.constraints import (
     ClearanceConstraint,
     CorridorConstraint,
     DriftConstraint,
+    FunnelConstraint,
     GoalConstraint,
     LimitConstraint,
     SelfConstraint,
@@ -63,6 +64,9 @@ def constraints(case: Any) -> dict[str, Term]:
         "avoid": ClearanceConstraint("avoid", "dynamic", 50.0, 0.05, proximal),
         "self": SelfConstraint(30.0, 0.25),
         "drift": DriftConstraint(80.0, centers, directions, FRAME[2], windows, offset, 1),
+        "funnel": FunnelConstraint(
+            45.0, tools[4] + 0.02, FRAME[2], 0.003, 0.005, 0.03, 1, slope=0.5
+        ),
         "corridor": CorridorConstraint(60.0, tools[::-1] + 0.05, FRAME[[0, 2]], 0.01, 1),
         "upright": UprightConstraint(20.0, -axes[0], 0.1, 2),
         "goal": GoalConstraint(70.0, tools[-1] + 0.1, FRAME[0]),
@@ -77,7 +81,7 @@ TERMS = (
     "velocity", "smoothness",
 )  # fmt: skip
 CONSTRAINTS = (
-    "touch", "avoid", "self", "drift", "corridor", "upright", "goal", "goal without axis",
+    "touch", "avoid", "self", "drift", "funnel", "corridor", "upright", "goal", "goal without axis",
     "limits", "step",
 )  # fmt: skip
 

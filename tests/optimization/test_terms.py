@@ -14,6 +14,7 @@ from optipromp.optimization.constraints import (
     ClearanceConstraint,
     CorridorConstraint,
     DriftConstraint,
+    FunnelConstraint,
     GoalConstraint,
     LimitConstraint,
     SelfConstraint,
@@ -31,6 +32,7 @@ from optipromp.optimization.terms import (
 
 EMPTY = pack([])
 NOTHING = Surroundings(EMPTY, EMPTY, 0)
+UP = np.array([0.0, 0.0, 1.0])
 
 
 def reach(panda: Any, z: np.ndarray) -> np.ndarray:
@@ -185,6 +187,11 @@ def test_push_is_what_the_method_says(panda: Any) -> None:
 # --- nothing to do, and points where formulas are singular -----------------------------------
 
 
+def from_line(tools: np.ndarray) -> np.ndarray:
+    """Distance of tool points from the upright line through the last of them."""
+    return np.asarray(np.hypot(*(tools - tools[-1])[:, :2].T))
+
+
 def satisfied(panda: Any) -> dict[str, Term]:
     """Every constraint, kept by the case's trajectory with room to spare."""
     robot, q = panda.robot, panda.q
@@ -202,6 +209,9 @@ def satisfied(panda: Any) -> dict[str, Term]:
             np.array([0.0, 0.0, 1.0]), np.tile([-9.0, 9.0], (len(tools), 1)),
             np.full(len(tools), -2.0), 0,
         ),
+        "funnel": FunnelConstraint(
+            9.0, tools[-1], UP, 9.0, float(from_line(tools).max()) + 1e-12, 1.0, 0
+        ),
         "corridor": CorridorConstraint(9.0, tools + 0.019, np.eye(3), 0.02, 0),
         "upright": UprightConstraint(
             9.0, axes[0], float(np.linalg.norm(axes - axes[0], axis=1).max()) + 1e-9, 0
@@ -214,7 +224,7 @@ def satisfied(panda: Any) -> dict[str, Term]:
 
 
 SATISFIED = (
-    "touch", "avoid", "self", "drift", "corridor", "upright", "goal", "goal without axis",
+    "touch", "avoid", "self", "drift", "funnel", "corridor", "upright", "goal", "goal without axis",
     "limits", "step",
 )  # fmt: skip
 
@@ -250,6 +260,8 @@ def test_and_one_broken_by_a_little_costs_a_little(name: str, panda: Any) -> Non
             tools = panda.robot.tool_pose(panda.q)[0]
             shares = (tools[:, None] - term.centers) @ np.array([-1.0, 0.0, 0.0])
             term.offset = np.full(len(tools), shares.min() + little)
+        case "funnel":
+            term.width -= little
         case "corridor" | "upright":
             term.tolerance -= 2 * little
         case "limits":
@@ -383,6 +395,21 @@ def test_drift_is_continuous_where_a_knot_enters_the_window(panda: Any, edge: fl
     assert value(edge + inside) == pytest.approx(values[1])
     assert value(edge + outside) == pytest.approx(0.5 * weight * (offset - 4.0 * 0.005) ** 2)
     assert value(edge + 2.6 * outside) == 0.0
+
+
+def test_the_funnel_opens_below_the_goal_and_no_wider_than_it_may(panda: Any) -> None:
+    """½ w (ρ − width)², by hand: at the goal's height, in the cone, and where it is widest."""
+    tools = panda.robot.tool_pose(panda.q)[0]
+    knot, weight, aside = len(tools) - 1, 100.0, np.array([0.06, 0.08, 0.0])
+    for height, width in ((0.0, 0.01), (0.02, 0.01), (-0.02, 0.01), (-0.03, 0.03), (-0.5, 0.05)):
+        goal = tools[knot] - aside - height * UP
+        term = FunnelConstraint(weight, goal, UP, 0.02, 0.01, 0.05, knot, slope=2.0)
+        value = panda.problem(constraints=[term]).evaluate(panda.q).merit
+        assert value == pytest.approx(0.5 * weight * (0.1 - width) ** 2), height
+    on_the_line = FunnelConstraint(weight, tools[knot], UP, 0.02, 0.0, 0.0, knot)
+    problem = panda.problem(constraints=[on_the_line])
+    assert problem.evaluate(panda.q).merit == 0.0
+    assert not problem.gradient().any()
 
 
 # --- invariances -----------------------------------------------------------------------------
