@@ -51,8 +51,8 @@ class PlanOptions:
             take steps alike.
         camera_point: whether the promp planner is conditioned on the camera point; None: as the
             scene says, by default yes.
-        max_step: no joint moves more between knots [rad or m]; the sequential strategy, which has no
-            such constraint, only chooses its knots by it.
+        max_step: no joint moves more between knots [rad or m]; the sequential strategy, without
+            such a constraint, only chooses its knots by it.
         iterations: of the optimiser; None: its own schedule. 0 returns the initial trajectory,
             marked as not optimised.
         via_deviation: standard deviation with which a ProMP is held to a pushable [m].
