@@ -163,7 +163,10 @@ def test_no_neighbours_leave_one_choice_with_nothing_in_it() -> None:
 
 @pytest.mark.parametrize(
     ("settings_", "message"),
-    [({"rule": "left"}, "'lateral-plane' or 'paper'"), ({"window": "wide"}, "'rim' or 'paper'")],
+    [
+        ({"rule": "left"}, "shortest, lateral-plane, paper"),
+        ({"window": "wide"}, "'rim' or 'paper'"),
+    ],
 )
 def test_unknown_rules_are_refused(settings_: Any, message: str) -> None:
     with pytest.raises(InvalidRequestError, match=message):

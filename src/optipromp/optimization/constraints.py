@@ -34,8 +34,9 @@ class Priority:
     funnel: float = 1e4
     drift: float = 1e4
     berth: float = 1e3
+    tool_step: float = 1e3
     corridor: float = 1e2
-    upright: float = 1e1
+    upright: float = 1e2
 
 
 class ClearanceConstraint(Term):
@@ -210,3 +211,22 @@ class StepConstraint(Term):
 
     def add(self, e: Evaluation, scale: float) -> float:
         return float(kernels.step_penalty(e.q, self.largest, scale, e.joint_gradient, e.band))
+
+
+class ToolStepConstraint(Term):
+    """The tool point moves at most ``largest`` [m] between knots from ``first`` on.
+
+    Drift and funnel are asked for at the knots: a tool that dwells and then leaps would keep them
+    there and break them between.
+    """
+
+    def __init__(self, weight: float, largest: float, first: int) -> None:
+        super().__init__("tool step", weight)
+        self.largest, self.first = largest, first
+
+    def add(self, e: Evaluation, scale: float) -> float:
+        return float(
+            kernels.tool_step_penalty(
+                e.points, e.tool, self.largest, self.first, scale, e.force, e.stiffness
+            )
+        )

@@ -345,6 +345,29 @@ def corridor_penalty(points, tool, reference, axes, tolerance, first, weight, fo
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def tool_step_penalty(points, tool, largest, first, weight, force, stiffness):  # type: ignore[no-untyped-def]
+    """½ Σ weight·max(0, ‖fk(ξ_{t+1}) − fk(ξ_t)‖ − largest)² over the knots from ``first`` on."""
+    total = 0.0
+    for t in range(first, points.shape[0] - 1):
+        x = points[t + 1, tool, 0] - points[t, tool, 0]
+        y = points[t + 1, tool, 1] - points[t, tool, 1]
+        z = points[t + 1, tool, 2] - points[t, tool, 2]
+        step = math.sqrt(x * x + y * y + z * z)
+        over = step - largest
+        if over <= 0.0:
+            continue
+        total += 0.5 * weight * over * over
+        nx, ny, nz = x / step, y / step, z / step
+        push = weight * over
+        for u, sign in ((t, -1.0), (t + 1, 1.0)):
+            force[u, tool, 0] += sign * push * nx
+            force[u, tool, 1] += sign * push * ny
+            force[u, tool, 2] += sign * push * nz
+            add_outer(stiffness[u, tool], 2.0 * weight, nx, ny, nz)
+    return total
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def axis_penalty(points, tool, lever, axis, tolerance, first, weight, force, stiffness):  # type: ignore[no-untyped-def]
     """½ Σ weight·max(0, ‖a − axis‖ − tolerance)², a the tool axis; both are unit vectors."""
     total = 0.0

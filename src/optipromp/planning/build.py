@@ -14,6 +14,7 @@ from optipromp.optimization.constraints import (
     LimitConstraint,
     SelfConstraint,
     StepConstraint,
+    ToolStepConstraint,
     UprightConstraint,
 )
 from optipromp.optimization.evaluation import Evaluation
@@ -35,7 +36,8 @@ DRIFT_MARGIN = 1e-3  # [m] so that the drift still holds at the knots once the p
 TOUCH_MARGIN = 1e-3  # [m] under which clearance outranks the goal
 ASIDE_MARGIN = 4e-3  # [m] that the tool may swing out beyond what the pushables ask for
 CAPTURE_LEAST = 2e-3  # [m] off the approach line at the target, for a mouth hardly wider than it
-UPRIGHT = np.deg2rad(8.0)  # [rad] tilt of the tool allowed on the approach
+UPRIGHT = np.deg2rad(2.0)  # [rad] tilt of the tool allowed on the approach
+TOOL_STEP = 0.010  # [m] between knots of the approach
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,7 @@ def constraints(
         terms += [
             *drift_constraints(setup, options, knots, drift),
             funnel_constraint(setup, options, knots, drift),
+            ToolStepConstraint(p.tool_step, TOOL_STEP, knots.first),
             CorridorConstraint(p.corridor, reference, frame[[0, 2]], options.corridor, first),
             UprightConstraint(p.upright, setup.goal_axis, UPRIGHT, first),
         ]

@@ -125,6 +125,7 @@ def sides(setup: Setup, options: PlanOptions) -> tuple[Drift, ...]:
         options.drift,
         window=options.window,
         depth=getattr(setup.robot.tool, "depth", 0.0),
+        gripper_radius=setup.robot.gripper_radius,
     )
 
 

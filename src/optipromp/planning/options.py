@@ -1,7 +1,7 @@
 """What a planner may be told."""
 
 from dataclasses import dataclass, field, fields
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -68,7 +68,7 @@ class PlanOptions:
     reduction: Reduction | None = None
     push: PushForm | None = None
     push_weights: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    drift: DriftRule = "lateral-plane"
+    drift: DriftRule = "shortest"
     window: Window = "rim"
     drift_offset: float | None = None
     berth: float = 0.8
@@ -115,7 +115,7 @@ class PlanOptions:
             len(self.push_weights) == 3 and min(self.push_weights) >= 0,
             "push_weights", "three weights, none negative",
         )  # fmt: skip
-        need(self.drift in ("lateral-plane", "paper"), "drift", "'lateral-plane' or 'paper'")
+        need(self.drift in get_args(DriftRule), "drift", " or ".join(get_args(DriftRule)))
         need(self.window in ("rim", "paper"), "window", "'rim' or 'paper'")
         need(self.drift_offset is None or self.drift_offset >= 0, "drift_offset", "not negative")
         need(self.berth >= 0, "berth", "not negative")

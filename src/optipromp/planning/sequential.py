@@ -40,7 +40,7 @@ def solve(
     """Both stages in the paper's order, from the conditioned ProMP on the best goal branch."""
     began = time.perf_counter()
     branch = joint.branches(setup, options, goals)[0]
-    drift = joint.sides(setup, replace(options, window="paper"))[0]
+    drift = joint.sides(setup, replace(options, window="paper", drift="paper"))[0]
     q0, knots = joint.initial(setup, promp, branch), branch.knots
     basis = deviation_basis(knots.count)
     order = ("collision", "push") if setup.scene.static else ("push", "collision")

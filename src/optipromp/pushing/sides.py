@@ -2,13 +2,16 @@ r"""On which side of a pushable the tool passes: constraints 1 and 2 of OptI-Pro
 
 The tool passes on the side away from the stem: :math:`d_n\cdot(fk-X_n)\ge R_{gripper}` with a unit
 vector :math:`d_n` of the lateral plane. The paper's rule takes :math:`d_n=\pm y_g` with the sign of
-:math:`-y_g\cdot S_n`; the general one takes :math:`d_n` against the lateral part of the stem.
+:math:`-y_g\cdot S_n`; the general one takes :math:`d_n` against the lateral part of the stem. The
+``shortest`` one, the planner's default, takes the way that leads least far from the approach line among those
+that keep well clear of the stem: a tool that passes beside a fruit, at right angles to the lean of
+its stem, comes no nearer to the stem than to the fruit.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice, product
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -16,12 +19,15 @@ from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
 from optipromp.scenes.scene import Scene, SceneObject
 
-DriftRule = Literal["lateral-plane", "paper"]
+DriftRule = Literal["shortest", "lateral-plane", "paper"]
 Window = Literal["rim", "paper"]
 RELEASE = 0.5  # radii past a pushable's centre at which the rim may come back
 ROOM_TO_TURN = 0.02  # [m] of height to go from one side to another
 ALIKE = 0.7  # cosine from which two directions are one
 LEAST_INCLINATION = np.deg2rad(1.0)
+UPRIGHT = np.deg2rad(4.0)  # a stem that leans less stands in no side's way
+WIDEST_TURN = np.deg2rad(60.0)  # from straight away from the stem
+CENTRED = 0.5  # gripper radii from the approach line within which a fruit gives no direction
 MOST_CHOICES = 8
 
 
@@ -42,7 +48,9 @@ class Drift:
     windows: FloatArray
 
 
-def stem_side(scene: Scene, thing: SceneObject, rule: DriftRule) -> FloatArray | None:
+def stem_side(
+    scene: Scene, thing: SceneObject, rule: DriftRule, gripper_radius: float
+) -> FloatArray | None:
     """Direction (3,) away from the stem of ``thing``, or None where its stem gives no side."""
     if thing.stem is None:
         return None
@@ -54,7 +62,30 @@ def stem_side(scene: Scene, thing: SceneObject, rule: DriftRule) -> FloatArray |
         return None if abs(share) < least else np.asarray(-np.sign(share) * y_g)
     flat = (x_g @ stem) * x_g + (y_g @ stem) * y_g
     length = float(np.linalg.norm(flat))
-    return None if length < least else -flat / length
+    away = None if length < least else -flat / length
+    if rule == "lateral-plane" or scene.target is None:
+        return away
+    off = scene.target.position - thing.position
+    inwards = (x_g @ off) * x_g + (y_g @ off) * y_g
+    distance = float(np.linalg.norm(inwards))
+    if distance <= max(CENTRED * gripper_radius, 1e-6):
+        return away
+    inwards = inwards / distance
+    if away is None or length < np.sin(UPRIGHT) * float(np.linalg.norm(stem)):
+        return inwards
+    return _towards(away, inwards, WIDEST_TURN)
+
+
+def _towards(start: FloatArray, goal: FloatArray, most: float) -> FloatArray:
+    """The unit vector ``start`` turned towards another, ``goal``, by ``most`` [rad] at most."""
+    cosine = float(np.clip(start @ goal, -1.0, 1.0))
+    if cosine >= np.cos(most):
+        return goal
+    across = goal - cosine * start
+    length = float(np.linalg.norm(across))
+    if length < 1e-9:
+        return start
+    return np.asarray(np.cos(most) * start + np.sin(most) * across / length)
 
 
 def passing_windows(
@@ -100,25 +131,26 @@ def drift_choices(
     *,
     window: Window = "rim",
     depth: float = 0.0,
+    gripper_radius: float = 0.0,
 ) -> tuple[Drift, ...]:
     """Every combination of sides the tool may pass ``things`` on, at most :data:`MOST_CHOICES`.
 
     A stem that leans decides its side; a vertical one, or none, leaves both ways along y_g open.
     The first choice leaves the approach line least. ``window`` and ``depth``: see
-    :func:`passing_windows`.
+    :func:`passing_windows`. ``gripper_radius`` [m]: what ``shortest`` measures distances by.
 
     Raises:
         InvalidRequestError: an unknown rule or window.
     """
     if window not in ("rim", "paper"):
         raise InvalidRequestError(f"window is {window!r}; use 'rim' or 'paper'")
-    if rule not in ("lateral-plane", "paper"):
-        raise InvalidRequestError(f"drift is {rule!r}; use 'lateral-plane' or 'paper'")
+    if rule not in get_args(DriftRule):
+        raise InvalidRequestError(f"drift is {rule!r}; use one of {', '.join(get_args(DriftRule))}")
     y_g = scene.frame[1]
     centers = np.array([thing.position for thing in things]).reshape(-1, 3)
     options: list[list[FloatArray]] = []
     for thing in things:
-        side = stem_side(scene, thing, rule)
+        side = stem_side(scene, thing, rule, gripper_radius)
         if side is not None:
             options.append([side])
             continue
