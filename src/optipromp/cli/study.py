@@ -146,7 +146,7 @@ def _say(done: int, total: int, row: "Row | None") -> None:
 
 TITLE = """picked and nothing harmed, in the physics twin; 95 %: Wilson's interval
 plans: valid ones; static, torn: runs with such contact, torn fruit
-medians: force on unripe fruit [N], planning and execution [s]"""
+medians: force on unripe things [N], time to plan and to run [s]"""
 
 
 def table(cells: Sequence["Cell"]) -> "Table":
@@ -194,9 +194,7 @@ def causes(cells: Sequence["Cell"]) -> "Table":
 def _grid(table_type: type["Table"], title: str) -> "Table":
     from rich.box import SIMPLE_HEAD
 
-    return table_type(
-        box=SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False, padding=(0, 1, 0, 0)
-    )
+    return table_type(box=SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False, padding=0)
 
 
 def _sections(out: "Table", cells: Sequence["Cell"]) -> Iterator[tuple["Cell", bool]]:
