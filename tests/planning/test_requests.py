@@ -85,11 +85,6 @@ def test_every_planner_goes_to_a_goal(planner: Any, kind: str, three: Scene) -> 
         assert result.metrics.goal_axis_error <= np.deg2rad(2.0)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="each of the cup's many spheres in the cluster pulls with Priority.tool_avoid: together "
-    "they hold the tool 2.5 mm from its goal, which ranks above them",
-)
 def test_the_goal_outranks_what_the_tool_may_brush(three: Scene) -> None:
     """Half the mouth is in the cluster at the goal. The tool may brush it; it must arrive."""
     clusters = tuple(o for o in three.objects if o.role == "avoid")

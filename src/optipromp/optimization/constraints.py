@@ -30,10 +30,10 @@ class Priority:
     clearance: float = 2e4
     avoid: float = 1e5
     step: float = 1e5
-    tool_avoid: float = 5e3
+    tool_avoid: float = 1e3
     funnel: float = 1e4
     drift: float = 1e4
-    berth: float = 1e3
+    berth: float = 3e2
     tool_step: float = 1e3
     corridor: float = 1e2
     upright: float = 1e2

@@ -39,8 +39,9 @@ def solve(
 ) -> Outcome:
     """Both stages in the paper's order, from the conditioned ProMP on the best goal branch."""
     began = time.perf_counter()
-    branch = joint.branches(setup, options, goals)[0]
-    drift = joint.sides(setup, replace(options, window="paper", drift="paper"))[0]
+    paper = replace(options, window="paper", drift="paper", berth=0.0)
+    branch = joint.branches(setup, paper, goals)[0]
+    drift = joint.sides(setup, paper)[0]
     q0, knots = joint.initial(setup, promp, branch), branch.knots
     basis = deviation_basis(knots.count)
     order = ("collision", "push") if setup.scene.static else ("push", "collision")
@@ -181,8 +182,8 @@ def minimise_push(
                 )
             ],
             callback=record, options={
-                "maxiter": limit, "initial_tr_radius": 1.0, "initial_barrier_parameter": 0.01,
-                "initial_barrier_tolerance": 0.01,
+                "maxiter": limit, "initial_tr_radius": 2.0, "initial_barrier_parameter": 0.03,
+                "initial_barrier_tolerance": 0.03,
             },
         )  # fmt: skip
     return trajectory(result.x), history, str(result.message)

@@ -3,9 +3,9 @@ r"""On which side of a pushable the tool passes: constraints 1 and 2 of OptI-Pro
 The tool passes on the side away from the stem: :math:`d_n\cdot(fk-X_n)\ge R_{gripper}` with a unit
 vector :math:`d_n` of the lateral plane. The paper's rule takes :math:`d_n=\pm y_g` with the sign of
 :math:`-y_g\cdot S_n`; the general one takes :math:`d_n` against the lateral part of the stem. The
-``shortest`` one, the planner's default, takes the way that leads least far from the approach line among those
-that keep well clear of the stem: a tool that passes beside a fruit, at right angles to the lean of
-its stem, comes no nearer to the stem than to the fruit.
+``shortest`` one, the planner's default, takes the way that leads least far from the approach line
+among those that keep well clear of the stem: a tool that passes beside a fruit, at right angles to
+the lean of its stem, comes no nearer to the stem than to the fruit.
 """
 
 from collections.abc import Sequence
