@@ -9,7 +9,7 @@ from optipromp.optimization.evaluation import Evaluation
 from optipromp.planning.setup import Setup
 from optipromp.robots import ik
 
-STARTS, MANY_STARTS = 48, 320  # of the inverse kinematics, and where those leave too little choice
+FEW_STARTS, STARTS, MANY_STARTS = 12, 48, 320  # of the inverse kinematics
 ENOUGH = 6  # free configurations to choose among
 ROOM = 0.06  # [m] beyond which more clearance is not better
 SELF_MARGIN = 0.01  # [m]
@@ -37,19 +37,25 @@ def clearance(setup: Setup, q: FloatArray) -> FloatArray:
     return np.asarray(room)
 
 
-def find(setup: Setup, seed: int, *, many: bool = False) -> FloatArray:
+def find(setup: Setup, seed: int, starts: int = STARTS) -> FloatArray:
     """Goal configurations (m, n), best first; empty where there is none.
 
-    ``many``: search longer and keep solutions that are closer to one another.
+    With :data:`MANY_STARTS`, solutions that are closer to one another are kept.
     """
     if setup.goal_joints is not None:
         return setup.goal_joints[None]
     assert setup.goal_position is not None
     solutions = ik.solve(
-        setup.robot, setup.goal_position, setup.goal_axis, starts=MANY_STARTS if many else STARTS,
-        seed=seed, near=setup.start[None], rest=setup.start, distinct=0.1 if many else 0.25,
+        setup.robot,
+        setup.goal_position,
+        setup.goal_axis,
+        starts=starts,
+        seed=seed,
+        near=setup.start[None],
+        rest=setup.start,
+        distinct=0.1 if starts >= MANY_STARTS else 0.25,
         clearance=lambda q: clearance(setup, q),
-    )  # fmt: skip
+    )
     return solutions.joints
 
 
@@ -67,19 +73,21 @@ def free(setup: Setup, goals: FloatArray) -> tuple[FloatArray, str]:
     return goals[kept], blocked
 
 
-def choose(setup: Setup, seed: int) -> tuple[FloatArray, bool, str]:
+def choose(setup: Setup, seed: int, starts: int = STARTS) -> tuple[FloatArray, bool, str]:
     """Goal configurations to plan to, whether they are free, and a word where they are not.
 
     Returns:
         (m, n) configurations, at most :data:`ENOUGH` where they are free; whether they touch
         nothing; and, where none does, or none exists, why.
     """
-    goals = find(setup, seed)
+    goals = find(setup, seed, starts)
+    if not len(goals) and starts < STARTS:
+        goals = find(setup, seed)
     if not len(goals):
         return goals, False, unreachable(setup)
     kept, blocked = free(setup, goals)
     if not len(kept) and setup.goal_joints is None:
-        goals = find(setup, seed, many=True)
+        goals = find(setup, seed, MANY_STARTS)
         kept, blocked = free(setup, goals)
     if len(kept):
         return kept, True, ""

@@ -15,6 +15,7 @@ from optipromp.promp.model import ProMP
 from optipromp.pushing.interactive import pushes
 
 CAMERA_PHASE = 0.5
+KNOTS = 150
 
 
 def knots_without_vias(count: int) -> Knots:
@@ -65,7 +66,7 @@ def plan_movement(
         spread = (via.deviations / joint.LEVER_ARM) ** 2
         spread[1:-1] += np.array(variances) / joint.LEVER_ARM**2
         posterior = conditioned(promp, setup.start, via.phases, branch, spread, pause=phase)
-    knots = Knots(options.knots or 200, phase)
+    knots = Knots(options.knots or KNOTS, phase)
     q = joint.settled(posterior.mean_trajectory(knots.count), setup.start, goal)
     trajectory = joint.trajectory_of(setup, options, q)
     return Outcome(trajectory, trajectory, knots, (), True, {planner: time.perf_counter() - began})

@@ -213,7 +213,8 @@ def _plan(
 
     say("inverse kinematics")
     before = time.perf_counter()
-    chosen, is_free, reason = goals.choose(setup, seed)
+    starts = goals.STARTS if planner == "opti-promp" else goals.FEW_STARTS
+    chosen, is_free, reason = goals.choose(setup, seed, starts)
     clock["inverse kinematics"] = time.perf_counter() - before
     if not len(chosen):
         return finish(_stay(setup), Code.GOAL_UNREACHABLE, reason)

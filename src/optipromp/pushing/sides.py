@@ -72,7 +72,7 @@ def stem_side(
         return away
     inwards = inwards / distance
     if away is None or length < np.sin(UPRIGHT) * float(np.linalg.norm(stem)):
-        return inwards
+        return np.asarray(inwards)
     return _towards(away, inwards, WIDEST_TURN)
 
 
