@@ -373,7 +373,9 @@ def _passing(
 ) -> tuple[dict[str, float | None], dict[str, float | None]]:
     """M_p at the knot where the tool passes each pushable (the last passage), and y_g·S_n.
 
-    On which side of the stem a fruit ends is decided where the rim (T, 3) of the tool passes it.
+    Neither the tool point nor the rim (T, 3), which decides where a fruit ends, may pass a pushable
+    on the side of its stem. Of a pushable so close under the target that the rim takes in the one
+    while the tool point passes the other, the rim alone is asked.
     """
     m_p: dict[str, float | None] = {}
     projection: dict[str, float | None] = {}
@@ -387,13 +389,26 @@ def _passing(
         stem = np.asarray(thing.stem.points[1]) - np.asarray(thing.stem.points[0])
         projection[thing.id] = float(lateral @ stem)
         flat = stem - (stem @ up) * up
-        at = _last_passage(rims - thing.position, up)
-        if at is None or np.linalg.norm(flat) < DECIDED * np.linalg.norm(stem):
+        if np.linalg.norm(flat) < DECIDED * np.linalg.norm(stem):
             continue
-        near = float(np.linalg.norm(at)) < thing.radius + 2.0 * gripper_radius
-        if (near or _in_the_way(scene, thing, gripper_radius)) and float(at @ flat) > 0.0:
-            violations.append(f"the tool passes {thing.id} on the side of its stem")
+        rim = _last_passage(rims - thing.position, up)
+        close = _closely_under(scene, thing, float((rims[-1] - tips[-1]) @ up))
+        for at in (rim,) if close else (passed, rim):
+            if at is None:
+                continue
+            near = float(np.linalg.norm(at)) < thing.radius + 2.0 * gripper_radius
+            if (near or _in_the_way(scene, thing, gripper_radius)) and float(at @ flat) > 0.0:
+                violations.append(f"the tool passes {thing.id} on the side of its stem")
+                break
     return m_p, projection
+
+
+def _closely_under(scene: Scene, thing: SceneObject, depth: float) -> bool:
+    """Whether the rim, ``depth`` over the tool point, takes in the target as that passes it."""
+    if scene.target is None:
+        return False
+    below = float((scene.target.position - thing.position) @ scene.frame[2])
+    return below < depth + scene.target.radius + thing.radius
 
 
 def _last_passage(off: FloatArray, up: FloatArray) -> FloatArray | None:

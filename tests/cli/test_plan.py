@@ -142,6 +142,7 @@ def test_scenarios_end_as_in_the_paper(tmp_path: Path) -> None:
     assert code == 0
     assert set(rows) == {
         "1-plain", "1-camera", "2", "3-joint", "3-sequential", "4-joint", "4-sequential",
+        "4-near",
     }  # fmt: skip
     for key in ("1-plain", "1-camera", "2"):
         assert rows[key]["status"] == "INVALID_PLAN"
