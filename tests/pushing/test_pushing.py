@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from optipromp.errors import InvalidRequestError
 from optipromp.geometry import Sphere
 from optipromp.pushing import drift_choices, neighbours, pushes
-from optipromp.pushing.sides import MOST_CHOICES, RELEASE, ROOM_TO_TURN, passing_windows
+from optipromp.pushing.sides import MOST_CHOICES, RELEASE, ROOM_TO_TURN, UNDER, passing_windows
 from optipromp.pushing.thread import evenly, length, thread
 from optipromp.scenes import Approach, PoseGoal, Scene, SceneObject, Stem, load_scene
 
@@ -190,7 +190,7 @@ def test_the_papers_window_is_the_fruits_own_extent() -> None:
 
 def test_the_rim_meets_a_fruit_earlier_by_its_depth() -> None:
     ((low, high),) = windows_of([fruit("n", (0.0, 0.0, -0.1))], LEFT)
-    assert low == pytest.approx(-0.035)
+    assert low == pytest.approx(-0.035 - UNDER)
     assert high == pytest.approx(0.015)  # far below the target nothing cuts it short
 
 
@@ -206,7 +206,7 @@ def test_the_window_ends_in_time_to_turn_to_another_side() -> None:
     alike = windows_of([low, high], LEFT, LEFT)
     assert alike[0, 1] == pytest.approx(0.015)
     opposed = windows_of([low, high], LEFT, RIGHT)
-    assert opposed[0, 1] == pytest.approx(0.06 - 0.02 - 0.015 - ROOM_TO_TURN)
+    assert opposed[0, 1] == pytest.approx(0.06 - 0.02 - 0.015 - UNDER - ROOM_TO_TURN)
 
 
 # --- I-ProMP -----------------------------------------------------------------------------------

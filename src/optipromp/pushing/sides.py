@@ -22,6 +22,7 @@ from optipromp.scenes.scene import Scene, SceneObject
 DriftRule = Literal["shortest", "lateral-plane", "paper"]
 Window = Literal["rim", "paper"]
 RELEASE = 0.5  # radii past a pushable's centre at which the rim may come back
+UNDER = 0.006  # [m] that a rim, tilted a little, stays under a fruit it crosses beneath
 ROOM_TO_TURN = 0.02  # [m] of height to go from one side to another
 ALIKE = 0.7  # cosine from which two directions are one
 LEAST_INCLINATION = np.deg2rad(1.0)
@@ -115,12 +116,12 @@ def passing_windows(
     for n in range(len(things) - 1, -1, -1):
         released = -depth + RELEASE * radii[n]
         elsewhere = [
-            heights[m] - depth - radii[m] - ROOM_TO_TURN
+            heights[m] - depth - radii[m] - UNDER - ROOM_TO_TURN
             for m in range(n + 1, len(things))
             if float(directions[m] @ directions[n]) < ALIKE
         ]
         free = min([*wanted, *elsewhere]) - heights[n]
-        out[n] = -depth - radii[n], min(radii[n], max(free, released))
+        out[n] = -depth - radii[n] - UNDER, min(radii[n], max(free, released))
     return out
 
 
