@@ -18,7 +18,7 @@ from optipromp.promp.tasks import Rows, TaskMap, solve
 
 REACH_TOLERANCE = 1e-8
 """Exact joint points must be attainable to this [rad or m]; beyond it they contradict."""
-_RESTARTS = 6
+_RESTARTS = 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ def condition(
         iterations: at most so many linearisations, > 0.
         tolerance: within which an exact task point counts as met [m, rad].
         initial: weights (n, K) or (nK,) near which to look; by default the mean, then, should an
-            exact point be missed from there, six draws from the prior (always the same).
+            exact point be missed from there, 24 draws from the prior (always the same).
 
     Returns:
         The conditioned ProMP. See :func:`condition_with_report` for how well points were met.

@@ -70,12 +70,25 @@ def reference(trajectory: Trajectory, robot: Robot, *, speed: float, dt: float) 
         ramp = share * trajectory.duration
         scale = _slowest(path, trajectory, ramp, limits)
         best = min(best, (scale * (trajectory.duration + ramp), scale, ramp))
-    total, scale, ramp = best
-    count = max(int(np.ceil(total / dt - 1e-9)), 2)
-    t = np.arange(count + 1) * dt
-    law = _law(np.minimum(t / scale, trajectory.duration + ramp), trajectory.duration, ramp)
+    _, scale, ramp = best
+    while True:  # the samples at ``dt`` may find a peak between those the scale was chosen by
+        t, q, velocity, acceleration, use = _sampled(path, trajectory, robot, scale, ramp, dt)
+        excess = max(use[name] ** (1.0 / k) / speed for k, name in enumerate(use, start=1))
+        if not excess > 1.0 + 1e-9:
+            break
+        scale *= excess * (1.0 + 1e-6)
+    return Reference(frozen(t), frozen(q), frozen(velocity), frozen(acceleration), use)
+
+
+def _sampled(
+    path: Any, trajectory: Trajectory, robot: Robot, scale: float, ramp: float, dt: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, dict[str, float]]:
+    """Times, positions, velocities, accelerations at ``dt``, and the share of each limit used."""
+    end = trajectory.duration + ramp
+    count = max(int(np.ceil(scale * end / dt - 1e-9)), 2)
+    t = np.asarray(np.arange(count + 1) * dt, dtype=np.float64)
+    law = _law(np.minimum(t / scale, end), trajectory.duration, ramp)
     rates = (law[0], law[1] / scale, law[2] / scale**2, law[3] / scale**3)
-    q = np.asarray(path(rates[0]))
     velocity, acceleration, jerk = _chain(
         tuple(np.asarray(path(rates[0], k)) for k in (1, 2, 3)), rates
     )
@@ -87,7 +100,7 @@ def reference(trajectory: Trajectory, robot: Robot, *, speed: float, dt: float) 
             ("jerk", jerk, robot.jerk),
         )
     }
-    return Reference(frozen(t), frozen(q), frozen(velocity), frozen(acceleration), use)
+    return t, np.asarray(path(rates[0])), velocity, acceleration, use
 
 
 def _slowest(
