@@ -126,6 +126,17 @@ def carried_points(segment, local, origins, rotations, out):  # type: ignore[no-
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def tool_at(origins, rotations, tool_point, tool_axis, point, direction):  # type: ignore[no-untyped-def]
+    """Tool point and axis (3,) at one configuration, from the frames of its segments, in place."""
+    o, r = origins[-1], rotations[-1]
+    for i in range(3):
+        point[i] = o[i] + (
+            r[i, 0] * tool_point[0] + r[i, 1] * tool_point[1] + r[i, 2] * tool_point[2]
+        )
+        direction[i] = r[i, 0] * tool_axis[0] + r[i, 1] * tool_axis[1] + r[i, 2] * tool_axis[2]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def tool_poses(kin, q, tool_point, tool_axis, points, directions):  # type: ignore[no-untyped-def]
     """Tool point and axis at M configurations: ``q`` (M, n) → (M, 3), (M, 3), in place."""
     n_segments = kin.kind.shape[0]
@@ -134,17 +145,7 @@ def tool_poses(kin, q, tool_point, tool_axis, points, directions):  # type: igno
     axes = np.empty((n_segments, 3))
     for m in range(q.shape[0]):
         chain_frames(kin, q[m], origins, rotations, axes)
-        r = rotations[n_segments - 1]
-        for i in range(3):
-            points[m, i] = (
-                origins[n_segments - 1, i]
-                + r[i, 0] * tool_point[0]
-                + r[i, 1] * tool_point[1]
-                + r[i, 2] * tool_point[2]
-            )
-            directions[m, i] = (
-                r[i, 0] * tool_axis[0] + r[i, 1] * tool_axis[1] + r[i, 2] * tool_axis[2]
-            )
+        tool_at(origins, rotations, tool_point, tool_axis, points[m], directions[m])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -179,17 +180,7 @@ def tool_jacobians(kin, q, tool_point, tool_axis, points, directions, jp, ja):  
     axes = np.empty((n_segments, 3))
     for m in range(q.shape[0]):
         chain_frames(kin, q[m], origins, rotations, axes)
-        r = rotations[n_segments - 1]
-        for i in range(3):
-            points[m, i] = (
-                origins[n_segments - 1, i]
-                + r[i, 0] * tool_point[0]
-                + r[i, 1] * tool_point[1]
-                + r[i, 2] * tool_point[2]
-            )
-            directions[m, i] = (
-                r[i, 0] * tool_axis[0] + r[i, 1] * tool_axis[1] + r[i, 2] * tool_axis[2]
-            )
+        tool_at(origins, rotations, tool_point, tool_axis, points[m], directions[m])
         tool_rows(kin, origins, axes, points[m], directions[m], jp[m], ja[m])
 
 
