@@ -1,9 +1,16 @@
-"""Hypothesis draws anew at every local run; CI draws the same, so that a run can be repeated."""
+"""What the whole suite needs set before its modules are imported.
+
+Hypothesis draws anew at every local run; CI draws the same, so that a run can be repeated. MuJoCo
+decides how it renders when it is first imported, by whichever test: off screen.
+"""
 
 import os
+import sys
 
 from hypothesis import settings
 
 settings.register_profile("ci", derandomize=True)
 if os.environ.get("CI"):
     settings.load_profile("ci")
+if sys.platform.startswith("linux"):
+    os.environ.setdefault("MUJOCO_GL", "egl")
