@@ -16,6 +16,7 @@ from optipromp.optimization.constraints import (
     LimitConstraint,
     SelfConstraint,
     StepConstraint,
+    ToolStepConstraint,
     UprightConstraint,
 )
 from optipromp.optimization.terms import (
@@ -73,6 +74,9 @@ def constraints(case: Any) -> dict[str, Term]:
         "goal without axis": GoalConstraint(70.0, tools[-1] + 0.1, None),
         "limits": LimitConstraint(25.0, low + inner, high - inner),
         "step": StepConstraint(35.0, 0.3 * np.abs(np.diff(q, axis=0)).max(axis=0)),
+        "tool step": ToolStepConstraint(
+            55.0, 0.5 * float(np.linalg.norm(np.diff(tools, axis=0), axis=1).max()), 1
+        ),
     }
 
 
@@ -82,7 +86,7 @@ TERMS = (
 )  # fmt: skip
 CONSTRAINTS = (
     "touch", "avoid", "self", "drift", "funnel", "corridor", "upright", "goal", "goal without axis",
-    "limits", "step",
+    "limits", "step", "tool step",
 )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from optipromp.optimization.constraints import (
     LimitConstraint,
     SelfConstraint,
     StepConstraint,
+    ToolStepConstraint,
     UprightConstraint,
 )
 from optipromp.optimization.problem import Problem, Surroundings
@@ -220,12 +221,15 @@ def satisfied(panda: Any) -> dict[str, Term]:
         "goal without axis": GoalConstraint(9.0, tools[-1], None),
         "limits": LimitConstraint(9.0, q.min(axis=0), q.max(axis=0)),
         "step": StepConstraint(9.0, np.abs(np.diff(q, axis=0)).max(axis=0) + 1e-12),
+        "tool step": ToolStepConstraint(
+            9.0, float(np.linalg.norm(np.diff(tools, axis=0), axis=1).max()) + 1e-9, 0
+        ),
     }  # fmt: skip
 
 
 SATISFIED = (
     "touch", "avoid", "self", "drift", "funnel", "corridor", "upright", "goal", "goal without axis",
-    "limits", "step",
+    "limits", "step", "tool step",
 )  # fmt: skip
 
 
@@ -266,7 +270,7 @@ def test_and_one_broken_by_a_little_costs_a_little(name: str, panda: Any) -> Non
             term.tolerance -= 2 * little
         case "limits":
             term.upper = term.upper - little
-        case "step":
+        case "step" | "tool step":
             term.largest = term.largest - little
     value = panda.problem(constraints=[term], cutoff=1.0).evaluate(panda.q).merit
     assert 0.0 < value < 9.0 * len(panda.q) ** 2 * (3 * little) ** 2
