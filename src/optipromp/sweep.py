@@ -72,6 +72,17 @@ def composed(a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def carried(turns, origins, s, p, out):  # type: ignore[no-untyped-def]
+    """World position of a point ``p`` (3,) that segment ``s`` carries (-1: the base), in place."""
+    if s < 0:
+        out[0], out[1], out[2] = p[0], p[1], p[2]
+        return
+    t = turns[s]
+    dx, dy, dz = turned(t[0], t[1], t[2], t[3], p[0], p[1], p[2])
+    out[0], out[1], out[2] = origins[s, 0] + dx, origins[s, 1] + dy, origins[s, 2] + dz
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def place(body, q, spheres, hubs):  # type: ignore[no-untyped-def]
     """World centres of the spheres (B, 3) and of the links' bounding spheres (L, 3), in place."""
     n_segments = body.driver.shape[0]
@@ -96,27 +107,9 @@ def place(body, q, spheres, hubs):  # type: ignore[no-untyped-def]
         turns[s, 0], turns[s, 1], turns[s, 2], turns[s, 3] = w, x, y, z
         origins[s, 0], origins[s, 1], origins[s, 2] = ox, oy, oz
     for b in range(body.carrier.shape[0]):
-        s = body.carrier[b]
-        p = body.local[b]
-        if s < 0:
-            spheres[b, 0], spheres[b, 1], spheres[b, 2] = p[0], p[1], p[2]
-            continue
-        t = turns[s]
-        dx, dy, dz = turned(t[0], t[1], t[2], t[3], p[0], p[1], p[2])
-        spheres[b, 0] = origins[s, 0] + dx
-        spheres[b, 1] = origins[s, 1] + dy
-        spheres[b, 2] = origins[s, 2] + dz
+        carried(turns, origins, body.carrier[b], body.local[b], spheres[b])
     for k in range(hubs.shape[0]):
-        s = body.carrier[body.start[k]]
-        p = body.hub[k]
-        if s < 0:
-            hubs[k, 0], hubs[k, 1], hubs[k, 2] = p[0], p[1], p[2]
-            continue
-        t = turns[s]
-        dx, dy, dz = turned(t[0], t[1], t[2], t[3], p[0], p[1], p[2])
-        hubs[k, 0] = origins[s, 0] + dx
-        hubs[k, 1] = origins[s, 1] + dy
-        hubs[k, 2] = origins[s, 2] + dz
+        carried(turns, origins, body.carrier[body.start[k]], body.hub[k], hubs[k])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

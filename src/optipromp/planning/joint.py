@@ -6,7 +6,7 @@ through the first stage of penalty stiffness, those close to the best to the end
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from optipromp.optimization.solvers import gauss_newton
 from optipromp.planning.build import Knots, capture_height, joint_problem, widths
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.primitives import (
+    ViaPoints,
     camera_point,
     conditioned,
     detection_variance,
@@ -100,20 +101,23 @@ class Branch:
     knots: Knots
 
 
-def branches(setup: Setup, options: PlanOptions, goals: FloatArray) -> list[Branch]:
-    """The branches of the goal configurations (m, n), shortest motion first."""
+def branches(
+    setup: Setup, options: PlanOptions, goals: FloatArray, paths: Sequence[FloatArray]
+) -> list[Branch]:
+    """The branches of the goal configurations (m, n), shortest motion first.
+
+    ``paths`` are the tool's ways for every choice of sides, see :func:`tool_path`.
+    """
+    longest = max(length(path) for path in paths)
+    points: ViaPoints | None = None
+    if setup.neighbours:
+        positions = [thing.position for thing in setup.neighbours]
+        points = via_points(setup, positions, 0.5, options.via_deviation)
     out = []
-    path = max(
-        (length(tool_path(setup, options, drift)) for drift in sides(setup, options)), default=0.0
-    )
     for goal in goals:
-        via, deviations = None, np.zeros(1)
-        if setup.neighbours:
-            positions = [thing.position for thing in setup.neighbours]
-            points = via_points(setup, positions, 0.5, options.via_deviation)
-            via, deviations = on_branch(setup, points, goal), points.deviations
-        knots = knots_for(setup, options, via, goal, path)
-        out.append(Branch(goal, via, deviations, knots))
+        via = None if points is None else on_branch(setup, points, goal)
+        deviations = np.zeros(1) if points is None else points.deviations
+        out.append(Branch(goal, via, deviations, knots_for(setup, options, via, goal, longest)))
     return sorted(out, key=lambda branch: branch.knots.count)
 
 
@@ -144,9 +148,9 @@ def tool_path(setup: Setup, options: PlanOptions, drift: Drift) -> FloatArray:
 
 
 def threaded(
-    setup: Setup, options: PlanOptions, branch: Branch, drift: Drift, q: FloatArray
+    setup: Setup, options: PlanOptions, branch: Branch, path: FloatArray, q: FloatArray
 ) -> FloatArray:
-    """``q`` (T, n) with its approach led along the tool path past the neighbours.
+    """``q`` (T, n) with its approach led along the tool ``path`` past the neighbours.
 
     The approach is followed by inverse kinematics from the goal back, on the branch; the reach
     before it is bent to meet it. ``q`` itself where the path cannot be followed.
@@ -155,7 +159,7 @@ def threaded(
         return q
     assert setup.goal_axis is not None
     first = branch.knots.first
-    points = evenly(tool_path(setup, options, drift), len(q) - first)
+    points = evenly(path, len(q) - first)
     axes = np.tile(setup.goal_axis, (len(points) - 1, 1))
     back, errors = ik.track(setup.robot, points[-2::-1], axes, branch.goal)
     if errors.max() > FOLLOWED:
@@ -208,17 +212,18 @@ def batches(
     of the ProMP come when every branch has failed.
     """
     choices = sides(setup, options)
-    waiting = branches(setup, options, goals)
+    paths = [tool_path(setup, options, drift) for drift in choices]
+    waiting = branches(setup, options, goals, paths)
     order = list(waiting)
     while waiting:
         reach = LONGER * waiting[0].knots.count
         batch = [branch for branch in waiting[: options.starts] if branch.knots.count <= reach]
         waiting = waiting[len(batch) :]
         yield [
-            Start(q, threaded(setup, options, branch, drift, q), drift, branch.knots)
+            Start(q, threaded(setup, options, branch, path, q), drift, branch.knots)
             for branch in batch
             for q in (initial(setup, promp, branch),)
-            for drift in choices
+            for drift, path in zip(choices, paths, strict=True)
         ]
     for _ in range(SAMPLE_ROUNDS):
         for low in range(0, len(order), options.starts):

@@ -40,8 +40,8 @@ def solve(
     """Both stages in the paper's order, from the conditioned ProMP on the best goal branch."""
     began = time.perf_counter()
     paper = replace(options, window="paper", drift="paper", berth=0.0)
-    branch = joint.branches(setup, paper, goals)[0]
     drift = joint.sides(setup, paper)[0]
+    branch = joint.branches(setup, paper, goals, [joint.tool_path(setup, paper, drift)])[0]
     q0, knots = joint.initial(setup, promp, branch), branch.knots
     basis = deviation_basis(knots.count)
     order = ("collision", "push") if setup.scene.static else ("push", "collision")

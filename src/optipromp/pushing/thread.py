@@ -40,30 +40,40 @@ def thread(
     bottom = float((camera - goal) @ up)
     levels = np.arange(bottom, -capture, LEVEL)
     corners = [np.append((camera - goal) @ lateral.T, bottom)]
+    above = levels[:, None] - heights
+    inside = (drift.windows[:, 0] <= above) & (above <= drift.windows[:, 1])
     last: FloatArray | None = None
-    for h in levels:
-        above = h - heights
-        active = np.flatnonzero((drift.windows[:, 0] <= above) & (above <= drift.windows[:, 1]))
+    for i, h in enumerate(levels):
+        active = np.flatnonzero(inside[i])
         if not len(active):
             last = None
             continue
-        p = np.zeros(2)
-        for _ in range(SWEEPS):
-            before = p
-            for n in active:
-                short = offsets[n] - directions[n] @ (p - flat[n])
-                if short > 0.0:
-                    p = p + short * directions[n]
-            if np.array_equal(p, before):
-                break
+        if last is not None and np.array_equal(inside[i], inside[i - 1]):
+            corners[-1] = np.append(last, h)  # the windows go on: their far end
+            continue
+        p = _aside(flat[active], directions[active], offsets[active])
         if last is not None and np.allclose(p, last, atol=1e-6):
-            corners[-1] = np.append(p, h)  # the window goes on: its far end
+            corners[-1] = np.append(p, h)
             continue
         corners += [np.append(p, h), np.append(p, h)]
         last = p
     corners += [np.array([0.0, 0.0, max(bottom, -capture)]), np.zeros(3)]
     local = np.array(corners)
     return np.asarray(goal + local[:, :2] @ lateral + local[:, 2:] * up)
+
+
+def _aside(flat: FloatArray, directions: FloatArray, offsets: FloatArray) -> FloatArray:
+    """The point (2,) nearest to the approach line that is aside of all, by cyclic projection."""
+    p = np.zeros(2)
+    for _ in range(SWEEPS):
+        before = p
+        for center, direction, offset in zip(flat, directions, offsets, strict=True):
+            short = offset - direction @ (p - center)
+            if short > 0.0:
+                p = p + short * direction
+        if np.array_equal(p, before):
+            break
+    return p
 
 
 def length(corners: FloatArray) -> float:
