@@ -250,7 +250,8 @@ def track(
         iterations: of each descent.
 
     Returns:
-        Configurations (m, n) and position errors (m,) [m]; an error above 1e-6 is a miss.
+        Configurations (m, n) and errors (m,) [m], position plus AXIS_LENGTH times axis; above 1e-6 is
+        a miss.
     """
     m, n = len(positions), robot.n_joints
     out, errors = np.empty((m, n)), np.empty(m)
