@@ -250,8 +250,8 @@ def track(
         iterations: of each descent.
 
     Returns:
-        Configurations (m, n) and errors (m,) [m], position plus AXIS_LENGTH times axis; above 1e-6 is
-        a miss.
+        Configurations (m, n) and errors (m,) [m], of the position plus :data:`AXIS_LENGTH` times
+        that of the axis; one above 1e-6 is a miss.
     """
     m, n = len(positions), robot.n_joints
     out, errors = np.empty((m, n)), np.empty(m)
