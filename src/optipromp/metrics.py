@@ -78,11 +78,12 @@ class Contact:
 
 @dataclass(frozen=True)
 class Judgement:
-    """Metrics, and every reason why the trajectory is not valid (empty when it is)."""
+    """Metrics, every reason why the trajectory is not valid (empty when it is), and remarks."""
 
     metrics: Metrics
     violations: tuple[str, ...]
     contacts: tuple[Contact, ...]
+    notes: tuple[str, ...] = ()
 
 
 def frames(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -291,7 +292,12 @@ def _other_shapes(
 
 
 def judge(
-    scene: Scene, robot: Robot, trajectory: Trajectory, start: FloatArray | None = None
+    scene: Scene,
+    robot: Robot,
+    trajectory: Trajectory,
+    start: FloatArray | None = None,
+    *,
+    stem_side: bool = True,
 ) -> Judgement:
     """Judge a trajectory against robot and scene.
 
@@ -300,6 +306,8 @@ def judge(
         robot: the robot with the scene's tool.
         trajectory: what is to be executed.
         start: (n,) where it must begin; None: not checked.
+        stem_side: whether passing a pushable on the side of its stem (constraint 2 of the method)
+            makes it invalid, or is only noted.
     """
     q = trajectory.positions
     fine, complete = fine_positions(robot, q)
@@ -310,7 +318,10 @@ def judge(
     tips, axes = tool(robot, *frames(robot, q))
     goal_error, axis_error = _goal(scene, q[-1], tips[-1], axes[-1], violations)
     rims = tips + getattr(robot.tool, "depth", 0.0) * axes
-    m_p, projection = _passing(scene, tips, rims, robot.gripper_radius, violations)
+    notes: list[str] = []
+    m_p, projection = _passing(
+        scene, tips, rims, robot.gripper_radius, violations if stem_side else notes
+    )
     excess = float(np.max(np.maximum(robot.lower - q, q - robot.upper), initial=0.0))
     if excess > 0.0:
         joint = int(np.argmax(np.max(np.maximum(robot.lower - q, q - robot.upper), axis=0)))
@@ -337,7 +348,7 @@ def judge(
         velocity_ratio=velocity,
         acceleration_ratio=acceleration,
     )
-    return Judgement(metrics, tuple(violations), tuple(contacts))
+    return Judgement(metrics, tuple(violations), tuple(contacts), tuple(notes))
 
 
 def _goal(

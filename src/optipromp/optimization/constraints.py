@@ -35,7 +35,7 @@ class Priority:
     drift: float = 1e4
     berth: float = 3e2
     tool_step: float = 1e3
-    corridor: float = 1e2
+    corridor: float = 1e4
     upright: float = 1e2
 
 

@@ -87,13 +87,25 @@ def capture_height(setup: Setup) -> float:
     return float(getattr(setup.robot.tool, "depth", 0.0)) + setup.scene.target.radius
 
 
-def drift_constraints(setup: Setup, options: PlanOptions, knots: Knots, drift: Drift) -> list[Term]:
+def possible(setup: Setup, drift: Drift, knots: Knots, reference: FloatArray) -> FloatArray:
+    """How far (N,) ``reference`` (T, 3) passes each neighbour within its window [m]."""
+    away = reference[knots.first :, None] - drift.centers
+    along = away @ setup.scene.frame[2]
+    aside = np.einsum("tni,ni->tn", away, drift.directions)
+    inside = (drift.windows[:, 0] <= along) & (along <= drift.windows[:, 1])
+    return np.asarray(np.where(inside, aside, np.inf).min(axis=0))
+
+
+def drift_constraints(
+    setup: Setup, options: PlanOptions, knots: Knots, drift: Drift, reference: FloatArray
+) -> list[Term]:
     """Constraints 1 and 2, and the wider berth that a real fruit wants."""
     weights = options.priority.drift, options.priority.berth
+    most = possible(setup, drift, knots, reference)
     return [
         DriftConstraint(
-            weight, drift.centers, drift.directions, setup.scene.frame[2], drift.windows, offset,
-            knots.first,
+            weight, drift.centers, drift.directions, setup.scene.frame[2], drift.windows,
+            np.minimum(offset, most), knots.first,
         )
         for weight, offset in zip(weights, widths(setup, options), strict=True)
     ]  # fmt: skip
@@ -135,10 +147,10 @@ def constraints(
     if drift.ids:
         assert setup.goal_axis is not None
         terms += [
-            *drift_constraints(setup, options, knots, drift),
+            *drift_constraints(setup, options, knots, drift, reference),
             funnel_constraint(setup, options, knots, drift),
             ToolStepConstraint(p.tool_step, TOOL_STEP, knots.first),
-            CorridorConstraint(p.corridor, reference, frame[[0, 2]], options.corridor, first),
+            CorridorConstraint(p.corridor, reference, frame, options.corridor, first),
             UprightConstraint(p.upright, setup.goal_axis, UPRIGHT, first),
         ]
     return terms

@@ -17,6 +17,7 @@ from optipromp.metrics import Judgement
 from optipromp.optimization.evaluation import Evaluation
 from optipromp.optimization.problem import Problem, Value
 from optipromp.optimization.solvers import gauss_newton
+from optipromp.planning import foresight
 from optipromp.planning.build import Knots, capture_height, joint_problem, widths
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.primitives import (
@@ -42,6 +43,7 @@ PEAK = 1.9  # largest over mean speed of a smooth reach
 FEWEST, MOST = 60, 600  # knots
 LONGER = 1.5  # a motion with this many times the knots of the shortest waits for a later batch
 SAMPLE_ROUNDS = 4
+INVALID = 3.0  # added to the score of a push whose trajectory is not valid
 CLOSE = 1.3  # a start within this factor of the best one after the first stage goes on
 
 
@@ -205,13 +207,13 @@ def batches(
     options: PlanOptions,
     goals: FloatArray,
     rng: np.random.Generator,
+    choices: Sequence[Drift],
 ) -> Iterator[list[Start]]:
-    """Starts to solve together, the most promising batch first.
+    """Starts to solve together, for every choice of sides, the most promising batch first.
 
     Branches whose motion is much longer than the shortest one wait for a later batch, and samples
     of the ProMP come when every branch has failed.
     """
-    choices = sides(setup, options)
     paths = [tool_path(setup, options, drift) for drift in choices]
     waiting = branches(setup, options, goals, paths)
     order = list(waiting)
@@ -256,19 +258,28 @@ def plan_joint(
     began = time.perf_counter()
 
     heard: dict[int, Judgement] = {}
+    foreseen = foresight.applies(setup, options)
+
+    def made(choices: Sequence[Drift]) -> Iterator[list[Start]]:
+        return batches(setup, promp, options, goals, rng, choices)
 
     def verify(trajectory: Trajectory, a: Attempt) -> bool:
-        heard[id(a)] = metrics.judge(setup.scene, setup.robot, trajectory, setup.start)
+        heard[id(a)] = metrics.judge(
+            setup.scene, setup.robot, trajectory, setup.start, stem_side=not foreseen
+        )
         return not heard[id(a)].violations
 
-    best = solve(setup, promp, options, goals, rng, deadline, verify)
+    if foreseen:
+        best = _foreseen(setup, options, deadline, verify, made)
+    else:
+        best = solve(setup, options, deadline, verify, made(sides(setup, options)))
     seconds = time.perf_counter() - began
     optimised = len(best.history) > 1
     names = tuple(term.name for term in best.problem.terms)
     stage = Stage("joint", "gauss-newton", names, best.history, seconds, best.message)
     return Outcome(
-        trajectory_of(setup, options, best.start.initial),
-        trajectory_of(setup, options, best.q),
+        trajectory_of(setup, options, best.start.initial, best.start.knots.first),
+        trajectory_of(setup, options, best.q, best.start.knots.first),
         best.start.knots,
         (stage,) if optimised else (),
         optimised,
@@ -277,16 +288,48 @@ def plan_joint(
     )
 
 
-def solve(
+def _foreseen(
     setup: Setup,
-    promp: ProMP,
     options: PlanOptions,
-    goals: FloatArray,
-    rng: np.random.Generator,
     deadline: float,
     verify: Callable[[Trajectory, Attempt], bool],
+    made: Callable[[Sequence[Drift]], Iterator[list[Start]]],
 ) -> Attempt:
-    """The best attempt over all starts; the first that ``verify`` finds valid ends the search."""
+    """The attempt, over choices of sides, whose push is foreseen to do least harm."""
+    model = foresight.foresight(setup)
+    ruled = sides(setup, options)[0]
+    best: Attempt | None = None
+    least = np.inf
+    choices = model.choices(ruled, options, lambda drift: tool_path(setup, options, drift))
+    for expected, drift in choices:
+        if best is not None and expected > least:
+            continue
+        valid = False
+
+        def heard(trajectory: Trajectory, a: Attempt) -> bool:
+            nonlocal valid
+            valid = verify(trajectory, a)
+            return valid
+
+        attempt = solve(setup, options, deadline, heard, made((drift,)))
+        value = model.of_trajectory(attempt.q[attempt.start.knots.first :])
+        value += 0.0 if valid else INVALID
+        if best is None or value < least:
+            best, least = attempt, value
+        if least < foresight.GOOD or time.perf_counter() > deadline:
+            break
+    assert best is not None  # there is at least one round of draws
+    return best
+
+
+def solve(
+    setup: Setup,
+    options: PlanOptions,
+    deadline: float,
+    verify: Callable[[Trajectory, Attempt], bool],
+    made: Iterator[list[Start]],
+) -> Attempt:
+    """The best attempt over batches of starts; the first that ``verify`` finds valid ends it."""
     workspaces: dict[int, Evaluation] = {}
     schedule = _schedule(options)
     best: Attempt | None = None
@@ -308,7 +351,7 @@ def solve(
         history = a.history + result.history[1:]
         return Attempt(a.start, a.problem, result.q, result.value, history, result.message)
 
-    for batch in batches(setup, promp, options, goals, rng):
+    for batch in made:
         attempts = [attempt(start) for start in batch]
         if options.iterations == 0:
             least = min(attempts, key=lambda a: a.value.merit)
@@ -317,7 +360,7 @@ def solve(
         ahead = [a for a in attempts if a.value.merit <= CLOSE * attempts[0].value.merit]
         done = sorted((advance(a, slice(1, None)) for a in ahead), key=lambda a: a.value.merit)
         for a in done:
-            if verify(trajectory_of(setup, options, a.q), a):
+            if verify(trajectory_of(setup, options, a.q, a.start.knots.first), a):
                 return a
         if best is None or done[0].value.merit < best.value.merit:
             best = done[0]
@@ -336,11 +379,18 @@ def _schedule(options: PlanOptions) -> gauss_newton.GaussNewtonOptions:
     return gauss_newton.GaussNewtonOptions(iterations=tuple(share))
 
 
-def trajectory_of(setup: Setup, options: PlanOptions, q: FloatArray) -> Trajectory:
-    """The trajectory at the asked for duration, or the shortest that the limits allow."""
+def trajectory_of(setup: Setup, options: PlanOptions, q: FloatArray, first: int) -> Trajectory:
+    """The trajectory at the asked for duration, or the shortest that the limits allow.
+
+    From knot ``first`` on the tool is among what it pushes, and keeps to ``approach_speed``.
+    """
     robot = setup.robot
     if options.duration is not None:
         dt = options.duration / (len(q) - 1)
     else:
         dt = shortest_dt(q, robot.velocity, robot.acceleration)
+        if setup.neighbours:
+            points, _ = robot.tool_pose(q[first:])
+            step = float(np.linalg.norm(np.diff(points, axis=0), axis=1).max(initial=0.0))
+            dt = max(dt, step / options.approach_speed)
     return Trajectory(q, dt, robot.joint_names)

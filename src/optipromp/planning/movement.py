@@ -68,5 +68,5 @@ def plan_movement(
         posterior = conditioned(promp, setup.start, via.phases, branch, spread, pause=phase)
     knots = Knots(options.knots or KNOTS, phase)
     q = joint.settled(posterior.mean_trajectory(knots.count), setup.start, goal)
-    trajectory = joint.trajectory_of(setup, options, q)
+    trajectory = joint.trajectory_of(setup, options, q, knots.first)
     return Outcome(trajectory, trajectory, knots, (), True, {planner: time.perf_counter() - began})

@@ -35,10 +35,15 @@ class PlanOptions:
         window: at which heights it passes them aside in the joint strategy (the sequential one
             keeps the paper's); see
             :func:`optipromp.pushing.sides.passing_windows`.
+        foresight: whether, where fruits hang on stems before a cup, other ways past them are looked
+            for when the one that ``drift`` asks for is foreseen to do harm; see
+            :mod:`optipromp.planning.foresight`.
         drift_offset: how far it passes from their centres [m]; None: R_gripper.
         berth: how much farther, in radii of the pushable, it passes where nothing stands against
             it: a rim right under a fruit's centre may tip it either way. 0 in the paper.
         corridor: tolerance of constraint 3 along x_g and z_g [m].
+        approach_speed: fastest that the tool moves from t_1 on where something is to be pushed
+            [m/s]; ``duration`` overrides it.
         smoothness: weight of ½∫‖ξ̈‖² dt in the joint strategy.
         static_clearance: wanted between every body sphere and static things [m]. This setting and
             the next five are of the joint strategy.
@@ -70,9 +75,11 @@ class PlanOptions:
     push_weights: tuple[float, float, float] = (1.0, 1.0, 1.0)
     drift: DriftRule = "shortest"
     window: Window = "rim"
+    foresight: bool = True
     drift_offset: float | None = None
     berth: float = 0.8
-    corridor: float = 0.02
+    corridor: float = 0.002
+    approach_speed: float = 0.1
     smoothness: float = 2e-6
     static_clearance: float = 0.012
     avoid_clearance: float = 0.005
@@ -120,6 +127,7 @@ class PlanOptions:
         need(self.drift_offset is None or self.drift_offset >= 0, "drift_offset", "not negative")
         need(self.berth >= 0, "berth", "not negative")
         need(self.corridor >= 0, "corridor", "not negative")
+        need(self.approach_speed > 0, "approach_speed", "positive [m/s]")
         need(self.smoothness >= 0, "smoothness", "not negative")
         for name in ("static_clearance", "avoid_clearance", "self_clearance", "limit_margin"):
             need(getattr(self, name) >= 0, name, "not negative")

@@ -14,7 +14,7 @@ from threadpoolctl import ThreadpoolController
 from optipromp import metrics
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.metrics import Contact, Judgement, Metrics
-from optipromp.planning import goals, joint, movement, sequential
+from optipromp.planning import foresight, goals, joint, movement, sequential
 from optipromp.planning.options import Planner, PlanOptions, Strategy
 from optipromp.planning.primitives import PAPER_BASIS, learnt
 from optipromp.planning.setup import Setup, bind
@@ -176,6 +176,7 @@ def _plan(
     if not isinstance(scene, Scene):
         scene = load_scene(scene)
     setup = bind(scene)
+    opti = planner == "opti-promp" and strategy == "joint"
     paper = planner == "opti-promp" and strategy == "sequential"
     basis = {"basis": PAPER_BASIS} if paper else {}
     promp = learnt(setup, demonstrations, **basis)
@@ -187,7 +188,10 @@ def _plan(
         start = time.perf_counter()
         verdict = outcome.judgement
         if verdict is None:
-            verdict = metrics.judge(scene, setup.robot, outcome.trajectory, setup.start)
+            verdict = metrics.judge(
+                scene, setup.robot, outcome.trajectory, setup.start,
+                stem_side=not (opti and foresight.applies(setup, options)),
+            )  # fmt: skip
         if status is None:
             status, message = _verdict(verdict, outcome, options, deadline)
         elif status == Code.GOAL_IN_COLLISION:
@@ -242,10 +246,8 @@ def _verdict(
             f"time ran out before any optimisation; the initial trajectory: {found}",
         )
     if not verdict.violations:
-        return (
-            Code.SUCCESS,
-            "reaches the target, keeps all limits, touches nothing it must not" + note,
-        )
+        message = "reaches the target, keeps all limits, touches nothing it must not" + note
+        return Code.SUCCESS, "; ".join([message, *(f"note: {n}" for n in verdict.notes)])
     message = "; ".join(verdict.violations) + note
     if late:
         return Code.TIMEOUT, f"time ran out; the best so far: {message}"

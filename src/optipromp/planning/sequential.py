@@ -69,7 +69,8 @@ def solve(
     timing = {stage.name: stage.seconds for stage in stages}
     timing["sequential"] = time.perf_counter() - began
     return Outcome(
-        joint.trajectory_of(setup, options, q0), joint.trajectory_of(setup, options, q), knots,
+        joint.trajectory_of(setup, options, q0, knots.first),
+        joint.trajectory_of(setup, options, q, knots.first), knots,
         tuple(stages), bool(stages), timing,
     )  # fmt: skip
 

@@ -6,6 +6,8 @@ asks for anything it runs straight between. The optimiser starts near it, so tha
 right side of everything.
 """
 
+import math
+
 import numpy as np
 
 from optipromp.arrays import FloatArray
@@ -40,6 +42,7 @@ def thread(
     bottom = float((camera - goal) @ up)
     levels = np.arange(bottom, -capture, LEVEL)
     corners = [np.append((camera - goal) @ lateral.T, bottom)]
+    farthest = float(np.linalg.norm(flat + offsets[:, None] * directions, axis=1).max())
     above = levels[:, None] - heights
     inside = (drift.windows[:, 0] <= above) & (above <= drift.windows[:, 1])
     last: FloatArray | None = None
@@ -51,7 +54,7 @@ def thread(
         if last is not None and np.array_equal(inside[i], inside[i - 1]):
             corners[-1] = np.append(last, h)  # the windows go on: their far end
             continue
-        p = _aside(flat[active], directions[active], offsets[active])
+        p = _aside(flat[active], directions[active], offsets[active], farthest)
         if last is not None and np.allclose(p, last, atol=1e-6):
             corners[-1] = np.append(p, h)
             continue
@@ -62,8 +65,14 @@ def thread(
     return np.asarray(goal + local[:, :2] @ lateral + local[:, 2:] * up)
 
 
-def _aside(flat: FloatArray, directions: FloatArray, offsets: FloatArray) -> FloatArray:
-    """The point (2,) nearest to the approach line that is aside of all, by cyclic projection."""
+def _aside(
+    flat: FloatArray, directions: FloatArray, offsets: FloatArray, farthest: float
+) -> FloatArray:
+    """The point (2,) nearest to the approach line that is aside of all, by cyclic projection.
+
+    None is farther from the line than ``farthest``: where things ask for opposite sides, the point
+    would flee to where their half-planes meet; a compromise is nearer.
+    """
     p = np.zeros(2)
     for _ in range(SWEEPS):
         before = p
@@ -71,6 +80,9 @@ def _aside(flat: FloatArray, directions: FloatArray, offsets: FloatArray) -> Flo
             short = offset - direction @ (p - center)
             if short > 0.0:
                 p = p + short * direction
+                away = math.sqrt(p @ p)
+                if away > farthest:
+                    p = p * (farthest / away)
         if np.array_equal(p, before):
             break
     return p

@@ -12,10 +12,11 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.geometry import distances
 from optipromp.robots import ik
+from optipromp.robots.cup_cover import NECK_RADIUS
 from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
 from optipromp.robots.tools import Cup, FrankaHand, with_tool
-from optipromp.scenes.scene import Scene
+from optipromp.scenes.scene import Scene, SceneObject
 
 STARTS = 200  # of the inverse kinematics
 ROLLS = 12  # turns about the tool axis tried for each solution
@@ -45,12 +46,30 @@ def unsolvable(scene: Scene) -> str | None:
         if float(inside.min()) < 0.0:
             return "target inside a static thing"
     robot = equipped(scene)
+    if any(_rooted_in_tool(scene, thing, robot.tool) for thing in scene.pushables):
+        return "stem rooted where the tool must end"
     goals = ik.solve(robot, target.position, scene.frame[2], starts=STARTS, distinct=0.05).joints
     if not len(goals):
         return "target out of reach"
     if not _free(scene, robot, rolled(robot, goals)).any():
         return "goal always in collision"
     return None
+
+
+def _rooted_in_tool(scene: Scene, thing: SceneObject, tool: Cup | FrankaHand | None) -> bool:
+    """Whether a stem's root, which does not yield, is within the cup (or its neck) at the goal."""
+    if thing.stem is None or not isinstance(tool, Cup) or scene.target is None:
+        return False
+    up = scene.frame[2]
+    off = thing.stem.points[-1] - scene.target.position
+    height = float(off @ up)
+    aside = float(np.linalg.norm(off - height * up))
+    rim, base, flange = tool.depth, tool.depth - tool.height, -tool.reach
+    for radius, low, high in ((tool.radius, base, rim), (NECK_RADIUS, flange, base)):
+        beyond = max(low - height, height - high, 0.0)
+        if np.hypot(max(aside - radius, 0.0), beyond) < thing.stem.radius:
+            return True
+    return False
 
 
 def rolled(robot: Robot, goals: FloatArray) -> FloatArray:

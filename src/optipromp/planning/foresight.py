@@ -1,0 +1,168 @@
+"""Which way round the fruits: the sides on which to pass whose push is foreseen to harm least.
+
+The rules of :mod:`optipromp.pushing.sides` look at one fruit at a time. Where fruits hang close
+together the way past one leads into the next or its stem. So the way that the rule asks for is
+tried in a model of the push (:mod:`optipromp.pushing.swinging`); where that foresees harm, others
+are drawn, and the optimised trajectory is tried again, as it is what the arm does.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.geometry import distances
+from optipromp.planning.options import PlanOptions
+from optipromp.planning.setup import Setup
+from optipromp.pushing.bending import Stems, stems
+from optipromp.pushing.sides import Drift, passing_windows
+from optipromp.pushing.swinging import Cup, Harm, harm
+from optipromp.pushing.thread import evenly, length
+from optipromp.robots.cup_cover import NECK_RADIUS
+from optipromp.robots.tools import Cup as CupTool
+
+STEP = 0.003  # [m] of the tool point between two looks
+SPEED = 0.07  # [m/s] of the tool among fruits
+WALL = 0.002  # [m] of a cup that does not say how thick it is
+GOOD = 0.5  # a score that needs no better one
+ROUNDS, DRAWS = 6, 16  # of choices drawn where the rule's own is not good
+FAR, NEAR = 1.0, 0.5  # [rad] deviation of drawn directions from the rule's, and from the best
+KEPT = 0.6  # chance that a direction is drawn anew beside the best
+SHIFT = 0.003  # [m] by which a fruit may hang elsewhere than it was seen
+SLACK = 0.003  # [m] that the cup should keep from static things
+
+
+def score(h: Harm) -> float:
+    """One number for what a push does: below :data:`GOOD` nothing is expected to go wrong.
+
+    Each part is 1 where it reaches what a fruit bears: 2 N on a stem for long, 5 N on the target,
+    30 N on another fruit (momentarily; the model has no give). A swallowed neighbour and a missed
+    target end all hope.
+    """
+    lost = 5.0 * (h.inside > 0.03) + 5.0 * h.missed
+    return h.stem / 2.0 + h.fruit / 30.0 + h.target / 5.0 + lost
+
+
+def applies(setup: Setup, options: PlanOptions) -> bool:
+    """Whether the model knows the scene: a cup for a target, neighbours that all hang."""
+    target = setup.scene.target
+    hanging = (target, *setup.neighbours)
+    return (
+        options.foresight
+        and options.window == "rim"
+        and isinstance(setup.robot.tool, CupTool)
+        and len(setup.neighbours) > 0
+        and all(thing is not None and thing.stem is not None for thing in hanging)
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Foresight:
+    """The model of one scene."""
+
+    setup: Setup
+    stems: Stems
+    cup: Cup
+
+    def of(self, points: FloatArray, axes: FloatArray) -> float:
+        """Score of a way of the tool: points (P, 3) :data:`STEP` apart, axes (P, 3).
+
+        The mean over the fruits where they were seen and :data:`SHIFT` aside, each way.
+        """
+        dt = STEP / SPEED
+        first = score(harm(self.stems, points, axes, dt, self.cup))
+        if first > 3.0:
+            return first
+        total = first
+        x_g, y_g, _ = self.setup.scene.frame
+        for way in (x_g, -x_g, y_g, -y_g):
+            total += score(harm(self.stems, points + SHIFT * way, axes, dt, self.cup))
+        return total / 5.0
+
+    def of_path(self, corners: FloatArray) -> float:
+        """Score of a way through corners (k, 3), with what it costs in length and clearance."""
+        far = length(corners)
+        points = evenly(corners, int(far / STEP) + 2)
+        assert self.setup.goal_axis is not None
+        straight = float(np.linalg.norm(corners[-1] - corners[0]))
+        detour = far - straight
+        axes = np.tile(self.setup.goal_axis, (len(points), 1))
+        return self.of(points, axes) + 0.5 * detour / straight + self._touch(points)
+
+    def of_trajectory(self, q: FloatArray) -> float:
+        """Score of configurations (T, n), from the camera point on."""
+        points, axes = self.setup.robot.tool_pose(q)
+        at = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+        wanted = np.linspace(0.0, at[-1], int(at[-1] / STEP) + 2)
+        both = np.concatenate([points, axes], axis=1)
+        both = np.stack([np.interp(wanted, at, column) for column in both.T], axis=1)
+        both[:, 3:] /= np.linalg.norm(both[:, 3:], axis=1)[:, None]
+        return self.of(np.ascontiguousarray(both[:, :3]), np.ascontiguousarray(both[:, 3:]))
+
+    def _touch(self, points: FloatArray) -> float:
+        """How far the cup, led upright through ``points``, comes too near to static things."""
+        static = self.setup.surroundings.static
+        if not len(static.kind):
+            return 0.0
+        heights = np.linspace(self.cup.base, self.cup.rim, 3)
+        axis = self.setup.goal_axis
+        assert axis is not None
+        where = (points[:, None] + heights[:, None] * axis).reshape(-1, 3)
+        away, _ = distances(static, where)
+        nearest = away.min(axis=1).reshape(len(points), -1).min(axis=1) - self.cup.outer
+        # where the goal itself is closer, no way can do better
+        wanted = min(SLACK, float(nearest[-1]))
+        return float(np.clip(wanted - nearest, 0.0, 0.02).max() / 0.004)
+
+    def choices(
+        self, drift: Drift, options: PlanOptions, path: Callable[[Drift], FloatArray]
+    ) -> Iterator[tuple[float, Drift]]:
+        """Choices of sides with the scores of their paths: the rule's, then the best drawn.
+
+        A draw ends where it finds a good one; the next, taken if the optimised trajectory was not
+        as good as its path, draws others.
+        """
+        x_g, y_g, _ = self.setup.scene.frame
+        rng = np.random.default_rng(0)
+        ruled = np.arctan2(drift.directions @ y_g, drift.directions @ x_g)
+        best = [(self.of_path(path(drift)), ruled)]
+        if best[0][0] < GOOD:
+            yield best[0][0], drift
+        for _ in range(ROUNDS):
+            found: tuple[float, FloatArray, Drift] | None = None
+            for draw in range(DRAWS):
+                angles = ruled + FAR * rng.standard_normal(len(ruled))
+                if draw % 2:
+                    change = rng.random(len(ruled)) < KEPT
+                    angles = best[0][1] + NEAR * change * rng.standard_normal(len(ruled))
+                tried = self._turned(drift, angles, options)
+                value = self.of_path(path(tried))
+                if found is None or value < found[0]:
+                    found = value, angles, tried
+                if value < 0.5 * GOOD:
+                    break
+            assert found is not None
+            best = sorted([*best, found[:2]], key=lambda f: f[0])
+            yield found[0], found[2]
+
+    def _turned(self, drift: Drift, angles: FloatArray, options: PlanOptions) -> Drift:
+        """``drift`` with directions at angles (N,) from x_g towards y_g."""
+        scene, things = self.setup.scene, self.setup.neighbours
+        x_g, y_g, _ = scene.frame
+        directions = np.cos(angles)[:, None] * x_g + np.sin(angles)[:, None] * y_g
+        windows = passing_windows(scene, things, list(directions), options.window, self.cup.rim)
+        return Drift(drift.ids, drift.centers, directions, windows)
+
+
+def foresight(setup: Setup) -> Foresight:
+    """The model of a scene that it :func:`applies` to."""
+    tool, target = setup.robot.tool, setup.scene.target
+    assert isinstance(tool, CupTool)
+    assert target is not None
+    inner = tool.radius - WALL if tool.opening is None else tool.opening / 2.0
+    cup = Cup(
+        max(inner, 0.5 * tool.radius), tool.radius, tool.depth - tool.height, tool.depth, WALL,
+        NECK_RADIUS,
+    )  # fmt: skip
+    return Foresight(setup, stems([target, *setup.neighbours]), cup)

@@ -1,0 +1,105 @@
+r"""Fruits on bending stems, as few numbers: what the prediction of a push works with.
+
+A stem is a beam clamped at its root that carries its fruit. Across its axis the deflection w(s)
+follows from the energy
+
+.. math:: \tfrac12\int EI\,w''^2\,ds + \tfrac12\int T\,w'^2\,ds - \sum_k f_k w(s_k)
+
+with the tension T of the fruit's weight. It is solved once on a fine grid for loads at
+:data:`LOADED` and then known exactly, for such loads, by the deflections u there alone (static
+condensation, Guyan 1965): w = W u with energy ½ uᵀ K u, in each of two directions across the stem.
+A deflected stem draws its fruit up by ½∫w'² ds = ½ uᵀ S u.
+
+Nobody sees how stiff a stem is. It is taken to be as stiff as green peduncles are (a guess of
+:data:`MODULUS` and :data:`DIAMETER`), or, where it leans, as stiff as it must be to carry its fruit
+there without having bent by more than :data:`GROWN_TURN`.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.scenes.scene import SceneObject
+
+LOADED = (0.4, 0.75, 1.0)  # shares of the length, the last one the fruit's centre
+ELEMENTS = 24
+MODULUS = 5e7  # [Pa]
+DIAMETER = 0.0025  # [m]
+GROWN_TURN = 0.5  # [rad]
+DENSITY = 950.0  # [kg/m³] of a fruit
+GRAVITY = 9.81  # [m/s²]
+STIFF_END = 100.0  # how much stiffer than its stem a fruit is
+
+
+class Stems(NamedTuple):
+    """N fruits on stems, for the kernels.
+
+    Attributes:
+        root: (N, 3) [m].
+        axes: (N, 3, 3) rows: two directions across the stem, then along it to the fruit.
+        length: (N,) from the root to the fruit's centre [m].
+        mass: (N,) of the fruits [kg].
+        radius: (N,) of the fruits; ``thickness`` (N,) radii of the stems [m].
+        shape: (N, ELEMENTS + 1, L) W, deflection of the grid's points by those of the loaded ones.
+        stiffness: (N, L, L) K [N/m].
+        shortening: (N, L, L) S [1/m].
+    """
+
+    root: FloatArray
+    axes: FloatArray
+    length: FloatArray
+    mass: FloatArray
+    radius: FloatArray
+    thickness: FloatArray
+    shape: FloatArray
+    stiffness: FloatArray
+    shortening: FloatArray
+
+
+def stems(things: Sequence[SceneObject]) -> Stems:
+    """The stems of fruits that hang; each is taken to be straight from its root to the fruit."""
+    count, n, loaded = len(things), ELEMENTS, len(LOADED)
+    ends = [t.stem.points[-1] for t in things if t.stem is not None]
+    root = np.array(ends).reshape(count, 3)
+    hang = np.array([t.position for t in things]).reshape(count, 3) - root
+    length = np.linalg.norm(hang, axis=1)
+    along = hang / length[:, None]
+    helper = np.where(np.abs(along[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    e1 = np.cross(along, helper)
+    e1 /= np.linalg.norm(e1, axis=1)[:, None]
+    e2 = np.cross(along, e1)
+    radius = np.array([t.radius for t in things])
+    mass = DENSITY * 4.0 / 3.0 * np.pi * radius**3
+    lean = np.hypot(along[:, 0], along[:, 1])
+    # the moment m g sinθ (L - s) turns the stem by m g sinθ L² / 2EI
+    grown = mass * GRAVITY * lean * length**2 / (2.0 * GROWN_TURN)
+    bending = np.maximum(MODULUS * np.pi / 64.0 * DIAMETER**4, grown)
+    tension = mass * GRAVITY * np.abs(along[:, 2])
+    full = np.zeros((count, n, n))
+    h = length / n
+    stiffer = np.where((np.arange(n) + 0.5) / n > (1.0 - radius / length)[:, None], STIFF_END, 1.0)
+    curvature = np.zeros((n, n + 1))  # of the grid's points 0 … n-1, times h²
+    curvature[0, 1] = 2.0  # clamped: the beam is mirrored at its root
+    for i in range(1, n):
+        curvature[i, i - 1 : i + 2] = 1.0, -2.0, 1.0
+    slope = np.eye(n) - np.eye(n, k=-1)  # of each element, times h
+    weight = np.ones(n)
+    weight[0] = 0.5
+    bend = curvature[:, 1:]
+    for i in range(count):
+        ei = bending[i] * stiffer[i] * weight / h[i] ** 3
+        full[i] = bend.T @ (ei[:, None] * bend) + tension[i] / h[i] * slope.T @ slope
+    at = np.round(np.array(LOADED) * n).astype(int) - 1
+    compliance = np.linalg.inv(full)
+    stiffness = np.linalg.inv(compliance[:, at][:, :, at])
+    shape = np.zeros((count, n + 1, loaded))
+    shape[:, 1:] = compliance[:, :, at] @ stiffness
+    steps = np.diff(shape, axis=1)
+    shortening = np.einsum("nki,nkj->nij", steps, steps) / h[:, None, None]
+    return Stems(
+        root, np.stack([e1, e2, along], axis=1), length, mass, radius,
+        np.array([t.stem.radius for t in things if t.stem is not None]),
+        shape, stiffness, shortening,
+    )  # fmt: skip
