@@ -57,15 +57,26 @@ def unsolvable(scene: Scene) -> str | None:
 
 
 def _rooted_in_tool(scene: Scene, thing: SceneObject, tool: Cup | FrankaHand | None) -> bool:
-    """Whether a stem's root, which does not yield, is within the cup (or its neck) at the goal."""
-    if thing.stem is None or not isinstance(tool, Cup) or scene.target is None:
+    """Whether the cup must go through a stem's root, which does not yield.
+
+    The root is in the cup or its neck at the goal; or in what every way of the cup to the goal
+    sweeps: from where the mouth takes in the target's lowest point the cup can only rise, off the
+    approach line by no more than the target leaves room for in the mouth.
+    """
+    target = scene.target
+    if thing.stem is None or not isinstance(tool, Cup) or target is None:
         return False
     up = scene.frame[2]
-    off = thing.stem.points[-1] - scene.target.position
+    off = thing.stem.points[-1] - target.position
     height = float(off @ up)
     aside = float(np.linalg.norm(off - height * up))
     rim, base, flange = tool.depth, tool.depth - tool.height, -tool.reach
-    for radius, low, high in ((tool.radius, base, rim), (NECK_RADIUS, flange, base)):
+    inner = tool.radius if tool.opening is None else tool.opening / 2.0
+    sure = tool.radius - max(inner - target.radius, 0.0)
+    rise = tool.depth + target.radius
+    for radius, low, high in (
+        (tool.radius, base, rim), (NECK_RADIUS, flange, base), (sure, base - rise, rim)
+    ):  # fmt: skip
         beyond = max(low - height, height - high, 0.0)
         if np.hypot(max(aside - radius, 0.0), beyond) < thing.stem.radius:
             return True
