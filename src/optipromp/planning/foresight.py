@@ -6,7 +6,7 @@ tried in a model of the push (:mod:`optipromp.pushing.swinging`); where that for
 are drawn, and the optimised trajectory is tried again, as it is what the arm does.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,21 +15,26 @@ from optipromp.arrays import FloatArray
 from optipromp.geometry import distances
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.setup import Setup
-from optipromp.pushing.bending import Stems, stems
+from optipromp.pushing.bending import Stems, bent
 from optipromp.pushing.sides import Drift, passing_windows
 from optipromp.pushing.swinging import Cup, Harm, harm
 from optipromp.pushing.thread import evenly, length
 from optipromp.robots.cup_cover import NECK_RADIUS
 from optipromp.robots.tools import Cup as CupTool
+from optipromp.scenes.scene import SceneObject
 
 STEP = 0.003  # [m] of the tool point between two looks
 SPEED = 0.07  # [m/s] of the tool among fruits
 WALL = 0.002  # [m] of a cup that does not say how thick it is
+HOPELESS = 3.0  # a score at which other ways that the fruits may hang are not looked at
 GOOD = 0.5  # a score that needs no better one
 ROUNDS, DRAWS = 6, 16  # of choices drawn where the rule's own is not good
 FAR, NEAR = 1.0, 0.5  # [rad] deviation of drawn directions from the rule's, and from the best
 KEPT = 0.6  # chance that a direction is drawn anew beside the best
-SHIFT = 0.003  # [m] by which a fruit may hang elsewhere than it was seen
+UNSEEN = 6  # draws of where the fruits may hang otherwise than they were seen
+SHIFT = 0.003  # [m] deviation of a fruit whose scene does not say how well it was seen
+WIDER = 1.5  # times the deviation of a detection: it is the unlikely that does harm
+TURN, DETECTED_TURN = np.deg2rad(1.0), np.deg2rad(4.0)  # of its stem, and of one that was detected
 SLACK = 0.003  # [m] that the cup should keep from static things
 
 
@@ -62,25 +67,27 @@ class Foresight:
     """The model of one scene."""
 
     setup: Setup
-    stems: Stems
+    stems: tuple[Stems, ...]
     cup: Cup
 
-    def of(self, points: FloatArray, axes: FloatArray) -> float:
+    def of(self, points: FloatArray, axes: FloatArray, most: float = np.inf) -> float:
         """Score of a way of the tool: points (P, 3) :data:`STEP` apart, axes (P, 3).
 
-        The mean over the fruits where they were seen and :data:`SHIFT` aside, each way.
+        The mean over the fruits as they were seen and :data:`UNSEEN` ways they may hang; not
+        looked at to the end once it exceeds ``most``.
         """
         dt = STEP / SPEED
-        first = score(harm(self.stems, points, axes, dt, self.cup))
-        if first > 3.0:
-            return first
-        total = first
-        x_g, y_g, _ = self.setup.scene.frame
-        for way in (x_g, -x_g, y_g, -y_g):
-            total += score(harm(self.stems, points + SHIFT * way, axes, dt, self.cup))
-        return total / 5.0
+        first, *others = self.stems
+        total = score(harm(first, points, axes, dt, self.cup))
+        if total > HOPELESS:
+            return total
+        for other in others:
+            if total > most * len(self.stems):
+                break
+            total += score(harm(other, points, axes, dt, self.cup))
+        return total / len(self.stems)
 
-    def of_path(self, corners: FloatArray) -> float:
+    def of_path(self, corners: FloatArray, most: float = np.inf) -> float:
         """Score of a way through corners (k, 3), with what it costs in length and clearance."""
         far = length(corners)
         points = evenly(corners, int(far / STEP) + 2)
@@ -88,7 +95,8 @@ class Foresight:
         straight = float(np.linalg.norm(corners[-1] - corners[0]))
         detour = far - straight
         axes = np.tile(self.setup.goal_axis, (len(points), 1))
-        return self.of(points, axes) + 0.5 * detour / straight + self._touch(points)
+        beside = 0.5 * detour / straight + self._touch(points)
+        return beside + self.of(points, axes, most - beside)
 
     def of_trajectory(self, q: FloatArray) -> float:
         """Score of configurations (T, n), from the camera point on."""
@@ -137,7 +145,7 @@ class Foresight:
                     change = rng.random(len(ruled)) < KEPT
                     angles = best[0][1] + NEAR * change * rng.standard_normal(len(ruled))
                 tried = self._turned(drift, angles, options)
-                value = self.of_path(path(tried))
+                value = self.of_path(path(tried), np.inf if found is None else found[0])
                 if found is None or value < found[0]:
                     found = value, angles, tried
                 if value < 0.5 * GOOD:
@@ -165,4 +173,37 @@ def foresight(setup: Setup) -> Foresight:
         max(inner, 0.5 * tool.radius), tool.radius, tool.depth - tool.height, tool.depth, WALL,
         NECK_RADIUS,
     )  # fmt: skip
-    return Foresight(setup, stems([target, *setup.neighbours]), cup)
+    return Foresight(setup, _hanging((target, *setup.neighbours)), cup)
+
+
+def _hanging(things: Sequence[SceneObject]) -> tuple[Stems, ...]:
+    """The fruits as they were seen, and :data:`UNSEEN` times as they may hang."""
+    rng = np.random.default_rng(0)
+    count = len(things)
+    known = np.array([thing.covariance is None for thing in things])
+    spread = [SHIFT if thing.covariance is None else _spread(thing.covariance) for thing in things]
+    turn = np.where(known, WIDER = 1.5  # times the deviation of a detection: it is the unlikely that does harm
+TURN, DETECTED_TURN)[:, None]
+    fruit = np.array([thing.position for thing in things])
+    root = np.array([thing.stem.points[-1] for thing in things if thing.stem is not None])
+    long = np.linalg.norm(fruit - root, axis=1)[:, None]
+    fruits, roots = [fruit], [root]
+    for _ in range(UNSEEN):
+        shift = np.array(spread)[:, None] * rng.standard_normal((count, 3))
+        fruits.append(fruit + shift)
+        roots.append(root + shift + turn * long * rng.standard_normal((count, 3)) * [1.0, 1.0, 0.0])
+    both = UNSEEN + 1
+    radius = np.array([thing.radius for thing in things])
+    thickness = np.array([thing.stem.radius for thing in things if thing.stem is not None])
+    every = bent(
+        np.concatenate(roots), np.concatenate(fruits), np.tile(radius, both),
+        np.tile(thickness, both),
+    )  # fmt: skip
+    return tuple(
+        Stems(*(values[k * count : (k + 1) * count] for values in every)) for k in range(both)
+    )
+
+
+def _spread(covariance: FloatArray) -> float:
+    """Deviation of a detected position [m], the same every way."""
+    return float(WIDER * np.sqrt(np.trace(covariance) / 3.0))

@@ -60,24 +60,30 @@ class Stems(NamedTuple):
 
 def stems(things: Sequence[SceneObject]) -> Stems:
     """The stems of fruits that hang; each is taken to be straight from its root to the fruit."""
-    count, n, loaded = len(things), ELEMENTS, len(LOADED)
-    ends = [t.stem.points[-1] for t in things if t.stem is not None]
-    root = np.array(ends).reshape(count, 3)
-    hang = np.array([t.position for t in things]).reshape(count, 3) - root
+    return bent(
+        np.array([t.stem.points[-1] for t in things if t.stem is not None]).reshape(-1, 3),
+        np.array([t.position for t in things]).reshape(-1, 3),
+        np.array([t.radius for t in things]),
+        np.array([t.stem.radius for t in things if t.stem is not None]),
+    )
+
+
+def bent(root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: FloatArray) -> Stems:
+    """Stems from roots (N, 3) to fruits (N, 3) of radius (N,), themselves of radius (N,) [m]."""
+    count, n, loaded = len(root), ELEMENTS, len(LOADED)
+    hang = fruit - root
     length = np.linalg.norm(hang, axis=1)
     along = hang / length[:, None]
     helper = np.where(np.abs(along[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
     e1 = np.cross(along, helper)
     e1 /= np.linalg.norm(e1, axis=1)[:, None]
     e2 = np.cross(along, e1)
-    radius = np.array([t.radius for t in things])
     mass = DENSITY * 4.0 / 3.0 * np.pi * radius**3
     lean = np.hypot(along[:, 0], along[:, 1])
     # the moment m g sinθ (L - s) turns the stem by m g sinθ L² / 2EI
     grown = mass * GRAVITY * lean * length**2 / (2.0 * GROWN_TURN)
     bending = np.maximum(MODULUS * np.pi / 64.0 * DIAMETER**4, grown)
     tension = mass * GRAVITY * np.abs(along[:, 2])
-    full = np.zeros((count, n, n))
     h = length / n
     stiffer = np.where((np.arange(n) + 0.5) / n > (1.0 - radius / length)[:, None], STIFF_END, 1.0)
     curvature = np.zeros((n, n + 1))  # of the grid's points 0 … n-1, times h²
@@ -88,9 +94,8 @@ def stems(things: Sequence[SceneObject]) -> Stems:
     weight = np.ones(n)
     weight[0] = 0.5
     bend = curvature[:, 1:]
-    for i in range(count):
-        ei = bending[i] * stiffer[i] * weight / h[i] ** 3
-        full[i] = bend.T @ (ei[:, None] * bend) + tension[i] / h[i] * slope.T @ slope
+    ei = bending[:, None] * stiffer * weight / h[:, None] ** 3
+    full = bend.T @ (ei[:, :, None] * bend) + (tension / h)[:, None, None] * (slope.T @ slope)
     at = np.round(np.array(LOADED) * n).astype(int) - 1
     compliance = np.linalg.inv(full)
     stiffness = np.linalg.inv(compliance[:, at][:, :, at])
@@ -99,7 +104,6 @@ def stems(things: Sequence[SceneObject]) -> Stems:
     steps = np.diff(shape, axis=1)
     shortening = np.einsum("nki,nkj->nij", steps, steps) / h[:, None, None]
     return Stems(
-        root, np.stack([e1, e2, along], axis=1), length, mass, radius,
-        np.array([t.stem.radius for t in things if t.stem is not None]),
-        shape, stiffness, shortening,
+        root, np.stack([e1, e2, along], axis=1), length, mass, radius, thickness, shape, stiffness,
+        shortening,
     )  # fmt: skip

@@ -8,7 +8,8 @@ minimise
 
 by a few Gauss-Newton steps from where they were: the stem's energy, the fruit's inertia (an
 implicit Euler step; :math:`\hat u_L` is where it would swing to by itself) and its contacts, with
-the gaps g of fruit and stem to the cup, to other fruits and to their stems. There is no friction.
+the gaps g of fruit and stem to the cup, to other fruits and to their stems. The cup rubs on fruits:
+Coulomb's friction as a spring against the slip of the step, as stiff as the contact force allows.
 """
 
 import math
@@ -21,6 +22,8 @@ from optipromp.arrays import FloatArray
 from optipromp.pushing.bending import Stems
 
 CONTACT = 3000.0  # [N/m]
+FRICTION = 0.15  # of the cup on fruits
+STUCK = 3e-4  # [m] of slip in a step up to which a fruit counts as stuck to the cup
 ITERATIONS = 6
 SETTLED = 1e-4  # [m] change of the deflections that ends the iterations
 FARTHEST = 0.004  # [m] that a loaded point moves in one iteration
@@ -210,9 +213,10 @@ def _begin(
 @_jit
 def _press(
     axes: FloatArray, shape: FloatArray, shortening: FloatArray, u: FloatArray, share: float,
-    normal: FloatArray, depth: float, j: FloatArray, gradient: FloatArray, hessian: FloatArray,
+    normal: FloatArray, depth: float, spring: float, j: FloatArray, gradient: FloatArray,
+    hessian: FloatArray,
 ) -> None:  # fmt: skip
-    """Add a contact at a share of a stem that pushes along ``normal`` (3,)."""
+    """Add a spring [N/m], pressed by ``depth``, that pushes a share of a stem along ``normal``."""
     n, loaded = shape.shape[0] - 1, shape.shape[1]
     k = min(int(share * n), n - 1)
     t = share * n - k
@@ -230,9 +234,9 @@ def _press(
         j[a] = w * n1 - share * n3 * d1
         j[loaded + a] = w * n2 - share * n3 * d2
     for a in range(2 * loaded):
-        gradient[a] -= CONTACT * depth * j[a]
+        gradient[a] -= spring * depth * j[a]
         for b in range(a + 1):
-            hessian[a, b] += CONTACT * j[a] * j[b]
+            hessian[a, b] += spring * j[a] * j[b]
 
 
 @_jit
@@ -290,7 +294,7 @@ def push(
     count, loaded = s.stiffness.shape[0], s.stiffness.shape[1]
     n, dofs = s.shape.shape[1] - 1, 2 * loaded
     u, before, ahead = np.zeros((count, dofs)), np.zeros((count, dofs)), np.zeros((count, dofs))
-    up, center = np.zeros(count), np.empty((count, 3))
+    up, center, began = np.zeros(count), np.empty((count, 3)), np.empty((count, 3))
     gradient, hessian, j = np.empty(dofs), np.empty((dofs, dofs)), np.empty(dofs)
     y, normal, flat, total = np.empty(3), np.empty(3), np.empty(2), np.empty(3)
     resting = np.ones(count, dtype=np.bool_)
@@ -298,7 +302,10 @@ def push(
         _place(s.root[i], s.axes[i], s.shape[i], u[i], s.length[i], 1.0, center[i])
     for p in range(len(points)):
         point, axis = points[p], axes[p]
+        cup_began = points[max(p - 1, 0)]
         for i in range(count):
+            for c in range(3):
+                began[i, c] = center[i, c]
             for a in range(dofs):
                 ahead[i, a] = u[i, a] + LIVELY * (u[i, a] - before[i, a])
                 before[i, a] = u[i, a]
@@ -371,7 +378,46 @@ def push(
                         begun = True
                         resting[i] = False
                         _begin(stiffness, ui, ahead[i], inertia, gradient, hessian)
-                    _press(frame, shape, shortening, ui, share, normal, -gap, j, gradient, hessian)
+                    _press(
+                        frame,
+                        shape,
+                        shortening,
+                        ui,
+                        share,
+                        normal,
+                        -gap,
+                        CONTACT,
+                        j,
+                        gradient,
+                        hessian,
+                    )
+                    if what == 0:  # the cup rubs on the fruit
+                        rub = 0.0
+                        along = 0.0
+                        for c in range(3):
+                            y[c] = x[c] - began[i, c] - (point[c] - cup_began[c])
+                            along += y[c] * normal[c]
+                        for c in range(3):
+                            y[c] -= along * normal[c]
+                            rub += y[c] * y[c]
+                        rub = math.sqrt(rub)
+                        if rub > 1e-7:
+                            for c in range(3):
+                                y[c] /= -rub
+                            spring = FRICTION * -gap * CONTACT / max(rub, STUCK)
+                            _press(
+                                frame,
+                                shape,
+                                shortening,
+                                ui,
+                                1.0,
+                                y,
+                                rub,
+                                spring,
+                                j,
+                                gradient,
+                                hessian,
+                            )
                     if on_stem:
                         for c in range(3):
                             total[c] -= gap * CONTACT * normal[c]
