@@ -1,5 +1,6 @@
 """Running the suite: each benchmark in a process of its own, so that one that crashes is a row."""
 
+import importlib
 import json
 import os
 import subprocess
@@ -12,12 +13,14 @@ from typing import Any
 from benchmarks import machine
 from benchmarks.registry import SUITE, Absent, Benchmark, Context, Row
 
+MODULES = ("kernel", "promp")
 SINGLE = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 def load_suite() -> None:
     """Register every benchmark."""
-    import benchmarks.suite.kernel  # noqa: F401
+    for name in MODULES:
+        importlib.import_module(f"benchmarks.suite.{name}")
 
 
 def run(
