@@ -76,11 +76,12 @@ def far_obstacles(robot: Robot, q: FloatArray, count: int, seed: int = 4) -> lis
     out: list[Posed] = []
     for shape in shapes(count):
         while True:
-            at = rng.uniform(-1.0, 1.0, 3)
+            off = rng.uniform(-1.0, 1.0, 3)
+            at = off + [0.0, 0.0, 0.3]
             room = float(np.min(np.linalg.norm(swept - at, axis=1)))
-            if np.linalg.norm(at) < 1.0 and room > 0.2 + bounding_radius(shape):
+            if np.linalg.norm(off) < 1.0 and room > 0.2 + bounding_radius(shape):
                 break
-        out.append((shape, at + [0.0, 0.0, 0.3], _rotation(rng)))
+        out.append((shape, at, _rotation(rng)))
     return out
 
 

@@ -64,7 +64,7 @@ def with_movement_primitives(data: FloatArray, y: FloatArray) -> Jobs:
     library = importlib.import_module("movement_primitives.promp")
     times = np.linspace(0.0, 1.0, STEPS)
     many, noise = np.tile(times, (DEMONSTRATIONS, 1)), 1e-6 * np.eye(JOINTS)
-    rng = np.random.RandomState(1)  # noqa: NPY002 (what its sampling takes)
+    rng = np.random.RandomState(1)
 
     def learn() -> Any:
         promp = library.ProMP(JOINTS, BASES)
