@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from optipromp.arrays import FloatArray
-from optipromp.scenes.generate import generate
+from optipromp.scenes.generate import Preset, generate
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene, SceneObject, Stem
 
 DEVIATION = 0.005  # [m] of every fruit's centre
-GENERATED = ("cluster", "side-clusters", "table-top", "mixed")
+GENERATED: tuple[Preset, ...] = ("cluster", "side-clusters", "table-top", "mixed")
 SEEDS = 5
 
 

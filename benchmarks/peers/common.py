@@ -18,10 +18,14 @@ STEP = 0.045  # [rad or m] between the knots of a timed path, as ours has
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a planner gave for a scene: a trajectory, or why it has none."""
+    """What a planner gave for a scene: a trajectory, or why it has none.
+
+    ``seconds`` is set by a planner that runs in another process and keeps the time there.
+    """
 
     trajectory: Trajectory | None
     reason: str = ""
+    seconds: float | None = None
 
 
 Planner = Callable[[Scene, int], Answer]  # a scene and a seed
@@ -30,7 +34,7 @@ Planner = Callable[[Scene, int], Answer]  # a scene and a seed
 def goal_configurations(setup: Setup, seed: int) -> FloatArray:
     """Our inverse kinematics (m, n): a planner in joint space needs somewhere to go.
 
-    Its time counts for whoever calls it. Goals touch nothing that they must not; empty where all do.
+    Its time counts for whoever calls it. Goals that touch what they must not are left out.
     """
     found, free, _ = goals.choose(setup, seed)
     return found if free else found[:0]

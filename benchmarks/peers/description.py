@@ -61,13 +61,19 @@ def urdf(robot: Robot, things: Sequence[SceneObject] = ()) -> str:
     for s, name in enumerate(robot.joint_names):
         parts.append(_link(f"segment{s}"))
         limits = (
-            f'lower="{robot.lower[s]!r}" upper="{robot.upper[s]!r}" '
-            f'velocity="{robot.velocity[s]!r}" effort="100"'
-        ).replace("np.float64(", "").replace(")", "")
+            (
+                f'lower="{robot.lower[s]!r}" upper="{robot.upper[s]!r}" '
+                f'velocity="{robot.velocity[s]!r}" effort="100"'
+            )
+            .replace("np.float64(", "")
+            .replace(")", "")
+        )
         inner = f'<axis xyz="{_text(kin.axis[s])}"/><limit {limits}/>'
         parent = f"segment{s - 1}" if s else BASE
         parts.append(
-            _joint(name, "revolute", parent, f"segment{s}", kin.translation[s], kin.rotation[s], inner)
+            _joint(
+                name, "revolute", parent, f"segment{s}", kin.translation[s], kin.rotation[s], inner
+            )
         )
     spheres = robot.spheres
     for index in np.unique(spheres.link):
@@ -106,9 +112,7 @@ def srdf(robot: Robot, things: Sequence[SceneObject] = (), extra: str = "") -> s
         if thing.role != "static":
             free += distal_links(robot)
         pairs += [(names[i], other) for other in free]
-    lines = [
-        f'<disable_collisions link1="{a}" link2="{b}" reason="Adjacent"/>' for a, b in pairs
-    ]
+    lines = [f'<disable_collisions link1="{a}" link2="{b}" reason="Adjacent"/>' for a, b in pairs]
     group = f'<group name="{GROUP}"><chain base_link="{BASE}" tip_link="{TIP}"/></group>'
     body = "\n".join([group, *lines, extra])
     return f'<?xml version="1.0"?>\n<robot name="{robot.name}" version="1.0.0">\n{body}\n</robot>\n'

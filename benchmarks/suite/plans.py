@@ -60,7 +60,7 @@ def metrics() -> list[Metric]:
 
 @SUITE.benchmark("plans", metrics())
 def plans(context: Context) -> Values:
-    """Whole warm plans in perturbed scenes, goals, all starts and the independent check included."""
+    """Whole warm plans in perturbed scenes: goals, all starts, and the independent check."""
     warm_up()
     out: dict[str, Value] = {}
     for name in SCENES:
