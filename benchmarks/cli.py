@@ -45,7 +45,7 @@ def parser() -> argparse.ArgumentParser:
     add("--quick", action="store_true", help="a tenth of the repeats, to try things out")
     add("--json", action="store_true", help="print the results as JSON, not as tables")
     add("--output", metavar="FILE", type=Path, help="write the results as JSON")
-    add("--markdown", metavar="FILE", type=Path, help="write the tables as Markdown")
+    add("--markdown", metavar="FILE", type=Path, help="write the tables, or renew them in a page")
     add("--from", dest="source", metavar="FILE", type=Path, nargs="+",
         help="take the results of earlier runs (later ones win), measure nothing")  # fmt: skip
     add("--gate", action="store_true", help="compare ratios with the baseline")
@@ -87,7 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             json.dumps(results, indent=2, ensure_ascii=False) + "\n", encoding="utf-8"
         )
     if options.markdown:
-        options.markdown.write_text(tables.markdown(results), encoding="utf-8")
+        tables.write_markdown(options.markdown, tables.markdown(results))
     if options.json:
         print(json.dumps(results, indent=2, ensure_ascii=False))
     else:

@@ -7,6 +7,8 @@ from typing import Any
 
 from benchmarks.registry import Benchmark, Row
 
+BEGIN, END = "<!-- tables: begin -->", "<!-- tables: end -->"
+
 
 def listing(selected: Sequence[tuple[Benchmark, list[str]]]) -> str:
     """Every benchmark with its metrics."""
@@ -126,6 +128,16 @@ def markdown(results: dict[str, Any]) -> str:
         if notes:
             lines += ["", *(f"- {note}" for note in notes)]
     return "\n".join(lines) + "\n"
+
+
+def write_markdown(path: Path, text: str) -> None:
+    """Write the tables; into a page that has the two marks, between them only."""
+    if path.exists():
+        page = path.read_text(encoding="utf-8")
+        if BEGIN in page and END in page:
+            before, rest = page.split(BEGIN, 1)
+            text = f"{before}{BEGIN}\n{text}{END}{rest.split(END, 1)[1]}"
+    path.write_text(text, encoding="utf-8")
 
 
 def _line(cells: Sequence[str]) -> str:

@@ -33,6 +33,9 @@ from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene, SceneObject
 
 KNOTS, JOINTS, OBSTACLES = (50, 100, 200, 400), (4, 7, 10, 14), (10, 100, 1000)
+LINEAR = {"knots": "400 knots by 100, per knot", "joints": "14 joints by 7, per joint"}
+CROWD, MEASURED = "1000 obstacles by 10", ("evaluation", "whole plan")
+LINK = 0.12  # [m]
 CLOUD = 100_000
 
 
@@ -42,29 +45,27 @@ def metrics() -> list[Metric]:
     out += [Metric(f"growth/{n} joints/evaluation", "µs") for n in JOINTS]
     out += [Metric(f"growth/{n} obstacles/evaluation", "µs") for n in OBSTACLES]
     out += [Metric(f"growth/{n} obstacles/whole plan", "ms") for n in OBSTACLES]
-    per = "cost per {} of the largest by that of the smallest but one: 1 is linear"
+    per = "1 where cost grows in proportion, below where some of it does not grow"
     out += [
-        Metric("growth/knots/by linear", RATIO, target=1.1, about=per.format("knot")),
-        Metric("growth/joints/by linear", RATIO, target=1.1, about=per.format("joint")),
-        Metric("growth/obstacles/evaluation, 1000 by 10", RATIO, target=2.0),
-        Metric("growth/obstacles/whole plan, 1000 by 10", RATIO, target=2.0),
+        Metric(f"growth/{name}/evaluation", RATIO, target=1.1, about=per)
+        for name in LINEAR.values()
     ]
+    out += [Metric(f"growth/{CROWD}/{what}", RATIO, target=2.0) for what in MEASURED]
     return out
 
 
 def chain(joints: int, folder: Path) -> Robot:
-    """An arm of ``joints`` revolute joints, each link a capsule's worth of spheres, 1.2 m long."""
-    length = 1.2 / joints
+    """An arm of ``joints`` revolute joints, each link as long and as thick as the others."""
     links, rows = ['<link name="base"/>'], []
     for i in range(joints):
         axis = ("0 0 1", "0 1 0")[i % 2]
         links.append(
-            f'<link name="l{i}"><collision><origin xyz="0 0 {length / 2}"/><geometry>'
-            f'<cylinder radius="0.04" length="{length}"/></geometry></collision></link>'
+            f'<link name="l{i}"><collision><origin xyz="0 0 {LINK / 2}"/><geometry>'
+            f'<cylinder radius="0.04" length="{LINK}"/></geometry></collision></link>'
         )
         rows.append(
             f'<joint name="j{i}" type="revolute"><parent link="{f"l{i - 1}" if i else "base"}"/>'
-            f'<child link="l{i}"/><origin xyz="0 0 {length if i else 0.2}"/><axis xyz="{axis}"/>'
+            f'<child link="l{i}"/><origin xyz="0 0 {LINK if i else 0.2}"/><axis xyz="{axis}"/>'
             '<limit lower="-3" upper="3" effort="1" velocity="2"/></joint>'
         )
     path = folder / f"chain-{joints}.urdf"
@@ -89,13 +90,12 @@ def growth(context: Context) -> Values:
         for n, case in cases.items():
             spheres = {"spheres": len(case.robot.spheres.radius)}
             out[f"growth/{n} {what}/evaluation"] = Measured(1e6 * median(times[str(n)]), spheres)
-        small, large = list(cases)[1], list(cases)[-1]
-        quotient = paired_ratio(times[str(large)], times[str(small)])
         if what == "obstacles":
-            name = "growth/obstacles/evaluation, 1000 by 10"
-            out[name] = paired_ratio(times[str(large)], times[str(OBSTACLES[0])])
+            out[f"growth/{CROWD}/evaluation"] = paired_ratio(times["1000"], times["10"])
         else:
-            out[f"growth/{what}/by linear"] = quotient * small / large
+            small, large = list(cases)[1], list(cases)[-1]
+            quotient = paired_ratio(times[str(large)], times[str(small)])
+            out[f"growth/{LINEAR[what]}/evaluation"] = quotient * small / large
     return out | _plans(context)
 
 
@@ -115,7 +115,7 @@ def _plans(context: Context) -> dict[str, Value]:
         f"growth/{n} obstacles/whole plan": Measured(median(t), {"status": status[n]})
         for n, t in times.items()
     }
-    name = "growth/obstacles/whole plan, 1000 by 10"
+    name = f"growth/{CROWD}/whole plan"
     out[name] = paired_ratio(times[OBSTACLES[-1]], times[OBSTACLES[0]])
     failed = [f"{n} obstacles: {word}" for n, word in status.items() if word != "success"]
     if failed:  # a plan that ends early is no plan to compare
