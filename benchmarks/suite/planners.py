@@ -31,7 +31,8 @@ from optipromp.scenes.scene import Scene
 
 GROUPS = ("scenario-3", "scenario-4", "generated")
 STEM_RULE = "on the side of its stem"
-SEEDS = 5  # a single scene is planned as often, each time with another seed
+SEEDS = 7  # a single scene is planned as often, each time with another seed
+TURNS = 2  # with the same seed; the faster counts, so that other work on the machine counts less
 
 
 def ours(scene: Scene, seed: int) -> Answer:
@@ -80,13 +81,16 @@ class Score:
 
     def add(self, planner: Planner, scene: Scene, seed: int) -> None:
         """Plan, and have the answer judged between its knots too."""
-        began = time.perf_counter()
-        try:
-            answer = planner(scene, seed)
-        except OptiPrompError as error:
-            answer = Answer(None, f"{error.code}: {error.message}")
-        passed = time.perf_counter() - began
-        self.seconds.append(passed if answer.seconds is None else answer.seconds)
+        passed = []
+        for _ in range(TURNS):
+            began = time.perf_counter()
+            try:
+                answer = planner(scene, seed)
+            except OptiPrompError as error:
+                answer = Answer(None, f"{error.code}: {error.message}")
+            took = time.perf_counter() - began
+            passed.append(took if answer.seconds is None else answer.seconds)
+        self.seconds.append(min(passed))
         if answer.trajectory is None:
             self.faults[answer.reason] += 1
             self.valid.append(False)
@@ -130,7 +134,7 @@ def metrics_of(planner: str, about: str = "", ratio: bool = True) -> list[Metric
             Metric(f"{name}/smoothness", "rad/s²", about="root mean square acceleration"),
         ]  # fmt: skip
         if ratio:
-            out.append(Metric(f"{name}/ours by it", RATIO, tolerance=0.35, about="times in turn"))
+            out.append(Metric(f"{name}/ours by it", RATIO, tolerance=0.5, about="times in turn"))
     return out
 
 

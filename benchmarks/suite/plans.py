@@ -34,6 +34,7 @@ from optipromp.scenes.scene import Scene
 
 SCENES = ("scenario-3", "scenario-4")
 COUNT = 200
+TURNS = 2  # of a scene; the faster counts, so that other work on the machine counts less
 CASES: dict[str, dict[str, Any]] = {
     "joint": {"planner": "opti-promp", "strategy": "joint"},
     "i-promp": {"planner": "i-promp"},
@@ -75,16 +76,20 @@ def _over(name: str, scenes: list[Scene], options: dict[str, Any]) -> dict[str, 
     plan(scenes[0], **options)
     times, work, held, faults = [], [], 0, []
     for scene in scenes:
-        began = time.perf_counter()
-        try:
-            made = plan(scene, **options)
-            held += made.success
-            if not made.success:
-                faults.append(f"{made.status}: {made.message}")
-        except OptiPrompError as error:
-            faults.append(f"{error.code}: {error.message}")
-        times.append(1e3 * (time.perf_counter() - began))
-        work.append(1e3 * stopwatch(reference))
+        took, base = [], []
+        for _ in range(TURNS):
+            began = time.perf_counter()
+            try:
+                made = plan(scene, **options)
+                fault = "" if made.success else f"{made.status}: {made.message}"
+            except OptiPrompError as error:
+                fault = f"{error.code}: {error.message}"
+            took.append(1e3 * (time.perf_counter() - began))
+            base.append(1e3 * stopwatch(reference))
+        held += not fault
+        faults += [fault] if fault else []
+        times.append(min(took))
+        work.append(min(base))
     detail = {"minimum": min(times), "90th percentile": percentile(times, 0.9), "max": max(times)}
     return {
         f"{name}/median": Measured(median(times), detail),
