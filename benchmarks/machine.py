@@ -26,7 +26,11 @@ def describe() -> dict[str, Any]:
             "architecture": platform.machine(),
             "system": platform.system(),
         },
-        "versions": {"python": platform.python_version()} | {p: version(p) for p in PACKAGES},
+        "versions": {
+            "python": platform.python_version(),
+            **{package: version(package) for package in PACKAGES},
+            "mplib": version("mplib") or elsewhere("mplib", os.environ.get("MPLIB_PYTHON")),
+        },
         "compiler": first_line(["g++", "--version"]),
     }
 
@@ -37,6 +41,14 @@ def version(package: str) -> str | None:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
         return None
+
+
+def elsewhere(package: str, python: str | None) -> str | None:
+    """The version of a package that another interpreter has."""
+    if not python:
+        return None
+    code = f"from importlib.metadata import version; print(version({package!r}))"
+    return first_line([python, "-I", "-c", code])
 
 
 def cpu_model() -> str:
