@@ -30,6 +30,11 @@ def compare(rows: Iterable[Row], baseline: Mapping[str, float]) -> list[Comparis
     return [_compare(row, baseline.get(row.metric.name)) for row in rows if row.metric.gated]
 
 
+def regressions(rows: Iterable[Row], baseline: Mapping[str, float]) -> list[str]:
+    """Names of the ratios that are worse than the baseline allows."""
+    return [c.name for c in compare(rows, baseline) if c.verdict == "regression"]
+
+
 def _compare(row: Row, before: float | None) -> Comparison:
     metric = row.metric
     if row.status == "not available":

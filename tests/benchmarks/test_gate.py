@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import cli, gate
-from benchmarks.registry import RATIO, Metric, Row
+from benchmarks.registry import RATIO, Context, Metric, Row
 
 LOWER = Metric("a/lower/ratio", RATIO, tolerance=0.2)
 HIGHER = Metric("a/higher/ratio", RATIO, "higher", tolerance=0.2)
@@ -102,6 +102,17 @@ def test_the_exit_code_names_the_regression(
     assert LOWER.name in capsys.readouterr().err.splitlines()[-1]
     assert cli.main([*arguments, "--update-baseline"]) == 0
     assert cli.main([*arguments, "--gate"]) == 0
+
+
+def test_a_regression_is_measured_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    first = {"rows": [Row(LOWER, "ok", 5.0).to_dict(), Row(HIGHER, "ok", 0.1).to_dict()]}
+    second = {"rows": [Row(LOWER, "ok", 1.1).to_dict(), Row(HIGHER, "ok", 0.2).to_dict()]}
+    monkeypatch.setattr(cli, "run", lambda selected, context: second)
+    monkeypatch.setattr(cli.SUITE, "select", lambda names: names)
+    results = cli.again(first, dict(BASE), Context())
+    rows = {row["name"]: row["value"] for row in results["rows"]}
+    assert rows == {LOWER.name: 1.1, HIGHER.name: 0.1}
+    assert gate.regressions(map(Row.from_dict, results["rows"]), BASE) == [HIGHER.name]
 
 
 def test_wrong_arguments_end_with_two(capsys: pytest.CaptureFixture[str]) -> None:
