@@ -27,7 +27,7 @@ _TINY = 1e-300  # squared lengths up to here count as 0: their roots cannot be d
 def signed_distance(
     obstacles: Obstacles, k: int, x0: float, x1: float, x2: float, gradient: FloatArray
 ) -> float:
-    """Signed distance [m] from a world point to obstacle ``k``; allocates nothing.
+    """Signed distance [m] from a world point to obstacle ``k``, its gradient written in place.
 
     Args:
         obstacles: from :func:`optipromp.geometry.obstacles.pack`.
@@ -38,6 +38,17 @@ def signed_distance(
     Returns:
         D: above 0 outside, 0 on the surface, below 0 inside.
     """
+    distance, gradient[0], gradient[1], gradient[2] = distance_and_gradient(
+        obstacles, k, x0, x1, x2
+    )
+    return distance
+
+
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+def distance_and_gradient(
+    obstacles: Obstacles, k: int, x0: float, x1: float, x2: float
+) -> tuple[float, float, float, float]:
+    """:func:`signed_distance` with the gradient returned: stays in registers, for inner loops."""
     kind = obstacles.kind[k]
     position = obstacles.position
     d0 = x0 - position[k, 0]
@@ -49,19 +60,13 @@ def signed_distance(
         length = math.sqrt(squared)
         if squared > _TINY:
             inverse = 1.0 / length
-            gradient[0] = d0 * inverse
-            gradient[1] = d1 * inverse
-            gradient[2] = d2 * inverse
-        else:
-            gradient[0], gradient[1], gradient[2] = 0.0, 0.0, 1.0
-        return float(length - size[k, 0])
+            return length - size[k, 0], d0 * inverse, d1 * inverse, d2 * inverse
+        return length - size[k, 0], 0.0, 0.0, 1.0
 
     rotation = obstacles.rotation
     if kind == HALF_SPACE:
-        gradient[0] = rotation[k, 0, 2]
-        gradient[1] = rotation[k, 1, 2]
-        gradient[2] = rotation[k, 2, 2]
-        return float(d0 * rotation[k, 0, 2] + d1 * rotation[k, 1, 2] + d2 * rotation[k, 2, 2])
+        n0, n1, n2 = rotation[k, 0, 2], rotation[k, 1, 2], rotation[k, 2, 2]
+        return d0 * n0 + d1 * n1 + d2 * n2, n0, n1, n2
 
     l0 = rotation[k, 0, 0] * d0 + rotation[k, 1, 0] * d1 + rotation[k, 2, 0] * d2
     l1 = rotation[k, 0, 1] * d0 + rotation[k, 1, 1] * d1 + rotation[k, 2, 1] * d2
@@ -74,10 +79,12 @@ def signed_distance(
         distance, g0, g1, g2 = _cylinder(l0, l1, l2, size[k, 0], size[k, 1])
     else:
         distance, g0, g1, g2 = _grid(obstacles, obstacles.grid[k], l0, l1, l2)
-    gradient[0] = rotation[k, 0, 0] * g0 + rotation[k, 0, 1] * g1 + rotation[k, 0, 2] * g2
-    gradient[1] = rotation[k, 1, 0] * g0 + rotation[k, 1, 1] * g1 + rotation[k, 1, 2] * g2
-    gradient[2] = rotation[k, 2, 0] * g0 + rotation[k, 2, 1] * g1 + rotation[k, 2, 2] * g2
-    return distance
+    return (
+        distance,
+        rotation[k, 0, 0] * g0 + rotation[k, 0, 1] * g1 + rotation[k, 0, 2] * g2,
+        rotation[k, 1, 0] * g0 + rotation[k, 1, 1] * g1 + rotation[k, 1, 2] * g2,
+        rotation[k, 2, 0] * g0 + rotation[k, 2, 1] * g1 + rotation[k, 2, 2] * g2,
+    )
 
 
 @njit(cache=True, error_model="numpy", nogil=True, forceinline=True)

@@ -2,10 +2,9 @@
 
 import math
 
-import numpy as np
 from numba import njit
 
-from optipromp.geometry.distances import signed_distance
+from optipromp.geometry.distances import distance_and_gradient
 from optipromp.optimization.kernels.outer import add_outer
 
 
@@ -22,7 +21,6 @@ def clearance_field(  # type: ignore[no-untyped-def]
     """
     n_spheres = radius.shape[0]
     n_links = link_start.shape[0] - 1
-    gradient = np.empty(3)
     for t in range(points.shape[0]):
         for b in range(n_spheres):
             distance[t, b] = cutoff
@@ -48,12 +46,13 @@ def clearance_field(  # type: ignore[no-untyped-def]
                     far = reach + radius[b]
                     if (x - px) ** 2 + (y - py) ** 2 + (z - pz) ** 2 >= far * far:
                         continue
-                    d = signed_distance(obstacles, k, x, y, z, gradient) - radius[b]
+                    d, nx, ny, nz = distance_and_gradient(obstacles, k, x, y, z)
+                    d -= radius[b]
                     if d < distance[t, b]:
                         distance[t, b] = d
-                        normal[t, b, 0] = gradient[0]
-                        normal[t, b, 1] = gradient[1]
-                        normal[t, b, 2] = gradient[2]
+                        normal[t, b, 0] = nx
+                        normal[t, b, 1] = ny
+                        normal[t, b, 2] = nz
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -1,0 +1,1 @@
+"""Other planners, each called as its user would call it, on our scenes."""

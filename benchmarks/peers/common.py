@@ -1,0 +1,93 @@
+"""What every peer shares: its answer, the timing of a path, our goal configurations and checker."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.optimization import kernels
+from optipromp.optimization.evaluation import Evaluation
+from optipromp.planning import goals
+from optipromp.planning.setup import Setup
+from optipromp.scenes.scene import Scene
+from optipromp.trajectory import Trajectory, shortest_dt
+
+STEP = 0.045  # [rad or m] between the knots of a timed path, as ours has
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a planner gave for a scene: a trajectory, or why it has none.
+
+    ``seconds`` is set by a planner that runs in another process and keeps the time there.
+    """
+
+    trajectory: Trajectory | None
+    reason: str = ""
+    seconds: float | None = None
+
+
+Planner = Callable[[Scene, int], Answer]  # a scene and a seed
+
+
+def goal_configurations(setup: Setup, seed: int) -> FloatArray:
+    """Our inverse kinematics (m, n): a planner in joint space needs somewhere to go.
+
+    Its time counts for whoever calls it. Goals that touch what they must not are left out.
+    """
+    found, free, _ = goals.choose(setup, seed)
+    return found if free else found[:0]
+
+
+def timed(setup: Setup, path: FloatArray) -> Trajectory:
+    """A geometric path (m, n) as a trajectory: least-jerk along it, as fast as the limits allow."""
+    lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(np.maximum(lengths, 1e-12))])
+    count = max(20, int(np.ceil(1.9 * along[-1] / STEP)))
+    tau = np.linspace(0.0, 1.0, count + 1)
+    share = along[-1] * tau**3 * (10.0 - 15.0 * tau + 6.0 * tau**2)
+    q = np.stack([np.interp(share, along, column) for column in path.T], axis=1)
+    return at_limits(setup, q)
+
+
+def at_limits(setup: Setup, q: FloatArray) -> Trajectory:
+    """Knots (T, n) as a trajectory at the shortest spacing that the limits allow."""
+    robot = setup.robot
+    dt = shortest_dt(q, robot.velocity, robot.acceleration)
+    return Trajectory(q, dt, robot.joint_names)
+
+
+class Checker:
+    """Our collision checker for one configuration, on the kernels of the planning loop.
+
+    What must not touch is what the judge asks: everything and static things, all links but the last
+    and the tool (B_d) and the rest, links that are not neighbours. With ``fruits`` the last link
+    and the tool may not touch pushables either.
+    """
+
+    def __init__(self, setup: Setup, fruits: bool) -> None:
+        self.setup, self.fruits = setup, fruits
+        self.evaluation = Evaluation(setup.robot, setup.body, 1, 1.0)
+        self.proximal = ~np.asarray(setup.body.distal)
+        self.pushables = setup.scene.obstacles("pushable")
+
+    def __call__(self, q: FloatArray) -> bool:
+        """Whether the robot at ``q`` (n,) touches nothing that it must not."""
+        e, around, body = self.evaluation, self.setup.surroundings, self.setup.body
+        e.move_to(q[None])
+        e.static.measure(e, around.static, len(around.static.kind), 0.0)
+        if e.static.distance.min(initial=0.0) < 0.0:
+            return False
+        e.dynamic.measure(e, around.dynamic, around.shared, 0.0)
+        if e.dynamic.distance[:, self.proximal].min(initial=0.0) < 0.0:
+            return False
+        if self.fruits and len(self.pushables.kind):
+            e.dynamic.measure(e, self.pushables, len(self.pushables.kind), 0.0)
+            if e.dynamic.distance.min(initial=0.0) < 0.0:
+                return False
+        overlap = kernels.self_penalty(
+            e.points, body.radius, body.groups, body.pairs, body.link_bound, 0.0, 1.0, e.force,
+            e.stiffness,
+        )  # fmt: skip
+        return not overlap > 0.0

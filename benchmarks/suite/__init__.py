@@ -1,0 +1,1 @@
+"""Every benchmark of the suite: importing a module registers what it measures."""

@@ -1,0 +1,181 @@
+"""Whole planners beside ours: time, success by the independent check, path length, smoothness.
+
+Each planner runs in a process of its own, in turn with ours on the same scenes.
+"""
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from benchmarks.peers import drake, mplib, ompl, tesseract
+from benchmarks.peers.common import Answer, Planner
+from benchmarks.registry import (
+    RATIO,
+    SUITE,
+    Absent,
+    Context,
+    Measured,
+    Metric,
+    Value,
+    Values,
+)
+from benchmarks.scenes import groups
+from benchmarks.timing import median, paired_ratio
+from optipromp import metrics
+from optipromp.errors import OptiPrompError
+from optipromp.experiments.baselines import attempt
+from optipromp.planning import plan, warm_up
+from optipromp.planning.setup import bind
+from optipromp.scenes.scene import Scene
+
+GROUPS = ("scenario-3", "scenario-4", "generated")
+STEM_RULE = "on the side of its stem"
+SEEDS = 7  # a single scene is planned as often, each time with another seed
+TURNS = 2  # with the same seed; the faster counts, so that other work on the machine counts less
+
+
+def ours(scene: Scene, seed: int) -> Answer:
+    """Our default planner."""
+    made = plan(scene, seed=seed)
+    return Answer(made.trajectory, "" if made.success else str(made.status))
+
+
+def chomp(scene: Scene, seed: int) -> Answer:
+    """Our own optimiser told to avoid every fruit."""
+    made = attempt(scene, "chomp", seed=seed)
+    return Answer(made.trajectory, "" if made.trajectory is not None else made.message)
+
+
+PEERS: dict[str, tuple[str, Callable[[], Planner]]] = {
+    "chomp": ("the baseline of our studies: every fruit is avoided by cost", lambda: chomp),
+    "OMPL RRT-Connect": (
+        "our collision checker and goals; the tool may push", lambda: ompl.rrt_connect(False)
+    ),
+    "OMPL RRT-Connect, fruits are obstacles": (
+        "the same, but nothing may touch a pushable", lambda: ompl.rrt_connect(True)
+    ),
+    "Drake": (
+        "KinematicTrajectoryOptimization, 25 distance checks, 5 mm margin",
+        lambda: drake.kinematic_trajectory_optimization(25, 0.005),
+    ),
+    "Drake, fine": (
+        "the same with 60 checks, 10 mm margin",
+        lambda: drake.kinematic_trajectory_optimization(60, 0.01),
+    ),
+    "TrajOpt": ("tesseract-robotics, continuous collision checking", tesseract.trajopt),
+    "MPlib": ("RRT-Connect with FCL, timed by TOPP-RA", mplib.rrt_connect),
+}  # fmt: skip
+
+
+@dataclass
+class Score:
+    """What a planner did on a group of scenes."""
+
+    seconds: list[float] = field(default_factory=list)
+    valid: list[bool] = field(default_factory=list)
+    clear: list[bool] = field(default_factory=list)
+    length: list[float] = field(default_factory=list)
+    smoothness: list[float] = field(default_factory=list)
+    faults: Counter[str] = field(default_factory=Counter)
+
+    def add(self, planner: Planner, scene: Scene, seed: int) -> None:
+        """Plan, and have the answer judged between its knots too."""
+        passed = []
+        for _ in range(TURNS):
+            began = time.perf_counter()
+            try:
+                answer = planner(scene, seed)
+            except OptiPrompError as error:
+                answer = Answer(None, f"{error.code}: {error.message}")
+            took = time.perf_counter() - began
+            passed.append(took if answer.seconds is None else answer.seconds)
+        self.seconds.append(min(passed))
+        if answer.trajectory is None:
+            self.faults[answer.reason] += 1
+            self.valid.append(False)
+            self.clear.append(False)
+            return
+        setup = bind(scene)
+        verdict = metrics.judge(scene, setup.robot, answer.trajectory, setup.start)
+        other = [v for v in verdict.violations if STEM_RULE not in v]
+        self.valid.append(not verdict.violations)
+        self.clear.append(not other)
+        self.length.append(verdict.metrics.path_length)
+        self.smoothness.append(verdict.metrics.smoothness)
+        for violation in verdict.violations:
+            self.faults[STEM_RULE if STEM_RULE in violation else violation] += 1
+
+    def values(self, name: str) -> dict[str, Value]:
+        """The metrics of this group."""
+        none = Absent(f"no trajectory: {', '.join(self.faults)}")
+        count = len(self.valid)
+        detail = {"scenes": count, "faults": dict(self.faults.most_common(8))}
+        return {
+            f"{name}/time": Measured(1e3 * median(self.seconds), {"max": 1e3 * max(self.seconds)}),
+            f"{name}/success": Measured(100.0 * sum(self.valid) / count, detail),
+            f"{name}/success but for stems": 100.0 * sum(self.clear) / count,
+            f"{name}/path length": median(self.length) if self.length else none,
+            f"{name}/smoothness": median(self.smoothness) if self.length else none,
+        }
+
+
+def metrics_of(planner: str, about: str = "", ratio: bool = True) -> list[Metric]:
+    """A planner's metrics in every group of scenes."""
+    out = []
+    for group in GROUPS:
+        name = f"planners, {group}/{planner}"
+        out += [
+            Metric(f"{name}/time", "ms", about=about),
+            Metric(f"{name}/success", "%", "higher"),
+            Metric(f"{name}/success but for stems", "%", "higher",
+                   about="whatever side of a stem the tool passes on"),
+            Metric(f"{name}/path length", "rad", about="of all trajectories, valid or not"),
+            Metric(f"{name}/smoothness", "rad/s²", about="root mean square acceleration"),
+        ]  # fmt: skip
+        if ratio:
+            out.append(Metric(f"{name}/ours by it", RATIO, tolerance=0.5, about="times in turn"))
+    return out
+
+
+def beside(label: str, make: Callable[[], Planner] | None, context: Context) -> Values:
+    """Run a planner (None: ours alone) in turn with ours on every group."""
+    peer = ours if make is None else make()
+    warm_up()
+    out: dict[str, Value] = {}
+    for group, scenes in groups(context.quick).items():
+        jobs = [(scenes[0], seed) for seed in range(context.repeats(SEEDS, 3))]
+        jobs = jobs if len(scenes) == 1 else [(scene, 0) for scene in scenes]
+        mine, theirs = Score(), Score()
+        Score().add(peer, *jobs[0])  # what is made once is not timed
+        for scene, seed in jobs:
+            context.say(f"{label}: {scene.name}, seed {seed}")
+            mine.add(ours, scene, seed)
+            theirs.add(peer, scene, seed)
+        name = f"planners, {group}/{label}"
+        out |= theirs.values(name)
+        if make is not None:
+            ratio = paired_ratio(mine.seconds, theirs.seconds)
+            detail = {"ours [ms]": 1e3 * median(mine.seconds)}
+            gone = Absent("it gave no trajectory")
+            out[f"{name}/ours by it"] = Measured(ratio, detail) if theirs.length else gone
+    return out
+
+
+@SUITE.benchmark("planner-optipromp", metrics_of("optipromp", "all defaults", ratio=False))
+def alone(context: Context) -> Values:
+    """Our planner on the scenes that every planner gets."""
+    return beside("optipromp", None, context)
+
+
+def _register(label: str, about: str, make: Callable[[], Planner]) -> None:
+    def run(context: Context) -> Values:
+        return beside(label, make, context)
+
+    run.__doc__ = f"{label}: {about}."
+    name = "planner-" + label.lower().replace(",", "").replace(" ", "-")
+    SUITE.benchmark(name, metrics_of(label, about))(run)
+
+
+for _label, (_about, _make) in PEERS.items():
+    _register(_label, _about, _make)

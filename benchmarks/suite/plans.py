@@ -1,0 +1,206 @@
+"""Whole plans: our planners over perturbed scenes, and the two strategies beside each other."""
+
+import importlib
+import os
+import time
+from typing import Any
+
+import numpy as np
+
+from benchmarks.registry import (
+    RATIO,
+    SUITE,
+    Absent,
+    Context,
+    Measured,
+    Metric,
+    NotAvailableError,
+    Value,
+    Values,
+    stopwatch,
+)
+from benchmarks.scenes import many
+from benchmarks.timing import median, paired_ratio, percentile, reference
+from optipromp.arrays import FloatArray
+from optipromp.errors import OptiPrompError
+from optipromp.planning import Plan, plan, warm_up
+from optipromp.planning.build import Knots
+from optipromp.planning.options import PlanOptions
+from optipromp.planning.primitives import camera_point
+from optipromp.planning.setup import bind
+from optipromp.planning.stages import value_of
+from optipromp.scenes.io import load_scene
+from optipromp.scenes.scene import Scene
+
+SCENES = ("scenario-3", "scenario-4")
+COUNT = 200
+TURNS = 2  # of a scene; the faster counts, so that other work on the machine counts less
+CASES: dict[str, dict[str, Any]] = {
+    "joint": {"planner": "opti-promp", "strategy": "joint"},
+    "i-promp": {"planner": "i-promp"},
+    "promp": {"planner": "promp"},
+}
+TARGETS = {"joint": (10.0, 30.0), "i-promp": (1.0, None), "promp": (None, None)}
+
+
+def metrics() -> list[Metric]:
+    """Median, 99th percentile, share that hold, and the ratio to a fixed piece of work."""
+    about = f"{COUNT} scenes, fruit centres moved by N(0, 5 mm); goals, starts and check included"
+    out = []
+    for scene in SCENES:
+        for case, (typical, late) in TARGETS.items():
+            name = f"whole plans/{scene}, {case}"
+            out += [
+                Metric(f"{name}/median", "ms", target=typical, about=about),
+                Metric(f"{name}/99th percentile", "ms", target=late),
+                Metric(f"{name}/success", "%", "higher"),
+                Metric(
+                    f"{name}/by fixed work",
+                    RATIO,
+                    tolerance=0.4,
+                    about="fixed work in Python and NumPy",
+                ),
+            ]
+    return out
+
+
+@SUITE.benchmark("plans", metrics())
+def plans(context: Context) -> Values:
+    """Whole warm plans in perturbed scenes: goals, all starts, and the independent check."""
+    warm_up()
+    out: dict[str, Value] = {}
+    for name in SCENES:
+        scenes = many(name, context.repeats(COUNT))
+        for case, options in CASES.items():
+            context.say(f"{name}, {case}")
+            out |= _over(f"whole plans/{name}, {case}", scenes, options)
+    return out
+
+
+def _over(name: str, scenes: list[Scene], options: dict[str, Any]) -> dict[str, Value]:
+    plan(scenes[0], **options)
+    times, work, held, faults = [], [], 0, []
+    for scene in scenes:
+        took, base = [], []
+        for _ in range(TURNS):
+            began = time.perf_counter()
+            try:
+                made = plan(scene, **options)
+                fault = "" if made.success else f"{made.status}: {made.message}"
+            except OptiPrompError as error:
+                fault = f"{error.code}: {error.message}"
+            took.append(1e3 * (time.perf_counter() - began))
+            base.append(1e3 * stopwatch(reference))
+        held += not fault
+        faults += [fault] if fault else []
+        times.append(min(took))
+        work.append(min(base))
+    detail = {"minimum": min(times), "90th percentile": percentile(times, 0.9), "max": max(times)}
+    return {
+        f"{name}/median": Measured(median(times), detail),
+        f"{name}/99th percentile": percentile(times, 0.99),
+        f"{name}/success": Measured(100.0 * held / len(scenes), {"faults": faults[:5]}),
+        f"{name}/by fixed work": Measured(paired_ratio(times, work), {"fixed work": median(work)}),
+    }
+
+
+def strategy_metrics() -> list[Metric]:
+    """Time and result of both strategies, and the quotient of the times."""
+    out = []
+    for scene in SCENES:
+        for strategy in ("joint", "sequential"):
+            name = f"strategies/{scene}, {strategy}"
+            out += [
+                Metric(f"{name}/time", "ms"),
+                Metric(f"{name}/success", "%", "higher"),
+                Metric(f"{name}/static cost", "mm", about="F_s, summed over body points"),
+                Metric(f"{name}/avoid cost", "mm", about="F_d, summed over body points"),
+                Metric(f"{name}/off the line", "mm", about="mean distance of the tool point from "
+                       "the approach line, over the height from camera point to target"),
+            ]  # fmt: skip
+        name = f"strategies/{scene}, joint/by sequential"
+        out.append(Metric(name, RATIO, target=1 / 20, about="times taken in turn"))
+    return out
+
+
+@SUITE.benchmark("strategies", strategy_metrics())
+def strategies(context: Context) -> Values:
+    """The joint strategy beside the sequential one (SciPy's optimisers) on the same scene."""
+    warm_up()
+    out: dict[str, Value] = {}
+    for name in SCENES:
+        scene = load_scene(name)
+        times: dict[str, list[float]] = {"joint": [], "sequential": []}
+        made: dict[str, Plan] = {}
+        for turn in range(context.repeats(7, 2) + 1):
+            context.say(f"{name}: turn {turn}")
+            for strategy, seen in times.items():
+                began = time.perf_counter()
+                made[strategy] = plan(scene, strategy=strategy)  # type: ignore[arg-type]
+                if turn:  # the first turn warms up
+                    seen.append(1e3 * (time.perf_counter() - began))
+        for strategy, result in made.items():
+            row = f"strategies/{name}, {strategy}"
+            out[f"{row}/time"] = median(times[strategy])
+            out[f"{row}/success"] = Measured(
+                100.0 * result.success, {"status": str(result.status), "message": result.message}
+            )
+            out |= {f"{row}/{key}": value for key, value in _costs(result).items()}
+        ratio = paired_ratio(times["joint"], times["sequential"])
+        out[f"strategies/{name}, joint/by sequential"] = ratio
+    return out
+
+
+def _costs(result: Plan) -> dict[str, float]:
+    """The same functionals of any plan, whatever it minimised; lengths in mm."""
+    setup, q = bind(result.scene), result.trajectory.positions
+    values = value_of(setup, PlanOptions(), Knots(len(q), 0.5), q, paper=False)
+    tips, _ = setup.robot.tool_pose(q)
+    assert setup.goal_position is not None
+    return {
+        "static cost": 1e3 * values["static"],
+        "avoid cost": 1e3 * values["avoid"],
+        "off the line": 1e3 * _off_line(tips - setup.goal_position, setup.scene.frame[2],
+                                        float((camera_point(setup) - setup.goal_position)
+                                              @ setup.scene.frame[2])),
+    }  # fmt: skip
+
+
+def _off_line(off: FloatArray, up: FloatArray, lowest: float) -> float:
+    """Mean over the heights ``lowest`` … 0 of the distance from the line (last passage) [m]."""
+    height = off @ up
+    aside = np.linalg.norm(off - height[:, None] * up, axis=1)
+    below = np.flatnonzero(height < lowest)
+    first = int(below[-1]) if len(below) else 0
+    climb = np.maximum.accumulate(height[first:])
+    levels = np.linspace(lowest, 0.0, 200)
+    return float(np.mean(np.interp(levels, climb, aside[first:])))
+
+
+MANY = [
+    Metric("many plans/plan_many/efficiency", RATIO, "higher", target=0.85,
+           about="time with one worker by (cores × time with all of them)"),
+    Metric("many plans/plan_many/plans", "1/s", "higher"),
+]  # fmt: skip
+
+
+@SUITE.benchmark("many-plans", MANY)
+def many_plans(context: Context) -> Values:
+    """Many scenes through one call, on one core and on all."""
+    plan_many = getattr(importlib.import_module("optipromp.planning"), "plan_many", None)
+    if plan_many is None:
+        raise NotAvailableError("this version has no optipromp.planning.plan_many")
+    cores = len(os.sched_getaffinity(0))
+    scenes = many("scenario-3", context.repeats(500, 40)) + many(
+        "scenario-4", context.repeats(500, 40)
+    )
+    plan_many(scenes[: 4 * cores], workers=cores)
+    one = stopwatch(lambda: plan_many(scenes, workers=1))
+    all_ = stopwatch(lambda: plan_many(scenes, workers=cores))
+    efficiency: Value = Measured(one / (cores * all_), {"cores": cores, "scenes": len(scenes)})
+    if cores == 1:
+        efficiency = Absent("one core only: nothing to share")
+    return {
+        "many plans/plan_many/efficiency": efficiency,
+        "many plans/plan_many/plans": len(scenes) / all_,
+    }

@@ -1,0 +1,144 @@
+"""Results as tables: for the terminal, and as Markdown for the documentation."""
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.registry import Benchmark, Row
+
+BEGIN, END = "<!-- tables: begin -->", "<!-- tables: end -->"
+
+
+def listing(selected: Sequence[tuple[Benchmark, list[str]]]) -> str:
+    """Every benchmark with its metrics."""
+    lines = []
+    for benchmark, names in selected:
+        lines.append(f"{benchmark.name}: {benchmark.about}")
+        for m in benchmark.metrics:
+            if m.name in names:
+                goal = f", target {m.target:g}" if m.target is not None else ""
+                gated = f", gated at {100 * m.tolerance:.0f} %" if m.gated else ""
+                about = f"  ({m.about})" if m.about else ""
+                lines.append(
+                    f"    {m.name} [{m.unit}], {m.direction} is better{goal}{gated}{about}"
+                )
+    return "\n".join(lines)
+
+
+def merged(files: Iterable[Path]) -> dict[str, Any]:
+    """The results of several runs as one; of a metric measured twice the later file counts.
+
+    Raises:
+        ValueError: a file that holds no results.
+    """
+    out: dict[str, Any] = {}
+    rows: dict[str, Any] = {}
+    for path in files:
+        try:
+            part = json.loads(path.read_text(encoding="utf-8"))
+            rows |= {row["name"]: row for row in part["rows"]}
+        except (ValueError, KeyError, TypeError) as error:
+            raise ValueError(f"{path} holds no results: {error!r}") from error
+        out |= part
+    if not out:
+        raise ValueError("no results given")
+    return out | {"rows": list(rows.values())}
+
+
+def number(value: float) -> str:
+    """Three significant digits, thousands in groups, never in powers of ten."""
+    if value == 0:
+        return "0"
+    if abs(value) >= 100:
+        return f"{value:,.0f}"
+    digits = 2 if abs(value) < 10 else 1
+    return f"{value:.{digits}f}" if abs(value) >= 0.01 else f"{value:.1g}"
+
+
+def cell(row: Row | None) -> str:
+    """A value with its unit, and its target where there is one."""
+    if row is None:
+        return ""
+    if row.value is None:
+        return row.status
+    out = f"{number(row.value)} {row.metric.unit}"
+    if row.metric.target is not None:
+        sign = "≤" if row.metric.direction == "lower" else "≥"
+        missed = "" if row.metric.reaches(row.value) else ", **not reached**"
+        out += f" ({sign} {row.metric.target:g}{missed})"
+    return out
+
+
+def families(rows: Iterable[Row]) -> dict[str, dict[str, dict[str, Row]]]:
+    """Rows by family, subject and quantity, in the order they were measured."""
+    out: dict[str, dict[str, dict[str, Row]]] = {}
+    for row in rows:
+        family, subject, quantity = row.metric.name.split("/")
+        out.setdefault(family, {}).setdefault(subject, {})[quantity] = row
+    return out
+
+
+def grid(subjects: dict[str, dict[str, Row]]) -> tuple[list[str], list[list[str]]]:
+    """Header and cells of one family's table."""
+    quantities = list(dict.fromkeys(q for row in subjects.values() for q in row))
+    body = [[s, *(cell(row.get(q)) for q in quantities)] for s, row in subjects.items()]
+    return ["", *quantities], body
+
+
+def reasons(subjects: dict[str, dict[str, Row]]) -> list[str]:
+    """Why cells are empty, one line for each reason of each subject."""
+    out = dict.fromkeys(
+        f"{subject}: {row.status}, {row.reason}"
+        for subject, line in subjects.items()
+        for row in line.values()
+        if row.value is None
+    )
+    return list(out)
+
+
+def text(rows: Iterable[Row]) -> str:
+    """Tables for the terminal."""
+    parts = []
+    for family, subjects in families(rows).items():
+        header, body = grid(subjects)
+        lines = [[cell.replace("**", "") for cell in line] for line in (header, *body)]
+        widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
+        shown = ["  ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) for line in lines]
+        notes = [f"  {reason}" for reason in reasons(subjects)]
+        parts.append("\n".join([family, *(f"  {line.rstrip()}" for line in shown), *notes]))
+    return "\n\n".join(parts)
+
+
+def markdown(results: dict[str, Any]) -> str:
+    """Tables for the documentation, with where and with what they were made."""
+    machine, versions = results["machine"], results["versions"]
+    packages = ", ".join(f"{name} {v}" for name, v in versions.items() if v is not None)
+    missing = [name for name, v in versions.items() if v is None]
+    lines = [
+        f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}; "
+        f"{results['date'][:10]}, commit {results['commit']}. {packages}. {results['compiler']}."
+        + (f" Not installed: {', '.join(missing)}." if missing else ""),
+    ]
+    for family, subjects in families(Row.from_dict(r) for r in results["rows"]).items():
+        header, body = grid(subjects)
+        lines += ["", f"### {family[0].upper()}{family[1:]}", ""]
+        lines += [_line(header), "|" + "---|" * len(header), *map(_line, body)]
+        notes = reasons(subjects)
+        if notes:
+            lines += ["", *(f"- {note}" for note in notes)]
+    return "\n".join(lines) + "\n"
+
+
+def write_markdown(path: Path, text: str) -> None:
+    """Write the tables; into a page that has the two marks, between them only."""
+    if path.exists():
+        page = path.read_text(encoding="utf-8")
+        if BEGIN in page and END in page:
+            before, rest = page.split(BEGIN, 1)
+            text = f"{before}{BEGIN}\n{text}{END}{rest.split(END, 1)[1]}"
+    path.write_text(text, encoding="utf-8")
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |"

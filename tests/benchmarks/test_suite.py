@@ -1,0 +1,71 @@
+"""The suite itself: every metric is well formed, and a crash in a benchmark is a row."""
+
+import shutil
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.evaluation import Case, Program, near_obstacles, panda_of_sixty, reach
+from benchmarks.registry import SUITE, Context
+from benchmarks.run import apart, load_suite
+from benchmarks.timing import in_turn, percentile
+
+
+def test_every_benchmark_says_what_it_does() -> None:
+    load_suite()
+    benchmarks = list(SUITE)
+    assert len(benchmarks) > 10
+    for benchmark in benchmarks:
+        assert benchmark.about, benchmark.name
+        assert benchmark.metrics, benchmark.name
+
+
+def test_a_child_that_dies_is_a_row(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    load_suite()
+    python = tmp_path / "python"
+    python.write_text("#!/bin/sh\nkill -SEGV $$\n", encoding="utf-8")
+    python.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(python))
+    names = [m.name for m in SUITE["start"].metrics][:2]
+    found = apart(SUITE["start"], names, Context())
+    assert [row.metric.name for row in found] == names
+    assert all("ended with -11" in row.reason for row in found)
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="no g++")
+def test_the_cpp_program_agrees_with_our_kernels() -> None:
+    robot = panda_of_sixty()
+    assert len(robot.spheres.radius) == 60
+    case = Case(robot, 24, near_obstacles(robot, reach(24), 13))
+    value = case.problem.evaluate(case.q)
+    weighted = sum(t.weight * value.terms[t.name] for t in case.problem.terms)
+    assert min(value.terms.values()) > 0.0, "a term that is not active is not compared"
+    assert value.merit > weighted, "nor is self-collision"
+    with Program(case) as program:
+        assert program.difference(case) < 1e-9
+        assert program.ask("time 2")[0] > 0.0
+
+
+def test_calls_are_timed_in_turn() -> None:
+    order: list[str] = []
+
+    def named(name: str) -> object:
+        def call() -> None:
+            order.append(name)
+            time.sleep(2e-3)
+
+        return call
+
+    times = in_turn({"a": named("a"), "b": named("b")}, 3, batch=1e-6)  # type: ignore[dict-item]
+    assert "".join(order[-6:]) == "ababab"
+    assert min(times["a"]) > 1e-3
+
+
+def test_percentile_is_a_value_that_was_seen() -> None:
+    values = list(np.random.default_rng(0).permutation(200).astype(float))
+    assert percentile(values, 0.99) == 197.0
+    assert percentile(values, 1.0) == 199.0
+    assert percentile(values, 0.5) == 99.0
