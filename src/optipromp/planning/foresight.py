@@ -182,8 +182,7 @@ def _hanging(things: Sequence[SceneObject]) -> tuple[Stems, ...]:
     count = len(things)
     known = np.array([thing.covariance is None for thing in things])
     spread = [SHIFT if thing.covariance is None else _spread(thing.covariance) for thing in things]
-    turn = np.where(known, WIDER = 1.5  # times the deviation of a detection: it is the unlikely that does harm
-TURN, DETECTED_TURN)[:, None]
+    turn = np.where(known, TURN, DETECTED_TURN)[:, None]
     fruit = np.array([thing.position for thing in things])
     root = np.array([thing.stem.points[-1] for thing in things if thing.stem is not None])
     long = np.linalg.norm(fruit - root, axis=1)[:, None]
