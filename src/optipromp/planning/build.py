@@ -73,12 +73,13 @@ def functionals(
     return terms
 
 
-def widths(setup: Setup, options: PlanOptions) -> tuple[FloatArray, FloatArray]:
+def widths(setup: Setup, options: PlanOptions, drift: Drift) -> tuple[FloatArray, FloatArray]:
     """How far (N,) the tool must pass each neighbour, and how far it should [m]."""
     wanted = options.drift_offset
     least = (setup.robot.gripper_radius if wanted is None else wanted) + DRIFT_MARGIN
     radii = np.array([thing.radius for thing in setup.neighbours])
-    return np.full(len(radii), least), least + options.berth * radii
+    berths = options.berth if drift.berths is None else drift.berths
+    return np.full(len(radii), least), least + berths * radii
 
 
 def capture_height(setup: Setup) -> float:
@@ -107,7 +108,7 @@ def drift_constraints(
             weight, drift.centers, drift.directions, setup.scene.frame[2], drift.windows,
             np.minimum(offset, most), knots.first,
         )
-        for weight, offset in zip(weights, widths(setup, options), strict=True)
+        for weight, offset in zip(weights, widths(setup, options, drift), strict=True)
     ]  # fmt: skip
 
 
@@ -117,7 +118,7 @@ def funnel_constraint(setup: Setup, options: PlanOptions, knots: Knots, drift: D
     assert target is not None
     off = drift.centers - target.position
     flat = off - (off @ up)[:, None] * up
-    ends = flat + (widths(setup, options)[1] + ASIDE_MARGIN)[:, None] * drift.directions
+    ends = flat + (widths(setup, options, drift)[1] + ASIDE_MARGIN)[:, None] * drift.directions
     return FunnelConstraint(
         options.priority.funnel, target.position, up, below=capture_height(setup),
         width=max(CAPTURE_LEAST, setup.robot.gripper_radius - target.radius),

@@ -8,6 +8,7 @@ are drawn, and the optimised trajectory is tried again, as it is what the arm do
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,10 +27,12 @@ from optipromp.scenes.scene import SceneObject
 STEP = 0.003  # [m] of the tool point between two looks
 SPEED = 0.07  # [m/s] of the tool among fruits
 WALL = 0.002  # [m] of a cup that does not say how thick it is
+SUDDEN = 14.0  # [N] momentarily on a fruit that the cup meets within a step
 HOPELESS = 3.0  # a score at which other ways that the fruits may hang are not looked at
 GOOD = 0.5  # a score that needs no better one
 ROUNDS, DRAWS = 6, 16  # of choices drawn where the rule's own is not good
 FAR, NEAR = 1.0, 0.5  # [rad] deviation of drawn directions from the rule's, and from the best
+BERTHS = (0.4, 1.4)  # least and most that are drawn
 KEPT = 0.6  # chance that a direction is drawn anew beside the best
 UNSEEN = 6  # draws of where the fruits may hang otherwise than they were seen
 SHIFT = 0.003  # [m] deviation of a fruit whose scene does not say how well it was seen
@@ -42,11 +45,11 @@ def score(h: Harm) -> float:
     """One number for what a push does: below :data:`GOOD` nothing is expected to go wrong.
 
     Each part is 1 where it reaches what a fruit bears: 2 N on a stem for long, 5 N on the target,
-    30 N on another fruit (momentarily; the model has no give). A swallowed neighbour and a missed
-    target end all hope.
+    30 N on another fruit, of which :data:`SUDDEN` come from the model's steps alone. A swallowed
+    neighbour and a missed target end all hope.
     """
     lost = 5.0 * (h.inside > 0.03) + 5.0 * h.missed
-    return h.stem / 2.0 + h.fruit / 30.0 + h.target / 5.0 + lost
+    return h.stem / 2.0 + max(h.fruit - SUDDEN, 0.0) / (30.0 - SUDDEN) + h.target / 5.0 + lost
 
 
 def applies(setup: Setup, options: PlanOptions) -> bool:
@@ -134,33 +137,51 @@ class Foresight:
         x_g, y_g, _ = self.setup.scene.frame
         rng = np.random.default_rng(0)
         ruled = np.arctan2(drift.directions @ y_g, drift.directions @ x_g)
-        best = [(self.of_path(path(drift)), ruled)]
-        if best[0][0] < GOOD:
-            yield best[0][0], drift
+        plain = np.full(len(ruled), options.berth)
+        best = _Tried(self.of_path(path(drift)), ruled, plain, drift)
+        if best.score < GOOD:
+            yield best.score, drift
         for _ in range(ROUNDS):
-            found: tuple[float, FloatArray, Drift] | None = None
+            found: _Tried | None = None
             for draw in range(DRAWS):
-                angles = ruled + FAR * rng.standard_normal(len(ruled))
                 if draw % 2:
                     change = rng.random(len(ruled)) < KEPT
-                    angles = best[0][1] + NEAR * change * rng.standard_normal(len(ruled))
-                tried = self._turned(drift, angles, options)
-                value = self.of_path(path(tried), np.inf if found is None else found[0])
-                if found is None or value < found[0]:
-                    found = value, angles, tried
+                    angles = best.angles + NEAR * change * rng.standard_normal(len(ruled))
+                    berths = best.berths + 0.3 * change * rng.standard_normal(len(ruled))
+                else:
+                    angles = ruled + FAR * rng.standard_normal(len(ruled))
+                    berths = rng.uniform(*BERTHS, len(ruled))
+                berths = np.clip(berths, *BERTHS)
+                tried = self._turned(drift, angles, berths, options)
+                most = np.inf if found is None else found.score
+                value = self.of_path(path(tried), most)
+                if value < most:
+                    found = _Tried(value, angles, berths, tried)
                 if value < 0.5 * GOOD:
                     break
             assert found is not None
-            best = sorted([*best, found[:2]], key=lambda f: f[0])
-            yield found[0], found[2]
+            if found.score < best.score:
+                best = found
+            yield found.score, found.drift
 
-    def _turned(self, drift: Drift, angles: FloatArray, options: PlanOptions) -> Drift:
-        """``drift`` with directions at angles (N,) from x_g towards y_g."""
+    def _turned(
+        self, drift: Drift, angles: FloatArray, berths: FloatArray, options: PlanOptions
+    ) -> Drift:
+        """``drift`` with directions at angles (N,) from x_g towards y_g, and with berths (N,)."""
         scene, things = self.setup.scene, self.setup.neighbours
         x_g, y_g, _ = scene.frame
         directions = np.cos(angles)[:, None] * x_g + np.sin(angles)[:, None] * y_g
         windows = passing_windows(scene, things, list(directions), options.window, self.cup.rim)
-        return Drift(drift.ids, drift.centers, directions, windows)
+        return Drift(drift.ids, drift.centers, directions, windows, berths)
+
+
+class _Tried(NamedTuple):
+    """A choice, as directions (N,) [rad] and berths (N,), with its score."""
+
+    score: float
+    angles: FloatArray
+    berths: FloatArray
+    drift: Drift
 
 
 def foresight(setup: Setup) -> Foresight:

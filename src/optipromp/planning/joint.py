@@ -141,7 +141,7 @@ def tool_path(setup: Setup, options: PlanOptions, drift: Drift) -> FloatArray:
         return np.zeros((1, 3))
     return thread(
         drift,
-        widths(setup, options)[1],
+        widths(setup, options, drift)[1],
         setup.goal_position,
         setup.scene.frame,
         camera_point(setup),

@@ -41,12 +41,15 @@ class Drift:
         centers: (N, 3) their centres [m].
         directions: (N, 3) unit vectors of the lateral plane.
         windows: (N, 2) from where to where, along z_g from the centre, the tool point passes [m].
+        berths: (N,) how much farther than R_gripper it should pass, in radii of the pushable; None:
+            as the options say.
     """
 
     ids: tuple[str, ...]
     centers: FloatArray
     directions: FloatArray
     windows: FloatArray
+    berths: FloatArray | None = None
 
 
 def stem_side(
