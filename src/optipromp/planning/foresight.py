@@ -6,6 +6,7 @@ tried in a model of the push (:mod:`optipromp.pushing.swinging`); where that for
 are drawn, and the optimised trajectory is tried again, as it is what the arm does.
 """
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -13,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from optipromp.arrays import FloatArray
-from optipromp.geometry import distances
+from optipromp.geometry import distances, near
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.setup import Setup
 from optipromp.pushing.bending import Stems, bent
@@ -113,13 +114,15 @@ class Foresight:
 
     def _touch(self, points: FloatArray) -> float:
         """How far the cup, led upright through ``points``, comes too near to static things."""
-        static = self.setup.surroundings.static
-        if not len(static.kind):
-            return 0.0
         heights = np.linspace(self.cup.base, self.cup.rim, 3)
         axis = self.setup.goal_axis
         assert axis is not None
         where = (points[:, None] + heights[:, None] * axis).reshape(-1, 3)
+        middle = 0.5 * (where.min(axis=0) + where.max(axis=0))
+        far = float(np.linalg.norm(where - middle, axis=1).max())
+        static = near(self.setup.surroundings.static, middle, far + self.cup.outer + SLACK)
+        if not len(static.kind):
+            return 0.0
         away, _ = distances(static, where)
         nearest = away.min(axis=1).reshape(len(points), -1).min(axis=1) - self.cup.outer
         # where the goal itself is closer, no way can do better
@@ -127,12 +130,16 @@ class Foresight:
         return float(np.clip(wanted - nearest, 0.0, 0.02).max() / 0.004)
 
     def choices(
-        self, drift: Drift, options: PlanOptions, path: Callable[[Drift], FloatArray]
+        self,
+        drift: Drift,
+        options: PlanOptions,
+        path: Callable[[Drift], FloatArray],
+        deadline: float = np.inf,
     ) -> Iterator[tuple[float, Drift]]:
         """Choices of sides with the scores of their paths: the rule's, then the best drawn.
 
         A draw ends where it finds a good one; the next, taken if the optimised trajectory was not
-        as good as its path, draws others.
+        as good as its path, draws others. ``deadline``: ``time.perf_counter()`` to stop at.
         """
         x_g, y_g, _ = self.setup.scene.frame
         rng = np.random.default_rng(0)
@@ -157,12 +164,14 @@ class Foresight:
                 value = self.of_path(path(tried), most)
                 if value < most:
                     found = _Tried(value, angles, berths, tried)
-                if value < 0.5 * GOOD:
+                if value < 0.5 * GOOD or time.perf_counter() > deadline:
                     break
             assert found is not None
             if found.score < best.score:
                 best = found
             yield found.score, found.drift
+            if time.perf_counter() > deadline:
+                return
 
     def _turned(
         self, drift: Drift, angles: FloatArray, berths: FloatArray, options: PlanOptions
@@ -201,9 +210,9 @@ def _hanging(things: Sequence[SceneObject]) -> tuple[Stems, ...]:
     """The fruits as they were seen, and :data:`UNSEEN` times as they may hang."""
     rng = np.random.default_rng(0)
     count = len(things)
-    known = np.array([thing.covariance is None for thing in things])
     spread = [SHIFT if thing.covariance is None else _spread(thing.covariance) for thing in things]
-    turn = np.where(known, TURN, DETECTED_TURN)[:, None]
+    turns = [TURN if thing.covariance is None else DETECTED_TURN for thing in things]
+    turn = np.array(turns)[:, None]
     fruit = np.array([thing.position for thing in things])
     root = np.array([thing.stem.points[-1] for thing in things if thing.stem is not None])
     long = np.linalg.norm(fruit - root, axis=1)[:, None]

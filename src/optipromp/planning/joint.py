@@ -300,7 +300,9 @@ def _foreseen(
     ruled = sides(setup, options)[0]
     best: Attempt | None = None
     least = np.inf
-    choices = model.choices(ruled, options, lambda drift: tool_path(setup, options, drift))
+    choices = model.choices(
+        ruled, options, lambda drift: tool_path(setup, options, drift), deadline
+    )
     for expected, drift in choices:
         if best is not None and expected > least:
             continue
