@@ -73,6 +73,12 @@ class Foresight:
     stems: tuple[Stems, ...]
     cup: Cup
 
+    @property
+    def detected(self) -> bool:
+        """Whether something is known no better than it was detected."""
+        things = (self.setup.scene.target, *self.setup.neighbours)
+        return any(thing is not None and thing.covariance is not None for thing in things)
+
     def of(self, points: FloatArray, axes: FloatArray, most: float = np.inf) -> float:
         """Score of a way of the tool: points (P, 3) :data:`STEP` apart, axes (P, 3).
 
@@ -101,15 +107,21 @@ class Foresight:
         beside = 0.5 * detour / straight + self._touch(points)
         return beside + self.of(points, axes, most - beside)
 
-    def of_trajectory(self, q: FloatArray) -> float:
-        """Score of configurations (T, n), from the camera point on."""
+    def of_trajectory(self, q: FloatArray, seen_well: bool = False) -> float:
+        """Score of configurations (T, n) from the camera point on.
+
+        Where ``seen_well``, with the fruits where they were seen and nowhere else.
+        """
         points, axes = self.setup.robot.tool_pose(q)
         at = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
         wanted = np.linspace(0.0, at[-1], int(at[-1] / STEP) + 2)
         both = np.concatenate([points, axes], axis=1)
         both = np.stack([np.interp(wanted, at, column) for column in both.T], axis=1)
         both[:, 3:] /= np.linalg.norm(both[:, 3:], axis=1)[:, None]
-        return self.of(np.ascontiguousarray(both[:, :3]), np.ascontiguousarray(both[:, 3:]))
+        points, axes = np.ascontiguousarray(both[:, :3]), np.ascontiguousarray(both[:, 3:])
+        if seen_well:
+            return score(harm(self.stems[0], points, axes, STEP / SPEED, self.cup))
+        return self.of(points, axes)
 
     def _touch(self, points: FloatArray) -> float:
         """How far the cup, led upright through ``points``, comes too near to static things."""

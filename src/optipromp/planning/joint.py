@@ -300,10 +300,9 @@ def _foreseen(
     ruled = sides(setup, options)[0]
     best: Attempt | None = None
     least = np.inf
-    choices = model.choices(ruled, options, lambda drift: tool_path(setup, options, drift))
-    for expected, drift in choices:
-        if best is not None and expected > least:
-            continue
+
+    def attempt(drift: Drift, seen_well: bool) -> float:
+        nonlocal best, least
         valid = False
 
         def heard(trajectory: Trajectory, a: Attempt) -> bool:
@@ -311,12 +310,23 @@ def _foreseen(
             valid = verify(trajectory, a)
             return valid
 
-        attempt = solve(setup, options, deadline, heard, made((drift,)))
-        value = model.of_trajectory(attempt.q[attempt.start.knots.first :])
-        value += 0.0 if valid else INVALID
+        made_of = solve(setup, options, deadline, heard, made((drift,)))
+        approach = made_of.q[made_of.start.knots.first :]
+        value = model.of_trajectory(approach, seen_well) + (0.0 if valid else INVALID)
         if best is None or value < least:
-            best, least = attempt, value
-        if least < foresight.GOOD or time.perf_counter() > deadline:
+            best, least = made_of, value
+        return value
+
+    # what is known well may be passed as the rule says, if that does no harm
+    if not model.detected and attempt(ruled, True) < foresight.GOOD:
+        assert best is not None
+        return best
+    best, least = None, np.inf
+    choices = model.choices(ruled, options, lambda drift: tool_path(setup, options, drift))
+    for expected, drift in choices:
+        if best is not None and expected > least:
+            continue
+        if attempt(drift, False) < foresight.GOOD or time.perf_counter() > deadline:
             break
     assert best is not None  # there is at least one round of draws
     return best
