@@ -116,7 +116,7 @@ def test_kinematics_are_pinocchios(name: str) -> None:
         model = pin.buildModelFromUrdf(str(path))
     data = model.createData()
     q = samples(robot, 300)
-    points, axes = metrics.tool(robot, *metrics.frames(robot, q))
+    points, axes = metrics.tool(robot, q)
     centers = metrics.centers(robot, q)
     assert centers.shape == (300, len(robot.spheres.radius), 3)
 
