@@ -154,7 +154,7 @@ def centers(robot: Robot, q: FloatArray) -> FloatArray:
     """World centres (M, B, 3) of the body spheres at ``q`` (M, n), in the robot's own order."""
     body = judged_body(robot)
     placed = np.empty((len(q), len(body.radius), 3))
-    place(body, np.ascontiguousarray(q, dtype=np.float64), placed)
+    place(body, np.array(q, dtype=np.float64, order="C"), placed)
     out = np.empty_like(placed)
     out[:, body.original] = placed
     return out
@@ -163,7 +163,7 @@ def centers(robot: Robot, q: FloatArray) -> FloatArray:
 def tool(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Tool point and tool axis (M, 3) each, at ``q`` (M, n)."""
     points, axes = np.empty((len(q), 3)), np.empty((len(q), 3))
-    q = np.ascontiguousarray(q, dtype=np.float64)
+    q = np.array(q, dtype=np.float64, order="C")
     tool_path(judged_body(robot), q, robot.tool_point, robot.tool_axis, points, axes)
     return points, axes
 
@@ -176,6 +176,7 @@ def fine_positions(robot: Robot, positions: FloatArray) -> tuple[FloatArray, boo
         :data:`MOST_CHECKS` are made.
     """
     kin = robot.kinematics
+    positions = np.array(positions, dtype=np.float64, order="C")
     turns = np.abs(np.diff(positions, axis=0))[:, kin.dof] @ np.abs(kin.multiplier)
     coarse, fits = positions, True
     if turns.max(initial=0.0) > LARGEST_TURN:  # a chord says little about a large arc
@@ -211,7 +212,7 @@ def clearances(
     simple, things, rest = judged_things(scene)
     closest, core, apart = np.full(4, np.inf), np.full(1, np.inf), np.full(3, np.inf)
     depth, deepest = np.full(len(simple), np.inf), np.zeros(len(simple), dtype=np.int64)
-    q = np.ascontiguousarray(q, dtype=np.float64)
+    q = np.array(q, dtype=np.float64, order="C")  # always writable: kernels compile once
     sweep(body, things, q, closest, core, depth, deepest, apart)
 
     def name(sphere: int) -> str:

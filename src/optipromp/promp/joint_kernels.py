@@ -10,13 +10,6 @@ from numba import njit
 from optipromp.arrays import FloatArray
 
 
-@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
-def add_scaled(out: FloatArray, factor: float, row: FloatArray) -> None:
-    """out + factor · row, in place, both (m,)."""
-    for c in range(out.shape[0]):
-        out[c] += factor * row[c]
-
-
 @njit(cache=True, error_model="numpy", nogil=True)
 def joint_update(
     prior: FloatArray,
@@ -50,9 +43,13 @@ def joint_update(
     cross = np.zeros((rows, size))  # H Σ
     for r in range(rows):
         for k in range(count):
-            add_scaled(cross[r], values[r % points, k], prior[r // points * count + k])
+            value = values[r % points, k]
+            for c in range(size):
+                cross[r, c] += value * prior[r // points * count + k, c]
     total = along_rows(cross, values, count)
-    total += noise
+    for r in range(rows):
+        for s in range(rows):
+            total[r, s] += noise[r, s]
     scale = np.empty(rows)
     lower, definite = np.zeros((rows, rows)), True
     for r in range(rows):
@@ -89,10 +86,13 @@ def joint_update(
         for c in range(rows):
             rest[r, 0] -= total[r, c] * dual[c, 0]
     substitute(lower, scale, rest)
-    dual += rest
-    weights = mean.copy().reshape(size)
     for r in range(rows):
-        add_scaled(weights, dual[r, 0], cross[r])
+        dual[r, 0] += rest[r, 0]
+    weights = np.empty(size)
+    for c in range(size):
+        weights[c] = mean[c // count, c % count]
+        for r in range(rows):
+            weights[c] += dual[r, 0] * cross[r, c]
 
     gain = cross.copy()  # Kᵀ = S⁻¹ H Σ
     substitute(lower, scale, gain)
@@ -102,8 +102,10 @@ def joint_update(
             factor = gain[r, i]
             for c in range(size):
                 kept[i, c] -= factor * cross[r, c]
-    correction = -along_rows(kept, values, count)
+    correction = along_rows(kept, values, count)
     for r in range(rows):
+        for i in range(size):
+            correction[i, r] = -correction[i, r]
         for s in range(rows):
             if noise[s, r] != 0.0:
                 for i in range(size):
@@ -113,7 +115,10 @@ def joint_update(
             factor = correction[i, r]
             for c in range(size):
                 kept[i, c] += factor * gain[r, c]
-    return True, weights, 0.5 * (kept + kept.T)
+    for i in range(size):
+        for c in range(i):
+            kept[i, c] = kept[c, i] = 0.5 * (kept[i, c] + kept[c, i])
+    return True, weights, kept
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -173,7 +173,8 @@ def follow(  # type: ignore[no-untyped-def]
     weight = np.array([0.01])
     position_error, axis_error = np.empty(1), np.empty(1)
     for i in range(positions.shape[0]):
-        q[i + 1] = q[i]
+        for j in range(q.shape[1]):
+            q[i + 1, j] = q[i, j]
         descend(
             kin, tool_point, tool_axis, positions[i], axes[i], axis_weight, lower, upper,
             q[i : i + 1], weight, iterations, q[i + 1 : i + 2], position_error, axis_error,
@@ -219,7 +220,7 @@ def solve(
     Raises:
         InvalidRequestError: a position or axis that is not three finite numbers, or a zero axis.
     """
-    target = np.ascontiguousarray(position, dtype=np.float64)
+    target = np.array(position, dtype=np.float64)
     direction = np.array([0.0, 0.0, 1.0]) if axis is None else np.array(axis, dtype=np.float64)
     for name, value in (("position", target), ("axis", direction)):
         if value.shape != (3,) or not np.isfinite(value).all():
@@ -298,8 +299,7 @@ def track(
     errors = np.empty(len(positions))
     follow(
         robot.kinematics, robot.tool_point, robot.tool_axis,
-        np.ascontiguousarray(positions, dtype=np.float64),
-        np.ascontiguousarray(axes, dtype=np.float64), AXIS_LENGTH**2, robot.lower, robot.upper,
-        iterations, q, errors,
+        np.array(positions, dtype=np.float64), np.array(axes, dtype=np.float64), AXIS_LENGTH**2,
+        robot.lower.copy(), robot.upper.copy(), iterations, q, errors,
     )  # fmt: skip
     return q[1:], errors
