@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from optipromp.arrays import FloatArray
 from optipromp.geometry import shapes
@@ -36,6 +35,8 @@ def to_shape(shape: Any, points: FloatArray) -> FloatArray:
     """Signed distance [m] of ``points`` (..., 3), in the shape's own frame, to its surface."""
     match shape:
         case shapes.PointCloudShape():
+            from scipy.spatial import cKDTree
+
             tree = cKDTree(shape.points)
             return np.asarray(tree.query(points)[0]) - shape.radius
         case shapes.MeshShape():

@@ -14,11 +14,11 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from optipromp import distance_checks
 from optipromp.arrays import FloatArray
 from optipromp.robots.model import Robot
+from optipromp.scenes.rotations import to_quaternion
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
 from optipromp.sweep import (
     AVOID,
@@ -118,9 +118,9 @@ def judged_body(robot: Robot) -> Body:
     cuts = np.flatnonzero(np.any(np.diff(keys, axis=0) != 0, axis=1)) + 1
     edges = np.concatenate([[0], cuts, [len(pairs)]]) if len(pairs) else np.zeros(1, dtype=int)
     groups = [(*keys[i], i, j) for i, j in itertools.pairwise(edges)]
-    quaternions = Rotation.from_matrix(kin.rotation).as_quat(scalar_first=True)
+    quaternions = np.array([to_quaternion(rotation) for rotation in kin.rotation])
     return Body(
-        prismatic=kin.kind == 1, turn=np.ascontiguousarray(quaternions), shift=kin.translation,
+        prismatic=kin.kind == 1, turn=quaternions.reshape(-1, 4), shift=kin.translation,
         axis=kin.axis, driver=kin.dof, ratio=kin.multiplier, offset=kin.offset, carrier=carrier,
         local=local, radius=radius, original=order, start=start,
         distal=np.asarray(spheres.distal)[order][start[:-1]], hub=hub, hub_radius=np.array(reach),

@@ -14,7 +14,7 @@ from threadpoolctl import ThreadpoolController
 from optipromp import metrics
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.metrics import Contact, Judgement, Metrics
-from optipromp.planning import goals, joint, movement, sequential
+from optipromp.planning import goals, joint, movement
 from optipromp.planning.options import Planner, PlanOptions, Strategy
 from optipromp.planning.primitives import PAPER_BASIS, learnt
 from optipromp.planning.setup import Setup, bind
@@ -233,6 +233,8 @@ def _plan(
 
     say(f"optimising ({strategy})")
     if strategy == "sequential":
+        from optipromp.planning import sequential  # with SciPy's optimisers
+
         outcome = sequential.solve(setup, promp, options, chosen, deadline)
     else:
         outcome = joint.plan_joint(setup, promp, options, chosen, rng, deadline)
