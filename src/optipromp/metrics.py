@@ -219,9 +219,8 @@ def clearances(
         return str(robot.link_names[robot.spheres.link[body.original[sphere]]])
 
     contacts = [
-        Contact(name(int(b)), thing.id, thing.role, -float(d))
-        for thing, d, b in zip(simple, depth, deepest, strict=True)
-        if d < 0.0
+        Contact(name(int(deepest[k])), simple[k].id, simple[k].role, -float(depth[k]))
+        for k in np.flatnonzero(depth < 0.0).tolist()
     ]
     if rest:
         contacts += _other_shapes(rest, robot, q, closest, core)

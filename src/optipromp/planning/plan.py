@@ -222,7 +222,8 @@ def _plan(
 
     say("inverse kinematics")
     before = time.perf_counter()
-    starts = goals.STARTS if planner == "opti-promp" else goals.FEW_STARTS
+    hasty = planner != "opti-promp" or before > deadline
+    starts = goals.FEW_STARTS if hasty else goals.STARTS
     chosen, is_free, reason = goals.choose(setup, seed, starts)
     clock["inverse kinematics"] = time.perf_counter() - before
     if not len(chosen):

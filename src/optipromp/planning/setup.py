@@ -138,7 +138,7 @@ def _surroundings(scene: Scene, robot: Robot) -> Surroundings:
         return [
             (thing.shape, thing.position, thing.rotation)
             for thing, distance in zip(things, away.tolist(), strict=True)
-            if not distance - thing.radius > far
+            if distance <= far or not distance - thing.radius > far
         ]
 
     avoid = near(scene.avoid)
