@@ -34,7 +34,7 @@ THREADS = (
     "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS",
     "VECLIB_MAXIMUM_THREADS",
 )  # fmt: skip
-AHEAD = 3  # scenes that a helper holds, so that it need not wait for the next
+AHEAD = 2  # scenes that a helper holds: one that it plans, and the next
 
 Result = Plan | OptiPrompError
 
