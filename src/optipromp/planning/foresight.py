@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import BoolArray, FloatArray
 from optipromp.geometry import distances
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.setup import Setup
 from optipromp.pushing.bending import Stems, bent
-from optipromp.pushing.sides import Drift, passing_windows
+from optipromp.pushing.sides import UPRIGHT, Drift, passing_windows
 from optipromp.pushing.swinging import Cup, Harm, harm
 from optipromp.pushing.thread import evenly, length
 from optipromp.robots.cup_cover import NECK_RADIUS
@@ -32,6 +32,7 @@ HOPELESS = 3.0  # a score at which other ways that the fruits may hang are not l
 GOOD = 0.5  # a score that needs no better one
 ROUNDS, DRAWS = 6, 16  # of choices drawn where the rule's own is not good
 FAR, NEAR = 1.0, 0.5  # [rad] deviation of drawn directions from the rule's, and from the best
+STEM_SIDE = 0.3  # a score that passing on a stem's side must be better by
 BERTHS = (0.4, 1.4)  # least and most that are drawn
 KEPT = 0.6  # chance that a direction is drawn anew beside the best
 UNSEEN = 6  # draws of where the fruits may hang otherwise than they were seen
@@ -166,7 +167,8 @@ class Foresight:
                 berths = np.clip(berths, *BERTHS)
                 tried = self._turned(drift, angles, berths, options)
                 most = np.inf if found is None else found.score
-                value = self.of_path(path(tried), most)
+                wrong = self._stem_sides(tried.directions)
+                value = wrong + self.of_path(path(tried), most - wrong)
                 if value < most:
                     found = _Tried(value, angles, berths, tried)
                 if value < 0.5 * GOOD:
@@ -175,6 +177,15 @@ class Foresight:
             if found.score < best.score:
                 best = found
             yield found.score, found.drift
+
+    def _stem_sides(self, directions: FloatArray) -> float:
+        """What passing neighbours on the side to which their stems lean adds to a score."""
+        along = self.stems[0].axes[1:, 2]  # from root to fruit: away from the stem
+        up = self.setup.scene.frame[2]
+        away = along - (along @ up)[:, None] * up
+        leans = np.linalg.norm(away, axis=1) > np.sin(UPRIGHT)
+        wrong = np.einsum("ni,ni->n", away, directions) < 0.0
+        return float(STEM_SIDE * np.count_nonzero(leans & wrong))
 
     def _turned(
         self, drift: Drift, angles: FloatArray, berths: FloatArray, options: PlanOptions
@@ -213,7 +224,7 @@ def _hanging(things: Sequence[SceneObject]) -> tuple[Stems, ...]:
     """The fruits as they were seen, and :data:`UNSEEN` times as they may hang."""
     rng = np.random.default_rng(0)
     count = len(things)
-    known = np.array([thing.covariance is None for thing in things])
+    known: BoolArray = np.array([thing.covariance is None for thing in things])
     spread = [SHIFT if thing.covariance is None else _spread(thing.covariance) for thing in things]
     turn = np.where(known, TURN, DETECTED_TURN)[:, None]
     fruit = np.array([thing.position for thing in things])

@@ -298,37 +298,34 @@ def _foreseen(
     """The attempt, over choices of sides, whose push is foreseen to do least harm."""
     model = foresight.foresight(setup)
     ruled = sides(setup, options)[0]
-    best: Attempt | None = None
-    least = np.inf
+    way = lambda drift: tool_path(setup, options, drift)  # noqa: E731
 
-    def attempt(drift: Drift, seen_well: bool) -> float:
-        nonlocal best, least
-        valid = False
+    def attempt(drift: Drift, seen_well: bool) -> tuple[float, Attempt]:
+        valid: set[int] = set()
 
         def heard(trajectory: Trajectory, a: Attempt) -> bool:
-            nonlocal valid
-            valid = verify(trajectory, a)
-            return valid
+            if verify(trajectory, a):
+                valid.add(id(a))
+            return id(a) in valid
 
         made_of = solve(setup, options, deadline, heard, made((drift,)))
-        approach = made_of.q[made_of.start.knots.first :]
-        value = model.of_trajectory(approach, seen_well) + (0.0 if valid else INVALID)
-        if best is None or value < least:
-            best, least = made_of, value
-        return value
+        value = model.of_trajectory(made_of.q[made_of.start.knots.first :], seen_well)
+        return value + (0.0 if id(made_of) in valid else INVALID), made_of
 
     # what is known well may be passed as the rule says, if that does no harm
-    if not model.detected and attempt(ruled, True) < foresight.GOOD:
-        assert best is not None
-        return best
-    best, least = None, np.inf
-    choices = model.choices(ruled, options, lambda drift: tool_path(setup, options, drift))
-    for expected, drift in choices:
-        if best is not None and expected > least:
-            continue
-        if attempt(drift, False) < foresight.GOOD or time.perf_counter() > deadline:
+    if not model.detected:
+        value, made_of = attempt(ruled, True)
+        if value < foresight.GOOD:
+            return made_of
+    least, best = np.inf, None
+    for expected, drift in model.choices(ruled, options, way):
+        if expected < least:
+            value, made_of = attempt(drift, False)
+            if best is None or value < least:
+                least, best = value, made_of
+        if least < foresight.GOOD or time.perf_counter() > deadline:
             break
-    assert best is not None  # there is at least one round of draws
+    assert best is not None  # every score is finite
     return best
 
 
