@@ -116,7 +116,7 @@ def test_kinematics_are_pinocchios(name: str) -> None:
         model = pin.buildModelFromUrdf(str(path))
     data = model.createData()
     q = samples(robot, 300)
-    points, axes = metrics.tool(robot, *metrics.frames(robot, q))
+    points, axes = metrics.tool(robot, q)
     centers = metrics.centers(robot, q)
     assert centers.shape == (300, len(robot.spheres.radius), 3)
 
@@ -643,3 +643,33 @@ def test_to_dict_is_plain_and_complete(gantry: Robot) -> None:
         "limit_violation", "max_step", "path_length", "smoothness", "duration",
         "velocity_ratio", "acceleration_ratio",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_skipped_on_the_way_is_what_cannot_matter(
+    seed: int, panda: Robot, scara: Robot
+) -> None:
+    """The sweep over a motion finds what a look at each of its configurations finds."""
+    rng = np.random.default_rng(seed)
+    robot = (panda, scara)[seed % 2]
+    shapes = [Sphere(0.05), Box((0.3, 0.02, 0.1)), Capsule(0.03, 0.3), Cylinder(0.02, 0.2)]
+    roles = ("static", "avoid", "pushable")
+    things = [
+        thing(roles[i % 3], shapes[i % 4], rng.uniform(-0.7, 0.7, 3), TURN, name=f"t{i}")
+        for i in range(14)
+    ]
+    things.append(thing("static", HalfSpace(), np.array([0.0, 0.0, -0.2]), name="floor"))
+    corners = rng.uniform(robot.lower, robot.upper, (4, robot.n_joints))
+    share = np.linspace(0.0, 3.0, 120)
+    q = np.array([np.interp(share, range(4), column) for column in corners.T]).T
+    scene = to(JointGoal(q[-1]), *things)
+    together, contacts = metrics.clearances(scene, robot, q)
+    alone = [metrics.clearances(scene, robot, one[None]) for one in q]
+    for key, value in together.items():
+        assert value == min(found[key] for found, _ in alone), key
+    deepest: dict[str, float] = {}
+    for contact in (contact for _, found in alone for contact in found):
+        other = "itself" if contact.role == "the robot itself" else contact.other
+        deepest[other] = max(deepest.get(other, 0.0), contact.depth)
+    found = {"itself" if c.role == "the robot itself" else c.other: c.depth for c in contacts}
+    assert found == deepest

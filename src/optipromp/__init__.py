@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from optipromp.output import write_plan as write_plan
     from optipromp.planning import Plan as Plan
     from optipromp.planning import PlanOptions as PlanOptions
+    from optipromp.planning.many import plan_many as plan_many
     from optipromp.planning.plan import plan as plan
     from optipromp.promp import Basis as Basis
     from optipromp.promp import JointPoint as JointPoint
@@ -43,7 +44,7 @@ _HOMES = {
     "errors": ("Code", "OptiPrompError"),
     "metrics": ("Metrics",),
     "output": ("load_plan", "write_plan"),
-    "planning": ("Plan", "PlanOptions", "plan"),
+    "planning": ("Plan", "PlanOptions", "plan", "plan_many"),
     "promp": (
         "Basis",
         "JointPoint",

@@ -1,9 +1,9 @@
 """Distances of the judge to meshes and point clouds, in NumPy, and its view of simple shapes."""
 
+import functools
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from optipromp.arrays import FloatArray
 from optipromp.geometry import shapes
@@ -36,11 +36,17 @@ def to_shape(shape: Any, points: FloatArray) -> FloatArray:
     """Signed distance [m] of ``points`` (..., 3), in the shape's own frame, to its surface."""
     match shape:
         case shapes.PointCloudShape():
-            tree = cKDTree(shape.points)
-            return np.asarray(tree.query(points)[0]) - shape.radius
+            return np.asarray(_tree(shape).query(points)[0]) - shape.radius
         case shapes.MeshShape():
             return _to_mesh(shape, points)
     raise TypeError(f"no distance for {type(shape).__name__}")
+
+
+@functools.lru_cache(maxsize=4)
+def _tree(cloud: shapes.PointCloudShape) -> Any:
+    from scipy.spatial import cKDTree  # slow to import, and seldom needed
+
+    return cKDTree(cloud.points)
 
 
 def _to_mesh(shape: Any, points: FloatArray) -> FloatArray:

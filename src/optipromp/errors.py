@@ -62,3 +62,9 @@ class StartInvalidError(OptiPrompError):
     """The start configuration breaks a joint limit or has the wrong size."""
 
     code = Code.START_INVALID
+
+
+class NoPlanError(OptiPrompError):
+    """Planning ended without a trajectory to judge."""
+
+    code = Code.NO_PLAN

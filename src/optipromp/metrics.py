@@ -8,18 +8,29 @@ radius from one check to the next (linear motion of the joints between knots).
 
 import functools
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from optipromp import distance_checks
 from optipromp.arrays import FloatArray
 from optipromp.robots.model import Robot
+from optipromp.scenes.rotations import to_quaternion
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
-from optipromp.sweep import AVOID, PUSHABLE, STATIC, Body, Things, divisions, place, sweep
+from optipromp.sweep import (
+    AVOID,
+    PUSHABLE,
+    STATIC,
+    Body,
+    Things,
+    divisions,
+    place,
+    sweep,
+    tool_path,
+)
 from optipromp.trajectory import Trajectory
 
 GOAL_TOLERANCE = 1e-3  # [m], or [rad] for a goal in joints
@@ -86,31 +97,6 @@ class Judgement:
     notes: tuple[str, ...] = ()
 
 
-def frames(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Origins (M, S, 3) and rotations (M, S, 3, 3) of the segments at ``q`` (M, n)."""
-    kin = robot.kinematics
-    m = len(q)
-    rotation, origin = np.broadcast_to(np.eye(3), (m, 3, 3)), np.zeros((m, 3))
-    origins, rotations = np.empty((m, len(kin.kind), 3)), np.empty((m, len(kin.kind), 3, 3))
-    for s in range(len(kin.kind)):
-        value = kin.multiplier[s] * q[:, kin.dof[s]] + kin.offset[s]
-        origin = origin + rotation @ kin.translation[s]
-        rotation = rotation @ kin.rotation[s]
-        a = kin.axis[s]
-        if kin.kind[s] == 1:
-            origin = origin + value[:, None] * (rotation @ a)
-        else:
-            cross = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
-            turn = (
-                np.eye(3)
-                + np.sin(value)[:, None, None] * cross
-                + (1 - np.cos(value))[:, None, None] * (cross @ cross)
-            )
-            rotation = rotation @ turn
-        origins[:, s], rotations[:, s] = origin, rotation
-    return origins, rotations
-
-
 @functools.lru_cache(maxsize=32)
 def judged_body(robot: Robot) -> Body:
     """The robot as the sweep takes it."""
@@ -133,9 +119,9 @@ def judged_body(robot: Robot) -> Body:
     cuts = np.flatnonzero(np.any(np.diff(keys, axis=0) != 0, axis=1)) + 1
     edges = np.concatenate([[0], cuts, [len(pairs)]]) if len(pairs) else np.zeros(1, dtype=int)
     groups = [(*keys[i], i, j) for i, j in itertools.pairwise(edges)]
-    quaternions = Rotation.from_matrix(kin.rotation).as_quat(scalar_first=True)
+    quaternions = np.array([to_quaternion(rotation) for rotation in kin.rotation])
     return Body(
-        prismatic=kin.kind == 1, turn=np.ascontiguousarray(quaternions), shift=kin.translation,
+        prismatic=kin.kind == 1, turn=quaternions.reshape(-1, 4), shift=kin.translation,
         axis=kin.axis, driver=kin.dof, ratio=kin.multiplier, offset=kin.offset, carrier=carrier,
         local=local, radius=radius, original=order, start=start,
         distal=np.asarray(spheres.distal)[order][start[:-1]], hub=hub, hub_radius=np.array(reach),
@@ -143,37 +129,44 @@ def judged_body(robot: Robot) -> Body:
     )  # fmt: skip
 
 
-def simple_things(objects: Sequence[SceneObject]) -> Things:
-    """Objects of simple shape as arrays."""
+@functools.lru_cache(maxsize=16)
+def judged_things(scene: Scene) -> tuple[tuple[SceneObject, ...], Things, tuple[SceneObject, ...]]:
+    """Objects of simple shape, the same as arrays, and the other objects; never the target."""
     roles = {"static": STATIC, "avoid": AVOID, "pushable": PUSHABLE}
-    simple = [distance_checks.simple(thing.shape) for thing in objects]
-    return Things(
-        kind=np.array([kind for kind, _ in simple], dtype=np.int64),
-        role=np.array([roles[thing.role] for thing in objects], dtype=np.int64),
-        position=np.array([thing.position for thing in objects], dtype=float).reshape(-1, 3),
-        rotation=np.array([thing.rotation for thing in objects], dtype=float).reshape(-1, 3, 3),
-        size=np.array([size for _, size in simple], dtype=float).reshape(-1, 3),
-        bound=np.array([distance_checks.extent(thing.shape) for thing in objects], dtype=float),
+    objects = [thing for thing in scene.objects if thing.role != "target"]
+    simple = tuple(thing for thing in objects if distance_checks.is_simple(thing.shape))
+    rest = tuple(thing for thing in objects if not distance_checks.is_simple(thing.shape))
+    measures = [distance_checks.simple(thing.shape) for thing in simple]
+    return (
+        simple,
+        Things(
+            kind=np.array([kind for kind, _ in measures], dtype=np.int64),
+            role=np.array([roles[thing.role] for thing in simple], dtype=np.int64),
+            position=np.array([thing.position for thing in simple], dtype=float).reshape(-1, 3),
+            rotation=np.array([thing.rotation for thing in simple], dtype=float).reshape(-1, 3, 3),
+            size=np.array([size for _, size in measures], dtype=float).reshape(-1, 3),
+            bound=np.array([distance_checks.extent(thing.shape) for thing in simple], dtype=float),
+        ),
+        rest,
     )
 
 
 def centers(robot: Robot, q: FloatArray) -> FloatArray:
     """World centres (M, B, 3) of the body spheres at ``q`` (M, n), in the robot's own order."""
     body = judged_body(robot)
-    out = np.empty((len(q), len(body.radius), 3))
-    placed, hubs = np.empty((len(body.radius), 3)), np.empty((len(body.hub_radius), 3))
-    for m, configuration in enumerate(q):
-        place(body, configuration, placed, hubs)
-        out[m, body.original] = placed
+    placed = np.empty((len(q), len(body.radius), 3))
+    place(body, np.array(q, dtype=np.float64, order="C"), placed)
+    out = np.empty_like(placed)
+    out[:, body.original] = placed
     return out
 
 
-def tool(robot: Robot, origins: FloatArray, rotations: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Tool point and tool axis (M, 3) each."""
-    return (
-        origins[:, -1] + rotations[:, -1] @ robot.tool_point,
-        rotations[:, -1] @ robot.tool_axis,
-    )
+def tool(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Tool point and tool axis (M, 3) each, at ``q`` (M, n)."""
+    points, axes = np.empty((len(q), 3)), np.empty((len(q), 3))
+    q = np.array(q, dtype=np.float64, order="C")
+    tool_path(judged_body(robot), q, robot.tool_point, robot.tool_axis, points, axes)
+    return points, axes
 
 
 def fine_positions(robot: Robot, positions: FloatArray) -> tuple[FloatArray, bool]:
@@ -184,6 +177,7 @@ def fine_positions(robot: Robot, positions: FloatArray) -> tuple[FloatArray, boo
         :data:`MOST_CHECKS` are made.
     """
     kin = robot.kinematics
+    positions = np.array(positions, dtype=np.float64, order="C")
     turns = np.abs(np.diff(positions, axis=0))[:, kin.dof] @ np.abs(kin.multiplier)
     coarse, fits = positions, True
     if turns.max(initial=0.0) > LARGEST_TURN:  # a chord says little about a large arc
@@ -216,22 +210,19 @@ def clearances(
     has the keys of :class:`Metrics`; None where there is nothing to measure.
     """
     body = judged_body(robot)
-    objects = [thing for thing in scene.objects if thing.role != "target"]
-    simple = [thing for thing in objects if distance_checks.is_simple(thing.shape)]
+    simple, things, rest = judged_things(scene)
     closest, core, apart = np.full(4, np.inf), np.full(1, np.inf), np.full(3, np.inf)
     depth, deepest = np.full(len(simple), np.inf), np.zeros(len(simple), dtype=np.int64)
-    q = np.ascontiguousarray(q, dtype=np.float64)
-    sweep(body, simple_things(simple), q, closest, core, depth, deepest, apart)
+    q = np.array(q, dtype=np.float64, order="C")  # always writable: kernels compile once
+    sweep(body, things, q, closest, core, depth, deepest, apart)
 
     def name(sphere: int) -> str:
         return str(robot.link_names[robot.spheres.link[body.original[sphere]]])
 
     contacts = [
-        Contact(name(int(b)), thing.id, thing.role, -float(d))
-        for thing, d, b in zip(simple, depth, deepest, strict=True)
-        if d < 0.0
+        Contact(name(int(deepest[k])), simple[k].id, simple[k].role, -float(depth[k]))
+        for k in np.flatnonzero(depth < 0.0).tolist()
     ]
-    rest = [thing for thing in objects if not distance_checks.is_simple(thing.shape)]
     if rest:
         contacts += _other_shapes(rest, robot, q, closest, core)
     if apart[0] < 0.0:
@@ -315,25 +306,26 @@ def judge(
     violations = [str(contact) for contact in contacts]
     if not complete:
         violations.append(f"it moves too far to be checked between its knots ({MOST_CHECKS} times)")
-    tips, axes = tool(robot, *frames(robot, q))
+    tips, axes = tool(robot, q)
     goal_error, axis_error = _goal(scene, q[-1], tips[-1], axes[-1], violations)
     rims = tips + getattr(robot.tool, "depth", 0.0) * axes
     notes: list[str] = []
     m_p, projection = _passing(
         scene, tips, rims, robot.gripper_radius, violations if stem_side else notes
     )
-    excess = float(np.max(np.maximum(robot.lower - q, q - robot.upper), initial=0.0))
+    beyond = np.maximum(robot.lower - q.min(axis=0), q.max(axis=0) - robot.upper)
+    joint = int(np.argmax(beyond))
+    excess = max(float(beyond[joint]), 0.0)
     if excess > 0.0:
-        joint = int(np.argmax(np.max(np.maximum(robot.lower - q, q - robot.upper), axis=0)))
         violations.append(f"{robot.joint_names[joint]} leaves its limits by {excess:.4f}")
-    velocity = float(np.max(np.abs(trajectory.velocities) / robot.velocity, initial=0.0))
-    acceleration = float(np.max(np.abs(trajectory.accelerations) / robot.acceleration, initial=0.0))
+    accelerations, steps = trajectory.accelerations, np.diff(q, axis=0)
+    velocity = float(np.max(np.abs(trajectory.velocities) / robot.velocity))
+    acceleration = float(np.max(np.abs(accelerations) / robot.acceleration))
     for name, ratio in (("velocity", velocity), ("acceleration", acceleration)):
         if ratio > 1.0 + RATIO_TOLERANCE:
             violations.append(f"{name} reaches {ratio:.3f} of its limit")
     if start is not None and np.max(np.abs(q[0] - start)) > START_TOLERANCE:
         violations.append("the trajectory does not begin at the start")
-    steps = np.diff(q, axis=0)
     metrics = Metrics(
         M_p=m_p,
         stem_projection=projection,
@@ -343,7 +335,7 @@ def judge(
         limit_violation=excess,
         max_step=float(np.max(np.abs(steps))),
         path_length=float(np.sum(np.linalg.norm(steps, axis=1))),
-        smoothness=float(np.sqrt(np.mean(np.sum(trajectory.accelerations**2, axis=1)))),
+        smoothness=float(np.sqrt(np.mean(np.sum(accelerations**2, axis=1)))),
         duration=trajectory.duration,
         velocity_ratio=velocity,
         acceleration_ratio=acceleration,
@@ -368,11 +360,16 @@ def _goal(
     error = float(np.linalg.norm(tip - position))
     if error > GOAL_TOLERANCE:
         violations.append(f"the tool ends {error * 1e3:.1f} mm from the goal")
-    unit = np.asarray(direction) / np.linalg.norm(direction)
-    angle = float(np.arctan2(np.linalg.norm(np.cross(axis, unit)), axis @ unit))
+    angle = _angle(axis.tolist(), direction.tolist())
     if angle > AXIS_TOLERANCE:
         violations.append(f"the tool axis ends {np.rad2deg(angle):.1f} degrees off the approach")
     return error, angle
+
+
+def _angle(a: list[float], b: list[float]) -> float:
+    """Angle between two vectors [rad], exact also where it is small."""
+    cross = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    return math.atan2(math.hypot(*cross), a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 def _passing(

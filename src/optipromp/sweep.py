@@ -72,24 +72,11 @@ def composed(a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def carried(turns, origins, s, p, out):  # type: ignore[no-untyped-def]
-    """World position of a point ``p`` (3,) that segment ``s`` carries (-1: the base), in place."""
-    if s < 0:
-        out[0], out[1], out[2] = p[0], p[1], p[2]
-        return
-    t = turns[s]
-    dx, dy, dz = turned(t[0], t[1], t[2], t[3], p[0], p[1], p[2])
-    out[0], out[1], out[2] = origins[s, 0] + dx, origins[s, 1] + dy, origins[s, 2] + dz
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def place(body, q, spheres, hubs):  # type: ignore[no-untyped-def]
-    """World centres of the spheres (B, 3) and of the links' bounding spheres (L, 3), in place."""
-    n_segments = body.driver.shape[0]
-    turns, origins = np.empty((n_segments, 4)), np.empty((n_segments, 3))
+def segments(body, q, turns, origins):  # type: ignore[no-untyped-def]
+    """Rotations (S, 3, 3) and origins (S, 3) of the segments at one configuration, in place."""
     w, x, y, z = 1.0, 0.0, 0.0, 0.0
     ox, oy, oz = 0.0, 0.0, 0.0
-    for s in range(n_segments):
+    for s in range(body.driver.shape[0]):
         dx, dy, dz = turned(w, x, y, z, body.shift[s, 0], body.shift[s, 1], body.shift[s, 2])
         ox, oy, oz = ox + dx, oy + dy, oz + dz
         t = body.turn[s]
@@ -104,12 +91,57 @@ def place(body, q, spheres, hubs):  # type: ignore[no-untyped-def]
             w, x, y, z = composed(
                 w, x, y, z, math.cos(0.5 * value), half * a[0], half * a[1], half * a[2]
             )
-        turns[s, 0], turns[s, 1], turns[s, 2], turns[s, 3] = w, x, y, z
+        r = turns[s]
+        r[0, 0], r[0, 1], r[0, 2] = (
+            1 - 2 * (y * y + z * z),
+            2 * (x * y - w * z),
+            2 * (x * z + w * y),
+        )
+        r[1, 0], r[1, 1], r[1, 2] = (
+            2 * (x * y + w * z),
+            1 - 2 * (x * x + z * z),
+            2 * (y * z - w * x),
+        )
+        r[2, 0], r[2, 1], r[2, 2] = (
+            2 * (x * z - w * y),
+            2 * (y * z + w * x),
+            1 - 2 * (x * x + y * y),
+        )
         origins[s, 0], origins[s, 1], origins[s, 2] = ox, oy, oz
-    for b in range(body.carrier.shape[0]):
-        carried(turns, origins, body.carrier[b], body.local[b], spheres[b])
-    for k in range(hubs.shape[0]):
-        carried(turns, origins, body.carrier[body.start[k]], body.hub[k], hubs[k])
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def carried(turns, origins, s, p, out):  # type: ignore[no-untyped-def]
+    """World position of a point ``p`` (3,) that segment ``s`` carries (-1: the base), in place."""
+    for i in range(3):
+        if s < 0:
+            out[i] = p[i]
+        else:
+            r = turns[s]
+            out[i] = origins[s, i] + (r[i, 0] * p[0] + r[i, 1] * p[1] + r[i, 2] * p[2])
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def place(body, q, out):  # type: ignore[no-untyped-def]
+    """World centres (M, B, 3) of the spheres at configurations ``q`` (M, n), in place."""
+    n_segments = body.driver.shape[0]
+    turns, origins = np.empty((n_segments, 3, 3)), np.empty((n_segments, 3))
+    for m in range(q.shape[0]):
+        segments(body, q[m], turns, origins)
+        for b in range(body.carrier.shape[0]):
+            carried(turns, origins, body.carrier[b], body.local[b], out[m, b])
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def tool_path(body, q, point, axis, points, axes):  # type: ignore[no-untyped-def]
+    """The tool's ``point`` and ``axis`` (3,), carried by the last segment, at ``q`` (T, n)."""
+    last = body.driver.shape[0] - 1
+    turns, origins = np.empty((last + 1, 3, 3)), np.empty((last + 1, 3))
+    nowhere = np.zeros((last + 1, 3))
+    for t in range(q.shape[0]):
+        segments(body, q[t], turns, origins)
+        carried(turns, origins, last, point, points[t])
+        carried(turns, nowhere, last, axis, axes[t])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -156,20 +188,36 @@ def divisions(body, q, parts):  # type: ignore[no-untyped-def]
     Arcs are taken for 1.1 times their chords: no interval may turn a sphere by much more than a
     radian.
     """
-    n_spheres, n_links = body.radius.shape[0], body.hub_radius.shape[0]
-    spheres, before = np.empty((n_spheres, 3)), np.empty((n_spheres, 3))
-    hubs = np.empty((n_links, 3))
-    place(body, q[0], before, hubs)
+    spheres = np.empty((2, body.radius.shape[0], 3))
+    place(body, q[:1], spheres[:1])
     for t in range(q.shape[0] - 1):
-        place(body, q[t + 1], spheres, hubs)
+        before, now = spheres[t % 2], spheres[(t + 1) % 2]
+        place(body, q[t + 1 : t + 2], spheres[(t + 1) % 2 : (t + 1) % 2 + 1])
         worst = 0.0
-        for b in range(n_spheres):
+        for b in range(body.radius.shape[0]):
             squared = 0.0
             for i in range(3):
-                squared += (spheres[b, i] - before[b, i]) ** 2
-                before[b, i] = spheres[b, i]
+                squared += (now[b, i] - before[b, i]) ** 2
             worst = max(worst, squared / (body.radius[b] * body.radius[b]))
         parts[t] = max(1, math.ceil(1.1 * 2.0 * math.sqrt(worst)))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def inside(r, p, point):  # type: ignore[no-untyped-def]
+    """A world ``point`` in the frame with the rotation ``r`` (3, 3) and the origin ``p`` (3,)."""
+    dx, dy, dz = point[0] - p[0], point[1] - p[1], point[2] - p[2]
+    return (
+        r[0, 0] * dx + r[1, 0] * dy + r[2, 0] * dz,
+        r[0, 1] * dx + r[1, 1] * dy + r[2, 1] * dz,
+        r[0, 2] * dx + r[1, 2] * dy + r[2, 2] * dz,
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def apart_by(a, b):  # type: ignore[no-untyped-def]
+    """Distance between two points (3,)."""
+    dx, dy, dz = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -180,15 +228,31 @@ def sweep(body, things, q, closest, core, depth, deepest, apart):  # type: ignor
     ``core`` (1,): the paper's M_c over static and avoid things. ``depth`` and ``deepest`` (K,): the
     smallest distance of what must not touch each thing, and the sphere, exact where negative.
     ``apart`` (3,): smallest distance between links that are not neighbours, and the two spheres.
+
+    What is too far to matter is not looked at again before the links have moved by as much as it
+    is too far. ``way`` (L,) holds how far the spheres of a link have moved at most, ``longest`` the
+    sum of the largest of these steps.
     """
-    n_spheres, n_links = body.radius.shape[0], body.hub_radius.shape[0]
-    spheres, hubs = np.empty((n_spheres, 3)), np.empty((n_links, 3))
+    n_segments, n_links = body.driver.shape[0], body.hub_radius.shape[0]
+    turns, origins = np.zeros((n_segments, 3, 3)), np.empty((n_segments, 3))
+    spheres, hubs = np.empty((body.radius.shape[0], 3)), np.empty((n_links, 3))
+    placed = np.empty(n_links, dtype=np.bool_)
+    way, longest = np.zeros(n_links), 0.0
+    due, due_any = np.zeros((things.kind.shape[0], n_links)), np.zeros(things.kind.shape[0])
+    due_pair = np.zeros(body.groups.shape[0])
     for m in range(q.shape[0]):
-        place(body, q[m], spheres, hubs)
+        longest += _advance(body, q[m], m == 0, turns, origins, hubs, way)
+        placed[:] = False
         for k in range(things.kind.shape[0]):
+            if longest < due_any[k]:
+                continue
             role, kind, bound = things.role[k], things.kind[k], things.bound[k]
             r, p, size = things.rotation[k], things.position[k], things.size[k]
+            least = math.inf
             for link in range(n_links):
+                if way[link] < due[k, link]:
+                    least = min(least, due[k, link] - way[link])
+                    continue
                 fault = role == STATIC or not body.distal[link]
                 if role == STATIC:
                     slot = 0
@@ -198,52 +262,105 @@ def sweep(body, things, q, closest, core, depth, deepest, apart):  # type: ignor
                     continue  # the tool may touch what it pushes
                 else:
                     slot = 3
-                far = -math.inf
-                if bound < math.inf:
-                    dx, dy, dz = hubs[link, 0] - p[0], hubs[link, 1] - p[1], hubs[link, 2] - p[2]
-                    far = math.sqrt(dx * dx + dy * dy + dz * dz) - bound - body.hub_radius[link]
                 wanted = max(closest[slot], 0.0)
                 if role != PUSHABLE:
                     wanted = max(wanted, core[0])
-                if far >= wanted:
-                    continue
-                for b in range(body.start[link], body.start[link + 1]):
-                    dx, dy, dz = spheres[b, 0] - p[0], spheres[b, 1] - p[1], spheres[b, 2] - p[2]
-                    x = r[0, 0] * dx + r[1, 0] * dy + r[2, 0] * dz
-                    y = r[0, 1] * dx + r[1, 1] * dy + r[2, 1] * dz
-                    z = r[0, 2] * dx + r[1, 2] * dy + r[2, 2] * dz
-                    d = to_surface(kind, size, x, y, z) - body.radius[b]
-                    closest[slot] = min(closest[slot], d)
-                    if role != PUSHABLE:
-                        core[0] = min(core[0], to_core(kind, size, x, y, z))
-                    if fault and d < depth[k]:
-                        depth[k] = d
-                        deepest[k] = b
+                far = -math.inf
+                if bound < math.inf:
+                    far = apart_by(hubs[link], p) - bound - body.hub_radius[link]
+                if far < wanted:
+                    x, y, z = inside(r, p, hubs[link])
+                    far = max(far, to_surface(kind, size, x, y, z) - body.hub_radius[link])
+                slack = far - wanted
+                if far < wanted:
+                    if not placed[link]:
+                        _place_link(body, turns, origins, link, spheres)
+                        placed[link] = True
+                    nearest, nearest_core = math.inf, math.inf
+                    for b in range(body.start[link], body.start[link + 1]):
+                        x, y, z = inside(r, p, spheres[b])
+                        d = to_surface(kind, size, x, y, z) - body.radius[b]
+                        nearest = min(nearest, d)
+                        if role != PUSHABLE:
+                            nearest_core = min(nearest_core, to_core(kind, size, x, y, z))
+                        if fault and d < depth[k]:
+                            depth[k] = d
+                            deepest[k] = b
+                    closest[slot] = min(closest[slot], nearest)
+                    core[0] = min(core[0], nearest_core)
+                    slack = min(nearest - max(closest[slot], 0.0), nearest_core - core[0])
+                due[k, link] = way[link] + slack
+                least = min(least, slack)
+            due_any[k] = longest + least
         for g in range(body.groups.shape[0]):
             first, second = body.groups[g, 0], body.groups[g, 1]
-            dx = hubs[first, 0] - hubs[second, 0]
-            dy = hubs[first, 1] - hubs[second, 1]
-            dz = hubs[first, 2] - hubs[second, 2]
-            reach = body.hub_radius[first] + body.hub_radius[second]
-            if math.sqrt(dx * dx + dy * dy + dz * dz) - reach >= apart[0]:
+            both = way[first] + way[second]
+            if both < due_pair[g]:
                 continue
-            last, skip = -1, False
-            for i in range(body.groups[g, 2], body.groups[g, 3]):
-                a, b = body.pairs[i, 0], body.pairs[i, 1]
-                if a != last:
-                    last = a
-                    dx = spheres[a, 0] - hubs[second, 0]
-                    dy = spheres[a, 1] - hubs[second, 1]
-                    dz = spheres[a, 2] - hubs[second, 2]
-                    reach = body.radius[a] + body.hub_radius[second]
-                    skip = math.sqrt(dx * dx + dy * dy + dz * dz) - reach >= apart[0]
-                if skip:
-                    continue
-                dx = spheres[a, 0] - spheres[b, 0]
-                dy = spheres[a, 1] - spheres[b, 1]
-                dz = spheres[a, 2] - spheres[b, 2]
-                d = math.sqrt(dx * dx + dy * dy + dz * dz) - body.radius[a] - body.radius[b]
-                if d < apart[0]:
-                    apart[0] = d
-                    apart[1] = a
-                    apart[2] = b
+            reach = body.hub_radius[first] + body.hub_radius[second]
+            nearest = apart_by(hubs[first], hubs[second]) - reach
+            if nearest < apart[0]:
+                for link in (first, second):
+                    if not placed[link]:
+                        _place_link(body, turns, origins, link, spheres)
+                        placed[link] = True
+                nearest = _nearest_pair(body, g, spheres, hubs, apart)
+            due_pair[g] = both + nearest - apart[0]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _advance(body, q, begin, turns, origins, hubs, way):  # type: ignore[no-untyped-def]
+    """Move the segments and hubs to ``q``; adds to ``way``, and returns the largest that it adds.
+
+    A turn by the angle θ moves a point at distance h from the hub by at most 2 sin(θ/2) h about it,
+    and 2 sin(θ/2) is the Frobenius norm of the change of the rotation over √2.
+    """
+    before, hub, largest = turns.copy(), np.empty(3), 0.0
+    segments(body, q, turns, origins)
+    for link in range(hubs.shape[0]):
+        s = body.carrier[body.start[link]]
+        carried(turns, origins, s, body.hub[link], hub)
+        turn = 0.0
+        if s >= 0:
+            for i in range(3):
+                for j in range(3):
+                    turn += (turns[s, i, j] - before[s, i, j]) ** 2
+        step = apart_by(hub, hubs[link]) + math.sqrt(0.5 * turn) * body.hub_radius[link]
+        for i in range(3):
+            hubs[link, i] = hub[i]
+        if not begin:
+            step = step * (1.0 + 1e-9) + 1e-12  # rounding
+            way[link] += step
+            largest = max(largest, step)
+    return largest
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _nearest_pair(body, group, spheres, hubs, apart):  # type: ignore[no-untyped-def]
+    """A lower bound of the distance between two links; ``apart`` where it is the least so far."""
+    second = body.groups[group, 1]
+    last, skip, nearest = -1, False, math.inf
+    for i in range(body.groups[group, 2], body.groups[group, 3]):
+        a, b = body.pairs[i, 0], body.pairs[i, 1]
+        if a != last:
+            last = a
+            far = apart_by(spheres[a], hubs[second]) - body.radius[a] - body.hub_radius[second]
+            skip = far >= apart[0]
+            if skip:
+                nearest = min(nearest, far)
+        if skip:
+            continue
+        d = apart_by(spheres[a], spheres[b]) - body.radius[a] - body.radius[b]
+        nearest = min(nearest, d)
+        if d < apart[0]:
+            apart[0] = d
+            apart[1] = a
+            apart[2] = b
+    return nearest
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _place_link(body, turns, origins, link, spheres):  # type: ignore[no-untyped-def]
+    """World centres of one link's spheres, in place."""
+    for b in range(body.start[link], body.start[link + 1]):
+        carried(turns, origins, body.carrier[b], body.local[b], spheres[b])

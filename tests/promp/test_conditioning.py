@@ -244,3 +244,37 @@ def test_recorded_demonstrations(recorded: Demonstrations) -> None:
     high = np.max([d.positions.max(axis=0) for d in recorded], axis=0)
     path = result.mean_trajectory(50)
     assert ((path >= low - 0.2) & (path <= high + 0.2)).all()
+
+
+def test_the_compiled_update_is_that_of_the_equations() -> None:
+    """Against the textbook's form, with points of every order and covariance."""
+    rng = np.random.default_rng(4)
+    basis = Basis(9, 3.0, 1)
+    root = rng.normal(size=(27, 40))
+    prior = ProMP(basis, rng.normal(size=(3, 9)), root @ root.T)
+    spread = rng.normal(size=(3, 5))
+    points = [
+        JointPoint(0.1, rng.normal(size=3)),
+        JointPoint(0.4, rng.normal(size=3), spread @ spread.T),
+        JointPoint(0.7, rng.normal(size=3), 0.3, derivative=1),
+        JointPoint(0.9, rng.normal(size=3), 0.02, derivative=2),
+    ]
+    rows, noises = [], []
+    for point in points:
+        rows.append(np.kron(np.eye(3), basis.evaluate(point.phase, point.derivative)))
+        given = 0.0 if point.covariance is None else point.covariance
+        noises.append(given * np.eye(3) if np.ndim(given) == 0 else np.asarray(given))
+    H, R = np.vstack(rows), np.zeros((12, 12))
+    for i, block in enumerate(noises):
+        R[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = block
+    target = np.concatenate([point.value for point in points])
+    gain = prior.covariance @ H.T @ np.linalg.inv(H @ prior.covariance @ H.T + R)
+    keep = np.eye(27) - gain @ H
+    covariance = keep @ prior.covariance @ keep.T + gain @ R @ gain.T
+    found = condition(prior, points)
+    np.testing.assert_allclose(
+        found.weights, prior.weights + gain @ (target - H @ prior.weights), rtol=1e-8
+    )
+    scale = np.abs(covariance).max()
+    np.testing.assert_allclose(found.covariance, covariance, atol=1e-9 * scale)
+    np.testing.assert_array_equal(found.covariance, found.covariance.T)

@@ -136,7 +136,7 @@ def say_if_compiling() -> None:
     dispatcher = next(value for value in vars(kernels).values() if hasattr(value, "py_func"))
     folder = Path(dispatcher.stats.cache_path)
     if not any(folder.glob("*.nbi")):
-        sys.stderr.write("compiling kernels, once (a minute or so) ...\n")
+        sys.stderr.write("compiling kernels, once (about half a minute) ...\n")
         sys.stderr.flush()
         from optipromp.planning.plan import warm_up
 

@@ -48,7 +48,8 @@ def generate(
 
     \b
     optipromp generate --preset mixed --seed 100 --count 20 --out scenes
-    optipromp plan scenes/mixed-100.yaml
+    optipromp plan scenes --output plans
+    optipromp simulate plans/mixed-100
     """
     from optipromp.files import check_folder
     from optipromp.scenes.generate import generate_with_report

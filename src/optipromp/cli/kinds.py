@@ -3,9 +3,10 @@
 from enum import StrEnum
 from pathlib import Path
 
-from optipromp.errors import InvalidRequestError
+from optipromp.errors import InvalidRequestError, InvalidSceneError
 
 _SCENE_KEYS = frozenset({"objects", "robot", "target", "goal", "approach", "start"})
+_PLAN_KEYS = frozenset({"planner", "status", "metrics", "terms"})
 
 
 class Kind(StrEnum):
@@ -66,14 +67,14 @@ def is_primitive(path: Path) -> bool:
 
 
 def _inside(path: Path) -> Kind:
-    import yaml
+    from optipromp.scenes.documents import read_document
 
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        content = read_document(path)
+    except InvalidSceneError:
         return Kind.SCENE  # its loader says what is wrong, and where
-    if isinstance(content, dict) and not _SCENE_KEYS & content.keys():
-        return Kind.ROBOT
-    if isinstance(content, dict) and {"planner", "metrics", "terms"} <= content.keys():
+    if not isinstance(content, dict):
+        return Kind.SCENE
+    if content.keys() >= _PLAN_KEYS:
         return Kind.PLAN
-    return Kind.SCENE
+    return Kind.SCENE if _SCENE_KEYS & content.keys() else Kind.ROBOT

@@ -1,4 +1,4 @@
-"""``optipromp plan``: one scene, one plan."""
+"""``optipromp plan``: one scene, one plan; or a folder of scenes."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -55,7 +55,11 @@ def failed_plan(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str
 @command(failure=failed_plan)
 def plan(
     scene: Annotated[
-        str, typer.Argument(metavar="SCENE", help="A scene file, or a built-in scene's name.")
+        str,
+        typer.Argument(
+            metavar="SCENE|DIR",
+            help="A scene file, a built-in scene's name, or a folder of scene files.",
+        ),
     ],
     planner: Annotated[
         Planner,
@@ -84,7 +88,25 @@ def plan(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Leave plan.json, trajectory.csv and .npz, and figures."),
+        typer.Option(
+            "--out",
+            "--output",
+            metavar="DIR",
+            help="Leave plan.json, trajectory.csv and .npz, and figures; of a folder's scenes, "
+            "in a folder each.",
+        ),
+    ] = None,
+    figures: Annotated[
+        bool | None,
+        typer.Option(
+            "--figures/--no-figures",
+            help="Draw figures into --out; by default for one scene, not for a folder's.",
+            show_default=False,
+        ),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, help="Processes that plan a folder's scenes; one a core if left out."),
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON document and nothing else.")
@@ -94,7 +116,7 @@ def plan(
 
     The exit code is 0 only when the plan reaches the target, keeps every
     limit and touches nothing it must not; 1 when no such plan was found;
-    2 when the input is wrong.
+    2 when the input is wrong. Of a folder's scenes, the largest of these.
 
     [bold]Examples[/bold]
 
@@ -103,10 +125,11 @@ def plan(
     optipromp plan my-scene.yaml --seed 7 --duration 4
     optipromp plan scenario-4 --strategy sequential --json
     optipromp plan scenario-3 --demonstrations recorded.npz
+    optipromp plan scenes --output plans
     """
     from optipromp.planning import PlanOptions
     from optipromp.planning import plan as make_plan
-    from optipromp.scenes.io import load_scene
+    from optipromp.scenes.io import load_scene, scene_names
 
     if out is not None:
         from optipromp.files import check_folder
@@ -115,20 +138,22 @@ def plan(
     options = PlanOptions(duration=duration, knots=knots)
     if timeout is not None:
         options = replace(options, timeout=timeout)
+    request: dict[str, Any] = {
+        "planner": planner.value,
+        "strategy": strategy.value,
+        "demonstrations": None if demonstrations is None else read_primitive(demonstrations),
+        "seed": seed,
+        "options": options,
+    }
+    if scene not in scene_names() and Path(scene).is_dir():
+        from optipromp.cli.folder import plan_folder
+
+        return plan_folder(Path(scene), out, bool(figures), workers, as_json, request)
     loaded = load_scene(scene)
-    primitive = None if demonstrations is None else read_primitive(demonstrations)
     say_if_compiling()
     with waiting(f"planning {loaded.name} ...") as say:
-        result = make_plan(
-            loaded,
-            planner=planner.value,
-            strategy=strategy.value,
-            demonstrations=primitive,
-            seed=seed,
-            options=options,
-            progress=say,
-        )
-    written = leave(result, out) if out is not None else ()
+        result = make_plan(loaded, progress=say, **request)
+    written = leave(result, out, figures is not False) if out is not None else ()
     if as_json:
         print_json(result.to_dict())
     else:
@@ -149,10 +174,18 @@ def read_primitive(path: Path) -> Any:
     return ProMP.load(path) if is_primitive(path) else path
 
 
-def leave(result: "Plan", folder: Path) -> tuple[str, ...]:
-    """Write the plan and its figures; returns the names of the files."""
+def leave(result: "Plan", folder: Path, figures: bool = True) -> tuple[str, ...]:
+    """Write the plan, and figures of it, and say so; returns the names of the files."""
+    with waiting("drawing ..."):
+        return write(result, folder, figures)
+
+
+def write(result: "Plan", folder: Path, figures: bool) -> tuple[str, ...]:
+    """Write the plan, and figures of it; returns the names of the files."""
     from optipromp.output import write_plan
+
+    if not figures:
+        return write_plan(result, folder)
     from optipromp.viewer.figures import plan_figures
 
-    with waiting("drawing ..."):
-        return write_plan(result, folder, plan_figures(result))
+    return write_plan(result, folder, plan_figures(result))

@@ -15,7 +15,6 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,14 +30,11 @@ from optipromp.experiments.runs import (
     warm_up,
 )
 from optipromp.files import check_folder, json_text, write_atomically
+from optipromp.planning.many import single_threads
 from optipromp.scenes.generate import PRESETS, Preset
 from optipromp.scenes.scene import suggest
 
 ROWS, SETTINGS = "rows.csv", "study.json"
-THREADS = (
-    "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -260,7 +256,7 @@ def _in_parallel(
     """Run tasks in processes of one thread each; rows are kept by this process alone."""
     queue = iter(tasks)
     waiting: set[Future[list[Row]]] = set()
-    with _single_threads():
+    with single_threads():
         pool = ProcessPoolExecutor(
             workers, multiprocessing.get_context("spawn"), initializer=_prepare, initargs=first
         )
@@ -290,21 +286,6 @@ def _prepare(preset: Preset, planners: tuple[StudyPlanner, ...]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     warm_up(preset, planners)
-
-
-@contextmanager
-def _single_threads() -> Iterator[None]:
-    """Processes started within use one thread each."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
 
 
 def _need_simulation() -> None:

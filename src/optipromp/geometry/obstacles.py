@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optipromp.arrays import FloatArray, IntArray
 from optipromp.errors import InvalidSceneError
+from optipromp.geometry.cells import Cells, make_cells, no_cells
 from optipromp.geometry.shapes import (
     Box,
     Capsule,
@@ -56,13 +57,23 @@ class Obstacles(NamedTuple):
     """(G, 3) [m] first node in the shape's local frame."""
     grid_spacing: FloatArray
     """(G,) [m] distance between neighbouring nodes."""
+    cells: Cells
+    """Which obstacles may matter where."""
 
 
-def pack(items: Sequence[tuple[Shape, ArrayLike, ArrayLike]]) -> Obstacles:
+def pack(
+    items: Sequence[tuple[Shape, ArrayLike, ArrayLike]],
+    *,
+    reach: float = 0.0,
+    within: float = 0.0,
+) -> Obstacles:
     """Pack posed shapes for the kernels.
 
     Args:
         items: ``(shape, position (3,) [m], rotation (3, 3))``; may be empty.
+        reach: within this distance of obstacles the kernels will ask for them [m]; above 0, many
+            obstacles are sorted into cells, so that those farther away cost nothing.
+        within: coordinates of places where they will ask [m].
 
     Returns:
         The obstacles, in the order of ``items``. Meshes and point clouds get a distance grid
@@ -108,7 +119,8 @@ def pack(items: Sequence[tuple[Shape, ArrayLike, ArrayLike]]) -> Obstacles:
     arrays = (kind, position, rotation, size, bound, grid, values, start, nodes, origin, spacing)
     for array in arrays:
         array.setflags(write=False)
-    return Obstacles(*arrays)
+    cells = make_cells(position, bound, reach, within) if reach > 0.0 else no_cells()
+    return Obstacles(*arrays, cells)
 
 
 def near(obstacles: Obstacles, center: FloatArray, reach: float) -> Obstacles:

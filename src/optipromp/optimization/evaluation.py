@@ -25,6 +25,7 @@ class BodyPoints:
         center, radius = spheres.center[order], spheres.radius[order]
         segment, link = spheres.segment[order], spheres.link[order]
         self.radius: FloatArray = frozen(radius)
+        self.largest = float(np.max(radius, initial=0.0))
         self.distal: BoolArray = frozen(spheres.distal[order], np.bool_)
         self.link_start: IntArray = frozen(
             np.append(np.searchsorted(link, links), len(link)), np.int64
@@ -144,6 +145,12 @@ class Field:
     def measure(self, e: Evaluation, obstacles: Obstacles, shared: int, cutoff: float) -> None:
         """Fill the field from the evaluation's points; see :func:`kernels.clearance_field`."""
         body = e.body
+        if obstacles.cells.reach >= cutoff + body.largest:
+            kernels.clearance_in_cells(
+                e.points, body.radius, body.link_start, body.link_distal, obstacles, shared, cutoff,
+                self.distance, self.normal,
+            )  # fmt: skip
+            return
         kernels.clearance_field(
             e.points, body.radius, body.link_start, body.link_bound, body.link_distal, obstacles,
             shared, cutoff, self.distance, self.normal,

@@ -14,11 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from optipromp.arrays import FloatArray
-from optipromp.geometry import distances, near
+from optipromp.geometry import distances
+from optipromp.geometry.obstacles import Obstacles, near, pack
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.setup import Setup
 from optipromp.pushing.bending import Stems, bent
-from optipromp.pushing.sides import Drift, passing_windows
+from optipromp.pushing.sides import UPRIGHT, Drift, passing_windows
 from optipromp.pushing.swinging import Cup, Harm, harm
 from optipromp.pushing.thread import evenly, length
 from optipromp.robots.cup_cover import NECK_RADIUS
@@ -31,8 +32,12 @@ WALL = 0.002  # [m] of a cup that does not say how thick it is
 SUDDEN = 14.0  # [N] momentarily on a fruit that the cup meets within a step
 HOPELESS = 3.0  # a score at which other ways that the fruits may hang are not looked at
 GOOD = 0.5  # a score that needs no better one
+SURE = 0.35  # a score of a path whose trajectory is likely to be good
+TURNS = np.deg2rad(45.0)  # between directions in which all neighbours are passed alike
 ROUNDS, DRAWS = 6, 16  # of choices drawn where the rule's own is not good
 FAR, NEAR = 1.0, 0.5  # [rad] deviation of drawn directions from the rule's, and from the best
+STEM_SIDE = 0.3  # a score that passing on a stem's side must be better by
+BESIDE = 0.1  # cosine from which a direction leads to the stem's side, not beside it
 BERTHS = (0.4, 1.4)  # least and most that are drawn
 KEPT = 0.6  # chance that a direction is drawn anew beside the best
 UNSEEN = 6  # draws of where the fruits may hang otherwise than they were seen
@@ -73,6 +78,13 @@ class Foresight:
     setup: Setup
     stems: tuple[Stems, ...]
     cup: Cup
+    avoid: Obstacles
+
+    @property
+    def detected(self) -> bool:
+        """Whether something is known no better than it was detected."""
+        things = (self.setup.scene.target, *self.setup.neighbours)
+        return any(thing is not None and thing.covariance is not None for thing in things)
 
     def of(self, points: FloatArray, axes: FloatArray, most: float = np.inf) -> float:
         """Score of a way of the tool: points (P, 3) :data:`STEP` apart, axes (P, 3).
@@ -102,76 +114,101 @@ class Foresight:
         beside = 0.5 * detour / straight + self._touch(points)
         return beside + self.of(points, axes, most - beside)
 
-    def of_trajectory(self, q: FloatArray) -> float:
-        """Score of configurations (T, n), from the camera point on."""
+    def of_trajectory(self, q: FloatArray, seen_well: bool = False) -> float:
+        """Score of configurations (T, n) from the camera point on.
+
+        Where ``seen_well``, with the fruits where they were seen and nowhere else.
+        """
         points, axes = self.setup.robot.tool_pose(q)
         at = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
         wanted = np.linspace(0.0, at[-1], int(at[-1] / STEP) + 2)
         both = np.concatenate([points, axes], axis=1)
         both = np.stack([np.interp(wanted, at, column) for column in both.T], axis=1)
         both[:, 3:] /= np.linalg.norm(both[:, 3:], axis=1)[:, None]
-        return self.of(np.ascontiguousarray(both[:, :3]), np.ascontiguousarray(both[:, 3:]))
+        points, axes = np.ascontiguousarray(both[:, :3]), np.ascontiguousarray(both[:, 3:])
+        if seen_well:
+            return score(harm(self.stems[0], points, axes, STEP / SPEED, self.cup))
+        return self.of(points, axes)
 
     def _touch(self, points: FloatArray) -> float:
-        """How far the cup, led upright through ``points``, comes too near to static things."""
+        """How far the cup, led upright through ``points``, comes too near to what must not move."""
         heights = np.linspace(self.cup.base, self.cup.rim, 3)
         axis = self.setup.goal_axis
         assert axis is not None
-        where = (points[:, None] + heights[:, None] * axis).reshape(-1, 3)
+        where = (points[::2, None] + heights[:, None] * axis).reshape(-1, 3)
         middle = 0.5 * (where.min(axis=0) + where.max(axis=0))
-        far = float(np.linalg.norm(where - middle, axis=1).max())
-        static = near(self.setup.surroundings.static, middle, far + self.cup.outer + SLACK)
-        if not len(static.kind):
-            return 0.0
-        away, _ = distances(static, where)
-        nearest = away.min(axis=1).reshape(len(points), -1).min(axis=1) - self.cup.outer
-        # where the goal itself is closer, no way can do better
-        wanted = min(SLACK, float(nearest[-1]))
-        return float(np.clip(wanted - nearest, 0.0, 0.02).max() / 0.004)
+        far = float(np.linalg.norm(where - middle, axis=1).max()) + self.cup.outer
+        worst = 0.0
+        for obstacles, slack in ((self.setup.surroundings.static, SLACK), (self.avoid, 0.0)):
+            close = near(obstacles, middle, far + slack)
+            if not len(close.kind):
+                continue
+            away, _ = distances(close, where)
+            nearest = away.min(axis=1).reshape(-1, 3).min(axis=1) - self.cup.outer
+            # where the goal itself is closer, no way can do better
+            worst = max(worst, float(min(slack, float(nearest[-1])) - nearest.min()))
+        return min(worst, 0.02) / 0.004
 
     def choices(
-        self,
-        drift: Drift,
-        options: PlanOptions,
-        path: Callable[[Drift], FloatArray],
+        self, drift: Drift, options: PlanOptions, path: Callable[[Drift], FloatArray],
         deadline: float = np.inf,
-    ) -> Iterator[tuple[float, Drift]]:
-        """Choices of sides with the scores of their paths: the rule's, then the best drawn.
+    ) -> Iterator[tuple[float, Drift]]:  # fmt: skip
+        """Choices of sides worth planning, each with the score of its path.
 
-        A draw ends where it finds a good one; the next, taken if the optimised trajectory was not
-        as good as its path, draws others. ``deadline``: ``time.perf_counter()`` to stop at.
+        The rule's own first, then every neighbour the same way (the tool steps aside once), then
+        draws about the rule's directions and about the best. A choice comes as soon as its path is
+        good; where none of :data:`DRAWS` is, the best of them does. From the ``deadline`` on (of
+        ``time.perf_counter()``) there is no more than one.
         """
         x_g, y_g, _ = self.setup.scene.frame
         rng = np.random.default_rng(0)
+        count = len(drift.ids)
         ruled = np.arctan2(drift.directions @ y_g, drift.directions @ x_g)
-        plain = np.full(len(ruled), options.berth)
-        best = _Tried(self.of_path(path(drift)), ruled, plain, drift)
-        if best.score < GOOD:
-            yield best.score, drift
-        for _ in range(ROUNDS):
-            found: _Tried | None = None
-            for draw in range(DRAWS):
-                if draw % 2:
-                    change = rng.random(len(ruled)) < KEPT
-                    angles = best.angles + NEAR * change * rng.standard_normal(len(ruled))
-                    berths = best.berths + 0.3 * change * rng.standard_normal(len(ruled))
-                else:
-                    angles = ruled + FAR * rng.standard_normal(len(ruled))
-                    berths = rng.uniform(*BERTHS, len(ruled))
-                berths = np.clip(berths, *BERTHS)
-                tried = self._turned(drift, angles, berths, options)
-                most = np.inf if found is None else found.score
-                value = self.of_path(path(tried), most)
-                if value < most:
-                    found = _Tried(value, angles, berths, tried)
-                if value < 0.5 * GOOD or time.perf_counter() > deadline:
-                    break
-            assert found is not None
-            if found.score < best.score:
-                best = found
-            yield found.score, found.drift
-            if time.perf_counter() > deadline:
-                return
+        plain = np.full(count, options.berth)
+        best = found = None
+
+        def tried(angles: FloatArray, berths: FloatArray, most: float) -> _Tried:
+            turned = self._turned(drift, angles, berths, options)
+            wrong = self._stem_sides(turned.directions)
+            value = wrong + self.of_path(path(turned), most - wrong)
+            return _Tried(value, angles, berths, turned)
+
+        def late() -> bool:
+            return time.perf_counter() > deadline
+
+        alike = np.arange(0.0, 6.2, TURNS)
+        together = [tried(np.full(count, a), plain, GOOD) for a in alike if not late()]
+        first = [tried(ruled, plain, np.inf), *sorted(together, key=lambda t: t.score)]
+        for draw in range(ROUNDS * DRAWS):
+            if draw < len(first):
+                now = first[draw]
+            elif draw % 2 and best is not None:
+                change = rng.random(count) < KEPT
+                angles = best.angles + NEAR * change * rng.standard_normal(count)
+                berths = best.berths + 0.3 * change * rng.standard_normal(count)
+                now = tried(angles, np.clip(berths, *BERTHS), np.inf)
+            else:
+                angles = ruled + FAR * rng.standard_normal(count)
+                now = tried(angles, rng.uniform(*BERTHS, count), np.inf)
+            if found is None or now.score < found.score:
+                found = now
+            if best is None or now.score < best.score:
+                best = now
+            if now.score < SURE or draw % DRAWS == DRAWS - 1 or late():
+                yield found.score, found.drift
+                found = None
+                if late():
+                    return
+
+    def _stem_sides(self, directions: FloatArray) -> float:
+        """What passing neighbours on the side to which their stems lean adds to a score."""
+        along = self.stems[0].axes[1:, 2]  # from root to fruit: away from the stem
+        up = self.setup.scene.frame[2]
+        away = along - (along @ up)[:, None] * up
+        lean = np.linalg.norm(away, axis=1)
+        leans = lean > np.sin(UPRIGHT)
+        wrong = np.einsum("ni,ni->n", away, directions) < -BESIDE * lean
+        return float(STEM_SIDE * np.count_nonzero(leans & wrong))
 
     def _turned(
         self, drift: Drift, angles: FloatArray, berths: FloatArray, options: PlanOptions
@@ -203,16 +240,17 @@ def foresight(setup: Setup) -> Foresight:
         max(inner, 0.5 * tool.radius), tool.radius, tool.depth - tool.height, tool.depth, WALL,
         NECK_RADIUS,
     )  # fmt: skip
-    return Foresight(setup, _hanging((target, *setup.neighbours)), cup)
+    avoid = [(thing.shape, thing.position, thing.rotation) for thing in setup.scene.avoid]
+    return Foresight(setup, _hanging((target, *setup.neighbours)), cup, pack(avoid))
 
 
 def _hanging(things: Sequence[SceneObject]) -> tuple[Stems, ...]:
     """The fruits as they were seen, and :data:`UNSEEN` times as they may hang."""
     rng = np.random.default_rng(0)
     count = len(things)
+    known = [thing.covariance is None for thing in things]
     spread = [SHIFT if thing.covariance is None else _spread(thing.covariance) for thing in things]
-    turns = [TURN if thing.covariance is None else DETECTED_TURN for thing in things]
-    turn = np.array(turns)[:, None]
+    turn = np.array([TURN if k else DETECTED_TURN for k in known])[:, None]
     fruit = np.array([thing.position for thing in things])
     root = np.array([thing.stem.points[-1] for thing in things if thing.stem is not None])
     long = np.linalg.norm(fruit - root, axis=1)[:, None]

@@ -298,29 +298,34 @@ def _foreseen(
     """The attempt, over choices of sides, whose push is foreseen to do least harm."""
     model = foresight.foresight(setup)
     ruled = sides(setup, options)[0]
-    best: Attempt | None = None
-    least = np.inf
-    choices = model.choices(
-        ruled, options, lambda drift: tool_path(setup, options, drift), deadline
-    )
-    for expected, drift in choices:
-        if best is not None and expected > least:
-            continue
-        valid = False
+    way = lambda drift: tool_path(setup, options, drift)  # noqa: E731
+
+    def attempt(drift: Drift, seen_well: bool) -> tuple[float, Attempt]:
+        valid: set[int] = set()
 
         def heard(trajectory: Trajectory, a: Attempt) -> bool:
-            nonlocal valid
-            valid = verify(trajectory, a)
-            return valid
+            if verify(trajectory, a):
+                valid.add(id(a))
+            return id(a) in valid
 
-        attempt = solve(setup, options, deadline, heard, made((drift,)))
-        value = model.of_trajectory(attempt.q[attempt.start.knots.first :])
-        value += 0.0 if valid else INVALID
-        if best is None or value < least:
-            best, least = attempt, value
+        made_of = solve(setup, options, deadline, heard, made((drift,)))
+        value = model.of_trajectory(made_of.q[made_of.start.knots.first :], seen_well)
+        return value + (0.0 if id(made_of) in valid else INVALID), made_of
+
+    # what is known well may be passed as the rule says, if that does no harm
+    if not model.detected:
+        value, made_of = attempt(ruled, True)
+        if value < foresight.GOOD:
+            return made_of
+    least, best = np.inf, None
+    for expected, drift in model.choices(ruled, options, way, deadline):
+        if expected < least:
+            value, made_of = attempt(drift, False)
+            if best is None or value < least:
+                least, best = value, made_of
         if least < foresight.GOOD or time.perf_counter() > deadline:
             break
-    assert best is not None  # there is at least one round of draws
+    assert best is not None  # every score is finite
     return best
 
 

@@ -14,7 +14,7 @@ from threadpoolctl import ThreadpoolController
 from optipromp import metrics
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.metrics import Contact, Judgement, Metrics
-from optipromp.planning import foresight, goals, joint, movement, sequential
+from optipromp.planning import foresight, goals, joint, movement
 from optipromp.planning.options import Planner, PlanOptions, Strategy
 from optipromp.planning.primitives import PAPER_BASIS, learnt
 from optipromp.planning.setup import Setup, bind
@@ -150,6 +150,20 @@ def plan(
         return _plan(scene, planner, strategy, demonstrations, seed, options, progress)
 
 
+def check_planner(planner: str, strategy: str) -> None:
+    """Refuse names of planners and strategies that do not exist.
+
+    Raises:
+        InvalidRequestError: naming the valid ones.
+    """
+    for what, name, valid in (
+        ("planner", planner, get_args(Planner)),
+        ("strategy", strategy, get_args(Strategy)),
+    ):
+        if name not in valid:
+            raise InvalidRequestError(f"{what} is {name!r}; valid: {', '.join(valid)}")
+
+
 def warm_up() -> None:
     """Compile every kernel, or load it from the cache, so that no plan's time pays for that."""
     plan("scenario-3", options=PlanOptions(timeout=math.inf))
@@ -166,12 +180,7 @@ def _plan(
 ) -> Plan:
     began = time.perf_counter()
     options = options or PlanOptions()
-    if planner not in get_args(Planner):
-        raise InvalidRequestError(f"planner is {planner!r}; valid: {', '.join(get_args(Planner))}")
-    if strategy not in get_args(Strategy):
-        raise InvalidRequestError(
-            f"strategy is {strategy!r}; valid: {', '.join(get_args(Strategy))}"
-        )
+    check_planner(planner, strategy)
     say = progress or (lambda _: None)
     if not isinstance(scene, Scene):
         scene = load_scene(scene)
@@ -217,7 +226,8 @@ def _plan(
 
     say("inverse kinematics")
     before = time.perf_counter()
-    starts = goals.STARTS if planner == "opti-promp" else goals.FEW_STARTS
+    hasty = planner != "opti-promp" or before > deadline
+    starts = goals.FEW_STARTS if hasty else goals.STARTS
     chosen, is_free, reason = goals.choose(setup, seed, starts)
     clock["inverse kinematics"] = time.perf_counter() - before
     if not len(chosen):
@@ -228,6 +238,8 @@ def _plan(
 
     say(f"optimising ({strategy})")
     if strategy == "sequential":
+        from optipromp.planning import sequential  # with SciPy's optimisers
+
         outcome = sequential.solve(setup, promp, options, chosen, deadline)
     else:
         outcome = joint.plan_joint(setup, promp, options, chosen, rng, deadline)

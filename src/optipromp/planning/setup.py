@@ -18,6 +18,7 @@ from optipromp.robots.tools import Cup, FrankaHand, with_tool
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
 
 LIMIT_TOLERANCE = 1e-9
+NEAR = 0.065  # [m] obstacles within this of a body sphere are looked up in cells
 TOOLS: dict[str, type[Cup] | type[FrankaHand]] = {"cup": Cup, "franka_hand": FrankaHand}
 
 
@@ -129,17 +130,20 @@ def reach(robot: Robot) -> float:
 
 def _surroundings(scene: Scene, robot: Robot) -> Surroundings:
     far = reach(robot) + 0.1
+    asked = NEAR + float(np.max(robot.spheres.radius, initial=0.0))
 
     def near(things: tuple[SceneObject, ...]) -> list[tuple[Shape, FloatArray, FloatArray]]:
+        positions = np.array([thing.position for thing in things]).reshape(-1, 3)
+        away = np.linalg.norm(positions, axis=1)
         return [
             (thing.shape, thing.position, thing.rotation)
-            for thing in things
-            if not float(np.linalg.norm(thing.position)) - thing.radius > far
+            for thing, distance in zip(things, away.tolist(), strict=True)
+            if distance <= far or not distance - thing.radius > far
         ]
 
     avoid = near(scene.avoid)
     return Surroundings(
-        static=pack(near(scene.static)),
-        dynamic=pack([*avoid, *near(scene.pushables)]),
+        static=pack(near(scene.static), reach=asked, within=far),
+        dynamic=pack([*avoid, *near(scene.pushables)], reach=asked, within=far),
         shared=len(avoid),
     )

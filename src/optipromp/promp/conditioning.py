@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
 from optipromp.promp.checks import PHASE_TOLERANCE, ConditioningWarning, finite_array, frozen
-from optipromp.promp.gaussian import factorise, joseph
+from optipromp.promp.gaussian import RANK_TOLERANCE, factorise, joseph
+from optipromp.promp.joint_kernels import joint_update
 from optipromp.promp.model import ProMP, trusted
-from optipromp.promp.points import JointPoint, Point, TaskPoint, as_matrix
+from optipromp.promp.points import JointPoint, Point, TaskPoint
 from optipromp.promp.tasks import Rows, TaskMap, solve
 
 REACH_TOLERANCE = 1e-8
@@ -147,19 +148,25 @@ def _condition_joints(promp: ProMP, points: Sequence[tuple[int, JointPoint]]) ->
     n, count = promp.mean.shape
     size, p = n * count, len(points)
     phases = np.array([point.phase for _, point in points])
-    orders = [point.derivative for _, point in points]
-    values = promp.basis.evaluate(phases, orders[0])
-    if any(order != orders[0] for order in orders):
-        values = np.stack(
-            [promp.basis.evaluate(z, k)[0] for z, k in zip(phases, orders, strict=True)]
-        )
+    orders = np.array([point.derivative for _, point in points])
+    values = np.empty((p, count))
+    for order in set(orders.tolist()):
+        values[orders == order] = promp.basis.evaluate(phases[orders == order], order)
     target = np.array([point.value for _, point in points])
     prior = promp.covariance
     blocks = np.zeros((n, p, n, p))
+    diagonal = np.arange(n)
     for i, (_, point) in enumerate(points):
-        if point.covariance is not None:
-            blocks[:, i, :, i] = as_matrix(point.covariance, n)
+        if isinstance(point.covariance, float):
+            blocks[diagonal, i, diagonal, i] = point.covariance
+        elif point.covariance is not None:
+            blocks[:, i, :, i] = point.covariance
     noise = blocks.reshape(n * p, n * p)
+    definite, weights, covariance = joint_update(
+        prior, promp.mean, values, target, noise, RANK_TOLERANCE
+    )
+    if definite:
+        return trusted(promp, weights, covariance)
 
     cross = (values @ prior.reshape(n, count, size)).reshape(n * p, size)  # H Σ
     total = (cross.reshape(n * p, n, count) @ values.T).reshape(n * p, n * p) + noise

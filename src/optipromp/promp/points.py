@@ -102,6 +102,8 @@ Point = JointPoint | TaskPoint
 
 
 def _phase(phase: float) -> float:
+    if isinstance(phase, float) and 0.0 <= phase <= 1.0:
+        return float(phase)
     array = phase_array(phase if np.ndim(phase) else float(phase))
     if array.size != 1:
         raise InvalidRequestError(f"phase: expected one number, got {phase}")

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,6 +56,8 @@ def gather(demonstrations: DemonstrationsLike, joint_names: Sequence[str] | None
     error = InvalidDemonstrationError
     if isinstance(demonstrations, Demonstration):
         demonstrations = (demonstrations,)
+    if _alike(demonstrations):
+        demonstrations = np.stack(demonstrations)
     if isinstance(demonstrations, np.ndarray) and demonstrations.ndim == 3:
         stacked = finite_array(demonstrations, "demonstrations", 3, error)
         if stacked.shape[0] == 0:
@@ -82,6 +85,16 @@ def gather(demonstrations: DemonstrationsLike, joint_names: Sequence[str] | None
         bool(np.abs(p - first).max() < 1e-12) for p in all_phases
     )
     return Samples(all_phases, positions, np.stack(positions) if same else None, names)
+
+
+def _alike(demonstrations: DemonstrationsLike) -> TypeGuard[Sequence[FloatArray]]:
+    """Whether these are bare arrays (T, n) of finite numbers, all of one shape."""
+    if not isinstance(demonstrations, list | tuple) or not demonstrations:
+        return False
+    shapes = {item.shape if isinstance(item, np.ndarray) else () for item in demonstrations}
+    if len(shapes) != 1 or len(shapes.pop()) != 2:
+        return False
+    return all(item.dtype == np.float64 and np.isfinite(item).all() for item in demonstrations)
 
 
 def deviation_floor(extent: FloatArray, demonstrations: int) -> FloatArray:

@@ -1,15 +1,18 @@
 """Temporal modulation: at what phase a movement is at what time."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import PchipInterpolator, PPoly
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
 from optipromp.promp.checks import finite_array, positive
 from optipromp.promp.model import ProMP
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,21 +23,21 @@ class Timing:
     phases; slower, faster, or starting from rest are different timings of the same one.
     """
 
-    polynomial: PPoly
+    polynomial: "PPoly"
     duration: float
 
     @staticmethod
     def linear(duration: float) -> "Timing":
         """At even speed."""
         d = positive(duration, "duration")
-        return Timing(PPoly(np.array([[1.0 / d], [0.0]]), np.array([0.0, d])), d)
+        return Timing(_polynomial(np.array([[1.0 / d], [0.0]]), np.array([0.0, d])), d)
 
     @staticmethod
     def minimum_jerk(duration: float) -> "Timing":
         """From rest to rest, at the least jerk of the phase: s³(10 - 15s + 6s²), s = t/duration."""
         d = positive(duration, "duration")
         powers = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0]) / d ** np.arange(5.0, -1.0, -1.0)
-        return Timing(PPoly(powers[:, None], np.array([0.0, d])), d)
+        return Timing(_polynomial(powers[:, None], np.array([0.0, d])), d)
 
     @staticmethod
     def through(times: ArrayLike, phases: ArrayLike) -> "Timing":
@@ -56,8 +59,10 @@ class Timing:
             raise InvalidRequestError(f"times must increase from 0, got {t.tolist()}")
         if z[0] != 0.0 or z[-1] != 1.0 or (np.diff(z) < 0.0).any():
             raise InvalidRequestError(f"phases must rise from 0 to 1, got {z.tolist()}")
+        from scipy.interpolate import PchipInterpolator
+
         curve = PchipInterpolator(t, z)
-        return Timing(PPoly(curve.c, curve.x), float(t[-1]))
+        return Timing(_polynomial(curve.c, curve.x), float(t[-1]))
 
     def phase(self, times: ArrayLike, derivative: int = 0) -> FloatArray:
         """z, ż or z̈ at times (T,) in [0, duration].
@@ -99,3 +104,9 @@ def modulate(
     slope = promp.mean_velocity(z)
     acceleration = promp.mean_acceleration(z) * rate**2 + slope * bend
     return promp.mean_trajectory(z), slope * rate, acceleration
+
+
+def _polynomial(coefficients: FloatArray, breaks: FloatArray) -> "PPoly":
+    from scipy.interpolate import PPoly  # slow to import, and seldom needed
+
+    return PPoly(coefficients, breaks)

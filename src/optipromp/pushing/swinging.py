@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import BoolArray, FloatArray
 from optipromp.pushing.bending import Stems
 
 CONTACT = 3000.0  # [N/m]
@@ -276,6 +276,28 @@ def _apart(x: FloatArray, y: FloatArray, normal: FloatArray) -> float:
 
 
 @_jit
+def _overlapping(s: Stems) -> BoolArray:
+    """What is in one another at rest and so does not touch: (N, N, 2) fruits; fruit and stem.
+
+    ``[i, o, 0]``: fruit ``i`` in fruit ``o``; ``[i, o, 1]``: fruit ``i`` in stem ``o``.
+    """
+    count, loaded = s.stiffness.shape[0], s.stiffness.shape[1]
+    out = np.zeros((count, count, 2), dtype=np.bool_)
+    still, x, y, normal = np.zeros(2 * loaded), np.empty(3), np.empty(3), np.empty(3)
+    for i in range(count):
+        _place(s.root[i], s.axes[i], s.shape[i], still, s.length[i], 1.0, x)
+        for o in range(count):
+            if o == i:
+                continue
+            _place(s.root[o], s.axes[o], s.shape[o], still, s.length[o], 1.0, y)
+            out[i, o, 0] = _apart(x, y, normal) < s.radius[i] + s.radius[o]
+            level = _level(s.root[o], s.axes[o], s.length[o], x)
+            _place(s.root[o], s.axes[o], s.shape[o], still, s.length[o], level, y)
+            out[i, o, 1] = _apart(x, y, normal) < s.radius[i] + s.thickness[o]
+    return out
+
+
+@_jit
 def push(
     s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Cup, positions: FloatArray,
     forces: FloatArray, stem_forces: FloatArray,
@@ -298,6 +320,7 @@ def push(
     gradient, hessian, j = np.empty(dofs), np.empty((dofs, dofs)), np.empty(dofs)
     y, normal, flat, total = np.empty(3), np.empty(3), np.empty(2), np.empty(3)
     resting = np.ones(count, dtype=np.bool_)
+    touching = _overlapping(s)
     for i in range(count):
         _place(s.root[i], s.axes[i], s.shape[i], u[i], s.length[i], 1.0, center[i])
     for p in range(len(points)):
@@ -348,10 +371,12 @@ def push(
                         o = (what - 1) // 3
                         o += 1 if o >= i else 0
                         if what % 3 == 1:
+                            if touching[i, o, 0]:
+                                continue
                             gap = _apart(x, center[o], normal) - radius - s.radius[o]
                         elif what % 3 == 2:
                             level = _level(s.root[o], s.axes[o], s.length[o], x)
-                            if level == 0.0:
+                            if level == 0.0 or touching[i, o, 1]:
                                 continue
                             _place(
                                 s.root[o], s.axes[o], s.shape[o], u[o], s.length[o] - up[o],
@@ -360,7 +385,7 @@ def push(
                             gap = _apart(x, y, normal) - radius - s.thickness[o]
                         else:
                             share = _level(root, frame, length, center[o])
-                            if share == 0.0 or share > last:
+                            if share == 0.0 or share > last or touching[o, i, 1]:
                                 continue
                             _place(root, frame, shape, ui, length - up[i], share, y)
                             gap = _apart(y, center[o], normal) - s.radius[o] - thin

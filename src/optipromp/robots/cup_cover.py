@@ -62,41 +62,41 @@ def cover_cup(radius: float, inner: float, height: float, length: float) -> Floa
 
 def _stack(radius: float, height: float, bulge: float) -> list[tuple[float, _Band]]:
     """Heights and bands that cover the wall from the rim (z = height) to the base (z = 0)."""
-    bands = _bands(radius, bulge)
-    count = np.array([band.count for band in bands])
-    size = np.array([band.radius for band in bands])
-    half = np.array([band.half_height for band in bands])
+    count, ring, size, half = _bands(radius, bulge)
     step = height / _STEPS
+    advance, below_rim, price = 2.0 * half / step, size - half, 1e-3 * size
     cost, choice = np.zeros(_STEPS + 1), np.zeros(_STEPS + 1, dtype=int)
-    after = np.zeros((_STEPS + 1, len(bands)), dtype=int)
+    after = np.zeros((_STEPS + 1, len(count)), dtype=int)
     for i in range(1, _STEPS + 1):
-        after[i] = np.maximum(np.ceil(i - 2.0 * half / step + 1e-9), 0).astype(int)
+        after[i] = np.maximum(np.ceil(i - advance + 1e-9), 0)
         # a band must be below the rim, and must get somewhere
-        fits = (size - half <= height + bulge - i * step + 1e-12) & (after[i] < i)
-        total = np.where(fits, count + cost[np.minimum(after[i], i - 1)] + 1e-3 * size, np.inf)
+        fits = (below_rim <= height + bulge - i * step + 1e-12) & (after[i] < i)
+        total = np.where(fits, count + cost[np.minimum(after[i], i - 1)] + price, np.inf)
         choice[i] = int(np.argmin(total))
         cost[i] = total[choice[i]]
     rows, i = [], _STEPS
     while i > 0:
-        band, top = bands[choice[i]], i * step
+        k, top = choice[i], i * step
+        band = _Band(int(count[k]), float(ring[k]), float(size[k]), float(half[k]))
         # at the bottom it may stand higher than it must, which keeps it from behind the base
         middle = min(max(top - band.half_height, top / 2.0), height + bulge - band.radius)
-        rows.append((middle if after[i, choice[i]] == 0 else top - band.half_height, band))
-        i = int(after[i, choice[i]])
+        rows.append((middle if after[i, k] == 0 else top - band.half_height, band))
+        i = int(after[i, k])
     return rows
 
 
-def _bands(radius: float, bulge: float) -> list[_Band]:
+def _bands(radius: float, bulge: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Bands to choose among (m,): count, ring, radius and half height; see :class:`_Band`."""
     outer = radius + bulge
-    bands = [_Band(1, 0.0, outer, math.sqrt(outer**2 - radius**2))]
-    for count in range(5, 61):
-        cosine = math.cos(math.pi / count)
-        for size in np.linspace(bulge, 0.9 * outer, 120):
-            ring = outer - float(size)
-            square = size**2 - (ring**2 + radius**2 - 2.0 * ring * radius * cosine)
-            if square > 0.0:
-                bands.append(_Band(count, ring, float(size), math.sqrt(square)))
-    return bands
+    count = np.arange(5.0, 61.0)[:, None]
+    size = np.linspace(bulge, 0.9 * outer, 120)
+    ring = outer - size
+    square = size**2 - (ring**2 + radius**2 - 2.0 * ring * radius * np.cos(np.pi / count))
+    rows, columns = np.nonzero(square > 0.0)
+    on_axis = 1.0, 0.0, outer, math.sqrt(outer**2 - radius**2)
+    rings = count[rows, 0], ring[columns], size[columns], np.sqrt(square[rows, columns])
+    bands = [np.concatenate([[one], many]) for one, many in zip(on_axis, rings, strict=True)]
+    return bands[0], bands[1], bands[2], bands[3]
 
 
 def _span(band: _Band, offset: float) -> tuple[float, float]:

@@ -9,13 +9,14 @@ clipped to the joint limits, where the pull to the middle of the limits (or to t
 search) fades out over the iterations, so that the solution is exact and still comfortable.
 """
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
-from optipromp.arrays import BoolArray, FloatArray
+from optipromp.arrays import BoolArray, FloatArray, frozen
 from optipromp.errors import InvalidRequestError
 from optipromp.robots.kernels import PRISMATIC, chain_frames, tool_rows
 from optipromp.robots.model import Robot
@@ -66,6 +67,30 @@ def cholesky_solve(a, b):  # type: ignore[no-untyped-def]
         for k in range(i + 1, n):
             s -= a[k, i] * b[k]
         b[i] = s / a[i, i]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def apart_from_earlier(q, turning, distinct):  # type: ignore[no-untyped-def]
+    """Which of ``q`` (m, n) differ in a joint by more than ``distinct`` from all kept before them.
+
+    Full turns of ``turning`` joints (n,) do not count.
+    """
+    kept = np.zeros(q.shape[0], dtype=np.bool_)
+    for i in range(q.shape[0]):
+        kept[i] = True
+        for k in range(i):
+            if not kept[k]:
+                continue
+            largest = 0.0
+            for j in range(q.shape[1]):
+                apart = abs(q[k, j] - q[i, j])
+                if turning[j]:
+                    apart = min(apart, 2.0 * np.pi - apart)
+                largest = max(largest, apart)
+            if not largest > distinct:
+                kept[i] = False
+                break
+    return kept
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -137,6 +162,26 @@ def descend(  # type: ignore[no-untyped-def]
                 q[m, i] = min(upper[i], max(lower[i], q[m, i] + shrink * step[i]))
 
 
+@njit(cache=True, error_model="numpy", nogil=True)
+def follow(  # type: ignore[no-untyped-def]
+    kin, tool_point, tool_axis, positions, axes, axis_weight, lower, upper, iterations, q, errors
+):
+    """Solve for each of the poses from the solution before it, the first from ``q[0]``, in place.
+
+    ``q`` (m + 1, n); ``errors`` (m,) of the position plus the weighted one of the axis [m].
+    """
+    weight = np.array([0.01])
+    position_error, axis_error = np.empty(1), np.empty(1)
+    for i in range(positions.shape[0]):
+        for j in range(q.shape[1]):
+            q[i + 1, j] = q[i, j]
+        descend(
+            kin, tool_point, tool_axis, positions[i], axes[i], axis_weight, lower, upper,
+            q[i : i + 1], weight, iterations, q[i + 1 : i + 2], position_error, axis_error,
+        )  # fmt: skip
+        errors[i] = position_error[0] + np.sqrt(axis_weight) * axis_error[0]
+
+
 def solve(
     robot: Robot,
     position: FloatArray,
@@ -175,7 +220,7 @@ def solve(
     Raises:
         InvalidRequestError: a position or axis that is not three finite numbers, or a zero axis.
     """
-    target = np.ascontiguousarray(position, dtype=np.float64)
+    target = np.array(position, dtype=np.float64)
     direction = np.array([0.0, 0.0, 1.0]) if axis is None else np.array(axis, dtype=np.float64)
     for name, value in (("position", target), ("axis", direction)):
         if value.shape != (3,) or not np.isfinite(value).all():
@@ -211,21 +256,17 @@ def solve(
     margin = np.min(np.minimum(q - robot.lower, robot.upper - q), axis=1, initial=np.inf)
     room = np.full(len(q), np.inf) if clearance is None or not len(q) else clearance(q)
     order = np.argsort(-np.minimum(margin / 0.3, room / 0.05), kind="stable")
-    kept: list[int] = []
-    for i in order:
-        apart = np.abs(q[kept] - q[i])
-        apart[:, turning] = np.minimum(apart[:, turning], 2.0 * np.pi - apart[:, turning])
-        if not kept or apart.max(axis=1).min() > distinct:
-            kept.append(int(i))
+    kept = order[apart_from_earlier(q[order], turning, distinct)]
     return Solutions(q[kept], margin[kept], room[kept])
 
 
+@functools.lru_cache(maxsize=32)
 def _turning(robot: Robot) -> BoolArray:
     """Joints (n,) of which a full turn is no change: no limits, and mimicked in whole turns."""
     kin = robot.kinematics
     turning = np.isinf(robot.lower) & np.isinf(robot.upper)
     turning[kin.dof[(kin.kind == PRISMATIC) | (kin.multiplier != np.round(kin.multiplier))]] = False
-    return np.asarray(turning)
+    return frozen(turning, np.bool_)
 
 
 def _at_rest(robot: Robot, q: FloatArray, rest: FloatArray, with_axis: bool) -> FloatArray:
@@ -253,17 +294,12 @@ def track(
         Configurations (m, n) and errors (m,) [m], of the position plus :data:`AXIS_LENGTH` times
         that of the axis; one above 1e-6 is a miss.
     """
-    m, n = len(positions), robot.n_joints
-    out, errors = np.empty((m, n)), np.empty(m)
-    current = np.ascontiguousarray(begin, dtype=np.float64).reshape(1, n).copy()
-    position_error, axis_error = np.empty(1), np.empty(1)
-    for i in range(m):
-        descend(
-            robot.kinematics, robot.tool_point, robot.tool_axis,
-            np.ascontiguousarray(positions[i]), np.ascontiguousarray(axes[i]), AXIS_LENGTH**2,
-            robot.lower, robot.upper, current.copy(), np.array([0.01]), iterations,
-            current, position_error, axis_error,
-        )  # fmt: skip
-        out[i] = current[0]
-        errors[i] = position_error[0] + AXIS_LENGTH * axis_error[0]
-    return out, errors
+    q = np.empty((len(positions) + 1, robot.n_joints))
+    q[0] = begin
+    errors = np.empty(len(positions))
+    follow(
+        robot.kinematics, robot.tool_point, robot.tool_axis,
+        np.array(positions, dtype=np.float64), np.array(axes, dtype=np.float64), AXIS_LENGTH**2,
+        robot.lower.copy(), robot.upper.copy(), iterations, q, errors,
+    )  # fmt: skip
+    return q[1:], errors

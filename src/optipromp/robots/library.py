@@ -10,6 +10,7 @@ from optipromp.robots.model import Robot
 _DATA = Path(__file__).resolve().parent / "data"
 
 
+@lru_cache
 def robot_names() -> tuple[str, ...]:
     """The built-in robots."""
     return tuple(sorted(path.stem for path in _DATA.glob("*.yaml")))

@@ -66,12 +66,12 @@ class Robot:
         return int(self.kinematics.kind.shape[0])
 
     def check_configuration(self, q: FloatArray) -> FloatArray:
-        """Return ``q`` as a float array (..., n).
+        """Return a copy of ``q`` as a float array (..., n).
 
         Raises:
             InvalidRequestError: wrong joint count, or a value that is not finite (with its index).
         """
-        array = np.ascontiguousarray(q, dtype=np.float64)
+        array = np.array(q, dtype=np.float64, order="C")  # always writable: one array type
         if array.ndim == 0 or array.shape[-1] != self.n_joints:
             got = array.shape[-1] if array.ndim else 1
             raise InvalidRequestError(

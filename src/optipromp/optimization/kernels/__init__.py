@@ -12,6 +12,7 @@ the forces by :func:`optipromp.robots.kernels.pull_back`, the stiffnesses by :fu
 from optipromp.optimization.kernels.assembly import add_stiffness
 from optipromp.optimization.kernels.clearance import (
     clearance_field,
+    clearance_in_cells,
     clearance_penalty,
     obstacle_cost,
     obstacle_functional,
@@ -41,6 +42,7 @@ __all__ = [
     "add_stiffness",
     "axis_penalty",
     "clearance_field",
+    "clearance_in_cells",
     "clearance_penalty",
     "corridor_penalty",
     "drift_penalty",

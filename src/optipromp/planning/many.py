@@ -1,0 +1,267 @@
+"""``plan_many``: many scenes on all cores.
+
+The calling process plans too, beside ``workers - 1`` helper processes that fetch the rest. Threads
+would not do: a plan is hundreds of short kernels with Python between them, and two threads then
+take as long as one (0.97 times its speed on two cores).
+"""
+
+import contextlib
+import io
+import multiprocessing
+import os
+import pickle
+import queue
+import signal
+import threading
+import warnings
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optipromp.arrays import frozen
+from optipromp.errors import InvalidRequestError, NoPlanError, OptiPrompError
+from optipromp.planning.options import Planner, PlanOptions, Strategy
+from optipromp.planning.plan import Plan, check_planner, plan
+from optipromp.promp.model import ProMP
+from optipromp.scenes.scene import Scene
+
+THREADS = (
+    "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+)  # fmt: skip
+AHEAD = 2  # scenes that a helper holds: one that it plans, and the next
+
+Result = Plan | OptiPrompError
+
+
+@dataclass(frozen=True, eq=False)
+class _Request:
+    """What all plans have in common."""
+
+    planner: Planner
+    strategy: Strategy
+    demonstrations: ProMP | str | Path | None
+    seed: int
+    options: PlanOptions | None
+
+    def result(self, scene: Scene | str | Path) -> Result:
+        try:
+            return plan(scene, **vars(self))
+        except OptiPrompError as error:
+            return error.with_traceback(None)
+
+
+def plan_many(
+    scenes: Sequence[Scene | str | Path],
+    options: PlanOptions | None = None,
+    *,
+    planner: Planner = "opti-promp",
+    strategy: Strategy = "joint",
+    demonstrations: ProMP | str | Path | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+    progress: Callable[[int, Result], None] | None = None,
+) -> list[Result]:
+    """Plan a reach in each of many scenes, on all cores.
+
+    Every plan is the one that :func:`optipromp.plan` makes of that scene alone. As with all of
+    Python's processes, a script that calls this does so under ``if __name__ == "__main__":``, and
+    cost terms of your own (``options.terms``) are of classes that can be imported.
+
+    Args:
+        scenes: scenes, names of built-in ones, or scene files.
+        options: see :class:`PlanOptions`; for every plan.
+        planner, strategy, demonstrations, seed: as :func:`optipromp.plan` takes them.
+        workers: processes that plan, this one among them; None: one a core.
+        progress: called in this thread after each plan, in the order they are done, with the
+            index of its scene and what came of it.
+
+    Returns:
+        In the order of ``scenes``: the plan, also one that failed, or the error that
+        :func:`optipromp.plan` raises for that scene.
+
+    Raises:
+        InvalidRequestError: fewer than one worker; an unknown planner or strategy; options or
+            demonstrations that cannot be sent to another process.
+    """
+    if workers is not None and workers < 1:
+        raise InvalidRequestError(f"workers is {workers}; it must be at least 1")
+    check_planner(planner, strategy)
+    request = _Request(planner, strategy, demonstrations, seed, options)
+    work = _Work(list(scenes))
+    results: list[Result | None] = [None] * len(work.scenes)
+    count = min(workers or cores(), len(work.scenes))
+    with _helpers(request, work, count - 1):
+        for _ in results:
+            index, result = work.next_result(request)
+            results[index] = result
+            if progress is not None:
+                progress(index, result)
+    return [result for result in results if result is not None]
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class _Work:
+    """Scenes that nobody has taken yet, and results that the caller has not heard of."""
+
+    def __init__(self, scenes: Sequence[Scene | str | Path]) -> None:
+        self.scenes = scenes
+        self.waiting = deque(range(len(scenes)))
+        self.done: queue.SimpleQueue[tuple[int, Result | BaseException] | str] = queue.SimpleQueue()
+
+    def take(self) -> int | None:
+        """The index of a scene that is now the taker's."""
+        try:
+            return self.waiting.popleft()
+        except IndexError:
+            return None
+
+    def next_result(self, request: _Request) -> tuple[int, Result]:
+        """A result of a helper, or else one made here."""
+        while True:
+            index = self.take() if self.done.empty() else None
+            if index is not None:
+                return index, request.result(self.scenes[index])
+            item = self.done.get()
+            if isinstance(item, str):  # a helper ended, and gave back what it had not planned
+                warnings.warn(item, RuntimeWarning, stacklevel=3)
+                continue
+            index, result = item
+            if isinstance(result, Plan | OptiPrompError):
+                return index, result
+            result.add_note(f"while planning scene {index}")
+            raise result
+
+
+@contextlib.contextmanager
+def _helpers(request: _Request, work: _Work, count: int) -> Iterator[None]:
+    """Helper processes that take from ``work``; none outlives the block, however it is left."""
+    if count < 1:
+        yield
+        return
+    try:
+        settings = _packed(request)
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise InvalidRequestError(
+            f"options or demonstrations cannot be sent to other processes ({error}); "
+            "workers=1 needs none"
+        ) from error
+    context = multiprocessing.get_context("spawn")
+    started = []
+    try:
+        for _ in range(count):
+            here, there = context.Pipe()
+            process = context.Process(target=_serve, args=(there,), daemon=True)
+            with single_threads(), _uninterrupted():
+                process.start()
+            there.close()
+            thread = threading.Thread(target=_attend, args=(here, settings, work), daemon=True)
+            started.append((process, thread))
+            thread.start()
+        yield
+    finally:
+        work.waiting.clear()
+        for process, _ in started:
+            process.terminate()  # it holds nothing that the caller still wants
+        for process, thread in started:
+            process.join()
+            thread.join()
+
+
+def _attend(connection: Connection, settings: bytes, work: _Work) -> None:
+    """Feed one helper, in a thread of the calling process, while there is something to take."""
+    held: deque[int] = deque()
+    ready = False
+    try:
+        connection.send_bytes(settings)
+        ready = connection.recv()
+        while True:
+            while len(held) < AHEAD and (index := work.take()) is not None:
+                held.append(index)
+                connection.send_bytes(_packed(work.scenes[index]))
+            if not held:
+                return
+            result = pickle.loads(connection.recv_bytes())
+            work.done.put((held.popleft(), result))
+    except (EOFError, OSError):
+        if held:
+            message = "the process that planned it ended (out of memory?)"
+            work.done.put((held.popleft(), NoPlanError(message)))
+        if held or work.waiting:
+            work.waiting.extend(held)
+            why = "ended early" if ready else "could not start"
+            hint = "" if ready else ('; is plan_many called outside `if __name__ == "__main__":`?')
+            work.done.put(f"a helper process {why}{hint}; the others do its work")
+    except BaseException as error:  # the caller shall hear of it
+        work.done.put((held.popleft() if held else -1, error))
+    finally:
+        connection.close()
+
+
+def _serve(connection: Connection) -> None:
+    """A helper's life: plan what comes until nothing does."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's
+    with contextlib.suppress(EOFError, OSError):  # the caller has ended
+        request: _Request = pickle.loads(connection.recv_bytes())
+        connection.send(True)
+        while True:
+            content = connection.recv_bytes()
+            try:
+                answer = _packed(request.result(pickle.loads(content)))
+            except Exception as error:  # raised again where plan_many was called
+                answer = pickle.dumps(error)
+            connection.send_bytes(answer)
+
+
+class _Pickler(pickle.Pickler):
+    """Arrays that are read-only stay so on the way."""
+
+    def reducer_override(self, item: Any) -> Any:
+        if isinstance(item, np.ndarray) and not item.flags.writeable:
+            return frozen, (item.copy(), item.dtype)
+        return NotImplemented
+
+
+def _packed(item: object) -> bytes:
+    stream = io.BytesIO()
+    _Pickler(stream, protocol=pickle.HIGHEST_PROTOCOL).dump(item)
+    return stream.getvalue()
+
+
+@contextlib.contextmanager
+def single_threads() -> Iterator[None]:
+    """Processes started within use one thread each."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Processes started within ignore Ctrl-C from their first moment on."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

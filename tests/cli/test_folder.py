@@ -1,0 +1,93 @@
+"""``optipromp plan`` on a folder, from ``generate`` to ``simulate``'s input."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from optipromp.cli.folder import outputs, scene_files
+from optipromp.cli.kinds import Kind, kind_of
+from optipromp.cli.main import app
+from optipromp.errors import InvalidRequestError
+from optipromp.output import load_plan
+from optipromp.planning import plan
+
+
+def call(*arguments: object) -> tuple[int, str, str]:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return result.exit_code, result.stdout, result.stderr
+
+
+def read(text: str) -> Any:
+    return json.loads(text, parse_constant=pytest.fail)
+
+
+def test_generated_scenes_are_planned_each_into_its_folder(tmp_path: Path) -> None:
+    scenes, plans = tmp_path / "scenes", tmp_path / "plans"
+    assert call("generate", "--preset", "table-top", "--count", 3, "--out", scenes)[0] == 0
+    code, stdout, stderr = call("plan", scenes, "--output", plans, "--json", "--workers", 2)
+    document = read(stdout)
+    assert "3 of 3 planned" in stderr
+    assert [Path(record["file"]) for record in document["scenes"]] == sorted(scenes.iterdir())
+    assert document["of"] == 3
+    statuses = [record["status"] for record in document["scenes"]]
+    assert document["succeeded"] == statuses.count("success")
+    assert code == (0 if document["succeeded"] == 3 else 1)
+    for record in document["scenes"]:
+        folder = Path(record["output"])
+        assert folder.parent == plans
+        assert {path.name for path in folder.iterdir()} == {
+            "plan.json", "trajectory.csv", "trajectory.npz",
+        }  # fmt: skip
+        assert kind_of(str(folder)) is Kind.PLAN
+        kept, alone = load_plan(folder), plan(record["file"])
+        assert (kept.trajectory.positions == alone.trajectory.positions).all()
+        assert record["metrics"] == read(json.dumps(alone.metrics.to_dict()))
+
+
+def test_one_that_fails_makes_the_exit_code_but_stops_nothing(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text("format: 1\nname: no\nrobot: panda\nobjects: 3\n")
+    for name in ("b", "c"):
+        assert call("generate", "--preset", "shelf", "--count", 1, "--out", tmp_path / name)[0] == 0
+        next((tmp_path / name).iterdir()).rename(tmp_path / f"{name}.yaml")
+    code, stdout, _ = call("plan", tmp_path, "--planner", "promp", "--json")
+    scenes = read(stdout)["scenes"]
+    assert code == 2
+    assert scenes[0]["status"] == "INVALID_SCENE"
+    assert scenes[0].keys() >= {"scene", "status", "message", "metrics", "terms", "time"}
+    assert all(record["metrics"] for record in scenes[1:])
+    code, stdout, _ = call("plan", tmp_path, "--planner", "promp")
+    assert code == 2
+    assert "INVALID_SCENE" in stdout
+    assert "of 3 plans succeeded" in stdout
+
+
+def test_a_folder_without_scenes_is_refused(tmp_path: Path) -> None:
+    code, stdout, stderr = call("plan", tmp_path, "--json")
+    assert code == 2
+    assert read(stdout)["status"] == "INVALID_REQUEST"
+    assert "no scene file" in stderr
+
+
+def test_plans_and_robots_in_a_folder_are_passed_over(tmp_path: Path) -> None:
+    call("plan", "scenario-3", "--planner", "promp", "--out", tmp_path, "--no-figures")
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "plan.json", "trajectory.csv", "trajectory.npz",
+    }  # fmt: skip
+    with pytest.raises(InvalidRequestError, match="for 'simulate'"):
+        scene_files(tmp_path)
+
+
+def test_a_plan_file_is_no_robot(tmp_path: Path) -> None:
+    call("plan", "scenario-3", "--planner", "promp", "--out", tmp_path, "--no-figures")
+    assert kind_of(str(tmp_path / "plan.json")) is Kind.PLAN
+    code, stdout, _ = call("check", tmp_path / "plan.json", "--json")
+    assert read(stdout)["kind"] == "plan"
+    assert code in (0, 1)
+
+
+def test_files_that_share_a_stem_keep_apart() -> None:
+    files = [Path("s/one.json"), Path("s/one.yaml"), Path("s/two.yaml")]
+    assert outputs(files, Path("o")) == [Path("o/one.json"), Path("o/one.yaml"), Path("o/two")]

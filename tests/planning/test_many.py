@@ -1,0 +1,153 @@
+"""Many scenes at once: the plans of one at a time, in order, whatever happens on the way."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optipromp.errors import Code, InvalidRequestError, InvalidSceneError, StartInvalidError
+from optipromp.optimization.terms import Term
+from optipromp.planning import Plan, PlanOptions, many, plan, plan_many
+from optipromp.scenes.generate import generate
+from optipromp.scenes.io import load_scene
+
+
+def without_times(result: object) -> dict[str, object]:
+    assert isinstance(result, Plan)
+    document = result.to_dict()
+    del document["time"]
+    return document
+
+
+@pytest.mark.parametrize("planner", ["i-promp", "opti-promp"])
+def test_plans_are_those_of_one_scene_at_a_time(planner: many.Planner) -> None:
+    scenes = ["scenario-4", *(generate("table-top", seed) for seed in range(8)), "scenario-3"]
+    options = PlanOptions(max_step=0.05)
+    together = plan_many(scenes, options, planner=planner, seed=3, workers=3)
+    assert len(together) == len(scenes)
+    for scene, result in zip(scenes, together, strict=True):
+        alone = plan(scene, planner=planner, options=options, seed=3)
+        assert isinstance(result, Plan)
+        assert result.scene.name == alone.scene.name
+        assert np.array_equal(result.trajectory.positions, alone.trajectory.positions)
+        assert without_times(result) == without_times(alone)
+
+
+def test_helpers_plan_and_their_arrays_come_back_read_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    def never(self: object, scene: object) -> many.Result:
+        time.sleep(0.01)  # leave it to the helper
+        return InvalidSceneError("planned here")
+
+    monkeypatch.setattr(many._Request, "result", never)
+    results = plan_many(["scenario-3"] * 400, planner="promp", workers=2)
+    helped = [result for result in results if isinstance(result, Plan)]
+    assert helped
+    for array in (helped[0].trajectory.positions, helped[0].robot.lower, helped[0].scene.start):
+        assert array is not None
+        assert not array.flags.writeable
+
+
+def test_failures_are_values_in_their_places(tmp_path: Path) -> None:
+    broken = tmp_path / "broken.yaml"
+    broken.write_text("format: 1\nname: half a sc")
+    bad_start = replace(load_scene("scenario-3"), start=np.full(7, 9.0))
+    scenes = [broken, "scenario-3", bad_start, "scenario-1", "nowhere"]
+    heard: list[int] = []
+    results = plan_many(
+        scenes, planner="promp", workers=2, progress=lambda index, _: heard.append(index)
+    )
+    assert sorted(heard) == [0, 1, 2, 3, 4]
+    assert isinstance(results[0], InvalidSceneError)
+    assert "broken.yaml" in results[0].message
+    assert isinstance(results[1], Plan)
+    assert isinstance(results[2], StartInvalidError)
+    assert isinstance(results[3], Plan)
+    assert results[3].status is Code.INVALID_PLAN
+    assert isinstance(results[4], InvalidSceneError)
+
+
+def test_nothing_to_plan() -> None:
+    assert plan_many([]) == []
+
+
+def test_wrong_requests_are_refused_before_anything_is_planned() -> None:
+    with pytest.raises(InvalidRequestError, match="workers is 0"):
+        plan_many(["scenario-3"], workers=0)
+    with pytest.raises(InvalidRequestError, match="valid: promp"):
+        plan_many(["scenario-3"], planner="best")  # type: ignore[arg-type]
+    with pytest.raises(InvalidRequestError, match="cannot be sent"):
+        plan_many(["scenario-3"] * 2, PlanOptions(terms=(_local_term(),)), workers=2)
+
+
+def _local_term() -> Term:
+    @dataclass(frozen=True)
+    class Local(Term):
+        name: str = "local"
+        weight: float = 0.0
+
+        def add(self, e: object, scale: float) -> float:
+            return 0.0
+
+    return Local()
+
+
+def test_an_unexpected_error_of_a_plan_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> Plan:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(many, "plan", broken)
+    with pytest.raises(ZeroDivisionError):
+        plan_many(["scenario-3"], workers=1)
+
+
+def test_a_helper_that_is_killed_costs_at_most_its_own_scene() -> None:
+    def kill() -> None:
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline:
+            for process in many.multiprocessing.active_children():
+                time.sleep(2.0)  # it has begun to plan
+                os.kill(process.pid or 0, signal.SIGKILL)
+                return
+            time.sleep(0.01)
+
+    threading.Thread(target=kill, daemon=True).start()
+    scenes = [generate("cluster", seed) for seed in range(8)] * 12
+    with pytest.warns(RuntimeWarning, match="helper process"):
+        results = plan_many(scenes, workers=2)
+    lost = [result for result in results if not isinstance(result, Plan)]
+    assert len(results) == len(scenes)
+    assert len(lost) <= 1
+    assert all(error.code is Code.NO_PLAN for error in lost)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_an_interruption_ends_at_once_and_leaves_no_process(tmp_path: Path) -> None:
+    script = tmp_path / "many.py"
+    script.write_text(
+        "import multiprocessing\n"
+        "from optipromp.planning import plan_many\n"
+        "def said(index, result):\n"
+        "    print(multiprocessing.active_children()[0].pid, flush=True)\n"
+        "if __name__ == '__main__':\n"
+        "    plan_many(['scenario-3'] * 5000, workers=2, progress=said)\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True, start_new_session=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    helper = int(process.stdout.readline())
+    time.sleep(2.0)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all processes
+    _, stderr = process.communicate(timeout=20)
+    assert stderr.count("Traceback") == 1  # the caller's own
+    assert stderr.rstrip().endswith("KeyboardInterrupt")
+    with pytest.raises(ProcessLookupError):
+        os.kill(helper, 0)
