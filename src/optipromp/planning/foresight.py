@@ -32,6 +32,7 @@ WALL = 0.002  # [m] of a cup that does not say how thick it is
 SUDDEN = 14.0  # [N] momentarily on a fruit that the cup meets within a step
 HOPELESS = 3.0  # a score at which other ways that the fruits may hang are not looked at
 GOOD = 0.5  # a score that needs no better one
+TOWARDS = np.deg2rad(15.0)  # most that each of them is turned to its stem's free side
 SURE = 0.35  # a score of a path whose trajectory is likely to be good
 TURNS = np.deg2rad(45.0)  # between directions in which all neighbours are passed alike
 ROUNDS, DRAWS = 6, 16  # of choices drawn where the rule's own is not good
@@ -86,11 +87,10 @@ class Foresight:
         things = (self.setup.scene.target, *self.setup.neighbours)
         return any(thing is not None and thing.covariance is not None for thing in things)
 
-    def of(self, points: FloatArray, axes: FloatArray, most: float = np.inf) -> float:
+    def of(self, points: FloatArray, axes: FloatArray) -> float:
         """Score of a way of the tool: points (P, 3) :data:`STEP` apart, axes (P, 3).
 
-        The mean over the fruits as they were seen and :data:`UNSEEN` ways they may hang; not
-        looked at to the end once it exceeds ``most``.
+        The mean over the fruits as they were seen and :data:`UNSEEN` ways they may hang.
         """
         dt = STEP / SPEED
         first, *others = self.stems
@@ -98,12 +98,10 @@ class Foresight:
         if total > HOPELESS:
             return total
         for other in others:
-            if total > most * len(self.stems):
-                break
             total += score(harm(other, points, axes, dt, self.cup))
         return total / len(self.stems)
 
-    def of_path(self, corners: FloatArray, most: float = np.inf) -> float:
+    def of_path(self, corners: FloatArray) -> float:
         """Score of a way through corners (k, 3), with what it costs in length and clearance."""
         far = length(corners)
         points = evenly(corners, int(far / STEP) + 2)
@@ -112,7 +110,7 @@ class Foresight:
         detour = far - straight
         axes = np.tile(self.setup.goal_axis, (len(points), 1))
         beside = 0.5 * detour / straight + self._touch(points)
-        return beside + self.of(points, axes, most - beside)
+        return beside + self.of(points, axes)
 
     def of_trajectory(self, q: FloatArray, seen_well: bool = False) -> float:
         """Score of configurations (T, n) from the camera point on.
@@ -167,44 +165,60 @@ class Foresight:
         plain = np.full(count, options.berth)
         best = found = None
 
-        def tried(angles: FloatArray, berths: FloatArray, most: float) -> _Tried:
+        def tried(angles: FloatArray, berths: FloatArray) -> _Tried:
             turned = self._turned(drift, angles, berths, options)
             wrong = self._stem_sides(turned.directions)
-            value = wrong + self.of_path(path(turned), most - wrong)
+            value = wrong + self.of_path(path(turned))
             return _Tried(value, angles, berths, turned)
 
-        def late() -> bool:
-            return time.perf_counter() > deadline
-
-        alike = np.arange(0.0, 6.2, TURNS)
-        together = [tried(np.full(count, a), plain, GOOD) for a in alike if not late()]
-        first = [tried(ruled, plain, np.inf), *sorted(together, key=lambda t: t.score)]
+        alike = [self._leant(a) for a in np.arange(0.0, 2.0 * np.pi - 1e-9, TURNS)]
+        alike.sort(key=lambda angles: self._stem_sides(self._directions(angles)))
+        first = [ruled, *alike]
         for draw in range(ROUNDS * DRAWS):
             if draw < len(first):
-                now = first[draw]
+                now = tried(first[draw], plain)
             elif draw % 2 and best is not None:
                 change = rng.random(count) < KEPT
                 angles = best.angles + NEAR * change * rng.standard_normal(count)
                 berths = best.berths + 0.3 * change * rng.standard_normal(count)
-                now = tried(angles, np.clip(berths, *BERTHS), np.inf)
+                now = tried(angles, np.clip(berths, *BERTHS))
             else:
                 angles = ruled + FAR * rng.standard_normal(count)
-                now = tried(angles, rng.uniform(*BERTHS, count), np.inf)
+                now = tried(angles, rng.uniform(*BERTHS, count))
             if found is None or now.score < found.score:
                 found = now
             if best is None or now.score < best.score:
                 best = now
-            if now.score < SURE or draw % DRAWS == DRAWS - 1 or late():
+            late = time.perf_counter() > deadline
+            if now.score < SURE or draw % DRAWS == DRAWS - 1 or late:
                 yield found.score, found.drift
                 found = None
-                if late():
-                    return
+            if late:
+                return
+
+    def _away(self) -> FloatArray:
+        """(N, 3) lateral part of the unit vectors from root to fruit: away from each stem."""
+        along = self.stems[0].axes[1:, 2]
+        up = self.setup.scene.frame[2]
+        return np.asarray(along - (along @ up)[:, None] * up)
+
+    def _leant(self, angle: float) -> FloatArray:
+        """One angle for all neighbours, turned a little to the free side of each stem (N,)."""
+        x_g, y_g, _ = self.setup.scene.frame
+        away = self._away()
+        free = np.arctan2(away @ y_g, away @ x_g) - angle
+        free = (free + np.pi) % (2.0 * np.pi) - np.pi
+        leans = np.linalg.norm(away, axis=1) > np.sin(UPRIGHT)
+        return np.asarray(angle + leans * np.clip(free, -TOWARDS, TOWARDS))
+
+    def _directions(self, angles: FloatArray) -> FloatArray:
+        """Unit vectors (N, 3) at angles (N,) from x_g towards y_g."""
+        x_g, y_g, _ = self.setup.scene.frame
+        return np.asarray(np.cos(angles)[:, None] * x_g + np.sin(angles)[:, None] * y_g)
 
     def _stem_sides(self, directions: FloatArray) -> float:
         """What passing neighbours on the side to which their stems lean adds to a score."""
-        along = self.stems[0].axes[1:, 2]  # from root to fruit: away from the stem
-        up = self.setup.scene.frame[2]
-        away = along - (along @ up)[:, None] * up
+        away = self._away()
         lean = np.linalg.norm(away, axis=1)
         leans = lean > np.sin(UPRIGHT)
         wrong = np.einsum("ni,ni->n", away, directions) < -BESIDE * lean
@@ -215,8 +229,7 @@ class Foresight:
     ) -> Drift:
         """``drift`` with directions at angles (N,) from x_g towards y_g, and with berths (N,)."""
         scene, things = self.setup.scene, self.setup.neighbours
-        x_g, y_g, _ = scene.frame
-        directions = np.cos(angles)[:, None] * x_g + np.sin(angles)[:, None] * y_g
+        directions = self._directions(angles)
         windows = passing_windows(scene, things, list(directions), options.window, self.cup.rim)
         return Drift(drift.ids, drift.centers, directions, windows, berths)
 
