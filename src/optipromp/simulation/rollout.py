@@ -181,8 +181,8 @@ class Execution:
     def _rollout(self, motion: float, warnings: tuple[str, ...]) -> Rollout:
         robot, drives, stems = self.world.robot, self.world.drives, self.stems
         columns = [np.array(column) for column in zip(*self.records, strict=True)]
-        times, states, velocity, torque, wanted, attached, force, stem = columns
-        q, wanted = drives.joints(states[:, : robot.n_segments]), drives.joints(wanted)
+        times, states, velocity, torque, targets, attached, force, stem = columns
+        q, wanted = drives.joints(states[:, : robot.n_segments]), drives.joints(targets)
         shown = self.world.shown
         points, axes = robot.tool_pose(q)
         goals, _ = robot.tool_pose(wanted)
