@@ -32,7 +32,8 @@ NAN, INF = float("nan"), float("inf")
         ("push_weights", (1.0, 1.0)), ("push_weights", (1.0, 1.0, -1.0)),
         ("push_weights", (1.0, NAN, 1.0)),
         ("drift", "left"), ("window", "wide"),
-        ("drift_offset", -0.01), ("drift_offset", NAN),
+        ("drift_offset", -0.01), ("drift_offset", NAN), ("berth", -0.1), ("berth", NAN),
+        ("approach_speed", 0.0), ("approach_speed", -0.1), ("approach_speed", NAN),
         ("corridor", -0.01), ("corridor", NAN),
         ("smoothness", -1e-9), ("smoothness", INF),
         ("static_clearance", -0.01), ("static_clearance", NAN),
@@ -77,17 +78,18 @@ JOINT: dict[str, Any] = {
     "duration": 9.0,
     "alphas": (1.0, 5.0, 1.0, 1.0),
     "epsilon": 0.06,
-    "reduction": "max",
     "push": "reciprocal",
     "push_weights": (5.0, 1.0, 1.0),
     "window": "paper",
+    "foresight": False,
     "drift_offset": 0.04,
     "corridor": 0.001,
     "smoothness": 1e-3,
     "avoid_clearance": 0.06,
     "self_clearance": 0.2,
     "limit_margin": 0.6,
-    "priority": Priority(drift=1.0),
+    "priority": Priority(corridor=1.0),
+    "approach_speed": 0.05,
     "camera_phase": 0.6,
     "max_step": 0.03,
     "iterations": 2,
@@ -113,6 +115,7 @@ ELSEWHERE = {  # tested by name below, or in test_requests.py
     "drift",
     "static_clearance",
     "starts",
+    "reduction",
     "camera_point",
     "direction_deviation",
     "berth",
@@ -127,6 +130,12 @@ def differ(first: Plan, second: Plan) -> bool:
 @pytest.mark.parametrize("name", JOINT)
 def test_the_joint_strategy_heeds(name: str, planned: Callable[..., Plan]) -> None:
     assert differ(planned("scenario-3", **{name: JOINT[name]}), planned("scenario-3"))
+
+
+def test_the_joint_strategy_heeds_the_reduction(planned: Callable[..., Plan]) -> None:
+    """Where two body points are near an obstacle: within a wide safety distance."""
+    most = planned("scenario-3", epsilon=0.06, reduction="max")
+    assert differ(most, planned("scenario-3", epsilon=0.06))
 
 
 @pytest.mark.parametrize("name", SEQUENTIAL)
@@ -156,17 +165,34 @@ def test_a_duration_that_the_limits_do_not_allow_is_no_success(
     assert result.metrics.velocity_ratio > 1.0
 
 
-def test_without_a_duration_a_limit_is_used_up(planned: Callable[..., Plan]) -> None:
-    for planner in ("promp", "i-promp", "opti-promp"):
-        m = planned("scenario-3", planner).metrics
-        assert max(m.velocity_ratio, m.acceleration_ratio) == pytest.approx(1.0, rel=1e-6)
+@pytest.mark.parametrize("planner", ["promp", "i-promp", "opti-promp"])
+def test_without_a_duration_a_limit_is_used_up(planner: str, planned: Callable[..., Plan]) -> None:
+    m = planned("scenario-3", planner, approach_speed=100.0).metrics
+    assert max(m.velocity_ratio, m.acceleration_ratio) == pytest.approx(1.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("planner", ["promp", "i-promp", "opti-promp"])
+@pytest.mark.parametrize("speed", [0.05, 0.1])
+def test_the_tool_is_as_slow_among_fruits_as_asked_for(
+    planner: str, speed: float, planned: Callable[..., Plan]
+) -> None:
+    """From t_1 on, and no slower than that; before it the tool may be faster."""
+    result = planned("scenario-3", planner, approach_speed=speed, camera_phase=0.4, knots=101)
+    tools = result.robot.tool_pose(result.trajectory.positions)[0]
+    speeds = np.linalg.norm(np.diff(tools, axis=0), axis=1) / result.trajectory.dt
+    assert speeds[40:].max() == pytest.approx(speed, rel=1e-9)
+    m = result.metrics
+    assert max(m.velocity_ratio, m.acceleration_ratio) < 1.0
+    fast = planned("scenario-3", planner, camera_phase=0.4, knots=101, duration=2.0)
+    assert fast.trajectory.duration == pytest.approx(2.0)  # a duration overrides it
 
 
 def test_clearances_are_kept(planned: Callable[..., Plan]) -> None:
-    m = planned("scenario-4", static_clearance=0.025).metrics
+    m = planned("scenario-4", foresight=False, static_clearance=0.025).metrics
+    plain = planned("scenario-4", foresight=False).metrics
     assert m.clearance_static is not None
     assert m.clearance_static > 0.02
-    assert m.clearance_static > (planned("scenario-4").metrics.clearance_static or 0.0)
+    assert m.clearance_static > (plain.clearance_static or 0.0)
 
 
 def test_steps_are_kept(planned: Callable[..., Plan]) -> None:
@@ -182,7 +208,7 @@ def test_the_margin_to_the_limits_is_kept(planned: Callable[..., Plan]) -> None:
 
 def test_the_drift_offset_is_kept(planned: Callable[..., Plan]) -> None:
     for offset in (0.035, 0.055):
-        m = planned("scenario-3", drift_offset=offset).metrics
+        m = planned("scenario-3", drift_offset=offset, foresight=False).metrics
         for name, value in m.M_p.items():
             assert value is not None
             assert -np.sign(m.stem_projection[name] or 0.0) * value >= offset - 1e-3
@@ -217,7 +243,8 @@ def test_the_number_of_starts_is_heeded(starts: int) -> None:
     options = PlanOptions(starts=starts)
     promp = learnt(setup, None)
     rng = np.random.default_rng(0)
-    batch = next(iter(joint.batches(setup, promp, options, goals, rng)))
+    choices = joint.sides(setup, options)
+    batch = next(iter(joint.batches(setup, promp, options, goals, rng, choices)))
     assert len(batch) == 2 * starts
     assert len({tuple(start.q[-1]) for start in batch}) == starts
     assert len({float(start.drift.directions[0, 1]) for start in batch}) == 2

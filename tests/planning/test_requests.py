@@ -129,7 +129,9 @@ def test_without_sides_one_is_chosen(stem: str, three: Scene) -> None:
         if o.stem is not None and stem == "vertical":
             hung = Stem(np.array([o.position, o.position + 0.2 * UP]))
         objects.append(replace(o, stem=hung))
-    result = plan(replace(three, objects=tuple(objects)))
+    scene = replace(three, objects=tuple(objects))
+    assert_success(plan(scene))
+    result = plan(scene, options=PlanOptions(foresight=False))
     assert_success(result)
     for offset in result.metrics.M_p.values():
         assert offset is not None
@@ -238,7 +240,8 @@ def test_a_goal_in_joints_in_collision(three: Scene) -> None:
 def test_zero_iterations_return_the_initial_trajectory_and_say_so(
     strategy: Any, three: Scene
 ) -> None:
-    result = plan(three, strategy=strategy, options=PlanOptions(iterations=0))
+    options = PlanOptions(iterations=0, foresight=False)  # the same way with and without
+    result = plan(three, strategy=strategy, options=options)
     np.testing.assert_array_equal(result.trajectory.positions, result.initial.positions)
     assert "not optimised" in result.message
     assert result.stages == ()
@@ -246,9 +249,16 @@ def test_zero_iterations_return_the_initial_trajectory_and_say_so(
         assert term.history == ()
         assert term.stage == ""
         assert term.initial == term.final
-    full = plan(three, strategy=strategy)
+    full = plan(three, strategy=strategy, options=replace(options, iterations=None))
     assert "not optimised" not in full.message
     assert full.initial.n_knots == result.initial.n_knots
+
+
+def test_zero_iterations_with_foresight_say_so_too(three: Scene) -> None:
+    result = plan(three, options=PlanOptions(iterations=0))
+    np.testing.assert_array_equal(result.trajectory.positions, result.initial.positions)
+    assert "not optimised" in result.message
+    assert result.stages == ()
 
 
 @pytest.mark.parametrize("iterations", [1, 2, 3])

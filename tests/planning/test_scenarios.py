@@ -59,6 +59,19 @@ def assert_reaches_and_is_clear(result: Plan) -> None:
     assert m.max_step <= 0.05
 
 
+def assert_the_message_names_the_side(result: Plan) -> None:
+    """Passing on the side of a stem is a remark: no fault where pushes are foreseen."""
+    judged = metrics.judge(result.scene, result.robot, result.trajectory, stem_side=False)
+    assert judged.violations == ()
+    strict = metrics.judge(result.scene, result.robot, result.trajectory)
+    assert strict.violations == judged.notes
+    assert strict.notes == ()
+    for note in judged.notes:
+        assert note.endswith("on the side of its stem")
+        assert note in result.message
+    assert ("note:" in result.message) == bool(judged.notes)
+
+
 def test_scenario_3_joint(planned: Planned) -> None:
     result = planned("scenario-3")
     assert_reaches_and_is_clear(result)
@@ -67,6 +80,19 @@ def test_scenario_3_joint(planned: Planned) -> None:
     assert m.M_c > 0.1  # the radius of the side clusters
     assert m.clearance_avoid is not None
     assert m.clearance_avoid > 0.0
+    assert_the_message_names_the_side(result)
+
+
+def test_scenario_3_by_the_rule_alone(planned: Planned) -> None:
+    """The paper's offsets: each fruit passed on the side that its stem leaves free."""
+    result = planned("scenario-3", foresight=False)
+    assert_reaches_and_is_clear(result)
+    m = result.metrics
+    assert m.M_c is not None
+    assert m.M_c > 0.1
+    assert m.clearance_avoid is not None
+    assert m.clearance_avoid > 0.0
+    assert "note:" not in result.message
     assert min(stem_free_offsets(result)) >= 0.05
     paper = PAPER_M_P["scenario-3"]
     for name, offset in m.M_p.items():
@@ -75,15 +101,19 @@ def test_scenario_3_joint(planned: Planned) -> None:
         assert abs(offset) > abs(paper[name])
 
 
-def test_scenario_4_joint(planned: Planned) -> None:
-    result = planned("scenario-4")
+@pytest.mark.parametrize("foresight", [True, False])
+def test_scenario_4_joint(foresight: bool, planned: Planned) -> None:
+    result = planned("scenario-4", foresight=foresight)
     assert_reaches_and_is_clear(result)
     m = result.metrics
     assert m.M_c is not None
     assert m.M_c > 0.03
     assert m.clearance_static is not None
     assert m.clearance_static > 0.01
-    assert min(stem_free_offsets(result)) >= 0.03
+    if foresight:
+        assert_the_message_names_the_side(result)
+    else:
+        assert min(stem_free_offsets(result)) >= 0.03
 
 
 def history(result: Plan, term: str) -> tuple[float, ...]:
@@ -186,7 +216,9 @@ def test_a_success_stays_one_when_judged_again(name: str, planned: Planned) -> N
     fine = np.array([np.interp(z, np.arange(len(q)), column) for column in q.T]).T
     _, contacts = metrics.clearances(result.scene, result.robot, fine)
     assert not contacts
-    again = metrics.judge(result.scene, result.robot, result.trajectory, result.scene.start)
+    again = metrics.judge(
+        result.scene, result.robot, result.trajectory, result.scene.start, stem_side=False
+    )
     assert again.violations == ()
     assert again.metrics == result.metrics
 
@@ -204,7 +236,8 @@ def test_the_message_of_a_term_is_its_story(planned: Planned) -> None:
 
 
 def test_recorded_demonstrations_plan_scenario_3(recorded: Path) -> None:
-    result = plan("scenario-3", demonstrations=recorded)
+    options = PlanOptions(foresight=False)
+    result = plan("scenario-3", demonstrations=recorded, options=options)
     assert_reaches_and_is_clear(result)
     assert min(stem_free_offsets(result)) >= 0.05
 

@@ -1,7 +1,7 @@
 """Shapes, posed obstacles and their signed distances."""
 
 from optipromp.geometry.distances import distances, farther_than, signed_distance
-from optipromp.geometry.obstacles import Obstacles, pack
+from optipromp.geometry.obstacles import Obstacles, near, pack
 from optipromp.geometry.shapes import (
     Box,
     Capsule,
@@ -25,6 +25,7 @@ __all__ = [
     "Sphere",
     "distances",
     "farther_than",
+    "near",
     "pack",
     "signed_distance",
 ]

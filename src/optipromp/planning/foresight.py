@@ -6,6 +6,7 @@ tried in a model of the push (:mod:`optipromp.pushing.swinging`); where that for
 are drawn, and the optimised trajectory is tried again, as it is what the arm does.
 """
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -14,7 +15,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.geometry import distances
-from optipromp.geometry.obstacles import Obstacles, pack
+from optipromp.geometry.obstacles import Obstacles, near, pack
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.setup import Setup
 from optipromp.pushing.bending import Stems, bent
@@ -133,24 +134,29 @@ class Foresight:
         axis = self.setup.goal_axis
         assert axis is not None
         where = (points[::2, None] + heights[:, None] * axis).reshape(-1, 3)
+        middle = 0.5 * (where.min(axis=0) + where.max(axis=0))
+        far = float(np.linalg.norm(where - middle, axis=1).max()) + self.cup.outer
         worst = 0.0
         for obstacles, slack in ((self.setup.surroundings.static, SLACK), (self.avoid, 0.0)):
-            if not len(obstacles.kind):
+            close = near(obstacles, middle, far + slack)
+            if not len(close.kind):
                 continue
-            away, _ = distances(obstacles, where)
+            away, _ = distances(close, where)
             nearest = away.min(axis=1).reshape(-1, 3).min(axis=1) - self.cup.outer
             # where the goal itself is closer, no way can do better
             worst = max(worst, float(min(slack, float(nearest[-1])) - nearest.min()))
         return min(worst, 0.02) / 0.004
 
     def choices(
-        self, drift: Drift, options: PlanOptions, path: Callable[[Drift], FloatArray]
-    ) -> Iterator[tuple[float, Drift]]:
+        self, drift: Drift, options: PlanOptions, path: Callable[[Drift], FloatArray],
+        deadline: float = np.inf,
+    ) -> Iterator[tuple[float, Drift]]:  # fmt: skip
         """Choices of sides worth planning, each with the score of its path.
 
         The rule's own first, then every neighbour the same way (the tool steps aside once), then
         draws about the rule's directions and about the best. A choice comes as soon as its path is
-        good; where none of :data:`DRAWS` is, the best of them does.
+        good; where none of :data:`DRAWS` is, the best of them does. From the ``deadline`` on (of
+        ``time.perf_counter()``) there is no more than one.
         """
         x_g, y_g, _ = self.setup.scene.frame
         rng = np.random.default_rng(0)
@@ -168,6 +174,10 @@ class Foresight:
         alike = [self._leant(a) for a in np.arange(0.0, 2.0 * np.pi - 1e-9, TURNS)]
         alike.sort(key=lambda angles: self._stem_sides(self._directions(angles)))
         first = [ruled, *alike]
+
+        def late() -> bool:
+            return time.perf_counter() > deadline
+
         for draw in range(ROUNDS * DRAWS):
             if draw < len(first):
                 now = tried(first[draw], plain)
@@ -183,9 +193,11 @@ class Foresight:
                 found = now
             if best is None or now.score < best.score:
                 best = now
-            if now.score < SURE or draw % DRAWS == DRAWS - 1:
+            if now.score < SURE or draw % DRAWS == DRAWS - 1 or late():
                 yield found.score, found.drift
                 found = None
+                if late():
+                    return
 
     def _away(self) -> FloatArray:
         """(N, 3) lateral part of the unit vectors from root to fruit: away from each stem."""

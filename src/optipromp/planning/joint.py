@@ -318,7 +318,7 @@ def _foreseen(
         if value < foresight.GOOD:
             return made_of
     least, best = np.inf, None
-    for expected, drift in model.choices(ruled, options, way):
+    for expected, drift in model.choices(ruled, options, way, deadline):
         if expected < least:
             value, made_of = attempt(drift, False)
             if best is None or value < least:

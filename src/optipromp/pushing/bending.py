@@ -23,7 +23,7 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.scenes.scene import SceneObject
 
-LOADED = (0.4, 0.75, 1.0)  # shares of the length, the last one the fruit's centre
+LOADED = (5 / 12, 0.75, 1.0)  # shares of the length, the last one the fruit's centre
 ELEMENTS = 24
 MODULUS = 5e7  # [Pa]
 DIAMETER = 0.0025  # [m]

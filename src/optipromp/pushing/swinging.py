@@ -453,7 +453,9 @@ def push(
                 if not begun:
                     continue
                 _solve(hessian, gradient)
-                far = np.max(np.abs(gradient))
+                far = 0.0
+                for a in range(loaded):
+                    far = max(far, math.hypot(gradient[a], gradient[loaded + a]))
                 scale = 1.0 if far <= FARTHEST else FARTHEST / far
                 moved = max(moved, far * scale)
                 for a in range(dofs):
