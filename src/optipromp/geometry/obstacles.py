@@ -124,7 +124,10 @@ def pack(
 
 
 def near(obstacles: Obstacles, center: FloatArray, reach: float) -> Obstacles:
-    """Those that may come within ``reach`` [m] of ``center`` (3,), by their bounding balls; no cells."""
+    """Those that may come within ``reach`` [m] of ``center`` (3,), by their bounding balls.
+
+    They have no cells.
+    """
     away = np.linalg.norm(obstacles.position - center, axis=1) - obstacles.bound
     keep = away <= reach
     fields = ("kind", "position", "rotation", "size", "bound", "grid")

@@ -174,6 +174,10 @@ class Foresight:
         alike = [self._leant(a) for a in np.arange(0.0, 2.0 * np.pi - 1e-9, TURNS)]
         alike.sort(key=lambda angles: self._stem_sides(self._directions(angles)))
         first = [ruled, *alike]
+
+        def late() -> bool:
+            return time.perf_counter() > deadline
+
         for draw in range(ROUNDS * DRAWS):
             if draw < len(first):
                 now = tried(first[draw], plain)
@@ -189,12 +193,11 @@ class Foresight:
                 found = now
             if best is None or now.score < best.score:
                 best = now
-            late = time.perf_counter() > deadline
-            if now.score < SURE or draw % DRAWS == DRAWS - 1 or late:
+            if now.score < SURE or draw % DRAWS == DRAWS - 1 or late():
                 yield found.score, found.drift
                 found = None
-            if late:
-                return
+                if late():
+                    return
 
     def _away(self) -> FloatArray:
         """(N, 3) lateral part of the unit vectors from root to fruit: away from each stem."""

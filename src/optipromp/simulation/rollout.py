@@ -2,14 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from optipromp.arrays import BoolArray, FloatArray, frozen
+from optipromp.arrays import BoolArray, FloatArray, IntArray, frozen
 from optipromp.simulation.contacts import ContactLog
 from optipromp.simulation.engine import engine
+from optipromp.simulation.kernels import is_sound
 from optipromp.simulation.reference import Reference
+from optipromp.simulation.stems import Stems
 from optipromp.simulation.world import World
 
 
@@ -90,36 +92,20 @@ class Execution:
         self.model, self.data = world.model, world.data(motion.q[0])
         p = world.parameters
         self.log = ContactLog(world, p.thresholds.stem_force)
+        self.stems = Stems(world)
         self.step = p.engine.timestep
         self.every = max(round(1.0 / (record_rate * self.step)), 1)
         self.tick = max(round(1.0 / (p.control.rate * self.step)), 1)
         self.gains = (p.control.frequency**2, 2.0 * p.control.damping_ratio * p.control.frequency)
-        self.count = world.robot.n_segments
-        self.hanging = {i: f for i, f in enumerate(world.fruits) if f.weld >= 0}
-        self.welds = [f for f in world.fruits if f.weld >= 0]
-        self.tension = {f.built.key: 0.0 for f in self.welds}
-        self.torn: dict[str, float] = {}
+        n = world.robot.n_segments
+        self.at = _Views.of(self.data, n)
+        self.wanted, self.inertial = np.zeros((2, self.model.nv))
+        self.torque, self.most_asked, self.worst_error = np.zeros((3, n))
         self.records: list[tuple[Any, ...]] = []
-        self.peaks = np.zeros((2, len(world.shown)))
-        self.joint_error = self.torque_use = self.position_use = 0.0
-        self.torque: FloatArray = np.zeros(self.count)
-        self._watch_contacts()
-
-    def _watch_contacts(self) -> None:
-        entities = self.world.entities
-        robot = {i for i, e in enumerate(entities) if e.kind in ("link", "tool")}
-        count = len(entities)
-        self.of_pair: dict[int, list[tuple[int, int]]] = {}
-        fruit_of = {f.entity: i for i, f in enumerate(self.world.shown)}
-        stem_of = {f.stem_entity: i for i, f in enumerate(self.world.shown) if f.stem_entity >= 0}
-        for a in range(count):
-            for b in range(a, count):
-                watchers = [(0, fruit_of[e]) for e in {a, b} if e in fruit_of]
-                watchers += [
-                    (1, stem_of[e]) for e, o in ((a, b), (b, a)) if e in stem_of and o in robot
-                ]
-                if watchers:
-                    self.of_pair[a * count + b] = watchers
+        shown, entities = world.shown, world.entities
+        self.fruit_entities = np.array([f.entity for f in shown], dtype=np.int64)
+        self.stem_entities = np.array([f.stem_entity for f in shown], dtype=np.int64)
+        self.robot_entities = [i for i, e in enumerate(entities) if e.kind in ("link", "tool")]
 
     def run(self) -> tuple[Rollout, ContactLog]:
         """Execute the motion and the hold."""
@@ -135,15 +121,17 @@ class Execution:
         still = (np.arange(total + 1) < before) | (np.arange(total + 1) - before > moving)
         rate[still], acceleration[still] = 0.0, 0.0
         warnings: tuple[str, ...] = ()
+        model, data = self.model, self.data
+        first_half, second_half = self.mujoco.mj_step1, self.mujoco.mj_step2
         with _quiet(self.mujoco):
             self._record(q[0])
             for k in range(total):
-                self.mujoco.mj_step1(self.model, self.data)
+                first_half(model, data)
                 if k % self.tick == 0:
                     self._control(q[k], rate[k], acceleration[k])
-                self.mujoco.mj_step2(self.model, self.data)
-                warnings = self._warnings()
-                if warnings:
+                second_half(model, data)
+                if not is_sound(self.at.warnings, self.at.positions, self.at.velocities):
+                    warnings = self._warnings()
                     break
                 self._observe(q[k + 1])
                 if (k + 1) % self.every == 0:
@@ -151,49 +139,20 @@ class Execution:
         return self._rollout((before + moving) * self.step, warnings), self.log
 
     def _control(self, q: FloatArray, rate: FloatArray, acceleration: FloatArray) -> None:
-        data, n = self.data, self.count
+        at, n = self.at, len(q)
         stiffness, damping = self.gains
-        wanted = np.zeros(self.model.nv)
-        wanted[:n] = (
-            acceleration + stiffness * (q - data.qpos[:n]) + damping * (rate - data.qvel[:n])
-        )
-        torque = np.zeros(self.model.nv)
-        self.mujoco.mj_mulM(self.model, data, torque, wanted)
-        asked = torque[:n] + data.qfrc_bias[:n]
+        self.wanted[:n] = acceleration + stiffness * (q - at.q) + damping * (rate - at.velocity)
+        self.mujoco.mj_mulM(self.model, self.data, self.inertial, self.wanted)
+        asked = self.inertial[:n] + at.bias
         limit = self.world.drives.torque
-        self.torque = np.clip(asked, -limit, limit)
-        self.torque_use = max(self.torque_use, float(np.max(np.abs(asked) / limit, initial=0.0)))
-        data.qfrc_applied[:n] = self.torque
+        self.torque = np.minimum(np.maximum(asked, -limit), limit)
+        np.maximum(self.most_asked, np.abs(asked), out=self.most_asked)
+        at.applied[:] = self.torque
 
     def _observe(self, q: FloatArray) -> None:
-        data, n = self.data, self.count
-        self.joint_error = max(self.joint_error, float(np.max(np.abs(q - data.qpos[:n]))))
-        self.log.add(data)
-        for key, force in self.log.now.items():
-            for row, column in self.of_pair.get(key, ()):
-                if force > self.peaks[row, column]:
-                    self.peaks[row, column] = force
-        self._tear()
-
-    def _tear(self) -> None:
-        """Cut the stem of each fruit that is pulled beyond its threshold."""
-        data = self.data
-        kept = []
-        for place, fruit in enumerate(self.welds):
-            # welds are the only equalities, six rows each, in order, the active ones first
-            pull = data.efc_force[6 * place : 6 * place + 3]
-            axis = data.xmat[fruit.last].reshape(3, 3) @ fruit.along
-            tension = _SIGN * float(pull @ axis)
-            key = fruit.built.key
-            if tension > self.tension[key]:
-                self.tension[key] = tension
-            if tension > fruit.built.abscission:
-                data.eq_active[fruit.weld] = 0
-                data.qfrc_applied[fruit.dofs] = fruit.built.bare.ravel()
-                self.torn[key] = float(data.time)
-            else:
-                kept.append(fruit)
-        self.welds = kept
+        np.maximum(self.worst_error, np.abs(q - self.at.q), out=self.worst_error)
+        self.log.add(self.data)
+        self.stems.tear(self.data)
 
     def _warnings(self) -> tuple[str, ...]:
         data = self.data
@@ -207,27 +166,23 @@ class Execution:
         return tuple(found)
 
     def _record(self, q: FloatArray) -> None:
-        data, n, drives = self.data, self.count, self.world.drives
-        attached = [f.weld >= 0 and bool(data.eq_active[f.weld]) for f in self.world.shown]
+        data = self.data
+        forces = self.log.take_recent()
+        on_stems = forces[self.stem_entities][:, self.robot_entities].max(axis=1)
         self.records.append(
             (
-                data.time,
-                drives.joints(data.qpos[:n]),
-                drives.joints(data.qvel[:n], rates=True),
-                self.torque[drives.first],
-                drives.joints(q),
-                [data.qpos[f.position : f.position + 3].copy() for f in self.world.shown],
-                attached,
-                *self.peaks.copy(),
-                data.qpos.copy(),
+                data.time, data.qpos.copy(), self.at.velocity.copy(), self.torque, q,
+                [f.weld >= 0 and bool(data.eq_active[f.weld]) for f in self.world.shown],
+                forces[self.fruit_entities].max(axis=1),
+                np.where(self.stem_entities >= 0, on_stems, 0.0),
             )
-        )
-        self.peaks[:] = 0.0
+        )  # fmt: skip
 
     def _rollout(self, motion: float, warnings: tuple[str, ...]) -> Rollout:
-        robot = self.world.robot
+        robot, drives, stems = self.world.robot, self.world.drives, self.stems
         columns = [np.array(column) for column in zip(*self.records, strict=True)]
-        times, q, velocity, torque, wanted, positions, attached, force, stem, states = columns
+        times, states, velocity, torque, targets, attached, force, stem = columns
+        q, wanted = drives.joints(states[:, : robot.n_segments]), drives.joints(targets)
         shown = self.world.shown
         points, axes = robot.tool_pose(q)
         goals, _ = robot.tool_pose(wanted)
@@ -235,23 +190,45 @@ class Execution:
         inside = np.minimum(q - robot.lower, robot.upper - q)
         bounded = np.isfinite(span)
         position = float(np.max(1.0 - 2.0 * inside[:, bounded] / span[bounded], initial=0.0))
+        torque_use = float(np.max(self.most_asked / drives.torque, initial=0.0))
         return Rollout(
-            times=frozen(times), q=frozen(q), velocity=frozen(velocity), torque=frozen(torque),
+            times=frozen(times), q=frozen(q),
+            velocity=frozen(drives.joints(velocity, rates=True)),
+            torque=frozen(torque[:, drives.first]),
             reference=frozen(wanted), tool_point=frozen(points), tool_axis=frozen(axes),
             fruit_ids=tuple(f.id for f in shown),
-            fruit_positions=frozen(positions.reshape(len(times), len(shown), 3)),
+            fruit_positions=frozen(
+                np.stack([states[:, f.position : f.position + 3] for f in shown], axis=1)
+                if shown else np.zeros((len(times), 0, 3))
+            ),
             attached=frozen(attached.reshape(len(times), len(shown)), np.bool_),
             fruit_force=frozen(force), stem_force=frozen(stem), states=frozen(states),
             motion=motion, warnings=warnings,
-            limit_use={"position": position, **self.motion.use, "torque": self.torque_use},
-            tension={f.id: self.tension[f.built.key] for f in shown if f.weld >= 0},
-            torn_at={f.id: self.torn[f.built.key] for f in shown if f.built.key in self.torn},
+            limit_use={"position": position, **self.motion.use, "torque": torque_use},
+            tension={f.id: stems.tension[f.built.key] for f in shown if f.weld >= 0},
+            torn_at={f.id: stems.torn[f.built.key] for f in shown if f.built.key in stems.torn},
             tracking_error=float(np.linalg.norm(points - goals, axis=1).max()),
-            joint_error=self.joint_error,
+            joint_error=float(np.max(self.worst_error, initial=0.0)),
         )  # fmt: skip
 
 
-_SIGN = -1.0  # of a pull up the stem in the rows of MuJoCo's weld
+class _Views(NamedTuple):
+    """What is read and written every step, where MuJoCo keeps it; ``q`` and on are the robot's."""
+
+    warnings: IntArray
+    positions: FloatArray
+    velocities: FloatArray
+    q: FloatArray
+    velocity: FloatArray
+    bias: FloatArray
+    applied: FloatArray
+
+    @classmethod
+    def of(cls, data: Any, count: int) -> Self:
+        return cls(
+            data.warning.number, data.qpos, data.qvel, data.qpos[:count], data.qvel[:count],
+            data.qfrc_bias[:count], data.qfrc_applied[:count],
+        )  # fmt: skip
 
 
 class _quiet:  # noqa: N801

@@ -1,0 +1,59 @@
+"""Stems that hold their fruits until these are pulled too hard."""
+
+from typing import Any
+
+import numpy as np
+
+from optipromp.arrays import BoolArray, FloatArray
+from optipromp.simulation.kernels import note_pulls
+from optipromp.simulation.world import Fruit, World
+
+_SIGN = -1.0  # of a pull up the stem in the rows of MuJoCo's weld
+
+
+class Stems:
+    """The stems that hold, how hard each was pulled, and those that gave way.
+
+    Attributes:
+        torn: when each torn fruit came off, by key [s].
+    """
+
+    def __init__(self, world: World) -> None:
+        self.torn: dict[str, float] = {}
+        self._torn_by: dict[str, float] = {}
+        fruits = [fruit for fruit in world.fruits if fruit.weld >= 0]
+        self._hold(fruits, np.zeros(len(fruits)))
+
+    def _hold(self, fruits: list[Fruit], tension: FloatArray) -> None:
+        self._fruits, self._tension = fruits, tension
+        self._last = np.array([f.last for f in fruits], dtype=np.int64)
+        self._along = np.array([f.along for f in fruits]).reshape(-1, 3, 1)
+        self._abscission = np.array([f.built.abscission for f in fruits], dtype=np.float64)
+
+    @property
+    def tension(self) -> dict[str, float]:
+        """Largest pull along each stem, by key [N]."""
+        keys = [fruit.built.key for fruit in self._fruits]
+        return self._torn_by | dict(zip(keys, self._tension.tolist(), strict=True))
+
+    def tear(self, data: Any) -> None:
+        """Cut the stem of each fruit that is pulled beyond its threshold."""
+        count = len(self._fruits)
+        if not count:
+            return
+        up = data.xmat.take(self._last, axis=0).reshape(-1, 3, 3) @ self._along
+        # welds are the only equalities, six rows each, in order, the active ones first
+        forces = data.efc_force[: 6 * count].reshape(-1, 1, 6)[:, :, :3]
+        pulls = _SIGN * (forces @ up).ravel()
+        if note_pulls(pulls, self._abscission, self._tension):
+            self._cut(data, pulls > self._abscission)
+
+    def _cut(self, data: Any, gone: BoolArray) -> None:
+        for i in np.flatnonzero(gone):
+            fruit, key = self._fruits[i], self._fruits[i].built.key
+            data.eq_active[fruit.weld] = 0
+            data.qfrc_applied[fruit.dofs] = fruit.built.bare.ravel()
+            self.torn[key] = float(data.time)
+            self._torn_by[key] = float(self._tension[i])
+        held = np.flatnonzero(~gone)
+        self._hold([self._fruits[i] for i in held], self._tension[held])
