@@ -37,7 +37,7 @@ TOUCH_MARGIN = 1e-3  # [m] under which clearance outranks the goal
 ASIDE_MARGIN = 4e-3  # [m] that the tool may swing out beyond what the pushables ask for
 CAPTURE_LEAST = 2e-3  # [m] off the approach line at the target, for a mouth hardly wider than it
 UPRIGHT = np.deg2rad(2.0)  # [rad] tilt of the tool allowed on the approach
-TOOL_STEP = 0.010  # [m] between knots of the approach
+TOOL_STEP = 0.006  # [m] between knots of the approach
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,7 @@ BESIDE = 0.1  # cosine from which a direction leads to the stem's side, not besi
 BERTHS = (0.4, 1.4)  # least and most that are drawn
 KEPT = 0.6  # chance that a direction is drawn anew beside the best
 UNSEEN = 6  # draws of where the fruits may hang otherwise than they were seen
+FEWER = 2  # draws for the rule's way past fruits that are known well
 SHIFT = 0.003  # [m] deviation of a fruit whose scene does not say how well it was seen
 WIDER = 1.5  # times the deviation of a detection: it is the unlikely that does harm
 TURN, DETECTED_TURN = np.deg2rad(1.0), np.deg2rad(4.0)  # of its stem, and of one that was detected
@@ -87,21 +88,21 @@ class Foresight:
         things = (self.setup.scene.target, *self.setup.neighbours)
         return any(thing is not None and thing.covariance is not None for thing in things)
 
-    def of(self, points: FloatArray, axes: FloatArray) -> float:
+    def of(self, points: FloatArray, axes: FloatArray, draws: int = UNSEEN) -> float:
         """Score of a way of the tool: points (P, 3) :data:`STEP` apart, axes (P, 3).
 
-        The mean over the fruits as they were seen and :data:`UNSEEN` ways they may hang.
+        The mean over the fruits as they were seen and ``draws`` ways they may hang.
         """
         dt = STEP / SPEED
-        first, *others = self.stems
+        first, *others = self.stems[: draws + 1]
         total = score(harm(first, points, axes, dt, self.cup))
         if total > HOPELESS:
             return total
         for other in others:
             total += score(harm(other, points, axes, dt, self.cup))
-        return total / len(self.stems)
+        return total / (1 + len(others))
 
-    def of_path(self, corners: FloatArray) -> float:
+    def of_path(self, corners: FloatArray, draws: int = UNSEEN) -> float:
         """Score of a way through corners (k, 3), with what it costs in length and clearance."""
         far = length(corners)
         points = evenly(corners, int(far / STEP) + 2)
@@ -110,12 +111,12 @@ class Foresight:
         detour = far - straight
         axes = np.tile(self.setup.goal_axis, (len(points), 1))
         beside = 0.5 * detour / straight + self._touch(points)
-        return beside + self.of(points, axes)
+        return beside + self.of(points, axes, draws)
 
     def of_trajectory(self, q: FloatArray, seen_well: bool = False) -> float:
         """Score of configurations (T, n) from the camera point on.
 
-        Where ``seen_well``, with the fruits where they were seen and nowhere else.
+        Where ``seen_well``, with :data:`FEWER` draws of how they may hang.
         """
         points, axes = self.setup.robot.tool_pose(q)
         at = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
@@ -125,7 +126,7 @@ class Foresight:
         both[:, 3:] /= np.linalg.norm(both[:, 3:], axis=1)[:, None]
         points, axes = np.ascontiguousarray(both[:, :3]), np.ascontiguousarray(both[:, 3:])
         if seen_well:
-            return score(harm(self.stems[0], points, axes, STEP / SPEED, self.cup))
+            return self.of(points, axes, FEWER)
         return self.of(points, axes)
 
     def _touch(self, points: FloatArray) -> float:

@@ -313,7 +313,7 @@ def _foreseen(
         return value + (0.0 if id(made_of) in valid else INVALID), made_of
 
     # what is known well may be passed as the rule says, if that does no harm
-    if not model.detected:
+    if not model.detected and model.of_path(way(ruled), 0) < foresight.HOPELESS:
         value, made_of = attempt(ruled, True)
         if value < foresight.GOOD:
             return made_of

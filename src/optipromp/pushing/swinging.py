@@ -28,7 +28,7 @@ ITERATIONS = 6
 SETTLED = 1e-4  # [m] change of the deflections that ends the iterations
 FARTHEST = 0.004  # [m] that a loaded point moves in one iteration
 LIVELY = 0.9  # share of its speed that a fruit keeps from step to step
-HELD = 3  # steps over which a force must last
+HELD = 5  # steps over which a force must last
 NECK_LOOKED_AT = 0.03  # [m] under the cup that stems are kept off the neck
 BARELY = 0.003  # [m] under the rim at which a fruit counts as inside
 
