@@ -16,6 +16,7 @@ from optipromp.geometry import (
     Sphere,
     distances,
     farther_than,
+    near,
     pack,
     signed_distance,
 )
@@ -235,3 +236,22 @@ def test_refuses_points(points, words):
     with pytest.raises(InvalidRequestError) as caught:
         distances(pack([]), points)
     assert words in caught.value.message
+
+
+@settings(max_examples=50, deadline=None)
+@given(point, st.floats(0.0, 1.0))
+def test_what_is_left_out_is_not_near(at, reach):
+    """Every shape three times: distances within reach are the same with what is left."""
+    rng = np.random.default_rng(0)
+    shapes = [shape for shape in SHAPES.values() for _ in range(3)]
+    everything = pack([(shape, rng.uniform(-2.0, 2.0, 3), EYE) for shape in shapes])
+    some = near(everything, np.array(at), reach)
+    for a, b in zip(everything[:-1], some[:-1], strict=True):
+        assert a.dtype == b.dtype
+        assert not b.flags.writeable
+    assert some.cells.reach == 0.0
+    before, _ = distances(everything, [at])
+    after, _ = distances(some, [at])
+    kept = np.sort(before[before <= reach])
+    np.testing.assert_array_equal(np.sort(after[after <= reach]), kept)
+    assert len(some.kind) < len(everything.kind) or reach > 0.5

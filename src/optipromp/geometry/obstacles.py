@@ -124,14 +124,17 @@ def pack(
 
 
 def near(obstacles: Obstacles, center: FloatArray, reach: float) -> Obstacles:
-    """Those that may come within ``reach`` [m] of ``center`` (3,), by their bounding balls."""
+    """Those that may come within ``reach`` [m] of ``center`` (3,), by their bounding balls.
+
+    They have no cells.
+    """
     away = np.linalg.norm(obstacles.position - center, axis=1) - obstacles.bound
     keep = away <= reach
     fields = ("kind", "position", "rotation", "size", "bound", "grid")
     kept = {name: getattr(obstacles, name)[keep] for name in fields}
     for array in kept.values():
         array.setflags(write=False)
-    return obstacles._replace(**kept)
+    return obstacles._replace(**kept, cells=no_cells())
 
 
 def _check_poses(position: FloatArray, rotation: FloatArray) -> None:

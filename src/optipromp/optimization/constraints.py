@@ -138,7 +138,7 @@ class FunnelConstraint(Term):
 
 
 class CorridorConstraint(Term):
-    """Constraint 3: the tool stays within a tolerance of the initial one along x_g and z_g."""
+    """Constraint 3: the tool stays within a tolerance of a reference along each of ``axes``."""
 
     def __init__(
         self, weight: float, reference: FloatArray, axes: FloatArray, tolerance: float, first: int

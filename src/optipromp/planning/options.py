@@ -41,7 +41,7 @@ class PlanOptions:
         drift_offset: how far it passes from their centres [m]; None: R_gripper.
         berth: how much farther, in radii of the pushable, it passes where nothing stands against
             it: a rim right under a fruit's centre may tip it either way. 0 in the paper.
-        corridor: tolerance of constraint 3 along x_g and z_g [m].
+        corridor: tolerance of constraint 3 [m]: along all three axes in the joint strategy.
         approach_speed: fastest that the tool moves from t_1 on where something is to be pushed
             [m/s]; ``duration`` overrides it.
         smoothness: weight of ½∫‖ξ̈‖² dt in the joint strategy.

@@ -65,7 +65,8 @@ def generate_with_report(preset: Preset, seed: int) -> tuple[Scene, GenerationRe
       the Franka hand.
 
     A scene is drawn again only where things interpenetrate, or where no arm could solve it: the
-    target out of reach, inside something static, or every goal configuration in collision.
+    target out of reach, inside something static, a stem rooted where the cup must pass, or every
+    goal configuration in collision.
 
     Args:
         preset: one of :data:`PRESETS`.
