@@ -363,7 +363,7 @@ def test_a_pushed_fruit_pushes_its_neighbour() -> None:
 def test_a_stem_is_pressed_where_the_rim_meets_it() -> None:
     """The cup, on a neck too thin to reach the fruit below it, moves at its stem."""
     s = hung(((0, 0, 0.2), (0, 0, 0.05)), ((0, 0, -0.1), (0, 0, 0.2)))
-    points = along((0.06, 0, -0.03), (0.02, 0, -0.03))
+    points = along((0.06, 0, -0.03), (0.01, 0, -0.03))
     positions, forces, stem_forces = led(s, points, cup=CUP._replace(neck=0.003))
     assert stem_forces[-1, 1] > 0.01
     assert forces[-1, 1] == 0.0

@@ -8,7 +8,7 @@ minimise
 
 by a few Gauss-Newton steps from where they were: the stem's energy, the fruit's inertia (an
 implicit Euler step; :math:`\hat u_L` is where it would swing to by itself) and its contacts, with
-the gaps g of fruit and stem to the cup, to other fruits and their stems and to what stands firm. The
+the gaps g of fruit and stem to the cup, to other fruits and their stems and to what is firm. The
 cup rubs on fruits: Coulomb's friction as a spring against the slip of the step, as stiff as the
 contact force allows.
 """
