@@ -8,6 +8,8 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
+from optipromp.geometry.obstacles import pack
+from optipromp.geometry.shapes import Box
 from optipromp.pushing import swinging
 from optipromp.pushing.bending import Stems, bent
 from optipromp.pushing.swinging import CONTACT, Cup, cup_distance, harm, push
@@ -15,6 +17,7 @@ from optipromp.pushing.swinging import CONTACT, Cup, cup_distance, harm, push
 CUP = Cup(inner=0.023, outer=0.025, base=-0.03, rim=0.02, floor=0.002, neck=0.01)
 UP = np.array([0.0, 0.0, 1.0])
 DT = 0.04  # [s]
+NOTHING = pack([])
 TARGET = np.array([0.4, 0.1, 0.9])
 
 
@@ -41,12 +44,12 @@ def led(
     """Positions (P, N, 3), forces (P, N) on fruits and on stems."""
     count, steps = len(stems.root), len(points)
     out = np.zeros((steps, count, 3)), np.zeros((steps, count)), np.zeros((steps, count))
-    push(stems, points, np.tile(axis, (steps, 1)), DT, cup, *out)
+    push(stems, points, np.tile(axis, (steps, 1)), DT, cup, NOTHING, *out)
     return out
 
 
 def foreseen(stems: Stems, points: np.ndarray) -> swinging.Harm:
-    return harm(stems, points, np.tile(UP, (len(points), 1)), DT, CUP)
+    return harm(stems, points, np.tile(UP, (len(points), 1)), DT, CUP, NOTHING)
 
 
 def gaps(positions: np.ndarray, points: np.ndarray, radius: float = 0.015) -> np.ndarray:
@@ -427,3 +430,16 @@ def test_neither_stems_nor_path_are_written_to() -> None:
     for before, after in zip(kept[0], s, strict=True):
         np.testing.assert_array_equal(before, after)
     np.testing.assert_array_equal(kept[1], points)
+
+
+def test_a_fruit_is_pressed_against_what_stands_firm() -> None:
+    """Between a cup and a wall beside it a fruit is crushed; without the wall it swings away."""
+    stems = hung(((0, 0, 0), (0, 0, 0.2)), ((0.03, 0, -0.05), (0, 0, 0.2)))
+    points = along((0.0, 0, -0.12), (0.0, 0, -0.04), (0.02, 0, -0.04))
+    axes = np.tile(UP, (len(points), 1))
+    middle = TARGET + np.array([0.05 + 0.02, 0.0, -0.05])
+    wall = pack([(Box((0.04, 0.2, 0.2)), middle, np.eye(3))])
+    free = harm(stems, points, axes, DT, CUP, NOTHING)
+    jammed = harm(stems, points, axes, DT, CUP, wall)
+    assert free.fruit < 20.0
+    assert jammed.fruit > 2.0 * free.fruit

@@ -39,7 +39,8 @@ def compared(seed: int, foreseeing: bool = True) -> Comparison:
     led[1] /= np.linalg.norm(led[1], axis=1)[:, None]
     shape = len(times), len(ids)
     positions = np.zeros((*shape, 3))
-    push(model.stems[0], *led, STEP, model.cup, positions, np.zeros(shape), np.zeros(shape))
+    forces = np.zeros(shape), np.zeros(shape)
+    push(model.stems[0], *led, STEP, model.cup, model.solid, positions, *forces)
     at = np.clip(np.searchsorted(rollout.times, times), 0, len(rollout.times) - 1)
     true = rollout.fruit_positions[at][:, ids]
     errors = np.linalg.norm(positions - true, axis=2)

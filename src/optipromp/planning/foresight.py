@@ -46,6 +46,7 @@ FEWER = 2  # draws for the rule's way past fruits that are known well
 SHIFT = 0.003  # [m] deviation of a fruit whose scene does not say how well it was seen
 WIDER = 1.5  # times the deviation of a detection: it is the unlikely that does harm
 TURN, DETECTED_TURN = np.deg2rad(1.0), np.deg2rad(4.0)  # of its stem, and of one that was detected
+AROUND = 0.4  # [m] about the target within which static things are looked at
 SLACK = 0.003  # [m] that the cup should keep from static things
 
 
@@ -80,6 +81,7 @@ class Foresight:
     setup: Setup
     stems: tuple[Stems, ...]
     cup: Cup
+    solid: Obstacles
     avoid: Obstacles
 
     @property
@@ -95,11 +97,11 @@ class Foresight:
         """
         dt = STEP / SPEED
         first, *others = self.stems[: draws + 1]
-        total = score(harm(first, points, axes, dt, self.cup))
+        total = score(harm(first, points, axes, dt, self.cup, self.solid))
         if total > HOPELESS:
             return total
         for other in others:
-            total += score(harm(other, points, axes, dt, self.cup))
+            total += score(harm(other, points, axes, dt, self.cup, self.solid))
         return total / (1 + len(others))
 
     def of_path(self, corners: FloatArray, draws: int = UNSEEN) -> float:
@@ -138,7 +140,7 @@ class Foresight:
         middle = 0.5 * (where.min(axis=0) + where.max(axis=0))
         far = float(np.linalg.norm(where - middle, axis=1).max()) + self.cup.outer
         worst = 0.0
-        for obstacles, slack in ((self.setup.surroundings.static, SLACK), (self.avoid, 0.0)):
+        for obstacles, slack in ((self.solid, SLACK), (self.avoid, 0.0)):
             close = near(obstacles, middle, far + slack)
             if not len(close.kind):
                 continue
@@ -258,7 +260,8 @@ def foresight(setup: Setup) -> Foresight:
         NECK_RADIUS,
     )  # fmt: skip
     avoid = [(thing.shape, thing.position, thing.rotation) for thing in setup.scene.avoid]
-    return Foresight(setup, _hanging((target, *setup.neighbours)), cup, pack(avoid))
+    solid = near(setup.surroundings.static, target.position, AROUND)
+    return Foresight(setup, _hanging((target, *setup.neighbours)), cup, solid, pack(avoid))
 
 
 def _hanging(things: Sequence[SceneObject]) -> tuple[Stems, ...]:

@@ -298,7 +298,9 @@ def _foreseen(
     """The attempt, over choices of sides, whose push is foreseen to do least harm."""
     model = foresight.foresight(setup)
     ruled = sides(setup, options)[0]
-    way = lambda drift: tool_path(setup, options, drift)  # noqa: E731
+
+    def way(drift: Drift) -> FloatArray:
+        return tool_path(setup, options, drift)
 
     def attempt(drift: Drift, seen_well: bool) -> tuple[float, Attempt]:
         valid: set[int] = set()

@@ -8,8 +8,9 @@ minimise
 
 by a few Gauss-Newton steps from where they were: the stem's energy, the fruit's inertia (an
 implicit Euler step; :math:`\hat u_L` is where it would swing to by itself) and its contacts, with
-the gaps g of fruit and stem to the cup, to other fruits and to their stems. The cup rubs on fruits:
-Coulomb's friction as a spring against the slip of the step, as stiff as the contact force allows.
+the gaps g of fruit and stem to the cup, to other fruits and their stems and to what is firm. The
+cup rubs on fruits: Coulomb's friction as a spring against the slip of the step, as stiff as the
+contact force allows.
 """
 
 import math
@@ -19,6 +20,8 @@ import numpy as np
 from numba import njit
 
 from optipromp.arrays import BoolArray, FloatArray
+from optipromp.geometry.distances import distance_and_gradient
+from optipromp.geometry.obstacles import Obstacles
 from optipromp.pushing.bending import Stems
 
 CONTACT = 3000.0  # [N/m]
@@ -299,8 +302,8 @@ def _overlapping(s: Stems) -> BoolArray:
 
 @_jit
 def push(
-    s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Cup, positions: FloatArray,
-    forces: FloatArray, stem_forces: FloatArray,
+    s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Cup, solid: Obstacles,
+    positions: FloatArray, forces: FloatArray, stem_forces: FloatArray,
 ) -> None:  # fmt: skip
     """Lead the cup along a path.
 
@@ -309,6 +312,7 @@ def push(
         points: (P, 3) of the tool point; ``axes`` (P, 3) out of the mouth.
         dt: between points [s].
         cup: its shape.
+        solid: what fruits are pressed against; stems grow beside it.
         positions: (P, N, 3) out, of the fruits [m].
         forces: (P, N) out, largest contact force on each fruit [N].
         stem_forces: (P, N) out, of the cup on each stem [N].
@@ -321,6 +325,7 @@ def push(
     y, normal, flat, total = np.empty(3), np.empty(3), np.empty(2), np.empty(3)
     resting = np.ones(count, dtype=np.bool_)
     touching = _overlapping(s)
+    walls = len(solid.kind)
     for i in range(count):
         _place(s.root[i], s.axes[i], s.shape[i], u[i], s.length[i], 1.0, center[i])
     for p in range(len(points)):
@@ -362,7 +367,7 @@ def push(
                 first = int(top * n) + 1
                 pieces = max((int(low * n) if low > 0.0 else int(last * n)) - first + 1, 0)
                 others = count - 1
-                for what in range(3 * others + 3 + pieces):
+                for what in range(3 * others + 1 + walls + 2 + pieces):
                     on_stem = False
                     share = 1.0
                     if what == 0:  # the fruit and the cup
@@ -389,9 +394,15 @@ def push(
                                 continue
                             _place(root, frame, shape, ui, length - up[i], share, y)
                             gap = _apart(y, center[o], normal) - s.radius[o] - thin
+                    elif what <= 3 * others + walls:  # the fruit and what stands firm
+                        k = what - 3 * others - 1
+                        gap, normal[0], normal[1], normal[2] = distance_and_gradient(
+                            solid, k, x[0], x[1], x[2]
+                        )
+                        gap -= radius
                     else:  # the stem and the cup
                         on_stem = True
-                        k = what - 3 * others - 1
+                        k = what - 3 * others - 1 - walls
                         share = top if k == 0 else bottom if k == 1 else (first + k - 2) / n
                         if share == 0.0 or share > last:
                             continue
@@ -476,7 +487,9 @@ def _inside(x: FloatArray, point: FloatArray, axis: FloatArray, cup: Cup, way: F
 
 
 @_jit
-def harm(s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Cup) -> Harm:
+def harm(
+    s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Cup, solid: Obstacles
+) -> Harm:
     """What the cup, led along a path (see :func:`push`), does to the fruits; the first is wanted.
 
     A force lasts as long as it does not fall for :data:`HELD` steps.
@@ -484,7 +497,7 @@ def harm(s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Cup) ->
     count, steps = s.stiffness.shape[0], len(points)
     positions, way = np.zeros((steps, count, 3)), np.empty(3)
     forces, stem_forces = np.zeros((steps, count)), np.zeros((steps, count))
-    push(s, points, axes, dt, cup, positions, forces, stem_forces)
+    push(s, points, axes, dt, cup, solid, positions, forces, stem_forces)
     stem = fruit = target = inside = 0.0
     for i in range(count):
         spell = 0
