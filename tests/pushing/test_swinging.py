@@ -443,3 +443,19 @@ def test_a_fruit_is_pressed_against_what_stands_firm() -> None:
     jammed = harm(stems, points, axes, DT, CUP, wall)
     assert free.fruit < 20.0
     assert jammed.fruit > 2.0 * free.fruit
+
+
+def test_a_fruit_is_pressed_against_what_stands_firm() -> None:
+    """It cannot swing through a wall, and is squeezed between it and the cup."""
+    s = hung(((0, 0, 0), (0, 0, 0.2)))
+    points = np.vstack([along((0.06, 0, 0), (0.03, 0, 0)), np.tile(TARGET + [0.03, 0, 0], (40, 1))])
+    wall = pack([(Box((0.01, 0.2, 0.2)), TARGET + [-0.023, 0.0, 0.0], np.eye(3))])
+    axes, shape = np.tile(UP, (len(points), 1)), (len(points), 1)
+    positions, forces = np.zeros((*shape, 3)), np.zeros(shape)
+    push(s, points, axes, DT, CUP, wall, positions, forces, np.zeros(shape))
+    free, loose, _ = led(s, points)
+    assert free[-1, 0, 0] < TARGET[0] - 0.009
+    # 3 mm of room: what is left of 10 mm is shared by the two contacts
+    assert positions[-1, 0, 0] == pytest.approx(TARGET[0] - 0.0065, abs=5e-4)
+    assert forces[-1, 0] == pytest.approx(0.0035 * CONTACT, rel=0.1)
+    assert forces[-1, 0] > 10.0 * loose[-1, 0]
