@@ -285,8 +285,12 @@ def solve(
     rng: np.random.Generator,
     deadline: float,
     verify: Callable[[Trajectory, Attempt], bool],
+    made: Iterator[list[Start]] | None = None,
 ) -> Attempt:
-    """The best attempt over all starts; the first that ``verify`` finds valid ends the search."""
+    """The best attempt over all starts; the first that ``verify`` finds valid ends the search.
+
+    ``made`` are batches of starts in place of those of :func:`batches`.
+    """
     workspaces: dict[int, Evaluation] = {}
     schedule = _schedule(options)
     best: Attempt | None = None
@@ -308,7 +312,7 @@ def solve(
         history = a.history + result.history[1:]
         return Attempt(a.start, a.problem, result.q, result.value, history, result.message)
 
-    for batch in batches(setup, promp, options, goals, rng):
+    for batch in batches(setup, promp, options, goals, rng) if made is None else made:
         attempts = [attempt(start) for start in batch]
         if options.iterations == 0:
             least = min(attempts, key=lambda a: a.value.merit)
