@@ -32,7 +32,7 @@ from optipromp.robots.tools import FrankaHand
 from optipromp.trajectory import Trajectory
 
 STEP = 0.0025  # [m] of the tool point between knots of the way
-SPEED = 0.05  # [m/s] of the tool along the way: packs are pushed, not knocked
+SPEED = 0.03  # [m/s] of the tool along the way: packs are pushed, not knocked
 WAYS = 3  # that are planned for
 REACH = 0.02  # [m] of the tool point between knots on the way there, at the most
 FOLLOWED = 1e-4  # [m]

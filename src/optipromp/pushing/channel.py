@@ -8,7 +8,7 @@ corners are drawn at random, each is played through in the quasi-static model
 All of it happens in the plane of the board, in (u, v) along z_g and y_g from the target.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,15 +20,21 @@ from optipromp.robots.tools import FrankaHand
 from optipromp.scenes.scene import Scene, SceneObject
 
 GRAVITY, FRICTION, DENSITY = 9.81, 0.4, 600.0  # what the planner takes for granted of packs
-STEP = 0.002  # [m] of the model
+STEP = 0.003  # [m] of the model
 UPRIGHT = np.cos(np.deg2rad(5.0))
 LEVEL = np.sin(np.deg2rad(5.0))
 BEFORE = 0.025  # [m] before everything, where the tool point enters
 SIDEWAYS = 0.12  # [m] the way leads aside at most
-CORNERS = 3  # of a way, besides its ends
-ROUNDS, DRAWS, KEPT = 6, 90, 12
-TRIALS = 6  # of the best ways, with everything a little elsewhere
-UNSURE = 0.003  # [m] deviation of a thing that the scene states no covariance of
+CORNERS = (3, 4)  # of a way, besides its ends: in turn
+ATTEMPTS = 6  # runs of the search, until a way is good
+ROUNDS = ((300, 1), (150, 1), (150, 1), (150, 1), (150, 1), (50, 4), (50, 4), (50, 4))
+"""Of a run: how many ways are drawn, and in how many trials each is judged."""
+KEPT = 20  # ways that the next draw closes in on
+TRIALS = 10  # with everything a little elsewhere, for the ways that are left
+GOOD = 1.0  # a cost that needs no better
+LOW = 0.006  # [m] over the board that the hand's cover spheres go, so that packs do not topple
+RISE = 0.05  # [m] before the target from which the hand rises to its height
+UNSURE = 0.004  # [m] deviation of a thing that the scene states no covariance of
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +49,7 @@ class Plane:
         walls: static things at the target's height.
         edge: u of the board's front, behind which things must stay [m].
         entry: u of the tool point where the way begins [m].
+        drop: along x_g, how far lower than to the target the hand goes until it is near it [m].
     """
 
     things: Shapes
@@ -53,6 +60,7 @@ class Plane:
     walls: Shapes
     edge: float
     entry: float
+    drop: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +94,8 @@ def plane(scene: Scene, tool: FrankaHand) -> Plane:
     parts, area, lever = zip(*(_footprint(thing, frame) for thing in standing), strict=True)
     flat = np.array([frame[[2, 1]] @ (thing.position - target.position) for thing in standing])
     tall = np.array([2.0 * _half_height(thing, frame) for thing in standing])
-    walls, edge = [], -np.inf
+    walls, edge, drop = [], -np.inf, 0.0
+    thick = float(tool.spheres()[:, 3].max()) + LOW
     bottom = _half_height(target, frame)
     for thing in scene.static:
         if not isinstance(thing.shape, Box):
@@ -100,13 +109,14 @@ def plane(scene: Scene, tool: FrankaHand) -> Plane:
             walls.append(at)
         elif abs(abs(height) - half - bottom) < 0.01 and _covers(at):
             edge = max(edge, float(at[:, 0].min()))
+            drop = np.sign(height) * max(0.0, abs(height) - half - thick)
     things = shapes(list(parts))
     first = float(np.min(flat[:, 0] - things.radius))
     return Plane(
         things, np.column_stack([flat, np.zeros(len(flat))]),
         np.array([_deviation(thing) for thing in standing]),
         FRICTION * DENSITY * GRAVITY * np.array(area) * tall, np.array(lever), shapes(walls), edge,
-        min(first, edge) - BEFORE - (tool.tip - tool.reach),
+        min(first, edge) - BEFORE - (tool.tip - tool.reach), float(drop),
     )  # fmt: skip
 
 
@@ -124,36 +134,60 @@ def ways(scene: Scene, tool: FrankaHand, rng: np.random.Generator, count: int = 
     target = scene.target
     assert target is not None
 
-    def value(at: FloatArray, state: FloatArray) -> float:
-        return cost(bench, tool, parts, drawn(bench, at), state)
+    shifted = [bench.state, *(bench.state + _errors(bench, rng) for _ in range(TRIALS))]
 
-    spread = np.array([0.06, *[0.05, 0.06] * CORNERS])
-    middle = np.array([0.0, *np.ravel([[share * bench.entry, 0.0] for share in SHARES])])
-    seen: list[tuple[float, FloatArray]] = []
-    deviation = spread
-    for _ in range(ROUNDS):
-        draws = middle + deviation * rng.standard_normal((DRAWS, len(middle)))
-        seen += [(value(at, bench.state), at) for at in draws]
-        seen.sort(key=lambda item: item[0])
-        seen = seen[: 4 * KEPT]
-        best = np.array([at for _, at in seen[:KEPT]])
-        middle = best.mean(axis=0)
-        deviation = best.std(axis=0) + 0.1 * spread
-    shifted = [bench.state + _errors(bench, rng) for _ in range(TRIALS)]
-    judged = []
-    for nominal, at in seen[:KEPT]:
-        total = [nominal, *(value(at, state) for state in shifted)]
-        judged.append((float(np.mean(np.minimum(total, WORST))), at))
-    judged.sort(key=lambda item: item[0])
-    x_g, y_g, z_g = scene.frame
-    out = []
-    for worth, at in judged[:count]:
+    def value(at: FloatArray, states: Sequence[FloatArray]) -> float:
         corners = drawn(bench, at)
-        out.append(Way(target.position + corners[:, :1] * z_g + corners[:, 1:] * y_g, worth))
+        worth = [min(cost(bench, tool, parts, corners, state), 2.0 * WORST) for state in states]
+        return float(np.mean(worth))
+
+    best: list[tuple[float, FloatArray]] = []
+    for attempt in range(ATTEMPTS):
+        best += _search(value, shifted, bench.entry, CORNERS[attempt % len(CORNERS)], rng)
+        best.sort(key=lambda item: item[0])
+        if best[0][0] < GOOD:
+            break
+    frame = scene.frame[[2, 1, 0]]
+    out = []
+    for worth, at in best[:count]:
+        corners = drawn(bench, at)
+        out.append(Way(target.position + lowered(corners, bench.drop) @ frame, worth))
     return out
 
 
-SHARES = (0.75, 0.5, 0.25)
+def _search(
+    value: Callable[[FloatArray, Sequence[FloatArray]], float],
+    states: Sequence[FloatArray],
+    entry: float,
+    corners: int,
+    rng: np.random.Generator,
+) -> list[tuple[float, FloatArray]]:
+    """One run of the cross-entropy method: some ways and what they cost, best first.
+
+    Ways are judged with everything where it was seen (the first of ``states``); those that do well
+    there, and what is drawn near them, with everything a little elsewhere.
+    """
+    spread = np.array([0.06, *[0.05, 0.06] * corners])
+    shares = np.linspace(1.0, 0.0, corners + 2)[1:-1]
+    middle = np.array([0.0, *np.ravel([[share * entry, 0.0] for share in shares])])
+    deviation = spread
+    seen: list[tuple[float, FloatArray]] = []
+    for turn, (draws, trials) in enumerate(ROUNDS):
+        if turn and trials != ROUNDS[turn - 1][1]:
+            seen = [(value(at, states[:trials]), at) for _, at in seen[:KEPT]]
+        for _ in range(draws):
+            at = middle + deviation * rng.standard_normal(len(middle))
+            seen.append((value(at, states[:trials]), at))
+        seen.sort(key=lambda item: item[0])
+        seen = seen[: 3 * KEPT]
+        best = np.array([at for _, at in seen[:KEPT]])
+        middle = best.mean(axis=0)
+        deviation = best.std(axis=0) + 0.1 * spread
+    final = [(value(at, states), at) for _, at in seen[:KEPT]]
+    return sorted(final, key=lambda item: item[0])
+
+
+FAR = 0.03  # [m] that the target may move before a trial is given up
 WORST = 25.0  # a trial that fails costs this, however badly it does
 
 
@@ -164,6 +198,14 @@ def drawn(bench: Plane, at: FloatArray) -> FloatArray:
     corners[:, 0] = np.clip(corners[:, 0], bench.entry, 0.0)
     corners[:, 1] = np.clip(corners[:, 1], -SIDEWAYS, SIDEWAYS)
     return corners
+
+
+def lowered(corners: FloatArray, drop: float) -> FloatArray:
+    """Corners (k, 3) in (u, v) and along x_g of a way (k, 2): low until it is near its end."""
+    last = corners[-1] - corners[-2]
+    share = max(0.0, 1.0 - RISE / max(float(np.linalg.norm(last)), 1e-9))
+    flat = np.vstack([corners[:-1], corners[-2] + share * last, corners[-1]])
+    return np.column_stack([flat, [drop] * (len(flat) - 1) + [0.0]])
 
 
 def cost(
@@ -179,8 +221,10 @@ def cost(
     """
     path = stepped(corners)
     result = push(
-        path, parts, bench.things, state, bench.friction, bench.lever, bench.walls, FRICTION
+        path, parts, bench.things, state, bench.friction, bench.lever, bench.walls, FRICTION, FAR
     )
+    if result.done < 1.0:
+        return WORST * (2.0 - result.done)
     end = result.state
     total = (float(np.linalg.norm(end[0, :2] - state[0, :2])) / 0.008) ** 2
     front, tip = tool.front - tool.reach, tool.tip - tool.reach
@@ -192,7 +236,7 @@ def cost(
         total += (max(0.0, bench.edge + 0.01 - u) / 0.005) ** 2
     if len(bench.walls.count):
         total += (max(0.0, 0.016 - room(path[::5], parts, bench.walls)) / 0.004) ** 2
-    return total + 0.5 * result.length
+    return total + 0.001 * len(path)
 
 
 def stepped(corners: FloatArray) -> FloatArray:

@@ -24,8 +24,9 @@ from numba import njit
 from optipromp.arrays import FloatArray, IntArray
 
 CORNERS = 8  # of a polygon at most
-SETTLED = 2e-4  # [m] of overlap that is none
+SETTLED = 4e-4  # [m] of overlap that is none
 SWEEPS = 25  # over the contacts, in a step
+JAMMED = 4e-3  # [m] of overlap left after these at which something gives way that must not
 FLAT = 1e-3  # [m] within which corners of a polygon are pressed together
 
 
@@ -35,6 +36,7 @@ class Shapes(NamedTuple):
     corners: FloatArray  # (B, CORNERS, 2) [m]
     count: IntArray  # (B,)
     radius: FloatArray  # (B,) [m] of a disc, or of the circle about a polygon's origin
+    box: FloatArray  # (B, 4) [m] least u and v, largest u and v
 
 
 class Result(NamedTuple):
@@ -44,13 +46,14 @@ class Result(NamedTuple):
         state: (B, 3) where things end: u, v [m], turn [rad].
         load: largest sliding friction of all things that moved in one step [N].
         jam: largest overlap that could not be resolved: something is pressed against a wall [m].
-        length: of the tool's way [m].
+        done: share of the way after which it was stopped: 1, or less where something jammed or
+            the first thing moved farther than it may.
     """
 
     state: FloatArray
     load: float
     jam: float
-    length: float
+    done: float
 
 
 def shapes(parts: list[FloatArray | float]) -> Shapes:
@@ -61,15 +64,17 @@ def shapes(parts: list[FloatArray | float]) -> Shapes:
     """
     corners = np.zeros((len(parts), CORNERS, 2))
     count, radius = np.zeros(len(parts), dtype=np.int64), np.zeros(len(parts))
+    box = np.zeros((len(parts), 4))
     for i, part in enumerate(parts):
         if isinstance(part, float | int):
-            radius[i] = part
+            radius[i], box[i] = part, [-part, -part, part, part]
             continue
         if len(part) > CORNERS:
             raise ValueError(f"a polygon has {len(part)} corners; at most {CORNERS} are taken")
         corners[i, : len(part)], count[i] = part, len(part)
         radius[i] = float(np.linalg.norm(part, axis=1).max())
-    return Shapes(corners, count, radius)
+        box[i] = [*part.min(axis=0), *part.max(axis=0)]
+    return Shapes(corners, count, radius, box)
 
 
 def push(
@@ -81,6 +86,7 @@ def push(
     lever: FloatArray,
     walls: Shapes,
     slip: float,
+    most: float = np.inf,
 ) -> Result:
     """Move the tool along a path and see where things go.
 
@@ -93,15 +99,15 @@ def push(
         lever: (B,) friction moment of each over its friction [m].
         walls: what stands, in place.
         slip: coefficient of friction between things, and with the tool.
+        most: how far the first thing may move before the push is stopped [m].
     """
     end = np.array(state, dtype=np.float64)
-    report = np.zeros(2)
+    report = np.zeros(3)
     _push(
         np.ascontiguousarray(path, dtype=np.float64), tool, things, end, 1.0 / friction, lever**2,
-        walls, slip, report,
+        walls, slip, most, report,
     )  # fmt: skip
-    length = float(np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1).sum())
-    return Result(end, float(report[0]), float(report[1]), length)
+    return Result(end, float(report[0]), float(report[1]), float(report[2]))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -230,7 +236,39 @@ def _resolve(state, before, yields, lever2, i, j, hit, depth, slip, away):  # ty
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _push(path, tool, things, state, yields, lever2, walls, slip, report):  # type: ignore[no-untyped-def]
+def _outside(box, at, radius):  # type: ignore[no-untyped-def]
+    """Whether a disc is outside a box along the axes."""
+    return (
+        at[0] + radius <= box[0]
+        or at[1] + radius <= box[1]
+        or at[0] - radius >= box[2]
+        or at[1] - radius >= box[3]
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _beside(corners, count, at, radius):  # type: ignore[no-untyped-def]
+    """Whether a disc is outside the box about a polygon along the axes."""
+    u, v = corners[0, 0], corners[0, 1]
+    low_u = high_u = u
+    low_v = high_v = v
+    for k in range(1, count):
+        u, v = corners[k, 0], corners[k, 1]
+        low_u, high_u = min(low_u, u), max(high_u, u)
+        low_v, high_v = min(low_v, v), max(high_v, v)
+    return (
+        at[0] + radius <= low_u
+        or at[1] + radius <= low_v
+        or at[0] - radius >= high_u
+        or at[1] - radius >= high_v
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _push(  # type: ignore[no-untyped-def]
+    path, tool, things, state, yields, lever2, walls, slip, most, report
+):
+    first_u, first_v = state[0, 0], state[0, 1]
     count, parts = state.shape[0], tool.count.shape[0]
     placed = np.empty((count, CORNERS, 2))
     hand = np.empty((parts, CORNERS, 2))
@@ -249,8 +287,7 @@ def _push(path, tool, things, state, yields, lever2, walls, slip, report):  # ty
             worst = 0.0
             for j in range(count):
                 for h in range(parts):
-                    reach = tool.radius[h] + things.radius[j]
-                    if (state[j, 0] - u) ** 2 + (state[j, 1] - v) ** 2 > reach * reach:
+                    if _beside(hand[h], tool.count[h], state[j], things.radius[j]):
                         continue
                     depth = _contact(
                         hand[h], tool.count[h], u, v, tool.radius[h], placed[j], things.count[j],
@@ -284,6 +321,8 @@ def _push(path, tool, things, state, yields, lever2, walls, slip, report):  # ty
                                 state[b, 2], placed[b],
                             )  # fmt: skip
                 for w in range(walls.count.shape[0]):
+                    if _outside(walls.box[w], state[j], things.radius[j]):
+                        continue
                     depth = _contact(
                         walls.corners[w], walls.count[w], 0.0, 0.0, walls.radius[w], placed[j],
                         things.count[j], state[j, 0], state[j, 1], things.radius[j], hit, spare,
@@ -305,6 +344,9 @@ def _push(path, tool, things, state, yields, lever2, walls, slip, report):  # ty
             if moved > 1e-4:
                 load += 1.0 / yields[b]
         report[0] = max(report[0], load)
+        report[2] = (t + 1.0) / path.shape[0]
+        if worst > JAMMED or math.hypot(state[0, 0] - first_u, state[0, 1] - first_v) > most:
+            return
 
 
 def room(path: FloatArray, tool: Shapes, walls: Shapes) -> float:
