@@ -33,7 +33,6 @@ KEPT = 20  # ways that the next draw closes in on
 TRIALS = 10  # with everything a little elsewhere, for the ways that are left
 GOOD = 1.0  # a cost that needs no better
 LOW = 0.006  # [m] over the board that the hand's cover spheres go, so that packs do not topple
-RISE = 0.05  # [m] before the target from which the hand rises to its height
 UNSURE = 0.004  # [m] deviation of a thing that the scene states no covariance of
 
 
@@ -49,7 +48,7 @@ class Plane:
         walls: static things at the target's height.
         edge: u of the board's front, behind which things must stay [m].
         entry: u of the tool point where the way begins [m].
-        drop: along x_g, how far lower than to the target the hand goes until it is near it [m].
+        drop: along x_g, how far lower than the target's middle the hand goes until it is there [m].
     """
 
     things: Shapes
@@ -201,11 +200,11 @@ def drawn(bench: Plane, at: FloatArray) -> FloatArray:
 
 
 def lowered(corners: FloatArray, drop: float) -> FloatArray:
-    """Corners (k, 3) in (u, v) and along x_g of a way (k, 2): low until it is near its end."""
-    last = corners[-1] - corners[-2]
-    share = max(0.0, 1.0 - RISE / max(float(np.linalg.norm(last)), 1e-9))
-    flat = np.vstack([corners[:-1], corners[-2] + share * last, corners[-1]])
-    return np.column_stack([flat, [drop] * (len(flat) - 1) + [0.0]])
+    """Corners (k, 3) in (u, v) and along x_g of a way (k, 2): low, and up where it ends."""
+    if drop == 0.0:
+        return np.column_stack([corners, np.zeros(len(corners))])
+    flat = np.vstack([corners, corners[-1:]])
+    return np.column_stack([flat, [drop] * len(corners) + [0.0]])
 
 
 def cost(

@@ -11,7 +11,7 @@ from optipromp.simulation.solids import quaternion
 
 PALM_COLOUR = (0.90, 0.90, 0.91, 1.0)
 FINGER_COLOUR = (0.30, 0.32, 0.35, 1.0)
-LAYERS = 4  # of the palm: a pack that leans a little meets a tall face in one point, now here, now
+LAYERS = 4  # of each box: a pack that leans a little meets a tall face in one point, now here, now
 # there, and each change is a blow that no real pack gets; a face in layers keeps a point in each
 
 
@@ -37,10 +37,9 @@ def add_hand(body: Any, hand: FrankaHand, mass: float, **surface: Any) -> None:
     for name, center, edges, turn in boxes:
         c, s = np.cos(turn), np.sin(turn)
         about = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-        layers = LAYERS if name == "palm" else 1
-        thin = edges / [layers, 1.0, 1.0]
-        for k in range(layers):
-            offset = np.array([(2 * k + 1 - layers) * thin[0], 0.0, 0.0])
+        thin = edges / [LAYERS, 1.0, 1.0]
+        for k in range(LAYERS):
+            offset = np.array([(2 * k + 1 - LAYERS) * thin[0], 0.0, 0.0])
             body.add_geom(
                 name=f"hand:{name}:{k}", type=mujoco.mjtGeom.mjGEOM_BOX, size=thin,
                 pos=turned @ (center + offset), quat=quaternion(turned @ about),
