@@ -228,7 +228,7 @@ def cost(
     total = (float(np.linalg.norm(end[0, :2] - state[0, :2])) / 0.008) ** 2
     front, tip = tool.front - tool.reach, tool.tip - tool.reach
     total += (max(0.0, end[0, 0] - 0.4 * tip) / 0.002) ** 2
-    total += (result.jam / 0.002) ** 2 + (max(0.0, result.load - 3.0) / 1.5) ** 2
+    total += (result.jam / 0.002) ** 2 + (max(0.0, result.force - 5.0) / 3.0) ** 2
     for u, v, _ in end[1:]:
         if front < u < tip and abs(v) < tool.gripper_radius:
             total += 10.0

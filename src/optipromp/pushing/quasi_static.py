@@ -44,14 +44,16 @@ class Result(NamedTuple):
 
     Attributes:
         state: (B, 3) where things end: u, v [m], turn [rad].
-        load: largest sliding friction of all things that moved in one step [N].
+        force: estimate of the largest force on a thing in one step [N]: the multipliers of its
+            contacts over the step of the tool. Where things slide freely it is about the friction
+            that is pushed along; where they wedge or jam it grows without bound.
         jam: largest overlap that could not be resolved: something is pressed against a wall [m].
         done: share of the way after which it was stopped: 1, or less where something jammed or
             the first thing moved farther than it may.
     """
 
     state: FloatArray
-    load: float
+    force: float
     jam: float
     done: float
 
@@ -199,7 +201,9 @@ def _contact(a, na, ua, va, ra, b, nb, ub, vb, rb, hit, spare):  # type: ignore[
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _resolve(state, before, yields, lever2, i, j, hit, depth, slip, away):  # type: ignore[no-untyped-def]
+def _resolve(  # type: ignore[no-untyped-def]
+    state, before, yields, lever2, i, j, hit, depth, slip, away, press
+):
     """Move i (−1: what does not yield, and moved by ``away`` at the contact) and j apart."""
     nx, ny, px, py = hit[0], hit[1], hit[2], hit[3]
     tx, ty = -ny, nx
@@ -223,6 +227,9 @@ def _resolve(state, before, yields, lever2, i, j, hit, depth, slip, away):  # ty
         sx -= away[0]
         sy -= away[1]
     normal = depth / k
+    press[j] += normal
+    if i >= 0:
+        press[i] += normal
     tangent = -(sx * tx + sy * ty) / kt
     tangent = min(slip * normal, max(-slip * normal, tangent))
     fx, fy = normal * nx + tangent * tx, normal * ny + tangent * ty
@@ -273,6 +280,7 @@ def _push(  # type: ignore[no-untyped-def]
     placed = np.empty((count, CORNERS, 2))
     hand = np.empty((parts, CORNERS, 2))
     before, hit, spare, away = np.empty((count, 3)), np.empty(4), np.empty(4), np.zeros(2)
+    press = np.zeros(count)
     for b in range(count):
         _placed(things.corners[b], things.count[b], state[b, 0], state[b, 1], state[b, 2], placed[b])
     for t in range(path.shape[0]):
@@ -282,6 +290,7 @@ def _push(  # type: ignore[no-untyped-def]
         for h in range(parts):
             _placed(tool.corners[h], tool.count[h], u, v, turn, hand[h])
         before[:] = state
+        press[:] = 0.0
         worst = 0.0
         for sweep in range(SWEEPS):
             worst = 0.0
@@ -297,7 +306,7 @@ def _push(  # type: ignore[no-untyped-def]
                         worst = max(worst, depth)
                         away[0] = du - dturn * (hit[3] - v)
                         away[1] = dv + dturn * (hit[2] - u)
-                        _resolve(state, before, yields, lever2, -1, j, hit, depth, slip, away)
+                        _resolve(state, before, yields, lever2, -1, j, hit, depth, slip, away, press)
                         _placed(
                             things.corners[j], things.count[j], state[j, 0], state[j, 1],
                             state[j, 2], placed[j],
@@ -314,7 +323,7 @@ def _push(  # type: ignore[no-untyped-def]
                     )  # fmt: skip
                     if depth > 0.0:
                         worst = max(worst, depth)
-                        _resolve(state, before, yields, lever2, i, j, hit, depth, slip, away)
+                        _resolve(state, before, yields, lever2, i, j, hit, depth, slip, away, press)
                         for b in (i, j):
                             _placed(
                                 things.corners[b], things.count[b], state[b, 0], state[b, 1],
@@ -330,7 +339,7 @@ def _push(  # type: ignore[no-untyped-def]
                     if depth > 0.0:
                         worst = max(worst, depth)
                         away[:] = 0.0
-                        _resolve(state, before, yields, lever2, -1, j, hit, depth, slip, away)
+                        _resolve(state, before, yields, lever2, -1, j, hit, depth, slip, away, press)
                         _placed(
                             things.corners[j], things.count[j], state[j, 0], state[j, 1],
                             state[j, 2], placed[j],
@@ -338,12 +347,9 @@ def _push(  # type: ignore[no-untyped-def]
             if worst < SETTLED:
                 break
         report[1] = max(report[1], worst)
-        load = 0.0
-        for b in range(count):
-            moved = math.hypot(state[b, 0] - before[b, 0], state[b, 1] - before[b, 1])
-            if moved > 1e-4:
-                load += 1.0 / yields[b]
-        report[0] = max(report[0], load)
+        moved = math.hypot(du, dv)
+        if moved > 1e-6:
+            report[0] = max(report[0], press.max() / moved)
         report[2] = (t + 1.0) / path.shape[0]
         if worst > JAMMED or math.hypot(state[0, 0] - first_u, state[0, 1] - first_v) > most:
             return

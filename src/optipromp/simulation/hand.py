@@ -11,8 +11,6 @@ from optipromp.simulation.solids import quaternion
 
 PALM_COLOUR = (0.90, 0.90, 0.91, 1.0)
 FINGER_COLOUR = (0.30, 0.32, 0.35, 1.0)
-LAYERS = 4  # of each box: a pack that leans a little meets a tall face in one point, now here, now
-# there, and each change is a blow that no real pack gets; a face in layers keeps a point in each
 
 
 def add_hand(body: Any, hand: FrankaHand, mass: float, **surface: Any) -> None:
@@ -37,14 +35,11 @@ def add_hand(body: Any, hand: FrankaHand, mass: float, **surface: Any) -> None:
     for name, center, edges, turn in boxes:
         c, s = np.cos(turn), np.sin(turn)
         about = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-        thin = edges / [LAYERS, 1.0, 1.0]
-        for k in range(LAYERS):
-            offset = np.array([(2 * k + 1 - LAYERS) * thin[0], 0.0, 0.0])
-            body.add_geom(
-                name=f"hand:{name}:{k}", type=mujoco.mjtGeom.mjGEOM_BOX, size=thin,
-                pos=turned @ (center + offset), quat=quaternion(turned @ about),
-                rgba=PALM_COLOUR if name == "palm" else FINGER_COLOUR, **surface,
-            )  # fmt: skip
+        body.add_geom(
+            name=f"hand:{name}", type=mujoco.mjtGeom.mjGEOM_BOX, size=edges, pos=turned @ center,
+            quat=quaternion(turned @ about),
+            rgba=PALM_COLOUR if name == "palm" else FINGER_COLOUR, **surface,
+        )  # fmt: skip
 
 
 def between_fingers(hand: FrankaHand, local: FloatArray) -> BoolArray:

@@ -163,11 +163,6 @@ class _Draft:
         option.solver = mujoco.mjtSolver.mjSOL_NEWTON
         option.iterations = int(p.iterations)
         option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-        if any(t.stem is None and t.role in ("target", "pushable") for t in self.scene.objects):
-            # where a pack leans on an edge, further points found for the pair take the face's
-            # normal, not the edge's: blows of some 10 N out of nothing. Without them packs still
-            # stand (within 0.05 mm and 0.02 degrees in 4 s)
-            option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
         view = getattr(spec.visual, "global")
         view.offwidth, view.offheight = PICTURE
         return spec
