@@ -101,9 +101,7 @@ def plan_ploughed(
     )  # fmt: skip
 
 
-def begun(
-    setup: Setup, promp: ProMP, corners: FloatArray, goals: FloatArray
-) -> list[joint.Start]:
+def begun(setup: Setup, promp: ProMP, corners: FloatArray, goals: FloatArray) -> list[joint.Start]:
     """Starts of the optimiser that follow a way (k, 3): from the start on, else to each goal."""
     out = []
     for reach, along in followed(setup, corners, goals):
@@ -142,9 +140,7 @@ def followed(
         yield q[:count], q[count:]
         return
     for goal in goals:
-        back, errors = ik.track(
-            robot, points[-2::-1], np.tile(axis, (len(points) - 1, 1)), goal
-        )
+        back, errors = ik.track(robot, points[-2::-1], np.tile(axis, (len(points) - 1, 1)), goal)
         if errors.max() < FOLLOWED:
             along = level(robot, np.vstack([goal, back]), normal, path=True)[::-1]
             yield setup.start + share[:-1] * (along[0] - setup.start), along

@@ -282,7 +282,9 @@ def _push(  # type: ignore[no-untyped-def]
     before, hit, spare, away = np.empty((count, 3)), np.empty(4), np.empty(4), np.zeros(2)
     press = np.zeros(count)
     for b in range(count):
-        _placed(things.corners[b], things.count[b], state[b, 0], state[b, 1], state[b, 2], placed[b])
+        _placed(
+            things.corners[b], things.count[b], state[b, 0], state[b, 1], state[b, 2], placed[b]
+        )
     for t in range(path.shape[0]):
         u, v, turn = path[t, 0], path[t, 1], path[t, 2]
         last = max(t - 1, 0)
@@ -306,7 +308,9 @@ def _push(  # type: ignore[no-untyped-def]
                         worst = max(worst, depth)
                         away[0] = du - dturn * (hit[3] - v)
                         away[1] = dv + dturn * (hit[2] - u)
-                        _resolve(state, before, yields, lever2, -1, j, hit, depth, slip, away, press)
+                        _resolve(
+                            state, before, yields, lever2, -1, j, hit, depth, slip, away, press
+                        )
                         _placed(
                             things.corners[j], things.count[j], state[j, 0], state[j, 1],
                             state[j, 2], placed[j],
@@ -339,7 +343,9 @@ def _push(  # type: ignore[no-untyped-def]
                     if depth > 0.0:
                         worst = max(worst, depth)
                         away[:] = 0.0
-                        _resolve(state, before, yields, lever2, -1, j, hit, depth, slip, away, press)
+                        _resolve(
+                            state, before, yields, lever2, -1, j, hit, depth, slip, away, press
+                        )
                         _placed(
                             things.corners[j], things.count[j], state[j, 0], state[j, 1],
                             state[j, 2], placed[j],
@@ -365,7 +371,7 @@ def room(path: FloatArray, tool: Shapes, walls: Shapes) -> float:
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _room(path, tool, walls):  # type: ignore[no-untyped-def]
-    hand, hit = np.empty((CORNERS, 2)), np.empty(4)
+    hand = np.empty((CORNERS, 2))
     least = math.inf
     for t in range(path.shape[0]):
         for h in range(tool.count.shape[0]):

@@ -62,6 +62,4 @@ def rolls(robot: Robot) -> bool:
     along = abs(float(kin.axis[-1] @ robot.tool_axis))
     aside = np.cross(kin.axis[-1], robot.tool_point)
     alone = int((kin.dof == kin.dof[-1]).sum()) == 1
-    return bool(
-        alone and kin.kind[-1] != 1 and along > 1.0 - 1e-9 and np.linalg.norm(aside) < 1e-9
-    )
+    return bool(alone and kin.kind[-1] != 1 and along > 1.0 - 1e-9 and np.linalg.norm(aside) < 1e-9)

@@ -138,9 +138,7 @@ class FrankaHand:
         out = []
         palm = PALM[1] + np.array([-1.0, 1.0]) * PALM_HALF[1] - self.reach
         wide = PALM_HALF[0]
-        out.append(
-            np.array([[palm[0], -wide], [palm[1], -wide], [palm[1], wide], [palm[0], wide]])
-        )
+        out.append(np.array([[palm[0], -wide], [palm[1], -wide], [palm[1], wide], [palm[0], wide]]))
         mount, pads = FINGER["mount"], PADS
         near, far, tip = mount[2] + mount[5], pads[2] - pads[5], pads[2] + pads[5]
         corners = [

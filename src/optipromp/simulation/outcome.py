@@ -266,7 +266,8 @@ def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
         forces = ", ".join(f"{i} ({outcome.stem_force[i]:.1f} N)" for i in outcome.stem_caught)
         yield Cause.STEM_CAUGHT, f"stems pressed: {forces}"
     if outcome.swallowed_others:
-        yield Cause.SWALLOWED_OTHER, f"also {inside_words(world)}: {', '.join(outcome.swallowed_others)}"
+        others = ", ".join(outcome.swallowed_others)
+        yield Cause.SWALLOWED_OTHER, f"also {inside_words(world)}: {others}"
     hits = [c for c in outcome.avoid_contacts if c.peak_force > limits.avoid_force]
     if hits:
         worst = max(hits, key=lambda c: c.peak_force)
