@@ -32,8 +32,9 @@ from optipromp.robots.tools import FrankaHand
 from optipromp.trajectory import Trajectory
 
 STEP = 0.0025  # [m] of the tool point between knots of the way
-SPEED = 0.03  # [m/s] of the tool along the way: packs are pushed, not knocked
+SPEED = 0.025  # [m/s] of the tool along the way: packs are pushed, not knocked
 WAYS = 3  # that are planned for
+SEARCHED = 0.6  # share of the time that the search for ways may take
 REACH = 0.02  # [m] of the tool point between knots on the way there, at the most
 FOLLOWED = 1e-4  # [m]
 FEWEST = 25  # knots of the reach
@@ -67,7 +68,7 @@ def plan_ploughed(
     began = time.perf_counter()
     tool = setup.robot.tool
     assert isinstance(tool, FrankaHand)
-    found = ways(setup.scene, tool, rng, WAYS)
+    found = ways(setup.scene, tool, rng, WAYS, began + SEARCHED * (deadline - began))
     searched = time.perf_counter()
     # what the hand will have pushed aside does not stand in the wrist's way
     around = Surroundings(

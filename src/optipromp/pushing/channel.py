@@ -8,6 +8,7 @@ corners are drawn at random, each is played through in the quasi-static model
 All of it happens in the plane of the board, in (u, v) along z_g and y_g from the target.
 """
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -29,6 +30,9 @@ CORNERS = (3, 4)  # of a way, besides its ends: in turn
 ATTEMPTS = 6  # runs of the search, until a way is good
 ROUNDS = ((300, 1), (150, 1), (150, 1), (150, 1), (150, 1), (50, 4), (50, 4), (50, 4))
 """Of a run: how many ways are drawn, and in how many trials each is judged."""
+CLOSER = ((80, 6), (80, 6), (80, 6))
+"""The same, about the best way of a run that is not good enough yet and not hopeless."""
+HOPELESS = 16.0  # a cost
 KEPT = 20  # ways that the next draw closes in on
 TRIALS = 10  # with everything a little elsewhere, for the ways that are left
 GOOD = 1.0  # a cost that needs no better
@@ -81,7 +85,7 @@ def ploughs(scene: Scene, tool: object) -> bool:
     if scene.target is None or not isinstance(tool, FrankaHand) or not scene.pushables:
         return False
     stand = all(thing.stem is None for thing in (scene.target, *scene.pushables))
-    x_g, y_g, z_g = scene.frame
+    _, y_g, z_g = scene.frame
     return stand and max(abs(float(z_g[2])), abs(float(y_g[2]))) < LEVEL
 
 
@@ -119,7 +123,13 @@ def plane(scene: Scene, tool: FrankaHand) -> Plane:
     )  # fmt: skip
 
 
-def ways(scene: Scene, tool: FrankaHand, rng: np.random.Generator, count: int = 1) -> list[Way]:
+def ways(
+    scene: Scene,
+    tool: FrankaHand,
+    rng: np.random.Generator,
+    count: int = 1,
+    deadline: float = np.inf,
+) -> list[Way]:
     """The best ways found, best first.
 
     Args:
@@ -127,6 +137,7 @@ def ways(scene: Scene, tool: FrankaHand, rng: np.random.Generator, count: int = 
         tool: the hand.
         rng: where the draws come from.
         count: how many are wanted.
+        deadline: ``time.perf_counter()`` after which no further run of the search begins.
     """
     bench = plane(scene, tool)
     parts = shapes(list(tool.outline()))
@@ -142,9 +153,15 @@ def ways(scene: Scene, tool: FrankaHand, rng: np.random.Generator, count: int = 
 
     best: list[tuple[float, FloatArray]] = []
     for attempt in range(ATTEMPTS):
-        best += _search(value, shifted, bench.entry, CORNERS[attempt % len(CORNERS)], rng)
-        best.sort(key=lambda item: item[0])
-        if best[0][0] < GOOD:
+        corners = CORNERS[attempt % len(CORNERS)]
+        spread = np.array([0.06, *[0.05, 0.06] * corners])
+        shares = np.linspace(1.0, 0.0, corners + 2)[1:-1]
+        middle = np.array([0.0, *np.ravel([[share * bench.entry, 0.0] for share in shares])])
+        found = _search(value, shifted, middle, spread, spread, ROUNDS, rng)
+        if GOOD < found[0][0] < HOPELESS:
+            found += _search(value, shifted, found[0][1], 0.3 * spread, spread, CLOSER, rng)
+        best = sorted(best + found, key=lambda item: item[0])
+        if best[0][0] < GOOD or time.perf_counter() > deadline:
             break
     frame = scene.frame[[2, 1, 0]]
     out = []
@@ -157,8 +174,10 @@ def ways(scene: Scene, tool: FrankaHand, rng: np.random.Generator, count: int = 
 def _search(
     value: Callable[[FloatArray, Sequence[FloatArray]], float],
     states: Sequence[FloatArray],
-    entry: float,
-    corners: int,
+    middle: FloatArray,
+    deviation: FloatArray,
+    spread: FloatArray,
+    rounds: Sequence[tuple[int, int]],
     rng: np.random.Generator,
 ) -> list[tuple[float, FloatArray]]:
     """One run of the cross-entropy method: some ways and what they cost, best first.
@@ -166,13 +185,9 @@ def _search(
     Ways are judged with everything where it was seen (the first of ``states``); those that do well
     there, and what is drawn near them, with everything a little elsewhere.
     """
-    spread = np.array([0.06, *[0.05, 0.06] * corners])
-    shares = np.linspace(1.0, 0.0, corners + 2)[1:-1]
-    middle = np.array([0.0, *np.ravel([[share * entry, 0.0] for share in shares])])
-    deviation = spread
     seen: list[tuple[float, FloatArray]] = []
-    for turn, (draws, trials) in enumerate(ROUNDS):
-        if turn and trials != ROUNDS[turn - 1][1]:
+    for turn, (draws, trials) in enumerate(rounds):
+        if turn and trials != rounds[turn - 1][1]:
             seen = [(value(at, states[:trials]), at) for _, at in seen[:KEPT]]
         for _ in range(draws):
             at = middle + deviation * rng.standard_normal(len(middle))

@@ -123,7 +123,7 @@ def _placed(corners, count, u, v, turn, out):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy", nogil=True)
 def _disc_in_polygon(u, v, radius, corners, count, hit):  # type: ignore[no-untyped-def]
     """Contact of a disc and a polygon: depth; ``hit`` = normal from polygon to disc, and where."""
-    deepest, edge, nearest = -math.inf, 0, math.inf
+    deepest, nearest = -math.inf, math.inf
     nx = ny = px = py = 0.0
     for k in range(count):
         x0, y0 = corners[k, 0], corners[k, 1]
@@ -132,7 +132,7 @@ def _disc_in_polygon(u, v, radius, corners, count, hit):  # type: ignore[no-unty
         length = math.hypot(ex, ey)
         out = ((u - x0) * ey - (v - y0) * ex) / length
         if out > deepest:
-            deepest, edge = out, k
+            deepest = out
             nx, ny = ey / length, -ex / length
         share = min(1.0, max(0.0, ((u - x0) * ex + (v - y0) * ey) / (length * length)))
         qx, qy = x0 + share * ex, y0 + share * ey
@@ -294,7 +294,7 @@ def _push(  # type: ignore[no-untyped-def]
         before[:] = state
         press[:] = 0.0
         worst = 0.0
-        for sweep in range(SWEEPS):
+        for _ in range(SWEEPS):
             worst = 0.0
             for j in range(count):
                 for h in range(parts):
