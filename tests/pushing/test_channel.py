@@ -54,9 +54,9 @@ def test_what_a_hand_goes_through():
 def test_the_plane_is_what_stands_there():
     bench = channel.plane(shelf(pack((-0.1, 0.03), (0.04, 0.06, 0.14))), HAND)
     np.testing.assert_allclose(bench.state, [[0, 0, 0], [-0.1, 0.03, 0]], atol=1e-12)
-    assert bench.things.count.tolist() == [0, 4]
+    assert bench.things.size.tolist() == [0, 4]
     np.testing.assert_allclose(bench.things.box[1], [-0.02, -0.03, 0.02, 0.03])
-    assert bench.walls.count.tolist() == [4]
+    assert bench.walls.size.tolist() == [4]
     np.testing.assert_allclose(bench.walls.box[0], [-0.15, 0.30, 0.15, 0.32])
     assert bench.edge == pytest.approx(-0.15)
     assert bench.entry < -0.15 - (HAND.tip - HAND.reach)
@@ -102,7 +102,7 @@ def test_detected_things_are_as_unsure_as_their_detection():
 def test_the_outline_holds_the_boxes():
     from optipromp.pushing.quasi_static import shapes as made
 
-    assert made(list(HAND.outline())).count.tolist() == [4, 6, 6]
+    assert made(list(HAND.outline())).size.tolist() == [4, 6, 6]
     for name, center, half, turn in HAND.boxes():
         if turn == 0.0:
             reach = abs(center[1]) + half[1]

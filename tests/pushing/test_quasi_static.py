@@ -20,7 +20,7 @@ def line(start, end, step=0.002):
 
 def pushed(path, things, state, walls=NONE, slip=0.4, friction=None, tool=PUSHER, **further):
     things = shapes(things)
-    count = len(things.count)
+    count = len(things.size)
     friction = np.ones(count) if friction is None else np.array(friction)
     state = np.array([[*row, 0.0] if len(row) == 2 else row for row in state], dtype=float)
     lever = 0.5 * things.radius

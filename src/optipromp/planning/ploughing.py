@@ -23,7 +23,7 @@ from optipromp.planning.primitives import conditioned
 from optipromp.planning.setup import Setup
 from optipromp.planning.stages import Outcome, Stage
 from optipromp.promp.model import ProMP
-from optipromp.pushing.channel import ploughs, ways
+from optipromp.pushing.channel import GOOD, ploughs, ways
 from optipromp.pushing.sides import Drift
 from optipromp.pushing.thread import evenly, length
 from optipromp.robots import ik
@@ -34,6 +34,7 @@ from optipromp.trajectory import Trajectory
 STEP = 0.0025  # [m] of the tool point between knots of the way
 SPEED = 0.025  # [m/s] of the tool along the way: packs are pushed, not knocked
 WAYS = 3  # that are planned for
+ALIKE = 1.2  # a way this much worse than the best is as good, where the best cannot be followed
 SEARCHED = 0.6  # share of the time that the search for ways may take
 REACH = 0.02  # [m] of the tool point between knots on the way there, at the most
 FOLLOWED = 1e-4  # [m]
@@ -68,7 +69,8 @@ def plan_ploughed(
     began = time.perf_counter()
     tool = setup.robot.tool
     assert isinstance(tool, FrankaHand)
-    found = ways(setup.scene, tool, rng, WAYS, began + SEARCHED * (deadline - began))
+    ways_found = ways(setup.scene, tool, rng, WAYS, began + SEARCHED * (deadline - began))
+    found = [w for w in ways_found if w.cost <= max(GOOD, ALIKE * ways_found[0].cost)]
     searched = time.perf_counter()
     # what the hand will have pushed aside does not stand in the wrist's way
     around = Surroundings(

@@ -153,9 +153,9 @@ def ways(
 
     best: list[tuple[float, FloatArray]] = []
     for attempt in range(ATTEMPTS):
-        corners = CORNERS[attempt % len(CORNERS)]
-        spread = np.array([0.06, *[0.05, 0.06] * corners])
-        shares = np.linspace(1.0, 0.0, corners + 2)[1:-1]
+        bends = CORNERS[attempt % len(CORNERS)]
+        spread = np.array([0.06, *[0.05, 0.06] * bends])
+        shares = np.linspace(1.0, 0.0, bends + 2)[1:-1]
         middle = np.array([0.0, *np.ravel([[share * bench.entry, 0.0] for share in shares])])
         found = _search(value, shifted, middle, spread, spread, ROUNDS, rng)
         if GOOD < found[0][0] < HOPELESS:
@@ -248,9 +248,9 @@ def cost(
         if front < u < tip and abs(v) < tool.gripper_radius:
             total += 10.0
         total += (max(0.0, bench.edge + 0.01 - u) / 0.005) ** 2
-    if len(bench.walls.count):
+    if len(bench.walls.size):
         total += (max(0.0, 0.016 - room(path[::5], parts, bench.walls)) / 0.004) ** 2
-    return total + 0.001 * len(path)
+    return float(total + 0.001 * len(path))
 
 
 def stepped(corners: FloatArray) -> FloatArray:

@@ -16,6 +16,7 @@ tool is a set of convex polygons that goes where it is told; walls are convex po
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -31,10 +32,10 @@ FLAT = 1e-3  # [m] within which corners of a polygon are pressed together
 
 
 class Shapes(NamedTuple):
-    """Convex shapes: discs where ``count`` is 0, else polygons with corners counter-clockwise."""
+    """Convex shapes: discs where ``size`` is 0, else polygons with corners counter-clockwise."""
 
     corners: FloatArray  # (B, CORNERS, 2) [m]
-    count: IntArray  # (B,)
+    size: IntArray  # (B,) how many corners
     radius: FloatArray  # (B,) [m] of a disc, or of the circle about a polygon's origin
     box: FloatArray  # (B, 4) [m] least u and v, largest u and v
 
@@ -58,7 +59,7 @@ class Result(NamedTuple):
     done: float
 
 
-def shapes(parts: list[FloatArray | float]) -> Shapes:
+def shapes(parts: Sequence[FloatArray | float]) -> Shapes:
     """Shapes of polygons (k, 2) and of discs given by their radius.
 
     Raises:
@@ -276,21 +277,19 @@ def _push(  # type: ignore[no-untyped-def]
     path, tool, things, state, yields, lever2, walls, slip, most, report
 ):
     first_u, first_v = state[0, 0], state[0, 1]
-    count, parts = state.shape[0], tool.count.shape[0]
+    count, parts = state.shape[0], tool.size.shape[0]
     placed = np.empty((count, CORNERS, 2))
     hand = np.empty((parts, CORNERS, 2))
     before, hit, spare, away = np.empty((count, 3)), np.empty(4), np.empty(4), np.zeros(2)
     press = np.zeros(count)
     for b in range(count):
-        _placed(
-            things.corners[b], things.count[b], state[b, 0], state[b, 1], state[b, 2], placed[b]
-        )
+        _placed(things.corners[b], things.size[b], state[b, 0], state[b, 1], state[b, 2], placed[b])
     for t in range(path.shape[0]):
         u, v, turn = path[t, 0], path[t, 1], path[t, 2]
         last = max(t - 1, 0)
         du, dv, dturn = u - path[last, 0], v - path[last, 1], turn - path[last, 2]
         for h in range(parts):
-            _placed(tool.corners[h], tool.count[h], u, v, turn, hand[h])
+            _placed(tool.corners[h], tool.size[h], u, v, turn, hand[h])
         before[:] = state
         press[:] = 0.0
         worst = 0.0
@@ -298,10 +297,10 @@ def _push(  # type: ignore[no-untyped-def]
             worst = 0.0
             for j in range(count):
                 for h in range(parts):
-                    if _beside(hand[h], tool.count[h], state[j], things.radius[j]):
+                    if _beside(hand[h], tool.size[h], state[j], things.radius[j]):
                         continue
                     depth = _contact(
-                        hand[h], tool.count[h], u, v, tool.radius[h], placed[j], things.count[j],
+                        hand[h], tool.size[h], u, v, tool.radius[h], placed[j], things.size[j],
                         state[j, 0], state[j, 1], things.radius[j], hit, spare,
                     )  # fmt: skip
                     if depth > 0.0:
@@ -312,7 +311,7 @@ def _push(  # type: ignore[no-untyped-def]
                             state, before, yields, lever2, -1, j, hit, depth, slip, away, press
                         )
                         _placed(
-                            things.corners[j], things.count[j], state[j, 0], state[j, 1],
+                            things.corners[j], things.size[j], state[j, 0], state[j, 1],
                             state[j, 2], placed[j],
                         )  # fmt: skip
                 for i in range(j):
@@ -321,8 +320,8 @@ def _push(  # type: ignore[no-untyped-def]
                     if su * su + sv * sv > reach * reach:
                         continue
                     depth = _contact(
-                        placed[i], things.count[i], state[i, 0], state[i, 1], things.radius[i],
-                        placed[j], things.count[j], state[j, 0], state[j, 1], things.radius[j],
+                        placed[i], things.size[i], state[i, 0], state[i, 1], things.radius[i],
+                        placed[j], things.size[j], state[j, 0], state[j, 1], things.radius[j],
                         hit, spare,
                     )  # fmt: skip
                     if depth > 0.0:
@@ -330,15 +329,15 @@ def _push(  # type: ignore[no-untyped-def]
                         _resolve(state, before, yields, lever2, i, j, hit, depth, slip, away, press)
                         for b in (i, j):
                             _placed(
-                                things.corners[b], things.count[b], state[b, 0], state[b, 1],
+                                things.corners[b], things.size[b], state[b, 0], state[b, 1],
                                 state[b, 2], placed[b],
                             )  # fmt: skip
-                for w in range(walls.count.shape[0]):
+                for w in range(walls.size.shape[0]):
                     if _outside(walls.box[w], state[j], things.radius[j]):
                         continue
                     depth = _contact(
-                        walls.corners[w], walls.count[w], 0.0, 0.0, walls.radius[w], placed[j],
-                        things.count[j], state[j, 0], state[j, 1], things.radius[j], hit, spare,
+                        walls.corners[w], walls.size[w], 0.0, 0.0, walls.radius[w], placed[j],
+                        things.size[j], state[j, 0], state[j, 1], things.radius[j], hit, spare,
                     )  # fmt: skip
                     if depth > 0.0:
                         worst = max(worst, depth)
@@ -347,7 +346,7 @@ def _push(  # type: ignore[no-untyped-def]
                             state, before, yields, lever2, -1, j, hit, depth, slip, away, press
                         )
                         _placed(
-                            things.corners[j], things.count[j], state[j, 0], state[j, 1],
+                            things.corners[j], things.size[j], state[j, 0], state[j, 1],
                             state[j, 2], placed[j],
                         )  # fmt: skip
             if worst < SETTLED:
@@ -374,11 +373,11 @@ def _room(path, tool, walls):  # type: ignore[no-untyped-def]
     hand = np.empty((CORNERS, 2))
     least = math.inf
     for t in range(path.shape[0]):
-        for h in range(tool.count.shape[0]):
-            n = tool.count[h]
+        for h in range(tool.size.shape[0]):
+            n = tool.size[h]
             _placed(tool.corners[h], n, path[t, 0], path[t, 1], path[t, 2], hand)
-            for w in range(walls.count.shape[0]):
-                m = walls.count[w]
+            for w in range(walls.size.shape[0]):
+                m = walls.size[w]
                 one = _widest(hand, n, walls.corners[w], m)
                 least = min(least, max(one, _widest(walls.corners[w], m, hand, n)))
     return least

@@ -98,7 +98,7 @@ def add_fruit(
         name=f"fruit:{key}", pos=thing.position, quat=quaternion(thing.rotation)
     )
     body.add_freejoint(name=f"free:{key}")
-    look = {
+    look: dict[str, Any] = {
         "rgba": RIPE if thing.role == "target" else UNRIPE,
         "friction": [friction, 0.005, parameters.fruit.rolling_friction],
         "condim": 3 if hangs else 6,
@@ -106,14 +106,14 @@ def add_fruit(
         "userdata": [float(entity)],
     }
     shape, kind_of = thing.shape, layers("fruit" if hangs else "thing")
-    here = np.eye(3), np.zeros(3)
+    turn, at = np.eye(3), np.zeros(3)
     if not hangs and isinstance(shape, Cylinder) and shape.length > 2.0 * shape.radius + CAN_GAP:
-        geoms = add_shape(spec, body, shape, f"fruit:{key}", *here, **look, **layers("foot"))
+        geoms = add_shape(spec, body, shape, f"fruit:{key}", turn, at, **look, **layers("foot"))
         side = Capsule(shape.radius, shape.length - 2.0 * shape.radius - CAN_GAP)
-        look["rgba"] = UNSEEN
-        geoms += add_shape(spec, body, side, f"fruit:{key}:side", *here, **look, **kind_of)
+        look = {**look, "rgba": UNSEEN, "mass": 0.0}
+        add_shape(spec, body, side, f"fruit:{key}:side", turn, at, **look, **kind_of)
     else:
-        geoms = add_shape(spec, body, shape, f"fruit:{key}", *here, **look, **kind_of)
+        geoms = add_shape(spec, body, shape, f"fruit:{key}", turn, at, **look, **kind_of)
     for geom in geoms:
         geom.mass = mass / len(geoms)
     if thing.stem is None:

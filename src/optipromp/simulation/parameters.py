@@ -223,7 +223,7 @@ class Thresholds(Checked):
     )
     rest_time: float = _parameter(
         0.3, "s", "choice",
-        "how long, up to the end, the target must have been in the cup without a break; it may "
+        "how long, up to the end, the target must have been in the tool without a break; it may "
         "still swing on its stem there",
     )  # fmt: skip
 
