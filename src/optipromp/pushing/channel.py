@@ -34,10 +34,15 @@ CLOSER = ((80, 6), (80, 6), (80, 6))
 """The same, about the best way of a run that is not good enough yet and not hopeless."""
 HOPELESS = 16.0  # a cost
 KEPT = 20  # ways that the next draw closes in on
-TRIALS = 10  # with everything a little elsewhere, for the ways that are left
-GOOD = 1.0  # a cost that needs no better
+TRIALS = 14  # with everything a little elsewhere, for the ways that are left
+GOOD = 0.7  # a cost that needs no better
 LOW = 0.006  # [m] over the board that the hand's cover spheres go, so that packs do not topple
+SLIPPERY = 0.6, 1.3  # the friction of the trials, in that which is taken for granted
 UNSURE = 0.004  # [m] deviation of a thing that the scene states no covariance of
+
+
+Trial = tuple[FloatArray, float]
+"""Where things stand (B, 3), and the coefficient of friction between them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,11 +149,14 @@ def ways(
     target = scene.target
     assert target is not None
 
-    shifted = [bench.state, *(bench.state + _errors(bench, rng) for _ in range(TRIALS))]
+    trials = [(bench.state, FRICTION)]
+    for _ in range(TRIALS):
+        slip = FRICTION * float(rng.uniform(*SLIPPERY))
+        trials.append((bench.state + _errors(bench, rng), slip))
 
-    def value(at: FloatArray, states: Sequence[FloatArray]) -> float:
+    def value(at: FloatArray, chosen: Sequence[Trial]) -> float:
         corners = drawn(bench, at)
-        worth = [min(cost(bench, tool, parts, corners, state), 2.0 * WORST) for state in states]
+        worth = [min(cost(bench, tool, parts, corners, *one), 2.0 * WORST) for one in chosen]
         return float(np.mean(worth))
 
     best: list[tuple[float, FloatArray]] = []
@@ -157,9 +165,9 @@ def ways(
         spread = np.array([0.06, *[0.05, 0.06] * bends])
         shares = np.linspace(1.0, 0.0, bends + 2)[1:-1]
         middle = np.array([0.0, *np.ravel([[share * bench.entry, 0.0] for share in shares])])
-        found = _search(value, shifted, middle, spread, spread, ROUNDS, rng)
+        found = _search(value, trials, middle, spread, spread, ROUNDS, rng)
         if GOOD < found[0][0] < HOPELESS:
-            found += _search(value, shifted, found[0][1], 0.3 * spread, spread, CLOSER, rng)
+            found += _search(value, trials, found[0][1], 0.3 * spread, spread, CLOSER, rng)
         best = sorted(best + found, key=lambda item: item[0])
         if best[0][0] < GOOD or time.perf_counter() > deadline:
             break
@@ -172,8 +180,8 @@ def ways(
 
 
 def _search(
-    value: Callable[[FloatArray, Sequence[FloatArray]], float],
-    states: Sequence[FloatArray],
+    value: Callable[[FloatArray, Sequence[Trial]], float],
+    trials: Sequence[Trial],
     middle: FloatArray,
     deviation: FloatArray,
     spread: FloatArray,
@@ -182,22 +190,22 @@ def _search(
 ) -> list[tuple[float, FloatArray]]:
     """One run of the cross-entropy method: some ways and what they cost, best first.
 
-    Ways are judged with everything where it was seen (the first of ``states``); those that do well
+    Ways are judged with everything where it was seen (the first of ``trials``); those that do well
     there, and what is drawn near them, with everything a little elsewhere.
     """
     seen: list[tuple[float, FloatArray]] = []
-    for turn, (draws, trials) in enumerate(rounds):
-        if turn and trials != rounds[turn - 1][1]:
-            seen = [(value(at, states[:trials]), at) for _, at in seen[:KEPT]]
+    for turn, (draws, count) in enumerate(rounds):
+        if turn and count != rounds[turn - 1][1]:
+            seen = [(value(at, trials[:count]), at) for _, at in seen[:KEPT]]
         for _ in range(draws):
             at = middle + deviation * rng.standard_normal(len(middle))
-            seen.append((value(at, states[:trials]), at))
+            seen.append((value(at, trials[:count]), at))
         seen.sort(key=lambda item: item[0])
         seen = seen[: 3 * KEPT]
         best = np.array([at for _, at in seen[:KEPT]])
         middle = best.mean(axis=0)
         deviation = best.std(axis=0) + 0.1 * spread
-    final = [(value(at, states), at) for _, at in seen[:KEPT]]
+    final = [(value(at, trials), at) for _, at in seen[:KEPT]]
     return sorted(final, key=lambda item: item[0])
 
 
@@ -223,7 +231,12 @@ def lowered(corners: FloatArray, drop: float) -> FloatArray:
 
 
 def cost(
-    bench: Plane, tool: FrankaHand, parts: Shapes, corners: FloatArray, state: FloatArray
+    bench: Plane,
+    tool: FrankaHand,
+    parts: Shapes,
+    corners: FloatArray,
+    state: FloatArray,
+    slip: float = FRICTION,
 ) -> float:
     """What a way does that it should not: moves the target, jams, takes in others, pushes hard.
 
@@ -232,10 +245,11 @@ def cost(
         tool: the hand, ``parts`` its outline.
         corners: (k, 2) of the way.
         state: (B, 3) where things stand.
+        slip: coefficient of friction between things, and with the tool.
     """
     path = stepped(corners)
     result = push(
-        path, parts, bench.things, state, bench.friction, bench.lever, bench.walls, FRICTION, FAR
+        path, parts, bench.things, state, bench.friction, bench.lever, bench.walls, slip, FAR
     )
     if result.done < 1.0:
         return WORST * (2.0 - result.done)
