@@ -35,6 +35,7 @@ STEP = 0.0025  # [m] of the tool point between knots of the way
 SPEED = 0.018  # [m/s] of the tool along the way: packs are pushed, not knocked
 WAYS = 3  # that are planned for
 ALIKE = 1.2  # a way this much worse than the best is as good, where the best cannot be followed
+AMONG = 0.3  # [m] behind the target within which the arm may meet packs
 SEARCHED = 0.6  # share of the time that the search for ways may take
 REACH = 0.02  # [m] of the tool point between knots on the way there, at the most
 FOLLOWED = 1e-4  # [m]
@@ -69,7 +70,8 @@ def plan_ploughed(
     began = time.perf_counter()
     tool = setup.robot.tool
     assert isinstance(tool, FrankaHand)
-    ways_found = ways(setup.scene, tool, rng, WAYS, began + SEARCHED * (deadline - began))
+    until = began + SEARCHED * (deadline - began)
+    ways_found = ways(setup.scene, tool, rng, WAYS, until, wrist(setup))
     found = [w for w in ways_found if w.cost <= ALIKE * ways_found[0].cost]
     searched = time.perf_counter()
     # what the hand will have pushed aside does not stand in the wrist's way
@@ -104,6 +106,40 @@ def plan_ploughed(
         (stage,) if optimised else (), optimised, {"way": searched - began, "joint": seconds},
         heard.get(id(best)),
     )  # fmt: skip
+
+
+def wrist(setup: Setup) -> list[FloatArray]:
+    """What of the arm is among the packs as the hand is at the target: a box (4, 2) a link.
+
+    In the coordinates of :meth:`FrankaHand.outline`, for the arm as it gets there from the start.
+    """
+    robot, scene, goal, axis = setup.robot, setup.scene, setup.goal_position, setup.goal_axis
+    assert goal is not None
+    assert axis is not None
+    point, pointing = robot.tool_pose(setup.start)
+    share = np.linspace(0.0, 1.0, 1 + int(np.ceil(np.linalg.norm(goal - point) / REACH)))[1:, None]
+    axes = pointing + share * (axis - pointing)
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    q, errors = ik.track(robot, point + share * (goal - point), axes, setup.start)
+    if errors[-1] > FOLLOWED:
+        return []
+    local = (robot.sphere_centers(q[-1]) - goal) @ scene.frame.T
+    radius, link = np.asarray(robot.spheres.radius), np.asarray(robot.spheres.link)
+    packs = [(thing.position - goal) @ scene.frame[0] for thing in scene.pushables]
+    tall = max(thing.radius for thing in scene.pushables)
+    level_with = (local[:, 0] + radius > min(packs) - tall) & (
+        local[:, 0] - radius < max(packs) + tall
+    )
+    near = level_with & (local[:, 2] + radius > -AMONG) & (link != len(robot.link_names) - 1)
+    out = []
+    for one in np.unique(link[near]):
+        mine = near & (link == one)
+        flat = local[mine][:, [2, 1]]
+        (u0, v0), (u1, v1) = (
+            (flat - radius[mine, None]).min(axis=0), (flat + radius[mine, None]).max(axis=0)
+        )  # fmt: skip
+        out.append(np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]]))
+    return out
 
 
 def begun(setup: Setup, promp: ProMP, corners: FloatArray, goals: FloatArray) -> list[joint.Start]:

@@ -134,6 +134,7 @@ def ways(
     rng: np.random.Generator,
     count: int = 1,
     deadline: float = np.inf,
+    behind: Sequence[FloatArray] = (),
 ) -> list[Way]:
     """The best ways found, best first.
 
@@ -143,9 +144,10 @@ def ways(
         rng: where the draws come from.
         count: how many are wanted.
         deadline: ``time.perf_counter()`` after which no further run of the search begins.
+        behind: convex polygons (k, 2) of the wrist behind the hand, as of its outline [m].
     """
     bench = plane(scene, tool)
-    parts = shapes(list(tool.outline()))
+    parts = shapes([*tool.outline(), *behind])
     target = scene.target
     assert target is not None
 
