@@ -35,10 +35,10 @@ CLOSER = ((80, 6), (80, 6), (80, 6))
 HOPELESS = 16.0  # a cost
 KEPT = 20  # ways that the next draw closes in on
 TRIALS = 14  # with everything a little elsewhere, for the ways that are left
-GOOD = 0.7  # a cost that needs no better
+GOOD = 1.6  # a cost that needs no better
 LOW = 0.006  # [m] over the board that the hand's cover spheres go, so that packs do not topple
-SLIPPERY = 0.6, 1.3  # the friction of the trials, in that which is taken for granted
-UNSURE = 0.004  # [m] deviation of a thing that the scene states no covariance of
+SLIPPERY = 0.4, 1.4  # the friction of the trials, in that which is taken for granted
+UNSURE = 0.006  # [m] deviation of a thing that the scene states no covariance of
 
 
 Trial = tuple[FloatArray, float]
