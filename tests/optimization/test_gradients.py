@@ -13,6 +13,7 @@ from optipromp.optimization.constraints import (
     DriftConstraint,
     FunnelConstraint,
     GoalConstraint,
+    LevelConstraint,
     LimitConstraint,
     SelfConstraint,
     StepConstraint,
@@ -77,6 +78,7 @@ def constraints(case: Any) -> dict[str, Term]:
         "tool step": ToolStepConstraint(
             55.0, 0.5 * float(np.linalg.norm(np.diff(tools, axis=0), axis=1).max()), 1
         ),
+        "level": LevelConstraint(65.0, (0, len(proximal) - 1), FRAME[0], 1),
     }
 
 
@@ -86,7 +88,7 @@ TERMS = (
 )  # fmt: skip
 CONSTRAINTS = (
     "touch", "avoid", "self", "drift", "funnel", "corridor", "upright", "goal", "goal without axis",
-    "limits", "step", "tool step",
+    "limits", "step", "tool step", "level",
 )  # fmt: skip
 
 

@@ -176,7 +176,7 @@ def _rows(run: "Run", outcome: "Outcome") -> list[tuple[str, str]]:
     rows = []
     if outcome.picked is not None:
         at = "" if outcome.swallowed_at is None else f" since {outcome.swallowed_at:.2f} s"
-        rows.append(("target in the cup", ("yes" if outcome.picked else "no") + at))
+        rows.append(("target taken in", ("yes" if outcome.picked else "no") + at))
     if outcome.target_displacement is not None:
         rows.append(("target moved before", f"{1e3 * outcome.target_displacement:.1f} mm"))
     for id_, force in outcome.peak_force.items():

@@ -17,6 +17,7 @@ from optipromp.planning import PlanOptions, plan
 from optipromp.planning.primitives import camera_point
 from optipromp.planning.setup import Setup, bind
 from optipromp.robots import ik
+from optipromp.robots.roll import level
 from optipromp.scenes.scene import Scene, suggest
 from optipromp.trajectory import Trajectory, shortest_dt
 
@@ -106,8 +107,9 @@ def straight(scene: Scene) -> Attempt:
     if parts is None:
         away = "no configuration follows the approach line to the target"
         return Attempt("straight", Code.GOAL_UNREACHABLE, away, None, time.perf_counter() - began)
-    q = np.vstack([parts[0], parts[1][1:]])
     robot = setup.robot
+    q = np.vstack([parts[0], parts[1][1:]])
+    q[1:] = level(robot, q, setup.scene.frame[0], path=True)[1:]
     dt = shortest_dt(q, robot.velocity, robot.acceleration)
     trajectory = Trajectory(q, dt, robot.joint_names)
     status, message = _judged(setup, trajectory)

@@ -35,6 +35,8 @@ class Priority:
     drift: float = 1e4
     berth: float = 3e2
     tool_step: float = 1e3
+    follow: float = 1e4
+    level: float = 1e3
     corridor: float = 1e4
     upright: float = 1e2
 
@@ -230,3 +232,28 @@ class ToolStepConstraint(Term):
                 e.points, e.tool, self.largest, self.first, scale, e.force, e.stiffness
             )
         )
+
+
+class LevelConstraint(Term):
+    """Two body spheres of the tool stay level with one another, from knot ``first`` on.
+
+    ``pair`` are their indices in the order of the evaluation's points, ``normal`` (3,) is a unit
+    vector: what rolls a hand so that its fingers stand side by side.
+    """
+
+    def __init__(
+        self, weight: float, pair: tuple[int, int], normal: FloatArray, first: int
+    ) -> None:
+        super().__init__("level", weight)
+        self.pair, self.normal, self.first = pair, normal, first
+
+    def add(self, e: Evaluation, scale: float) -> float:
+        (a, b), n = self.pair, self.normal
+        off = (e.points[self.first :, a] - e.points[self.first :, b]) @ n
+        pull = scale * off[:, None] * n
+        e.force[self.first :, a] += pull
+        e.force[self.first :, b] -= pull
+        # each as if the other stood twice as stiff against it: no less than the pair's curvature
+        outer = np.array([n[0] ** 2, n[1] ** 2, n[2] ** 2, n[0] * n[1], n[0] * n[2], n[1] * n[2]])
+        e.stiffness[self.first :, [a, b]] += 2.0 * scale * outer
+        return float(0.5 * scale * (off @ off))

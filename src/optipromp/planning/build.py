@@ -11,6 +11,7 @@ from optipromp.optimization.constraints import (
     DriftConstraint,
     FunnelConstraint,
     GoalConstraint,
+    LevelConstraint,
     LimitConstraint,
     SelfConstraint,
     StepConstraint,
@@ -30,7 +31,9 @@ from optipromp.optimization.terms import (
 )
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.setup import Setup
+from optipromp.pushing.channel import ploughs
 from optipromp.pushing.sides import Drift
+from optipromp.robots.tools import FrankaHand
 
 DRIFT_MARGIN = 1e-3  # [m] so that the drift still holds at the knots once the penalty has settled
 TOUCH_MARGIN = 1e-3  # [m] under which clearance outranks the goal
@@ -38,6 +41,7 @@ ASIDE_MARGIN = 4e-3  # [m] that the tool may swing out beyond what the pushables
 CAPTURE_LEAST = 2e-3  # [m] off the approach line at the target, for a mouth hardly wider than it
 UPRIGHT = np.deg2rad(2.0)  # [rad] tilt of the tool allowed on the approach
 TOOL_STEP = 0.006  # [m] between knots of the approach
+FOLLOW = 1e-3  # [m] that a hand may leave the way it was given
 
 
 @dataclass(frozen=True)
@@ -126,6 +130,25 @@ def funnel_constraint(setup: Setup, options: PlanOptions, knots: Knots, drift: D
     )  # fmt: skip
 
 
+def follow_constraints(
+    setup: Setup, options: PlanOptions, knots: Knots, reference: FloatArray
+) -> list[Term]:
+    """A hand's tool point keeps to the way it was given, points along the approach and is level."""
+    p, robot = options.priority, setup.robot
+    assert setup.goal_axis is not None
+    assert isinstance(robot.tool, FrankaHand)
+    mine = np.flatnonzero(robot.spheres.link == len(robot.link_names) - 1)
+    opens = robot.flange_rotation @ robot.tool.rotation[:, 1]
+    along = robot.spheres.center[mine] @ opens
+    first = setup.body.tool - len(mine)  # the tool's spheres come last
+    pair = first + int(np.argmin(along)), first + int(np.argmax(along))
+    return [
+        CorridorConstraint(p.follow, reference, np.eye(3), FOLLOW, knots.first),
+        UprightConstraint(p.follow, setup.goal_axis, UPRIGHT, knots.first),
+        LevelConstraint(p.level, pair, setup.scene.frame[0], knots.first),
+    ]
+
+
 def constraints(
     setup: Setup, options: PlanOptions, knots: Knots, drift: Drift, reference: FloatArray
 ) -> list[Term]:
@@ -145,7 +168,9 @@ def constraints(
     ]
     if setup.goal_position is not None:
         terms.append(GoalConstraint(p.goal, setup.goal_position, setup.goal_axis))
-    if drift.ids:
+    if ploughs(setup.scene, robot.tool):
+        terms += follow_constraints(setup, options, knots, reference)
+    elif drift.ids:
         assert setup.goal_axis is not None
         terms += [
             *drift_constraints(setup, options, knots, drift, reference),

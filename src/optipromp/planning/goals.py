@@ -8,6 +8,7 @@ from optipromp.optimization import kernels
 from optipromp.optimization.evaluation import Evaluation
 from optipromp.planning.setup import Setup
 from optipromp.robots import ik
+from optipromp.robots.roll import level
 
 FEW_STARTS, STARTS, MANY_STARTS = 12, 48, 320  # of the inverse kinematics
 ENOUGH = 6  # free configurations to choose among
@@ -54,9 +55,9 @@ def find(setup: Setup, seed: int, starts: int = STARTS) -> FloatArray:
         near=setup.start[None],
         rest=setup.start,
         distinct=0.1 if starts >= MANY_STARTS else 0.25,
-        clearance=lambda q: clearance(setup, q),
+        clearance=lambda q: clearance(setup, level(setup.robot, q, setup.scene.frame[0])),
     )
-    return solutions.joints
+    return level(setup.robot, solutions.joints, setup.scene.frame[0])
 
 
 def free(setup: Setup, goals: FloatArray) -> tuple[FloatArray, str]:

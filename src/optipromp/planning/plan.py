@@ -14,7 +14,7 @@ from threadpoolctl import ThreadpoolController
 from optipromp import metrics
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.metrics import Contact, Judgement, Metrics
-from optipromp.planning import foresight, goals, joint, movement
+from optipromp.planning import foresight, goals, joint, movement, ploughing
 from optipromp.planning.options import Planner, PlanOptions, Strategy
 from optipromp.planning.primitives import PAPER_BASIS, learnt
 from optipromp.planning.setup import Setup, bind
@@ -241,6 +241,8 @@ def _plan(
         from optipromp.planning import sequential  # with SciPy's optimisers
 
         outcome = sequential.solve(setup, promp, options, chosen, deadline)
+    elif ploughing.applies(setup):
+        outcome = ploughing.plan_ploughed(setup, promp, options, chosen, rng, deadline)
     else:
         outcome = joint.plan_joint(setup, promp, options, chosen, rng, deadline)
     return finish(outcome) if is_free else finish(outcome, Code.GOAL_IN_COLLISION, reason)

@@ -19,6 +19,7 @@ from optipromp.promp.model import ProMP
 from optipromp.promp.points import JointPoint
 from optipromp.robots import ik
 from optipromp.robots.model import Robot
+from optipromp.robots.roll import level
 from optipromp.scenes.scene import SceneObject
 
 BASIS = Basis(count=14, width=2.0, outside=1)
@@ -166,7 +167,8 @@ def on_branch(setup: Setup, via: ViaPoints, goal: FloatArray) -> FloatArray | No
     back, errors = ik.track(setup.robot, via.positions[-2::-1], via.axes[-2::-1], goal)
     if len(errors) and errors.max() > TRACKED:
         return None
-    return np.vstack([back[::-1], goal])
+    behind = level(setup.robot, np.vstack([goal, back]), setup.scene.frame[0], path=True)
+    return behind[::-1]
 
 
 def conditioned(

@@ -1,4 +1,9 @@
-"""Tools on the flange: a swallowing cup and the Franka hand; each is a few covering spheres."""
+"""Tools on the flange: a swallowing cup and the Franka hand; each is a few covering spheres.
+
+The boxes of the Franka hand are those of its published description (franka_description): a palm
+204 mm wide, 63 mm thick and 66 mm long, and fingers whose rubber tips are 17.5 mm high, 15 mm wide
+and 18.5 mm long, 80 mm apart when open.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -13,6 +18,15 @@ from optipromp.robots.self_collision import candidate_pairs, drop_always_touchin
 from optipromp.robots.spheres import cover_capsule
 
 TOOL_LINK = "tool"
+PALM = 0.0316, 0.02  # [m] of the Franka hand: half of its thickness, middle before the flange
+PALM_HALF = 0.102, 0.0459  # [m] half of its width, half of its length
+FINGERS = 0.0584  # [m] before the flange, where the fingers begin
+FINGER = {  # boxes of an open finger: x, y, z of the centre, three half edges [m], turn [rad]
+    "mount": (0.0, 0.0185, 0.011, 0.011, 0.0075, 0.010, 0.0),
+    "diagonal": (0.0, 0.0159, 0.02835, 0.00875, 0.0035, 0.01175, math.pi / 6.0),
+    "pad": (0.0, 0.00758, 0.04525, 0.00875, 0.0076, 0.00925, 0.0),
+}
+PADS = FINGER["pad"]
 LARGEST = 5.0  # [m] a tool dimension beyond it is taken for millimetres
 
 
@@ -66,6 +80,9 @@ class FrankaHand:
     Radius 0.04 at flange z 0.04 (the hand) and 0.02 at 0.10 (the fingers). The hand is mounted
     turned by -45 degrees about flange z, as Franka mounts it. The tool point lies between the
     finger tips, 0.1034 beyond the flange.
+
+    The capsules are what keeps away from static things. What pushes and what takes hold is the open
+    hand itself: a palm and two fingers, see :meth:`boxes` and :meth:`outline`.
     """
 
     reach: float = 0.1034
@@ -84,6 +101,55 @@ class FrankaHand:
             middle = np.array([0.0, 0.0, height])
             covers.append(cover_capsule(middle - half, middle + half, radius, bulge=0.006))
         return np.concatenate(covers)
+
+    @property
+    def rotation(self) -> FloatArray:
+        """(3, 3) columns: the hand's x (its thin side), y (along which it opens) and z axes."""
+        c = math.sqrt(0.5)
+        return np.array([[c, c, 0.0], [-c, c, 0.0], [0.0, 0.0, 1.0]])
+
+    @property
+    def front(self) -> float:
+        """How far before the flange the palm ends [m]."""
+        return PALM[1] + PALM_HALF[1]
+
+    @property
+    def tip(self) -> float:
+        """How far before the flange the fingers end [m]."""
+        return FINGERS + PADS[2] + PADS[5]
+
+    def boxes(self) -> tuple[tuple[str, FloatArray, FloatArray, float], ...]:
+        """The open hand as boxes: name, centre (3,), half edges (3,) [m], turn about x [rad].
+
+        In the hand's axes (:attr:`rotation`) with the origin at the flange.
+        """
+        out = [("palm", np.array([0.0, 0.0, PALM[1]]), np.array([PALM[0], *PALM_HALF]), 0.0)]
+        for side, sign in (("left", 1.0), ("right", -1.0)):
+            for part, (x, y, z, a, b, c, turn) in FINGER.items():
+                center = np.array([x, sign * (self.gripper_radius + y), FINGERS + z])
+                out.append((f"{side} {part}", center, np.array([a, b, c]), sign * turn))
+        return tuple(out)
+
+    def outline(self) -> tuple[FloatArray, ...]:
+        """The open hand seen along its x: convex polygons (k, 2), counter-clockwise.
+
+        Columns: along the tool axis and along the hand's y, from the tool point [m].
+        """
+        out = []
+        palm = PALM[1] + np.array([-1.0, 1.0]) * PALM_HALF[1] - self.reach
+        wide = PALM_HALF[0]
+        out.append(np.array([[palm[0], -wide], [palm[1], -wide], [palm[1], wide], [palm[0], wide]]))
+        mount, pads = FINGER["mount"], PADS
+        near, far, tip = mount[2] + mount[5], pads[2] - pads[5], pads[2] + pads[5]
+        corners = [
+            (0.0, 0.0), (tip, 0.0), (tip, pads[1] + pads[4]), (far, pads[1] + pads[4]),
+            (near, mount[1] + mount[4]), (0.0, mount[1] + mount[4]),
+        ]  # fmt: skip
+        for sign in (1.0, -1.0):
+            finger = np.array(corners) * [1.0, sign]
+            finger += [FINGERS - self.reach, sign * self.gripper_radius]
+            out.append(finger if sign > 0 else finger[::-1])
+        return tuple(out)
 
 
 Tool = Cup | FrankaHand

@@ -7,9 +7,10 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray, frozen
 from optipromp.robots.model import Robot
-from optipromp.robots.tools import TOOL_LINK, Cup
+from optipromp.robots.tools import TOOL_LINK, Cup, FrankaHand
 from optipromp.simulation.engine import engine
 from optipromp.simulation.entities import Entity, layers
+from optipromp.simulation.hand import add_hand
 from optipromp.simulation.parameters import SimulationParameters
 from optipromp.simulation.solids import quaternion
 
@@ -118,7 +119,8 @@ def _add_spheres(
 ) -> None:
     mujoco = engine()
     spheres = robot.spheres
-    tool = robot.link_names.index(TOOL_LINK) if isinstance(robot.tool, Cup) else -1
+    shaped = isinstance(robot.tool, Cup | FrankaHand)
+    tool = robot.link_names.index(TOOL_LINK) if shaped else -1
     for b in np.flatnonzero((spheres.segment == segment) & (spheres.link != tool)):
         link = int(spheres.link[b])
         body.add_geom(
@@ -162,6 +164,12 @@ def _add_tool(body: Any, robot: Robot, parameters: SimulationParameters, entity:
     held = body.add_body(
         name="tool", pos=robot.flange_translation, quat=quaternion(robot.flange_rotation)
     )
+    if isinstance(tool, FrankaHand):
+        add_hand(
+            held, tool, parameters.robot.hand_mass,
+            **layers("tool"), **_surface(parameters, parameters.robot.tool_friction, entity),
+        )  # fmt: skip
+        return
     if not isinstance(tool, Cup):
         # its spheres were added with the last segment's
         _explicit(held, mass, np.array([0.0, 0.0, 0.05]), mass * 0.04**2 * np.eye(3))

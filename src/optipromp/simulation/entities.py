@@ -37,11 +37,12 @@ class Layer(IntFlag):
     AVOID = 16
 
 
-def layers(kind: EntityKind) -> dict[str, int]:
+def layers(kind: EntityKind | Literal["foot"]) -> dict[str, int]:
     """``contype`` and ``conaffinity`` of a kind.
 
     The robot meets everything but itself; fruits meet each other and everything; stems meet robot
-    and fruits, not each other and not what they grow beside.
+    and fruits, not each other and not what they grow beside. The foot of a can meets only what
+    it stands on.
     """
     meets_movers = int(Layer.ROBOT | Layer.FRUIT)
     match kind:
@@ -49,6 +50,8 @@ def layers(kind: EntityKind) -> dict[str, int]:
             return {"contype": int(Layer.ROBOT), "conaffinity": 0}
         case "fruit" | "thing":
             return {"contype": int(Layer.FRUIT), "conaffinity": meets_movers}
+        case "foot":
+            return {"contype": 0, "conaffinity": int(Layer.STATIC)}
         case "stem":
             return {"contype": int(Layer.STEM), "conaffinity": meets_movers}
         case "static":

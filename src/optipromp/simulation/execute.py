@@ -42,7 +42,7 @@ class Run:
 
     @property
     def success(self) -> bool:
-        """Whether the target alone is in the cup and nothing was harmed."""
+        """Whether the target alone is in the tool and nothing was harmed."""
         return self.outcome.success
 
     @property

@@ -7,7 +7,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, frozen
 from optipromp.errors import InvalidSceneError
-from optipromp.geometry.shapes import Sphere
+from optipromp.geometry.shapes import Capsule, Cylinder, Sphere
 from optipromp.scenes.scene import SceneObject, Stem, suggest
 from optipromp.simulation.engine import engine
 from optipromp.simulation.entities import layers
@@ -18,6 +18,8 @@ PHYSICAL = ("mass", "density", "friction", "stem_stiffness", "abscission_force")
 RIPE = (0.80, 0.08, 0.10, 1.0)
 UNRIPE = (0.55, 0.72, 0.30, 1.0)
 STEM_COLOUR = (0.30, 0.50, 0.18, 1.0)
+CAN_GAP = 1e-3  # [m] by which the capsule in a can is shorter than the can
+UNSEEN = (0.0, 0.0, 0.0, 0.0)
 WELD_TIME = 0.004  # [s] time constant of the joint between stem and fruit
 WELD_LEVER = 0.02  # [m] weighs its angles against its positions
 WELD_IMPEDANCE = [
@@ -96,15 +98,22 @@ def add_fruit(
         name=f"fruit:{key}", pos=thing.position, quat=quaternion(thing.rotation)
     )
     body.add_freejoint(name=f"free:{key}")
-    geoms = add_shape(
-        spec, body, thing.shape, f"fruit:{key}", np.eye(3), np.zeros(3),
-        rgba=RIPE if thing.role == "target" else UNRIPE,
-        friction=[friction, 0.005, parameters.fruit.rolling_friction],
-        condim=3 if hangs else 6,
-        solref=[group.contact_time, 1.0],
-        userdata=[float(entity)],
-        **layers("fruit" if hangs else "thing"),
-    )  # fmt: skip
+    look: dict[str, Any] = {
+        "rgba": RIPE if thing.role == "target" else UNRIPE,
+        "friction": [friction, 0.005, parameters.fruit.rolling_friction],
+        "condim": 3 if hangs else 6,
+        "solref": [group.contact_time, 1.0],
+        "userdata": [float(entity)],
+    }
+    shape, kind_of = thing.shape, layers("fruit" if hangs else "thing")
+    turn, at = np.eye(3), np.zeros(3)
+    if not hangs and isinstance(shape, Cylinder) and shape.length > 2.0 * shape.radius + CAN_GAP:
+        geoms = add_shape(spec, body, shape, f"fruit:{key}", turn, at, **look, **layers("foot"))
+        side = Capsule(shape.radius, shape.length - 2.0 * shape.radius - CAN_GAP)
+        look = {**look, "rgba": UNSEEN, "mass": 0.0}
+        add_shape(spec, body, side, f"fruit:{key}:side", turn, at, **look, **kind_of)
+    else:
+        geoms = add_shape(spec, body, shape, f"fruit:{key}", turn, at, **look, **kind_of)
     for geom in geoms:
         geom.mass = mass / len(geoms)
     if thing.stem is None:

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from optipromp.arrays import BoolArray, FloatArray
-from optipromp.robots.tools import Cup
+from optipromp.robots.tools import Cup, FrankaHand
 from optipromp.simulation.arm import cup_inner_radius
 from optipromp.simulation.contacts import ContactLog
+from optipromp.simulation.hand import between_fingers
 from optipromp.simulation.rollout import Rollout
 from optipromp.simulation.world import World
 
@@ -22,12 +23,12 @@ class Cause(StrEnum):
     STATIC_CONTACT = "static_contact"  # arm or tool pressed a static thing
     TORN = "torn"  # a fruit came off its stem
     STEM_CAUGHT = "stem_caught"  # a stem was pressed by arm or tool
-    SWALLOWED_OTHER = "swallowed_other"  # another fruit is in the cup
+    SWALLOWED_OTHER = "swallowed_other"  # another fruit is in the cup, or between the fingers
     AVOID_CONTACT = "avoid_contact"  # an arm link pressed a neighbouring cluster
     CRUSHED = "crushed"  # a fruit was pressed harder than it bears
     LIMIT = "limit"  # a joint left its range
     TRACKING = "tracking"  # the arm could not follow
-    NOT_PICKED = "not_picked"  # the target is not in the cup
+    NOT_PICKED = "not_picked"  # the target is not in the cup, or between the fingers
 
 
 @dataclass(frozen=True)
@@ -54,13 +55,14 @@ class Outcome:
     """The judgement of a run.
 
     Attributes:
-        success: the target alone is in the cup and nothing was harmed.
+        success: the target alone is in the tool (a cup's mouth, or between a hand's fingers) and
+            nothing was harmed.
         cause: a :class:`Cause` where it failed, else None.
         message: in words.
-        picked: the target's centre is inside the cup at the end and stays there; None for a scene
+        picked: the target's centre is inside the tool at the end and stays there; None for a scene
             without a target.
-        swallowed_others: other fruits whose centre is inside the cup at the end.
-        entered: other fruits whose centre was inside the cup at any time.
+        swallowed_others: other fruits whose centre is inside the tool at the end.
+        entered: other fruits whose centre was inside the tool at any time.
         peak_force: largest force on each target and pushable, by id [N].
         torn: fruits that came off their stems.
         stem_caught: fruits whose stem was pressed by arm or tool beyond the thresholds.
@@ -70,9 +72,9 @@ class Outcome:
         avoid_contacts: of B_d with avoid things.
         tool_avoid_contacts: of last link and tool with avoid things: allowed.
         arm_fruit_contacts: of B_d with targets and pushables.
-        target_displacement: how far the target had moved when its centre entered the cup, or the
+        target_displacement: how far the target had moved when its centre entered the tool, or the
             farthest it moved where it never entered [m].
-        swallowed_at: when the target's centre entered the cup for the last time [s], or None.
+        swallowed_at: when the target's centre entered the tool for the last time [s], or None.
         displacement: the farthest each target and pushable was from where it began, by id [m].
         tracking_error: largest distance of the tool point from the reference [m].
         joint_error: largest distance of a joint from the reference [rad or m].
@@ -125,31 +127,47 @@ class Outcome:
         return document
 
 
-def inside_tool(
-    world: World, point: FloatArray, axis: FloatArray, centers: FloatArray
-) -> BoolArray:
-    """Whether centres are inside the tool: a cup's mouth, or about another tool's point.
+def inside_tool(world: World, rollout: Rollout, centers: FloatArray) -> BoolArray:
+    """Whether centres are inside the tool: in a cup's mouth, or between a hand's fingers.
+
+    For a tool that the twin does not know, near the tool point.
 
     Args:
         world: whose tool it is.
-        point: (R, 3) of the tool.
-        axis: (R, 3) out of the mouth.
-        centers: (R, 3).
+        rollout: where the tool was.
+        centers: (R, 3) of a fruit or thing, with the rollout's records.
+
+    Returns:
+        (R,).
     """
-    robot = world.robot
-    away = centers - point
-    along = np.einsum("ri,ri->r", away, axis)
-    across = np.linalg.norm(away - along[:, None] * axis, axis=1)
+    robot, axis = world.robot, rollout.tool_axis
+    away = centers - rollout.tool_point
     tool = robot.tool
     if isinstance(tool, Cup):
+        along = np.einsum("ri,ri->r", away, axis)
+        across = np.linalg.norm(away - along[:, None] * axis, axis=1)
         margin = world.parameters.thresholds.inside_margin
         inner = cup_inner_radius(tool, world.parameters)
         mouth, floor = tool.depth - margin, tool.depth - tool.height
         inside: BoolArray = (across < inner) & (along < mouth) & (along > floor)
         return inside
+    if isinstance(tool, FrankaHand):
+        _, turns = robot.segment_frames(rollout.q)
+        hand = turns[:, -1] @ robot.flange_rotation @ tool.rotation
+        return between_fingers(tool, np.einsum("rij,ri->rj", hand, away))
     reach = robot.gripper_radius or 0.02
     near: BoolArray = np.linalg.norm(away, axis=1) < reach
     return near
+
+
+def inside_words(world: World) -> str:
+    """Where a picked thing is, in words."""
+    match world.robot.tool:
+        case Cup():
+            return "in the cup"
+        case FrankaHand():
+            return "between the fingers"
+    return "at the tool point"
 
 
 def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
@@ -158,9 +176,7 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
     target = next((fruit.id for fruit in shown if fruit.role == "target"), None)
     entities = world.entities
     inside = {
-        fruit.id: inside_tool(
-            world, rollout.tool_point, rollout.tool_axis, rollout.fruit_positions[:, i]
-        )
+        fruit.id: inside_tool(world, rollout, rollout.fruit_positions[:, i])
         for i, fruit in enumerate(shown)
     }
     moved = {
@@ -229,7 +245,7 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
     if failures:
         message = "; ".join(words for _, words in failures)
         return replace(facts, cause=failures[0][0], message=message)
-    words = "the target alone is in the cup, nothing was harmed"
+    words = f"the target alone is {inside_words(world)}, nothing was harmed"
     if target is None:
         words = "the motion was executed, nothing was harmed"
     return replace(facts, success=True, message=words)
@@ -250,7 +266,8 @@ def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
         forces = ", ".join(f"{i} ({outcome.stem_force[i]:.1f} N)" for i in outcome.stem_caught)
         yield Cause.STEM_CAUGHT, f"stems pressed: {forces}"
     if outcome.swallowed_others:
-        yield Cause.SWALLOWED_OTHER, f"also in the cup: {', '.join(outcome.swallowed_others)}"
+        others = ", ".join(outcome.swallowed_others)
+        yield Cause.SWALLOWED_OTHER, f"also {inside_words(world)}: {others}"
     hits = [c for c in outcome.avoid_contacts if c.peak_force > limits.avoid_force]
     if hits:
         worst = max(hits, key=lambda c: c.peak_force)
@@ -264,7 +281,7 @@ def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
     if outcome.tracking_error > limits.tracking_error:
         yield Cause.TRACKING, f"the tool was {1e3 * outcome.tracking_error:.0f} mm off its path"
     if outcome.picked is False:
-        yield Cause.NOT_PICKED, "the target is not in the cup"
+        yield Cause.NOT_PICKED, f"the target is not {inside_words(world)}"
 
 
 def _contacts(world: World, log: ContactLog) -> Iterator[tuple[Contact, bool, str]]:

@@ -156,6 +156,7 @@ class RobotParameters(Checked):
         800.0, "kg/m^3", "guess", "links of other robots: the volume of their body spheres"
     )
     tool_mass: float = _parameter(0.35, "kg", "guess", "printed cup with its neck")
+    hand_mass: float = _parameter(0.73, "kg", "published", "Franka hand: manufacturer's data")
     armature: float = _parameter(
         0.1, "kg m^2 or kg", "guess", "rotor inertia seen behind the gear, as in Panda models"
     )
@@ -222,7 +223,7 @@ class Thresholds(Checked):
     )
     rest_time: float = _parameter(
         0.3, "s", "choice",
-        "how long, up to the end, the target must have been in the cup without a break; it may "
+        "how long, up to the end, the target must have been in the tool without a break; it may "
         "still swing on its stem there",
     )  # fmt: skip
 

@@ -15,6 +15,7 @@ from optipromp.robots import ik
 from optipromp.robots.cup_cover import NECK_RADIUS
 from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
+from optipromp.robots.roll import level, rolls
 from optipromp.robots.tools import Cup, FrankaHand, with_tool
 from optipromp.scenes.scene import Scene, SceneObject
 
@@ -51,7 +52,11 @@ def unsolvable(scene: Scene) -> str | None:
     goals = ik.solve(robot, target.position, scene.frame[2], starts=STARTS, distinct=0.05).joints
     if not len(goals):
         return "target out of reach"
-    if not _free(scene, robot, rolled(robot, goals)).any():
+    if isinstance(robot.tool, FrankaHand) and rolls(robot):  # fingers on either side of the target
+        turned = level(robot, goals, scene.frame[0])
+    else:
+        turned = rolled(robot, goals)
+    if not _free(scene, robot, turned).any():
         return "goal always in collision"
     return None
 

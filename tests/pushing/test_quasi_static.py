@@ -1,0 +1,126 @@
+"""The quasi-static model on pushes whose end is known, and on random heaps."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from optipromp.pushing.quasi_static import FLAT, SETTLED, push, room, shapes
+
+SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
+PUSHER = np.array([[-0.02, -0.05], [0.0, -0.05], [0.0, 0.05], [-0.02, 0.05]])
+NONE = shapes([])
+
+
+def line(start, end, step=0.002):
+    start, end = np.array([*start, 0.0]), np.array([*end, 0.0])
+    count = int(np.ceil(np.linalg.norm(end - start) / step)) + 1
+    return start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
+
+
+def pushed(path, things, state, walls=NONE, slip=0.4, friction=None, tool=PUSHER, **further):
+    things = shapes(things)
+    count = len(things.size)
+    friction = np.ones(count) if friction is None else np.array(friction)
+    state = np.array([[*row, 0.0] if len(row) == 2 else row for row in state], dtype=float)
+    lever = 0.5 * things.radius
+    return push(path, shapes([tool]), things, state, friction, lever, walls, slip, **further)
+
+
+def test_what_is_not_touched_stays():
+    result = pushed(line((-0.2, 0.0), (-0.1, 0.0)), [0.03, SQUARE], [(0, 0), (0.1, 0.1)])
+    np.testing.assert_array_equal(result.state, [[0, 0, 0], [0.1, 0.1, 0]])
+    assert result.force == 0.0
+    assert result.done == 1.0
+
+
+@pytest.mark.parametrize("thing", [0.02, SQUARE])
+def test_a_push_through_the_centre_goes_straight(thing):
+    result = pushed(line((-0.1, 0.0), (0.05, 0.0)), [thing], [(0.0, 0.0)])
+    np.testing.assert_allclose(result.state, [[0.07, 0.0, 0.0]], atol=2 * SETTLED)
+
+
+def test_a_push_beside_the_centre_turns_a_box_away():
+    finger = PUSHER * [1.0, 0.1]
+    path = line((-0.1, 0.015), (0.0, 0.015))
+    result = pushed(path, [SQUARE], [(0.0, 0.0)], tool=finger)
+    u, v, turn = result.state[0]
+    assert turn < -0.2  # pushed above its centre along +u it turns clockwise
+    assert 0.0 < u < 0.02 + SETTLED
+    assert v < 0.01
+    mirrored = pushed(path * [1, -1, 1], [SQUARE], [(0.0, 0.0)], tool=finger)
+    np.testing.assert_allclose(mirrored.state[0], [u, -v, -turn], atol=2e-3)
+
+
+def test_a_disc_met_off_centre_goes_aside():
+    corner = np.array([[-0.03, -0.03], [0.0, 0.0], [-0.03, 0.03]])
+    result = pushed(line((-0.1, 0.0), (0.0, 0.0)), [0.02], [(0.0, 0.005)], tool=corner, slip=0.1)
+    assert result.state[0, 1] > 0.012
+
+
+def test_friction_at_the_contact_drags_along():
+    path = line((-0.021, 0.0), (-0.0199, 0.0), 0.0005)
+    along = np.vstack([path, line((-0.0199, 0.0), (-0.0199, 0.04), 0.001)])
+    tool = PUSHER * [1.0, 3.0]
+    moved = [pushed(along, [SQUARE], [(0.0, 0.0)], slip=s, tool=tool).state[0, 1] for s in (0, 1)]
+    assert moved[0] == pytest.approx(0.0, abs=1e-6)
+    assert moved[1] >= moved[0]
+
+
+def test_a_row_moves_together_and_its_friction_adds_up():
+    row = [(0.0, 0.0), (0.04, 0.0), (0.08, 0.0)]
+    result = pushed(line((-0.1, 0.0), (0.02, 0.0)), [0.02] * 3, row, friction=[1.0, 2.0, 3.0])
+    np.testing.assert_allclose(result.state[:, 0], [0.04, 0.08, 0.12], atol=6 * SETTLED)
+    assert result.force >= 0.8 * 6.0
+
+
+def test_a_wall_jams():
+    wall = shapes([np.array([[0.03, -0.1], [0.05, -0.1], [0.05, 0.1], [0.03, 0.1]])])
+    result = pushed(line((-0.1, 0.0), (0.0, 0.0)), [0.02], [(0.0, 0.0)], wall)
+    assert result.done < 1.0
+    assert result.jam > 1e-3
+    assert result.force > 10.0
+
+
+def test_it_stops_where_the_first_thing_may_go_no_farther():
+    result = pushed(line((-0.1, 0.0), (0.05, 0.0)), [0.02], [(0.0, 0.0)], most=0.01)
+    assert result.done < 1.0
+    assert 0.01 < result.state[0, 0] < 0.013
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000))
+def test_nothing_ends_inside_anything(seed):
+    rng = np.random.default_rng(seed)
+    radii = rng.uniform(0.015, 0.03, 5)
+    centers: list[np.ndarray] = []
+    for radius in radii:
+        for _ in range(200):
+            at = rng.uniform([0.0, -0.12], [0.2, 0.12])
+            if all(
+                np.linalg.norm(at - c) > radius + r
+                for c, r in zip(centers, radii[: len(centers)], strict=True)
+            ):
+                break
+        centers.append(at)
+    result = pushed(
+        line((-0.06, rng.uniform(-0.08, 0.08)), (0.1, rng.uniform(-0.08, 0.08))),
+        [float(r) for r in radii], centers,
+    )  # fmt: skip
+    at = result.state[:, :2]
+    for i in range(5):
+        for j in range(i):
+            gap = np.linalg.norm(at[i] - at[j]) - radii[i] - radii[j]
+            if np.linalg.norm(np.array(centers[i]) - centers[j]) > radii[i] + radii[j]:
+                assert gap > -max(result.jam, SETTLED) - FLAT
+
+
+def test_room_to_a_wall():
+    wall = shapes([np.array([[0.03, -0.1], [0.05, -0.1], [0.05, 0.1], [0.03, 0.1]])])
+    assert room(line((-0.1, 0.0), (0.01, 0.0)), shapes([PUSHER]), wall) == pytest.approx(0.02)
+    assert room(line((-0.1, 0.0), (0.04, 0.0)), shapes([PUSHER]), wall) < 0.0
+
+
+def test_too_many_corners_are_refused():
+    with pytest.raises(ValueError, match="9 corners"):
+        shapes([np.zeros((9, 2))])

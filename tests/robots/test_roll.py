@@ -1,0 +1,61 @@
+"""A hand is rolled level by the joint that does nothing else, and only by that."""
+
+import numpy as np
+import pytest
+
+from optipromp.robots import ik
+from optipromp.robots.library import load_robot
+from optipromp.robots.roll import level, rolls
+from optipromp.robots.tools import Cup, FrankaHand, with_tool
+
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return with_tool(load_robot("panda"), FrankaHand())
+
+
+def opening(robot, q):
+    """(m, 3) directions in which the hand opens."""
+    _, turns = robot.segment_frames(q)
+    return (turns[:, -1] @ robot.flange_rotation @ robot.tool.rotation)[:, :, 1]
+
+
+def drawn(robot, count=200):
+    rng = np.random.default_rng(3)
+    return rng.uniform(robot.lower, robot.upper, (count, robot.n_joints))
+
+
+def test_the_hand_opens_level_and_the_tool_stays(panda):
+    q = drawn(panda)
+    out = level(panda, q, DOWN)
+    assert np.abs(opening(panda, out) @ DOWN).max() < 1e-9
+    assert (panda.lower <= out).all()
+    assert (out <= panda.upper).all()
+    for before, after in zip(panda.tool_pose(q), panda.tool_pose(out), strict=True):
+        np.testing.assert_allclose(after, before, atol=1e-9)
+    np.testing.assert_array_equal(out[:, :-1], q[:, :-1])
+    np.testing.assert_allclose(level(panda, out, DOWN), out, atol=1e-9)
+
+
+def test_a_path_keeps_its_roll(panda):
+    line = np.array([0.4, -0.1, 0.5]) + np.linspace(0, 1, 60)[:, None] * [0.2, 0.25, 0.0]
+    begin = ik.solve(panda, line[0], np.array([1.0, 0.0, 0.0])).joints[0]
+    q, errors = ik.track(panda, line, np.tile([1.0, 0.0, 0.0], (60, 1)), begin)
+    assert errors.max() < 1e-6
+    out = level(panda, q, DOWN, path=True)
+    assert np.abs(opening(panda, out) @ DOWN).max() < 1e-9
+    assert np.abs(np.diff(out[:, -1])).max() < 0.2
+
+
+def test_a_cup_and_a_bare_arm_stay_as_they_are():
+    panda = load_robot("panda")
+    for robot in (panda, with_tool(panda, Cup(0.05))):
+        q = drawn(robot, 5)
+        np.testing.assert_array_equal(level(robot, q, DOWN), q)
+
+
+def test_a_joint_that_moves_the_tool_is_no_roll():
+    assert rolls(with_tool(load_robot("panda"), FrankaHand()))
+    assert not rolls(load_robot("scara"))

@@ -1,0 +1,76 @@
+"""The Franka hand in the twin: its geometry, what it takes hold of, and a pick off a shelf."""
+
+import numpy as np
+import pytest
+
+from optipromp.experiments.baselines import attempt
+from optipromp.planning import plan
+from optipromp.planning.setup import bind
+from optipromp.robots.tools import FrankaHand
+from optipromp.scenes.generate import generate
+from optipromp.simulation import Cause, simulate
+from optipromp.simulation.engine import engine
+from optipromp.simulation.hand import between_fingers
+from optipromp.simulation.world import build
+
+HAND = FrankaHand()
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return generate("shelf", 1)
+
+
+def test_what_is_between_the_fingers():
+    inside = [[0, 0, 0], [0, 0.039, 0], [0.008, 0, 0], [0, 0, 0.009], [0, 0, -0.03]]
+    outside = [[0, 0.041, 0], [0, -0.041, 0], [0.01, 0, 0], [0, 0, 0.012], [0, 0, -0.04]]
+    assert between_fingers(HAND, np.array(inside)).all()
+    assert not between_fingers(HAND, np.array(outside)).any()
+
+
+def test_the_fingers_are_apart_and_the_tool_point_is_free(scene):
+    mujoco = engine()
+    robot = bind(scene).robot
+    world = build(scene, robot)
+    data = world.data(scene.start)
+    point, axis = robot.tool_pose(scene.start)
+    _, turns = robot.segment_frames(scene.start)
+    opens = (turns[-1] @ robot.flange_rotation @ HAND.rotation)[:, 1]
+    hand = np.array([g for g in range(world.model.ngeom) if "hand:" in world.model.geom(g).name])
+    assert len(hand) == 7
+    # a ray from the tool point meets a pad after 40 mm on either side, and the palm behind
+    for way, away in ((opens, 0.04), (-opens, 0.04), (-axis, HAND.reach - HAND.front)):
+        met = np.zeros(1, dtype=np.int32)
+        distance = mujoco.mj_ray(world.model, data, point, way, None, 1, -1, met)
+        assert distance == pytest.approx(away, abs=1e-3)
+        assert met[0] in hand
+
+
+def test_packs_stand_still(scene):
+    mujoco = engine()
+    world = build(scene, bind(scene).robot)
+    data = world.data(scene.start)
+    before = [data.qpos[f.position : f.position + 3].copy() for f in world.shown]
+    for _ in range(1000):
+        data.qfrc_applied[:7] = data.qfrc_bias[:7]
+        mujoco.mj_step(world.model, data)
+    for fruit, was in zip(world.shown, before, strict=True):
+        now = data.qpos[fruit.position : fruit.position + 3]
+        assert np.linalg.norm(now - was) < 1e-4
+
+
+def test_a_can_is_picked_off_a_shelf(scene):
+    run = simulate(plan(scene))
+    assert run.success, run.outcome.message
+    assert run.outcome.picked
+    assert "between the fingers" in run.outcome.message
+    assert run.outcome.static_contacts == ()
+    assert run.outcome.target_displacement < 0.005
+
+
+def test_straight_through_the_packs_it_is_not(scene):
+    made = attempt(scene, "straight")
+    run = simulate(made.trajectory, scene)
+    assert not run.success
+    assert run.outcome.cause in (Cause.CRUSHED, Cause.NOT_PICKED, Cause.SWALLOWED_OTHER)
+    assert run.outcome.unripe_peak_force > simulate(plan(scene)).outcome.unripe_peak_force
