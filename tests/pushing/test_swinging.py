@@ -445,7 +445,7 @@ def test_a_fruit_is_pressed_against_what_stands_firm() -> None:
     assert jammed.fruit > 2.0 * free.fruit
 
 
-def test_a_fruit_is_pressed_against_what_stands_firm() -> None:
+def test_a_fruit_between_cup_and_wall_shares_what_is_left() -> None:
     """It cannot swing through a wall, and is squeezed between it and the cup."""
     s = hung(((0, 0, 0), (0, 0, 0.2)))
     points = np.vstack([along((0.06, 0, 0), (0.03, 0, 0)), np.tile(TARGET + [0.03, 0, 0], (40, 1))])
