@@ -47,7 +47,9 @@ def test_what_a_hand_goes_through():
     assert not channel.ploughs(scene, None)
     assert not channel.ploughs(shelf(), HAND)
     assert not channel.ploughs(shelf(pack((-0.1, 0.0)), approach=Approach()), HAND)
-    hung = replace(pack((-0.1, 0.0)), stem=Stem(np.array([TARGET, TARGET + [0.0, 0.0, 0.2]])))
+    still = pack((-0.1, 0.0))
+    stem = Stem(np.array([still.position, still.position + [0.0, 0.0, 0.2]]))
+    hung = replace(still, stem=stem)
     assert not channel.ploughs(shelf(hung), HAND)
 
 
@@ -68,7 +70,7 @@ def test_the_plane_is_what_stands_there():
 def test_a_pack_on_the_line_goes_aside_and_the_target_stays():
     scene = shelf(pack((-0.1, 0.0)))
     best, *_ = channel.ways(scene, HAND, np.random.default_rng(0), 2)
-    assert best.cost < 1.0
+    assert best.cost < 3.0
     np.testing.assert_allclose(best.corners[-1], TARGET, atol=1e-12)
     # low until it is there: the hand's cover spheres just over the board
     low = TARGET[2] - 0.06 + HAND.spheres()[:, 3].max() + channel.LOW

@@ -53,9 +53,16 @@ def test_a_push_beside_the_centre_turns_a_box_away():
 
 
 def test_a_disc_met_off_centre_goes_aside():
+    r"""Without friction at the contact it follows :math:`dv/du = (v/r)\sqrt{1 - v^2/r^2}`."""
     corner = np.array([[-0.03, -0.03], [0.0, 0.0], [-0.03, 0.03]])
-    result = pushed(line((-0.1, 0.0), (0.0, 0.0)), [0.02], [(0.0, 0.005)], tool=corner, slip=0.1)
-    assert result.state[0, 1] > 0.012
+    path = line((-0.1, 0.0), (0.0, 0.0), 0.0005)
+    result = pushed(path, [0.02], [(0.0, 0.005)], tool=corner, slip=0.0)
+    v, du = 0.005, 1e-6
+    for _ in range(round(np.sqrt(0.02**2 - v**2) / du)):
+        v += du * v / 0.02 * np.sqrt(1.0 - (v / 0.02) ** 2)
+    assert result.state[0, 1] == pytest.approx(v, abs=1e-3)
+    held = pushed(path, [0.02], [(0.0, 0.005)], tool=corner, slip=0.4)
+    assert 0.005 < held.state[0, 1] < result.state[0, 1]
 
 
 def test_friction_at_the_contact_drags_along():
