@@ -14,6 +14,8 @@ from optipromp.simulation.engine import engine
 from optipromp.simulation.execute import Run
 from optipromp.simulation.world import World, build
 
+SMALL = (480, 360)  # [pixel] of an animation
+
 Picture = NDArray[np.uint8]  # (height, width, 3)
 
 
@@ -90,11 +92,12 @@ def film(run: Run, view: View | None = None, *, fps: int = 30, slow: float = 1.0
 
 
 def animation(
-    run: Run, view: View | None = None, *, fps: int = 12, slow: float = 1.0, colours: int = 128
+    run: Run, view: View | None = None, *, fps: int = 10, slow: float = 1.0, colours: int = 96
 ) -> bytes:
-    """A GIF of the whole run."""
+    """A GIF of the whole run, by default half as wide as a film: a GIF keeps every pixel."""
     from PIL import Image
 
+    view = view or View(width=SMALL[0], height=SMALL[1])
     pictures = [Image.fromarray(picture) for picture in frames(run, moments(run, fps, slow), view)]
     palette = pictures[len(pictures) // 2].quantize(colours)
     few = [picture.quantize(colours, palette=palette) for picture in pictures]
