@@ -486,7 +486,6 @@ def _inside(x: FloatArray, point: FloatArray, axis: FloatArray, cup: Cup, way: F
     return rho < cup.inner and cup.base < h < cup.rim - BARELY
 
 
-@_jit
 def harm(
     s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Cup, solid: Obstacles
 ) -> Harm:
@@ -494,6 +493,16 @@ def harm(
 
     A force lasts as long as it does not fall for :data:`HELD` steps.
     """
+    return Harm(*_harm(s, points, axes, dt, cup, solid))
+
+
+# A kernel returns no named tuple: Numba calls its class to make one, and does not survive an
+# interruption there.
+@_jit
+def _harm(
+    s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Cup, solid: Obstacles
+) -> tuple[float, float, float, float, bool]:
+    """See :func:`harm`."""
     count, steps = s.stiffness.shape[0], len(points)
     positions, way = np.zeros((steps, count, 3)), np.empty(3)
     forces, stem_forces = np.zeros((steps, count)), np.zeros((steps, count))
@@ -518,4 +527,4 @@ def harm(
                 else:
                     spell = 0
     missed = not _inside(positions[-1, 0], points[-1], axes[-1], cup, way)
-    return Harm(stem, fruit, target, inside, missed)
+    return stem, fruit, target, inside, missed
