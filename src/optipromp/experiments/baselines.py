@@ -72,17 +72,30 @@ def attempt(
         raise InvalidRequestError(f"planner is {planner!r}: {suggest(planner, STUDY_PLANNERS)}")
     began = time.perf_counter()
     if planner == "straight":
-        return straight(scene)
+        return straight(scene, options)
     if planner == "chomp":
         made = plan(as_obstacles(scene), planner="opti-promp", seed=seed, options=options)
     else:
         made = plan(scene, planner=planner, seed=seed, options=options)
     seconds = time.perf_counter() - began
-    status, message = made.status, made.message
+    status, message, trajectory = made.status, made.message, made.trajectory
     if planner == "chomp" and status in (Code.SUCCESS, Code.INVALID_PLAN):
-        status, message = _judged(bind(scene), made.trajectory)
-    moves = bool(np.ptp(made.trajectory.positions, axis=0).max() > 0.0)
-    return Attempt(planner, status, message, made.trajectory if moves else None, seconds)
+        trajectory = gently(bind(scene), trajectory, options)
+        status, message = _judged(bind(scene), trajectory)
+    moves = bool(np.ptp(trajectory.positions, axis=0).max() > 0.0)
+    return Attempt(planner, status, message, trajectory if moves else None, seconds)
+
+
+def gently(setup: Setup, trajectory: Trajectory, options: PlanOptions | None) -> Trajectory:
+    """``trajectory`` no faster, from the camera point on, than the other planners are there."""
+    options = options or PlanOptions()
+    if not setup.neighbours or setup.goal_position is None or options.duration is not None:
+        return trajectory
+    points, _ = setup.robot.tool_pose(trajectory.positions)
+    first = int(np.argmin(np.linalg.norm(points - camera_point(setup), axis=1)))
+    steps = np.linalg.norm(np.diff(points[first:], axis=0), axis=1)
+    slowest = float(steps.max(initial=0.0)) / options.approach_speed
+    return trajectory.with_dt(max(trajectory.dt, slowest))
 
 
 def as_obstacles(scene: Scene) -> Scene:
@@ -94,12 +107,13 @@ def as_obstacles(scene: Scene) -> Scene:
     return replace(scene, objects=objects)
 
 
-def straight(scene: Scene) -> Attempt:
+def straight(scene: Scene, options: PlanOptions | None = None) -> Attempt:
     """The tool to the camera point, a stop, and straight along the approach to the target.
 
     Both parts follow a line of the tool point by inverse kinematics from the start, each with the
     timing of least jerk. Where the arm cannot follow the first line, it moves in joint space to
-    the branch that reaches the target. No obstacle is considered.
+    the branch that reaches the target. No obstacle is considered. ``options`` say how fast it
+    may be on the approach.
     """
     began = time.perf_counter()
     setup = bind(scene)
@@ -111,7 +125,7 @@ def straight(scene: Scene) -> Attempt:
     q = np.vstack([parts[0], parts[1][1:]])
     q[1:] = level(robot, q, setup.scene.frame[0], path=True)[1:]
     dt = shortest_dt(q, robot.velocity, robot.acceleration)
-    trajectory = Trajectory(q, dt, robot.joint_names)
+    trajectory = gently(setup, Trajectory(q, dt, robot.joint_names), options)
     status, message = _judged(setup, trajectory)
     return Attempt("straight", status, message, trajectory, time.perf_counter() - began)
 
