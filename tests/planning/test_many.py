@@ -131,8 +131,9 @@ def test_a_helper_that_is_killed_costs_at_most_its_own_scene() -> None:
 def test_an_interruption_ends_at_once_and_leaves_no_process(tmp_path: Path) -> None:
     script = tmp_path / "many.py"
     script.write_text(
-        "import multiprocessing\n"
+        "import multiprocessing, signal\n"
         "from optipromp.planning import plan_many\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it\n"
         "def said(index, result):\n"
         "    print(multiprocessing.active_children()[0].pid, flush=True)\n"
         "if __name__ == '__main__':\n"
@@ -143,10 +144,14 @@ def test_an_interruption_ends_at_once_and_leaves_no_process(tmp_path: Path) -> N
         text=True, start_new_session=True,
     )  # fmt: skip
     assert process.stdout is not None
-    helper = int(process.stdout.readline())
-    time.sleep(2.0)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all processes
-    _, stderr = process.communicate(timeout=20)
+    try:
+        helper = int(process.stdout.readline())
+        time.sleep(2.0)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all processes
+        _, stderr = process.communicate(timeout=20)
+    except BaseException:
+        os.killpg(process.pid, signal.SIGKILL)
+        raise
     assert stderr.count("Traceback") == 1  # the caller's own
     assert stderr.rstrip().endswith("KeyboardInterrupt")
     with pytest.raises(ProcessLookupError):
