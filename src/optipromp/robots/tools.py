@@ -1,8 +1,8 @@
 """Tools on the flange: a swallowing cup and the Franka hand; each is a few covering spheres.
 
-The boxes of the Franka hand are those of its published description (franka_description): a palm
-204 mm wide, 63 mm thick and 66 mm long, and fingers whose rubber tips are 17.5 mm high, 15 mm wide
-and 18.5 mm long, 80 mm apart when open.
+The boxes of the Franka hand follow the public description of it (franka_description), as remembered
+and not checked against the file: a palm 204 mm wide, 63 mm thick and 66 mm to its front, and
+fingers whose rubber tips are 17.5 mm high, 15 mm wide and 18.5 mm long, 80 mm apart when open.
 """
 
 import math

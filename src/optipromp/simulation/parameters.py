@@ -156,7 +156,7 @@ class RobotParameters(Checked):
         800.0, "kg/m^3", "guess", "links of other robots: the volume of their body spheres"
     )
     tool_mass: float = _parameter(0.35, "kg", "guess", "printed cup with its neck")
-    hand_mass: float = _parameter(0.73, "kg", "published", "Franka hand: manufacturer's data")
+    hand_mass: float = _parameter(0.73, "kg", "reported", "of the Franka hand; not traced")
     armature: float = _parameter(
         0.1, "kg m^2 or kg", "guess", "rotor inertia seen behind the gear, as in Panda models"
     )

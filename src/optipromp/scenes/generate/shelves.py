@@ -17,8 +17,7 @@ BOARD = (0.42, 0.48)  # [m] height of the board's upper side
 DEPTH = 0.12, 0.18  # [m] of the target behind the front edge
 # The tool point of a hand is 0.21 m before the wrist (link 6 of a Panda, 53 mm in radius), and a
 # level hand at the middle of a can stands 55 to 75 mm over the board: deeper in, the wrist would
-# have to enter between board and packs with a centimetre to spare. That is the arm's limit, not the
-# planner's, and it does not thin the packs out: as many stand in less room.
+# stand among the packs with a centimetre over the board. Deeper shelves have not been tried.
 BEHIND = (0.06, 0.15)  # [m] of the back wall behind the target's axis
 WIDTH = (0.40, 0.70)
 SHIFT = 0.05  # [m] of the shelf's middle from the target
