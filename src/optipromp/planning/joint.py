@@ -274,18 +274,30 @@ def plan_joint(
     else:
         best = solve(setup, options, deadline, verify, made(sides(setup, options)))
     seconds = time.perf_counter() - began
+    first = best.start.knots.first
+    return outcome_of(
+        best, trajectory_of(setup, options, best.start.initial, first),
+        trajectory_of(setup, options, best.q, first), seconds, {"joint": seconds},
+        heard.get(id(best)),
+    )  # fmt: skip
+
+
+def outcome_of(
+    best: Attempt,
+    initial: Trajectory,
+    trajectory: Trajectory,
+    seconds: float,
+    time_of: dict[str, float],
+    judgement: Judgement | None,
+) -> Outcome:
+    """The outcome of the attempt that was kept, optimised in ``seconds`` if at all."""
     optimised = len(best.history) > 1
     names = tuple(term.name for term in best.problem.terms)
     stage = Stage("joint", "gauss-newton", names, best.history, seconds, best.message)
+    stages = (stage,) if optimised else ()
     return Outcome(
-        trajectory_of(setup, options, best.start.initial, best.start.knots.first),
-        trajectory_of(setup, options, best.q, best.start.knots.first),
-        best.start.knots,
-        (stage,) if optimised else (),
-        optimised,
-        {"joint": seconds},
-        heard.get(id(best)),
-    )
+        initial, trajectory, best.start.knots, stages, optimised, time_of, judgement
+    )  # fmt: skip
 
 
 def _foreseen(

@@ -22,7 +22,7 @@ from optipromp.planning.build import Knots
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.primitives import conditioned
 from optipromp.planning.setup import Setup
-from optipromp.planning.stages import Outcome, Stage
+from optipromp.planning.stages import Outcome
 from optipromp.promp.model import ProMP
 from optipromp.pushing.channel import ploughs, ways
 from optipromp.pushing.sides import Drift
@@ -99,14 +99,10 @@ def plan_ploughed(
     made = itertools.chain((batch for batch in starts if batch), without)
     best = joint.solve(freed, options, deadline, verify, made)
     seconds = time.perf_counter() - searched
-    optimised = len(best.history) > 1
-    names = tuple(term.name for term in best.problem.terms)
-    stage = Stage("joint", "gauss-newton", names, best.history, seconds, best.message)
-    return Outcome(
-        slowed(best.start.initial), slowed(best.q), best.start.knots,
-        (stage,) if optimised else (), optimised, {"way": searched - began, "joint": seconds},
-        heard.get(id(best)),
-    )  # fmt: skip
+    times = {"way": searched - began, "joint": seconds}
+    return joint.outcome_of(
+        best, slowed(best.start.initial), slowed(best.q), seconds, times, heard.get(id(best))
+    )
 
 
 def wrist(setup: Setup) -> list[FloatArray]:

@@ -23,6 +23,7 @@ from optipromp.arrays import BoolArray, FloatArray
 from optipromp.geometry.distances import distance_and_gradient
 from optipromp.geometry.obstacles import Obstacles
 from optipromp.pushing.bending import Stems
+from optipromp.robots.ik import cholesky_solve
 
 CONTACT = 3000.0  # [N/m]
 FRICTION = 0.15  # of the cup on fruits
@@ -243,33 +244,6 @@ def _press(
 
 
 @_jit
-def _solve(a: FloatArray, b: FloatArray) -> None:
-    """Solve a x = b for positive definite ``a`` (its lower triangle), x into ``b``."""
-    n = len(b)
-    for j in range(n):
-        d = a[j, j]
-        for k in range(j):
-            d -= a[j, k] * a[j, k]
-        d = math.sqrt(max(d, 1e-12))
-        a[j, j] = d
-        for i in range(j + 1, n):
-            v = a[i, j]
-            for k in range(j):
-                v -= a[i, k] * a[j, k]
-            a[i, j] = v / d
-    for i in range(n):
-        v = b[i]
-        for k in range(i):
-            v -= a[i, k] * b[k]
-        b[i] = v / a[i, i]
-    for i in range(n - 1, -1, -1):
-        v = b[i]
-        for k in range(i + 1, n):
-            v -= a[k, i] * b[k]
-        b[i] = v / a[i, i]
-
-
-@_jit
 def _apart(x: FloatArray, y: FloatArray, normal: FloatArray) -> float:
     """Distance of two points, the direction from ``y`` to ``x`` into ``normal`` (3,)."""
     d = math.sqrt((x[0] - y[0]) ** 2 + (x[1] - y[1]) ** 2 + (x[2] - y[2]) ** 2)
@@ -463,7 +437,7 @@ def push(
                 stem_forces[p, i] = math.sqrt(total[0] ** 2 + total[1] ** 2 + total[2] ** 2)
                 if not begun:
                     continue
-                _solve(hessian, gradient)
+                cholesky_solve(hessian, gradient)
                 far = 0.0
                 for a in range(loaded):
                     far = max(far, math.hypot(gradient[a], gradient[loaded + a]))
