@@ -1,55 +1,38 @@
-"""What a cup does to fruits on stems: its distances, its forces, and what becomes of the fruits."""
-
-import itertools
-from typing import Any
+"""What a cup does to fruits on stems: forces, motion, and what becomes of the fruits."""
 
 import numpy as np
 import pytest
-from hypothesis import assume, example, given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from tests.pushing.fruits import CUP, DT, TARGET, UP, along, hung
 
-from optipromp.geometry.obstacles import pack
+from optipromp.geometry.obstacles import Obstacles, pack
 from optipromp.geometry.shapes import Box
 from optipromp.pushing import swinging
-from optipromp.pushing.bending import Stems, bent
-from optipromp.pushing.swinging import CONTACT, Cup, cup_distance, harm, push
-from optipromp.robots.ik import cholesky_solve
+from optipromp.pushing.bending import Stems
+from optipromp.pushing.cup import Cup, cup_distance
+from optipromp.pushing.harm import Harm
+from optipromp.pushing.swinging import CONTACT, harm, push
 
-CUP = Cup(inner=0.023, outer=0.025, base=-0.03, rim=0.02, floor=0.002, neck=0.01)
-UP = np.array([0.0, 0.0, 1.0])
-DT = 0.04  # [s]
 NOTHING = pack([])
-TARGET = np.array([0.4, 0.1, 0.9])
-
-
-def hung(*fruits: tuple[Any, Any], radius: float = 0.015) -> Stems:
-    """Fruits at places relative to the target's, on stems ``vector`` to their roots."""
-    fruit = TARGET + np.array([place for place, _ in fruits], dtype=float)
-    root = fruit + np.array([vector for _, vector in fruits], dtype=float)
-    return bent(root, fruit, np.full(len(fruit), radius), np.full(len(fruit), 0.0015))
-
-
-def along(*corners: Any, step: float = 0.003) -> np.ndarray:
-    """Points every ``step`` through corners relative to the target's place."""
-    places = TARGET + np.array(corners, dtype=float)
-    parts = [
-        a + np.linspace(0.0, 1.0, int(np.linalg.norm(b - a) / step) + 2)[:-1, None] * (b - a)
-        for a, b in itertools.pairwise(places)
-    ]
-    return np.ascontiguousarray(np.vstack([*parts, places[-1:]]))
 
 
 def led(
-    stems: Stems, points: np.ndarray, axis: np.ndarray = UP, cup: Cup = CUP
+    stems: Stems,
+    points: np.ndarray,
+    axis: np.ndarray = UP,
+    cup: Cup = CUP,
+    solid: Obstacles = NOTHING,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions (P, N, 3), forces (P, N) on fruits and on stems."""
     count, steps = len(stems.root), len(points)
     out = np.zeros((steps, count, 3)), np.zeros((steps, count)), np.zeros((steps, count))
-    push(stems, points, np.tile(axis, (steps, 1)), DT, cup, NOTHING, *out)
+    axes = np.tile(axis, (steps, 1))
+    assert push(stems, points, axes, DT, cup, solid, np.inf, *out, np.zeros(4)) == steps
     return out
 
 
-def foreseen(stems: Stems, points: np.ndarray) -> swinging.Harm:
+def foreseen(stems: Stems, points: np.ndarray) -> Harm:
     return harm(stems, points, np.tile(UP, (len(points), 1)), DT, CUP, NOTHING)
 
 
@@ -57,172 +40,11 @@ def gaps(positions: np.ndarray, points: np.ndarray, radius: float = 0.015) -> np
     """Distance (P, N) of the fruits' surfaces to the cup."""
     off = positions - points[:, None]
     rho, h = np.linalg.norm(off[..., :2], axis=2), off[..., 2]
-    grad = np.empty(2)
-    flat = [cup_distance(r, z, CUP, grad) for r, z in zip(rho.ravel(), h.ravel(), strict=True)]
+    flat = [cup_distance(r, z, CUP)[0] for r, z in zip(rho.ravel(), h.ravel(), strict=True)]
     return np.array(flat).reshape(rho.shape) - radius
 
 
-# --- the cup -----------------------------------------------------------------------------------
-
-CUPS = st.builds(
-    lambda inner, wall, base, rim, neck: Cup(inner, inner + wall, base, rim, 0.002, neck * inner),
-    st.floats(0.015, 0.04), st.floats(0.001, 0.01), st.floats(-0.06, -0.02), st.floats(0.0, 0.03),
-    st.floats(0.2, 0.8),
-)  # fmt: skip
-
-
-def outline(cup: Cup, spacing: float = 2e-4) -> np.ndarray:
-    """Points on the edges of wall, floor and neck, in the half-plane and mirrored."""
-    boxes = (
-        (cup.inner, cup.outer, cup.base, cup.rim),
-        (-cup.outer, cup.outer, cup.base, cup.base + cup.floor),
-        (-cup.neck, cup.neck, cup.base - 0.2, cup.base),
-    )
-    edges = []
-    for left, right, low, high in boxes:
-        x = np.linspace(left, right, int((right - left) / spacing) + 2)
-        y = np.linspace(low, high, int((high - low) / spacing) + 2)
-        edges += [np.stack([x, np.full_like(x, v)], axis=1) for v in (low, high)]
-        edges += [np.stack([np.full_like(y, v), y], axis=1) for v in (left, right)]
-    return np.vstack(edges)
-
-
-def solid(cup: Cup, rho: float, h: float) -> bool:
-    wall = cup.inner <= rho <= cup.outer and cup.base <= h <= cup.rim
-    floor = rho <= cup.outer and cup.base <= h <= cup.base + cup.floor
-    return wall or floor or (rho <= cup.neck and h <= cup.base)
-
-
-@settings(max_examples=200, deadline=None)
-@given(CUPS, st.floats(0.0, 0.1), st.floats(-0.15, 0.1))
-def test_the_distance_to_the_cup_is_that_to_its_outline(cup: Cup, rho: float, h: float) -> None:
-    d = cup_distance(rho, h, cup, np.empty(2))
-    if solid(cup, rho, h):
-        assert d <= 1e-15
-        return
-    brute = np.linalg.norm(outline(cup) - [rho, h], axis=1).min()
-    assert d <= brute + 1e-12
-    # half the spacing of the samples along an edge that is d away
-    assert np.hypot(d, 1e-4) >= brute - 1e-12
-
-
-@settings(max_examples=200, deadline=None)
-@given(CUPS, st.floats(0.0, 0.1), st.floats(-0.15, 0.1))
-def test_its_gradient_is_that_of_finite_differences(cup: Cup, rho: float, h: float) -> None:
-    eps, gradient, other = 1e-7, np.empty(2), np.empty(2)
-    d = cup_distance(rho, h, cup, gradient)
-    assume(abs(d) > 1e-4)
-    assert np.linalg.norm(gradient) == pytest.approx(1.0)
-    found = np.empty(2)
-    for c, way in enumerate(eps * np.eye(2)):
-        high = cup_distance(rho + way[0], h + way[1], cup, other)
-        assume(np.allclose(other, gradient, atol=1e-2))  # not across a kink
-        low = cup_distance(rho - way[0], h - way[1], cup, other)
-        assume(np.allclose(other, gradient, atol=1e-2))
-        found[c] = (high - low) / (2.0 * eps)
-    # an edge's curvature is 1/d where it ends, none before
-    np.testing.assert_allclose(found, gradient, atol=1e-6 + eps / abs(d))
-
-
-# --- energy and forces -------------------------------------------------------------------------
-
-
-def energy(s: Stems, u: np.ndarray, ahead: np.ndarray, inertia: float, share: float, point: Any,
-           within: bool | None) -> tuple[float, float]:  # fmt: skip
-    """The energy that a step minimises, and the gap: of the fruit, or of a piece of its stem."""
-    loaded = s.stiffness.shape[1]
-    both = u.reshape(2, loaded)
-    total = sum(0.5 * w @ s.stiffness[0] @ w for w in both)
-    slip = u[[loaded - 1, -1]] - ahead[[loaded - 1, -1]]
-    total += 0.5 * inertia * slip @ slip
-    up = 0.5 * sum(w @ s.shortening[0] @ w for w in both)
-    n = s.shape.shape[1] - 1
-    w = [np.interp(share * n, np.arange(n + 1), s.shape[0] @ part) for part in both]
-    x = s.root[0] + w @ s.axes[0, :2] + (s.length[0] - up) * share * s.axes[0, 2]
-    normal = np.empty(3)
-    if within is None:
-        gap = swinging._fruit_gap(x, s.radius[0], point, UP, CUP, normal, np.empty(2))
-    else:
-        gap = swinging._stem_gap(x, s.thickness[0], within, point, UP, CUP, normal)
-    return total + 0.5 * CONTACT * max(0.0, -gap) ** 2, gap
-
-
-def stepped(s: Stems, u: np.ndarray, ahead: np.ndarray, inertia: float, share: float, point: Any,
-            within: bool | None) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Gradient (2L,) and Hessian (2L, 2L) as a step puts them together."""
-    count = 2 * s.stiffness.shape[1]
-    gradient, hessian = np.empty(count), np.empty((count, count))
-    swinging._begin(s.stiffness[0], u, ahead, inertia, gradient, hessian)
-    x, normal = np.empty(3), np.empty(3)
-    up = swinging._shortened(s.shortening[0], u)
-    swinging._place(s.root[0], s.axes[0], s.shape[0], u, s.length[0] - up, share, x)
-    if within is None:
-        gap = swinging._fruit_gap(x, s.radius[0], point, UP, CUP, normal, np.empty(2))
-    else:
-        gap = swinging._stem_gap(x, s.thickness[0], within, point, UP, CUP, normal)
-    if gap < 0.0:
-        swinging._press(
-            s.axes[0], s.shape[0], s.shortening[0], u, share, normal, -gap, CONTACT,
-            np.empty(count), gradient, hessian,
-        )  # fmt: skip
-    return gradient, np.tril(hessian) + np.tril(hessian, -1).T
-
-
-PIECES = st.sampled_from([(1.0, None), (0.6, False), (0.8, True), (0.45, False)])
-
-
-@settings(max_examples=200, deadline=None)
-@given(st.integers(0, 10**6), PIECES)
-def test_the_force_is_the_gradient_of_the_energy(seed: int, piece: tuple[float, Any]) -> None:
-    """With stem, inertia and a contact of the fruit or of a piece of its stem."""
-    share, within = piece
-    rng = np.random.default_rng(seed)
-    s = hung(((0, 0, 0), (*rng.uniform(-0.06, 0.06, 2), rng.uniform(0.06, 0.3))))
-    u, ahead = 0.01 * rng.standard_normal((2, 6))
-    inertia = s.mass[0] / DT**2
-    x = np.empty(3)
-    up = swinging._shortened(s.shortening[0], u)
-    swinging._place(s.root[0], s.axes[0], s.shape[0], u, s.length[0] - up, share, x)
-    beside = rng.uniform(0.012, 0.04)
-    turn = rng.uniform(-np.pi, np.pi)
-    point = x + [beside * np.cos(turn), beside * np.sin(turn), rng.uniform(-0.03, 0.04)]
-    args = ahead, inertia, share, point, within
-    gradient, hessian = stepped(s, u, *args)
-    _, gap = energy(s, u, *args)
-    assume(gap < -1e-4)
-    assume(gap > -0.02)
-    found, eps = np.empty(6), 1e-7
-    for a in range(6):
-        way = eps * np.eye(6)[a]
-        (high, above), (low, below) = energy(s, u + way, *args), energy(s, u - way, *args)
-        assume(abs(above + below - 2.0 * gap) < 1e-11)  # not across a kink
-        found[a] = (high - low) / (2.0 * eps)
-    np.testing.assert_allclose(found, gradient, rtol=1e-4, atol=1e-4 * np.abs(gradient).max())
-    assert np.linalg.eigvalsh(hessian).min() > 0.0
-
-
-def test_a_step_down_the_gradient_lowers_the_energy() -> None:
-    s = hung(((0, 0, 0), (0.02, 0.0, 0.15)))
-    u = ahead = np.zeros(6)
-    args = ahead, s.mass[0] / DT**2, 1.0, TARGET + [0.035, 0.0, 0.0], None
-    before, gap = energy(s, u, *args)
-    assert gap < 0.0
-    gradient, hessian = stepped(s, u, *args)
-    cholesky_solve(hessian, gradient)
-    after, _ = energy(s, u - gradient, *args)
-    assert after < 0.5 * before
-
-
-@settings(max_examples=50, deadline=None)
-@given(st.integers(1, 8), st.integers(0, 10**6))
-def test_the_linear_solve(n: int, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    a = rng.standard_normal((n, n))
-    a, b = a @ a.T + np.eye(n), rng.standard_normal(n)
-    x = b.copy()
-    lower = np.tril(a)  # nothing else is read
-    cholesky_solve(lower, x)
-    np.testing.assert_allclose(a @ x, b, atol=1e-9)
+# --- forces and motion -------------------------------------------------------------------------
 
 
 def test_a_cup_held_against_a_fruit_presses_as_hard_as_the_stem_resists() -> None:
@@ -276,7 +98,7 @@ def test_well_beside_a_fruit_nothing_happens() -> None:
     assert not forces.any()
     assert not stem_forces.any()
     h = foreseen(s, points)
-    assert h == swinging.Harm(0.0, 0.0, 0.0, 0.0, False)
+    assert h == Harm(0.0, 0.0, 0.0, 0.0, False)
 
 
 def test_straight_under_a_neighbour_the_cup_takes_it_in() -> None:
@@ -451,9 +273,7 @@ def test_a_fruit_between_cup_and_wall_shares_what_is_left() -> None:
     s = hung(((0, 0, 0), (0, 0, 0.2)))
     points = np.vstack([along((0.06, 0, 0), (0.03, 0, 0)), np.tile(TARGET + [0.03, 0, 0], (40, 1))])
     wall = pack([(Box((0.01, 0.2, 0.2)), TARGET + [-0.023, 0.0, 0.0], np.eye(3))])
-    axes, shape = np.tile(UP, (len(points), 1)), (len(points), 1)
-    positions, forces = np.zeros((*shape, 3)), np.zeros(shape)
-    push(s, points, axes, DT, CUP, wall, positions, forces, np.zeros(shape))
+    positions, forces, _ = led(s, points, solid=wall)
     free, loose, _ = led(s, points)
     assert free[-1, 0, 0] < TARGET[0] - 0.009
     # 3 mm of room: what is left of 10 mm is shared by the two contacts

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from optipromp.errors import InvalidRequestError
 from optipromp.robots import ik
@@ -249,3 +251,15 @@ def test_tracking_says_where_it_misses(robots: dict[str, Robot]) -> None:
     _, errors = ik.track(robot, points, np.tile(UP, (2, 1)), begin)
     assert errors[0] < 1e-6
     assert errors[1] > 1.0
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(1, 8), st.integers(0, 10**6))
+def test_the_linear_solve(n: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a = rng.standard_normal((n, n))
+    a, b = a @ a.T + np.eye(n), rng.standard_normal(n)
+    x = b.copy()
+    lower = np.tril(a)  # nothing else is read
+    ik.cholesky_solve(lower, x)
+    np.testing.assert_allclose(a @ x, b, atol=1e-9)

@@ -7,6 +7,7 @@ import pytest
 
 from optipromp.planning import PlanOptions, foresight, plan
 from optipromp.planning.setup import bind
+from optipromp.pushing.bending import stems
 from optipromp.pushing.swinging import push
 from optipromp.scenes.generate import generate
 from optipromp.simulation import simulate
@@ -40,7 +41,8 @@ def compared(seed: int, foreseeing: bool = True) -> Comparison:
     shape = len(times), len(ids)
     positions = np.zeros((*shape, 3))
     forces = np.zeros(shape), np.zeros(shape)
-    push(model.stems[0], *led, STEP, model.cup, model.solid, positions, *forces)
+    s = stems((scene.target, *setup.neighbours))
+    push(s, *led, STEP, model.cup, model.solid, np.inf, positions, *forces, np.zeros(4))
     at = np.clip(np.searchsorted(rollout.times, times), 0, len(rollout.times) - 1)
     true = rollout.fruit_positions[at][:, ids]
     errors = np.linalg.norm(positions - true, axis=2)

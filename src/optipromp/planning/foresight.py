@@ -19,8 +19,9 @@ from optipromp.geometry.obstacles import Obstacles, near, pack
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.setup import Setup
 from optipromp.pushing.bending import Stems, bent
+from optipromp.pushing.cup import Cup
 from optipromp.pushing.sides import UPRIGHT, Drift, passing_windows
-from optipromp.pushing.swinging import Cup, Harm, harm
+from optipromp.pushing.swinging import mean_score
 from optipromp.pushing.thread import evenly, length
 from optipromp.robots.cup_cover import NECK_RADIUS
 from optipromp.robots.tools import Cup as CupTool
@@ -29,11 +30,10 @@ from optipromp.scenes.scene import SceneObject
 STEP = 0.003  # [m] of the tool point between two looks
 SPEED = 0.07  # [m/s] of the tool among fruits
 WALL = 0.002  # [m] of a cup that does not say how thick it is
-SUDDEN = 14.0  # [N] momentarily on a fruit that the cup meets within a step
-HOPELESS = 3.0  # a score at which other ways that the fruits may hang are not looked at
-GOOD = 0.5  # a score that needs no better one
+HOPELESS = 3.0  # the most that one way the fruits may hang counts; others are not looked at then
+GOOD, DETECTED_GOOD = 0.5, 0.2  # a score that needs no better one, and one of detected fruits
 TOWARDS = np.deg2rad(15.0)  # most that each of them is turned to its stem's free side
-SURE = 0.35  # a score of a path whose trajectory is likely to be good
+SURE = 0.7  # times that: a score of a path whose trajectory is likely to be good
 TURNS = np.deg2rad(45.0)  # between directions in which all neighbours are passed alike
 ROUNDS, DRAWS = 6, 16  # of choices drawn where the rule's own is not good
 FAR, NEAR = 1.0, 0.5  # [rad] deviation of drawn directions from the rule's, and from the best
@@ -41,24 +41,13 @@ STEM_SIDE = 0.3  # a score that passing on a stem's side must be better by
 BESIDE = 0.1  # cosine from which a direction leads to the stem's side, not beside it
 BERTHS = (0.4, 1.4)  # least and most that are drawn
 KEPT = 0.6  # chance that a direction is drawn anew beside the best
-UNSEEN = 6  # draws of where the fruits may hang otherwise than they were seen
+UNSEEN, DETECTED_UNSEEN = 6, 24  # draws of where the fruits may hang otherwise than they were seen
 FEWER = 2  # draws for the rule's way past fruits that are known well
 SHIFT = 0.003  # [m] deviation of a fruit whose scene does not say how well it was seen
 WIDER = 1.5  # times the deviation of a detection: it is the unlikely that does harm
 TURN, DETECTED_TURN = np.deg2rad(1.0), np.deg2rad(4.0)  # of its stem, and of one that was detected
 AROUND = 0.4  # [m] about the target within which static things are looked at
 SLACK = 0.003  # [m] that the cup should keep from static things
-
-
-def score(h: Harm) -> float:
-    """One number for what a push does: below :data:`GOOD` nothing is expected to go wrong.
-
-    Each part is 1 where it reaches what a fruit bears: 2 N on a stem for long, 5 N on the target,
-    30 N on another fruit, of which :data:`SUDDEN` come from the model's steps alone. A swallowed
-    neighbour and a missed target end all hope.
-    """
-    lost = 5.0 * (h.inside > 0.03) + 5.0 * h.missed
-    return h.stem / 2.0 + max(h.fruit - SUDDEN, 0.0) / (30.0 - SUDDEN) + h.target / 5.0 + lost
 
 
 def applies(setup: Setup, options: PlanOptions) -> bool:
@@ -76,35 +65,42 @@ def applies(setup: Setup, options: PlanOptions) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Foresight:
-    """The model of one scene."""
+    """The model of one scene.
+
+    ``stems``: of target and neighbours as they were seen, then ``draws`` times as they may hang.
+    ``detected``: whether something is known no better than it was detected.
+    """
 
     setup: Setup
-    stems: tuple[Stems, ...]
+    stems: Stems
+    draws: int
+    detected: bool
     cup: Cup
     solid: Obstacles
     avoid: Obstacles
 
     @property
-    def detected(self) -> bool:
-        """Whether something is known no better than it was detected."""
-        things = (self.setup.scene.target, *self.setup.neighbours)
-        return any(thing is not None and thing.covariance is not None for thing in things)
+    def good(self) -> float:
+        """A score that needs no better one."""
+        return DETECTED_GOOD if self.detected else GOOD
 
-    def of(self, points: FloatArray, axes: FloatArray, draws: int = UNSEEN) -> float:
+    def of(
+        self, points: FloatArray, axes: FloatArray, draws: int | None = None, worst: float = np.inf
+    ) -> float:
         """Score of a way of the tool: points (P, 3) :data:`STEP` apart, axes (P, 3).
 
-        The mean over the fruits as they were seen and ``draws`` ways they may hang.
+        The mean over the fruits as they were seen and ``draws`` ways they may hang (None: all);
+        something no less than ``worst`` where it is more than that.
         """
-        dt = STEP / SPEED
-        first, *others = self.stems[: draws + 1]
-        total = score(harm(first, points, axes, dt, self.cup, self.solid))
-        if total > HOPELESS:
-            return total
-        for other in others:
-            total += score(harm(other, points, axes, dt, self.cup, self.solid))
-        return total / (1 + len(others))
+        draws = self.draws if draws is None else draws
+        return mean_score(
+            self.stems, 1 + len(self.setup.neighbours), 1 + draws, points, axes, STEP / SPEED,
+            self.cup, self.solid, HOPELESS, worst,
+        )  # fmt: skip
 
-    def of_path(self, corners: FloatArray, draws: int = UNSEEN) -> float:
+    def of_path(
+        self, corners: FloatArray, draws: int | None = None, worst: float = np.inf
+    ) -> float:
         """Score of a way through corners (k, 3), with what it costs in length and clearance."""
         far = length(corners)
         points = evenly(corners, int(far / STEP) + 2)
@@ -113,7 +109,7 @@ class Foresight:
         detour = far - straight
         axes = np.tile(self.setup.goal_axis, (len(points), 1))
         beside = 0.5 * detour / straight + self._touch(points)
-        return beside + self.of(points, axes, draws)
+        return beside + self.of(points, axes, draws, worst - beside)
 
     def of_trajectory(self, q: FloatArray, seen_well: bool = False) -> float:
         """Score of configurations (T, n) from the camera point on.
@@ -127,9 +123,7 @@ class Foresight:
         both = np.stack([np.interp(wanted, at, column) for column in both.T], axis=1)
         both[:, 3:] /= np.linalg.norm(both[:, 3:], axis=1)[:, None]
         points, axes = np.ascontiguousarray(both[:, :3]), np.ascontiguousarray(both[:, 3:])
-        if seen_well:
-            return self.of(points, axes, FEWER)
-        return self.of(points, axes)
+        return self.of(points, axes, FEWER if seen_well else None)
 
     def _touch(self, points: FloatArray) -> float:
         """How far the cup, led upright through ``points``, comes too near to what must not move."""
@@ -171,7 +165,8 @@ class Foresight:
         def tried(angles: FloatArray, berths: FloatArray) -> _Tried:
             turned = self._turned(drift, angles, berths, options)
             wrong = self._stem_sides(turned.directions)
-            value = wrong + self.of_path(path(turned))
+            worst = np.inf if found is None else found.score
+            value = wrong + self.of_path(path(turned), worst=worst - wrong)
             return _Tried(value, angles, berths, turned)
 
         alike = [self._leant(a) for a in np.arange(0.0, 2.0 * np.pi - 1e-9, TURNS)]
@@ -196,7 +191,7 @@ class Foresight:
                 found = now
             if best is None or now.score < best.score:
                 best = now
-            if now.score < SURE or draw % DRAWS == DRAWS - 1 or late():
+            if now.score < SURE * self.good or draw % DRAWS == DRAWS - 1 or late():
                 yield found.score, found.drift
                 found = None
                 if late():
@@ -204,7 +199,7 @@ class Foresight:
 
     def _away(self) -> FloatArray:
         """(N, 3) lateral part of the unit vectors from root to fruit: away from each stem."""
-        along = self.stems[0].axes[1:, 2]
+        along = self.stems.axes[1 : 1 + len(self.setup.neighbours), 2]
         up = self.setup.scene.frame[2]
         return np.asarray(along - (along @ up)[:, None] * up)
 
@@ -261,11 +256,16 @@ def foresight(setup: Setup) -> Foresight:
     )  # fmt: skip
     avoid = [(thing.shape, thing.position, thing.rotation) for thing in setup.scene.avoid]
     solid = near(setup.surroundings.static, target.position, AROUND)
-    return Foresight(setup, _hanging((target, *setup.neighbours)), cup, solid, pack(avoid))
+    things = (target, *setup.neighbours)
+    detected = any(thing.covariance is not None for thing in things)
+    draws = DETECTED_UNSEEN if detected else UNSEEN
+    return Foresight(
+        setup, _hanging(things, draws), draws, detected, cup, solid, pack(avoid)
+    )  # fmt: skip
 
 
-def _hanging(things: Sequence[SceneObject]) -> tuple[Stems, ...]:
-    """The fruits as they were seen, and :data:`UNSEEN` times as they may hang."""
+def _hanging(things: Sequence[SceneObject], draws: int) -> Stems:
+    """The fruits as they were seen, and ``draws`` times as they may hang."""
     rng = np.random.default_rng(0)
     count = len(things)
     known = [thing.covariance is None for thing in things]
@@ -275,20 +275,17 @@ def _hanging(things: Sequence[SceneObject]) -> tuple[Stems, ...]:
     root = np.array([thing.stem.points[-1] for thing in things if thing.stem is not None])
     long = np.linalg.norm(fruit - root, axis=1)[:, None]
     fruits, roots = [fruit], [root]
-    for _ in range(UNSEEN):
+    for _ in range(draws):
         shift = np.array(spread)[:, None] * rng.standard_normal((count, 3))
         fruits.append(fruit + shift)
         roots.append(root + shift + turn * long * rng.standard_normal((count, 3)) * [1.0, 1.0, 0.0])
-    both = UNSEEN + 1
+    both = draws + 1
     radius = np.array([thing.radius for thing in things])
     thickness = np.array([thing.stem.radius for thing in things if thing.stem is not None])
-    every = bent(
+    return bent(
         np.concatenate(roots), np.concatenate(fruits), np.tile(radius, both),
         np.tile(thickness, both),
     )  # fmt: skip
-    return tuple(
-        Stems(*(values[k * count : (k + 1) * count] for values in every)) for k in range(both)
-    )
 
 
 def _spread(covariance: FloatArray) -> float:

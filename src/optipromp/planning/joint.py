@@ -329,7 +329,7 @@ def _foreseen(
     # what is known well may be passed as the rule says, if that does no harm
     if not model.detected and model.of_path(way(ruled), 0) < foresight.HOPELESS:
         value, made_of = attempt(ruled, True)
-        if value < foresight.GOOD:
+        if value < model.good:
             return made_of
     least, best = np.inf, None
     for expected, drift in model.choices(ruled, options, way, deadline):
@@ -337,7 +337,7 @@ def _foreseen(
             value, made_of = attempt(drift, False)
             if best is None or value < least:
                 least, best = value, made_of
-        if least < foresight.GOOD or time.perf_counter() > deadline:
+        if least < model.good or time.perf_counter() > deadline:
             break
     assert best is not None  # every score is finite
     return best

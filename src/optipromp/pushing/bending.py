@@ -44,6 +44,7 @@ class Stems(NamedTuple):
         radius: (N,) of the fruits; ``thickness`` (N,) radii of the stems [m].
         shape: (N, ELEMENTS + 1, L) W, deflection of the grid's points by those of the loaded ones.
         stiffness: (N, L, L) K [N/m].
+        compliance: (N, L, L) the inverse of K [m/N].
         shortening: (N, L, L) S [1/m].
     """
 
@@ -55,6 +56,7 @@ class Stems(NamedTuple):
     thickness: FloatArray
     shape: FloatArray
     stiffness: FloatArray
+    compliance: FloatArray
     shortening: FloatArray
 
 
@@ -98,12 +100,13 @@ def bent(root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: Flo
     full = bend.T @ (ei[:, :, None] * bend) + (tension / h)[:, None, None] * (slope.T @ slope)
     at = np.round(np.array(LOADED) * n).astype(int) - 1
     compliance = np.linalg.inv(full)
-    stiffness = np.linalg.inv(compliance[:, at][:, :, at])
+    between = np.ascontiguousarray(compliance[:, at][:, :, at])
+    stiffness = np.linalg.inv(between)
     shape = np.zeros((count, n + 1, loaded))
     shape[:, 1:] = compliance[:, :, at] @ stiffness
     steps = np.diff(shape, axis=1)
     shortening = np.einsum("nki,nkj->nij", steps, steps) / h[:, None, None]
     return Stems(
         root, np.stack([e1, e2, along], axis=1), length, mass, radius, thickness, shape, stiffness,
-        shortening,
+        between, shortening,
     )  # fmt: skip

@@ -1,0 +1,114 @@
+"""A cup as fruits and stems meet it: its wall, floor and neck, and their gaps to it.
+
+Points and directions are passed as three numbers each, and returned so: what a kernel's innermost
+loop asks for stays in registers.
+"""
+
+import math
+from typing import NamedTuple
+
+from numba import njit
+
+NECK_LOOKED_AT = 0.03  # [m] under the cup that stems are kept off the neck
+BARELY = 0.003  # [m] under the rim at which a fruit counts as inside
+
+_jit = njit(cache=True, error_model="numpy", nogil=True)
+
+
+class Cup(NamedTuple):
+    """A cup about its axis, heights over the tool point [m]."""
+
+    inner: float
+    outer: float
+    base: float
+    rim: float
+    floor: float  # thickness
+    neck: float  # radius
+
+
+class Pose(NamedTuple):
+    """The tool point (x, y, z) [m] and the axis (u, v, w) out of the mouth."""
+
+    x: float
+    y: float
+    z: float
+    u: float
+    v: float
+    w: float
+
+
+@_jit
+def _box(
+    rho: float, h: float, low: float, high: float, bottom: float, top: float
+) -> tuple[float, float, float]:
+    """Signed distance of (rho, h) to a rectangle, and its gradient."""
+    x, y = rho - 0.5 * (low + high), h - 0.5 * (bottom + top)
+    qx, qy = abs(x) - 0.5 * (high - low), abs(y) - 0.5 * (top - bottom)
+    sx, sy = math.copysign(1.0, x), math.copysign(1.0, y)
+    if qx > 0.0 and qy > 0.0:
+        d = math.sqrt(qx * qx + qy * qy)
+        return d, sx * qx / d, sy * qy / d
+    if qx > qy:
+        return qx, sx, 0.0
+    return qy, 0.0, sy
+
+
+@_jit
+def cup_distance(rho: float, h: float, cup: Cup) -> tuple[float, float, float]:
+    """Signed distance to wall, floor and neck in the half-plane, with d/drho and d/dh."""
+    best, g0, g1 = _box(rho, h, cup.inner, cup.outer, cup.base, cup.rim)
+    d, e0, e1 = _box(rho, h, -cup.outer, cup.outer, cup.base, cup.base + cup.floor)
+    if d < best:
+        best, g0, g1 = d, e0, e1
+    d, e0, e1 = _box(rho, h, -cup.neck, cup.neck, cup.base - 1.0, cup.base)
+    if d < best:
+        best, g0, g1 = d, e0, e1
+    return best, g0, g1
+
+
+@_jit
+def in_cup(x: float, y: float, z: float, at: Pose) -> tuple[float, float, float, float, float]:
+    """Height of a point over the tool point, its distance from the axis, and the way from there."""
+    x, y, z = x - at.x, y - at.y, z - at.z
+    h = x * at.u + y * at.v + z * at.w
+    x, y, z = x - h * at.u, y - h * at.v, z - h * at.w
+    return h, math.sqrt(x * x + y * y + z * z), x, y, z
+
+
+@_jit
+def fruit_gap(
+    x: float, y: float, z: float, radius: float, at: Pose, cup: Cup
+) -> tuple[float, float, float, float]:
+    """Gap of a fruit to the cup, and the direction it is pushed in."""
+    h, rho, x, y, z = in_cup(x, y, z, at)
+    d, g0, g1 = cup_distance(rho, h, cup)
+    out = g0 / rho if rho > 1e-9 else 0.0
+    return d - radius, out * x + g1 * at.u, out * y + g1 * at.v, out * z + g1 * at.w
+
+
+@_jit
+def stem_gap(
+    x: float, y: float, z: float, radius: float, within: bool, at: Pose, cup: Cup
+) -> tuple[float, float, float, float]:
+    """Gap of a piece of stem to wall or neck, on the side of the wall where its fruit is.
+
+    A wall is thinner than a stem moves in a step, so the distance is not asked for the side.
+    """
+    h, rho, x, y, z = in_cup(x, y, z, at)
+    if h > cup.rim + 1e-6 or rho < 1e-9:
+        return 1.0, 0.0, 0.0, 0.0
+    out = 1.0 / rho
+    if h < cup.base - 1e-6:
+        gap = rho - cup.neck - radius
+    elif within:
+        gap, out = cup.inner - rho - radius, -out
+    else:
+        gap = rho - cup.outer - radius
+    return gap, out * x, out * y, out * z
+
+
+@_jit
+def inside(x: float, y: float, z: float, at: Pose, cup: Cup) -> bool:
+    """Whether a fruit with its centre there counts as inside."""
+    h, rho, _, _, _ = in_cup(x, y, z, at)
+    return rho < cup.inner and cup.base < h < cup.rim - BARELY

@@ -1,0 +1,31 @@
+"""Fruits on stems and paths of a cup for tests."""
+
+import itertools
+from typing import Any
+
+import numpy as np
+
+from optipromp.pushing.bending import Stems, bent
+from optipromp.pushing.cup import Cup
+
+CUP = Cup(inner=0.023, outer=0.025, base=-0.03, rim=0.02, floor=0.002, neck=0.01)
+UP = np.array([0.0, 0.0, 1.0])
+DT = 0.04  # [s]
+TARGET = np.array([0.4, 0.1, 0.9])
+
+
+def hung(*fruits: tuple[Any, Any], radius: float = 0.015) -> Stems:
+    """Fruits at places relative to the target's, on stems ``vector`` to their roots."""
+    fruit = TARGET + np.array([place for place, _ in fruits], dtype=float)
+    root = fruit + np.array([vector for _, vector in fruits], dtype=float)
+    return bent(root, fruit, np.full(len(fruit), radius), np.full(len(fruit), 0.0015))
+
+
+def along(*corners: Any, step: float = 0.003) -> np.ndarray:
+    """Points every ``step`` through corners relative to the target's place."""
+    places = TARGET + np.array(corners, dtype=float)
+    parts = [
+        a + np.linspace(0.0, 1.0, int(np.linalg.norm(b - a) / step) + 2)[:-1, None] * (b - a)
+        for a, b in itertools.pairwise(places)
+    ]
+    return np.ascontiguousarray(np.vstack([*parts, places[-1:]]))
