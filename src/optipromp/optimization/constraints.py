@@ -82,7 +82,10 @@ class SelfConstraint(Term):
 
 
 class DriftConstraint(Term):
-    """Constraints 1 and 2: past each pushable on its stem-free side by the gripper's radius."""
+    """Constraints 1 and 2: past each pushable on its stem-free side by the gripper's radius.
+
+    ``most`` (T, N) [m]: more than that is not asked of a knot; None: all is.
+    """
 
     def __init__(
         self,
@@ -94,16 +97,18 @@ class DriftConstraint(Term):
         offset: FloatArray,
         first: int,
         slope: float = 4.0,
+        most: FloatArray | None = None,
     ) -> None:
         super().__init__("drift", weight)
         self.centers, self.directions, self.approach = centers, directions, approach
         self.windows, self.offset, self.first, self.slope = windows, offset, first, slope
+        self.most = np.empty((0, len(centers))) if most is None else most
 
     def add(self, e: Evaluation, scale: float) -> float:
         return float(
             kernels.drift_penalty(
                 e.points, e.tool, self.centers, self.directions, self.approach, self.windows,
-                self.offset, self.slope, self.first, scale, e.force, e.stiffness,
+                self.offset, self.slope, self.most, self.first, scale, e.force, e.stiffness,
             )
         )  # fmt: skip
 

@@ -92,25 +92,20 @@ def capture_height(setup: Setup) -> float:
     return float(getattr(setup.robot.tool, "depth", 0.0)) + setup.scene.target.radius
 
 
-def possible(setup: Setup, drift: Drift, knots: Knots, reference: FloatArray) -> FloatArray:
-    """How far (N,) ``reference`` (T, 3) passes each neighbour within its window [m]."""
-    away = reference[knots.first :, None] - drift.centers
-    along = away @ setup.scene.frame[2]
-    aside = np.einsum("tni,ni->tn", away, drift.directions)
-    inside = (drift.windows[:, 0] <= along) & (along <= drift.windows[:, 1])
-    return np.asarray(np.where(inside, aside, np.inf).min(axis=0))
-
-
 def drift_constraints(
     setup: Setup, options: PlanOptions, knots: Knots, drift: Drift, reference: FloatArray
 ) -> list[Term]:
-    """Constraints 1 and 2, and the wider berth that a real fruit wants."""
+    """Constraints 1 and 2, and the wider berth that a real fruit wants.
+
+    No knot is asked to pass a neighbour farther aside than ``reference`` (T, 3) does: where ways
+    past two of them contradict, that one is the compromise.
+    """
     weights = options.priority.drift, options.priority.berth
-    most = possible(setup, drift, knots, reference)
+    most = np.einsum("tni,ni->tn", reference[:, None] - drift.centers, drift.directions)
     return [
         DriftConstraint(
             weight, drift.centers, drift.directions, setup.scene.frame[2], drift.windows,
-            np.minimum(offset, most), knots.first,
+            offset, knots.first, most=most,
         )
         for weight, offset in zip(weights, widths(setup, options, drift), strict=True)
     ]  # fmt: skip

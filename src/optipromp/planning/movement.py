@@ -11,6 +11,7 @@ from optipromp.planning.options import Planner, PlanOptions
 from optipromp.planning.primitives import conditioned, detection_variance, on_branch, via_points
 from optipromp.planning.setup import Setup
 from optipromp.planning.stages import Outcome
+from optipromp.planning.starts import LEVER_ARM, settled
 from optipromp.promp.model import ProMP
 from optipromp.pushing.interactive import pushes
 
@@ -63,10 +64,10 @@ def plan_movement(
     if branch is None:
         posterior = conditioned(promp, setup.start, np.array([1.0]), goal[None], np.zeros(1))
     else:
-        spread = (via.deviations / joint.LEVER_ARM) ** 2
-        spread[1:-1] += np.array(variances) / joint.LEVER_ARM**2
+        spread = (via.deviations / LEVER_ARM) ** 2
+        spread[1:-1] += np.array(variances) / LEVER_ARM**2
         posterior = conditioned(promp, setup.start, via.phases, branch, spread, pause=phase)
     knots = Knots(options.knots or KNOTS, phase)
-    q = joint.settled(posterior.mean_trajectory(knots.count), setup.start, goal)
+    q = settled(posterior.mean_trajectory(knots.count), setup.start, goal)
     trajectory = joint.trajectory_of(setup, options, q, knots.first)
     return Outcome(trajectory, trajectory, knots, (), True, {planner: time.perf_counter() - began})
