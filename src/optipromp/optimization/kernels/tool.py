@@ -6,6 +6,8 @@ from numba import njit
 
 from optipromp.optimization.kernels.outer import add_outer
 
+WITHIN = 3e-3  # of the stiffness of a corridor's walls, between them
+
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def drift_penalty(  # type: ignore[no-untyped-def]
@@ -14,11 +16,11 @@ def drift_penalty(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     r"""½ Σ weight·max(0, min(offset_n − slope·outside, most_tn) − d_n·(fk − X_n))².
 
-    ``z`` is the height of the tool point over the pushable along ``approach``, and ``outside`` how far it is out of
-    the passing window. Inside the passing
-    window low_n ≤ z ≤ high_n this is the drift constraint; the slope lets it fade outside, so that
-    the penalty is continuous when a knot enters the window. Knots before ``first`` are free, and
-    none is asked for more than ``most`` (M, N); those from M on are asked for all.
+    ``outside`` is how far the height of the tool point over the pushable, along ``approach``, is
+    out of the passing window [low_n, high_n]. Inside it this is the drift constraint; the slope
+    lets it fade outside, so that the penalty is continuous when a knot enters the window. Knots
+    before ``first`` are free, and none is asked for more than ``most`` (M, N); those from M on are
+    asked for all.
     """
     total = 0.0
     for n in range(centers.shape[0]):
@@ -88,7 +90,11 @@ def funnel_penalty(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def corridor_penalty(points, tool, reference, axes, tolerance, first, weight, force, stiffness):  # type: ignore[no-untyped-def]
-    """½ Σ weight·max(0, |axis·(fk − reference)| − tolerance)² along each of ``axes`` (m, 3)."""
+    """½ Σ weight·max(0, |axis·(fk − reference)| − tolerance)² along each of ``axes`` (m, 3).
+
+    Within the tolerance there is no force, but :data:`WITHIN` of the curvature outside: what makes
+    a step of the solver that leaves the corridor by far more than it can gain a short one.
+    """
     total = 0.0
     for t in range(first, points.shape[0]):
         for a in range(axes.shape[0]):
@@ -100,6 +106,7 @@ def corridor_penalty(points, tool, reference, axes, tolerance, first, weight, fo
             )
             over = abs(off) - tolerance
             if over <= 0.0:
+                add_outer(stiffness[t, tool], WITHIN * weight, ax, ay, az)
                 continue
             total += 0.5 * weight * over * over
             push = math.copysign(weight * over, off)
