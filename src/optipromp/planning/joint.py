@@ -28,6 +28,7 @@ from optipromp.pushing.sides import Drift
 from optipromp.trajectory import Trajectory, shortest_dt
 
 INVALID = 3.0  # added to the score of a push whose trajectory is not valid
+FAR_DAMPING = 1e-2  # of a start that breaks constraints: what bends it back must not throw it off
 CLOSE = 1.3  # a start within this factor of the best one after the first stage goes on
 
 
@@ -217,8 +218,9 @@ class Solver:
         return a if a.done else self._advanced(a, slice(-1, None))
 
     def _advanced(self, a: Attempt, stages: slice, value: Value | None = None) -> Attempt:
+        schedule = self.schedule if value else replace(self.schedule, damping=FAR_DAMPING)
         result = gauss_newton.solve(
-            a.problem, a.q, self.schedule, self.deadline, stages, value
+            a.problem, a.q, schedule, self.deadline, stages, value
         )  # fmt: skip
         history = a.history + result.history[1:]
         return Attempt(a.start, a.problem, result.q, result.value, history, result.message)
