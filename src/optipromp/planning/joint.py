@@ -65,16 +65,17 @@ def plan_joint(
     """
     began = time.perf_counter()
 
-    heard: dict[int, Judgement] = {}
+    heard: dict[int, tuple[Trajectory, Judgement]] = {}
     foreseen = foresight.applies(setup, options)
     starts = Starts(setup, promp, options, goals, rng)
     solver = Solver(setup, options, deadline)
 
     def verify(trajectory: Trajectory, a: Attempt) -> bool:
-        heard[id(a)] = metrics.judge(
+        verdict = metrics.judge(
             setup.scene, setup.robot, trajectory, setup.start, stem_side=not foreseen
         )
-        return not heard[id(a)].violations
+        heard[id(a)] = trajectory, verdict
+        return not verdict.violations
 
     if foreseen:
         best = _foreseen(solver, starts, verify)
@@ -82,11 +83,13 @@ def plan_joint(
         best = solver.solve(verify, starts.batches(sides(setup, options)))
     seconds = time.perf_counter() - began
     first = best.start.knots.first
-    return outcome_of(
-        best, trajectory_of(setup, options, best.start.initial, first),
-        trajectory_of(setup, options, best.q, first), seconds, {"joint": seconds},
-        heard.get(id(best)),
-    )  # fmt: skip
+    initial = trajectory_of(setup, options, best.start.initial, first)
+    judgement: Judgement | None = None
+    if id(best) in heard:
+        trajectory, judgement = heard[id(best)]
+    else:
+        trajectory = trajectory_of(setup, options, best.q, first)
+    return outcome_of(best, initial, trajectory, seconds, {"joint": seconds}, judgement)
 
 
 def outcome_of(
@@ -103,7 +106,8 @@ def outcome_of(
     stage = Stage("joint", "gauss-newton", names, best.history, seconds, best.message)
     stages = (stage,) if optimised else ()
     return Outcome(
-        initial, trajectory, best.start.knots, stages, optimised, time_of, judgement
+        initial, trajectory, best.start.knots, stages, optimised, time_of, judgement,
+        best.value.terms if optimised else None,
     )  # fmt: skip
 
 
