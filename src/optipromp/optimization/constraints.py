@@ -52,14 +52,12 @@ class ClearanceConstraint(Term):
 
     def add(self, e: Evaluation, scale: float) -> float:
         field = e.static if self.field == "static" else e.dynamic
-        n_spheres = field.distance.shape[1]
-        weights = np.full(n_spheres, scale)
-        if self.mask is not None:
-            weights *= self.mask
-        margins = np.full(n_spheres, self.margin)
+        if scale == 0.0:
+            return 0.0
+        chosen = e.every if self.mask is None else self.mask
         return float(
             kernels.clearance_penalty(
-                field.distance, field.normal, margins, weights, e.force, e.stiffness
+                field.distance, field.normal, self.margin, chosen, scale, e.force, e.stiffness
             )
         )
 

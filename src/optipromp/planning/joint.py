@@ -28,7 +28,7 @@ from optipromp.pushing.sides import Drift
 from optipromp.trajectory import Trajectory, shortest_dt
 
 INVALID = 3.0  # added to the score of a push whose trajectory is not valid
-FAR_DAMPING = 1e-2  # of a start that breaks constraints: what bends it back must not throw it off
+FAR_DAMPING, FAR_TOLERANCE = 1e-2, 1e-2  # of the solver, for a start that breaks constraints
 CLOSE = 1.3  # a start within this factor of the best one after the first stage goes on
 
 
@@ -222,7 +222,11 @@ class Solver:
         return a if a.done else self._advanced(a, slice(-1, None))
 
     def _advanced(self, a: Attempt, stages: slice, value: Value | None = None) -> Attempt:
-        schedule = self.schedule if value else replace(self.schedule, damping=FAR_DAMPING)
+        schedule = (
+            self.schedule
+            if value
+            else replace(self.schedule, damping=FAR_DAMPING, tolerance=FAR_TOLERANCE)
+        )
         result = gauss_newton.solve(
             a.problem, a.q, schedule, self.deadline, stages, value
         )  # fmt: skip

@@ -20,10 +20,10 @@ from optipromp.optimization.problem import Surroundings
 from optipromp.planning import joint
 from optipromp.planning.build import Knots
 from optipromp.planning.options import PlanOptions
-from optipromp.planning.primitives import conditioned
+from optipromp.planning.primitives import led_through
 from optipromp.planning.setup import Setup
 from optipromp.planning.stages import Outcome
-from optipromp.planning.starts import Start, Starts, settled, sides
+from optipromp.planning.starts import Start, Starts, sides
 from optipromp.promp.model import ProMP
 from optipromp.pushing.channel import ploughs, ways
 from optipromp.pushing.sides import Drift
@@ -147,10 +147,8 @@ def begun(setup: Setup, promp: ProMP, corners: FloatArray, goals: FloatArray) ->
         q = np.vstack([reach, along])
         knots = Knots(len(q), len(reach) / (len(q) - 1))
         at = np.linspace(len(reach), len(q) - 1, VIA).round().astype(int)
-        posterior = conditioned(
-            promp, setup.start, at / (len(q) - 1), q[at], np.append(np.full(VIA - 1, 1e-6), 0.0)
-        )
-        initial = settled(posterior.mean_trajectory(len(q)), setup.start, q[-1])
+        variances = np.append(np.full(VIA - 1, 1e-6), 0.0)
+        initial = led_through(promp, setup.start, at / (len(q) - 1), q[at], variances, len(q))
         out.append(Start(initial, q, NOWHERE, knots))
     return out
 

@@ -16,6 +16,7 @@ from optipromp.planning.primitives import (
     camera_point,
     conditioned,
     detection_variance,
+    led_through,
     on_branch,
     via_points,
 )
@@ -137,8 +138,9 @@ def initial(setup: Setup, promp: ProMP, branch: Branch) -> FloatArray:
         phases = np.linspace(branch.knots.camera_phase, 1.0, len(values))
         variances = (branch.deviations / LEVER_ARM) ** 2
         variances[1:-1] += [detection_variance(t) / LEVER_ARM**2 for t in setup.neighbours]
-    posterior = conditioned(promp, setup.start, phases, values, variances)
-    return settled(posterior.mean_trajectory(branch.knots.count), setup.start, branch.goal)
+    q = led_through(promp, setup.start, phases, values, variances, branch.knots.count)
+    q[-1] = branch.goal
+    return q
 
 
 def settled(q: FloatArray, start: FloatArray, goal: FloatArray) -> FloatArray:

@@ -35,7 +35,7 @@ class GaussNewtonOptions:
 
     stages: tuple[float, ...] = (0.02, 1.0)
     iterations: tuple[int, ...] = (8, 16)
-    tolerance: float = 1e-2
+    tolerance: float = 2e-2
     damping: float = 1e-5
     largest_step: float = 0.3
     kept: float = 0.3
