@@ -143,19 +143,30 @@ class FunnelConstraint(Term):
 
 
 class CorridorConstraint(Term):
-    """Constraint 3: the tool stays within a tolerance of a reference along each of ``axes``."""
+    """Constraint 3: the tool stays within a tolerance of a reference along each of ``axes``.
+
+    Between the walls its curvature is ``within`` of theirs, though no force is there: a solver that
+    knew nothing of the walls before it met them would step far through them.
+    """
 
     def __init__(
-        self, weight: float, reference: FloatArray, axes: FloatArray, tolerance: float, first: int
+        self,
+        weight: float,
+        reference: FloatArray,
+        axes: FloatArray,
+        tolerance: float,
+        first: int,
+        within: float = 0.0,
     ) -> None:
         super().__init__("corridor", weight)
+        self.within = within
         self.reference, self.axes, self.tolerance, self.first = reference, axes, tolerance, first
 
     def add(self, e: Evaluation, scale: float) -> float:
         return float(
             kernels.corridor_penalty(
-                e.points, e.tool, self.reference, self.axes, self.tolerance, self.first, scale,
-                e.force, e.stiffness,
+                e.points, e.tool, self.reference, self.axes, self.tolerance, self.within,
+                self.first, scale, e.force, e.stiffness,
             )
         )  # fmt: skip
 

@@ -41,6 +41,7 @@ ASIDE_MARGIN = 4e-3  # [m] that the tool may swing out beyond what the pushables
 CAPTURE_LEAST = 2e-3  # [m] off the approach line at the target, for a mouth hardly wider than it
 UPRIGHT = np.deg2rad(2.0)  # [rad] tilt of the tool allowed on the approach
 TOOL_STEP = 0.006  # [m] between knots of the approach
+WITHIN = 3e-3  # of the stiffness of a corridor's walls, between them
 FOLLOW = 1e-3  # [m] that a hand may leave the way it was given
 
 
@@ -138,7 +139,7 @@ def follow_constraints(
     first = setup.body.tool - len(mine)  # the tool's spheres come last
     pair = first + int(np.argmin(along)), first + int(np.argmax(along))
     return [
-        CorridorConstraint(p.follow, reference, np.eye(3), FOLLOW, knots.first),
+        CorridorConstraint(p.follow, reference, np.eye(3), FOLLOW, knots.first, WITHIN),
         UprightConstraint(p.follow, setup.goal_axis, UPRIGHT, knots.first),
         LevelConstraint(p.level, pair, setup.scene.frame[0], knots.first),
     ]
@@ -171,7 +172,7 @@ def constraints(
             *drift_constraints(setup, options, knots, drift, reference),
             funnel_constraint(setup, options, knots, drift),
             ToolStepConstraint(p.tool_step, TOOL_STEP, knots.first),
-            CorridorConstraint(p.corridor, reference, frame, options.corridor, first),
+            CorridorConstraint(p.corridor, reference, frame, options.corridor, first, WITHIN),
             UprightConstraint(p.upright, setup.goal_axis, UPRIGHT, first),
         ]
     return terms

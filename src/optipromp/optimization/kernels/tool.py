@@ -6,8 +6,6 @@ from numba import njit
 
 from optipromp.optimization.kernels.outer import add_outer
 
-WITHIN = 3e-3  # of the stiffness of a corridor's walls, between them
-
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def drift_penalty(  # type: ignore[no-untyped-def]
@@ -89,11 +87,12 @@ def funnel_penalty(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def corridor_penalty(points, tool, reference, axes, tolerance, first, weight, force, stiffness):  # type: ignore[no-untyped-def]
+def corridor_penalty(  # type: ignore[no-untyped-def]
+    points, tool, reference, axes, tolerance, within, first, weight, force, stiffness
+):
     """½ Σ weight·max(0, |axis·(fk − reference)| − tolerance)² along each of ``axes`` (m, 3).
 
-    Within the tolerance there is no force, but :data:`WITHIN` of the curvature outside: what makes
-    a step of the solver that leaves the corridor by far more than it can gain a short one.
+    Between the walls there is no force, and ``within`` of the walls' curvature.
     """
     total = 0.0
     for t in range(first, points.shape[0]):
@@ -106,7 +105,7 @@ def corridor_penalty(points, tool, reference, axes, tolerance, first, weight, fo
             )
             over = abs(off) - tolerance
             if over <= 0.0:
-                add_outer(stiffness[t, tool], WITHIN * weight, ax, ay, az)
+                add_outer(stiffness[t, tool], within * weight, ax, ay, az)
                 continue
             total += 0.5 * weight * over * over
             push = math.copysign(weight * over, off)
