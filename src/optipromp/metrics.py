@@ -133,21 +133,25 @@ def judged_body(robot: Robot) -> Body:
 def judged_things(scene: Scene) -> tuple[tuple[SceneObject, ...], Things, tuple[SceneObject, ...]]:
     """Objects of simple shape, the same as arrays, and the other objects; never the target."""
     roles = {"static": STATIC, "avoid": AVOID, "pushable": PUSHABLE}
-    objects = [thing for thing in scene.objects if thing.role != "target"]
-    simple = tuple(thing for thing in objects if distance_checks.is_simple(thing.shape))
-    rest = tuple(thing for thing in objects if not distance_checks.is_simple(thing.shape))
+    simple: list[SceneObject] = []
+    rest: list[SceneObject] = []
+    for thing in scene.objects:
+        if thing.role != "target":
+            (simple if distance_checks.is_simple(thing.shape) else rest).append(thing)
     measures = [distance_checks.simple(thing.shape) for thing in simple]
+    place = [thing.position for thing in simple] or [np.zeros(0)]
+    turn = [thing.rotation for thing in simple] or [np.zeros((0, 3))]
     return (
-        simple,
+        tuple(simple),
         Things(
             kind=np.array([kind for kind, _ in measures], dtype=np.int64),
             role=np.array([roles[thing.role] for thing in simple], dtype=np.int64),
-            position=np.array([thing.position for thing in simple], dtype=float).reshape(-1, 3),
-            rotation=np.array([thing.rotation for thing in simple], dtype=float).reshape(-1, 3, 3),
+            position=np.concatenate(place).astype(float).reshape(-1, 3),
+            rotation=np.concatenate(turn).astype(float).reshape(-1, 3, 3),
             size=np.array([size for _, size in measures], dtype=float).reshape(-1, 3),
             bound=np.array([distance_checks.extent(thing.shape) for thing in simple], dtype=float),
         ),
-        rest,
+        tuple(rest),
     )
 
 

@@ -236,6 +236,7 @@ def sweep(body, things, q, closest, core, depth, deepest, apart):  # type: ignor
     n_segments, n_links = body.driver.shape[0], body.hub_radius.shape[0]
     turns, origins = np.zeros((n_segments, 3, 3)), np.empty((n_segments, 3))
     spheres, hubs = np.empty((body.radius.shape[0], 3)), np.empty((n_links, 3))
+    middle = np.empty(3)
     placed = np.empty(n_links, dtype=np.bool_)
     way, longest = np.zeros(n_links), 0.0
     due, due_any = np.zeros((things.kind.shape[0], n_links)), np.zeros(things.kind.shape[0])
@@ -243,11 +244,23 @@ def sweep(body, things, q, closest, core, depth, deepest, apart):  # type: ignor
     for m in range(q.shape[0]):
         longest += _advance(body, q[m], m == 0, turns, origins, hubs, way)
         placed[:] = False
+        ball = _about(hubs, body.hub_radius, middle)
         for k in range(things.kind.shape[0]):
             if longest < due_any[k]:
                 continue
             role, kind, bound = things.role[k], things.kind[k], things.bound[k]
             r, p, size = things.rotation[k], things.position[k], things.size[k]
+            if role == STATIC:
+                wanted = max(closest[0], core[0], 0.0)
+            elif role == AVOID:
+                wanted = max(closest[1], closest[2], core[0], 0.0)
+            else:
+                wanted = max(closest[3], 0.0)
+            if bound + wanted < math.inf:
+                slack = apart_by(middle, p) - bound - ball - wanted
+                if slack > 0.0:  # too far from the whole arm
+                    due_any[k] = longest + slack
+                    continue
             least = math.inf
             for link in range(n_links):
                 if way[link] < due[k, link]:
@@ -306,6 +319,19 @@ def sweep(body, things, q, closest, core, depth, deepest, apart):  # type: ignor
                         placed[link] = True
                 nearest = _nearest_pair(body, g, spheres, hubs, apart)
             due_pair[g] = both + nearest - apart[0]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _about(hubs, radius, middle):  # type: ignore[no-untyped-def]
+    """Radius of a ball that holds balls (L,) about ``hubs`` (L, 3); its ``middle`` in place."""
+    middle[:] = 0.0
+    for link in range(hubs.shape[0]):
+        for i in range(3):
+            middle[i] += hubs[link, i] / hubs.shape[0]
+    far = 0.0
+    for link in range(hubs.shape[0]):
+        far = max(far, apart_by(middle, hubs[link]) + radius[link])
+    return far
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -4,6 +4,7 @@ import struct
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry import Box, MeshShape, PointCloudShape, Sphere, distances, grids, pack
@@ -134,6 +135,23 @@ def test_cloud_distances():
     points = [1.0, 0.0, 0.0] + 1.2 * (on_points[:300] - [1.0, 0.0, 0.0])
     difference = distances(obstacles, points)[0] - distances(shell, points)[0]
     assert np.abs(difference).max() < 1.5 * spacing
+
+
+def test_far_from_a_hollow_cloud_distances_are_a_little_short_and_never_long():
+    rng = np.random.default_rng(0)
+    directions = rng.normal(size=(4000, 3))
+    cloud = PointCloudShape(0.5 * directions / np.linalg.norm(directions, axis=1)[:, None], 0.01)
+    grid = cloud_grid(cloud)
+    nodes = np.stack(np.meshgrid(*map(np.arange, grid.values.shape), indexing="ij"), axis=-1)
+    places = grid.origin + grid.spacing * nodes.reshape(-1, 3)
+    true = cKDTree(cloud.points).query(places)[0] - 0.01
+    inward = true - grid.values.ravel()  # by the largest error of interpolation everywhere
+    near = true < 0.13
+    assert inward.min() >= -1e-12
+    assert np.ptp(inward[near]) < 1e-12
+    assert near.any()
+    assert true.max() > 0.4
+    assert (inward - inward[near][0] <= 0.1 * (true + 0.01)).all()
 
 
 def test_cloud_of_one_point_is_a_ball():

@@ -13,7 +13,7 @@ from optipromp.optimization.constraints import (
     LimitConstraint,
     StepConstraint,
 )
-from optipromp.optimization.problem import Problem, Surroundings
+from optipromp.optimization.problem import Problem, Surroundings, Value
 from optipromp.optimization.solvers.gauss_newton import GaussNewtonOptions, solve
 from optipromp.optimization.terms import ObstacleTerm, SmoothnessTerm, VelocityTerm
 
@@ -54,6 +54,30 @@ def test_never_ends_above_where_it_began(panda: Any) -> None:
     assert np.linalg.norm(problem.gradient()) < 1e-3 * gradient
     np.testing.assert_array_equal(result.q[[0, -1]], panda.q[[0, -1]])
     assert result.history[0] == before.terms
+
+
+def test_cost_and_penalty_make_the_merit_at_any_stiffness(panda: Any) -> None:
+    problem = to_goal(panda, np.array([0.3, 0.2, 0.5]))
+    soft, stiff = (problem.evaluate(panda.q, scale) for scale in (0.02, 1.0))
+    assert soft.cost == stiff.cost
+    assert soft.penalty == pytest.approx(stiff.penalty, rel=1e-12)
+    for value, scale in ((soft, 0.02), (stiff, 1.0)):
+        assert value.merit == pytest.approx(value.cost + scale * value.penalty, rel=1e-12)
+
+
+def test_a_value_that_is_known_is_not_asked_for_again(panda: Any) -> None:
+    problem = to_goal(panda, np.array([0.3, 0.2, 0.5]))
+    plain = solve(problem, panda.q, ONE_STAGE)
+    known = solve(problem, panda.q, ONE_STAGE, value=problem.evaluate(panda.q))
+    np.testing.assert_array_equal(known.q, plain.q)
+    assert known.history == plain.history
+
+
+@pytest.mark.parametrize(("penalty", "keeps"), [(0.0, True), (0.29, True), (0.31, False)])
+def test_a_start_that_nearly_keeps_the_constraints_is_told_from_one_that_does_not(
+    penalty: float, keeps: bool
+) -> None:
+    assert GaussNewtonOptions(kept=0.3).keeps(Value(1.0 + penalty, {}, 1.0, penalty)) is keeps
 
 
 def test_its_input_stays_as_it_is(panda: Any) -> None:

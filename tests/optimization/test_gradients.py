@@ -61,15 +61,21 @@ def constraints(case: Any) -> dict[str, Term]:
     height = float(np.abs((tools[1:] - centers[1]) @ FRAME[2]).min())
     windows = np.array([[-1.0, 0.9], [-0.5 * height, 0.4 * height]])
     offset = np.array([0.06, 4.0 * height + 0.2])
+    aside = np.einsum("tni,ni->tn", tools[:, None] - centers, directions)
+    most = aside + np.linspace(-0.02, 0.05, aside.size).reshape(aside.shape)  # some are kept
     return {
         "touch": ClearanceConstraint("touch", "static", 40.0, 0.02),
         "avoid": ClearanceConstraint("avoid", "dynamic", 50.0, 0.05, proximal),
         "self": SelfConstraint(30.0, 0.25),
         "drift": DriftConstraint(80.0, centers, directions, FRAME[2], windows, offset, 1),
+        "drift at most": DriftConstraint(
+            80.0, centers, directions, FRAME[2], windows, offset, 1, most=most
+        ),
         "funnel": FunnelConstraint(
             45.0, tools[4] + 0.02, FRAME[2], 0.003, 0.005, 0.03, 1, slope=0.5
         ),
         "corridor": CorridorConstraint(60.0, tools[::-1] + 0.05, FRAME[[0, 2]], 0.01, 1),
+        "wide corridor": CorridorConstraint(60.0, tools[::-1] + 0.05, FRAME, 0.06, 1, 0.1),
         "upright": UprightConstraint(20.0, -axes[0], 0.1, 2),
         "goal": GoalConstraint(70.0, tools[-1] + 0.1, FRAME[0]),
         "goal without axis": GoalConstraint(70.0, tools[-1] + 0.1, None),
@@ -88,7 +94,7 @@ TERMS = (
 )  # fmt: skip
 CONSTRAINTS = (
     "touch", "avoid", "self", "drift", "funnel", "corridor", "upright", "goal", "goal without axis",
-    "limits", "step", "tool step", "level",
+    "limits", "step", "tool step", "level", "drift at most", "wide corridor",
 )  # fmt: skip
 
 

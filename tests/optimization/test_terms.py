@@ -378,6 +378,45 @@ def test_an_axis_that_points_the_wrong_way_is_finite(panda: Any) -> None:
         assert np.isfinite(problem.curvature()).all()
 
 
+def test_between_its_walls_a_corridor_has_a_share_of_their_curvature_and_no_force(
+    panda: Any,
+) -> None:
+    tools = panda.robot.tool_pose(panda.q)[0]
+
+    def seen(tolerance: float, within: float) -> tuple[float, float, np.ndarray]:
+        term = CorridorConstraint(9.0, tools + 0.019, np.eye(3), tolerance, 0, within)
+        problem = panda.problem(constraints=[term])
+        value = problem.evaluate(panda.q).merit
+        return value, float(np.abs(problem.gradient()).max()), problem.curvature().copy()
+
+    value, gradient, between = seen(0.02, 0.25)
+    assert value == gradient == 0.0
+    walls = seen(0.018, 0.25)[2]
+    np.testing.assert_allclose(between, 0.25 * walls, rtol=1e-12)
+    np.testing.assert_array_equal(walls, seen(0.018, 0.0)[2])
+    assert not seen(0.02, 0.0)[2].any()
+
+
+def test_a_knot_is_asked_to_drift_no_more_than_it_may_be(panda: Any) -> None:
+    tools = panda.robot.tool_pose(panda.q)[0]
+    up, lateral = np.array([0.0, 0.0, 1.0]), np.array([[0.0, 1.0, 0.0]])
+    knot, weight = len(tools) - 1, 1e4
+
+    def value(most: float, height: float) -> float:
+        caps = np.full((len(tools), 1), most)
+        term = DriftConstraint(
+            weight, tools[None, knot] - height * up, lateral, up, np.array([[-0.035, 0.015]]),
+            np.array([0.05]), knot, slope=4.0, most=caps,
+        )  # fmt: skip
+        return float(panda.problem(constraints=[term]).evaluate(panda.q).merit)
+
+    for height in (0.0, 0.02):  # inside the window, and 5 mm over it: 20 mm less is asked for
+        asked = 0.05 - 4.0 * max(0.0, height - 0.015)
+        assert value(1.0, height) == pytest.approx(0.5 * weight * asked**2)
+        assert value(0.02, height) == pytest.approx(0.5 * weight * 0.02**2)
+        assert value(0.0, height) == 0.0
+
+
 @pytest.mark.parametrize("edge", [-0.035, 0.015])
 def test_drift_is_continuous_where_a_knot_enters_the_window(panda: Any, edge: float) -> None:
     tools = panda.robot.tool_pose(panda.q)[0]

@@ -13,6 +13,7 @@ from optipromp.optimization.terms import VelocityTerm
 from optipromp.planning import Plan, PlanOptions, joint, plan
 from optipromp.planning.primitives import learnt
 from optipromp.planning.setup import bind
+from optipromp.planning.starts import Starts
 from optipromp.scenes import Stem, load_scene
 
 NAN, INF = float("nan"), float("inf")
@@ -245,7 +246,7 @@ def test_the_number_of_starts_is_heeded(starts: int) -> None:
     promp = learnt(setup, None)
     rng = np.random.default_rng(0)
     choices = joint.sides(setup, options)
-    batch = next(iter(joint.batches(setup, promp, options, goals, rng, choices)))
+    batch = next(Starts(setup, promp, options, goals, rng).batches(choices))
     assert len(batch) == 2 * starts
     assert len({tuple(start.q[-1]) for start in batch}) == starts
     assert len({float(start.drift.directions[0, 1]) for start in batch}) == 2

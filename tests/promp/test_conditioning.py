@@ -16,6 +16,7 @@ from optipromp.promp import (
     condition_with_report,
     fit,
 )
+from optipromp.promp.conditioning import conditioned_mean
 
 Make = Callable[..., ProMP]
 seeds = st.integers(0, 10**6)
@@ -30,6 +31,22 @@ def random_points(rng: np.random.Generator, n: int, count: int) -> list[JointPoi
         covariance = [None, 0.01, factor @ factor.T][kind]
         points.append(JointPoint(float(phase), rng.normal(size=n), covariance))
     return points
+
+
+@given(seeds, st.integers(1, 6))
+@quick
+def test_the_mean_alone_is_that_of_the_whole_update(
+    make_promp: Make, seed: int, count: int
+) -> None:
+    promp = make_promp(seed)
+    points = random_points(np.random.default_rng(seed), 3, count)
+    np.testing.assert_array_equal(conditioned_mean(promp, points), condition(promp, points).mean)
+
+
+def test_the_mean_alone_refuses_what_contradicts(make_promp: Make) -> None:
+    points = [JointPoint(0.5, np.zeros(3)), JointPoint(0.5, np.ones(3))]
+    with pytest.raises(InvalidRequestError, match="contradicts"):
+        conditioned_mean(make_promp(0), points)
 
 
 @given(seeds, st.integers(1, 4), st.sampled_from([None, 8]))

@@ -28,9 +28,11 @@ from optipromp.geometry.shapes import MeshShape, PointCloudShape
 CELLS = 48
 """Cells along the longest side of a mesh, before refinement."""
 
-_VERSION = 1  # part of the cache key: raise it when the same input gives other values
+_VERSION = 2  # part of the cache key: raise it when the same input gives other values
 _MESH_NODES = 1_500_000
 _CLOUD_NODES = 200_000
+_CLOUD_NEAR = 0.15  # [m] up to which distances to a cloud are exact at the nodes
+_CLOUD_SLACK = 0.1  # of a distance beyond
 _THIN = 0.25  # [cells] an error above this shows something thinner than a cell
 _ACROSS = 4  # cells across the shortest side
 _SAMPLES = 4_000
@@ -121,6 +123,10 @@ def mesh_grid(mesh: MeshShape, spacing: float | None = None) -> DistanceGrid:
 def cloud_grid(cloud: PointCloudShape, spacing: float | None = None) -> DistanceGrid:
     """Distance grid of a point cloud: distance to the nearest point less the points' radius.
 
+    From :data:`_CLOUD_NEAR` on it may be up to :data:`_CLOUD_SLACK` of itself less than that: the
+    points of a hollow cloud are all about as far from its middle, so that finding the nearest there
+    means looking at every one.
+
     Args:
         cloud: N points.
         spacing: [m]; by default as fine as 200,000 nodes allow, but not below half the radius.
@@ -138,8 +144,12 @@ def cloud_grid(cloud: PointCloudShape, spacing: float | None = None) -> Distance
     origin, shape = _layout(lower, upper, step)
     nodes = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1)
     positions = origin + step * nodes.reshape(-1, 3)
-    tree = cKDTree(cloud.points, balanced_tree=False, compact_nodes=False)
-    values = tree.query(positions, workers=-1)[0].reshape(shape) - cloud.radius
+    tree = cKDTree(cloud.points, leafsize=100, balanced_tree=False, compact_nodes=False)
+    values = tree.query(positions, distance_upper_bound=_CLOUD_NEAR, workers=-1)[0]
+    far = np.isinf(values)
+    found = tree.query(positions[far], eps=_CLOUD_SLACK, workers=-1)[0] / (1.0 + _CLOUD_SLACK)
+    values[far] = np.maximum(found, _CLOUD_NEAR)
+    values = values.reshape(shape) - cloud.radius
     error = float(_interpolate(values, origin, step, cloud.points).max()) + cloud.radius
     return DistanceGrid(values - max(error, 0.0), origin, step)
 

@@ -88,17 +88,14 @@ def pack(
     size = np.zeros((count, 3))
     bound = np.zeros(count)
     grid = np.full(count, -1, dtype=np.int64)
-    position = np.zeros((count, 3))
-    rotation = np.zeros((count, 3, 3))
     grids: dict[int, int] = {}
     shaped: list[MeshShape | PointCloudShape] = []
-    for index, (shape, at, turn) in enumerate(items):
-        position[index] = at
-        rotation[index] = turn
+    for index, (shape, _, _) in enumerate(items):
+        if isinstance(shape, Sphere):
+            bound[index] = size[index, 0] = shape.radius  # of kind 0
+            continue
         bound[index] = bounding_radius(shape)
         match shape:
-            case Sphere(radius):
-                kind[index], size[index, 0] = SPHERE, radius
             case Box(edges):
                 kind[index], size[index] = BOX, edges
                 size[index] *= 0.5
@@ -114,6 +111,8 @@ def pack(
                     grids[id(shape)] = len(shaped)
                     shaped.append(shape)
                 grid[index] = grids[id(shape)]
+    position = _stacked([at for _, at, _ in items], (3,))
+    rotation = _stacked([turn for _, _, turn in items], (3, 3))
     _check_poses(position, rotation)
     values, start, nodes, origin, spacing = _pack_grids(shaped)
     arrays = (kind, position, rotation, size, bound, grid, values, start, nodes, origin, spacing)
@@ -121,6 +120,16 @@ def pack(
         array.setflags(write=False)
     cells = make_cells(position, bound, reach, within) if reach > 0.0 else no_cells()
     return Obstacles(*arrays, cells)
+
+
+def _stacked(arrays: Sequence[ArrayLike], shape: tuple[int, ...]) -> FloatArray:
+    """Arrays of one ``shape`` as one of (K, ...), faster than NumPy stacks many small ones."""
+    flat = [np.asarray(array, dtype=np.float64) for array in arrays]
+    if any(array.shape != shape for array in flat):
+        flat = [np.broadcast_to(array, shape) for array in flat]
+    if not flat:
+        return np.zeros((0, *shape))
+    return np.concatenate(flat).reshape(len(flat), *shape)
 
 
 def near(obstacles: Obstacles, center: FloatArray, reach: float) -> Obstacles:

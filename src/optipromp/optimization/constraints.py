@@ -52,14 +52,12 @@ class ClearanceConstraint(Term):
 
     def add(self, e: Evaluation, scale: float) -> float:
         field = e.static if self.field == "static" else e.dynamic
-        n_spheres = field.distance.shape[1]
-        weights = np.full(n_spheres, scale)
-        if self.mask is not None:
-            weights *= self.mask
-        margins = np.full(n_spheres, self.margin)
+        if scale == 0.0:
+            return 0.0
+        chosen = e.every if self.mask is None else self.mask
         return float(
             kernels.clearance_penalty(
-                field.distance, field.normal, margins, weights, e.force, e.stiffness
+                field.distance, field.normal, self.margin, chosen, scale, e.force, e.stiffness
             )
         )
 
@@ -82,7 +80,10 @@ class SelfConstraint(Term):
 
 
 class DriftConstraint(Term):
-    """Constraints 1 and 2: past each pushable on its stem-free side by the gripper's radius."""
+    """Constraints 1 and 2: past each pushable on its stem-free side by the gripper's radius.
+
+    ``most`` (T, N) [m]: more than that is not asked of a knot; None: all is.
+    """
 
     def __init__(
         self,
@@ -94,16 +95,18 @@ class DriftConstraint(Term):
         offset: FloatArray,
         first: int,
         slope: float = 4.0,
+        most: FloatArray | None = None,
     ) -> None:
         super().__init__("drift", weight)
         self.centers, self.directions, self.approach = centers, directions, approach
         self.windows, self.offset, self.first, self.slope = windows, offset, first, slope
+        self.most = np.empty((0, len(centers))) if most is None else most
 
     def add(self, e: Evaluation, scale: float) -> float:
         return float(
             kernels.drift_penalty(
                 e.points, e.tool, self.centers, self.directions, self.approach, self.windows,
-                self.offset, self.slope, self.first, scale, e.force, e.stiffness,
+                self.offset, self.slope, self.most, self.first, scale, e.force, e.stiffness,
             )
         )  # fmt: skip
 
@@ -140,19 +143,30 @@ class FunnelConstraint(Term):
 
 
 class CorridorConstraint(Term):
-    """Constraint 3: the tool stays within a tolerance of a reference along each of ``axes``."""
+    """Constraint 3: the tool stays within a tolerance of a reference along each of ``axes``.
+
+    Between the walls its curvature is ``within`` of theirs, though no force is there: a solver that
+    knew nothing of the walls before it met them would step far through them.
+    """
 
     def __init__(
-        self, weight: float, reference: FloatArray, axes: FloatArray, tolerance: float, first: int
+        self,
+        weight: float,
+        reference: FloatArray,
+        axes: FloatArray,
+        tolerance: float,
+        first: int,
+        within: float = 0.0,
     ) -> None:
         super().__init__("corridor", weight)
+        self.within = within
         self.reference, self.axes, self.tolerance, self.first = reference, axes, tolerance, first
 
     def add(self, e: Evaluation, scale: float) -> float:
         return float(
             kernels.corridor_penalty(
-                e.points, e.tool, self.reference, self.axes, self.tolerance, self.first, scale,
-                e.force, e.stiffness,
+                e.points, e.tool, self.reference, self.axes, self.tolerance, self.within,
+                self.first, scale, e.force, e.stiffness,
             )
         )  # fmt: skip
 

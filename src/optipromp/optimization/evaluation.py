@@ -83,7 +83,8 @@ class Evaluation:
     ``tool`` (index of the tool point), ``static`` and ``dynamic`` fields. What terms add to:
     ``force`` (T, B+2, 3), the gradient with respect to points; ``stiffness`` (T, B+2, 6), a
     positive semi-definite curvature there; ``joint_gradient`` (T, n) and its curvature ``band`` (T,
-    3, n). A term may leave curvature out: the solver's metric takes its place.
+    3, n). A term may leave curvature out: the solver's metric takes its place. ``every`` (B,)
+    chooses every body sphere.
     """
 
     def __init__(self, robot: Robot, body: BodyPoints, n_knots: int, dt: float) -> None:
@@ -99,6 +100,7 @@ class Evaluation:
         self.stiffness = np.zeros((n_knots, spheres + 2, 6))
         self.joint_gradient = np.zeros((n_knots, n))
         self.band = np.zeros((n_knots, 3, n))
+        self.every = np.ones(spheres, dtype=np.bool_)
         self.static = Field(n_knots, spheres)
         self.dynamic = Field(n_knots, spheres)
 

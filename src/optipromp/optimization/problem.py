@@ -1,5 +1,6 @@
 """The optimisation problem: terms and constraints over the free knots of a trajectory."""
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -33,10 +34,19 @@ class Surroundings:
 
 @dataclass(frozen=True, eq=False)
 class Value:
-    """Objective at one trajectory: the weighted sum, and each term without its weight."""
+    """Objective at one trajectory.
+
+    Attributes:
+        merit: what is minimised, ``cost + scale·penalty``.
+        terms: each term without its weight.
+        cost: the weighted sum of the terms.
+        penalty: the weighted sum of the constraints, at full stiffness.
+    """
 
     merit: float
     terms: dict[str, float]
+    cost: float = 0.0
+    penalty: float = 0.0
 
 
 class Problem:
@@ -69,14 +79,7 @@ class Problem:
         self.evaluation = evaluation or Evaluation(robot, body, n_knots, self.dt)
         n = robot.n_joints
         self.matrix = np.zeros((2 * n + 1, (self.last - self.first + 1) * n))
-        band = np.zeros((n_knots, 3, n))
-        kernels.smoothness(np.zeros((n_knots, n)), self.dt, 1.0, np.zeros((n_knots, n)), band)
-        metric = np.zeros_like(self.matrix)
-        free = band[self.first : self.last + 1]
-        metric[0] = free[:, 0].ravel() + ANCHOR * self.dt
-        metric[n, : -n or None] = free[:-1, 1].ravel()
-        metric[2 * n, : -2 * n or None] = free[:-2, 2].ravel()
-        self.metric: FloatArray = frozen(metric)
+        self.metric = _metric(n_knots, n, self.last)
 
     def evaluate(self, q: FloatArray, penalty_scale: float = 1.0) -> Value:
         """Value at ``q`` (T, n); gradient and curvature stay in ``self.evaluation``."""
@@ -85,15 +88,15 @@ class Problem:
         s = self.surroundings
         e.static.measure(e, s.static, len(s.static.kind), self.cutoff)
         e.dynamic.measure(e, s.dynamic, s.shared, self.cutoff)
-        merit, values = 0.0, {}
+        cost, values = 0.0, {}
         for term in self.terms:
             value = term.add(e, term.weight)
             values[term.name] = value
-            merit += term.weight * value
+            cost += term.weight * value
+        stiff = 0.0
         for constraint in self.constraints:
-            scale = penalty_scale * constraint.weight
-            merit += constraint.add(e, scale)
-        return Value(merit, values)
+            stiff += constraint.add(e, penalty_scale * constraint.weight)
+        return Value(cost + stiff, values, cost, stiff / penalty_scale if stiff else 0.0)
 
     def gradient(self) -> FloatArray:
         """Gradient (T, n) at the last evaluation; zero at the fixed knots."""
@@ -110,3 +113,17 @@ class Problem:
             e.axes, e.band, self.first, self.matrix,
         )  # fmt: skip
         return self.matrix
+
+
+@functools.lru_cache(maxsize=32)
+def _metric(n_knots: int, n: int, last: int) -> FloatArray:
+    """The covariant metric A of knots 1 … ``last``, banded like :meth:`Problem.curvature`."""
+    dt = 1.0 / (n_knots - 1)
+    band = np.zeros((n_knots, 3, n))
+    kernels.smoothness(np.zeros((n_knots, n)), dt, 1.0, np.zeros((n_knots, n)), band)
+    metric = np.zeros((2 * n + 1, last * n))
+    free = band[1 : last + 1]
+    metric[0] = free[:, 0].ravel() + ANCHOR * dt
+    metric[n, : -n or None] = free[:-1, 1].ravel()
+    metric[2 * n, : -2 * n or None] = free[:-2, 2].ravel()
+    return frozen(metric)

@@ -41,6 +41,7 @@ ASIDE_MARGIN = 4e-3  # [m] that the tool may swing out beyond what the pushables
 CAPTURE_LEAST = 2e-3  # [m] off the approach line at the target, for a mouth hardly wider than it
 UPRIGHT = np.deg2rad(2.0)  # [rad] tilt of the tool allowed on the approach
 TOOL_STEP = 0.006  # [m] between knots of the approach
+WITHIN = 3e-3  # of the stiffness of a corridor's walls, between them
 FOLLOW = 1e-3  # [m] that a hand may leave the way it was given
 
 
@@ -92,25 +93,20 @@ def capture_height(setup: Setup) -> float:
     return float(getattr(setup.robot.tool, "depth", 0.0)) + setup.scene.target.radius
 
 
-def possible(setup: Setup, drift: Drift, knots: Knots, reference: FloatArray) -> FloatArray:
-    """How far (N,) ``reference`` (T, 3) passes each neighbour within its window [m]."""
-    away = reference[knots.first :, None] - drift.centers
-    along = away @ setup.scene.frame[2]
-    aside = np.einsum("tni,ni->tn", away, drift.directions)
-    inside = (drift.windows[:, 0] <= along) & (along <= drift.windows[:, 1])
-    return np.asarray(np.where(inside, aside, np.inf).min(axis=0))
-
-
 def drift_constraints(
     setup: Setup, options: PlanOptions, knots: Knots, drift: Drift, reference: FloatArray
 ) -> list[Term]:
-    """Constraints 1 and 2, and the wider berth that a real fruit wants."""
+    """Constraints 1 and 2, and the wider berth that a real fruit wants.
+
+    No knot is asked to pass a neighbour farther aside than ``reference`` (T, 3) does: where ways
+    past two of them contradict, that one is the compromise.
+    """
     weights = options.priority.drift, options.priority.berth
-    most = possible(setup, drift, knots, reference)
+    most = np.einsum("tni,ni->tn", reference[:, None] - drift.centers, drift.directions)
     return [
         DriftConstraint(
             weight, drift.centers, drift.directions, setup.scene.frame[2], drift.windows,
-            np.minimum(offset, most), knots.first,
+            offset, knots.first, most=most,
         )
         for weight, offset in zip(weights, widths(setup, options, drift), strict=True)
     ]  # fmt: skip
@@ -143,7 +139,7 @@ def follow_constraints(
     first = setup.body.tool - len(mine)  # the tool's spheres come last
     pair = first + int(np.argmin(along)), first + int(np.argmax(along))
     return [
-        CorridorConstraint(p.follow, reference, np.eye(3), FOLLOW, knots.first),
+        CorridorConstraint(p.follow, reference, np.eye(3), FOLLOW, knots.first, WITHIN),
         UprightConstraint(p.follow, setup.goal_axis, UPRIGHT, knots.first),
         LevelConstraint(p.level, pair, setup.scene.frame[0], knots.first),
     ]
@@ -176,7 +172,7 @@ def constraints(
             *drift_constraints(setup, options, knots, drift, reference),
             funnel_constraint(setup, options, knots, drift),
             ToolStepConstraint(p.tool_step, TOOL_STEP, knots.first),
-            CorridorConstraint(p.corridor, reference, frame, options.corridor, first),
+            CorridorConstraint(p.corridor, reference, frame, options.corridor, first, WITHIN),
             UprightConstraint(p.upright, setup.goal_axis, UPRIGHT, first),
         ]
     return terms

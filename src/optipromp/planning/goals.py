@@ -10,8 +10,9 @@ from optipromp.planning.setup import Setup
 from optipromp.robots import ik
 from optipromp.robots.roll import level
 
-FEW_STARTS, STARTS, MANY_STARTS = 12, 48, 320  # of the inverse kinematics
+FEW_STARTS, STARTS, MORE_STARTS, MANY_STARTS = 12, 24, 48, 320  # of the inverse kinematics
 ENOUGH = 6  # free configurations to choose among
+SPARE = 3  # fewer free ones are reason to look for more
 ROOM = 0.06  # [m] beyond which more clearance is not better
 SELF_MARGIN = 0.01  # [m]
 
@@ -82,11 +83,12 @@ def choose(setup: Setup, seed: int, starts: int = STARTS) -> tuple[FloatArray, b
         nothing; and, where none does, or none exists, why.
     """
     goals = find(setup, seed, starts)
-    if not len(goals) and starts < STARTS:
-        goals = find(setup, seed)
+    kept, blocked = free(setup, goals)
+    if len(kept) < SPARE and (starts >= STARTS or not len(goals)) and setup.goal_joints is None:
+        goals = find(setup, seed, MORE_STARTS)
+        kept, blocked = free(setup, goals)
     if not len(goals):
         return goals, False, unreachable(setup)
-    kept, blocked = free(setup, goals)
     if not len(kept) and setup.goal_joints is None:
         goals = find(setup, seed, MANY_STARTS)
         kept, blocked = free(setup, goals)

@@ -8,9 +8,10 @@ from optipromp.arrays import FloatArray
 from optipromp.planning import joint
 from optipromp.planning.build import Knots
 from optipromp.planning.options import Planner, PlanOptions
-from optipromp.planning.primitives import conditioned, detection_variance, on_branch, via_points
+from optipromp.planning.primitives import detection_variance, led_through, on_branch, via_points
 from optipromp.planning.setup import Setup
 from optipromp.planning.stages import Outcome
+from optipromp.planning.starts import LEVER_ARM
 from optipromp.promp.model import ProMP
 from optipromp.pushing.interactive import pushes
 
@@ -60,13 +61,14 @@ def plan_movement(
                 variances += [detection_variance(thing)] * 2
         via = via_points(setup, positions, phase, options.via_deviation)
         branch = on_branch(setup, via, goal)
-    if branch is None:
-        posterior = conditioned(promp, setup.start, np.array([1.0]), goal[None], np.zeros(1))
-    else:
-        spread = (via.deviations / joint.LEVER_ARM) ** 2
-        spread[1:-1] += np.array(variances) / joint.LEVER_ARM**2
-        posterior = conditioned(promp, setup.start, via.phases, branch, spread, pause=phase)
     knots = Knots(options.knots or KNOTS, phase)
-    q = joint.settled(posterior.mean_trajectory(knots.count), setup.start, goal)
+    if branch is None:
+        last, exact = np.array([1.0]), np.zeros(1)
+        q = led_through(promp, setup.start, last, goal[None], exact, knots.count)
+    else:
+        spread = (via.deviations / LEVER_ARM) ** 2
+        spread[1:-1] += np.array(variances) / LEVER_ARM**2
+        q = led_through(promp, setup.start, via.phases, branch, spread, knots.count, phase)
+        q[-1] = goal
     trajectory = joint.trajectory_of(setup, options, q, knots.first)
     return Outcome(trajectory, trajectory, knots, (), True, {planner: time.perf_counter() - began})

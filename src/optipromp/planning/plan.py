@@ -1,9 +1,10 @@
 """``plan``: the one way in, for all three planners."""
 
+import contextlib
 import functools
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_args
@@ -25,11 +26,27 @@ from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene
 from optipromp.trajectory import Trajectory
 
+DEFAULTS = PlanOptions()
+
 
 @functools.lru_cache(maxsize=1)
-def _threads() -> ThreadpoolController:
+def _threads() -> tuple[Any, ...]:
+    """The BLAS libraries that are loaded."""
+    return tuple(ThreadpoolController().select(user_api="blas").lib_controllers)
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
     """Every matrix here is small: BLAS threads would spend their time waiting for one another."""
-    return ThreadpoolController()
+    before = [(library, library.get_num_threads()) for library in _threads()]
+    many = [(library, count) for library, count in before if count != 1]
+    for library, _ in many:
+        library.set_num_threads(1)
+    try:
+        yield
+    finally:
+        for library, count in many:
+            library.set_num_threads(count)
 
 
 @dataclass(frozen=True)
@@ -146,7 +163,7 @@ def plan(
         InvalidSceneError, InvalidRobotError, InvalidDemonstrationError, InvalidRequestError,
         StartInvalidError: wrong input.
     """
-    with _threads().limit(limits=1, user_api="blas"):
+    with _one_thread():
         return _plan(scene, planner, strategy, demonstrations, seed, options, progress)
 
 
@@ -179,7 +196,7 @@ def _plan(
     progress: Callable[[str], None] | None,
 ) -> Plan:
     began = time.perf_counter()
-    options = options or PlanOptions()
+    options = options or DEFAULTS
     check_planner(planner, strategy)
     say = progress or (lambda _: None)
     if not isinstance(scene, Scene):
@@ -271,11 +288,18 @@ def _verdict(
 def _terms(setup: Setup, options: PlanOptions, outcome: Outcome, paper: bool) -> dict[str, Term]:
     """Each functional: over the stage that optimises it, and at the returned trajectory."""
     q0, q1 = outcome.initial.positions, outcome.trajectory.positions
-    first = value_of(setup, options, outcome.knots, q0, paper)
-    last = first if q1 is q0 else value_of(setup, options, outcome.knots, q1, paper)
+    last = outcome.values
+    if last is None:
+        last = value_of(setup, options, outcome.knots, q1, paper)
+    names = ("static", "avoid", "push", "velocity")
+    stages = [next((s for s in outcome.stages if name in s.terms), None) for name in names]
+    first = last
+    if q1 is not q0 and any(
+        s is None and name in last for name, s in zip(names, stages, strict=True)
+    ):
+        first = value_of(setup, options, outcome.knots, q0, paper)
     out = {}
-    for name in ("static", "avoid", "push", "velocity"):
-        stage = next((s for s in outcome.stages if name in s.terms), None)
+    for name, stage in zip(names, stages, strict=True):
         if stage is None:
             history: tuple[float, ...] = ()
             begin = first.get(name, 0.0)

@@ -20,9 +20,10 @@ from optipromp.optimization.problem import Surroundings
 from optipromp.planning import joint
 from optipromp.planning.build import Knots
 from optipromp.planning.options import PlanOptions
-from optipromp.planning.primitives import conditioned
+from optipromp.planning.primitives import led_through
 from optipromp.planning.setup import Setup
 from optipromp.planning.stages import Outcome
+from optipromp.planning.starts import Start, Starts, sides
 from optipromp.promp.model import ProMP
 from optipromp.pushing.channel import ploughs, ways
 from optipromp.pushing.sides import Drift
@@ -95,9 +96,9 @@ def plan_ploughed(
         return faults.issuperset(heard[id(a)].violations)
 
     starts = (begun(freed, promp, way.corners, goals) for way in found)
-    without = joint.batches(freed, promp, options, goals, rng, joint.sides(freed, options))
+    without = Starts(freed, promp, options, goals, rng).batches(sides(freed, options))
     made = itertools.chain((batch for batch in starts if batch), without)
-    best = joint.solve(freed, options, deadline, verify, made)
+    best = joint.Solver(freed, options, deadline).solve(verify, made)
     seconds = time.perf_counter() - searched
     times = {"way": searched - began, "joint": seconds}
     return joint.outcome_of(
@@ -139,18 +140,16 @@ def wrist(setup: Setup) -> list[FloatArray]:
     return out
 
 
-def begun(setup: Setup, promp: ProMP, corners: FloatArray, goals: FloatArray) -> list[joint.Start]:
+def begun(setup: Setup, promp: ProMP, corners: FloatArray, goals: FloatArray) -> list[Start]:
     """Starts of the optimiser that follow a way (k, 3): from the start on, else to each goal."""
     out = []
     for reach, along in followed(setup, corners, goals):
         q = np.vstack([reach, along])
         knots = Knots(len(q), len(reach) / (len(q) - 1))
         at = np.linspace(len(reach), len(q) - 1, VIA).round().astype(int)
-        posterior = conditioned(
-            promp, setup.start, at / (len(q) - 1), q[at], np.append(np.full(VIA - 1, 1e-6), 0.0)
-        )
-        initial = joint.settled(posterior.mean_trajectory(len(q)), setup.start, q[-1])
-        out.append(joint.Start(initial, q, NOWHERE, knots))
+        variances = np.append(np.full(VIA - 1, 1e-6), 0.0)
+        initial = led_through(promp, setup.start, at / (len(q) - 1), q[at], variances, len(q))
+        out.append(Start(initial, q, NOWHERE, knots))
     return out
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, frozen
 from optipromp.errors import InvalidRequestError
 from optipromp.planning.setup import Setup
 from optipromp.promp.basis import Basis
-from optipromp.promp.conditioning import condition
+from optipromp.promp.conditioning import condition, conditioned_mean
 from optipromp.promp.demonstrations import load_demonstrations
 from optipromp.promp.learning import fit
 from optipromp.promp.model import ProMP
@@ -183,6 +183,32 @@ def conditioned(
 
     ``variances`` (m,) [rad²] of each point; 0 is exact. At phase ``pause`` the arm stands still.
     """
+    return condition(promp, _points(start, phases, values, variances, pause))
+
+
+def led_through(
+    promp: ProMP,
+    start: FloatArray,
+    phases: FloatArray,
+    values: FloatArray,
+    variances: FloatArray,
+    count: int,
+    pause: float | None = None,
+) -> FloatArray:
+    """Mean trajectory (T, n) of :func:`conditioned`, at ``count`` knots, with exact ends."""
+    mean = conditioned_mean(promp, _points(start, phases, values, variances, pause))
+    out = _evenly_spaced(promp.basis, count) @ mean.T
+    out[0], out[-1] = start, values[-1]  # a conditioned ProMP meets them to rounding
+    return np.asarray(out)
+
+
+def _points(
+    start: FloatArray,
+    phases: FloatArray,
+    values: FloatArray,
+    variances: FloatArray,
+    pause: float | None,
+) -> list[JointPoint]:
     points = [JointPoint(0.0, start)]
     if pause is not None:
         points.append(JointPoint(pause, np.zeros_like(start), PAUSED**2, derivative=1))
@@ -190,7 +216,13 @@ def conditioned(
         JointPoint(float(z), q, float(v) if v > 0 else None)
         for z, q, v in zip(phases, values, variances, strict=True)
     ]
-    return condition(promp, points)
+    return points
+
+
+@functools.lru_cache(maxsize=32)
+def _evenly_spaced(basis: Basis, count: int) -> FloatArray:
+    """The bases (T, K) at ``count`` phases."""
+    return frozen(basis.evaluate(count))
 
 
 def detection_variance(thing: SceneObject) -> float:

@@ -25,6 +25,7 @@ from optipromp.planning.build import DRIFT_MARGIN, Knots, functionals
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.setup import Setup
 from optipromp.planning.stages import Outcome, Stage
+from optipromp.planning.starts import Starts, initial, sides, tool_path
 from optipromp.promp.model import ProMP
 from optipromp.pushing.sides import Drift
 
@@ -40,9 +41,11 @@ def solve(
     """Both stages in the paper's order, from the conditioned ProMP on the best goal branch."""
     began = time.perf_counter()
     paper = replace(options, window="paper", drift="paper", berth=0.0)
-    drift = joint.sides(setup, paper)[0]
-    branch = joint.branches(setup, paper, goals, [joint.tool_path(setup, paper, drift)])[0]
-    q0, knots = joint.initial(setup, promp, branch), branch.knots
+    drift = sides(setup, paper)[0]
+    branch = Starts(setup, promp, paper, goals, np.random.default_rng(0)).branches(
+        [tool_path(setup, paper, drift)]
+    )[0]
+    q0, knots = initial(setup, promp, branch), branch.knots
     basis = deviation_basis(knots.count)
     order = ("collision", "push") if setup.scene.static else ("push", "collision")
     q, stages = q0, []

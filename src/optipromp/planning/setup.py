@@ -133,11 +133,13 @@ def _surroundings(scene: Scene, robot: Robot) -> Surroundings:
     asked = NEAR + float(np.max(robot.spheres.radius, initial=0.0))
 
     def near(things: tuple[SceneObject, ...]) -> list[tuple[Shape, FloatArray, FloatArray]]:
-        positions = np.array([thing.position for thing in things]).reshape(-1, 3)
-        away = np.linalg.norm(positions, axis=1)
+        if not things:
+            return []
+        positions = np.concatenate([thing.position for thing in things]).reshape(-1, 3)
+        away = np.linalg.norm(positions, axis=1).tolist()
         return [
             (thing.shape, thing.position, thing.rotation)
-            for thing, distance in zip(things, away.tolist(), strict=True)
+            for thing, distance in zip(things, away, strict=True)
             if distance <= far or not distance - thing.radius > far
         ]
 

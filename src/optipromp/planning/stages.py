@@ -36,7 +36,10 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Trajectories before and after, the stages between, and the judge's word if already heard."""
+    """Trajectories before and after, the stages between, and the judge's word if already heard.
+
+    ``values`` are the functionals at the trajectory, by their names, where they are known.
+    """
 
     initial: Trajectory
     trajectory: Trajectory
@@ -45,6 +48,7 @@ class Outcome:
     optimised: bool
     time: Mapping[str, float]
     judgement: Judgement | None = None
+    values: Mapping[str, float] | None = None
 
 
 def value_of(

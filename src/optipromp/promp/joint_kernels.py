@@ -18,6 +18,7 @@ def joint_update(
     target: FloatArray,
     noise: FloatArray,
     tolerance: float,
+    only_mean: bool,
 ) -> tuple[bool, FloatArray, FloatArray]:
     r"""Posterior weights (d,) and covariance (d, d), where S = HΣHᵀ + R is safely definite.
 
@@ -33,6 +34,7 @@ def joint_update(
         target: (P, n).
         noise: R (r, r).
         tolerance: share of its variance that every row must add to those before it.
+        only_mean: leave the covariance as it is.
 
     Returns:
         Whether S is that definite (the rest means nothing where not), weights, covariance.
@@ -94,6 +96,8 @@ def joint_update(
         for r in range(rows):
             weights[c] += dual[r, 0] * cross[r, c]
 
+    if only_mean:
+        return True, weights, prior
     gain = cross.copy()  # Kᵀ = S⁻¹ H Σ
     substitute(lower, scale, gain)
     kept = prior.copy()

@@ -9,12 +9,14 @@ right side of everything.
 import math
 
 import numpy as np
+from numba import njit
 
 from optipromp.arrays import FloatArray
 from optipromp.pushing.sides import Drift
 
 LEVEL = 0.001  # [m] between the heights that are looked at
 SWEEPS = 40
+ALIKE = 2e-6  # [m] between points that are one
 
 
 def thread(
@@ -41,51 +43,79 @@ def thread(
     directions = drift.directions @ lateral.T
     bottom = float((camera - goal) @ up)
     levels = np.arange(bottom, -capture, LEVEL)
-    corners = [np.append((camera - goal) @ lateral.T, bottom)]
-    farthest = float(np.linalg.norm(flat + offsets[:, None] * directions, axis=1).max())
-    above = levels[:, None] - heights
-    inside = (drift.windows[:, 0] <= above) & (above <= drift.windows[:, 1])
-    last: FloatArray | None = None
-    for i, h in enumerate(levels):
-        active = np.flatnonzero(inside[i])
-        if not len(active):
-            last = None
-            continue
-        if last is not None and np.array_equal(inside[i], inside[i - 1]):
-            corners[-1] = np.append(last, h)  # the windows go on: their far end
-            continue
-        p = _aside(flat[active], directions[active], offsets[active], farthest)
-        if last is not None and np.allclose(p, last, atol=1e-6):
-            corners[-1] = np.append(p, h)
-            continue
-        corners += [np.append(p, h), np.append(p, h)]
-        last = p
-    corners += [np.array([0.0, 0.0, max(bottom, -capture)]), np.zeros(3)]
-    local = np.array(corners)
+    local = np.empty((2 * len(levels) + 3, 3))
+    local[0, :2], local[0, 2] = (camera - goal) @ lateral.T, bottom
+    aside = flat + offsets[:, None] * directions
+    farthest = math.sqrt(max(float(point @ point) for point in aside))
+    count = _corners(
+        levels, np.ascontiguousarray(drift.windows), heights, flat, directions,
+        np.ascontiguousarray(offsets), farthest, local,
+    )  # fmt: skip
+    local[count] = 0.0, 0.0, max(bottom, -capture)
+    local[count + 1] = 0.0
+    local = local[: count + 2]
     return np.asarray(goal + local[:, :2] @ lateral + local[:, 2:] * up)
 
 
-def _aside(
-    flat: FloatArray, directions: FloatArray, offsets: FloatArray, farthest: float
-) -> FloatArray:
-    """The point (2,) nearest to the approach line that is aside of all, by cyclic projection.
+@njit(cache=True, error_model="numpy", nogil=True)
+def _corners(levels, windows, heights, flat, directions, offsets, farthest, corners):  # type: ignore[no-untyped-def]
+    """Corners (k, 3) after the first, in place, where windows begin and end; returns their number.
 
-    None is farther from the line than ``farthest``: where things ask for opposite sides, the point
-    would flee to where their half-planes meet; a compromise is nearer.
+    ``levels`` (L,) are the heights that are looked at, ``heights`` (N,) and ``flat`` (N, 2) those
+    of the neighbours and where they are aside of the approach line.
     """
-    p = np.zeros(2)
+    n = heights.shape[0]
+    inside, before = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
+    p, last, has_last, count = np.zeros(2), np.zeros(2), False, 1
+    for i in range(levels.shape[0]):
+        some, same = False, True
+        for k in range(n):
+            above = levels[i] - heights[k]
+            before[k] = inside[k]
+            inside[k] = windows[k, 0] <= above <= windows[k, 1]
+            some |= inside[k]
+            same &= inside[k] == before[k]
+        if not some:
+            has_last = False
+            continue
+        if not (has_last and same):
+            _aside(flat, directions, offsets, inside, farthest, p)
+            apart = max(abs(p[0] - last[0]), abs(p[1] - last[1]))
+            if not has_last or apart > ALIKE:
+                last[:] = p
+                corners[count, 0], corners[count, 1], corners[count, 2] = p[0], p[1], levels[i]
+                count += 1
+                corners[count, 0], corners[count, 1] = p[0], p[1]
+                count += 1
+                has_last = True
+        corners[count - 1, 2] = levels[i]  # as far as it goes on like this
+    return count
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _aside(flat, directions, offsets, active, farthest, p):  # type: ignore[no-untyped-def]
+    """``p`` (2,): the point nearest to the approach line that is aside of all ``active`` (N,).
+
+    By cyclic projection, in place. None is farther from the line than ``farthest``: where things
+    ask for opposite sides, the point would flee to where their half-planes meet; a compromise is
+    nearer.
+    """
+    p[:] = 0.0
     for _ in range(SWEEPS):
-        before = p
-        for center, direction, offset in zip(flat, directions, offsets, strict=True):
-            short = offset - direction @ (p - center)
+        x, y = p[0], p[1]
+        for k in range(flat.shape[0]):
+            if not active[k]:
+                continue
+            dx, dy = directions[k, 0], directions[k, 1]
+            short = offsets[k] - (dx * (p[0] - flat[k, 0]) + dy * (p[1] - flat[k, 1]))
             if short > 0.0:
-                p = p + short * direction
-                away = math.sqrt(p @ p)
+                p[0] += short * dx
+                p[1] += short * dy
+                away = math.sqrt(p[0] * p[0] + p[1] * p[1])
                 if away > farthest:
-                    p = p * (farthest / away)
-        if np.array_equal(p, before):
+                    p *= farthest / away
+        if p[0] == x and p[1] == y:
             break
-    return p
 
 
 def length(corners: FloatArray) -> float:

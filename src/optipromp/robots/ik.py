@@ -170,7 +170,7 @@ def follow(  # type: ignore[no-untyped-def]
 
     ``q`` (m + 1, n); ``errors`` (m,) of the position plus the weighted one of the axis [m].
     """
-    weight = np.array([0.01])
+    weight = np.zeros(1)  # a Gauss-Newton step is the shortest one: nothing else need hold it near
     position_error, axis_error = np.empty(1), np.empty(1)
     for i in range(positions.shape[0]):
         for j in range(q.shape[1]):

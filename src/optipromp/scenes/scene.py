@@ -294,28 +294,32 @@ class Scene:
                 "no target: one object must have role 'target' (or the scene a 'goal')"
             )
 
-    def _with_role(self, role: Role) -> tuple[SceneObject, ...]:
-        return tuple(item for item in self.objects if item.role == role)
+    @cached_property
+    def _by_role(self) -> Mapping[str, tuple[SceneObject, ...]]:
+        found: dict[str, list[SceneObject]] = {role: [] for role in ROLES}
+        for item in self.objects:
+            found[item.role].append(item)
+        return {role: tuple(items) for role, items in found.items()}
 
     @property
     def target(self) -> SceneObject | None:
         """The object to reach; None where the scene has a goal instead."""
-        return next((item for item in self.objects if item.role == "target"), None)
+        return next(iter(self._by_role["target"]), None)
 
     @property
     def pushables(self) -> tuple[SceneObject, ...]:
         """The objects that may be pushed, in file order."""
-        return self._with_role("pushable")
+        return self._by_role["pushable"]
 
     @property
     def avoid(self) -> tuple[SceneObject, ...]:
         """The neighbours that only the last link and the tool may brush, in file order."""
-        return self._with_role("avoid")
+        return self._by_role["avoid"]
 
     @property
     def static(self) -> tuple[SceneObject, ...]:
         """The objects that nothing may touch, in file order."""
-        return self._with_role("static")
+        return self._by_role["static"]
 
     @property
     def frame(self) -> FloatArray:

@@ -189,24 +189,22 @@ def _obstacle_force(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def clearance_penalty(distance, normal, margin, weight, force, stiffness):  # type: ignore[no-untyped-def]
-    """½ Σ weight·max(0, margin − D)²; ``margin`` and ``weight`` (B,) per sphere."""
+def clearance_penalty(distance, normal, margin, chosen, weight, force, stiffness):  # type: ignore[no-untyped-def]
+    """½ Σ weight·max(0, margin − D)² over the ``chosen`` (B,) spheres."""
     n_knots, n_spheres = distance.shape
     total = 0.0
-    for b in range(n_spheres):
-        if weight[b] == 0.0:
-            continue
-        for t in range(n_knots):
-            short = margin[b] - distance[t, b]
-            if short <= 0.0:
+    for t in range(n_knots):
+        for b in range(n_spheres):
+            short = margin - distance[t, b]
+            if short <= 0.0 or not chosen[b]:
                 continue
-            total += 0.5 * weight[b] * short * short
+            total += 0.5 * weight * short * short
             nx, ny, nz = normal[t, b, 0], normal[t, b, 1], normal[t, b, 2]
-            push = -weight[b] * short
+            push = -weight * short
             force[t, b, 0] += push * nx
             force[t, b, 1] += push * ny
             force[t, b, 2] += push * nz
-            add_outer(stiffness[t, b], weight[b], nx, ny, nz)
+            add_outer(stiffness[t, b], weight, nx, ny, nz)
     return total
 
 

@@ -9,14 +9,16 @@ from optipromp.optimization.kernels.outer import add_outer
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def drift_penalty(  # type: ignore[no-untyped-def]
-    points, tool, centers, directions, approach, windows, offset, slope, first, weight,
+    points, tool, centers, directions, approach, windows, offset, slope, most, first, weight,
     force, stiffness,
 ):  # fmt: skip
-    r"""½ Σ weight·max(0, offset_n − slope·(z outside [low_n, high_n]) − d_n·(fk − X_n))².
+    r"""½ Σ weight·max(0, min(offset_n − slope·outside, most_tn) − d_n·(fk − X_n))².
 
-    ``z`` is the height of the tool point over the pushable along ``approach``. Inside the passing
-    window low_n ≤ z ≤ high_n this is the drift constraint; the slope lets it fade outside, so that
-    the penalty is continuous when a knot enters the window. Knots before ``first`` are free.
+    ``outside`` is how far the height of the tool point over the pushable, along ``approach``, is
+    out of the passing window [low_n, high_n]. Inside it this is the drift constraint; the slope
+    lets it fade outside, so that the penalty is continuous when a knot enters the window. Knots
+    before ``first`` are free, and none is asked for more than ``most`` (M, N); those from M on are
+    asked for all.
     """
     total = 0.0
     for n in range(centers.shape[0]):
@@ -28,11 +30,14 @@ def drift_penalty(  # type: ignore[no-untyped-def]
             over, under = height - windows[n, 1], windows[n, 0] - height
             outside = max(0.0, over, under)
             aside = x * directions[n, 0] + y * directions[n, 1] + z * directions[n, 2]
-            short = offset[n] - slope * outside - aside
+            wanted = offset[n] - slope * outside
+            tilt = 0.0 if outside == 0.0 else (slope if over > under else -slope)
+            if t < most.shape[0] and most[t, n] < wanted:
+                wanted, tilt = most[t, n], 0.0
+            short = wanted - aside
             if short <= 0.0:
                 continue
             total += 0.5 * weight * short * short
-            tilt = 0.0 if outside == 0.0 else (slope if over > under else -slope)
             nx = directions[n, 0] + tilt * approach[0]
             ny = directions[n, 1] + tilt * approach[1]
             nz = directions[n, 2] + tilt * approach[2]
@@ -82,8 +87,13 @@ def funnel_penalty(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def corridor_penalty(points, tool, reference, axes, tolerance, first, weight, force, stiffness):  # type: ignore[no-untyped-def]
-    """½ Σ weight·max(0, |axis·(fk − reference)| − tolerance)² along each of ``axes`` (m, 3)."""
+def corridor_penalty(  # type: ignore[no-untyped-def]
+    points, tool, reference, axes, tolerance, within, first, weight, force, stiffness
+):
+    """½ Σ weight·max(0, |axis·(fk − reference)| − tolerance)² along each of ``axes`` (m, 3).
+
+    Between the walls there is no force, and ``within`` of the walls' curvature.
+    """
     total = 0.0
     for t in range(first, points.shape[0]):
         for a in range(axes.shape[0]):
@@ -95,6 +105,7 @@ def corridor_penalty(points, tool, reference, axes, tolerance, first, weight, fo
             )
             over = abs(off) - tolerance
             if over <= 0.0:
+                add_outer(stiffness[t, tool], within * weight, ax, ay, az)
                 continue
             total += 0.5 * weight * over * over
             push = math.copysign(weight * over, off)

@@ -4,6 +4,9 @@ Each step solves :math:`(H + \nu A)\,\delta = -g`, with H the Gauss-Newton curva
 and penalties (block-banded over the knots), A the finite-difference metric of CHOMP (so that a step
 is smooth wherever the terms do not say otherwise) and ν a Levenberg-Marquardt damping. The
 penalties stiffen in a few stages.
+
+A start whose penalties are small beside its cost begins at the last stage: on softer ones it would
+only lose what it has.
 """
 
 import time
@@ -18,13 +21,28 @@ from optipromp.optimization.problem import Problem, Value
 
 @dataclass(frozen=True)
 class GaussNewtonOptions:
-    """Stages of penalty stiffness, iterations in each, and when to stop."""
+    """Stages of penalty stiffness, iterations in each, and when to stop.
+
+    Attributes:
+        stages: by what the constraints are multiplied, one stage after the other.
+        iterations: at most so many steps in each stage.
+        tolerance: a stage ends with a step that lowers the objective by no larger share, or cannot
+            be expected to.
+        damping: ν at the beginning.
+        largest_step: of a joint [rad or m].
+        kept: a start whose constraints cost at most this share of its terms keeps them nearly.
+    """
 
     stages: tuple[float, ...] = (0.02, 1.0)
     iterations: tuple[int, ...] = (8, 16)
-    tolerance: float = 2e-3
-    damping: float = 1e-4
+    tolerance: float = 2e-2
+    damping: float = 1e-5
     largest_step: float = 0.3
+    kept: float = 0.3
+
+    def keeps(self, value: Value) -> bool:
+        """Whether the constraints are nearly kept, so that the last stage is all there is to do."""
+        return value.penalty <= self.kept * value.cost
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +70,7 @@ def solve(
     options: GaussNewtonOptions,
     deadline: float = np.inf,
     stages: slice = slice(None),
+    value: Value | None = None,
 ) -> Result:
     """Descend from ``q`` (T, n) through the given penalty stages.
 
@@ -61,6 +80,7 @@ def solve(
         options: see :class:`GaussNewtonOptions`.
         deadline: ``time.perf_counter()`` after which it stops with what it has.
         stages: which of the penalty stages to run (for solving many starts a stage at a time).
+        value: of ``q`` in the first of these stages, if that is the problem's last evaluation.
     """
     q = np.array(q)
     n = q.shape[1]
@@ -68,44 +88,44 @@ def solve(
     taken = 0
     damping = options.damping
     message = "converged"
-    value = Value(np.inf, {})
+    free = slice(problem.first, problem.last + 1)
     for scale, limit in zip(options.stages[stages], options.iterations[stages], strict=True):
-        value = problem.evaluate(q, scale)
+        if value is None or history:
+            value = problem.evaluate(q, scale)
         if not history:
             history.append(value.terms)
         gradient, curvature = problem.gradient(), problem.curvature()
-        message, idle = "iteration limit", 0
+        message = "iteration limit"
         for _ in range(limit):
             if time.perf_counter() > deadline:
                 return Result(q, value, tuple(history), taken, "time ran out")
+            down = -gradient[free].ravel()
             matrix = curvature + damping * problem.metric
-            rhs = -gradient[problem.first : problem.last + 1].ravel()
-            _, step, info = dpbsv(matrix, rhs, lower=1, overwrite_ab=1, overwrite_b=1)
+            _, step, info = dpbsv(matrix, down, lower=1, overwrite_ab=1)
             if info != 0 or not np.isfinite(step).all():
                 damping = max(damping * 30.0, 1e-6)
                 continue
+            expected = 0.5 * float(down @ step)
             step = step.reshape(-1, n)
             largest = float(np.max(np.abs(step), initial=0.0))
             if largest > options.largest_step:
                 step *= options.largest_step / largest
             trial = q.copy()
-            trial[problem.first : problem.last + 1] += step
+            trial[free] += step
             new = problem.evaluate(trial, scale)
             taken += 1
-            if new.merit < value.merit:
-                gain = value.merit - new.merit
+            gain = value.merit - new.merit
+            if gain > 0.0:
                 q, value = trial, new
-                gradient, curvature = problem.gradient(), problem.curvature()
-                history.append(value.terms)
                 damping = max(damping * 0.2, 1e-8)
-                idle = idle + 1 if gain < options.tolerance * value.merit else 0
-                if idle == 2:
-                    message = "converged"
-                    break
             else:
-                history.append(value.terms)
                 damping *= 8.0
-                if largest < 1e-6:
-                    message = "converged"
-                    break
+            history.append(value.terms)
+            enough = options.tolerance * value.merit
+            if 0.0 < gain < enough or (gain <= 0.0 and expected < 0.25 * enough) or largest < 1e-6:
+                message = "converged"
+                break
+            if gain > 0.0:
+                gradient, curvature = problem.gradient(), problem.curvature()
+    assert value is not None  # there is at least one stage
     return Result(q, value, tuple(history), taken, message)
