@@ -84,7 +84,7 @@ JOINT: dict[str, Any] = {
     "window": "paper",
     "foresight": False,
     "drift_offset": 0.04,
-    "corridor": 0.001,
+    "corridor": 1e-4,
     "smoothness": 1e-3,
     "avoid_clearance": 0.06,
     "self_clearance": 0.2,
@@ -93,7 +93,6 @@ JOINT: dict[str, Any] = {
     "approach_speed": 0.05,
     "camera_phase": 0.6,
     "max_step": 0.03,
-    "iterations": 2,
     "via_deviation": 0.01,
     "terms": (VelocityTerm(1.0),),
 }
@@ -120,12 +119,22 @@ ELSEWHERE = {  # tested by name below, or in test_requests.py
     "camera_point",
     "direction_deviation",
     "berth",
+    "iterations",
 }
 
 
 def differ(first: Plan, second: Plan) -> bool:
     one, other = first.trajectory, second.trajectory
     return one.dt != other.dt or not np.array_equal(one.positions, other.positions)
+
+
+def test_the_joint_strategy_heeds_its_iterations(planned: Callable[..., Plan]) -> None:
+    """Where there is something to do: by the rule alone, constraints contradict each other."""
+    few, many = (
+        planned("scenario-3", foresight=False, iterations=iterations) for iterations in (2, None)
+    )
+    assert len(few.stages[0].history) <= 3 < len(many.stages[0].history)
+    assert differ(few, many)
 
 
 @pytest.mark.parametrize("name", JOINT)
