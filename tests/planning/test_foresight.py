@@ -8,7 +8,7 @@ import pytest
 
 from optipromp.errors import Code
 from optipromp.geometry import Box
-from optipromp.planning import Plan, PlanOptions, foresight, joint, plan
+from optipromp.planning import Plan, PlanOptions, foresight, joint, plan, starts
 from optipromp.planning.setup import Setup, bind
 from optipromp.pushing.harm import Harm, score_of
 from optipromp.pushing.sides import Drift
@@ -125,7 +125,7 @@ def test_the_trajectory_does_what_its_path_is_foreseen_to_do(
         for way in tried
     ]
     # the corridor is as wide along each of three axes, and knots a step apart cut its corners
-    assert min(off) < np.sqrt(3.0) * OPTIONS.corridor + joint.TOOL_STEP / 2.0
+    assert min(off) < np.sqrt(3.0) * OPTIONS.corridor + starts.TOOL_STEP / 2.0
 
 
 @pytest.mark.parametrize("seed", [GENTLE[0], HARMFUL[1]])
@@ -240,6 +240,29 @@ def test_fruits_may_hang_otherwise_than_they_were_seen() -> None:
         along = stems.axes[:, 2].reshape(-1, len(places), 3)
         turns.append(np.linalg.norm(along[1:] - along[0], axis=2).mean())
     assert turns[1] > 2.0 * turns[0]
+
+
+def test_the_model_knows_fruits_that_are_no_neighbours_too() -> None:
+    """A tool that goes a long way round meets what is not near the line."""
+    scene = generate("cluster", GENTLE[0])
+    setup = bind(scene)
+    known = foresight.foresight(setup)
+    assert known.count == 1 + len(setup.neighbours)
+    target = scene.target
+    assert target is not None
+    assert target.stem is not None
+    away = np.array([0.07, 0.0, -0.05])
+    beside = replace(
+        target, id="beside", role="pushable", position=target.position + away,
+        stem=replace(target.stem, points=target.stem.points + away),
+    )  # fmt: skip
+    setup = bind(replace(scene, objects=(*scene.objects, beside)))
+    assert "beside" not in {thing.id for thing in setup.neighbours}
+    model = foresight.foresight(setup)
+    assert model.count == known.count + 1
+    middle = beside.position - 0.06 * scene.frame[2]
+    through = np.array([setup.scene.frame[2] * -0.2 + target.position, middle, beside.position])
+    assert model.of_path(through) >= foresight.HOPELESS  # it would be taken in
 
 
 def test_a_path_along_a_wall_costs_what_it_lacks_in_clearance() -> None:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -78,6 +79,19 @@ def test_the_order_in_the_file_does_not_matter() -> None:
     things = [fruit(str(i), (0.0, 0.01 * (-1) ** i, -0.03 * (i + 1))) for i in range(5)]
     ids = [n.id for n in neighbours(scene(*things), R)]
     assert ids == [n.id for n in neighbours(scene(*things[::-1]), R)] == ["4", "3", "2", "1", "0"]
+
+
+def test_what_was_detected_may_hang_nearer_than_it_was_seen() -> None:
+    """Two deviations of the distance from target to pushable are added to D_plane."""
+    beside = scene(fruit("n", (0.08, 0, -0.1)))
+    deviation = 0.005
+    doubtful = replace(
+        beside,
+        objects=tuple(replace(t, covariance=deviation**2 / 2 * np.eye(3)) for t in beside.objects),
+    )
+    assert neighbours(beside, R) == ()
+    assert [n.id for n in neighbours(doubtful, R)] == ["n"]  # 0.075 + 2 · 0.005
+    assert neighbours(doubtful, R - 0.0034) == ()
 
 
 def test_a_goal_has_no_neighbours() -> None:

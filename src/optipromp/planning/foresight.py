@@ -46,7 +46,7 @@ FEWER = 2  # draws for the rule's way past fruits that are known well
 SHIFT = 0.003  # [m] deviation of a fruit whose scene does not say how well it was seen
 WIDER = 1.5  # times the deviation of a detection: it is the unlikely that does harm
 TURN, DETECTED_TURN = np.deg2rad(1.0), np.deg2rad(4.0)  # of its stem, and of one that was detected
-AROUND = 0.4  # [m] about the target within which static things are looked at
+AROUND = 0.4  # [m] about the target within which things are looked at
 SLACK = 0.003  # [m] that the cup should keep from static things
 
 
@@ -67,12 +67,14 @@ def applies(setup: Setup, options: PlanOptions) -> bool:
 class Foresight:
     """The model of one scene.
 
-    ``stems``: of target and neighbours as they were seen, then ``draws`` times as they may hang.
+    ``stems``: of the ``count`` fruits (the target, its neighbours, and others around that a tool
+    which goes a long way round may meet) as they were seen, then ``draws`` times as they may hang.
     ``detected``: whether something is known no better than it was detected.
     """
 
     setup: Setup
     stems: Stems
+    count: int
     draws: int
     detected: bool
     cup: Cup
@@ -94,7 +96,7 @@ class Foresight:
         """
         draws = self.draws if draws is None else draws
         return mean_score(
-            self.stems, 1 + len(self.setup.neighbours), 1 + draws, points, axes, STEP / SPEED,
+            self.stems, self.count, 1 + draws, points, axes, STEP / SPEED,
             self.cup, self.solid, HOPELESS, worst,
         )  # fmt: skip
 
@@ -256,11 +258,19 @@ def foresight(setup: Setup) -> Foresight:
     )  # fmt: skip
     avoid = [(thing.shape, thing.position, thing.rotation) for thing in setup.scene.avoid]
     solid = near(setup.surroundings.static, target.position, AROUND)
-    things = (target, *setup.neighbours)
+    known = {thing.id for thing in setup.neighbours}
+    others = [
+        thing
+        for thing in setup.scene.pushables
+        if thing.id not in known
+        and thing.stem is not None
+        and np.linalg.norm(thing.position - target.position) < AROUND
+    ]
+    things = (target, *setup.neighbours, *others)
     detected = any(thing.covariance is not None for thing in things)
     draws = DETECTED_UNSEEN if detected else UNSEEN
     return Foresight(
-        setup, _hanging(things, draws), draws, detected, cup, solid, pack(avoid)
+        setup, _hanging(things, draws), len(things), draws, detected, cup, solid, pack(avoid)
     )  # fmt: skip
 
 

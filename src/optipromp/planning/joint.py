@@ -27,7 +27,8 @@ from optipromp.promp.model import ProMP
 from optipromp.pushing.sides import Drift
 from optipromp.trajectory import Trajectory, shortest_dt
 
-INVALID = 3.0  # added to the score of a push whose trajectory is not valid
+INVALID = 2.5  # added to the score of a push whose trajectory is not valid; less than hopeless
+TRIES = 6  # ways that are planned while no trajectory is valid
 FAR_DAMPING, FAR_TOLERANCE = 1e-2, 1e-2  # of the solver, for a start that breaks constraints
 CLOSE = 1.3  # a start within this factor of the best one after the first stage goes on
 
@@ -134,7 +135,8 @@ def _foreseen(
                     valid.add(id(a))
                 return id(a) in valid
 
-            found = solver.solve(heard, starts.batches((drift,)))
+            # samples of the ProMP would have to be led back to the way that was tried
+            found = solver.solve(heard, starts.batches((drift,), samples=0))
             made[key] = found, id(found) in valid
         best, holds = made[key]
         value = model.of_trajectory(best.q[best.start.knots.first :], seen_well)
@@ -151,7 +153,8 @@ def _foreseen(
             value, made_of = attempt(drift, False)
             if best is None or value < least:
                 least, best = value, made_of
-        if least < model.good or time.perf_counter() > deadline:
+        none = len(made) >= TRIES and not any(holds for _, holds in made.values())
+        if least < model.good or none or time.perf_counter() > deadline:
             break
     assert best is not None  # every score is finite
     return best

@@ -215,11 +215,13 @@ class Starts:
             self._initial[key] = initial(self.setup, self.promp, branch)
         return self._initial[key]
 
-    def batches(self, choices: Sequence[Drift]) -> Iterator[list[Start]]:
+    def batches(
+        self, choices: Sequence[Drift], samples: int = SAMPLE_ROUNDS
+    ) -> Iterator[list[Start]]:
         """Starts to solve together, for every choice of sides, the most promising batch first.
 
         Branches whose motion is much longer than the shortest one wait for a later batch, and
-        samples of the ProMP come when every branch has failed.
+        ``samples`` of the ProMP for each come when every branch has failed.
         """
         setup, options = self.setup, self.options
         paths = [tool_path(setup, options, drift) for drift in choices]
@@ -235,7 +237,7 @@ class Starts:
                 for q in (self.initial(branch),)
                 for drift, path in zip(choices, paths, strict=True)
             ]
-        for _ in range(SAMPLE_ROUNDS):
+        for _ in range(samples):
             for low in range(0, len(order), options.starts):
                 yield [
                     Start(q, q, drift, branch.knots)

@@ -6,6 +6,7 @@ from optipromp.scenes.scene import Scene, SceneObject
 
 SEARCH_RADIUS = 0.2  # [m]
 PLANE_FACTOR = 1.5  # D_plane = PLANE_FACTOR · R_gripper
+UNSURE = 2.0  # deviations of a detection by which a pushable may be farther from the approach line
 
 
 def neighbours(
@@ -23,6 +24,9 @@ def neighbours(
         search_radius: how far from the target a neighbour may be [m].
         plane_factor: D_plane in gripper radii, the largest distance from the approach line.
 
+    Where target or pushable carry a covariance, the largest distance from the approach line grows
+    by :data:`UNSURE` deviations of their distance.
+
     Returns:
         The neighbours by position along z_g; ties by nearness to the target.
     """
@@ -36,6 +40,13 @@ def neighbours(
         along = float(off @ z_g)
         aside = float(np.hypot(off @ x_g, off @ y_g))
         distance = float(np.linalg.norm(off))
-        if along < 0.0 and distance <= search_radius and aside <= plane_factor * gripper_radius:
+        wide = plane_factor * gripper_radius + UNSURE * _deviation(target, thing)
+        if along < 0.0 and distance <= search_radius and aside <= wide:
             found.append((along, distance, thing.id, thing))
     return tuple(thing for *_, thing in sorted(found, key=lambda f: f[:3]))
+
+
+def _deviation(*things: SceneObject) -> float:
+    """Deviation of the distance of detected things, the same every way [m]."""
+    both = sum(float(np.trace(t.covariance)) for t in things if t.covariance is not None)
+    return float(np.sqrt(both / 3.0))
