@@ -27,7 +27,7 @@ def shapes(parts: Sequence[FloatArray | float]) -> Shapes:
     """Shapes of polygons (k, 2) and of discs given by their radius.
 
     Raises:
-        ValueError: a polygon of more than :data:`CORNERS` corners.
+        ValueError: a polygon of more than :data:`CORNERS` corners, or not convex, or clockwise.
     """
     corners, normals = np.zeros((2, len(parts), CORNERS, 2))
     count, radius = np.zeros(len(parts), dtype=np.int64), np.zeros(len(parts))
@@ -40,6 +40,9 @@ def shapes(parts: Sequence[FloatArray | float]) -> Shapes:
             raise ValueError(f"a polygon has {len(part)} corners; at most {CORNERS} are taken")
         corners[i, : len(part)], count[i] = part, len(part)
         side = np.roll(part, -1, axis=0) - part
+        following = np.roll(side, -1, axis=0)
+        if (side[:, 0] * following[:, 1] - side[:, 1] * following[:, 0] < -1e-12).any():
+            raise ValueError("a polygon is not convex, or its corners go clockwise")
         side /= np.linalg.norm(side, axis=1, keepdims=True)
         normals[i, : len(part)] = np.column_stack([side[:, 1], -side[:, 0]])
         radius[i] = float(np.linalg.norm(part, axis=1).max())

@@ -119,21 +119,21 @@ def _half_height(thing: SceneObject, frame: FloatArray) -> float:
 def _footprint(thing: SceneObject, frame: FloatArray) -> tuple[FloatArray | float, float, float]:
     """Outline about the centre, its area [m²], and the friction moment over the friction [m].
 
-    A disc's moment is 2/3 of its radius under even pressure; a rectangle's is near 0.38 of its
-    diagonal.
+    Cans and packs stand on the rim of their base: a disc's moment is its radius, a rectangle's
+    0.81 of half its diagonal.
     """
     shape = thing.shape
     if isinstance(shape, Cylinder) and abs(float(thing.rotation[:, 2] @ frame[0])) > UPRIGHT:
-        return shape.radius, np.pi * shape.radius**2, 2.0 / 3.0 * shape.radius
+        return shape.radius, np.pi * shape.radius**2, shape.radius
     if isinstance(shape, Box):
         signs = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)])
         corners = (0.5 * signs * np.array(shape.size)) @ thing.rotation.T @ frame[[2, 1]].T
         hull = _hull(corners)
         a, b = hull, np.roll(hull, -1, axis=0)
         area = 0.5 * abs(float(np.sum(a[:, 0] * b[:, 1] - b[:, 0] * a[:, 1])))
-        return hull, area, 0.76 * float(np.linalg.norm(hull, axis=1).mean()) * 0.5
+        return hull, area, 0.81 * float(np.linalg.norm(hull, axis=1).mean())
     radius = thing.radius
-    return radius, np.pi * radius**2, 2.0 / 3.0 * radius
+    return radius, np.pi * radius**2, radius
 
 
 def _hull(points: FloatArray) -> FloatArray:

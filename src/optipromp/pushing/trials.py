@@ -14,7 +14,7 @@ from optipromp.arrays import FloatArray
 from optipromp.pushing.flat import Shapes, clear
 from optipromp.pushing.quasi_static import pushed
 
-STEP = 0.005  # [m] of the model
+STEP = 0.004  # [m] of the model
 FAR = 0.03  # [m] that the target may move before a trial is given up
 WORST = 25.0  # a trial that fails costs this, and more the earlier it does
 STILL = 0.008  # [m] that the target moves for a cost of 1
