@@ -34,7 +34,7 @@ from optipromp.robots.tools import FrankaHand
 from optipromp.trajectory import Trajectory
 
 STEP = 0.0025  # [m] of the tool point between knots of the way
-SPEED = 0.018  # [m/s] of the tool along the way: packs are pushed, not knocked
+SPEED = 0.015  # [m/s] of the tool along the way: packs are pushed, not knocked
 WAYS = 3  # that are planned for
 ALIKE = 1.2  # a way this much worse than the best is as good, where the best cannot be followed
 AMONG = 0.3  # [m] behind the target within which the arm may meet packs

@@ -22,17 +22,18 @@ from optipromp.robots.tools import FrankaHand
 from optipromp.scenes.scene import Scene
 
 SIDEWAYS = 0.12  # [m] the way leads aside at most
-CORNERS = (3, 4)  # of a way, besides its ends: in turn
-ATTEMPTS = 6  # runs of the search, until a way is good
+CORNERS = (3, 4)  # of a way, besides its ends: in the first run of the search, and after it
+ATTEMPTS = 5  # runs of the search, until a way is good
 ROUNDS = ((300, 1), (150, 1), (150, 1), (150, 1), (150, 1), (50, 4), (50, 4), (50, 4))
 """Of a run: how many ways are drawn, and in how many trials each is judged."""
-CLOSER = ((80, 6), (80, 6), (80, 6))
+CLOSER = ((80, 6), (80, 8), (60, 16))
 """The same, about the best way of a run that is not good enough yet and not hopeless."""
 HOPELESS = 16.0  # a cost
 FINAL = 3  # ways of a run that are judged to the end
 KEPT = 20  # ways that the next draw closes in on
 TRIALS = 30  # with everything a little elsewhere, for the ways that are left
-GOOD = 1.5  # a cost that needs no better; after each run of the search twice as much
+GOOD = 1.2  # a cost that needs no better,
+LENIENT = 2.0  # and after each run of the search this many times as much
 SLIPPERY = 0.4, 1.4  # the friction of the trials, in that which is taken for granted
 
 Judged = tuple[float, FloatArray]
@@ -106,12 +107,12 @@ def ways(
 
     best: list[Judged] = []
     for attempt in range(ATTEMPTS):
-        bends = CORNERS[attempt % len(CORNERS)]
+        bends = CORNERS[min(attempt, 1)]
         spread = np.array([0.06, *[0.05, 0.06] * bends])
         shares = np.linspace(1.0, 0.0, bends + 2)[1:-1]
         middle = np.array([0.0, *np.ravel([[share * board.entry, 0.0] for share in shares])])
         found = _search(trials, middle, spread, spread, ROUNDS, rng)
-        good = GOOD * 2.0**attempt
+        good = GOOD * LENIENT**attempt
         if good < found[0][0] < HOPELESS:
             found += _search(trials, found[0][1], 0.3 * spread, spread, CLOSER, rng)
         best = sorted(best + found, key=lambda item: item[0])
@@ -165,5 +166,3 @@ def lowered(corners: FloatArray, drop: float) -> FloatArray:
         return np.column_stack([corners, np.zeros(len(corners))])
     flat = np.vstack([corners, corners[-1:]])
     return np.column_stack([flat, [drop] * len(corners) + [0.0]])
-
-

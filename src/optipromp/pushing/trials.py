@@ -18,9 +18,12 @@ STEP = 0.004  # [m] of the model
 FAR = 0.03  # [m] that the target may move before a trial is given up
 WORST = 25.0  # a trial that fails costs this, and more the earlier it does
 STILL = 0.008  # [m] that the target moves for a cost of 1
-LIGHT, HEAVY = 5.0, 3.0  # [N] of force that costs nothing, and beyond it for a cost of 1
+LIGHT, HEAVY = 3.0, 2.5  # [N] of force that costs nothing, and beyond it for a cost of 1
 WIDE, TIGHT = 0.016, 0.004  # [m] to a wall that cost nothing, and less than these for a cost of 1
-INSIDE, BACK = 0.01, 0.005  # [m] behind the board's edge that cost nothing, and less for a cost of 1
+INSIDE, BACK = (
+    0.01,
+    0.005,
+)  # [m] behind the board's edge that cost nothing, and less for a cost of 1
 TAKEN = 10.0  # cost of another thing between the fingers
 
 
@@ -51,7 +54,7 @@ def stepped(corners, step):  # type: ignore[no-untyped-def]
     total = 0.0
     for k in range(1, len(corners)):
         total += math.hypot(corners[k, 0] - corners[k - 1, 0], corners[k, 1] - corners[k - 1, 1])
-    count = max(2, int(math.ceil(total / step)) + 1)
+    count = max(2, math.ceil(total / step) + 1)
     out = np.zeros((count, 3))
     out[0, :2], out[-1, :2] = corners[0], corners[-1]
     gone, t = 0.0, 1
