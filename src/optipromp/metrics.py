@@ -10,7 +10,7 @@ import functools
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from optipromp.sweep import (
     Body,
     Things,
     divisions,
+    entered_first,
     place,
     sweep,
     tool_path,
@@ -286,6 +287,43 @@ def _other_shapes(
     return contacts
 
 
+def pushed_away(
+    scene: Scene, robot: Robot, q: FloatArray, contacts: Sequence[Contact]
+) -> tuple[list[Contact], list[str]]:
+    """Contacts without those with what the tool has pushed away by then, and a note on each.
+
+    A pushable on no stem stays where it was pushed to. Once the tool has been inside the place
+    where it stood, to some depth, it has moved by that much at least; an arm link that gets into
+    that place later, and no deeper, finds it empty. Of meshes and point clouds that is not asked.
+    """
+    loose = {
+        thing.id: thing
+        for thing in scene.pushables
+        if thing.stem is None and distance_checks.is_simple(thing.shape)
+    }
+    kept, notes = [], []
+    for contact in contacts:
+        thing = loose.get(contact.other)
+        if thing is None:
+            kept.append(contact)
+            continue
+        kind, size = distance_checks.simple(thing.shape)
+        depth, sphere = entered_first(
+            kind, np.array(size), np.array(thing.rotation, dtype=float),
+            np.array(thing.position, dtype=float), centers(robot, q),
+            np.array(robot.spheres.radius), np.array(robot.spheres.distal),
+        )  # fmt: skip
+        if depth > 0.0:
+            link = str(robot.link_names[robot.spheres.link[sphere]])
+            kept.append(replace(contact, link=link, depth=float(depth)))
+        else:
+            notes.append(
+                f"{contact.link} passes where {contact.other} stood, from where the tool has "
+                "pushed it by then"
+            )
+    return kept, notes
+
+
 def judge(
     scene: Scene,
     robot: Robot,
@@ -307,13 +345,13 @@ def judge(
     q = trajectory.positions
     fine, complete = fine_positions(robot, q)
     distances, contacts = clearances(scene, robot, fine)
+    contacts, notes = pushed_away(scene, robot, fine, contacts)
     violations = [str(contact) for contact in contacts]
     if not complete:
         violations.append(f"it moves too far to be checked between its knots ({MOST_CHECKS} times)")
     tips, axes = tool(robot, q)
     goal_error, axis_error = _goal(scene, q[-1], tips[-1], axes[-1], violations)
     rims = tips + getattr(robot.tool, "depth", 0.0) * axes
-    notes: list[str] = []
     m_p, projection = _passing(
         scene, tips, rims, robot.gripper_radius, violations if stem_side else notes
     )

@@ -390,3 +390,29 @@ def _place_link(body, turns, origins, link, spheres):  # type: ignore[no-untyped
     """World centres of one link's spheres, in place."""
     for b in range(body.start[link], body.start[link + 1]):
         carried(turns, origins, body.carrier[b], body.local[b], spheres[b])
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def entered_first(kind, size, r, p, spheres, radius, distal):  # type: ignore[no-untyped-def]
+    """How deep what is not distal gets into a thing where nothing distal has been as deep before.
+
+    Args:
+        kind, size, r, p: of the thing, see :class:`Things`.
+        spheres: (M, B, 3) one configuration after the other.
+        radius, distal: (B,) of the spheres.
+
+    Returns:
+        The depth, 0 where there is none, and the sphere.
+    """
+    pushed, depth, deepest = 0.0, 0.0, 0
+    for m in range(spheres.shape[0]):
+        reached = pushed
+        for b in range(radius.shape[0]):
+            x, y, z = inside(r, p, spheres[m, b])
+            d = radius[b] - to_surface(kind, size, x, y, z)
+            if distal[b]:
+                reached = max(reached, d)
+            elif d > max(pushed, depth):
+                depth, deepest = d, b
+        pushed = reached
+    return depth, deepest

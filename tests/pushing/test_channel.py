@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from optipromp.geometry.shapes import Box, Cylinder
-from optipromp.pushing import channel
-from optipromp.pushing.quasi_static import push, shapes
+from optipromp.pushing import channel, trials
+from optipromp.pushing.plane import LOW, UNSURE, plane, ploughs
+from optipromp.pushing.quasi_static import push
 from optipromp.robots.tools import Cup, FrankaHand
 from optipromp.scenes.generate import generate, perceived
 from optipromp.scenes.scene import Approach, Scene, SceneObject, Stem
@@ -31,30 +32,29 @@ def pack(off, size=(0.05, 0.05, 0.14)):
 
 def played(scene, way):
     """Where the model says everything ends."""
-    bench = channel.plane(scene, HAND)
+    board = plane(scene, HAND)
     flat = (way.corners - TARGET) @ scene.frame[[2, 1]].T
-    path = channel.stepped(flat)
-    parts = shapes(list(HAND.outline()))
-    return bench, push(
-        path, parts, bench.things, bench.state, bench.friction, bench.lever, bench.walls, 0.4
+    path, hand = trials.stepped(flat, trials.STEP), board.bench(HAND).hand
+    return board, push(
+        path, hand, board.things, board.state, board.friction, board.lever, board.walls, 0.4
     )
 
 
 def test_what_a_hand_goes_through():
     scene = shelf(pack((-0.1, 0.0)))
-    assert channel.ploughs(scene, HAND)
-    assert not channel.ploughs(scene, Cup(0.03))
-    assert not channel.ploughs(scene, None)
-    assert not channel.ploughs(shelf(), HAND)
-    assert not channel.ploughs(shelf(pack((-0.1, 0.0)), approach=Approach()), HAND)
+    assert ploughs(scene, HAND)
+    assert not ploughs(scene, Cup(0.03))
+    assert not ploughs(scene, None)
+    assert not ploughs(shelf(), HAND)
+    assert not ploughs(shelf(pack((-0.1, 0.0)), approach=Approach()), HAND)
     still = pack((-0.1, 0.0))
     stem = Stem(np.array([still.position, still.position + [0.0, 0.0, 0.2]]))
     hung = replace(still, stem=stem)
-    assert not channel.ploughs(shelf(hung), HAND)
+    assert not ploughs(shelf(hung), HAND)
 
 
 def test_the_plane_is_what_stands_there():
-    bench = channel.plane(shelf(pack((-0.1, 0.03), (0.04, 0.06, 0.14))), HAND)
+    bench = plane(shelf(pack((-0.1, 0.03), (0.04, 0.06, 0.14))), HAND)
     np.testing.assert_allclose(bench.state, [[0, 0, 0], [-0.1, 0.03, 0]], atol=1e-12)
     assert bench.things.size.tolist() == [0, 4]
     np.testing.assert_allclose(bench.things.box[1], [-0.02, -0.03, 0.02, 0.03])
@@ -64,7 +64,7 @@ def test_the_plane_is_what_stands_there():
     assert bench.entry < -0.15 - (HAND.tip - HAND.reach)
     weight = 600.0 * 9.81 * 0.04 * 0.06 * 0.14
     assert bench.friction[1] == pytest.approx(0.4 * weight)
-    assert bench.deviation.tolist() == [channel.UNSURE] * 2
+    assert bench.deviation.tolist() == [UNSURE] * 2
 
 
 def test_a_pack_on_the_line_goes_aside_and_the_target_stays():
@@ -73,13 +73,13 @@ def test_a_pack_on_the_line_goes_aside_and_the_target_stays():
     assert best.cost < 3.0
     np.testing.assert_allclose(best.corners[-1], TARGET, atol=1e-12)
     # low until it is there: the hand's cover spheres just over the board
-    low = TARGET[2] - 0.06 + HAND.spheres()[:, 3].max() + channel.LOW
+    low = TARGET[2] - 0.06 + HAND.spheres()[:, 3].max() + LOW
     np.testing.assert_allclose(best.corners[:-1, 2], low, atol=1e-9)
-    bench, result = played(scene, best)
+    board, result = played(scene, best)
     assert np.linalg.norm(result.state[0, :2]) < 5e-3
     assert abs(result.state[1, 1]) > HAND.gripper_radius
     assert result.done == 1.0
-    assert result.state[1, 0] > bench.edge
+    assert result.state[1, 0] > board.edge
 
 
 def test_the_same_draws_give_the_same_ways():
@@ -91,26 +91,26 @@ def test_the_same_draws_give_the_same_ways():
 @pytest.mark.parametrize("seed", [1, 3])
 def test_generated_shelves(seed):
     scene = generate("shelf", seed)
-    assert channel.ploughs(scene, HAND)
+    assert ploughs(scene, HAND)
     way, *_ = channel.ways(scene, HAND, np.random.default_rng(0), 1)
     assert way.cost < 3.0
 
 
 def test_detected_things_are_as_unsure_as_their_detection():
     scene = perceived(generate("shelf", 1), np.random.default_rng(0), 0.006, 0.0)
-    np.testing.assert_allclose(channel.plane(scene, HAND).deviation, 0.006)
+    np.testing.assert_allclose(plane(scene, HAND).deviation, 0.006)
 
 
 def test_the_outline_holds_the_boxes():
-    from optipromp.pushing.quasi_static import shapes as made
-
-    assert made(list(HAND.outline())).size.tolist() == [4, 6, 6]
+    hand = plane(shelf(pack((-0.1, 0.0))), HAND).bench(HAND).hand
+    assert hand.size.tolist() == [4, 5, 4, 5, 4]  # palm, and base and pad of either finger
+    kinds = ("palm", "left", "left", "right", "right")
     for name, center, half, turn in HAND.boxes():
         if turn == 0.0:
             reach = abs(center[1]) + half[1]
             outer = max(
                 np.abs(part[:, 1]).max()
-                for part, kind in zip(HAND.outline(), ("palm", "left", "right"), strict=True)
+                for part, kind in zip(HAND.outline(), kinds, strict=True)
                 if name.startswith(kind)
             )
             assert reach <= outer + 1e-9

@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optipromp.pushing.quasi_static import FLAT, SETTLED, push, room, shapes
+from optipromp.pushing.flat import FLAT, shapes
+from optipromp.pushing.quasi_static import AHEAD, SETTLED, push
+from optipromp.robots.tools import FrankaHand
 
 SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
 PUSHER = np.array([[-0.02, -0.05], [0.0, -0.05], [0.0, 0.05], [-0.02, 0.05]])
@@ -122,12 +124,35 @@ def test_nothing_ends_inside_anything(seed):
                 assert gap > -max(result.jam, SETTLED) - FLAT
 
 
-def test_room_to_a_wall():
-    wall = shapes([np.array([[0.03, -0.1], [0.05, -0.1], [0.05, 0.1], [0.03, 0.1]])])
-    assert room(line((-0.1, 0.0), (0.01, 0.0)), shapes([PUSHER]), wall) == pytest.approx(0.02)
-    assert room(line((-0.1, 0.0), (0.04, 0.0)), shapes([PUSHER]), wall) < 0.0
+def test_a_disc_goes_round_the_corner_of_a_pad():
+    """At a finger's outer corner the normal is from the corner to the disc's centre."""
+    hand, radius = shapes(list(FrankaHand().outline())), 0.026
+    corner = np.array([0.0095, -0.0552])
+    disc = corner + radius * np.array([0.76, -0.65])
+    path = line((0.0, 0.0), (0.034, -0.015), 0.003)
+    for count in range(2, len(path) + 1):
+        result = push(
+            path[:count], hand, shapes([radius]), np.array([[*disc, 0.0]]), np.ones(1),
+            np.full(1, radius), NONE, 0.4,
+        )  # fmt: skip
+        off = result.state[0, :2] - (path[count - 1, :2] + corner)
+        assert np.linalg.norm(off) == pytest.approx(radius, abs=2.0 * SETTLED), count
 
 
-def test_too_many_corners_are_refused():
-    with pytest.raises(ValueError, match="9 corners"):
-        shapes([np.zeros((9, 2))])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_nothing_goes_through_a_pad(sign):
+    """A box beside a finger's pad is pushed by it (a finger is no convex shape, its parts are)."""
+    hand = shapes(list(FrankaHand().outline()))
+    path = line((0.0, 0.0), (0.0, sign * 0.03))
+    state = np.array([[0.02, sign * 0.08, 0.0]])
+    result = push(path, hand, shapes([SQUARE]), state, np.ones(1), np.full(1, 0.02), NONE, 0.4)
+    assert sign * result.state[0, 1] > 0.03 + 0.0552 + 0.02 - 5e-3
+
+
+def test_what_comes_near_later_is_met_too():
+    """Pairs are looked up anew as things move: a far disc is met by one that is pushed to it."""
+    gap = 3.0 * AHEAD
+    row = [(0.02, 0.0), (0.06 + gap, 0.0)]
+    result = pushed(line((-0.05, 0.0), (0.02 + gap, 0.0)), [0.02, 0.02], row)
+    at = 0.02 + gap + 0.02
+    np.testing.assert_allclose(result.state[:, 0], [at, at + 0.04], atol=4 * SETTLED)

@@ -31,7 +31,7 @@ from optipromp.optimization.terms import (
 )
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.setup import Setup
-from optipromp.pushing.channel import ploughs
+from optipromp.pushing.plane import ploughs
 from optipromp.pushing.sides import Drift
 from optipromp.robots.tools import FrankaHand
 

@@ -245,7 +245,9 @@ def _plan(
     before = time.perf_counter()
     hasty = planner != "opti-promp" or before > deadline
     starts = goals.FEW_STARTS if hasty else goals.STARTS
-    chosen, is_free, reason = goals.choose(setup, seed, starts)
+    ploughed = opti and ploughing.applies(setup)
+    room = ploughing.without_packs(setup) if ploughed else setup
+    chosen, is_free, reason = goals.choose(room, seed, starts)
     clock["inverse kinematics"] = time.perf_counter() - before
     if not len(chosen):
         return finish(_stay(setup), Code.GOAL_UNREACHABLE, reason)
@@ -258,7 +260,7 @@ def _plan(
         from optipromp.planning import sequential  # with SciPy's optimisers
 
         outcome = sequential.solve(setup, promp, options, chosen, deadline)
-    elif ploughing.applies(setup):
+    elif ploughed:
         outcome = ploughing.plan_ploughed(setup, promp, options, chosen, rng, deadline)
     else:
         outcome = joint.plan_joint(setup, promp, options, chosen, rng, deadline)

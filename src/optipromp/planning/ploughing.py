@@ -25,7 +25,8 @@ from optipromp.planning.setup import Setup
 from optipromp.planning.stages import Outcome
 from optipromp.planning.starts import Start, Starts, sides
 from optipromp.promp.model import ProMP
-from optipromp.pushing.channel import ploughs, ways
+from optipromp.pushing.channel import ways
+from optipromp.pushing.plane import ploughs
 from optipromp.pushing.sides import Drift
 from optipromp.pushing.thread import evenly, length
 from optipromp.robots import ik
@@ -34,7 +35,7 @@ from optipromp.robots.tools import FrankaHand
 from optipromp.trajectory import Trajectory
 
 STEP = 0.0025  # [m] of the tool point between knots of the way
-SPEED = 0.018  # [m/s] of the tool along the way: packs are pushed, not knocked
+SPEED = 0.015  # [m/s] of the tool along the way: packs are pushed, not knocked
 WAYS = 3  # that are planned for
 ALIKE = 1.2  # a way this much worse than the best is as good, where the best cannot be followed
 AMONG = 0.3  # [m] behind the target within which the arm may meet packs
@@ -48,6 +49,17 @@ VIA = 6  # points of the way that the ProMP is conditioned on
 def applies(setup: Setup) -> bool:
     """Whether this is how a setup is planned."""
     return setup.goal_joints is None and ploughs(setup.scene, setup.robot.tool)
+
+
+def without_packs(setup: Setup) -> Setup:
+    """The setup once the hand has pushed everything aside: nothing stands in the wrist's way."""
+    kept = tuple(thing for thing in setup.scene.objects if thing.role != "pushable")
+    around = Surroundings(
+        setup.surroundings.static,
+        pack([(thing.shape, thing.position, thing.rotation) for thing in setup.scene.avoid]),
+        len(setup.scene.avoid),
+    )
+    return replace(setup, scene=replace(setup.scene, objects=kept), surroundings=around)
 
 
 def plan_ploughed(
@@ -76,13 +88,7 @@ def plan_ploughed(
     ways_found = ways(setup.scene, tool, rng, WAYS, until, wrist(setup))
     found = [w for w in ways_found if w.cost <= ALIKE * ways_found[0].cost]
     searched = time.perf_counter()
-    # what the hand will have pushed aside does not stand in the wrist's way
-    around = Surroundings(
-        setup.surroundings.static,
-        pack([(thing.shape, thing.position, thing.rotation) for thing in setup.scene.avoid]),
-        len(setup.scene.avoid),
-    )
-    freed = replace(setup, surroundings=around)
+    freed = replace(setup, surroundings=without_packs(setup).surroundings)
     heard: dict[int, Judgement] = {}
 
     def slowed(q: FloatArray) -> Trajectory:
@@ -91,7 +97,7 @@ def plan_ploughed(
 
     def verify(trajectory: Trajectory, a: joint.Attempt) -> bool:
         heard[id(a)] = metrics.judge(setup.scene, setup.robot, slowed(a.q), setup.start)
-        # the judge measures packs where they stood: what was pushed away no longer counts
+        # a link that pushes a pack was foreseen to: no other start does better
         faults = {str(c) for c in heard[id(a)].contacts if c.role == "pushable"}
         return faults.issuperset(heard[id(a)].violations)
 

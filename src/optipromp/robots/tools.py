@@ -141,14 +141,14 @@ class FrankaHand:
         out.append(np.array([[palm[0], -wide], [palm[1], -wide], [palm[1], wide], [palm[0], wide]]))
         mount, pads = FINGER["mount"], PADS
         near, far, tip = mount[2] + mount[5], pads[2] - pads[5], pads[2] + pads[5]
-        corners = [
-            (0.0, 0.0), (tip, 0.0), (tip, pads[1] + pads[4]), (far, pads[1] + pads[4]),
-            (near, mount[1] + mount[4]), (0.0, mount[1] + mount[4]),
-        ]  # fmt: skip
+        outer, inner = mount[1] + mount[4], pads[1] + pads[4]
+        base = [(0.0, 0.0), (far, 0.0), (far, inner), (near, outer), (0.0, outer)]
+        pad = [(far, 0.0), (tip, 0.0), (tip, inner), (far, inner)]
         for sign in (1.0, -1.0):
-            finger = np.array(corners) * [1.0, sign]
-            finger += [FINGERS - self.reach, sign * self.gripper_radius]
-            out.append(finger if sign > 0 else finger[::-1])
+            for corners in (base, pad):
+                part = np.array(corners) * [1.0, sign]
+                part += [FINGERS - self.reach, sign * self.gripper_radius]
+                out.append(part if sign > 0 else part[::-1])
         return tuple(out)
 
 

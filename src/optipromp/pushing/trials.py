@@ -1,0 +1,118 @@
+"""What a way of a hand through packs does that it should not: costs of the quasi-static model.
+
+A way is tried with everything where it was seen and with everything a little elsewhere. Most ways
+are bad, so a way is given up as soon as it is sure to cost more than is asked for.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from optipromp.arrays import FloatArray
+from optipromp.pushing.flat import Shapes, clear
+from optipromp.pushing.quasi_static import pushed
+
+STEP = 0.004  # [m] of the model
+FAR = 0.03  # [m] that the target may move before a trial is given up
+WORST = 25.0  # a trial that fails costs this, and more the earlier it does
+STILL = 0.008  # [m] that the target moves for a cost of 1
+LIGHT, HEAVY = 3.0, 2.5  # [N] of force that costs nothing, and beyond it for a cost of 1
+WIDE, TIGHT = 0.016, 0.004  # [m] to a wall that cost nothing, and less than these for a cost of 1
+INSIDE, BACK = (
+    0.01,
+    0.005,
+)  # [m] behind the board's edge that cost nothing, and less for a cost of 1
+TAKEN = 10.0  # cost of another thing between the fingers
+
+
+class Bench(NamedTuple):
+    """What stands around the target, seen along x_g, in (u, v) along z_g and y_g from the target.
+
+    Attributes:
+        things: the target first, then the pushables.
+        yields, lever2: (B,) see :func:`optipromp.pushing.quasi_static.pushed`.
+        walls: static things at the target's height.
+        hand: the outline of the hand, and of what follows it.
+        mouth: (3,) u of palm and finger tips, and half of what is between the fingers [m].
+        edge: u of the board's front, behind which things must stay [m].
+    """
+
+    things: Shapes
+    yields: FloatArray
+    lever2: FloatArray
+    walls: Shapes
+    hand: Shapes
+    mouth: FloatArray
+    edge: float
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def stepped(corners, step):  # type: ignore[no-untyped-def]
+    """Poses (T, 3) along a way (k, 2) in equal steps, at most ``step``; the hand does not turn."""
+    total = 0.0
+    for k in range(1, len(corners)):
+        total += math.hypot(corners[k, 0] - corners[k - 1, 0], corners[k, 1] - corners[k - 1, 1])
+    count = max(2, math.ceil(total / step) + 1)
+    out = np.zeros((count, 3))
+    out[0, :2], out[-1, :2] = corners[0], corners[-1]
+    gone, t = 0.0, 1
+    for k in range(1, len(corners)):
+        du, dv = corners[k, 0] - corners[k - 1, 0], corners[k, 1] - corners[k - 1, 1]
+        length = math.hypot(du, dv)
+        while t < count - 1 and total * t / (count - 1) <= gone + length:
+            share = (total * t / (count - 1) - gone) / max(length, 1e-12)
+            out[t, 0] = corners[k - 1, 0] + share * du
+            out[t, 1] = corners[k - 1, 1] + share * dv
+            t += 1
+        gone += length
+    return out
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def cost(bench, corners, states, slips, limit):  # type: ignore[no-untyped-def]
+    """Mean cost of a way over trials, or infinity where it is sure to be more than ``limit``.
+
+    It costs to move the target, to jam, to take in others, to push hard, to come near a wall.
+
+    Args:
+        bench: what stands there.
+        corners: (k, 2) of the way.
+        states: (N, B, 3) where things stand in each trial.
+        slips: (N,) coefficients of friction between things, and with the tool.
+        limit: a mean cost.
+    """
+    path = stepped(corners, STEP)
+    always = 0.001 * path.shape[0]
+    if len(bench.walls.size):
+        near = max(0.0, WIDE - clear(path, 5, bench.hand, bench.walls, WIDE))
+        always += (near / TIGHT) ** 2
+    total, trials = 0.0, len(slips)
+    hardest = LIGHT + HEAVY * math.sqrt(WORST)
+    palm, tip, half = bench.mouth
+    report = np.zeros(3)
+    for n in range(trials):
+        left = (limit - always) * trials - total
+        if left < 0.0:
+            return math.inf
+        end = states[n].copy()
+        pushed(
+            path, bench.hand, bench.things, end, bench.yields, bench.lever2, bench.walls,
+            slips[n], FAR, min(hardest, LIGHT + HEAVY * math.sqrt(left)), report,
+        )  # fmt: skip
+        force, jam, done = report
+        if done < 1.0:
+            total += WORST * (2.0 - done)
+            continue
+        moved_u, moved_v = end[0, 0] - states[n, 0, 0], end[0, 1] - states[n, 0, 1]
+        one = (moved_u * moved_u + moved_v * moved_v) / (STILL * STILL)
+        one += (max(0.0, end[0, 0] - 0.4 * tip) / 0.002) ** 2
+        one += (jam / 0.002) ** 2 + (max(0.0, force - LIGHT) / HEAVY) ** 2
+        for b in range(1, len(end)):
+            u, v = end[b, 0], end[b, 1]
+            if palm < u < tip and abs(v) < half:
+                one += TAKEN
+            one += (max(0.0, bench.edge + INSIDE - u) / BACK) ** 2
+        total += min(one, 2.0 * WORST)
+    return always + total / trials
