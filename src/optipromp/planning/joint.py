@@ -134,7 +134,7 @@ def _foreseen(
                     valid.add(id(a))
                 return id(a) in valid
 
-            found = solver.solve(heard, starts.batches((drift,)))
+            found = solver.solve(heard, starts.batches((drift,), (corners,)))
             made[key] = found, id(found) in valid
         best, holds = made[key]
         value = model.of_trajectory(best.q[best.start.knots.first :], seen_well)

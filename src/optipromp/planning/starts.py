@@ -215,14 +215,19 @@ class Starts:
             self._initial[key] = initial(self.setup, self.promp, branch)
         return self._initial[key]
 
-    def batches(self, choices: Sequence[Drift]) -> Iterator[list[Start]]:
+    def batches(
+        self, choices: Sequence[Drift], paths: Sequence[FloatArray] | None = None
+    ) -> Iterator[list[Start]]:
         """Starts to solve together, for every choice of sides, the most promising batch first.
+
+        ``paths`` are the tool's ways for these choices, where they are known.
 
         Branches whose motion is much longer than the shortest one wait for a later batch, and
         samples of the ProMP come when every branch has failed.
         """
         setup, options = self.setup, self.options
-        paths = [tool_path(setup, options, drift) for drift in choices]
+        if paths is None:
+            paths = [tool_path(setup, options, drift) for drift in choices]
         waiting = self.branches(paths)
         order = list(waiting)
         while waiting:
