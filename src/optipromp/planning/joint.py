@@ -136,7 +136,7 @@ def _foreseen(
                 return id(a) in valid
 
             # samples of the ProMP would have to be led back to the way that was tried
-            found = solver.solve(heard, starts.batches((drift,), samples=0))
+            found = solver.solve(heard, starts.batches((drift,), (corners,), samples=0))
             made[key] = found, id(found) in valid
         best, holds = made[key]
         value = model.of_trajectory(best.q[best.start.knots.first :], seen_well)

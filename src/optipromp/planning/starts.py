@@ -216,15 +216,21 @@ class Starts:
         return self._initial[key]
 
     def batches(
-        self, choices: Sequence[Drift], samples: int = SAMPLE_ROUNDS
+        self,
+        choices: Sequence[Drift],
+        paths: Sequence[FloatArray] | None = None,
+        samples: int = SAMPLE_ROUNDS,
     ) -> Iterator[list[Start]]:
         """Starts to solve together, for every choice of sides, the most promising batch first.
+
+        ``paths`` are the tool's ways for these choices, where they are known.
 
         Branches whose motion is much longer than the shortest one wait for a later batch, and
         ``samples`` of the ProMP for each come when every branch has failed.
         """
         setup, options = self.setup, self.options
-        paths = [tool_path(setup, options, drift) for drift in choices]
+        if paths is None:
+            paths = [tool_path(setup, options, drift) for drift in choices]
         waiting = self.branches(paths)
         order = list(waiting)
         while waiting:
