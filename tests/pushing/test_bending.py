@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from optipromp.geometry import Sphere
 from optipromp.pushing import bending
-from optipromp.pushing.bending import DENSITY, ELEMENTS, GRAVITY, LOADED, Stems, bent, stems
+from optipromp.pushing.bending import DENSITY, ELEMENTS, GRAVITY, LOADED, Stems, bent, moved, stems
 from optipromp.scenes import SceneObject, Stem
 
 THIN = bending.MODULUS * np.pi / 64.0 * bending.DIAMETER**4  # EI of a stem that hangs plumb [N m²]
@@ -193,3 +193,24 @@ def test_stems_of_a_scene() -> None:
     alone = stems(things[1:])
     for name in Stems._fields:
         np.testing.assert_array_equal(getattr(both, name)[1:], getattr(alone, name))
+
+
+def test_stems_that_hang_a_little_otherwise_bend_nearly_as_before() -> None:
+    """Place, length and direction are exact; stiffness, which goes with length³, within a quarter."""
+    rng = np.random.default_rng(0)
+    root = np.array([[0.0, 0.0, 1.2], [0.05, 0.0, 1.15]])
+    fruit = np.array([[0.02, 0.01, 1.0], [0.02, -0.03, 0.95]])
+    radius, thickness = np.full(2, 0.016), np.full(2, 0.0015)
+    here = bent(root, fruit, radius, thickness)
+    fruits = fruit + 0.003 * rng.standard_normal((3, 2, 3))
+    roots = root + 0.003 * rng.standard_normal((3, 2, 3))
+    there = moved(here, roots, fruits)
+    exact = bent(
+        roots.reshape(-1, 3), fruits.reshape(-1, 3), np.tile(radius, 3), np.tile(thickness, 3)
+    )
+    for name in ("root", "axes", "length", "mass", "radius", "thickness"):
+        np.testing.assert_allclose(getattr(there, name), getattr(exact, name), atol=1e-15)
+    np.testing.assert_allclose(there.stiffness, exact.stiffness, rtol=0.25)
+    np.testing.assert_allclose(
+        there.compliance @ there.stiffness, np.tile(np.eye(3), (6, 1, 1)), atol=1e-9
+    )

@@ -18,7 +18,7 @@ from optipromp.geometry import distances
 from optipromp.geometry.obstacles import Obstacles, near, pack
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.setup import Setup
-from optipromp.pushing.bending import Stems, bent
+from optipromp.pushing.bending import Stems, moved, stems
 from optipromp.pushing.cup import Cup
 from optipromp.pushing.sides import UPRIGHT, Drift, passing_windows
 from optipromp.pushing.swinging import mean_score
@@ -41,7 +41,7 @@ STEM_SIDE = 0.3  # a score that passing on a stem's side must be better by
 BESIDE = 0.1  # cosine from which a direction leads to the stem's side, not beside it
 BERTHS = (0.4, 1.4)  # least and most that are drawn
 KEPT = 0.6  # chance that a direction is drawn anew beside the best
-UNSEEN, DETECTED_UNSEEN = 6, 24  # draws of where the fruits may hang otherwise than they were seen
+UNSEEN, DETECTED_UNSEEN = 4, 24  # draws of where the fruits may hang otherwise than they were seen
 FEWER = 2  # draws for the rule's way past fruits that are known well
 SHIFT = 0.003  # [m] deviation of a fruit whose scene does not say how well it was seen
 WIDER = 1.5  # times the deviation of a detection: it is the unlikely that does harm
@@ -277,25 +277,17 @@ def foresight(setup: Setup) -> Foresight:
 def _hanging(things: Sequence[SceneObject], draws: int) -> Stems:
     """The fruits as they were seen, and ``draws`` times as they may hang."""
     rng = np.random.default_rng(0)
-    count = len(things)
-    known = [thing.covariance is None for thing in things]
+    seen = stems(things)
+    sure = [thing.covariance is None for thing in things]
     spread = [SHIFT if thing.covariance is None else _spread(thing.covariance) for thing in things]
-    turn = np.array([TURN if k else DETECTED_TURN for k in known])[:, None]
+    turn = np.array([TURN if known else DETECTED_TURN for known in sure]) * seen.length
+    shape = draws, len(things), 3
+    shift = np.reshape(spread, (-1, 1)) * rng.standard_normal(shape)
+    swing = turn[:, None] * rng.standard_normal(shape) * [1.0, 1.0, 0.0]
     fruit = np.array([thing.position for thing in things])
-    root = np.array([thing.stem.points[-1] for thing in things if thing.stem is not None])
-    long = np.linalg.norm(fruit - root, axis=1)[:, None]
-    fruits, roots = [fruit], [root]
-    for _ in range(draws):
-        shift = np.array(spread)[:, None] * rng.standard_normal((count, 3))
-        fruits.append(fruit + shift)
-        roots.append(root + shift + turn * long * rng.standard_normal((count, 3)) * [1.0, 1.0, 0.0])
-    both = draws + 1
-    radius = np.array([thing.radius for thing in things])
-    thickness = np.array([thing.stem.radius for thing in things if thing.stem is not None])
-    return bent(
-        np.concatenate(roots), np.concatenate(fruits), np.tile(radius, both),
-        np.tile(thickness, both),
-    )  # fmt: skip
+    fruits = np.concatenate([fruit[None], fruit + shift])
+    roots = np.concatenate([seen.root[None], seen.root + shift + swing])
+    return moved(seen, roots, fruits)
 
 
 def _spread(covariance: FloatArray) -> float:

@@ -73,13 +73,8 @@ def stems(things: Sequence[SceneObject]) -> Stems:
 def bent(root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: FloatArray) -> Stems:
     """Stems from roots (N, 3) to fruits (N, 3) of radius (N,), themselves of radius (N,) [m]."""
     count, n, loaded = len(root), ELEMENTS, len(LOADED)
-    hang = fruit - root
-    length = np.linalg.norm(hang, axis=1)
-    along = hang / length[:, None]
-    helper = np.where(np.abs(along[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    e1 = np.cross(along, helper)
-    e1 /= np.linalg.norm(e1, axis=1)[:, None]
-    e2 = np.cross(along, e1)
+    length, axes = _frames(root, fruit)
+    along = axes[:, 2]
     mass = DENSITY * 4.0 / 3.0 * np.pi * radius**3
     lean = np.hypot(along[:, 0], along[:, 1])
     # the moment m g sinθ (L - s) turns the stem by m g sinθ L² / 2EI
@@ -107,6 +102,27 @@ def bent(root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: Flo
     steps = np.diff(shape, axis=1)
     shortening = np.einsum("nki,nkj->nij", steps, steps) / h[:, None, None]
     return Stems(
-        root, np.stack([e1, e2, along], axis=1), length, mass, radius, thickness, shape, stiffness,
-        between, shortening,
+        root, axes, length, mass, radius, thickness, shape, stiffness, between, shortening,
     )  # fmt: skip
+
+
+def moved(s: Stems, root: FloatArray, fruit: FloatArray) -> Stems:
+    """The same N stems hung a little otherwise, M times: roots and fruits (M, N, 3) [m].
+
+    How they bend is kept, as a few per cent of length change little.
+    """
+    times = len(root)
+    length, axes = _frames(root.reshape(-1, 3), fruit.reshape(-1, 3))
+    kept = (np.concatenate([values] * times) for values in s[3:])
+    return Stems(np.ascontiguousarray(root.reshape(-1, 3)), axes, length, *kept)
+
+
+def _frames(root: FloatArray, fruit: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lengths (N,) and axes (N, 3, 3), see :class:`Stems`."""
+    hang = fruit - root
+    length = np.sqrt(np.einsum("ij,ij->i", hang, hang))
+    along = hang / length[:, None]
+    helper = np.where(np.abs(along[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    e1 = np.cross(along, helper)
+    e1 /= np.linalg.norm(e1, axis=1)[:, None]
+    return length, np.stack([e1, np.cross(along, e1), along], axis=1)
