@@ -196,7 +196,7 @@ def test_stems_of_a_scene() -> None:
 
 
 def test_stems_that_hang_a_little_otherwise_bend_nearly_as_before() -> None:
-    """Place, length and direction are exact; stiffness, which goes with length³, within a quarter."""
+    """Place, length and direction are exact; stiffness, by the length cubed, within a quarter."""
     rng = np.random.default_rng(0)
     root = np.array([[0.0, 0.0, 1.2], [0.05, 0.0, 1.15]])
     fruit = np.array([[0.02, 0.01, 1.0], [0.02, -0.03, 0.95]])

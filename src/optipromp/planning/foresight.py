@@ -148,14 +148,14 @@ class Foresight:
 
     def choices(
         self, drift: Drift, options: PlanOptions, path: Callable[[Drift], FloatArray],
-        deadline: float = np.inf,
+        deadline: float = np.inf, rule: bool = True,
     ) -> Iterator[tuple[float, Drift]]:  # fmt: skip
         """Choices of sides worth planning, each with the score of its path.
 
-        The rule's own first, then every neighbour the same way (the tool steps aside once), then
-        draws about the rule's directions and about the best. A choice comes as soon as its path is
-        good; where none of :data:`DRAWS` is, the best of them does. From the ``deadline`` on (of
-        ``time.perf_counter()``) there is no more than one.
+        The rule's own first (unless ``rule`` is False), then every neighbour the same way (the tool
+        steps aside once), then draws about the rule's directions and about the best. A choice comes
+        as soon as its path is good; where none of :data:`DRAWS` is, the best of them does. From the
+        ``deadline`` on (of ``time.perf_counter()``) there is no more than one.
         """
         x_g, y_g, _ = self.setup.scene.frame
         rng = np.random.default_rng(0)
@@ -173,7 +173,7 @@ class Foresight:
 
         alike = [self._leant(a) for a in np.arange(0.0, 2.0 * np.pi - 1e-9, TURNS)]
         alike.sort(key=lambda angles: self._stem_sides(self._directions(angles)))
-        first = [ruled, *alike]
+        first = [ruled, *alike] if rule else alike
 
         def late() -> bool:
             return time.perf_counter() > deadline

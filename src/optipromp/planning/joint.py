@@ -143,12 +143,15 @@ def _foreseen(
         return value + (0.0 if holds else INVALID), best
 
     # what is known well may be passed as the rule says, if that does no harm
-    if not model.detected and model.of_path(way(ruled), 0) < foresight.HOPELESS:
-        value, made_of = attempt(ruled, True)
-        if value < model.good:
-            return made_of
+    hopeful = True
+    if not model.detected:
+        hopeful = model.of_path(way(ruled), 0) < foresight.HOPELESS
+        if hopeful:
+            value, made_of = attempt(ruled, True)
+            if value < model.good:
+                return made_of
     least, best = np.inf, None
-    for expected, drift in model.choices(ruled, options, way, deadline):
+    for expected, drift in model.choices(ruled, options, way, deadline, hopeful):
         if expected < least:
             value, made_of = attempt(drift, False)
             if best is None or value < least:
