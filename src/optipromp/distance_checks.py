@@ -1,4 +1,4 @@
-"""Distances of the judge to meshes and point clouds, in NumPy, and its view of simple shapes."""
+"""Distances of the judge to meshes and point clouds, in NumPy, and its view of a scene's things."""
 
 import functools
 from typing import Any
@@ -7,7 +7,18 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.geometry import shapes
-from optipromp.sweep import BOX, CAPSULE, CYLINDER, HALF_SPACE, SPHERE
+from optipromp.scenes.scene import Scene, SceneObject
+from optipromp.sweep import (
+    AVOID,
+    BOX,
+    CAPSULE,
+    CYLINDER,
+    HALF_SPACE,
+    PUSHABLE,
+    SPHERE,
+    STATIC,
+    Things,
+)
 
 
 def is_simple(shape: Any) -> bool:
@@ -129,3 +140,29 @@ def closest(
     d = to_shape(shape, away[index] @ rotation) - radius[index[1]]
     i = int(np.argmin(d))
     return float(d[i]), int(index[1][i])
+
+
+@functools.lru_cache(maxsize=16)
+def judged_things(scene: Scene) -> tuple[tuple[SceneObject, ...], Things, tuple[SceneObject, ...]]:
+    """Objects of simple shape, the same as arrays, and the other objects; never the target."""
+    roles = {"static": STATIC, "avoid": AVOID, "pushable": PUSHABLE}
+    plain: list[SceneObject] = []
+    rest: list[SceneObject] = []
+    for thing in scene.objects:
+        if thing.role != "target":
+            (plain if is_simple(thing.shape) else rest).append(thing)
+    measures = [simple(thing.shape) for thing in plain]
+    place = [thing.position for thing in plain] or [np.zeros(0)]
+    turn = [thing.rotation for thing in plain] or [np.zeros((0, 3))]
+    return (
+        tuple(plain),
+        Things(
+            kind=np.array([kind for kind, _ in measures], dtype=np.int64),
+            role=np.array([roles[thing.role] for thing in plain], dtype=np.int64),
+            position=np.concatenate(place).astype(float).reshape(-1, 3),
+            rotation=np.concatenate(turn).astype(float).reshape(-1, 3, 3),
+            size=np.array([size for _, size in measures], dtype=float).reshape(-1, 3),
+            bound=np.array([extent(thing.shape) for thing in plain], dtype=float),
+        ),
+        tuple(rest),
+    )

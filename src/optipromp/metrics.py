@@ -1,9 +1,10 @@
 """The judge: what a trajectory really does, by code that shares nothing with the solver.
 
-Kinematics and distances are the judge's own (:mod:`optipromp.sweep`, :mod:`.distance_checks`); no
-kernel of ``robots``, ``geometry`` or ``optimization`` is used. The
-trajectory is checked between its knots too, so finely that no body sphere moves more than half its
-radius from one check to the next (linear motion of the joints between knots).
+Kinematics and distances are the judge's own (:mod:`optipromp.sweep`, :mod:`.distance_checks`), and
+so is how it sees pushables passed (:mod:`.passing`); no kernel of ``robots``, ``geometry`` or
+``optimization`` is used. The trajectory is checked between its knots too, so finely that no body
+sphere moves more than half its radius from one check to the next (linear motion of the joints
+between knots).
 """
 
 import functools
@@ -17,28 +18,17 @@ import numpy as np
 
 from optipromp import distance_checks
 from optipromp.arrays import FloatArray
+from optipromp.passing import passing
 from optipromp.robots.model import Robot
 from optipromp.scenes.rotations import to_quaternion
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
-from optipromp.sweep import (
-    AVOID,
-    PUSHABLE,
-    STATIC,
-    Body,
-    Things,
-    divisions,
-    entered_first,
-    place,
-    sweep,
-    tool_path,
-)
+from optipromp.sweep import Body, divisions, entered_first, place, sweep, tool_path
 from optipromp.trajectory import Trajectory
 
 GOAL_TOLERANCE = 1e-3  # [m], or [rad] for a goal in joints
 AXIS_TOLERANCE = np.deg2rad(2.0)  # [rad]
 START_TOLERANCE = 1e-6  # [rad]
 RATIO_TOLERANCE = 1e-6  # share of a velocity or acceleration limit
-DECIDED = np.sin(np.deg2rad(1.0))  # a stem leans to a side when this share of it is lateral
 MOST_CHECKS = 200_000
 LARGEST_TURN = 0.2  # [rad or m] over all joints, between two configurations whose chord counts
 
@@ -130,32 +120,6 @@ def judged_body(robot: Robot) -> Body:
     )  # fmt: skip
 
 
-@functools.lru_cache(maxsize=16)
-def judged_things(scene: Scene) -> tuple[tuple[SceneObject, ...], Things, tuple[SceneObject, ...]]:
-    """Objects of simple shape, the same as arrays, and the other objects; never the target."""
-    roles = {"static": STATIC, "avoid": AVOID, "pushable": PUSHABLE}
-    simple: list[SceneObject] = []
-    rest: list[SceneObject] = []
-    for thing in scene.objects:
-        if thing.role != "target":
-            (simple if distance_checks.is_simple(thing.shape) else rest).append(thing)
-    measures = [distance_checks.simple(thing.shape) for thing in simple]
-    place = [thing.position for thing in simple] or [np.zeros(0)]
-    turn = [thing.rotation for thing in simple] or [np.zeros((0, 3))]
-    return (
-        tuple(simple),
-        Things(
-            kind=np.array([kind for kind, _ in measures], dtype=np.int64),
-            role=np.array([roles[thing.role] for thing in simple], dtype=np.int64),
-            position=np.concatenate(place).astype(float).reshape(-1, 3),
-            rotation=np.concatenate(turn).astype(float).reshape(-1, 3, 3),
-            size=np.array([size for _, size in measures], dtype=float).reshape(-1, 3),
-            bound=np.array([distance_checks.extent(thing.shape) for thing in simple], dtype=float),
-        ),
-        tuple(rest),
-    )
-
-
 def centers(robot: Robot, q: FloatArray) -> FloatArray:
     """World centres (M, B, 3) of the body spheres at ``q`` (M, n), in the robot's own order."""
     body = judged_body(robot)
@@ -215,7 +179,7 @@ def clearances(
     has the keys of :class:`Metrics`; None where there is nothing to measure.
     """
     body = judged_body(robot)
-    simple, things, rest = judged_things(scene)
+    simple, things, rest = distance_checks.judged_things(scene)
     closest, core, apart = np.full(4, np.inf), np.full(1, np.inf), np.full(3, np.inf)
     depth, deepest = np.full(len(simple), np.inf), np.zeros(len(simple), dtype=np.int64)
     q = np.array(q, dtype=np.float64, order="C")  # always writable: kernels compile once
@@ -352,7 +316,7 @@ def judge(
     tips, axes = tool(robot, q)
     goal_error, axis_error = _goal(scene, q[-1], tips[-1], axes[-1], violations)
     rims = tips + getattr(robot.tool, "depth", 0.0) * axes
-    m_p, projection = _passing(
+    m_p, projection = passing(
         scene, tips, rims, robot.gripper_radius, violations if stem_side else notes
     )
     beyond = np.maximum(robot.lower - q.min(axis=0), q.max(axis=0) - robot.upper)
@@ -412,71 +376,3 @@ def _angle(a: list[float], b: list[float]) -> float:
     """Angle between two vectors [rad], exact also where it is small."""
     cross = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     return math.atan2(math.hypot(*cross), a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
-
-
-def _passing(
-    scene: Scene,
-    tips: FloatArray,
-    rims: FloatArray,
-    gripper_radius: float,
-    violations: list[str],
-) -> tuple[dict[str, float | None], dict[str, float | None]]:
-    """M_p at the knot where the tool passes each pushable (the last passage), and y_g·S_n.
-
-    Neither the tool point nor the rim (T, 3), which decides where a fruit ends, may pass a pushable
-    on the side of its stem. Of a pushable so close under the target that the rim takes in the one
-    while the tool point passes the other, the rim alone is asked.
-    """
-    m_p: dict[str, float | None] = {}
-    projection: dict[str, float | None] = {}
-    lateral, up = scene.frame[1], scene.frame[2]
-    for thing in scene.pushables:
-        passed = _last_passage(tips - thing.position, up)
-        m_p[thing.id] = None if passed is None else float(passed @ lateral)
-        if thing.stem is None:
-            projection[thing.id] = None
-            continue
-        stem = np.asarray(thing.stem.points[1]) - np.asarray(thing.stem.points[0])
-        projection[thing.id] = float(lateral @ stem)
-        flat = stem - (stem @ up) * up
-        if np.linalg.norm(flat) < DECIDED * np.linalg.norm(stem):
-            continue
-        rim = _last_passage(rims - thing.position, up)
-        close = _closely_under(scene, thing, float((rims[-1] - tips[-1]) @ up))
-        for at in (rim,) if close else (passed, rim):
-            if at is None:
-                continue
-            near = float(np.linalg.norm(at)) < thing.radius + 2.0 * gripper_radius
-            if (near or _in_the_way(scene, thing, gripper_radius)) and float(at @ flat) > 0.0:
-                violations.append(f"the tool passes {thing.id} on the side of its stem")
-                break
-    return m_p, projection
-
-
-def _closely_under(scene: Scene, thing: SceneObject, depth: float) -> bool:
-    """Whether the rim, ``depth`` over the tool point, takes in the target as that passes it."""
-    if scene.target is None:
-        return False
-    below = float((scene.target.position - thing.position) @ scene.frame[2])
-    return below < depth + scene.target.radius + thing.radius
-
-
-def _last_passage(off: FloatArray, up: FloatArray) -> FloatArray | None:
-    """Where a path ``off`` (T, 3) is, at the knot nearest its last crossing of the level plane."""
-    height = off @ up
-    crossings = np.flatnonzero(np.sign(height[:-1]) != np.sign(height[1:]))
-    if not len(crossings):
-        return None
-    before = int(crossings[-1])
-    knot = before if abs(height[before]) <= abs(height[before + 1]) else before + 1
-    return np.asarray(off[knot] - height[knot] * up)
-
-
-def _in_the_way(scene: Scene, thing: SceneObject, gripper_radius: float) -> bool:
-    """Whether a straight approach would push this pushable (method §4, 1)."""
-    if scene.target is None:
-        return False
-    off = thing.position - scene.target.position
-    along = float(off @ scene.frame[2])
-    aside = float(np.linalg.norm(off - along * scene.frame[2]))
-    return -0.2 <= along < 0.0 and aside <= 1.5 * gripper_radius

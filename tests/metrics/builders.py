@@ -1,0 +1,26 @@
+"""Scenes and trajectories the judge is asked about in tests."""
+
+from typing import Any
+
+import numpy as np
+
+from optipromp.robots.model import Robot
+from optipromp.scenes import Scene, SceneObject
+from optipromp.trajectory import Trajectory
+
+UP = np.array([0.0, 0.0, 1.0])
+TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
+
+
+def thing(role: Any, shape: Any, at: Any, turn: Any = None, name: str = "thing") -> SceneObject:
+    return SceneObject(
+        name, role, shape, np.asarray(at, float), np.eye(3) if turn is None else turn
+    )
+
+
+def to(goal: Any, *objects: SceneObject) -> Scene:
+    return Scene("s", "robot", objects, goal=goal)
+
+
+def moving(robot: Robot, q: Any, dt: float = 1.0) -> Trajectory:
+    return Trajectory(np.asarray(q, float), dt, robot.joint_names)
