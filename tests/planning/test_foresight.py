@@ -211,14 +211,15 @@ def test_where_it_does_not_apply_a_stems_side_is_a_fault() -> None:
 
 
 def test_a_score_of_nothing_and_of_what_ends_all_hope() -> None:
-    nothing = Harm(0.0, 0.0, 0.0, 0.0, False)
+    nothing = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
     assert score_of(*nothing) == 0.0
     assert score_of(*nothing._replace(stem=2.0)) == pytest.approx(1.0)
     assert score_of(*nothing._replace(target=5.0)) == pytest.approx(1.0)
     assert score_of(*nothing._replace(fruit=30.0)) == pytest.approx(1.0)
+    assert score_of(*nothing._replace(pinched=0.2)) == pytest.approx(1.0)
     for lost in (nothing._replace(missed=True), nothing._replace(inside=1.0)):
         assert score_of(*lost) > foresight.HOPELESS
-    for name in ("stem", "fruit", "target"):
+    for name in ("stem", "fruit", "target", "pinched"):
         values = [score_of(*nothing._replace(**{name: f})) for f in np.linspace(0, 50, 20)]
         assert (np.diff(values) >= 0.0).all()
 

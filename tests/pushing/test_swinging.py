@@ -28,7 +28,7 @@ def led(
     count, steps = len(stems.root), len(points)
     out = np.zeros((steps, count, 3)), np.zeros((steps, count)), np.zeros((steps, count))
     axes = np.tile(axis, (steps, 1))
-    assert push(stems, points, axes, DT, cup, solid, np.inf, *out, np.zeros(4)) == steps
+    assert push(stems, points, axes, DT, cup, solid, np.inf, *out, np.zeros(5)) == steps
     return out
 
 
@@ -98,7 +98,7 @@ def test_well_beside_a_fruit_nothing_happens() -> None:
     assert not forces.any()
     assert not stem_forces.any()
     h = foreseen(s, points)
-    assert h == Harm(0.0, 0.0, 0.0, 0.0, False)
+    assert h == Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
 
 
 def test_straight_under_a_neighbour_the_cup_takes_it_in() -> None:
@@ -266,6 +266,8 @@ def test_a_fruit_is_pressed_against_what_stands_firm() -> None:
     jammed = harm(stems, points, axes, DT, CUP, wall)
     assert free.fruit < 20.0
     assert jammed.fruit > 2.0 * free.fruit
+    assert free.pinched == 0.0
+    assert jammed.pinched > 0.1
 
 
 def test_a_fruit_between_cup_and_wall_shares_what_is_left() -> None:

@@ -42,7 +42,7 @@ def compared(seed: int, foreseeing: bool = True) -> Comparison:
     positions = np.zeros((*shape, 3))
     forces = np.zeros(shape), np.zeros(shape)
     s = stems((scene.target, *setup.neighbours))
-    push(s, *led, STEP, model.cup, model.solid, np.inf, positions, *forces, np.zeros(4))
+    push(s, *led, STEP, model.cup, model.solid, np.inf, positions, *forces, np.zeros(5))
     at = np.clip(np.searchsorted(rollout.times, times), 0, len(rollout.times) - 1)
     true = rollout.fruit_positions[at][:, ids]
     errors = np.linalg.norm(positions - true, axis=2)

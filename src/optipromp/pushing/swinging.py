@@ -97,7 +97,7 @@ def push(
         positions: (P, N, 3) out, of the fruits [m].
         forces: (P, N) out, largest contact force on each fruit [N].
         stem_forces: (P, N) out, of the cup on each stem [N].
-        so_far: (4,) in and out, the numbers of :class:`optipromp.pushing.harm.Harm`.
+        so_far: (5,) in and out, the numbers of :class:`optipromp.pushing.harm.Harm`.
 
     Returns:
         How many points it was led through.
@@ -118,6 +118,7 @@ def push(
     j, v, free = np.empty(dofs), np.empty(dofs), np.empty((count, LOADS, LOADS))
     eased, last_step = np.ones(count), np.zeros((count, dofs))
     now, earlier = np.zeros(count), np.zeros(count)  # forces of the cup on fruits
+    firmly, pinched = np.zeros(count, dtype=np.bool_), np.zeros(count, dtype=np.int64)
     resting, spell = np.ones(count, dtype=np.bool_), np.zeros(count, dtype=np.int64)
     touching = _overlapping(s)
     most = 3 * others + 1 + walls + n + 3  # contacts of a fruit and its stem
@@ -188,7 +189,7 @@ def push(
                 inertia = mass[i] / (dt * dt)
                 if begun:
                     begin(stiffness, free, u, ahead, i, inertia, gradient, inverse)
-                now[i] = 0.0
+                now[i], firmly[i] = 0.0, False
                 largest = t0 = t1 = t2 = 0.0
                 last = 1.0 - radius / length
                 h, rho, _, _, _ = in_cup(x0, x1, x2, at)
@@ -264,6 +265,8 @@ def push(
                         t0, t1, t2 = t0 + force * n0, t1 + force * n1, t2 + force * n2
                     elif share == 1.0:
                         largest = max(largest, force)
+                    if 3 * others < what < on_fruit[i]:
+                        firmly[i] = True
                     if what != 0:
                         continue
                     # the cup rubs on the fruit, as hard as it was pressed a step before
@@ -320,7 +323,10 @@ def push(
             swallowed = inside(center[i, 0], center[i, 1], center[i, 2], at, cup)
             spell[i] = spell[i] + 1 if swallowed else 0
             so_far[3] = max(so_far[3], spell[i] * dt)
-        if score_of(so_far[0], so_far[1], so_far[2], so_far[3], False) > worst:
+            if firmly[i] and now[i] > 0.0:
+                pinched[i] += 1
+                so_far[4] = max(so_far[4], pinched[i] * dt)
+        if score_of(so_far[0], so_far[1], so_far[2], so_far[3], so_far[4], False) > worst:
             return p + 1
     return len(points)
 
@@ -341,16 +347,16 @@ def harm(
 def _harm(
     s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Cup, solid: Obstacles,
     worst: float,
-) -> tuple[float, float, float, float, bool]:  # fmt: skip
+) -> tuple[float, float, float, float, float, bool]:  # fmt: skip
     """See :func:`harm`; ``missed`` also where the score passes ``worst`` before the end."""
-    count, steps, so_far = len(s.root), len(points), np.zeros(4)
+    count, steps, so_far = len(s.root), len(points), np.zeros(5)
     positions = np.zeros((steps, count, 3))
     forces, stem_forces = np.zeros((steps, count)), np.zeros((steps, count))
     done = push(s, points, axes, dt, cup, solid, worst, positions, forces, stem_forces, so_far)
     x, p = positions[-1, 0], steps - 1
     end = Pose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
     missed = done < steps or not inside(x[0], x[1], x[2], end, cup)
-    return so_far[0], so_far[1], so_far[2], so_far[3], missed
+    return so_far[0], so_far[1], so_far[2], so_far[3], so_far[4], missed
 
 
 @_jit
@@ -377,8 +383,8 @@ def mean_score(
             s.stiffness[low:high], s.compliance[low:high], s.shortening[low:high],
         )  # fmt: skip
         left = min(worst * draws - total, hopeless)
-        stem, fruit, target, swallowed, missed = _harm(one, points, axes, dt, cup, solid, left)
-        total += min(score_of(stem, fruit, target, swallowed, missed), hopeless)
+        h = _harm(one, points, axes, dt, cup, solid, left)
+        total += min(score_of(h[0], h[1], h[2], h[3], h[4], h[5]), hopeless)
         if d == 0 and total >= hopeless:
             return total
         if total > worst * draws:
