@@ -118,7 +118,7 @@ def test_a_helper_that_is_killed_costs_at_most_its_own_scene() -> None:
             time.sleep(0.01)
 
     threading.Thread(target=kill, daemon=True).start()
-    scenes = [generate("cluster", seed) for seed in range(8)] * 12
+    scenes = [generate("cluster", seed) for seed in range(8)] * 80
     with pytest.warns(RuntimeWarning, match="helper process"):
         results = plan_many(scenes, workers=2)
     lost = [result for result in results if not isinstance(result, Plan)]
