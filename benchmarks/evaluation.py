@@ -17,6 +17,7 @@ from optipromp.optimization.constraints import SelfConstraint
 from optipromp.optimization.evaluation import BodyPoints
 from optipromp.optimization.problem import Problem, Surroundings
 from optipromp.optimization.terms import ObstacleTerm, PushTerm, VelocityTerm
+from optipromp.planning.setup import reach as arm_reach
 from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
 from optipromp.robots.tools import Cup, with_tool
@@ -91,12 +92,20 @@ def _rotation(rng: np.random.Generator) -> FloatArray:
 
 
 class Case:
-    """A problem with all terms, its trajectory, and one evaluation of it."""
+    """A problem with all terms, its trajectory, and one evaluation of it.
 
-    def __init__(self, robot: Robot, knots: int, obstacles: Sequence[Posed]) -> None:
+    With ``cells`` the obstacles are packed as a scene's are, for a broad phase.
+    """
+
+    def __init__(
+        self, robot: Robot, knots: int, obstacles: Sequence[Posed], cells: bool = False
+    ) -> None:
         self.robot, self.q = robot, reach(knots, robot.n_joints)
-        static, dynamic = list(obstacles[::2]), list(obstacles[1::2])
-        self.surroundings = Surroundings(pack(static), pack(dynamic), (len(dynamic) + 1) // 2)
+        asked = CUTOFF + float(BodyPoints(robot).largest) + 1e-3 if cells else 0.0
+        static, dynamic = (
+            pack(list(obstacles[k::2]), reach=asked, within=arm_reach(robot) + 0.1) for k in (0, 1)
+        )
+        self.surroundings = Surroundings(static, dynamic, (len(dynamic.kind) + 1) // 2)
         self.goal, _ = robot.tool_pose(self.q[-1])
         self.goal = self.goal + [0.02, -0.01, 0.05]
         self.frame, self.first = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]), knots // 2

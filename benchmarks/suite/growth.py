@@ -79,7 +79,7 @@ def growth(context: Context) -> Values:
     robot, rounds = panda_of_sixty(), context.repeats(40)
     knots = {n: Case(robot, n, near_obstacles(robot, reach(n), 13)) for n in KNOTS}
     near = near_obstacles(robot, reach(100), 10)
-    around = {n: Case(robot, 100, near + far_obstacles(robot, reach(100), n - 10))
+    around = {n: Case(robot, 100, near + far_obstacles(robot, reach(100), n - 10), cells=True)
               for n in OBSTACLES}  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         arms = {n: chain(n, Path(folder)) for n in JOINTS}
