@@ -9,6 +9,7 @@ are drawn, and the optimised trajectory is tried again, as it is what the arm do
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from optipromp.planning.options import PlanOptions
 from optipromp.planning.setup import Setup
 from optipromp.pushing.bending import Stems, moved, stems
 from optipromp.pushing.cup import Cup
+from optipromp.pushing.neighbours import detection_variance
 from optipromp.pushing.sides import UPRIGHT, Drift, passing_windows
 from optipromp.pushing.swinging import mean_score
 from optipromp.pushing.thread import evenly, length
@@ -199,7 +201,8 @@ class Foresight:
                 if late():
                     return
 
-    def _away(self) -> FloatArray:
+    @cached_property
+    def away(self) -> FloatArray:
         """(N, 3) lateral part of the unit vectors from root to fruit: away from each stem."""
         along = self.stems.axes[1 : 1 + len(self.setup.neighbours), 2]
         up = self.setup.scene.frame[2]
@@ -208,7 +211,7 @@ class Foresight:
     def _leant(self, angle: float) -> FloatArray:
         """One angle for all neighbours, turned a little to the free side of each stem (N,)."""
         x_g, y_g, _ = self.setup.scene.frame
-        away = self._away()
+        away = self.away
         free = np.arctan2(away @ y_g, away @ x_g) - angle
         free = (free + np.pi) % (2.0 * np.pi) - np.pi
         leans = np.linalg.norm(away, axis=1) > np.sin(UPRIGHT)
@@ -221,7 +224,7 @@ class Foresight:
 
     def _stem_sides(self, directions: FloatArray) -> float:
         """What passing neighbours on the side to which their stems lean adds to a score."""
-        away = self._away()
+        away = self.away
         lean = np.linalg.norm(away, axis=1)
         leans = lean > np.sin(UPRIGHT)
         wrong = np.einsum("ni,ni->n", away, directions) < -BESIDE * lean
@@ -279,7 +282,8 @@ def _hanging(things: Sequence[SceneObject], draws: int) -> Stems:
     rng = np.random.default_rng(0)
     seen = stems(things)
     sure = [thing.covariance is None for thing in things]
-    spread = [SHIFT if thing.covariance is None else _spread(thing.covariance) for thing in things]
+    spread = [SHIFT if known else WIDER * np.sqrt(detection_variance(t))
+              for known, t in zip(sure, things, strict=True)]  # fmt: skip
     turn = np.array([TURN if known else DETECTED_TURN for known in sure]) * seen.length
     shape = draws, len(things), 3
     shift = np.reshape(spread, (-1, 1)) * rng.standard_normal(shape)
@@ -288,8 +292,3 @@ def _hanging(things: Sequence[SceneObject], draws: int) -> Stems:
     fruits = np.concatenate([fruit[None], fruit + shift])
     roots = np.concatenate([seen.root[None], seen.root + shift + swing])
     return moved(seen, roots, fruits)
-
-
-def _spread(covariance: FloatArray) -> float:
-    """Deviation of a detected position [m], the same every way."""
-    return float(WIDER * np.sqrt(np.trace(covariance) / 3.0))

@@ -81,7 +81,7 @@ def plan_joint(
     if foreseen:
         best = _foreseen(solver, starts, verify)
     else:
-        best = solver.solve(verify, starts.batches(sides(setup, options)))
+        best, _ = solver.solve(verify, starts.batches(sides(setup, options)))
     seconds = time.perf_counter() - began
     first = best.start.knots.first
     initial = trajectory_of(setup, options, best.start.initial, first)
@@ -128,16 +128,8 @@ def _foreseen(
         corners = way(drift)
         key = corners.tobytes()
         if key not in made:
-            valid: set[int] = set()
-
-            def heard(trajectory: Trajectory, a: Attempt) -> bool:
-                if verify(trajectory, a):
-                    valid.add(id(a))
-                return id(a) in valid
-
             # samples of the ProMP would have to be led back to the way that was tried
-            found = solver.solve(heard, starts.batches((drift,), (corners,), samples=0))
-            made[key] = found, id(found) in valid
+            made[key] = solver.solve(verify, starts.batches((drift,), (corners,), samples=0))
         best, holds = made[key]
         value = model.of_trajectory(best.q[best.start.knots.first :], seen_well)
         return value + (0.0 if holds else INVALID), best
@@ -179,14 +171,17 @@ class Solver:
 
     def solve(
         self, verify: Callable[[Trajectory, Attempt], bool], made: Iterator[list[Start]]
-    ) -> Attempt:
-        """The best attempt over batches of starts; the first ``verify`` finds valid ends it."""
+    ) -> tuple[Attempt, bool]:
+        """The best attempt over batches of starts, and whether it is valid.
+
+        The first that ``verify`` finds valid ends it.
+        """
         best: Attempt | None = None
         for batch in made:
             attempts = [self._begun(start) for start in batch]
             if self.options.iterations == 0:
                 least = min(attempts, key=self._early)
-                return replace(least, q=least.start.initial)
+                return replace(least, q=least.start.initial), False
             attempts.sort(key=self._early)
             close = CLOSE * self._early(attempts[0])
             ahead = [self._ended(a) for a in attempts if self._early(a) <= close]
@@ -194,13 +189,13 @@ class Solver:
             for a in done:
                 q, first = a.q, a.start.knots.first
                 if verify(trajectory_of(self.setup, self.options, q, first), a):
-                    return a
+                    return a, True
             if best is None or done[0].value.merit < best.value.merit:
                 best = done[0]
             if time.perf_counter() > self.deadline:
-                return best
+                return best, False
         assert best is not None  # there is at least one goal configuration
-        return best
+        return best, False
 
     def _early(self, a: Attempt) -> float:
         """The objective as the first stage has it."""

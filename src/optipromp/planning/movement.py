@@ -8,12 +8,13 @@ from optipromp.arrays import FloatArray
 from optipromp.planning import joint
 from optipromp.planning.build import Knots
 from optipromp.planning.options import Planner, PlanOptions
-from optipromp.planning.primitives import detection_variance, led_through, on_branch, via_points
+from optipromp.planning.primitives import led_through, on_branch, via_points
 from optipromp.planning.setup import Setup
 from optipromp.planning.stages import Outcome
 from optipromp.planning.starts import LEVER_ARM
 from optipromp.promp.model import ProMP
 from optipromp.pushing.interactive import pushes
+from optipromp.pushing.neighbours import detection_variance
 
 CAMERA_PHASE = 0.5
 KNOTS = 150

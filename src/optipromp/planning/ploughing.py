@@ -104,7 +104,7 @@ def plan_ploughed(
     starts = (begun(freed, promp, way.corners, goals) for way in found)
     without = Starts(freed, promp, options, goals, rng).batches(sides(freed, options))
     made = itertools.chain((batch for batch in starts if batch), without)
-    best = joint.Solver(freed, options, deadline).solve(verify, made)
+    best, _ = joint.Solver(freed, options, deadline).solve(verify, made)
     seconds = time.perf_counter() - searched
     times = {"way": searched - began, "joint": seconds}
     return joint.outcome_of(

@@ -20,7 +20,6 @@ from optipromp.promp.points import JointPoint
 from optipromp.robots import ik
 from optipromp.robots.model import Robot
 from optipromp.robots.roll import level
-from optipromp.scenes.scene import SceneObject
 
 BASIS = Basis(count=14, width=2.0, outside=1)
 PAPER_BASIS = Basis(count=5, width=4.0, outside=1)
@@ -223,8 +222,3 @@ def _points(
 def _evenly_spaced(basis: Basis, count: int) -> FloatArray:
     """The bases (T, K) at ``count`` phases."""
     return frozen(basis.evaluate(count))
-
-
-def detection_variance(thing: SceneObject) -> float:
-    """Mean variance of an object's detected position [m²]; 0 where the scene gives none."""
-    return 0.0 if thing.covariance is None else float(np.trace(thing.covariance)) / 3.0

@@ -15,13 +15,13 @@ from optipromp.planning.options import PlanOptions
 from optipromp.planning.primitives import (
     camera_point,
     conditioned,
-    detection_variance,
     led_through,
     on_branch,
     via_points,
 )
 from optipromp.planning.setup import Setup
 from optipromp.promp.model import ProMP
+from optipromp.pushing.neighbours import detection_variance
 from optipromp.pushing.sides import Drift, drift_choices
 from optipromp.pushing.thread import evenly, length, thread
 from optipromp.robots import ik

@@ -40,13 +40,13 @@ def neighbours(
         along = float(off @ z_g)
         aside = float(np.hypot(off @ x_g, off @ y_g))
         distance = float(np.linalg.norm(off))
-        wide = plane_factor * gripper_radius + UNSURE * _deviation(target, thing)
+        doubt = np.sqrt(detection_variance(target) + detection_variance(thing))
+        wide = plane_factor * gripper_radius + UNSURE * doubt
         if along < 0.0 and distance <= search_radius and aside <= wide:
             found.append((along, distance, thing.id, thing))
     return tuple(thing for *_, thing in sorted(found, key=lambda f: f[:3]))
 
 
-def _deviation(*things: SceneObject) -> float:
-    """Deviation of the distance of detected things, the same every way [m]."""
-    both = sum(float(np.trace(t.covariance)) for t in things if t.covariance is not None)
-    return float(np.sqrt(both / 3.0))
+def detection_variance(thing: SceneObject) -> float:
+    """Mean variance of an object's detected position [m²]; 0 where the scene gives none."""
+    return 0.0 if thing.covariance is None else float(np.trace(thing.covariance)) / 3.0

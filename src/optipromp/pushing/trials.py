@@ -20,10 +20,7 @@ WORST = 25.0  # a trial that fails costs this, and more the earlier it does
 STILL = 0.008  # [m] that the target moves for a cost of 1
 LIGHT, HEAVY = 3.0, 2.5  # [N] of force that costs nothing, and beyond it for a cost of 1
 WIDE, TIGHT = 0.016, 0.004  # [m] to a wall that cost nothing, and less than these for a cost of 1
-INSIDE, BACK = (
-    0.01,
-    0.005,
-)  # [m] behind the board's edge that cost nothing, and less for a cost of 1
+INSIDE, BACK = 0.01, 0.005  # [m] behind the board's edge: as above
 TAKEN = 10.0  # cost of another thing between the fingers
 
 
