@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.planning.builders import END, assert_success, block
 
+from optipromp.geometry import Sphere
 from optipromp.planning import Plan, PlanOptions, plan
 from optipromp.planning.plan import warm_up
-from optipromp.scenes import Scene, SceneObject, Stem, load_scene
+from optipromp.scenes import JointGoal, Scene, SceneObject, Stem, load_scene
 
 RECORDED = (
     Path(__file__).resolve().parents[2] / "../shared/data/panda_demonstrations/demonstrations.npz"
@@ -92,3 +94,14 @@ def noisy_fixture() -> Callable[..., Scene]:
 @pytest.fixture(scope="session", name="moved")
 def moved_fixture() -> Callable[..., Scene]:
     return moved
+
+
+@pytest.fixture
+def obstructed(three: Scene) -> Scene:
+    """A goal in joints, with a ball where the tool passes on the straight way there."""
+    free = replace(three, objects=(), goal=JointGoal(END))
+    straight = plan(free)
+    assert_success(straight)
+    tools = straight.robot.tool_pose(straight.trajectory.positions)[0]
+    middle = tools[len(tools) // 2]
+    return replace(free, objects=(block("static", Sphere(0.06), middle),))
