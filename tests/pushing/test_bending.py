@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from optipromp.geometry import Sphere
@@ -82,6 +82,7 @@ def test_a_cantilever(length: float) -> None:
 
 @settings(max_examples=100, deadline=None)
 @given(LENGTHS, RADII, LEANS, AZIMUTHS)
+@example(0.28125, 0.01953125, 0.0, 0.0)  # heavy on a long stem: it turns within 2 cm of the root
 def test_loads_at_the_loaded_points_bend_it_as_a_beam_under_tension(
     length: float, radius: float, lean: float, azimuth: float
 ) -> None:
@@ -91,10 +92,10 @@ def test_loads_at_the_loaded_points_bend_it_as_a_beam_under_tension(
     for k, at in enumerate(AT):
         exact = beam.deflection(s[at], s)
         found = one.shape[0] @ compliance[:, k]
-        # what the grid's 24 elements cost
-        np.testing.assert_allclose(found, exact, atol=0.013 * exact[-1])
-        assert compliance[k, k] == pytest.approx(exact[at], rel=0.03)
-    assert compliance[-1, -1] == pytest.approx(beam.deflection(length, s)[-1], rel=6e-3)
+        # what the grid costs
+        np.testing.assert_allclose(found, exact, atol=0.005 * exact[-1])
+        assert compliance[k, k] == pytest.approx(exact[at], rel=5e-3)
+    assert compliance[-1, -1] == pytest.approx(beam.deflection(length, s)[-1], rel=1.5e-3)
 
 
 @settings(max_examples=100, deadline=None)

@@ -24,7 +24,8 @@ from optipromp.arrays import FloatArray
 from optipromp.scenes.scene import SceneObject
 
 LOADED = (5 / 12, 0.75, 1.0)  # shares of the length, the last one the fruit's centre
-ELEMENTS = 24
+ELEMENTS = 24  # between the points at which a stem's deflection is known
+FINER = 2  # as many more of them when the beam is solved: the fruit's weight turns it sharply
 MODULUS = 5e7  # [Pa]
 DIAMETER = 0.0025  # [m]
 GROWN_TURN = 0.5  # [rad]
@@ -72,7 +73,7 @@ def stems(things: Sequence[SceneObject]) -> Stems:
 
 def bent(root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: FloatArray) -> Stems:
     """Stems from roots (N, 3) to fruits (N, 3) of radius (N,), themselves of radius (N,) [m]."""
-    count, n, loaded = len(root), ELEMENTS, len(LOADED)
+    count, n, loaded = len(root), FINER * ELEMENTS, len(LOADED)
     length, axes = _frames(root, fruit)
     along = axes[:, 2]
     mass = DENSITY * 4.0 / 3.0 * np.pi * radius**3
@@ -94,13 +95,13 @@ def bent(root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: Flo
     ei = bending[:, None] * stiffer * weight / h[:, None] ** 3
     full = bend.T @ (ei[:, :, None] * bend) + (tension / h)[:, None, None] * (slope.T @ slope)
     at = np.round(np.array(LOADED) * n).astype(int) - 1
-    compliance = np.linalg.inv(full)
-    between = np.ascontiguousarray(compliance[:, at][:, :, at])
+    compliance = np.linalg.solve(full, np.eye(n)[:, at])
+    between = np.ascontiguousarray(compliance[:, at])
     stiffness = np.linalg.inv(between)
-    shape = np.zeros((count, n + 1, loaded))
-    shape[:, 1:] = compliance[:, :, at] @ stiffness
+    shape = np.zeros((count, ELEMENTS + 1, loaded))
+    shape[:, 1:] = compliance[:, FINER - 1 :: FINER] @ stiffness
     steps = np.diff(shape, axis=1)
-    shortening = np.einsum("nki,nkj->nij", steps, steps) / h[:, None, None]
+    shortening = np.einsum("nki,nkj->nij", steps, steps) / (FINER * h)[:, None, None]
     return Stems(
         root, axes, length, mass, radius, thickness, shape, stiffness, between, shortening,
     )  # fmt: skip
