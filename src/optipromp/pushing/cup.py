@@ -10,6 +10,7 @@ from typing import NamedTuple
 from numba import njit
 
 NECK_LOOKED_AT = 0.03  # [m] under the cup that stems are kept off the neck
+ABOVE = 1.0  # [m]
 BARELY = 0.003  # [m] under the rim at which a fruit counts as inside
 
 _jit = njit(cache=True, error_model="numpy", nogil=True)
@@ -93,10 +94,11 @@ def stem_gap(
     """Gap of a piece of stem to wall or neck, on the side of the wall where its fruit is.
 
     A wall is thinner than a stem moves in a step, so the distance is not asked for the side.
+    A piece over the rim touches nothing: its gap is its height there and :data:`ABOVE`.
     """
     h, rho, x, y, z = in_cup(x, y, z, at)
     if h > cup.rim + 1e-6 or rho < 1e-9:
-        return 1.0, 0.0, 0.0, 0.0
+        return ABOVE + max(h - cup.rim, 0.0), 0.0, 0.0, 0.0
     out = 1.0 / rho
     if h < cup.base - 1e-6:
         gap = rho - cup.neck - radius

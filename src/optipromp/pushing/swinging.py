@@ -22,7 +22,7 @@ from optipromp.arrays import BoolArray, FloatArray
 from optipromp.geometry.distances import distance_and_gradient
 from optipromp.geometry.obstacles import Obstacles
 from optipromp.pushing.bending import Stems
-from optipromp.pushing.cup import NECK_LOOKED_AT, Cup, Pose, fruit_gap, in_cup, inside, stem_gap
+from optipromp.pushing.cup import ABOVE, NECK_LOOKED_AT, Cup, Pose, fruit_gap, in_cup, inside, stem_gap
 from optipromp.pushing.deflected import LOADS, begin, freely, level, place, press, shortened
 from optipromp.pushing.harm import Harm, score_of
 
@@ -246,8 +246,9 @@ def push(
                                 continue
                         y0, y1, y2 = place(root, frame, shape, u, i, length - up[i], share)
                         gap, n0, n1, n2 = stem_gap(y0, y1, y2, thickness[i], within, at, cup)
-                        if look and piece >= 0 and gap < 1.0:
-                            clear = k + int((gap - cup.outer + cup.neck - CLOSE) * n / length)
+                        if look and piece >= 0:
+                            away = gap - cup.outer + cup.neck if gap < ABOVE else gap - ABOVE
+                            clear = k + int((away - CLOSE) * n / length)
                     if look and gap < CLOSE:
                         whats[i, close[i]], shares[i, close[i]] = what, share
                         close[i] += 1
