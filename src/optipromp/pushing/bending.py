@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dpbsv
 
 from optipromp.arrays import FloatArray
 from optipromp.scenes.scene import SceneObject
@@ -84,18 +85,20 @@ def bent(root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: Flo
     tension = mass * GRAVITY * np.abs(along[:, 2])
     h = length / n
     stiffer = np.where((np.arange(n) + 0.5) / n > (1.0 - radius / length)[:, None], STIFF_END, 1.0)
-    curvature = np.zeros((n, n + 1))  # of the grid's points 0 … n-1, times h²
-    curvature[0, 1] = 2.0  # clamped: the beam is mirrored at its root
-    for i in range(1, n):
-        curvature[i, i - 1 : i + 2] = 1.0, -2.0, 1.0
-    slope = np.eye(n) - np.eye(n, k=-1)  # of each element, times h
-    weight = np.ones(n)
-    weight[0] = 0.5
-    bend = curvature[:, 1:]
-    ei = bending[:, None] * stiffer * weight / h[:, None] ** 3
-    full = bend.T @ (ei[:, :, None] * bend) + (tension / h)[:, None, None] * (slope.T @ slope)
+    stiffer[:, 0] *= 0.5  # clamped: the beam is mirrored at its root
+    ei = np.zeros((count, n + 2))  # by h³, at the grid's points from the root; none beyond the end
+    ei[:, :n] = bending[:, None] * stiffer / h[:, None] ** 3
+    pull = (tension / h)[:, None]
+    # ½∫EI w''² + ½∫T w'² by central differences, as LAPACK keeps a symmetric band
+    band = np.zeros((count, 3, n))
+    band[:, 0] = ei[:, :n] + 4.0 * ei[:, 1:-1] + ei[:, 2:] + 2.0 * pull
+    band[:, 0, 0] += 3.0 * ei[:, 0]
+    band[:, 0, -1] -= pull[:, 0]
+    band[:, 1, :-1] = -2.0 * (ei[:, 1:n] + ei[:, 2:-1]) - pull
+    band[:, 2, :-2] = ei[:, 2:n]
     at = np.round(np.array(LOADED) * n).astype(int) - 1
-    compliance = np.linalg.solve(full, np.eye(n)[:, at])
+    unit = np.eye(n)[:, at]
+    compliance = np.array([dpbsv(one, unit, lower=1)[1] for one in band]).reshape(count, n, loaded)
     between = np.ascontiguousarray(compliance[:, at])
     stiffness = np.linalg.inv(between)
     shape = np.zeros((count, ELEMENTS + 1, loaded))
