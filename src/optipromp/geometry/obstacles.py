@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optipromp.arrays import FloatArray, IntArray
+from optipromp.arrays import BoolArray, FloatArray, IntArray
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry.cells import Cells, make_cells, no_cells
 from optipromp.geometry.shapes import (
@@ -137,10 +137,15 @@ def near(obstacles: Obstacles, center: FloatArray, reach: float) -> Obstacles:
 
     They have no cells.
     """
-    away = np.linalg.norm(obstacles.position - center, axis=1) - obstacles.bound
-    keep = away <= reach
+    off = obstacles.position - center
+    keep = np.sqrt(np.einsum("ki,ki->k", off, off)) - obstacles.bound <= reach
+    return selected(obstacles, slice(None) if keep.all() else keep)
+
+
+def selected(obstacles: Obstacles, which: slice | BoolArray) -> Obstacles:
+    """Some of the obstacles, without cells."""
     fields = ("kind", "position", "rotation", "size", "bound", "grid")
-    kept = {name: getattr(obstacles, name)[keep] for name in fields}
+    kept = {name: getattr(obstacles, name)[which] for name in fields}
     for array in kept.values():
         array.setflags(write=False)
     return obstacles._replace(**kept, cells=no_cells())

@@ -9,14 +9,14 @@ are drawn, and the optimised trajectory is tried again, as it is what the arm do
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, frozen
 from optipromp.geometry import distances
-from optipromp.geometry.obstacles import Obstacles, near, pack
+from optipromp.geometry.obstacles import Obstacles, near, selected
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.setup import Setup
 from optipromp.pushing.bending import Stems, moved, stems
@@ -24,7 +24,7 @@ from optipromp.pushing.cup import Cup
 from optipromp.pushing.neighbours import detection_variance
 from optipromp.pushing.sides import UPRIGHT, Drift, passing_windows
 from optipromp.pushing.swinging import mean_score
-from optipromp.pushing.thread import evenly, length
+from optipromp.pushing.thread import along, evenly, length
 from optipromp.robots.cup_cover import NECK_RADIUS
 from optipromp.robots.tools import Cup as CupTool
 from optipromp.scenes.scene import SceneObject
@@ -121,12 +121,10 @@ class Foresight:
         Where ``seen_well``, with :data:`FEWER` draws of how they may hang.
         """
         points, axes = self.setup.robot.tool_pose(q)
-        at = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
-        wanted = np.linspace(0.0, at[-1], int(at[-1] / STEP) + 2)
-        both = np.concatenate([points, axes], axis=1)
-        both = np.stack([np.interp(wanted, at, column) for column in both.T], axis=1)
-        both[:, 3:] /= np.linalg.norm(both[:, 3:], axis=1)[:, None]
-        points, axes = np.ascontiguousarray(both[:, :3]), np.ascontiguousarray(both[:, 3:])
+        count = int(length(points) / STEP) + 2
+        axes = along(points, axes, count)
+        axes /= np.sqrt(np.einsum("pi,pi->p", axes, axes))[:, None]
+        points = evenly(points, count)
         return self.of(points, axes, FEWER if seen_well else None)
 
     def _touch(self, points: FloatArray) -> float:
@@ -139,6 +137,8 @@ class Foresight:
         far = float(np.linalg.norm(where - middle, axis=1).max()) + self.cup.outer
         worst = 0.0
         for obstacles, slack in ((self.solid, SLACK), (self.avoid, 0.0)):
+            if not len(obstacles.kind):
+                continue
             close = near(obstacles, middle, far + slack)
             if not len(close.kind):
                 continue
@@ -160,7 +160,6 @@ class Foresight:
         ``deadline`` on (of ``time.perf_counter()``) there is no more than one.
         """
         x_g, y_g, _ = self.setup.scene.frame
-        rng = np.random.default_rng(0)
         count = len(drift.ids)
         ruled = np.arctan2(drift.directions @ y_g, drift.directions @ x_g)
         plain = np.full(count, options.berth)
@@ -168,19 +167,21 @@ class Foresight:
 
         def tried(angles: FloatArray, berths: FloatArray) -> _Tried:
             turned = self._turned(drift, angles, berths, options)
-            wrong = self._stem_sides(turned.directions)
+            wrong = float(self._stem_sides(turned.directions))
             worst = np.inf if found is None else found.score
             value = wrong + self.of_path(path(turned), worst=worst - wrong)
             return _Tried(value, angles, berths, turned)
 
-        alike = [self._leant(a) for a in np.arange(0.0, 2.0 * np.pi - 1e-9, TURNS)]
-        alike.sort(key=lambda angles: self._stem_sides(self._directions(angles)))
-        first = [ruled, *alike] if rule else alike
+        alike = self._leant(np.arange(0.0, 2.0 * np.pi - 1e-9, TURNS))
+        alike = alike[np.argsort(self._stem_sides(self._directions(alike)), kind="stable")]
+        first = [ruled, *alike] if rule else list(alike)
 
         def late() -> bool:
             return time.perf_counter() > deadline
 
         for draw in range(ROUNDS * DRAWS):
+            if draw == len(first):
+                rng = np.random.default_rng(0)
             if draw < len(first):
                 now = tried(first[draw], plain)
             elif draw % 2 and best is not None:
@@ -202,33 +203,32 @@ class Foresight:
                     return
 
     @cached_property
-    def away(self) -> FloatArray:
-        """(N, 3) lateral part of the unit vectors from root to fruit: away from each stem."""
+    def _away(self) -> tuple[FloatArray, FloatArray]:
+        """Away from each stem: lateral part (N, 3) of the unit vector root to fruit, its length."""
         along = self.stems.axes[1 : 1 + len(self.setup.neighbours), 2]
         up = self.setup.scene.frame[2]
-        return np.asarray(along - (along @ up)[:, None] * up)
+        away = along - (along @ up)[:, None] * up
+        return away, np.sqrt(np.einsum("ni,ni->n", away, away))
 
-    def _leant(self, angle: float) -> FloatArray:
-        """One angle for all neighbours, turned a little to the free side of each stem (N,)."""
+    def _leant(self, angles: FloatArray) -> FloatArray:
+        """Angles (m,) for all neighbours, turned a little to the free side of each stem (m, N)."""
         x_g, y_g, _ = self.setup.scene.frame
-        away = self.away
-        free = np.arctan2(away @ y_g, away @ x_g) - angle
+        away, lean = self._away
+        free = np.arctan2(away @ y_g, away @ x_g) - angles[:, None]
         free = (free + np.pi) % (2.0 * np.pi) - np.pi
-        leans = np.linalg.norm(away, axis=1) > np.sin(UPRIGHT)
-        return np.asarray(angle + leans * np.clip(free, -TOWARDS, TOWARDS))
+        turned = np.clip(free, -TOWARDS, TOWARDS)
+        return np.asarray(angles[:, None] + (lean > np.sin(UPRIGHT)) * turned)
 
     def _directions(self, angles: FloatArray) -> FloatArray:
-        """Unit vectors (N, 3) at angles (N,) from x_g towards y_g."""
+        """Unit vectors (..., 3) at angles (...) from x_g towards y_g."""
         x_g, y_g, _ = self.setup.scene.frame
-        return np.asarray(np.cos(angles)[:, None] * x_g + np.sin(angles)[:, None] * y_g)
+        return np.asarray(np.cos(angles)[..., None] * x_g + np.sin(angles)[..., None] * y_g)
 
-    def _stem_sides(self, directions: FloatArray) -> float:
-        """What passing neighbours on the side to which their stems lean adds to a score."""
-        away = self.away
-        lean = np.linalg.norm(away, axis=1)
-        leans = lean > np.sin(UPRIGHT)
-        wrong = np.einsum("ni,ni->n", away, directions) < -BESIDE * lean
-        return float(STEM_SIDE * np.count_nonzero(leans & wrong))
+    def _stem_sides(self, directions: FloatArray) -> FloatArray:
+        """What passing neighbours (..., N, 3) on the side where their stems lean costs (...)."""
+        away, lean = self._away
+        wrong = np.einsum("ni,...ni->...n", away, directions) < -BESIDE * lean
+        return np.asarray(STEM_SIDE * np.sum((lean > np.sin(UPRIGHT)) & wrong, axis=-1))
 
     def _turned(
         self, drift: Drift, angles: FloatArray, berths: FloatArray, options: PlanOptions
@@ -259,8 +259,9 @@ def foresight(setup: Setup) -> Foresight:
         max(inner, 0.5 * tool.radius), tool.radius, tool.depth - tool.height, tool.depth, WALL,
         NECK_RADIUS,
     )  # fmt: skip
-    avoid = [(thing.shape, thing.position, thing.rotation) for thing in setup.scene.avoid]
-    solid = near(setup.surroundings.static, target.position, AROUND)
+    around = setup.surroundings
+    solid = near(around.static, target.position, AROUND)
+    avoid = near(selected(around.dynamic, slice(around.shared)), target.position, AROUND)
     known = {thing.id for thing in setup.neighbours}
     others = [
         thing
@@ -273,22 +274,28 @@ def foresight(setup: Setup) -> Foresight:
     detected = any(thing.covariance is not None for thing in things)
     draws = DETECTED_UNSEEN if detected else UNSEEN
     return Foresight(
-        setup, _hanging(things, draws), len(things), draws, detected, cup, solid, pack(avoid)
+        setup, _hanging(things, draws), len(things), draws, detected, cup, solid, avoid
     )  # fmt: skip
 
 
 def _hanging(things: Sequence[SceneObject], draws: int) -> Stems:
     """The fruits as they were seen, and ``draws`` times as they may hang."""
-    rng = np.random.default_rng(0)
     seen = stems(things)
     sure = [thing.covariance is None for thing in things]
     spread = [SHIFT if known else WIDER * np.sqrt(detection_variance(t))
               for known, t in zip(sure, things, strict=True)]  # fmt: skip
     turn = np.array([TURN if known else DETECTED_TURN for known in sure]) * seen.length
-    shape = draws, len(things), 3
-    shift = np.reshape(spread, (-1, 1)) * rng.standard_normal(shape)
-    swing = turn[:, None] * rng.standard_normal(shape) * [1.0, 1.0, 0.0]
+    shifted, swung = _normal((draws, len(things), 3))
+    shift = np.reshape(spread, (-1, 1)) * shifted
+    swing = turn[:, None] * swung * [1.0, 1.0, 0.0]
     fruit = np.array([thing.position for thing in things])
     fruits = np.concatenate([fruit[None], fruit + shift])
     roots = np.concatenate([seen.root[None], seen.root + shift + swing])
     return moved(seen, roots, fruits)
+
+
+@lru_cache(maxsize=16)
+def _normal(shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    """Two arrays of standard normal numbers, always the same."""
+    rng = np.random.default_rng(0)
+    return frozen(rng.standard_normal(shape)), frozen(rng.standard_normal(shape))

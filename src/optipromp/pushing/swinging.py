@@ -22,7 +22,16 @@ from optipromp.arrays import BoolArray, FloatArray
 from optipromp.geometry.distances import distance_and_gradient
 from optipromp.geometry.obstacles import Obstacles
 from optipromp.pushing.bending import Stems
-from optipromp.pushing.cup import ABOVE, NECK_LOOKED_AT, Cup, Pose, fruit_gap, in_cup, inside, stem_gap
+from optipromp.pushing.cup import (
+    ABOVE,
+    NECK_LOOKED_AT,
+    Cup,
+    Pose,
+    fruit_gap,
+    in_cup,
+    inside,
+    stem_gap,
+)
 from optipromp.pushing.deflected import LOADS, begin, freely, level, place, press, shortened
 from optipromp.pushing.harm import Harm, score_of
 

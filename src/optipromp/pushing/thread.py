@@ -17,6 +17,7 @@ from optipromp.pushing.sides import Drift
 LEVEL = 0.001  # [m] between the heights that are looked at
 SWEEPS = 40
 ALIKE = 2e-6  # [m] between points that are one
+APART = 1e-9  # [m] between corners that are two
 
 
 def thread(
@@ -118,15 +119,51 @@ def _aside(flat, directions, offsets, active, farthest, p):  # type: ignore[no-u
             break
 
 
+@njit(cache=True, error_model="numpy", nogil=True)
 def length(corners: FloatArray) -> float:
     """Length of a path through ``corners`` (k, 3) [m]."""
-    return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
+    far = 0.0
+    for k in range(1, len(corners)):
+        far += _step(corners, k)
+    return far
 
 
 def evenly(corners: FloatArray, count: int) -> FloatArray:
     """``count`` points (count, 3) along the path, evenly spaced."""
-    steps = np.linalg.norm(np.diff(corners, axis=0), axis=1)
-    keep = np.append(True, steps > 1e-9)
-    at = np.append(0.0, np.cumsum(steps))[keep]
-    wanted = np.linspace(0.0, at[-1], count)
-    return np.stack([np.interp(wanted, at, corners[keep, i]) for i in range(3)], axis=1)
+    return along(corners, corners, count)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def along(corners: FloatArray, values: FloatArray, count: int) -> FloatArray:
+    """``values`` (k, m) of the corners (k, 3), at ``count`` places evenly along the path."""
+    at, kept, last = np.zeros(len(corners)), np.zeros(len(corners), dtype=np.int64), 0
+    far = 0.0
+    for k in range(1, len(corners)):
+        step = _step(corners, k)
+        far += step
+        if step > APART:
+            last += 1
+            at[last], kept[last] = far, k
+    out = np.empty((count, values.shape[1]))
+    i = 0
+    for c in range(count):
+        wanted = at[last] if c == count - 1 else c * (at[last] / (count - 1))
+        while i < last - 1 and at[i + 1] <= wanted:
+            i += 1
+        j = min(i + 1, last)
+        low, high = kept[i], kept[j]
+        for m in range(values.shape[1]):
+            if wanted >= at[j]:
+                out[c, m] = values[high, m]
+            else:
+                slope = (values[high, m] - values[low, m]) / (at[j] - at[i])
+                out[c, m] = slope * (wanted - at[i]) + values[low, m]
+    return out
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _step(corners: FloatArray, k: int) -> float:
+    x = corners[k, 0] - corners[k - 1, 0]
+    y = corners[k, 1] - corners[k - 1, 1]
+    z = corners[k, 2] - corners[k - 1, 2]
+    return math.sqrt(x * x + y * y + z * z)
