@@ -112,13 +112,8 @@ def push(
         How many points it was led through.
     """
     root, frame, shape, shortening = s.root, s.axes, s.shape, s.shortening
-    lengths, radii, thickness, mass, stiffness = (
-        s.length,
-        s.radius,
-        s.thickness,
-        s.mass,
-        s.stiffness,
-    )
+    lengths, radii, thickness = s.length, s.radius, s.thickness
+    mass, stiffness = s.mass, s.stiffness
     count, n, dofs = len(root), shape.shape[1] - 1, 2 * LOADS
     others, walls = count - 1, len(solid.kind)
     u, before, ahead = np.zeros((count, dofs)), np.zeros((count, dofs)), np.zeros((count, dofs))
