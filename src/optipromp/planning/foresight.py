@@ -50,6 +50,7 @@ WIDER = 1.5  # times the deviation of a detection: it is the unlikely that does 
 TURN, DETECTED_TURN = np.deg2rad(1.0), np.deg2rad(4.0)  # of its stem, and of one that was detected
 AROUND = 0.4  # [m] about the target within which things are looked at
 SLACK = 0.003  # [m] that the cup should keep from static things
+SOME = 4  # obstacles that it takes longer to sort than to measure
 
 
 def applies(setup: Setup, options: PlanOptions) -> bool:
@@ -133,13 +134,13 @@ class Foresight:
         axis = self.setup.goal_axis
         assert axis is not None
         where = (points[::2, None] + heights[:, None] * axis).reshape(-1, 3)
-        middle = 0.5 * (where.min(axis=0) + where.max(axis=0))
-        far = float(np.linalg.norm(where - middle, axis=1).max()) + self.cup.outer
         worst = 0.0
         for obstacles, slack in ((self.solid, SLACK), (self.avoid, 0.0)):
-            if not len(obstacles.kind):
-                continue
-            close = near(obstacles, middle, far + slack)
+            close = obstacles
+            if len(close.kind) > SOME:
+                middle = 0.5 * (where.min(axis=0) + where.max(axis=0))
+                far = float(np.linalg.norm(where - middle, axis=1).max()) + self.cup.outer
+                close = near(obstacles, middle, far + slack)
             if not len(close.kind):
                 continue
             away, _ = distances(close, where)

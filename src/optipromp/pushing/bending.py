@@ -126,7 +126,10 @@ def _frames(root: FloatArray, fruit: FloatArray) -> tuple[FloatArray, FloatArray
     hang = fruit - root
     length = np.sqrt(np.einsum("ij,ij->i", hang, hang))
     along = hang / length[:, None]
-    helper = np.where(np.abs(along[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    e1 = np.cross(along, helper)
-    e1 /= np.linalg.norm(e1, axis=1)[:, None]
-    return length, np.stack([e1, np.cross(along, e1), along], axis=1)
+    x, y, z = along.T
+    nought = np.zeros(len(along))
+    # across from the world's x axis, or from its y axis where that is nearly along the stem
+    e1 = np.where(np.abs(x) < 0.9, [nought, z, -y], [-z, nought, x])
+    u, v, w = e1 = e1 / np.sqrt(np.einsum("in,in->n", e1, e1))
+    e2 = [y * w - z * v, z * u - x * w, x * v - y * u]
+    return length, np.ascontiguousarray(np.stack([e1, e2, [x, y, z]]).transpose(2, 0, 1))
