@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from numba import njit
 
-SUDDEN = 14.0  # [N] momentarily on a fruit that the cup meets within a step
+SUDDEN = 14.0  # [N] momentarily on a fruit, up to which the model's force says nothing
 PINCHED = 0.2  # [s]
 
 
@@ -35,9 +35,10 @@ def score_of(
     """One number for a :class:`Harm`: well below 1 nothing is expected to go wrong.
 
     Each part is 1 where it reaches what a fruit bears: 2 N on a stem for long, 5 N on the target,
-    30 N on another fruit, of which :data:`SUDDEN` come from the model's steps alone, and
-    :data:`PINCHED` of a fruit between cup and gutter, from where it slips more easily in the model
-    than elsewhere. A swallowed neighbour and a missed target end all hope.
+    30 N on another fruit, and :data:`PINCHED` of a fruit between cup and gutter, from where it
+    slips more easily in the model than elsewhere. A momentary force up to :data:`SUDDEN` counts
+    nothing: runs that go well in the twin have it in the model too, one in ten above 8 N. A
+    swallowed neighbour and a missed target end all hope.
     """
     lost = 5.0 * (inside > 0.03) + 5.0 * missed
     pressed = stem / 2.0 + max(fruit - SUDDEN, 0.0) / (30.0 - SUDDEN) + target / 5.0
