@@ -173,7 +173,7 @@ def test_the_table_of_scenarios_fits_eighty_columns() -> None:
     assert "157 | " in text
 
 
-def test_the_first_use_says_that_kernels_compile(tmp_path: Path) -> None:
+def test_the_first_use_compiles_every_kernel_of_a_plan_and_says_so(tmp_path: Path) -> None:
     code = "from optipromp.cli.console import say_if_compiling as say; say()"
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     done = subprocess.run(
@@ -181,3 +181,9 @@ def test_the_first_use_says_that_kernels_compile(tmp_path: Path) -> None:
     )
     assert done.stdout == ""
     assert done.stderr.startswith("compiling kernels, once")
+    compiled = set(tmp_path.rglob("*.nbc"))
+    assert any("mean_score" in file.name for file in compiled)  # the other process's share
+    command = [sys.executable, "-m", "optipromp", "plan", "scenario-4", "--json"]
+    later = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    assert later.stderr == ""
+    assert set(tmp_path.rglob("*.nbc")) == compiled

@@ -138,6 +138,6 @@ def say_if_compiling() -> None:
     if not any(folder.glob("*.nbi")):
         sys.stderr.write("compiling kernels, once (about half a minute) ...\n")
         sys.stderr.flush()
-        from optipromp.planning.plan import warm_up
+        from optipromp.planning.first_use import compile_kernels
 
-        warm_up()
+        compile_kernels()
