@@ -1,10 +1,10 @@
 """The judge: what a trajectory really does, by code that shares nothing with the solver.
 
-Kinematics and distances are the judge's own (:mod:`optipromp.sweep`, :mod:`.distance_checks`), and
-so is how it sees pushables passed (:mod:`.passing`); no kernel of ``robots``, ``geometry`` or
-``optimization`` is used. The trajectory is checked between its knots too, so finely that no body
-sphere moves more than half its radius from one check to the next (linear motion of the joints
-between knots).
+Kinematics and distances are the judge's own (:mod:`.kinematic_checks`, :mod:`.sweep`,
+:mod:`.distance_checks`), and so is how it sees pushables passed (:mod:`.passing`); no kernel of
+``robots``, ``geometry`` or ``optimization`` is used. The trajectory is checked between its knots
+too, so finely that no body sphere moves more than half its radius from one check to the next
+(linear motion of the joints between knots).
 """
 
 import functools
@@ -18,11 +18,12 @@ import numpy as np
 
 from optipromp import distance_checks
 from optipromp.arrays import FloatArray
+from optipromp.kinematic_checks import Body, cut, divisions, place, tool_path
 from optipromp.passing import passing
 from optipromp.robots.model import Robot
 from optipromp.scenes.rotations import to_quaternion
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
-from optipromp.sweep import Body, divisions, entered_first, place, sweep, tool_path
+from optipromp.sweep import entered_first, sweep
 from optipromp.trajectory import Trajectory
 
 GOAL_TOLERANCE = 1e-3  # [m], or [rad] for a goal in joints
@@ -116,6 +117,7 @@ def judged_body(robot: Robot) -> Body:
         axis=kin.axis, driver=kin.dof, ratio=kin.multiplier, offset=kin.offset, carrier=carrier,
         local=local, radius=radius, original=order, start=start,
         distal=np.asarray(spheres.distal)[order][start[:-1]], hub=hub, hub_radius=np.array(reach),
+        slimmest=np.array([radius[i:j].min() for i, j in spans]),
         groups=np.array(groups, dtype=np.int64).reshape(-1, 4), pairs=pairs.astype(np.int64),
     )  # fmt: skip
 
@@ -134,7 +136,8 @@ def tool(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Tool point and tool axis (M, 3) each, at ``q`` (M, n)."""
     points, axes = np.empty((len(q), 3)), np.empty((len(q), 3))
     q = np.array(q, dtype=np.float64, order="C")
-    tool_path(judged_body(robot), q, robot.tool_point, robot.tool_axis, points, axes)
+    both = np.stack([robot.tool_point, robot.tool_axis])
+    tool_path(judged_body(robot), q, both, points, axes)
     return points, axes
 
 
@@ -163,10 +166,7 @@ def _cut(positions: FloatArray, parts: Any) -> tuple[FloatArray, bool]:
     if total > MOST_CHECKS:
         parts = np.maximum(1, np.floor(parts * (MOST_CHECKS / total)))
     parts = parts.astype(np.int64)
-    index = np.repeat(np.arange(len(parts)), parts)
-    share = (np.arange(len(index)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[index]
-    between = positions[index] + share[:, None] * (positions[index + 1] - positions[index])
-    return np.vstack([between, positions[-1:]]), total <= MOST_CHECKS
+    return np.asarray(cut(positions, parts)), total <= MOST_CHECKS
 
 
 def clearances(
@@ -273,8 +273,8 @@ def pushed_away(
             continue
         kind, size = distance_checks.simple(thing.shape)
         depth, sphere = entered_first(
-            kind, np.array(size), np.array(thing.rotation, dtype=float),
-            np.array(thing.position, dtype=float), centers(robot, q),
+            kind, np.array(size), np.array([thing.rotation]), np.array([thing.position]),
+            centers(robot, q),
             np.array(robot.spheres.radius), np.array(robot.spheres.distal),
         )  # fmt: skip
         if depth > 0.0:
