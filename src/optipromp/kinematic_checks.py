@@ -31,6 +31,8 @@ class Body(NamedTuple):
     hub: FloatArray  # (L, 3) bounding centre, in the carrier of the link's first sphere
     hub_radius: FloatArray  # (L,)
     slimmest: FloatArray  # (L,) smallest radius of its spheres
+    reach: FloatArray  # (L,) farthest centre of its spheres from its segment's origin
+    swing: FloatArray  # (L,) and from its segment's axis
     groups: IntArray  # (G, 4) two links, range of pairs
     pairs: IntArray  # (P, 2)
 

@@ -104,6 +104,7 @@ def judged_body(robot: Robot) -> Body:
         np.max(np.linalg.norm(local[i:j] - h, axis=1) + radius[i:j])
         for (i, j), h in zip(spans, hub, strict=True)
     ]
+    aside = np.cross(local, kin.axis[carrier])  # of what the base carries, no axis is asked for
     pairs = np.sort(np.argsort(order)[np.asarray(robot.self_pairs).reshape(-1, 2)], axis=1)
     keys = np.searchsorted(names, link[pairs])
     by = np.lexsort((pairs[:, 1], pairs[:, 0], keys[:, 1], keys[:, 0]))
@@ -117,7 +118,9 @@ def judged_body(robot: Robot) -> Body:
         axis=kin.axis, driver=kin.dof, ratio=kin.multiplier, offset=kin.offset, carrier=carrier,
         local=local, radius=radius, original=order, start=start,
         distal=np.asarray(spheres.distal)[order][start[:-1]], hub=hub, hub_radius=np.array(reach),
-        slimmest=np.array([radius[i:j].min() for i, j in spans]),
+        slimmest=np.minimum.reduceat(radius, start[:-1]),
+        reach=np.maximum.reduceat(np.linalg.norm(local, axis=1), start[:-1]),
+        swing=np.maximum.reduceat(np.linalg.norm(aside, axis=1), start[:-1]),
         groups=np.array(groups, dtype=np.int64).reshape(-1, 4), pairs=pairs.astype(np.int64),
     )  # fmt: skip
 

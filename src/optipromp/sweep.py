@@ -202,7 +202,7 @@ def sweep(body, things, q, closest, core, depth, deepest, apart):  # type: ignor
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _about(hubs, radius, middle):  # type: ignore[no-untyped-def]
-    """Radius of a ball that holds balls (L,) about ``hubs`` (L, 3); its ``middle`` (1, 3) in place."""
+    """Radius of a ball that holds balls (L,) about ``hubs`` (L, 3); ``middle`` (1, 3) in place."""
     middle[:] = 0.0
     for link in range(hubs.shape[0]):
         for i in range(3):
@@ -256,9 +256,10 @@ def _levers(body, q):  # type: ignore[no-untyped-def]
         near, far = body.groups[g, 0], body.groups[g, 1]
         if body.carrier[body.start[near]] > body.carrier[body.start[far]]:
             near, far = far, near
-        length = math.sqrt(np.sum(body.hub[far] ** 2)) + body.hub_radius[far]
-        for s in range(body.carrier[body.start[far]], body.carrier[body.start[near]], -1):
-            levers[g, s] = 1.0 if body.prismatic[s] else length
+        last, length = body.carrier[body.start[far]], body.reach[far]
+        for s in range(last, body.carrier[body.start[near]], -1):
+            lever = body.swing[far] if s == last else length
+            levers[g, s] = 1.0 if body.prismatic[s] else lever
             longest[s] = max(longest[s], levers[g, s])
             length += math.sqrt(np.sum(body.shift[s] ** 2))
             if body.prismatic[s]:
@@ -291,7 +292,15 @@ def _nearest_pair(body, group, spheres, hubs, apart):  # type: ignore[no-untyped
             skip = far >= nearest
         if skip:
             continue
-        d = apart_by(spheres, a, spheres, b) - body.radius[a] - body.radius[b]
+        x, y, z = (
+            spheres[a, 0] - spheres[b, 0],
+            spheres[a, 1] - spheres[b, 1],
+            spheres[a, 2] - spheres[b, 2],
+        )
+        squared, reach = x * x + y * y + z * z, nearest + body.radius[a] + body.radius[b]
+        if squared > reach * reach * (1.0 + 1e-12):  # no nearer, and no root needed to see it
+            continue
+        d = math.sqrt(squared) - body.radius[a] - body.radius[b]
         nearest = min(nearest, d)
         if d < apart[0]:
             apart[0] = d
