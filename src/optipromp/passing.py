@@ -62,7 +62,8 @@ def _closely_under(scene: Scene, thing: SceneObject, depth: float) -> bool:
 def _last_passage(off: FloatArray, up: FloatArray) -> FloatArray | None:
     """Where a path ``off`` (T, 3) is, at the knot nearest its last crossing of the level plane."""
     height = off @ up
-    crossings = np.flatnonzero(np.sign(height[:-1]) != np.sign(height[1:]))
+    side = np.sign(height)
+    (crossings,) = (side[:-1] != side[1:]).nonzero()
     if not len(crossings):
         return None
     before = int(crossings[-1])
