@@ -33,6 +33,7 @@ class Body(NamedTuple):
     slimmest: FloatArray  # (L,) smallest radius of its spheres
     reach: FloatArray  # (L,) farthest centre of its spheres from its segment's origin
     swing: FloatArray  # (L,) and from its segment's axis
+    tool: FloatArray  # (2, 3) tool point and tool axis, which the last segment carries
     groups: IntArray  # (G, 4) two links, range of pairs
     pairs: IntArray  # (P, 2)
 
@@ -121,18 +122,6 @@ def place(body, q, out):  # type: ignore[no-untyped-def]
         for b in range(body.carrier.shape[0]):
             x, y, z = carried(turns, origins, body.carrier[b], body.local, b)
             out[m, b, 0], out[m, b, 1], out[m, b, 2] = x, y, z
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def tool_path(body, q, tool, points, axes):  # type: ignore[no-untyped-def]
-    """Point and axis of the ``tool`` (2, 3), which the last segment carries, at ``q`` (T, n)."""
-    last = body.driver.shape[0] - 1
-    turns, origins = np.empty((last + 1, 3, 3)), np.empty((last + 1, 3))
-    nowhere = np.zeros((last + 1, 3))
-    for t in range(q.shape[0]):
-        segments(body, q[t], turns, origins)
-        points[t, 0], points[t, 1], points[t, 2] = carried(turns, origins, last, tool, 0)
-        axes[t, 0], axes[t, 1], axes[t, 2] = carried(turns, nowhere, last, tool, 1)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from optipromp import distance_checks
-from optipromp.arrays import FloatArray
-from optipromp.kinematic_checks import Body, cut, divisions, place, tool_path
+from optipromp.arrays import FloatArray, IntArray
+from optipromp.kinematic_checks import Body, cut, divisions, place
 from optipromp.passing import passing
 from optipromp.robots.model import Robot
 from optipromp.scenes.rotations import to_quaternion
@@ -121,6 +121,7 @@ def judged_body(robot: Robot) -> Body:
         slimmest=np.minimum.reduceat(radius, start[:-1]),
         reach=np.maximum.reduceat(np.linalg.norm(local, axis=1), start[:-1]),
         swing=np.maximum.reduceat(np.linalg.norm(aside, axis=1), start[:-1]),
+        tool=np.array([robot.tool_point, robot.tool_axis]),
         groups=np.array(groups, dtype=np.int64).reshape(-1, 4), pairs=pairs.astype(np.int64),
     )  # fmt: skip
 
@@ -135,15 +136,6 @@ def centers(robot: Robot, q: FloatArray) -> FloatArray:
     return out
 
 
-def tool(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Tool point and tool axis (M, 3) each, at ``q`` (M, n)."""
-    points, axes = np.empty((len(q), 3)), np.empty((len(q), 3))
-    q = np.array(q, dtype=np.float64, order="C")
-    both = np.stack([robot.tool_point, robot.tool_axis])
-    tool_path(judged_body(robot), q, both, points, axes)
-    return points, axes
-
-
 def fine_positions(robot: Robot, positions: FloatArray) -> tuple[FloatArray, bool]:
     """The trajectory refined so that no sphere moves over half its radius between checks.
 
@@ -151,25 +143,33 @@ def fine_positions(robot: Robot, positions: FloatArray) -> tuple[FloatArray, boo
         (M, n) positions, the knots among them, and whether they are as fine as that: at most
         :data:`MOST_CHECKS` are made.
     """
+    fine, _, complete = _refined(robot, positions)
+    return fine, complete
+
+
+def _refined(robot: Robot, positions: FloatArray) -> tuple[FloatArray, IntArray, bool]:
+    """:func:`fine_positions`, and which of them (T,) are the knots."""
     kin = robot.kinematics
     positions = np.array(positions, dtype=np.float64, order="C")
-    turns = np.abs(np.diff(positions, axis=0))[:, kin.dof] @ np.abs(kin.multiplier)
-    coarse, fits = positions, True
+    turns = np.abs(positions[1:] - positions[:-1])[:, kin.dof] @ np.abs(kin.multiplier)
+    coarse, knots, fits = positions, None, True
     if turns.max(initial=0.0) > LARGEST_TURN:  # a chord says little about a large arc
-        coarse, fits = _cut(positions, np.maximum(1, np.ceil(turns / LARGEST_TURN)))
+        coarse, knots, fits = _cut(positions, np.maximum(1, np.ceil(turns / LARGEST_TURN)))
     parts = np.empty(len(coarse) - 1, dtype=np.int64)
     divisions(judged_body(robot), coarse, parts)
-    fine, complete = _cut(coarse, parts)
-    return fine, fits and complete
+    fine, at, complete = _cut(coarse, parts)
+    return fine, at if knots is None else at[knots], fits and complete
 
 
-def _cut(positions: FloatArray, parts: Any) -> tuple[FloatArray, bool]:
-    """Each interval in as many ``parts`` (T-1,), and whether all of them could be made."""
+def _cut(positions: FloatArray, parts: Any) -> tuple[FloatArray, IntArray, bool]:
+    """Each interval in as many ``parts`` (T-1,), where the knots are, and whether all were made."""
     total = float(np.sum(parts))
     if total > MOST_CHECKS:
         parts = np.maximum(1, np.floor(parts * (MOST_CHECKS / total)))
     parts = parts.astype(np.int64)
-    return np.asarray(cut(positions, parts)), total <= MOST_CHECKS
+    knots = np.zeros(len(positions), dtype=np.int64)
+    np.cumsum(parts, out=knots[1:])
+    return cut(positions, parts), knots, total <= MOST_CHECKS
 
 
 def clearances(
@@ -181,12 +181,21 @@ def clearances(
     (all but the last link and the tool), and between links that are not neighbours. The dictionary
     has the keys of :class:`Metrics`; None where there is nothing to measure.
     """
+    distances, contacts, _, _ = swept(scene, robot, q)
+    return distances, contacts
+
+
+def swept(
+    scene: Scene, robot: Robot, q: FloatArray
+) -> tuple[dict[str, float | None], list[Contact], FloatArray, FloatArray]:
+    """:func:`clearances`, and tool point and tool axis (M, 3) at every configuration."""
     body = judged_body(robot)
     simple, things, rest = distance_checks.judged_things(scene)
     closest, core, apart = np.full(4, np.inf), np.full(1, np.inf), np.full(3, np.inf)
     depth, deepest = np.full(len(simple), np.inf), np.zeros(len(simple), dtype=np.int64)
     q = np.array(q, dtype=np.float64, order="C")  # always writable: kernels compile once
-    sweep(body, things, q, closest, core, depth, deepest, apart)
+    points, axes = np.empty((len(q), 3)), np.empty((len(q), 3))
+    sweep(body, things, q, points, axes, closest, core, depth, deepest, apart)
 
     def name(sphere: int) -> str:
         return str(robot.link_names[robot.spheres.link[body.original[sphere]]])
@@ -204,14 +213,15 @@ def clearances(
     def known(value: float) -> float | None:
         return float(value) if np.isfinite(value) else None
 
-    return {
+    distances = {
         "M_c": known(core[0]),
         "clearance_static": known(closest[0]),
         "clearance_avoid": known(closest[1]),
         "clearance_avoid_tool": known(closest[2]),
         "clearance_pushable": known(closest[3]),
         "clearance_self": known(apart[0]),
-    }, contacts
+    }
+    return distances, contacts, points, axes
 
 
 def _other_shapes(
@@ -310,13 +320,13 @@ def judge(
             makes it invalid, or is only noted.
     """
     q = trajectory.positions
-    fine, complete = fine_positions(robot, q)
-    distances, contacts = clearances(scene, robot, fine)
+    fine, knots, complete = _refined(robot, q)
+    distances, contacts, points, axes = swept(scene, robot, fine)
+    tips, axes = points[knots], axes[knots]
     contacts, notes = pushed_away(scene, robot, fine, contacts)
     violations = [str(contact) for contact in contacts]
     if not complete:
         violations.append(f"it moves too far to be checked between its knots ({MOST_CHECKS} times)")
-    tips, axes = tool(robot, q)
     goal_error, axis_error = _goal(scene, q[-1], tips[-1], axes[-1], violations)
     rims = tips + getattr(robot.tool, "depth", 0.0) * axes
     m_p, projection = passing(

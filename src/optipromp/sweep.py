@@ -83,9 +83,10 @@ def apart_by(a, i, b, j):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def sweep(body, things, q, closest, core, depth, deepest, apart):  # type: ignore[no-untyped-def]
+def sweep(body, things, q, points, axes, closest, core, depth, deepest, apart):  # type: ignore[no-untyped-def]
     """Closest approaches over configurations ``q`` (M, n), in place.
 
+    ``points`` and ``axes`` (M, 3): tool point and tool axis at every one of them.
     ``closest`` (4,): static, avoid by B_d, avoid by the last link and tool, pushable by B_d.
     ``core`` (1,): the paper's M_c over static and avoid things. ``depth`` and ``deepest`` (K,): the
     smallest distance of what must not touch each thing, and the sphere, exact where negative.
@@ -99,6 +100,7 @@ def sweep(body, things, q, closest, core, depth, deepest, apart):  # type: ignor
     """
     n_segments, n_links = body.driver.shape[0], body.hub_radius.shape[0]
     turns, origins = np.zeros((n_segments, 3, 3)), np.empty((n_segments, 3))
+    nowhere = np.zeros((n_segments, 3))
     fresh, chord = np.empty((n_segments, 3, 3)), np.empty(n_segments)
     spheres, hubs = np.empty((body.radius.shape[0], 3)), np.empty((n_links, 3))
     middle, ball = np.empty((1, 3)), 0.0
@@ -112,6 +114,10 @@ def sweep(body, things, q, closest, core, depth, deepest, apart):  # type: ignor
         m, last = -i % q.shape[0], -(i - 1) % q.shape[0]
         longest += _advance(body, q[m], i == 0, turns, origins, fresh, chord, hubs, way)
         most += _turn_on(body, q[last], q[m], longest_lever, turned)
+        x, y, z = carried(turns, origins, n_segments - 1, body.tool, 0)
+        points[m, 0], points[m, 1], points[m, 2] = x, y, z
+        x, y, z = carried(turns, nowhere, n_segments - 1, body.tool, 1)
+        axes[m, 0], axes[m, 1], axes[m, 2] = x, y, z
         placed[:] = False
         about = False
         for k in range(things.kind.shape[0]):
