@@ -31,11 +31,11 @@ class Body(NamedTuple):
     hub: FloatArray  # (L, 3) bounding centre, in the carrier of the link's first sphere
     hub_radius: FloatArray  # (L,)
     slimmest: FloatArray  # (L,) smallest radius of its spheres
-    reach: FloatArray  # (L,) farthest centre of its spheres from its segment's origin
-    swing: FloatArray  # (L,) and from its segment's axis
     tool: FloatArray  # (2, 3) tool point and tool axis, which the last segment carries
     groups: IntArray  # (G, 4) two links, range of pairs
     pairs: IntArray  # (P, 2)
+    levers: FloatArray  # (G, S) most that a group's links move about one another, by each joint
+    longest: FloatArray  # (S,) the largest of them
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -60,7 +60,7 @@ def composed(a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
 def segments(body, q, turns, origins):  # type: ignore[no-untyped-def]
     """Rotations (S, 3, 3) and origins (S, 3) of the segments at one configuration, in place."""
     w, x, y, z = 1.0, 0.0, 0.0, 0.0
@@ -176,9 +176,8 @@ def _farthest(body, link, r, o, r_new, o_new, worst):  # type: ignore[no-untyped
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def cut(q, parts):  # type: ignore[no-untyped-def]
-    """Each interval of ``q`` (T, n) in ``parts`` (T-1,): (M, n), the knots among them."""
-    fine = np.empty((np.sum(parts) + 1, q.shape[1]))
+def cut(q, parts, fine):  # type: ignore[no-untyped-def]
+    """Each interval of ``q`` (T, n) in ``parts`` (T-1,): ``fine`` (M, n), the knots among them."""
     m = 0
     for t in range(parts.shape[0]):
         for k in range(parts[t]):
@@ -186,5 +185,5 @@ def cut(q, parts):  # type: ignore[no-untyped-def]
             for j in range(q.shape[1]):
                 fine[m, j] = q[t, j] + share * (q[t + 1, j] - q[t, j])
             m += 1
-    fine[m] = q[-1]
-    return fine
+    for j in range(q.shape[1]):
+        fine[m, j] = q[q.shape[0] - 1, j]

@@ -104,7 +104,6 @@ def judged_body(robot: Robot) -> Body:
         np.max(np.linalg.norm(local[i:j] - h, axis=1) + radius[i:j])
         for (i, j), h in zip(spans, hub, strict=True)
     ]
-    aside = np.cross(local, kin.axis[carrier])  # of what the base carries, no axis is asked for
     pairs = np.sort(np.argsort(order)[np.asarray(robot.self_pairs).reshape(-1, 2)], axis=1)
     keys = np.searchsorted(names, link[pairs])
     by = np.lexsort((pairs[:, 1], pairs[:, 0], keys[:, 1], keys[:, 0]))
@@ -112,6 +111,10 @@ def judged_body(robot: Robot) -> Body:
     cuts = np.flatnonzero(np.any(np.diff(keys, axis=0) != 0, axis=1)) + 1
     edges = np.concatenate([[0], cuts, [len(pairs)]]) if len(pairs) else np.zeros(1, dtype=int)
     groups = [(*keys[i], i, j) for i, j in itertools.pairwise(edges)]
+    levers = np.zeros((len(groups), robot.n_segments))
+    for g, (a, b, *_) in enumerate(groups):
+        both = [local[slice(*spans[a])], local[slice(*spans[b])]]
+        levers[g] = _levers(robot, carrier[start[[a, b]]], both)
     quaternions = np.array([to_quaternion(rotation) for rotation in kin.rotation])
     return Body(
         prismatic=kin.kind == 1, turn=quaternions.reshape(-1, 4), shift=kin.translation,
@@ -119,11 +122,28 @@ def judged_body(robot: Robot) -> Body:
         local=local, radius=radius, original=order, start=start,
         distal=np.asarray(spheres.distal)[order][start[:-1]], hub=hub, hub_radius=np.array(reach),
         slimmest=np.minimum.reduceat(radius, start[:-1]),
-        reach=np.maximum.reduceat(np.linalg.norm(local, axis=1), start[:-1]),
-        swing=np.maximum.reduceat(np.linalg.norm(aside, axis=1), start[:-1]),
         tool=np.array([robot.tool_point, robot.tool_axis]),
         groups=np.array(groups, dtype=np.int64).reshape(-1, 4), pairs=pairs.astype(np.int64),
+        levers=levers, longest=levers.max(axis=0, initial=0.0),
     )  # fmt: skip
+
+
+def _levers(robot: Robot, segments: IntArray, locals_: Sequence[FloatArray]) -> FloatArray:
+    """How far (S,) one of two links moves about the other, at most, by a joint's value.
+
+    ``segments`` (2,) carry them and ``locals_`` are the centres (k, 3) of their spheres. No farther
+    than the chain is long from the joint to the spheres; without bound before a prismatic joint.
+    """
+    kin, out = robot.kinematics, np.zeros(robot.n_segments)
+    far = int(np.argmax(segments))
+    axis = kin.axis[segments[far]]
+    length = np.linalg.norm(locals_[far], axis=1).max()
+    for s in range(segments[far], segments[1 - far], -1):
+        aside = np.linalg.norm(np.cross(locals_[far], axis), axis=1).max()
+        lever = aside if s == segments[far] else length
+        out[s] = 1.0 if kin.kind[s] == 1 else lever
+        length += np.inf if kin.kind[s] == 1 else np.linalg.norm(kin.translation[s])
+    return out
 
 
 def centers(robot: Robot, q: FloatArray) -> FloatArray:
@@ -169,7 +189,9 @@ def _cut(positions: FloatArray, parts: Any) -> tuple[FloatArray, IntArray, bool]
     parts = parts.astype(np.int64)
     knots = np.zeros(len(positions), dtype=np.int64)
     np.cumsum(parts, out=knots[1:])
-    return cut(positions, parts), knots, total <= MOST_CHECKS
+    fine = np.empty((knots[-1] + 1, positions.shape[1]))
+    cut(positions, parts, fine)
+    return fine, knots, total <= MOST_CHECKS
 
 
 def clearances(

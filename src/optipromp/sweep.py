@@ -1,6 +1,8 @@
 r"""The judge's sweep: closest approaches of a trajectory, apart from the planner's kernels.
 
 The distances give values only. Every check is exact; bounding spheres only skip what cannot matter.
+What is handed a whole :class:`Body` in the loop is compiled into it: a call would copy its arrays'
+descriptions, which takes as long as the work.
 """
 
 import math
@@ -108,12 +110,11 @@ def sweep(body, things, q, points, axes, closest, core, depth, deepest, apart): 
     way, longest = np.zeros(n_links), 0.0
     due, due_any = np.zeros((things.kind.shape[0], n_links)), np.zeros(things.kind.shape[0])
     due_pair, due_pairs = np.zeros(body.groups.shape[0]), 0.0
-    levers, longest_lever = _levers(body, q)
-    turned, most = np.zeros(n_segments), 0.0
+    turned, most, levers = np.zeros(n_segments), 0.0, body.levers
     for i in range(q.shape[0]):
         m, last = -i % q.shape[0], -(i - 1) % q.shape[0]
         longest += _advance(body, q[m], i == 0, turns, origins, fresh, chord, hubs, way)
-        most += _turn_on(body, q[last], q[m], longest_lever, turned)
+        most += _turn_on(body.driver, body.ratio, body.longest, q, last, m, turned)
         x, y, z = carried(turns, origins, n_segments - 1, body.tool, 0)
         points[m, 0], points[m, 1], points[m, 2] = x, y, z
         x, y, z = carried(turns, nowhere, n_segments - 1, body.tool, 1)
@@ -219,7 +220,7 @@ def _about(hubs, radius, middle):  # type: ignore[no-untyped-def]
     return far
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
 def _advance(body, q, begin, turns, origins, fresh, chord, hubs, way):  # type: ignore[no-untyped-def]
     """Move the segments and hubs to ``q``; adds to ``way``, and returns the largest that it adds.
 
@@ -250,42 +251,19 @@ def _advance(body, q, begin, turns, origins, fresh, chord, hubs, way):  # type: 
     return largest
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def _levers(body, q):  # type: ignore[no-untyped-def]
-    """How far (G, S) a segment's joint moves one link of a group about the other, by its value.
-
-    No farther than the chain is long from the joint to the link's spheres. And the largest (S,).
-    """
-    levers = np.zeros((body.groups.shape[0], body.driver.shape[0]))
-    longest = np.zeros(body.driver.shape[0])
-    for g in range(levers.shape[0]):
-        near, far = body.groups[g, 0], body.groups[g, 1]
-        if body.carrier[body.start[near]] > body.carrier[body.start[far]]:
-            near, far = far, near
-        last, length = body.carrier[body.start[far]], body.reach[far]
-        for s in range(last, body.carrier[body.start[near]], -1):
-            lever = body.swing[far] if s == last else length
-            levers[g, s] = 1.0 if body.prismatic[s] else lever
-            longest[s] = max(longest[s], levers[g, s])
-            length += math.sqrt(np.sum(body.shift[s] ** 2))
-            if body.prismatic[s]:
-                length += np.max(np.abs(body.ratio[s] * q[:, body.driver[s]] + body.offset[s]))
-    return levers, longest
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _turn_on(body, before, q, levers, turned):  # type: ignore[no-untyped-def]
-    """Adds to ``turned`` (S,) how far each joint moves; how far ``levers`` (S,) are moved by it."""
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+def _turn_on(driver, ratio, longest, q, last, m, turned):  # type: ignore[no-untyped-def]
+    """Adds to ``turned`` (S,) how far each joint moves; the most that moves links of any group."""
     most = 0.0
     for s in range(turned.shape[0]):
-        step = abs(body.ratio[s] * (q[body.driver[s]] - before[body.driver[s]]))
+        step = abs(ratio[s] * (q[m, driver[s]] - q[last, driver[s]]))
         step = step * (1.0 + 1e-9) + 1e-12  # rounding
         turned[s] += step
-        most += levers[s] * step
+        most += longest[s] * step
     return most
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
 def _nearest_pair(body, group, spheres, hubs, apart):  # type: ignore[no-untyped-def]
     """The distance between two links; ``apart`` where it is the least so far."""
     second = body.groups[group, 1]
@@ -315,7 +293,7 @@ def _nearest_pair(body, group, spheres, hubs, apart):  # type: ignore[no-untyped
     return nearest
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
 def _place_link(body, turns, origins, link, spheres):  # type: ignore[no-untyped-def]
     """World centres of one link's spheres, in place."""
     for b in range(body.start[link], body.start[link + 1]):
