@@ -1,10 +1,10 @@
 """The judge: what a trajectory really does, by code that shares nothing with the solver.
 
-Kinematics and distances are the judge's own (:mod:`optipromp.sweep`, :mod:`.distance_checks`), and
-so is how it sees pushables passed (:mod:`.passing`); no kernel of ``robots``, ``geometry`` or
-``optimization`` is used. The trajectory is checked between its knots too, so finely that no body
-sphere moves more than half its radius from one check to the next (linear motion of the joints
-between knots).
+Kinematics and distances are the judge's own (:mod:`.kinematic_checks`, :mod:`.sweep`,
+:mod:`.distance_checks`), and so is how it sees pushables passed (:mod:`.passing`); no kernel of
+``robots``, ``geometry`` or ``optimization`` is used. The trajectory is checked between its knots
+too, so finely that no body sphere moves more than half its radius from one check to the next
+(linear motion of the joints between knots).
 """
 
 import functools
@@ -17,12 +17,13 @@ from typing import Any
 import numpy as np
 
 from optipromp import distance_checks
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, IntArray
+from optipromp.kinematic_checks import Body, cut, divisions, place
 from optipromp.passing import passing
 from optipromp.robots.model import Robot
 from optipromp.scenes.rotations import to_quaternion
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
-from optipromp.sweep import Body, divisions, entered_first, place, sweep, tool_path
+from optipromp.sweep import entered_first, sweep
 from optipromp.trajectory import Trajectory
 
 GOAL_TOLERANCE = 1e-3  # [m], or [rad] for a goal in joints
@@ -110,14 +111,39 @@ def judged_body(robot: Robot) -> Body:
     cuts = np.flatnonzero(np.any(np.diff(keys, axis=0) != 0, axis=1)) + 1
     edges = np.concatenate([[0], cuts, [len(pairs)]]) if len(pairs) else np.zeros(1, dtype=int)
     groups = [(*keys[i], i, j) for i, j in itertools.pairwise(edges)]
+    levers = np.zeros((len(groups), robot.n_segments))
+    for g, (a, b, *_) in enumerate(groups):
+        both = [local[slice(*spans[a])], local[slice(*spans[b])]]
+        levers[g] = _levers(robot, carrier[start[[a, b]]], both)
     quaternions = np.array([to_quaternion(rotation) for rotation in kin.rotation])
     return Body(
         prismatic=kin.kind == 1, turn=quaternions.reshape(-1, 4), shift=kin.translation,
         axis=kin.axis, driver=kin.dof, ratio=kin.multiplier, offset=kin.offset, carrier=carrier,
         local=local, radius=radius, original=order, start=start,
         distal=np.asarray(spheres.distal)[order][start[:-1]], hub=hub, hub_radius=np.array(reach),
+        slimmest=np.minimum.reduceat(radius, start[:-1]),
+        tool=np.array([robot.tool_point, robot.tool_axis]),
         groups=np.array(groups, dtype=np.int64).reshape(-1, 4), pairs=pairs.astype(np.int64),
+        levers=levers, longest=levers.max(axis=0, initial=0.0),
     )  # fmt: skip
+
+
+def _levers(robot: Robot, segments: IntArray, locals_: Sequence[FloatArray]) -> FloatArray:
+    """How far (S,) one of two links moves about the other, at most, by a joint's value.
+
+    ``segments`` (2,) carry them and ``locals_`` are the centres (k, 3) of their spheres. No farther
+    than the chain is long from the joint to the spheres; without bound before a prismatic joint.
+    """
+    kin, out = robot.kinematics, np.zeros(robot.n_segments)
+    far = int(np.argmax(segments))
+    axis = kin.axis[segments[far]]
+    length = np.linalg.norm(locals_[far], axis=1).max()
+    for s in range(segments[far], segments[1 - far], -1):
+        aside = np.linalg.norm(np.cross(locals_[far], axis), axis=1).max()
+        lever = aside if s == segments[far] else length
+        out[s] = 1.0 if kin.kind[s] == 1 else lever
+        length += np.inf if kin.kind[s] == 1 else np.linalg.norm(kin.translation[s])
+    return out
 
 
 def centers(robot: Robot, q: FloatArray) -> FloatArray:
@@ -130,14 +156,6 @@ def centers(robot: Robot, q: FloatArray) -> FloatArray:
     return out
 
 
-def tool(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Tool point and tool axis (M, 3) each, at ``q`` (M, n)."""
-    points, axes = np.empty((len(q), 3)), np.empty((len(q), 3))
-    q = np.array(q, dtype=np.float64, order="C")
-    tool_path(judged_body(robot), q, robot.tool_point, robot.tool_axis, points, axes)
-    return points, axes
-
-
 def fine_positions(robot: Robot, positions: FloatArray) -> tuple[FloatArray, bool]:
     """The trajectory refined so that no sphere moves over half its radius between checks.
 
@@ -145,28 +163,35 @@ def fine_positions(robot: Robot, positions: FloatArray) -> tuple[FloatArray, boo
         (M, n) positions, the knots among them, and whether they are as fine as that: at most
         :data:`MOST_CHECKS` are made.
     """
+    fine, _, complete = _refined(robot, positions)
+    return fine, complete
+
+
+def _refined(robot: Robot, positions: FloatArray) -> tuple[FloatArray, IntArray, bool]:
+    """:func:`fine_positions`, and which of them (T,) are the knots."""
     kin = robot.kinematics
     positions = np.array(positions, dtype=np.float64, order="C")
-    turns = np.abs(np.diff(positions, axis=0))[:, kin.dof] @ np.abs(kin.multiplier)
-    coarse, fits = positions, True
+    turns = np.abs(positions[1:] - positions[:-1])[:, kin.dof] @ np.abs(kin.multiplier)
+    coarse, knots, fits = positions, None, True
     if turns.max(initial=0.0) > LARGEST_TURN:  # a chord says little about a large arc
-        coarse, fits = _cut(positions, np.maximum(1, np.ceil(turns / LARGEST_TURN)))
+        coarse, knots, fits = _cut(positions, np.maximum(1, np.ceil(turns / LARGEST_TURN)))
     parts = np.empty(len(coarse) - 1, dtype=np.int64)
     divisions(judged_body(robot), coarse, parts)
-    fine, complete = _cut(coarse, parts)
-    return fine, fits and complete
+    fine, at, complete = _cut(coarse, parts)
+    return fine, at if knots is None else at[knots], fits and complete
 
 
-def _cut(positions: FloatArray, parts: Any) -> tuple[FloatArray, bool]:
-    """Each interval in as many ``parts`` (T-1,), and whether all of them could be made."""
+def _cut(positions: FloatArray, parts: Any) -> tuple[FloatArray, IntArray, bool]:
+    """Each interval in as many ``parts`` (T-1,), where the knots are, and whether all were made."""
     total = float(np.sum(parts))
     if total > MOST_CHECKS:
         parts = np.maximum(1, np.floor(parts * (MOST_CHECKS / total)))
     parts = parts.astype(np.int64)
-    index = np.repeat(np.arange(len(parts)), parts)
-    share = (np.arange(len(index)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[index]
-    between = positions[index] + share[:, None] * (positions[index + 1] - positions[index])
-    return np.vstack([between, positions[-1:]]), total <= MOST_CHECKS
+    knots = np.zeros(len(positions), dtype=np.int64)
+    np.cumsum(parts, out=knots[1:])
+    fine = np.empty((knots[-1] + 1, positions.shape[1]))
+    cut(positions, parts, fine)
+    return fine, knots, total <= MOST_CHECKS
 
 
 def clearances(
@@ -178,12 +203,21 @@ def clearances(
     (all but the last link and the tool), and between links that are not neighbours. The dictionary
     has the keys of :class:`Metrics`; None where there is nothing to measure.
     """
+    distances, contacts, _, _ = swept(scene, robot, q)
+    return distances, contacts
+
+
+def swept(
+    scene: Scene, robot: Robot, q: FloatArray
+) -> tuple[dict[str, float | None], list[Contact], FloatArray, FloatArray]:
+    """:func:`clearances`, and tool point and tool axis (M, 3) at every configuration."""
     body = judged_body(robot)
     simple, things, rest = distance_checks.judged_things(scene)
     closest, core, apart = np.full(4, np.inf), np.full(1, np.inf), np.full(3, np.inf)
     depth, deepest = np.full(len(simple), np.inf), np.zeros(len(simple), dtype=np.int64)
     q = np.array(q, dtype=np.float64, order="C")  # always writable: kernels compile once
-    sweep(body, things, q, closest, core, depth, deepest, apart)
+    points, axes = np.empty((len(q), 3)), np.empty((len(q), 3))
+    sweep(body, things, q, points, axes, closest, core, depth, deepest, apart)
 
     def name(sphere: int) -> str:
         return str(robot.link_names[robot.spheres.link[body.original[sphere]]])
@@ -201,14 +235,15 @@ def clearances(
     def known(value: float) -> float | None:
         return float(value) if np.isfinite(value) else None
 
-    return {
+    distances = {
         "M_c": known(core[0]),
         "clearance_static": known(closest[0]),
         "clearance_avoid": known(closest[1]),
         "clearance_avoid_tool": known(closest[2]),
         "clearance_pushable": known(closest[3]),
         "clearance_self": known(apart[0]),
-    }, contacts
+    }
+    return distances, contacts, points, axes
 
 
 def _other_shapes(
@@ -273,8 +308,8 @@ def pushed_away(
             continue
         kind, size = distance_checks.simple(thing.shape)
         depth, sphere = entered_first(
-            kind, np.array(size), np.array(thing.rotation, dtype=float),
-            np.array(thing.position, dtype=float), centers(robot, q),
+            kind, np.array(size), np.array([thing.rotation]), np.array([thing.position]),
+            centers(robot, q),
             np.array(robot.spheres.radius), np.array(robot.spheres.distal),
         )  # fmt: skip
         if depth > 0.0:
@@ -307,13 +342,13 @@ def judge(
             makes it invalid, or is only noted.
     """
     q = trajectory.positions
-    fine, complete = fine_positions(robot, q)
-    distances, contacts = clearances(scene, robot, fine)
+    fine, knots, complete = _refined(robot, q)
+    distances, contacts, points, axes = swept(scene, robot, fine)
+    tips, axes = points[knots], axes[knots]
     contacts, notes = pushed_away(scene, robot, fine, contacts)
     violations = [str(contact) for contact in contacts]
     if not complete:
         violations.append(f"it moves too far to be checked between its knots ({MOST_CHECKS} times)")
-    tips, axes = tool(robot, q)
     goal_error, axis_error = _goal(scene, q[-1], tips[-1], axes[-1], violations)
     rims = tips + getattr(robot.tool, "depth", 0.0) * axes
     m_p, projection = passing(

@@ -4,6 +4,8 @@ A part of :mod:`optipromp.metrics`, and like it apart from the planner: position
 the figures M_p and y_g·S_n and what is wrong come out.
 """
 
+import math
+
 import numpy as np
 
 from optipromp.arrays import FloatArray
@@ -34,17 +36,17 @@ def passing(
         if thing.stem is None:
             projection[thing.id] = None
             continue
-        stem = np.asarray(thing.stem.points[1]) - np.asarray(thing.stem.points[0])
+        stem = thing.stem.points[1] - thing.stem.points[0]
         projection[thing.id] = float(lateral @ stem)
         flat = stem - (stem @ up) * up
-        if np.linalg.norm(flat) < DECIDED * np.linalg.norm(stem):
+        if math.hypot(*flat) < DECIDED * math.hypot(*stem):
             continue
         rim = _last_passage(rims - thing.position, up)
         close = _closely_under(scene, thing, float((rims[-1] - tips[-1]) @ up))
         for at in (rim,) if close else (passed, rim):
             if at is None:
                 continue
-            near = float(np.linalg.norm(at)) < thing.radius + 2.0 * gripper_radius
+            near = math.hypot(*at) < thing.radius + 2.0 * gripper_radius
             if (near or _in_the_way(scene, thing, gripper_radius)) and float(at @ flat) > 0.0:
                 violations.append(f"the tool passes {thing.id} on the side of its stem")
                 break
@@ -62,7 +64,8 @@ def _closely_under(scene: Scene, thing: SceneObject, depth: float) -> bool:
 def _last_passage(off: FloatArray, up: FloatArray) -> FloatArray | None:
     """Where a path ``off`` (T, 3) is, at the knot nearest its last crossing of the level plane."""
     height = off @ up
-    crossings = np.flatnonzero(np.sign(height[:-1]) != np.sign(height[1:]))
+    side = np.sign(height)
+    (crossings,) = (side[:-1] != side[1:]).nonzero()
     if not len(crossings):
         return None
     before = int(crossings[-1])
@@ -76,5 +79,5 @@ def _in_the_way(scene: Scene, thing: SceneObject, gripper_radius: float) -> bool
         return False
     off = thing.position - scene.target.position
     along = float(off @ scene.frame[2])
-    aside = float(np.linalg.norm(off - along * scene.frame[2]))
+    aside = math.hypot(*(off - along * scene.frame[2]))
     return -0.2 <= along < 0.0 and aside <= 1.5 * gripper_radius

@@ -60,7 +60,7 @@ def test_kinematics_are_pinocchios(name: str) -> None:
         model = pin.buildModelFromUrdf(str(path))
     data = model.createData()
     q = samples(robot, 300)
-    points, axes = metrics.tool(robot, q)
+    _, _, points, axes = metrics.swept(to(JointGoal(q[0])), robot, q)
     centers = metrics.centers(robot, q)
     assert centers.shape == (300, len(robot.spheres.radius), 3)
 

@@ -6,6 +6,7 @@ from optipromp import metrics
 from optipromp.arrays import FloatArray
 from optipromp.optimization import kernels
 from optipromp.optimization.evaluation import Evaluation
+from optipromp.planning.primitives import camera_point
 from optipromp.planning.setup import Setup
 from optipromp.robots import ik
 from optipromp.robots.roll import level
@@ -15,6 +16,8 @@ ENOUGH = 6  # free configurations to choose among
 SPARE = 3  # fewer free ones are reason to look for more
 ROOM = 0.06  # [m] beyond which more clearance is not better
 SELF_MARGIN = 0.01  # [m]
+NEAREST_ERROR = 1e-6  # [m] of a goal that is followed to
+NEAREST_MARGIN = 0.05  # [rad or m] that it keeps from the joint limits
 
 
 def clearance(setup: Setup, q: FloatArray) -> FloatArray:
@@ -61,6 +64,29 @@ def find(setup: Setup, seed: int, starts: int = STARTS) -> FloatArray:
     return level(setup.robot, solutions.joints, setup.scene.frame[0])
 
 
+def nearest(setup: Setup, begin: FloatArray) -> FloatArray | None:
+    """The goal configuration (1, n) on the branch of ``begin`` (n,); None where it is not free.
+
+    It is come to as the arm comes to it: along the approach, from as far before the camera point
+    as that is before the lowest fruit.
+    """
+    if setup.goal_joints is not None:
+        return None
+    assert setup.goal_position is not None
+    assert setup.goal_axis is not None
+    robot, approach = setup.robot, setup.scene.approach
+    before = camera_point(setup) - approach.camera_distance * setup.scene.frame[2]
+    way, axes = np.array([before, setup.goal_position]), np.array([setup.goal_axis] * 2)
+    found, errors = ik.track(robot, way, axes, begin)
+    if errors.max() > NEAREST_ERROR:
+        return None
+    goal = level(robot, found[1:], setup.scene.frame[0])
+    if np.minimum(goal - robot.lower, robot.upper - goal).min() < NEAREST_MARGIN:
+        return None
+    _, touching = metrics.clearances(setup.scene, robot, goal)
+    return None if touching else goal
+
+
 def free(setup: Setup, goals: FloatArray) -> tuple[FloatArray, str]:
     """The best goal configurations that touch nothing, and what the first other one touches."""
     kept, blocked = [], ""
@@ -75,13 +101,24 @@ def free(setup: Setup, goals: FloatArray) -> tuple[FloatArray, str]:
     return goals[kept], blocked
 
 
-def choose(setup: Setup, seed: int, starts: int = STARTS) -> tuple[FloatArray, bool, str]:
+def choose(
+    setup: Setup, seed: int, starts: int = STARTS, begin: FloatArray | None = None
+) -> tuple[FloatArray, bool, str]:
     """Goal configurations to plan to, whether they are free, and a word where they are not.
+
+    Args:
+        setup: scene and robot.
+        seed: of the random starts.
+        starts: how many of them.
+        begin: (n,) where one configuration is enough, and is looked for from here before all.
 
     Returns:
         (m, n) configurations, at most :data:`ENOUGH` where they are free; whether they touch
         nothing; and, where none does, or none exists, why.
     """
+    only = None if begin is None else nearest(setup, begin)
+    if only is not None:
+        return only, True, ""
     goals = find(setup, seed, starts)
     kept, blocked = free(setup, goals)
     if len(kept) < SPARE and (starts >= STARTS or not len(goals)) and setup.goal_joints is None:

@@ -1,10 +1,11 @@
 """The planners without optimisation: ProMP (scenario I) and I-ProMP (scenario II)."""
 
+import functools
 import time
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, frozen
 from optipromp.planning import joint
 from optipromp.planning.build import Knots
 from optipromp.planning.options import Planner, PlanOptions
@@ -25,6 +26,12 @@ def knots_without_vias(count: int) -> Knots:
     return Knots(count, CAMERA_PHASE)
 
 
+@functools.lru_cache(maxsize=8)
+def end(promp: ProMP) -> FloatArray:
+    """Where the mean of a ProMP ends (n,)."""
+    return frozen(promp.mean_trajectory(np.array([1.0]))[0])
+
+
 def plan_movement(
     setup: Setup,
     promp: ProMP,
@@ -40,8 +47,7 @@ def plan_movement(
     at the camera point, to look.
     """
     began = time.perf_counter()
-    end = promp.mean_trajectory(np.array([1.0]))[0]
-    goal = goals[int(np.argmin(np.linalg.norm(goals - end, axis=1)))]
+    goal = goals[int(np.argmin(np.linalg.norm(goals - end(promp), axis=1)))]
     phase = options.camera_phase or CAMERA_PHASE
     camera = options.camera_point
     if camera is None:

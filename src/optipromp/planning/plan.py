@@ -66,6 +66,34 @@ class Term:
     stage: str
 
 
+class Terms(Mapping[str, Term]):
+    """Functionals by name, computed when they are first read: few who plan do."""
+
+    def __init__(self, compute: Callable[[], dict[str, Term]]) -> None:
+        self._compute: Callable[[], dict[str, Term]] | None = compute
+        self._values: dict[str, Term] = {}
+
+    def _known(self) -> dict[str, Term]:
+        if self._compute is not None:
+            self._values, self._compute = self._compute(), None
+        return self._values
+
+    def __getitem__(self, name: str) -> Term:
+        return self._known()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._known())
+
+    def __len__(self) -> int:
+        return len(self._known())
+
+    def __repr__(self) -> str:
+        return repr(self._known())
+
+    def __reduce__(self) -> tuple[type[dict[str, Term]], tuple[dict[str, Term]]]:
+        return dict, (self._known(),)
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
     """What a planner returns: a trajectory, what it does, and whether it is valid.
@@ -81,7 +109,7 @@ class Plan:
         trajectory: the best found, whatever the status.
         initial: the conditioned ProMP it began from.
         metrics: see :class:`optipromp.metrics.Metrics`.
-        terms: ``static``, ``avoid``, ``push``, ``velocity``.
+        terms: ``static``, ``avoid``, ``push``, ``velocity``; computed when first read.
         stages: optimisation stages in the order they ran.
         contacts: things that touch and must not.
         time: ``total`` and per stage [s].
@@ -228,7 +256,8 @@ def _plan(
             scene=scene, robot=setup.robot, planner=planner,
             strategy=strategy if planner == "opti-promp" else None, seed=seed, status=status,
             message=message, trajectory=outcome.trajectory, initial=outcome.initial,
-            metrics=verdict.metrics, terms=_terms(setup, options, outcome, paper),
+            metrics=verdict.metrics,
+            terms=Terms(functools.partial(_terms, setup, options, outcome, paper)),
             stages=outcome.stages, contacts=verdict.contacts, time=times,
         )  # fmt: skip
 
@@ -247,7 +276,8 @@ def _plan(
     starts = goals.FEW_STARTS if hasty else goals.STARTS
     ploughed = opti and ploughing.applies(setup)
     room = ploughing.without_packs(setup) if ploughed else setup
-    chosen, is_free, reason = goals.choose(room, seed, starts)
+    begin = movement.end(promp) if planner != "opti-promp" else None
+    chosen, is_free, reason = goals.choose(room, seed, starts, begin)
     clock["inverse kinematics"] = time.perf_counter() - before
     if not len(chosen):
         return finish(_stay(setup), Code.GOAL_UNREACHABLE, reason)

@@ -14,9 +14,7 @@ import numpy as np
 
 from optipromp import metrics
 from optipromp.arrays import FloatArray
-from optipromp.geometry.obstacles import pack
 from optipromp.metrics import Judgement
-from optipromp.optimization.problem import Surroundings
 from optipromp.planning import joint
 from optipromp.planning.build import Knots
 from optipromp.planning.options import PlanOptions
@@ -54,12 +52,8 @@ def applies(setup: Setup) -> bool:
 def without_packs(setup: Setup) -> Setup:
     """The setup once the hand has pushed everything aside: nothing stands in the wrist's way."""
     kept = tuple(thing for thing in setup.scene.objects if thing.role != "pushable")
-    around = Surroundings(
-        setup.surroundings.static,
-        pack([(thing.shape, thing.position, thing.rotation) for thing in setup.scene.avoid]),
-        len(setup.scene.avoid),
-    )
-    return replace(setup, scene=replace(setup.scene, objects=kept), surroundings=around)
+    scene = replace(setup.scene, objects=kept)
+    return replace(setup, scene=scene, standing=scene)
 
 
 def plan_ploughed(
@@ -88,7 +82,7 @@ def plan_ploughed(
     ways_found = ways(setup.scene, tool, rng, WAYS, until, wrist(setup))
     found = [w for w in ways_found if w.cost <= ALIKE * ways_found[0].cost]
     searched = time.perf_counter()
-    freed = replace(setup, surroundings=without_packs(setup).surroundings)
+    freed = replace(setup, standing=without_packs(setup).standing)
     heard: dict[int, Judgement] = {}
 
     def slowed(q: FloatArray) -> Trajectory:

@@ -34,8 +34,8 @@ class Setup:
         goal_joints: (n,), where the goal is a configuration.
         goal_position: (3,) of the tool point; None for a goal in joints.
         goal_axis: (3,) of the tool axis.
-        surroundings: obstacles by role.
         neighbours: pushables in the way, first met first.
+        standing: the scene that the surroundings are those of.
     """
 
     scene: Scene
@@ -45,8 +45,13 @@ class Setup:
     goal_joints: FloatArray | None
     goal_position: FloatArray | None
     goal_axis: FloatArray | None
-    surroundings: Surroundings
     neighbours: tuple[SceneObject, ...]
+    standing: Scene
+
+    @functools.cached_property
+    def surroundings(self) -> Surroundings:
+        """Obstacles by role, packed when they are first asked for."""
+        return _surroundings(self.standing, self.robot)
 
 
 def _robot_with_tool(scene: Scene) -> tuple[Robot, BodyPoints]:
@@ -102,8 +107,8 @@ def bind(scene: Scene) -> Setup:
         assert scene.target is not None  # a scene has a target or a goal
         position, axis = scene.target.position, scene.frame[2]
     return Setup(
-        scene, robot, body, frozen(start), joints, position, axis, _surroundings(scene, robot),
-        neighbours(scene, robot.gripper_radius),
+        scene, robot, body, frozen(start), joints, position, axis,
+        neighbours(scene, robot.gripper_radius), scene,
     )  # fmt: skip
 
 
@@ -117,6 +122,7 @@ def _within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> None:
         )
 
 
+@functools.lru_cache(maxsize=32)
 def reach(robot: Robot) -> float:
     """No point of the robot is ever farther from the base origin than this [m]."""
     kin = robot.kinematics

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
+from optipromp.promp.basis import Basis
 from optipromp.promp.checks import PHASE_TOLERANCE, ConditioningWarning, finite_array, frozen
 from optipromp.promp.gaussian import RANK_TOLERANCE, factorise, joseph
 from optipromp.promp.joint_kernels import joint_update
@@ -161,11 +163,7 @@ def _condition_joints(
     """
     n, count = promp.mean.shape
     size, p = n * count, len(points)
-    phases = np.array([point.phase for _, point in points])
-    orders = np.array([point.derivative for _, point in points])
-    values = np.empty((p, count))
-    for order in set(orders.tolist()):
-        values[orders == order] = promp.basis.evaluate(phases[orders == order], order)
+    values = _rows(promp.basis, tuple((point.phase, point.derivative) for _, point in points))
     target = np.array([point.value for _, point in points])
     prior = promp.covariance
     blocks = np.zeros((n, p, n, p))
@@ -197,6 +195,16 @@ def _condition_joints(
     gain = factor.solve(cross).T
     gain_rows = (gain.reshape(size * n, p) @ values).reshape(size, size)
     return trusted(promp, mean, joseph(prior, gain, gain_rows, noise))
+
+
+@lru_cache(maxsize=64)
+def _rows(basis: Basis, places: tuple[tuple[float, int], ...]) -> FloatArray:
+    """The bases, or their derivatives, (P, K) at each phase and order of derivative."""
+    phases, orders = np.array([phase for phase, _ in places]), np.array([k for _, k in places])
+    values = np.empty((len(places), basis.count))
+    for order in set(orders.tolist()):
+        values[orders == order] = basis.evaluate(phases[orders == order], order)
+    return values
 
 
 def _refuse(missed: FloatArray, points: Sequence[tuple[int, JointPoint]], promp: ProMP) -> None:

@@ -1,5 +1,6 @@
 """What a ProMP is conditioned on: points in joint space and in task space."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,8 +114,8 @@ def _phase(phase: float) -> float:
 def _covariance(
     covariance: FloatArray | float | None, size: int, name: str
 ) -> FloatArray | float | None:
-    if covariance is None:
-        return None
+    if covariance is None or (type(covariance) is float and 0.0 <= covariance < math.inf):
+        return covariance
     if np.ndim(covariance) == 0:
         variance = float(finite_array(covariance, name, 0))
         if variance < 0.0:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -56,10 +55,8 @@ def gather(demonstrations: DemonstrationsLike, joint_names: Sequence[str] | None
     error = InvalidDemonstrationError
     if isinstance(demonstrations, Demonstration):
         demonstrations = (demonstrations,)
-    if _alike(demonstrations):
-        demonstrations = np.stack(demonstrations)
-    if isinstance(demonstrations, np.ndarray) and demonstrations.ndim == 3:
-        stacked = finite_array(demonstrations, "demonstrations", 3, error)
+    stacked = _stacked(demonstrations)
+    if stacked is not None:
         if stacked.shape[0] == 0:
             raise error("no demonstrations: at least one is needed")
         if stacked.shape[1] < 2 or stacked.shape[2] == 0:
@@ -87,14 +84,27 @@ def gather(demonstrations: DemonstrationsLike, joint_names: Sequence[str] | None
     return Samples(all_phases, positions, np.stack(positions) if same else None, names)
 
 
-def _alike(demonstrations: DemonstrationsLike) -> TypeGuard[Sequence[FloatArray]]:
-    """Whether these are bare arrays (T, n) of finite numbers, all of one shape."""
+def _stacked(demonstrations: DemonstrationsLike) -> FloatArray | None:
+    """A copy (N, T, n) of bare arrays of finite numbers, all of one shape; None of anything else.
+
+    Raises:
+        InvalidDemonstrationError: one array of three dimensions with a value that is not finite.
+    """
+    if isinstance(demonstrations, np.ndarray):
+        if demonstrations.ndim != 3:
+            return None
+        return finite_array(demonstrations, "demonstrations", 3, InvalidDemonstrationError)
     if not isinstance(demonstrations, list | tuple) or not demonstrations:
-        return False
-    shapes = {item.shape if isinstance(item, np.ndarray) else () for item in demonstrations}
+        return None
+    if not all(
+        isinstance(item, np.ndarray) and item.dtype == np.float64 for item in demonstrations
+    ):
+        return None
+    shapes = {item.shape for item in demonstrations}
     if len(shapes) != 1 or len(shapes.pop()) != 2:
-        return False
-    return all(item.dtype == np.float64 and np.isfinite(item).all() for item in demonstrations)
+        return None
+    stacked = np.stack(demonstrations)
+    return stacked if np.isfinite(stacked).all() else None
 
 
 def deviation_floor(extent: FloatArray, demonstrations: int) -> FloatArray:
