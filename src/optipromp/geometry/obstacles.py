@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from operator import attrgetter
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +25,8 @@ from optipromp.geometry.shapes import (
 )
 
 SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID = range(6)
+
+Measures: TypeAlias = tuple[IntArray, FloatArray, FloatArray]
 
 _ROTATION_TOLERANCE = 1e-6
 
@@ -83,36 +86,33 @@ def pack(
         InvalidSceneError: a position or rotation is not finite or not a rotation, or a mesh is
             degenerate.
     """
-    count = len(items)
-    kind = np.zeros(count, dtype=np.int64)
-    size = np.zeros((count, 3))
-    bound = np.zeros(count)
-    grid = np.full(count, -1, dtype=np.int64)
-    grids: dict[int, int] = {}
-    shaped: list[MeshShape | PointCloudShape] = []
-    for index, (shape, _, _) in enumerate(items):
-        if isinstance(shape, Sphere):
-            bound[index] = size[index, 0] = shape.radius  # of kind 0
-            continue
-        bound[index] = bounding_radius(shape)
-        match shape:
-            case Box(edges):
-                kind[index], size[index] = BOX, edges
-                size[index] *= 0.5
-            case Cylinder(radius, length):
-                kind[index], size[index, 0], size[index, 1] = CYLINDER, radius, 0.5 * length
-            case Capsule(radius, length):
-                kind[index], size[index, 0], size[index, 1] = CAPSULE, radius, 0.5 * length
-            case HalfSpace():
-                kind[index] = HALF_SPACE
-            case MeshShape() | PointCloudShape():
-                kind[index] = GRID
-                if id(shape) not in grids:
-                    grids[id(shape)] = len(shaped)
-                    shaped.append(shape)
-                grid[index] = grids[id(shape)]
+    shapes = [shape for shape, _, _ in items]
     position = _stacked([at for _, at, _ in items], (3,))
     rotation = _stacked([turn for _, _, turn in items], (3, 3))
+    return packed(shapes, position, rotation, measures(shapes), reach=reach, within=within)
+
+
+def packed(
+    shapes: Sequence[Shape],
+    position: FloatArray,
+    rotation: FloatArray,
+    measured: Measures,
+    *,
+    reach: float = 0.0,
+    within: float = 0.0,
+) -> Obstacles:
+    """:func:`pack` of shapes whose poses (K, 3), (K, 3, 3) and measures are arrays already."""
+    kind, size, bound = measured
+    grid = np.full(len(shapes), -1, dtype=np.int64)
+    grids: dict[int, int] = {}
+    shaped: list[MeshShape | PointCloudShape] = []
+    for index in np.flatnonzero(kind == GRID).tolist():
+        shape = shapes[index]
+        assert isinstance(shape, MeshShape | PointCloudShape)
+        if id(shape) not in grids:
+            grids[id(shape)] = len(shaped)
+            shaped.append(shape)
+        grid[index] = grids[id(shape)]
     _check_poses(position, rotation)
     values, start, nodes, origin, spacing = _pack_grids(shaped)
     arrays = (kind, position, rotation, size, bound, grid, values, start, nodes, origin, spacing)
@@ -120,6 +120,38 @@ def pack(
         array.setflags(write=False)
     cells = make_cells(position, bound, reach, within) if reach > 0.0 else no_cells()
     return Obstacles(*arrays, cells)
+
+
+def measures(shapes: Sequence[Shape]) -> Measures:
+    """``kind`` (K,), ``size`` (K, 3) and ``bound`` (K,) of shapes, see :class:`Obstacles`."""
+    kind = np.full(len(shapes), GRID, dtype=np.int64)
+    size, bound = np.zeros((len(shapes), 3)), np.zeros(len(shapes))
+    classes: dict[type, list[int]] = {}
+    for index, shape in enumerate(shapes):
+        classes.setdefault(type(shape), []).append(index)
+    for index_of_class in classes.values():
+        rows = np.array(index_of_class)
+        own = [shapes[k] for k in index_of_class]
+        match own[0]:
+            case Sphere():
+                kind[rows] = SPHERE
+                bound[rows] = size[rows, 0] = _column(own, "radius")
+                continue
+            case Box():
+                kind[rows], size[rows] = BOX, _column(own, "size")
+                size[rows] *= 0.5
+            case Cylinder() | Capsule() as first:
+                kind[rows] = CYLINDER if isinstance(first, Cylinder) else CAPSULE
+                size[rows, 0] = _column(own, "radius")
+                size[rows, 1] = 0.5 * _column(own, "length")
+            case HalfSpace():
+                kind[rows] = HALF_SPACE
+        bound[rows] = [bounding_radius(shape) for shape in own]
+    return kind, size, bound
+
+
+def _column(shapes: Sequence[Shape], name: str) -> FloatArray:
+    return np.array(list(map(attrgetter(name), shapes)), dtype=np.float64)
 
 
 def _stacked(arrays: Sequence[ArrayLike], shape: tuple[int, ...]) -> FloatArray:

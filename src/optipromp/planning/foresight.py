@@ -16,7 +16,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.geometry import distances
-from optipromp.geometry.obstacles import Obstacles, near, pack
+from optipromp.geometry.obstacles import Obstacles, near
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.setup import Setup
 from optipromp.pushing.bending import Stems, moved, stems
@@ -259,12 +259,13 @@ def foresight(setup: Setup) -> Foresight:
         max(inner, 0.5 * tool.radius), tool.radius, tool.depth - tool.height, tool.depth, WALL,
         NECK_RADIUS,
     )  # fmt: skip
-    avoid = [(thing.shape, thing.position, thing.rotation) for thing in setup.scene.avoid]
+    scene = setup.scene
+    avoid = scene.packed(scene.around(target.position, AROUND, "avoid"))
     solid = near(setup.surroundings.static, target.position, AROUND)
     known = {thing.id for thing in setup.neighbours}
     others = [
         thing
-        for thing in setup.scene.pushables
+        for thing in scene.among(target.position, AROUND, "pushable")
         if thing.id not in known
         and thing.stem is not None
         and np.linalg.norm(thing.position - target.position) < AROUND
@@ -273,7 +274,7 @@ def foresight(setup: Setup) -> Foresight:
     detected = any(thing.covariance is not None for thing in things)
     draws = DETECTED_UNSEEN if detected else UNSEEN
     return Foresight(
-        setup, _hanging(things, draws), len(things), draws, detected, cup, solid, pack(avoid)
+        setup, _hanging(things, draws), len(things), draws, detected, cup, solid, avoid
     )  # fmt: skip
 
 

@@ -14,7 +14,6 @@ import numpy as np
 
 from optipromp import metrics
 from optipromp.arrays import FloatArray
-from optipromp.geometry.obstacles import pack
 from optipromp.metrics import Judgement
 from optipromp.optimization.problem import Surroundings
 from optipromp.planning import joint
@@ -56,7 +55,7 @@ def without_packs(setup: Setup) -> Setup:
     kept = tuple(thing for thing in setup.scene.objects if thing.role != "pushable")
     around = Surroundings(
         setup.surroundings.static,
-        pack([(thing.shape, thing.position, thing.rotation) for thing in setup.scene.avoid]),
+        setup.scene.obstacles("avoid"),
         len(setup.scene.avoid),
     )
     return replace(setup, scene=replace(setup.scene, objects=kept), surroundings=around)
