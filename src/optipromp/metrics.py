@@ -260,22 +260,24 @@ def pushed_away(
     where it stood, to some depth, it has moved by that much at least; an arm link that gets into
     that place later, and no deeper, finds it empty. Of meshes and point clouds that is not asked.
     """
+    met = {contact.other for contact in contacts if contact.role == "pushable"}
+    if not met:
+        return list(contacts), []
+    simple, things, _ = distance_checks.judged_things(scene)
     loose = {
-        thing.id: thing
-        for thing in scene.pushables
-        if thing.stem is None and distance_checks.is_simple(thing.shape)
+        thing.id: k for k, thing in enumerate(simple) if thing.stem is None and thing.id in met
     }
+    spheres, radius = centers(robot, q), np.array(robot.spheres.radius)
+    distal = np.array(robot.spheres.distal)
     kept, notes = [], []
     for contact in contacts:
-        thing = loose.get(contact.other)
-        if thing is None:
+        k = loose.get(contact.other)
+        if k is None:
             kept.append(contact)
             continue
-        kind, size = distance_checks.simple(thing.shape)
         depth, sphere = entered_first(
-            kind, np.array(size), np.array(thing.rotation, dtype=float),
-            np.array(thing.position, dtype=float), centers(robot, q),
-            np.array(robot.spheres.radius), np.array(robot.spheres.distal),
+            things.kind[k], things.size[k], things.rotation[k], things.position[k],
+            spheres, radius, distal,
         )  # fmt: skip
         if depth > 0.0:
             link = str(robot.link_names[robot.spheres.link[sphere]])

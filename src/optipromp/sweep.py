@@ -14,6 +14,7 @@ from optipromp.arrays import BoolArray, FloatArray, IntArray
 
 SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE = 0, 1, 2, 3, 4
 STATIC, AVOID, PUSHABLE = 0, 1, 2
+AHEAD = 0.05  # [m] of motion for which the sweep lists at once what is due
 
 
 class Body(NamedTuple):
@@ -231,7 +232,7 @@ def sweep(body, things, q, closest, core, depth, deepest, apart):  # type: ignor
 
     What is too far to matter is not looked at again before the links have moved by as much as it
     is too far. ``way`` (L,) holds how far the spheres of a link have moved at most, ``longest`` the
-    sum of the largest of these steps.
+    sum of the largest of these steps. What is not ``soon`` due is not even asked.
     """
     n_segments, n_links = body.driver.shape[0], body.hub_radius.shape[0]
     turns, origins = np.zeros((n_segments, 3, 3)), np.empty((n_segments, 3))
@@ -241,11 +242,18 @@ def sweep(body, things, q, closest, core, depth, deepest, apart):  # type: ignor
     way, longest = np.zeros(n_links), 0.0
     due, due_any = np.zeros((things.kind.shape[0], n_links)), np.zeros(things.kind.shape[0])
     due_pair = np.zeros(body.groups.shape[0])
+    soon, n_soon, until = np.empty(things.kind.shape[0], dtype=np.int64), 0, -1.0
     for m in range(q.shape[0]):
         longest += _advance(body, q[m], m == 0, turns, origins, hubs, way)
         placed[:] = False
         ball = _about(hubs, body.hub_radius, middle)
-        for k in range(things.kind.shape[0]):
+        if longest > until:
+            until, n_soon = longest + AHEAD, 0
+            for k in range(things.kind.shape[0]):
+                if due_any[k] <= until:
+                    soon[n_soon] = k
+                    n_soon += 1
+        for k in soon[:n_soon]:
             if longest < due_any[k]:
                 continue
             role, kind, bound = things.role[k], things.kind[k], things.bound[k]

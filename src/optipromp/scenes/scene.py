@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optipromp.arrays import FloatArray, IntArray, frozen
 from optipromp.errors import InvalidSceneError
@@ -344,7 +345,13 @@ class Scene:
 
     @cached_property
     def _measures(self) -> Measures:
-        return measures([item.shape for item in self.objects])
+        kind, size, bound = measures([item.shape for item in self.objects])
+        return _read_only(kind), _read_only(size), _read_only(bound)
+
+    @property
+    def bounds(self) -> FloatArray:
+        """(N,) radii of balls about the positions that hold the shapes [m]."""
+        return self._measures[2]
 
     def rows(self, role: Role) -> IntArray:
         """(K,) which of the ``objects`` have a role, in ascending order."""
@@ -357,7 +364,7 @@ class Scene:
         """
         rows = self._rows[role]
         away = np.linalg.norm(self.positions[rows] - center, axis=1)
-        return np.asarray(rows[away - self._measures[2][rows] <= reach + _ROUNDING])
+        return np.asarray(rows[away - self.bounds[rows] <= reach + _ROUNDING])
 
     def among(self, center: FloatArray, reach: float, role: Role) -> tuple[SceneObject, ...]:
         """The objects that :meth:`around` names, in file order."""
@@ -392,6 +399,6 @@ class Scene:
         )  # fmt: skip
 
 
-def _read_only(array: FloatArray) -> FloatArray:
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
     array.setflags(write=False)
     return array
