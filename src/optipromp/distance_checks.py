@@ -22,20 +22,14 @@ from optipromp.sweep import (
 )
 
 
-def is_simple(shape: Any) -> bool:
-    """Whether :mod:`optipromp.sweep` measures this shape itself."""
-    return not isinstance(shape, (shapes.MeshShape, shapes.PointCloudShape))
-
-
 def measured(things: Sequence[Any]) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Kinds (K,), sizes (K, 3) and bounds (K,) of simple shapes, as :class:`Things` holds them."""
-    kind, size = np.empty(len(things), dtype=np.int64), np.zeros((len(things), 3))
+    """Kinds (K,), sizes (K, 3) and bounds (K,) of shapes, as :class:`Things` holds them.
+
+    The kind of a shape that :mod:`optipromp.sweep` does not measure itself is -1.
+    """
+    kind, size = np.full(len(things), -1, dtype=np.int64), np.zeros((len(things), 3))
     bound = np.full(len(things), np.inf)
-    alike: dict[type, list[int]] = {}
-    for k, shape in enumerate(things):
-        alike.setdefault(type(shape), []).append(k)
-    for places in alike.values():
-        own, rows = [things[k] for k in places], np.array(places)
+    for rows, own in shapes.of_each_class(things):
         match own[0]:
             case shapes.Sphere():
                 kind[rows] = SPHERE
@@ -52,8 +46,6 @@ def measured(things: Sequence[Any]) -> tuple[IntArray, FloatArray, FloatArray]:
                 bound[rows] = radius + half if round_ends else np.hypot(radius, half)
             case shapes.HalfSpace():
                 kind[rows] = HALF_SPACE
-            case other:
-                raise TypeError(f"{type(other).__name__} is not simple")
     return kind, size, bound
 
 
@@ -145,21 +137,17 @@ def closest(
     return float(d[i]), int(index[1][i])
 
 
-@functools.lru_cache(maxsize=16)
+@functools.lru_cache(maxsize=4)
 def judged_things(scene: Scene) -> tuple[tuple[SceneObject, ...], Things, tuple[SceneObject, ...]]:
     """Objects of simple shape, the same as arrays, and the other objects; never the target."""
-    roles = {"static": STATIC, "avoid": AVOID, "pushable": PUSHABLE}
-    plain: list[int] = []
-    rest: list[SceneObject] = []
-    for k, thing in enumerate(scene.objects):
-        if thing.role != "target":
-            if is_simple(thing.shape):
-                plain.append(k)
-            else:
-                rest.append(thing)
-    simple = tuple([scene.objects[k] for k in plain])
-    rows = np.array(plain, dtype=np.int64)
-    kind, size, bound = measured([thing.shape for thing in simple])
-    role = np.array([roles[thing.role] for thing in simple], dtype=np.int64)
-    position, rotation = scene.positions[rows], scene.rotations[rows]
-    return simple, Things(kind, role, position, rotation, size, bound), tuple(rest)
+    role = np.full(len(scene.objects), -1)
+    role[scene.rows("static")] = STATIC
+    role[scene.rows("avoid")] = AVOID
+    role[scene.rows("pushable")] = PUSHABLE
+    kind, size, bound = measured([thing.shape for thing in scene.objects])
+    rows, rest = (np.flatnonzero((role >= 0) & own) for own in (kind >= 0, kind < 0))
+    things = Things(
+        kind[rows], role[rows], scene.positions[rows], scene.rotations[rows], size[rows],
+        bound[rows],
+    )  # fmt: skip
+    return scene.things(rows), things, scene.things(rest)

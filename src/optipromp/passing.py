@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
-from optipromp.arrays import BoolArray, FloatArray
+from optipromp.arrays import BoolArray, FloatArray, joined
 from optipromp.scenes.scene import Scene
 
 DECIDED = np.sin(np.deg2rad(1.0))  # a stem leans to a side when this share of it is lateral
@@ -63,15 +63,16 @@ def passing(
 
 def _known(ids: Sequence[str], values: FloatArray, known: BoolArray) -> dict[str, float | None]:
     """Values (K,) by id, None where they are not known."""
-    found = [v if k else None for v, k in zip(values.tolist(), known.tolist(), strict=True)]
+    found: list[float | None] = values.tolist()
+    for k in np.flatnonzero(~known).tolist():
+        found[k] = None
     return dict(zip(ids, found, strict=True))
 
 
 def _first_pieces(stems: Sequence[FloatArray]) -> FloatArray:
     """From the first point of each stem (k, 3) to its second (H, 3)."""
-    if not stems:
-        return np.zeros((0, 3))
-    points, count = np.concatenate(stems), np.array([len(stem) for stem in stems])
+    points = joined(stems).reshape(-1, 3)
+    count = np.array([len(stem) for stem in stems], dtype=np.int64)
     first = np.cumsum(count) - count
     return np.asarray(points[first + 1] - points[first])
 

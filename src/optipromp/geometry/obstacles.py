@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from operator import attrgetter
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -22,6 +21,7 @@ from optipromp.geometry.shapes import (
     Shape,
     Sphere,
     bounding_radius,
+    of_each_class,
 )
 
 SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID = range(6)
@@ -126,32 +126,28 @@ def measures(shapes: Sequence[Shape]) -> Measures:
     """``kind`` (K,), ``size`` (K, 3) and ``bound`` (K,) of shapes, see :class:`Obstacles`."""
     kind = np.full(len(shapes), GRID, dtype=np.int64)
     size, bound = np.zeros((len(shapes), 3)), np.zeros(len(shapes))
-    classes: dict[type, list[int]] = {}
-    for index, shape in enumerate(shapes):
-        classes.setdefault(type(shape), []).append(index)
-    for index_of_class in classes.values():
-        rows = np.array(index_of_class)
-        own = [shapes[k] for k in index_of_class]
+    for rows, own in of_each_class(shapes):
         match own[0]:
             case Sphere():
                 kind[rows] = SPHERE
-                bound[rows] = size[rows, 0] = _column(own, "radius")
-                continue
+                bound[rows] = size[rows, 0] = [shape.radius for shape in own]
             case Box():
-                kind[rows], size[rows] = BOX, _column(own, "size")
-                size[rows] *= 0.5
+                edges = np.array([shape.size for shape in own])
+                kind[rows], size[rows] = BOX, 0.5 * edges
+                bound[rows] = 0.5 * np.sqrt(np.sum(edges**2, axis=1))
             case Cylinder() | Capsule() as first:
-                kind[rows] = CYLINDER if isinstance(first, Cylinder) else CAPSULE
-                size[rows, 0] = _column(own, "radius")
-                size[rows, 1] = 0.5 * _column(own, "length")
+                radius = np.array([shape.radius for shape in own])
+                half = 0.5 * np.array([shape.length for shape in own])
+                size[rows, 0], size[rows, 1] = radius, half
+                if isinstance(first, Cylinder):
+                    kind[rows], bound[rows] = CYLINDER, np.hypot(radius, half)
+                else:
+                    kind[rows], bound[rows] = CAPSULE, radius + half
             case HalfSpace():
-                kind[rows] = HALF_SPACE
-        bound[rows] = [bounding_radius(shape) for shape in own]
+                kind[rows], bound[rows] = HALF_SPACE, np.inf
+            case _:
+                bound[rows] = [bounding_radius(shape) for shape in own]
     return kind, size, bound
-
-
-def _column(shapes: Sequence[Shape], name: str) -> FloatArray:
-    return np.array(list(map(attrgetter(name), shapes)), dtype=np.float64)
 
 
 def _stacked(arrays: Sequence[ArrayLike], shape: tuple[int, ...]) -> FloatArray:

@@ -265,7 +265,7 @@ def foresight(setup: Setup) -> Foresight:
     known = {thing.id for thing in setup.neighbours}
     others = [
         thing
-        for thing in scene.among(target.position, AROUND, "pushable")
+        for thing in scene.things(scene.around(target.position, AROUND, "pushable"))
         if thing.id not in known
         and thing.stem is not None
         and np.linalg.norm(thing.position - target.position) < AROUND

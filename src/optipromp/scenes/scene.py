@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from optipromp.arrays import FloatArray, IntArray, frozen
+from optipromp.arrays import FloatArray, IntArray, frozen, joined
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry.obstacles import Measures, Obstacles, measures, packed
 from optipromp.geometry.shapes import HalfSpace, Shape, bounding_radius
@@ -298,18 +298,13 @@ class Scene:
 
     @cached_property
     def _rows(self) -> Mapping[str, IntArray]:
-        roles = [item.role for item in self.objects]
-        return {
-            role: np.array([k for k, own in enumerate(roles) if own == role], dtype=np.int64)
-            for role in ROLES
-        }
+        codes = {role: code for code, role in enumerate(ROLES)}
+        role = np.array([codes[item.role] for item in self.objects], dtype=np.int64)
+        return {name: _read_only(np.flatnonzero(role == code)) for name, code in codes.items()}
 
     @cached_property
     def _by_role(self) -> Mapping[str, tuple[SceneObject, ...]]:
-        return {role: self._things(rows) for role, rows in self._rows.items()}
-
-    def _things(self, rows: IntArray) -> tuple[SceneObject, ...]:
-        return tuple([self.objects[k] for k in rows.tolist()])
+        return {role: self.things(rows) for role, rows in self._rows.items()}
 
     @property
     def target(self) -> SceneObject | None:
@@ -334,14 +329,12 @@ class Scene:
     @cached_property
     def positions(self) -> FloatArray:
         """(N, 3) where the objects are [m]."""
-        found = [item.position for item in self.objects] or [np.zeros(0)]
-        return _read_only(np.concatenate(found).reshape(-1, 3))
+        return joined([item.position for item in self.objects]).reshape(-1, 3)
 
     @cached_property
     def rotations(self) -> FloatArray:
         """(N, 3, 3) how the objects are turned, local to world."""
-        found = [item.rotation for item in self.objects] or [np.zeros((0, 3))]
-        return _read_only(np.concatenate(found).reshape(-1, 3, 3))
+        return joined([item.rotation for item in self.objects]).reshape(-1, 3, 3)
 
     @cached_property
     def _measures(self) -> Measures:
@@ -366,9 +359,10 @@ class Scene:
         away = np.linalg.norm(self.positions[rows] - center, axis=1)
         return np.asarray(rows[away - self.bounds[rows] <= reach + _ROUNDING])
 
-    def among(self, center: FloatArray, reach: float, role: Role) -> tuple[SceneObject, ...]:
-        """The objects that :meth:`around` names, in file order."""
-        return self._things(self.around(center, reach, role))
+    def things(self, rows: IntArray) -> tuple[SceneObject, ...]:
+        """Some of the ``objects``, by their places (K,)."""
+        objects = self.objects
+        return tuple([objects[k] for k in rows.tolist()])
 
     @property
     def frame(self) -> FloatArray:
@@ -391,11 +385,11 @@ class Scene:
 
         ``reach`` and ``within``: see :func:`optipromp.geometry.obstacles.pack`.
         """
-        kind, size, bound = (column[rows] for column in self._measures)
-        shapes = [self.objects[k].shape for k in rows.tolist()]
+        kind, size, bound = self._measures
+        shapes = [thing.shape for thing in self.things(rows)]
         return packed(
-            shapes, self.positions[rows], self.rotations[rows], (kind, size, bound), reach=reach,
-            within=within,
+            shapes, self.positions[rows], self.rotations[rows],
+            (kind[rows], size[rows], bound[rows]), reach=reach, within=within,
         )  # fmt: skip
 
 
