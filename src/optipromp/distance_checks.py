@@ -21,6 +21,9 @@ from optipromp.sweep import (
     Things,
 )
 
+BLOCK = 32  # things that the sweep first looks at together
+CELL = 0.05  # [m] in which things that are near one another are put together
+
 
 def measured(things: Sequence[Any]) -> tuple[IntArray, FloatArray, FloatArray]:
     """Kinds (K,), sizes (K, 3) and bounds (K,) of shapes, as :class:`Things` holds them.
@@ -138,16 +141,55 @@ def closest(
 
 
 @functools.lru_cache(maxsize=4)
-def judged_things(scene: Scene) -> tuple[tuple[SceneObject, ...], Things, tuple[SceneObject, ...]]:
-    """Objects of simple shape, the same as arrays, and the other objects; never the target."""
+def judged_things(scene: Scene) -> tuple[Things, tuple[SceneObject, ...]]:
+    """Objects of simple shape as arrays, and the other objects; never the target."""
     role = np.full(len(scene.objects), -1)
     role[scene.rows("static")] = STATIC
     role[scene.rows("avoid")] = AVOID
     role[scene.rows("pushable")] = PUSHABLE
     kind, size, bound = measured([thing.shape for thing in scene.objects])
     rows, rest = (np.flatnonzero((role >= 0) & own) for own in (kind >= 0, kind < 0))
+    rows = rows[side_by_side(role[rows], scene.positions[rows], bound[rows])]
+    role, position, bound = role[rows], scene.positions[rows], bound[rows]
+    block, middle, block_bound = blocks(role, position, bound)
     things = Things(
-        kind[rows], role[rows], scene.positions[rows], scene.rotations[rows], size[rows],
-        bound[rows],
+        rows, kind[rows], role, position, scene.rotations[rows], size[rows], bound, block,
+        middle, block_bound,
     )  # fmt: skip
-    return scene.things(rows), things, scene.things(rest)
+    return things, scene.things(rest)
+
+
+def side_by_side(role: IntArray, position: FloatArray, bound: FloatArray) -> IntArray:
+    """An order (K,) of things in which neighbours are of one role, about one size, and near.
+
+    Along a Z-order curve through cells of :data:`CELL`; the few of a small scene are left as they
+    are.
+    """
+    if len(role) <= BLOCK:
+        return np.argsort(role, kind="stable")
+    _, exponent = np.frexp(bound)
+    exponent = np.where(np.isfinite(bound), np.clip(exponent, -15, 15), 16) + 16
+    cell = np.clip(position / CELL + 512.0, 0.0, 1023.0).astype(np.int64)
+    key = (role * 64 + exponent) << 30
+    for bit in range(10):
+        for axis in range(3):
+            key |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return np.argsort(key, kind="stable")
+
+
+def blocks(
+    role: IntArray, position: FloatArray, bound: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Where blocks of at most :data:`BLOCK` things begin (C + 1,), and balls that hold them.
+
+    Things of one role follow one another. The balls: middles (C, 3) and radii (C,).
+    """
+    if not len(role):
+        return np.zeros(1, dtype=np.int64), np.zeros((0, 3)), np.zeros(0)
+    ends = np.append(np.flatnonzero(np.diff(role)) + 1, len(role))
+    spans = zip(np.append(0, ends[:-1]).tolist(), ends.tolist(), strict=True)
+    start = np.concatenate([np.arange(low, high, BLOCK) for low, high in spans])
+    count = np.diff(start, append=len(role))
+    middle = 0.5 * (np.minimum.reduceat(position, start) + np.maximum.reduceat(position, start))
+    away = np.linalg.norm(position - np.repeat(middle, count, axis=0), axis=1) + bound
+    return np.append(start, len(role)), middle, np.maximum.reduceat(away, start)

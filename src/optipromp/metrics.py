@@ -179,18 +179,21 @@ def clearances(
     has the keys of :class:`Metrics`; None where there is nothing to measure.
     """
     body = judged_body(robot)
-    simple, things, rest = distance_checks.judged_things(scene)
+    things, rest = distance_checks.judged_things(scene)
     closest, core, apart = np.full(4, np.inf), np.full(1, np.inf), np.full(3, np.inf)
-    depth, deepest = np.full(len(simple), np.inf), np.zeros(len(simple), dtype=np.int64)
+    count = len(things.kind)
+    depth, deepest = np.full(count, np.inf), np.zeros(count, dtype=np.int64)
     q = np.array(q, dtype=np.float64, order="C")  # always writable: kernels compile once
     sweep(body, things, q, closest, core, depth, deepest, apart)
 
     def name(sphere: int) -> str:
         return str(robot.link_names[robot.spheres.link[body.original[sphere]]])
 
+    met = np.flatnonzero(depth < 0.0)
+    met = met[np.argsort(things.place[met])]
     contacts = [
-        Contact(name(int(deepest[k])), simple[k].id, simple[k].role, -float(depth[k]))
-        for k in np.flatnonzero(depth < 0.0).tolist()
+        Contact(name(int(deepest[k])), thing.id, thing.role, -float(depth[k]))
+        for k, thing in zip(met.tolist(), scene.things(things.place[met]), strict=True)
     ]
     if rest:
         contacts += _other_shapes(rest, robot, q, closest, core)
@@ -263,9 +266,11 @@ def pushed_away(
     met = {contact.other for contact in contacts if contact.role == "pushable"}
     if not met:
         return list(contacts), []
-    simple, things, _ = distance_checks.judged_things(scene)
+    things, _ = distance_checks.judged_things(scene)
     loose = {
-        thing.id: k for k, thing in enumerate(simple) if thing.stem is None and thing.id in met
+        thing.id: k
+        for k, thing in enumerate(scene.things(things.place))
+        if thing.stem is None and thing.id in met
     }
     spheres, radius = centers(robot, q), np.array(robot.spheres.radius)
     distal = np.array(robot.spheres.distal)

@@ -14,7 +14,6 @@ from optipromp.arrays import BoolArray, FloatArray, IntArray
 
 SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE = 0, 1, 2, 3, 4
 STATIC, AVOID, PUSHABLE = 0, 1, 2
-AHEAD = 0.05  # [m] of motion for which the sweep lists at once what is due
 
 
 class Body(NamedTuple):
@@ -40,14 +39,18 @@ class Body(NamedTuple):
 
 
 class Things(NamedTuple):
-    """Objects of simple shape."""
+    """Objects of simple shape, in blocks of one role that are near one another."""
 
+    place: IntArray  # (K,) in the scene's objects
     kind: IntArray  # (K,)
     role: IntArray  # (K,)
     position: FloatArray  # (K, 3)
     rotation: FloatArray  # (K, 3, 3)
     size: FloatArray  # (K, 3) radius / half sizes / radius and half length
     bound: FloatArray  # (K,)
+    block: IntArray  # (C + 1,) where each block begins
+    block_middle: FloatArray  # (C, 3) and
+    block_bound: FloatArray  # (C,) of a ball that holds the bounding balls of its things
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -232,87 +235,79 @@ def sweep(body, things, q, closest, core, depth, deepest, apart):  # type: ignor
 
     What is too far to matter is not looked at again before the links have moved by as much as it
     is too far. ``way`` (L,) holds how far the spheres of a link have moved at most, ``longest`` the
-    sum of the largest of these steps. What is not ``soon`` due is not even asked.
+    sum of the largest of these steps. The same holds for blocks of things.
     """
     n_segments, n_links = body.driver.shape[0], body.hub_radius.shape[0]
     turns, origins = np.zeros((n_segments, 3, 3)), np.empty((n_segments, 3))
     spheres, hubs = np.empty((body.radius.shape[0], 3)), np.empty((n_links, 3))
-    middle = np.empty(3)
     placed = np.empty(n_links, dtype=np.bool_)
     way, longest = np.zeros(n_links), 0.0
     due, due_any = np.zeros((things.kind.shape[0], n_links)), np.zeros(things.kind.shape[0])
-    due_pair = np.zeros(body.groups.shape[0])
-    soon, n_soon, until = np.empty(things.kind.shape[0], dtype=np.int64), 0, -1.0
+    due_block, due_pair = np.zeros(things.block_bound.shape[0]), np.zeros(body.groups.shape[0])
     for m in range(q.shape[0]):
         longest += _advance(body, q[m], m == 0, turns, origins, hubs, way)
         placed[:] = False
-        ball = _about(hubs, body.hub_radius, middle)
-        if longest > until:
-            until, n_soon = longest + AHEAD, 0
-            for k in range(things.kind.shape[0]):
-                if due_any[k] <= until:
-                    soon[n_soon] = k
-                    n_soon += 1
-        for k in soon[:n_soon]:
-            if longest < due_any[k]:
+        for c in range(things.block_bound.shape[0]):
+            if longest < due_block[c]:
                 continue
-            role, kind, bound = things.role[k], things.kind[k], things.bound[k]
-            r, p, size = things.rotation[k], things.position[k], things.size[k]
-            if role == STATIC:
-                wanted = max(closest[0], core[0], 0.0)
-            elif role == AVOID:
-                wanted = max(closest[1], closest[2], core[0], 0.0)
-            else:
-                wanted = max(closest[3], 0.0)
-            if bound + wanted < math.inf:
-                slack = apart_by(middle, p) - bound - ball - wanted
-                if slack > 0.0:  # too far from the whole arm
-                    due_any[k] = longest + slack
+            role = things.role[things.block[c]]
+            wanted = _wanted(role, closest, core)
+            slack = _room(things.block_middle[c], things.block_bound[c], hubs, body.hub_radius)
+            if slack > wanted:  # too far from every link
+                due_block[c] = longest + slack - wanted
+                continue
+            due_block[c] = math.inf
+            for k in range(things.block[c], things.block[c + 1]):
+                if longest < due_any[k]:
+                    due_block[c] = min(due_block[c], due_any[k])
                     continue
-            least = math.inf
-            for link in range(n_links):
-                if way[link] < due[k, link]:
-                    least = min(least, due[k, link] - way[link])
-                    continue
-                fault = role == STATIC or not body.distal[link]
-                if role == STATIC:
-                    slot = 0
-                elif role == AVOID:
-                    slot = 2 if body.distal[link] else 1
-                elif body.distal[link]:
-                    continue  # the tool may touch what it pushes
-                else:
-                    slot = 3
-                wanted = max(closest[slot], 0.0)
-                if role != PUSHABLE:
-                    wanted = max(wanted, core[0])
-                far = -math.inf
-                if bound < math.inf:
-                    far = apart_by(hubs[link], p) - bound - body.hub_radius[link]
-                if far < wanted:
-                    x, y, z = inside(r, p, hubs[link])
-                    far = max(far, to_surface(kind, size, x, y, z) - body.hub_radius[link])
-                slack = far - wanted
-                if far < wanted:
-                    if not placed[link]:
-                        _place_link(body, turns, origins, link, spheres)
-                        placed[link] = True
-                    nearest, nearest_core = math.inf, math.inf
-                    for b in range(body.start[link], body.start[link + 1]):
-                        x, y, z = inside(r, p, spheres[b])
-                        d = to_surface(kind, size, x, y, z) - body.radius[b]
-                        nearest = min(nearest, d)
-                        if role != PUSHABLE:
-                            nearest_core = min(nearest_core, to_core(kind, size, x, y, z))
-                        if fault and d < depth[k]:
-                            depth[k] = d
-                            deepest[k] = b
-                    closest[slot] = min(closest[slot], nearest)
-                    core[0] = min(core[0], nearest_core)
-                    slack = min(nearest - max(closest[slot], 0.0), nearest_core - core[0])
-                due[k, link] = way[link] + slack
-                least = min(least, slack)
-            due_any[k] = longest + least
+                kind, bound = things.kind[k], things.bound[k]
+                r, p, size = things.rotation[k], things.position[k], things.size[k]
+                least = math.inf
+                for link in range(n_links):
+                    if way[link] < due[k, link]:
+                        least = min(least, due[k, link] - way[link])
+                        continue
+                    fault = role == STATIC or not body.distal[link]
+                    if role == STATIC:
+                        slot = 0
+                    elif role == AVOID:
+                        slot = 2 if body.distal[link] else 1
+                    elif body.distal[link]:
+                        continue  # the tool may touch what it pushes
+                    else:
+                        slot = 3
+                    wanted = max(closest[slot], 0.0)
+                    if role != PUSHABLE:
+                        wanted = max(wanted, core[0])
+                    far = -math.inf
+                    if bound < math.inf:
+                        far = apart_by(hubs[link], p) - bound - body.hub_radius[link]
+                    if far < wanted:
+                        x, y, z = inside(r, p, hubs[link])
+                        far = max(far, to_surface(kind, size, x, y, z) - body.hub_radius[link])
+                    slack = far - wanted
+                    if far < wanted:
+                        if not placed[link]:
+                            _place_link(body, turns, origins, link, spheres)
+                            placed[link] = True
+                        nearest, nearest_core = math.inf, math.inf
+                        for b in range(body.start[link], body.start[link + 1]):
+                            x, y, z = inside(r, p, spheres[b])
+                            d = to_surface(kind, size, x, y, z) - body.radius[b]
+                            nearest = min(nearest, d)
+                            if role != PUSHABLE:
+                                nearest_core = min(nearest_core, to_core(kind, size, x, y, z))
+                            if fault and d < depth[k]:
+                                depth[k] = d
+                                deepest[k] = b
+                        closest[slot] = min(closest[slot], nearest)
+                        core[0] = min(core[0], nearest_core)
+                        slack = min(nearest - max(closest[slot], 0.0), nearest_core - core[0])
+                    due[k, link] = way[link] + slack
+                    least = min(least, slack)
+                due_any[k] = longest + least
+                due_block[c] = min(due_block[c], due_any[k])
         for g in range(body.groups.shape[0]):
             first, second = body.groups[g, 0], body.groups[g, 1]
             both = way[first] + way[second]
@@ -330,16 +325,24 @@ def sweep(body, things, q, closest, core, depth, deepest, apart):  # type: ignor
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _about(hubs, radius, middle):  # type: ignore[no-untyped-def]
-    """Radius of a ball that holds balls (L,) about ``hubs`` (L, 3); its ``middle`` in place."""
-    middle[:] = 0.0
+def _wanted(role, closest, core):  # type: ignore[no-untyped-def]
+    """From which distance on things of a role change nothing."""
+    if role == STATIC:
+        return max(closest[0], core[0], 0.0)
+    if role == AVOID:
+        return max(closest[1], closest[2], core[0], 0.0)
+    return max(closest[3], 0.0)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _room(middle, bound, hubs, radius):  # type: ignore[no-untyped-def]
+    """Distance between a ball and the nearest of the balls (L,) about ``hubs`` (L, 3)."""
+    nearest = math.inf
+    if bound == math.inf:
+        return -math.inf
     for link in range(hubs.shape[0]):
-        for i in range(3):
-            middle[i] += hubs[link, i] / hubs.shape[0]
-    far = 0.0
-    for link in range(hubs.shape[0]):
-        far = max(far, apart_by(middle, hubs[link]) + radius[link])
-    return far
+        nearest = min(nearest, apart_by(middle, hubs[link]) - radius[link])
+    return nearest - bound
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
