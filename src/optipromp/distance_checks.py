@@ -19,6 +19,7 @@ from optipromp.sweep import (
     SPHERE,
     STATIC,
     Things,
+    blocks,
 )
 
 BLOCK = 32  # things that the sweep first looks at together
@@ -151,7 +152,7 @@ def judged_things(scene: Scene) -> tuple[Things, tuple[SceneObject, ...]]:
     rows, rest = (np.flatnonzero((role >= 0) & own) for own in (kind >= 0, kind < 0))
     rows = rows[side_by_side(role[rows], scene.positions[rows], bound[rows])]
     role, position, bound = role[rows], scene.positions[rows], bound[rows]
-    block, middle, block_bound = blocks(role, position, bound)
+    block, middle, block_bound = blocks(role, position, bound, BLOCK)
     things = Things(
         rows, kind[rows], role, position, scene.rotations[rows], size[rows], bound, block,
         middle, block_bound,
@@ -175,21 +176,3 @@ def side_by_side(role: IntArray, position: FloatArray, bound: FloatArray) -> Int
         for axis in range(3):
             key |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
     return np.argsort(key, kind="stable")
-
-
-def blocks(
-    role: IntArray, position: FloatArray, bound: FloatArray
-) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Where blocks of at most :data:`BLOCK` things begin (C + 1,), and balls that hold them.
-
-    Things of one role follow one another. The balls: middles (C, 3) and radii (C,).
-    """
-    if not len(role):
-        return np.zeros(1, dtype=np.int64), np.zeros((0, 3)), np.zeros(0)
-    ends = np.append(np.flatnonzero(np.diff(role)) + 1, len(role))
-    spans = zip(np.append(0, ends[:-1]).tolist(), ends.tolist(), strict=True)
-    start = np.concatenate([np.arange(low, high, BLOCK) for low, high in spans])
-    count = np.diff(start, append=len(role))
-    middle = 0.5 * (np.minimum.reduceat(position, start) + np.maximum.reduceat(position, start))
-    away = np.linalg.norm(position - np.repeat(middle, count, axis=0), axis=1) + bound
-    return np.append(start, len(role)), middle, np.maximum.reduceat(away, start)

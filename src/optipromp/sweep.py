@@ -225,6 +225,35 @@ def apart_by(a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def blocks(role, position, bound, most):  # type: ignore[no-untyped-def]
+    """Things cut into blocks of one role, at most ``most`` each, with balls that hold them.
+
+    Args:
+        role, position, bound: of things, see :class:`Things`, of one role after the other.
+        most: things in a block.
+
+    Returns:
+        Where each block begins (C + 1,), middles (C, 3) and radii (C,) of the balls.
+    """
+    start, count = np.empty(role.shape[0] // most + 4, dtype=np.int64), 0
+    for k in range(role.shape[0]):
+        if count == 0 or role[k] != role[k - 1] or k == start[count - 1] + most:
+            start[count] = k
+            count += 1
+    start[count] = role.shape[0]
+    middle, radius = np.empty((count, 3)), np.zeros(count)
+    for c in range(count):
+        for i in range(3):
+            low = high = position[start[c], i]
+            for k in range(start[c], start[c + 1]):
+                low, high = min(low, position[k, i]), max(high, position[k, i])
+            middle[c, i] = 0.5 * (low + high)
+        for k in range(start[c], start[c + 1]):
+            radius[c] = max(radius[c], apart_by(middle[c], position[k]) + bound[k])
+    return start[: count + 1], middle, radius
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def sweep(body, things, q, closest, core, depth, deepest, apart):  # type: ignore[no-untyped-def]
     """Closest approaches over configurations ``q`` (M, n), in place.
 

@@ -175,12 +175,14 @@ def near(obstacles: Obstacles, center: FloatArray, reach: float) -> Obstacles:
 
 
 def _check_poses(position: FloatArray, rotation: FloatArray) -> None:
+    if not len(position):
+        return
     for name, values in (("position", position), ("rotation", rotation)):
         bad = np.argwhere(~np.isfinite(values))
         if bad.size:
             where = "".join(f"[{i}]" for i in bad[0][1:])
             raise InvalidSceneError(f"obstacle {bad[0][0]}: {name}{where} must be finite")
-    error = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    error = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
     wrong = np.flatnonzero((error > _ROTATION_TOLERANCE) | (np.linalg.det(rotation) < 0.0))
     if wrong.size:
         index = wrong[0]

@@ -356,7 +356,10 @@ class Scene:
         By their bounding balls, so that it is some more, never fewer.
         """
         rows = self._rows[role]
-        away = np.linalg.norm(self.positions[rows] - center, axis=1)
+        if not len(rows):
+            return rows
+        off = self.positions[rows] - center
+        away = np.sqrt(np.einsum("ki,ki->k", off, off))
         return np.asarray(rows[away - self.bounds[rows] <= reach + _ROUNDING])
 
     def things(self, rows: IntArray) -> tuple[SceneObject, ...]:
