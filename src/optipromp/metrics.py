@@ -270,7 +270,7 @@ def pushed_away(
     loose = {
         thing.id: k
         for k, thing in enumerate(scene.things(things.place))
-        if thing.stem is None and thing.id in met
+        if thing.id in met and thing.stem is None
     }
     spheres, radius = centers(robot, q), np.array(robot.spheres.radius)
     distal = np.array(robot.spheres.distal)
@@ -281,8 +281,8 @@ def pushed_away(
             kept.append(contact)
             continue
         depth, sphere = entered_first(
-            things.kind[k], things.size[k], things.rotation[k], things.position[k],
-            spheres, radius, distal,
+            things.kind[k], things.size[k], things.bound[k], things.rotation[k],
+            things.position[k], spheres, radius, distal,
         )  # fmt: skip
         if depth > 0.0:
             link = str(robot.link_names[robot.spheres.link[sphere]])

@@ -63,10 +63,9 @@ def passing(
 
 def _known(ids: Sequence[str], values: FloatArray, known: BoolArray) -> dict[str, float | None]:
     """Values (K,) by id, None where they are not known."""
-    found: list[float | None] = values.tolist()
-    for k in np.flatnonzero(~known).tolist():
-        found[k] = None
-    return dict(zip(ids, found, strict=True))
+    found = values.astype(object)
+    found[~known] = None
+    return dict(zip(ids, found.tolist(), strict=True))
 
 
 def _first_pieces(stems: Sequence[FloatArray]) -> FloatArray:

@@ -433,11 +433,11 @@ def _place_link(body, turns, origins, link, spheres):  # type: ignore[no-untyped
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def entered_first(kind, size, r, p, spheres, radius, distal):  # type: ignore[no-untyped-def]
+def entered_first(kind, size, bound, r, p, spheres, radius, distal):  # type: ignore[no-untyped-def]
     """How deep what is not distal gets into a thing where nothing distal has been as deep before.
 
     Args:
-        kind, size, r, p: of the thing, see :class:`Things`.
+        kind, size, bound, r, p: of the thing, see :class:`Things`.
         spheres: (M, B, 3) one configuration after the other.
         radius, distal: (B,) of the spheres.
 
@@ -448,6 +448,8 @@ def entered_first(kind, size, r, p, spheres, radius, distal):  # type: ignore[no
     for m in range(spheres.shape[0]):
         reached = pushed
         for b in range(radius.shape[0]):
+            if apart_by(spheres[m, b], p) > bound + radius[b]:
+                continue
             x, y, z = inside(r, p, spheres[m, b])
             d = radius[b] - to_surface(kind, size, x, y, z)
             if distal[b]:

@@ -1,5 +1,7 @@
 """Goal configurations: found by inverse kinematics, ranked by room, checked by the judge."""
 
+import time
+
 import numpy as np
 
 from optipromp import metrics
@@ -75,8 +77,12 @@ def free(setup: Setup, goals: FloatArray) -> tuple[FloatArray, str]:
     return goals[kept], blocked
 
 
-def choose(setup: Setup, seed: int, starts: int = STARTS) -> tuple[FloatArray, bool, str]:
+def choose(
+    setup: Setup, seed: int, starts: int = STARTS, deadline: float = np.inf
+) -> tuple[FloatArray, bool, str]:
     """Goal configurations to plan to, whether they are free, and a word where they are not.
+
+    From the ``deadline`` on (of ``time.perf_counter()``) those that were found first must do.
 
     Returns:
         (m, n) configurations, at most :data:`ENOUGH` where they are free; whether they touch
@@ -84,12 +90,19 @@ def choose(setup: Setup, seed: int, starts: int = STARTS) -> tuple[FloatArray, b
     """
     goals = find(setup, seed, starts)
     kept, blocked = free(setup, goals)
-    if len(kept) < SPARE and (starts >= STARTS or not len(goals)) and setup.goal_joints is None:
+    late = len(goals) > 0 and time.perf_counter() > deadline
+    if (
+        len(kept) < SPARE
+        and not late
+        and (starts >= STARTS or not len(goals))
+        and setup.goal_joints is None
+    ):
         goals = find(setup, seed, MORE_STARTS)
         kept, blocked = free(setup, goals)
     if not len(goals):
         return goals, False, unreachable(setup)
-    if not len(kept) and setup.goal_joints is None:
+    late = time.perf_counter() > deadline
+    if not len(kept) and not late and setup.goal_joints is None:
         goals = find(setup, seed, MANY_STARTS)
         kept, blocked = free(setup, goals)
     if len(kept):

@@ -247,7 +247,7 @@ def _plan(
     starts = goals.FEW_STARTS if hasty else goals.STARTS
     ploughed = opti and ploughing.applies(setup)
     room = ploughing.without_packs(setup) if ploughed else setup
-    chosen, is_free, reason = goals.choose(room, seed, starts)
+    chosen, is_free, reason = goals.choose(room, seed, starts, deadline)
     clock["inverse kinematics"] = time.perf_counter() - before
     if not len(chosen):
         return finish(_stay(setup), Code.GOAL_UNREACHABLE, reason)
