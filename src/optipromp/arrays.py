@@ -1,5 +1,6 @@
 """Array types used everywhere."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,3 +16,11 @@ def frozen(values: Any, dtype: Any = np.float64) -> NDArray[Any]:
     array = np.array(values, dtype=dtype, order="C")
     array.setflags(write=False)
     return array
+
+
+def joined(arrays: Sequence[Any]) -> FloatArray:
+    """Arrays of floats that are :func:`frozen` as one flat one, read-only.
+
+    NumPy takes twice as long over many small ones.
+    """
+    return np.frombuffer(b"".join(arrays), dtype=np.float64)

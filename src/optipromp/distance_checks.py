@@ -1,11 +1,12 @@
 """Distances of the judge to meshes and point clouds, in NumPy, and its view of a scene's things."""
 
 import functools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, IntArray
 from optipromp.geometry import shapes
 from optipromp.scenes.scene import Scene, SceneObject
 from optipromp.sweep import (
@@ -18,29 +19,38 @@ from optipromp.sweep import (
     SPHERE,
     STATIC,
     Things,
+    blocks,
 )
 
-
-def is_simple(shape: Any) -> bool:
-    """Whether :mod:`optipromp.sweep` measures this shape itself."""
-    return not isinstance(shape, (shapes.MeshShape, shapes.PointCloudShape))
+BLOCK = 32  # things that the sweep first looks at together
+CELL = 0.05  # [m] in which things that are near one another are put together
 
 
-def simple(shape: Any) -> tuple[int, tuple[float, float, float]]:
-    """Kind and sizes of a simple shape, as :class:`optipromp.sweep.Things` holds them."""
-    match shape:
-        case shapes.Sphere():
-            return SPHERE, (shape.radius, 0.0, 0.0)
-        case shapes.Box():
-            x, y, z = (0.5 * float(side) for side in shape.size)
-            return BOX, (x, y, z)
-        case shapes.Cylinder():
-            return CYLINDER, (shape.radius, 0.5 * shape.length, 0.0)
-        case shapes.Capsule():
-            return CAPSULE, (shape.radius, 0.5 * shape.length, 0.0)
-        case shapes.HalfSpace():
-            return HALF_SPACE, (0.0, 0.0, 0.0)
-    raise TypeError(f"{type(shape).__name__} is not simple")
+def measured(things: Sequence[Any]) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Kinds (K,), sizes (K, 3) and bounds (K,) of shapes, as :class:`Things` holds them.
+
+    The kind of a shape that :mod:`optipromp.sweep` does not measure itself is -1.
+    """
+    kind, size = np.full(len(things), -1, dtype=np.int64), np.zeros((len(things), 3))
+    bound = np.full(len(things), np.inf)
+    for rows, own in shapes.of_each_class(things):
+        match own[0]:
+            case shapes.Sphere():
+                kind[rows] = SPHERE
+                bound[rows] = size[rows, 0] = [shape.radius for shape in own]
+            case shapes.Box():
+                kind[rows], size[rows] = BOX, np.array([shape.size for shape in own], float) / 2
+                bound[rows] = np.linalg.norm(size[rows], axis=1)
+            case shapes.Cylinder() | shapes.Capsule() as first:
+                round_ends = isinstance(first, shapes.Capsule)
+                kind[rows] = CAPSULE if round_ends else CYLINDER
+                radius = np.array([shape.radius for shape in own], float)
+                half = 0.5 * np.array([shape.length for shape in own], float)
+                size[rows, 0], size[rows, 1] = radius, half
+                bound[rows] = radius + half if round_ends else np.hypot(radius, half)
+            case shapes.HalfSpace():
+                kind[rows] = HALF_SPACE
+    return kind, size, bound
 
 
 def to_shape(shape: Any, points: FloatArray) -> FloatArray:
@@ -95,21 +105,10 @@ def _to_mesh(shape: Any, points: FloatArray) -> FloatArray:
 
 
 def extent(shape: Any) -> float:
-    """Radius about the shape's origin that holds all of it; infinite for a half-space."""
-    match shape:
-        case shapes.Sphere():
-            return float(shape.radius)
-        case shapes.Box():
-            return float(np.linalg.norm(0.5 * np.asarray(shape.size)))
-        case shapes.Cylinder():
-            return float(np.hypot(shape.radius, 0.5 * shape.length))
-        case shapes.Capsule():
-            return float(shape.radius + 0.5 * shape.length)
-        case shapes.PointCloudShape():
-            return float(np.linalg.norm(shape.points, axis=1).max() + shape.radius)
-        case shapes.MeshShape():
-            return float(np.linalg.norm(shape.vertices, axis=1).max())
-    return np.inf
+    """Radius about the shape's origin that holds all of a mesh or point cloud."""
+    if isinstance(shape, shapes.PointCloudShape):
+        return float(np.linalg.norm(shape.points, axis=1).max() + shape.radius)
+    return float(np.linalg.norm(shape.vertices, axis=1).max())
 
 
 def closest(
@@ -129,7 +128,7 @@ def closest(
     away = spheres - position
     lower = np.sqrt(np.einsum("...i,...i", away, away)) - radius - bound
     mask = lower < max(best, 0.0)
-    if np.isfinite(bound) and not np.isfinite(best):
+    if not np.isfinite(best):
         # the sphere nearest by bounding spheres gives a first upper bound
         least = np.unravel_index(np.argmin(lower), lower.shape)
         first = float(to_shape(shape, away[least] @ rotation)) - radius[least[1]]
@@ -142,27 +141,38 @@ def closest(
     return float(d[i]), int(index[1][i])
 
 
-@functools.lru_cache(maxsize=16)
-def judged_things(scene: Scene) -> tuple[tuple[SceneObject, ...], Things, tuple[SceneObject, ...]]:
-    """Objects of simple shape, the same as arrays, and the other objects; never the target."""
-    roles = {"static": STATIC, "avoid": AVOID, "pushable": PUSHABLE}
-    plain: list[SceneObject] = []
-    rest: list[SceneObject] = []
-    for thing in scene.objects:
-        if thing.role != "target":
-            (plain if is_simple(thing.shape) else rest).append(thing)
-    measures = [simple(thing.shape) for thing in plain]
-    place = [thing.position for thing in plain] or [np.zeros(0)]
-    turn = [thing.rotation for thing in plain] or [np.zeros((0, 3))]
-    return (
-        tuple(plain),
-        Things(
-            kind=np.array([kind for kind, _ in measures], dtype=np.int64),
-            role=np.array([roles[thing.role] for thing in plain], dtype=np.int64),
-            position=np.concatenate(place).astype(float).reshape(-1, 3),
-            rotation=np.concatenate(turn).astype(float).reshape(-1, 3, 3),
-            size=np.array([size for _, size in measures], dtype=float).reshape(-1, 3),
-            bound=np.array([extent(thing.shape) for thing in plain], dtype=float),
-        ),
-        tuple(rest),
-    )
+@functools.lru_cache(maxsize=4)
+def judged_things(scene: Scene) -> tuple[Things, tuple[SceneObject, ...]]:
+    """Objects of simple shape as arrays, and the other objects; never the target."""
+    role = np.full(len(scene.objects), -1)
+    role[scene.rows("static")] = STATIC
+    role[scene.rows("avoid")] = AVOID
+    role[scene.rows("pushable")] = PUSHABLE
+    kind, size, bound = measured([thing.shape for thing in scene.objects])
+    rows, rest = (np.flatnonzero((role >= 0) & own) for own in (kind >= 0, kind < 0))
+    rows = rows[side_by_side(role[rows], scene.positions[rows], bound[rows])]
+    role, position, bound = role[rows], scene.positions[rows], bound[rows]
+    block, middle, block_bound = blocks(role, position, bound, BLOCK)
+    things = Things(
+        rows, kind[rows], role, position, scene.rotations[rows], size[rows], bound, block,
+        middle, block_bound,
+    )  # fmt: skip
+    return things, scene.things(rest)
+
+
+def side_by_side(role: IntArray, position: FloatArray, bound: FloatArray) -> IntArray:
+    """An order (K,) of things in which neighbours are of one role, about one size, and near.
+
+    Along a Z-order curve through cells of :data:`CELL`; the few of a small scene are left as they
+    are.
+    """
+    if len(role) <= BLOCK:
+        return np.argsort(role, kind="stable")
+    _, exponent = np.frexp(bound)
+    exponent = np.where(np.isfinite(bound), np.clip(exponent, -15, 15), 16) + 16
+    cell = np.clip(position / CELL + 512.0, 0.0, 1023.0).astype(np.int64)
+    key = (role * 64 + exponent) << 30
+    for bit in range(10):
+        for axis in range(3):
+            key |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return np.argsort(key, kind="stable")

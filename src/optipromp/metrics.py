@@ -212,9 +212,10 @@ def swept(
 ) -> tuple[dict[str, float | None], list[Contact], FloatArray, FloatArray]:
     """:func:`clearances`, and tool point and tool axis (M, 3) at every configuration."""
     body = judged_body(robot)
-    simple, things, rest = distance_checks.judged_things(scene)
+    things, rest = distance_checks.judged_things(scene)
     closest, core, apart = np.full(4, np.inf), np.full(1, np.inf), np.full(3, np.inf)
-    depth, deepest = np.full(len(simple), np.inf), np.zeros(len(simple), dtype=np.int64)
+    count = len(things.kind)
+    depth, deepest = np.full(count, np.inf), np.zeros(count, dtype=np.int64)
     q = np.array(q, dtype=np.float64, order="C")  # always writable: kernels compile once
     points, axes = np.empty((len(q), 3)), np.empty((len(q), 3))
     sweep(body, things, q, points, axes, closest, core, depth, deepest, apart)
@@ -222,9 +223,11 @@ def swept(
     def name(sphere: int) -> str:
         return str(robot.link_names[robot.spheres.link[body.original[sphere]]])
 
+    met = np.flatnonzero(depth < 0.0)
+    met = met[np.argsort(things.place[met])]
     contacts = [
-        Contact(name(int(deepest[k])), simple[k].id, simple[k].role, -float(depth[k]))
-        for k in np.flatnonzero(depth < 0.0).tolist()
+        Contact(name(int(deepest[k])), thing.id, thing.role, -float(depth[k]))
+        for k, thing in zip(met.tolist(), scene.things(things.place[met]), strict=True)
     ]
     if rest:
         contacts += _other_shapes(rest, robot, q, closest, core)
@@ -295,22 +298,26 @@ def pushed_away(
     where it stood, to some depth, it has moved by that much at least; an arm link that gets into
     that place later, and no deeper, finds it empty. Of meshes and point clouds that is not asked.
     """
+    met = {contact.other for contact in contacts if contact.role == "pushable"}
+    if not met:
+        return list(contacts), []
+    things, _ = distance_checks.judged_things(scene)
     loose = {
-        thing.id: thing
-        for thing in scene.pushables
-        if thing.stem is None and distance_checks.is_simple(thing.shape)
+        thing.id: k
+        for k, thing in enumerate(scene.things(things.place))
+        if thing.id in met and thing.stem is None
     }
+    spheres, radius = centers(robot, q), np.array(robot.spheres.radius)
+    distal = np.array(robot.spheres.distal)
     kept, notes = [], []
     for contact in contacts:
-        thing = loose.get(contact.other)
-        if thing is None:
+        k = loose.get(contact.other)
+        if k is None:
             kept.append(contact)
             continue
-        kind, size = distance_checks.simple(thing.shape)
         depth, sphere = entered_first(
-            kind, np.array(size), np.array([thing.rotation]), np.array([thing.position]),
-            centers(robot, q),
-            np.array(robot.spheres.radius), np.array(robot.spheres.distal),
+            things.kind[k], things.size[k], things.bound[k], things.rotation[k : k + 1],
+            things.position[k : k + 1], spheres, radius, distal,
         )  # fmt: skip
         if depth > 0.0:
             link = str(robot.link_names[robot.spheres.link[sphere]])

@@ -19,14 +19,18 @@ STATIC, AVOID, PUSHABLE = 0, 1, 2
 
 
 class Things(NamedTuple):
-    """Objects of simple shape."""
+    """Objects of simple shape, in blocks of one role that are near one another."""
 
+    place: IntArray  # (K,) in the scene's objects
     kind: IntArray  # (K,)
     role: IntArray  # (K,)
     position: FloatArray  # (K, 3)
     rotation: FloatArray  # (K, 3, 3)
     size: FloatArray  # (K, 3) radius / half sizes / radius and half length
     bound: FloatArray  # (K,)
+    block: IntArray  # (C + 1,) where each block begins
+    block_middle: FloatArray  # (C, 3) and
+    block_bound: FloatArray  # (C,) of a ball that holds the bounding balls of its things
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -85,6 +89,35 @@ def apart_by(a, i, b, j):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def blocks(role, position, bound, most):  # type: ignore[no-untyped-def]
+    """Things cut into blocks of one role, at most ``most`` each, with balls that hold them.
+
+    Args:
+        role, position, bound: of things, see :class:`Things`, of one role after the other.
+        most: things in a block.
+
+    Returns:
+        Where each block begins (C + 1,), middles (C, 3) and radii (C,) of the balls.
+    """
+    start, count = np.empty(role.shape[0] // most + 4, dtype=np.int64), 0
+    for k in range(role.shape[0]):
+        if count == 0 or role[k] != role[k - 1] or k == start[count - 1] + most:
+            start[count] = k
+            count += 1
+    start[count] = role.shape[0]
+    middle, radius = np.empty((count, 3)), np.zeros(count)
+    for c in range(count):
+        for i in range(3):
+            low = high = position[start[c], i]
+            for k in range(start[c], start[c + 1]):
+                low, high = min(low, position[k, i]), max(high, position[k, i])
+            middle[c, i] = 0.5 * (low + high)
+        for k in range(start[c], start[c + 1]):
+            radius[c] = max(radius[c], apart_by(middle, c, position, k) + bound[k])
+    return start[: count + 1], middle, radius
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def sweep(body, things, q, points, axes, closest, core, depth, deepest, apart):  # type: ignore[no-untyped-def]
     """Closest approaches over configurations ``q`` (M, n), in place.
 
@@ -96,9 +129,9 @@ def sweep(body, things, q, points, axes, closest, core, depth, deepest, apart): 
 
     What is too far to matter is not looked at again before the links have moved by as much as it
     is too far. ``way`` (L,) holds how far the spheres of a link have moved at most, ``longest`` the
-    sum of the largest of these steps; ``turned`` (S,) how far the joints have. The first
-    configuration is followed by the last and what is before it: a motion ends near things, and
-    what is found near early makes the rest too far.
+    sum of the largest of these steps, for which blocks of things wait too; ``turned`` (S,) how far
+    the joints have. The first configuration is followed by the last and what is before it: a motion
+    ends near things, and what is found near early makes the rest too far.
     """
     n_segments, n_links = body.driver.shape[0], body.hub_radius.shape[0]
     turns, origins = np.zeros((n_segments, 3, 3)), np.empty((n_segments, 3))
@@ -109,6 +142,7 @@ def sweep(body, things, q, points, axes, closest, core, depth, deepest, apart): 
     placed = np.empty(n_links, dtype=np.bool_)
     way, longest = np.zeros(n_links), 0.0
     due, due_any = np.zeros((things.kind.shape[0], n_links)), np.zeros(things.kind.shape[0])
+    due_block = np.zeros(things.block_bound.shape[0])
     due_pair, due_pairs = np.zeros(body.groups.shape[0]), 0.0
     turned, most, levers = np.zeros(n_segments), 0.0, body.levers
     for i in range(q.shape[0]):
@@ -121,71 +155,79 @@ def sweep(body, things, q, points, axes, closest, core, depth, deepest, apart): 
         axes[m, 0], axes[m, 1], axes[m, 2] = x, y, z
         placed[:] = False
         about = False
-        for k in range(things.kind.shape[0]):
-            if longest < due_any[k]:
+        for c in range(things.block_bound.shape[0]):
+            if longest < due_block[c]:
                 continue
-            role, kind, bound = things.role[k], things.kind[k], things.bound[k]
-            r, p = things.rotation, things.position
-            size0, size1, size2 = things.size[k, 0], things.size[k, 1], things.size[k, 2]
-            if role == STATIC:
-                wanted = max(closest[0], core[0], 0.0)
-            elif role == AVOID:
-                wanted = max(closest[1], closest[2], core[0], 0.0)
-            else:
-                wanted = max(closest[3], 0.0)
-            if bound + wanted < math.inf:
-                if not about:
-                    ball, about = _about(hubs, body.hub_radius, middle), True
-                slack = apart_by(middle, 0, p, k) - bound - ball - wanted
-                if slack > 0.0:  # too far from the whole arm
-                    due_any[k] = longest + slack
+            role = things.role[things.block[c]]
+            wanted = _wanted(role, closest, core)
+            slack = _room(things, c, hubs, body.hub_radius)
+            if slack > wanted:  # too far from every link
+                due_block[c] = longest + slack - wanted
+                continue
+            due_block[c] = math.inf
+            for k in range(things.block[c], things.block[c + 1]):
+                if longest < due_any[k]:
+                    due_block[c] = min(due_block[c], due_any[k])
                     continue
-            least = math.inf
-            for link in range(n_links):
-                if way[link] < due[k, link]:
-                    least = min(least, due[k, link] - way[link])
-                    continue
-                fault = role == STATIC or not body.distal[link]
-                if role == STATIC:
-                    slot = 0
-                elif role == AVOID:
-                    slot = 2 if body.distal[link] else 1
-                elif body.distal[link]:
-                    continue  # the tool may touch what it pushes
-                else:
-                    slot = 3
-                wanted = max(closest[slot], 0.0)
-                if role != PUSHABLE:
-                    wanted = max(wanted, core[0])
-                far = -math.inf
-                if bound < math.inf:
-                    far = apart_by(hubs, link, p, k) - bound - body.hub_radius[link]
-                if far < wanted:
-                    x, y, z = inside(r, p, k, hubs, link)
-                    d = to_surface(kind, size0, size1, size2, x, y, z)
-                    far = max(far, d - body.hub_radius[link])
-                slack = far - wanted
-                if far < wanted:
-                    if not placed[link]:
-                        _place_link(body, turns, origins, link, spheres)
-                        placed[link] = True
-                    nearest, nearest_core = math.inf, math.inf
-                    for b in range(body.start[link], body.start[link + 1]):
-                        x, y, z = inside(r, p, k, spheres, b)
-                        d = to_surface(kind, size0, size1, size2, x, y, z) - body.radius[b]
-                        nearest = min(nearest, d)
-                        if role != PUSHABLE:
-                            c = to_core(kind, size0, size1, size2, x, y, z)
-                            nearest_core = min(nearest_core, c)
-                        if fault and d < depth[k]:
-                            depth[k] = d
-                            deepest[k] = b
-                    closest[slot] = min(closest[slot], nearest)
-                    core[0] = min(core[0], nearest_core)
-                    slack = min(nearest - max(closest[slot], 0.0), nearest_core - core[0])
-                due[k, link] = way[link] + slack
-                least = min(least, slack)
-            due_any[k] = longest + least
+                kind, bound = things.kind[k], things.bound[k]
+                r, p = things.rotation, things.position
+                size0, size1, size2 = things.size[k, 0], things.size[k, 1], things.size[k, 2]
+                wanted = _wanted(role, closest, core)
+                if bound + wanted < math.inf:
+                    if not about:
+                        ball, about = _about(hubs, body.hub_radius, middle), True
+                    slack = apart_by(middle, 0, p, k) - bound - ball - wanted
+                    if slack > 0.0:  # too far from the whole arm
+                        due_any[k] = longest + slack
+                        due_block[c] = min(due_block[c], due_any[k])
+                        continue
+                least = math.inf
+                for link in range(n_links):
+                    if way[link] < due[k, link]:
+                        least = min(least, due[k, link] - way[link])
+                        continue
+                    fault = role == STATIC or not body.distal[link]
+                    if role == STATIC:
+                        slot = 0
+                    elif role == AVOID:
+                        slot = 2 if body.distal[link] else 1
+                    elif body.distal[link]:
+                        continue  # the tool may touch what it pushes
+                    else:
+                        slot = 3
+                    wanted = max(closest[slot], 0.0)
+                    if role != PUSHABLE:
+                        wanted = max(wanted, core[0])
+                    far = -math.inf
+                    if bound < math.inf:
+                        far = apart_by(hubs, link, p, k) - bound - body.hub_radius[link]
+                    if far < wanted:
+                        x, y, z = inside(r, p, k, hubs, link)
+                        d = to_surface(kind, size0, size1, size2, x, y, z)
+                        far = max(far, d - body.hub_radius[link])
+                    slack = far - wanted
+                    if far < wanted:
+                        if not placed[link]:
+                            _place_link(body, turns, origins, link, spheres)
+                            placed[link] = True
+                        nearest, nearest_core = math.inf, math.inf
+                        for b in range(body.start[link], body.start[link + 1]):
+                            x, y, z = inside(r, p, k, spheres, b)
+                            d = to_surface(kind, size0, size1, size2, x, y, z) - body.radius[b]
+                            nearest = min(nearest, d)
+                            if role != PUSHABLE:
+                                d_core = to_core(kind, size0, size1, size2, x, y, z)
+                                nearest_core = min(nearest_core, d_core)
+                            if fault and d < depth[k]:
+                                depth[k] = d
+                                deepest[k] = b
+                        closest[slot] = min(closest[slot], nearest)
+                        core[0] = min(core[0], nearest_core)
+                        slack = min(nearest - max(closest[slot], 0.0), nearest_core - core[0])
+                    due[k, link] = way[link] + slack
+                    least = min(least, slack)
+                due_any[k] = longest + least
+                due_block[c] = min(due_block[c], due_any[k])
         if most < due_pairs:
             continue
         due_pairs = math.inf
@@ -205,6 +247,27 @@ def sweep(body, things, q, points, axes, closest, core, depth, deepest, apart): 
                     nearest = _nearest_pair(body, g, spheres, hubs, apart)
                 due_pair[g] = moved + nearest - apart[0]
             due_pairs = min(due_pairs, most + due_pair[g] - moved)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _wanted(role, closest, core):  # type: ignore[no-untyped-def]
+    """From which distance on things of a role change nothing."""
+    if role == STATIC:
+        return max(closest[0], core[0], 0.0)
+    if role == AVOID:
+        return max(closest[1], closest[2], core[0], 0.0)
+    return max(closest[3], 0.0)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _room(things, c, hubs, radius):  # type: ignore[no-untyped-def]
+    """Distance between block ``c`` and the nearest of the balls (L,) about ``hubs`` (L, 3)."""
+    nearest = math.inf
+    if things.block_bound[c] == math.inf:
+        return -math.inf
+    for link in range(hubs.shape[0]):
+        nearest = min(nearest, apart_by(things.block_middle, c, hubs, link) - radius[link])
+    return nearest - things.block_bound[c]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -302,11 +365,11 @@ def _place_link(body, turns, origins, link, spheres):  # type: ignore[no-untyped
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def entered_first(kind, size, r, p, spheres, radius, distal):  # type: ignore[no-untyped-def]
+def entered_first(kind, size, bound, r, p, spheres, radius, distal):  # type: ignore[no-untyped-def]
     """How deep what is not distal gets into a thing where nothing distal has been as deep before.
 
     Args:
-        kind, size, r, p: of the thing, see :class:`Things`; r (1, 3, 3) and p (1, 3).
+        kind, size, bound, r, p: of the thing, see :class:`Things`; r (1, 3, 3) and p (1, 3).
         spheres: (M, B, 3) one configuration after the other.
         radius, distal: (B,) of the spheres.
 
@@ -317,6 +380,8 @@ def entered_first(kind, size, r, p, spheres, radius, distal):  # type: ignore[no
     for m in range(spheres.shape[0]):
         reached = pushed
         for b in range(radius.shape[0]):
+            if apart_by(spheres[m], b, p, 0) > bound + radius[b]:
+                continue
             x, y, z = inside(r, p, 0, spheres[m], b)
             d = radius[b] - to_surface(kind, size[0], size[1], size[2], x, y, z)
             if distal[b]:

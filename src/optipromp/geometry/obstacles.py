@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,9 +21,12 @@ from optipromp.geometry.shapes import (
     Shape,
     Sphere,
     bounding_radius,
+    of_each_class,
 )
 
 SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID = range(6)
+
+Measures: TypeAlias = tuple[IntArray, FloatArray, FloatArray]
 
 _ROTATION_TOLERANCE = 1e-6
 
@@ -83,36 +86,33 @@ def pack(
         InvalidSceneError: a position or rotation is not finite or not a rotation, or a mesh is
             degenerate.
     """
-    count = len(items)
-    kind = np.zeros(count, dtype=np.int64)
-    size = np.zeros((count, 3))
-    bound = np.zeros(count)
-    grid = np.full(count, -1, dtype=np.int64)
-    grids: dict[int, int] = {}
-    shaped: list[MeshShape | PointCloudShape] = []
-    for index, (shape, _, _) in enumerate(items):
-        if isinstance(shape, Sphere):
-            bound[index] = size[index, 0] = shape.radius  # of kind 0
-            continue
-        bound[index] = bounding_radius(shape)
-        match shape:
-            case Box(edges):
-                kind[index], size[index] = BOX, edges
-                size[index] *= 0.5
-            case Cylinder(radius, length):
-                kind[index], size[index, 0], size[index, 1] = CYLINDER, radius, 0.5 * length
-            case Capsule(radius, length):
-                kind[index], size[index, 0], size[index, 1] = CAPSULE, radius, 0.5 * length
-            case HalfSpace():
-                kind[index] = HALF_SPACE
-            case MeshShape() | PointCloudShape():
-                kind[index] = GRID
-                if id(shape) not in grids:
-                    grids[id(shape)] = len(shaped)
-                    shaped.append(shape)
-                grid[index] = grids[id(shape)]
+    shapes = [shape for shape, _, _ in items]
     position = _stacked([at for _, at, _ in items], (3,))
     rotation = _stacked([turn for _, _, turn in items], (3, 3))
+    return packed(shapes, position, rotation, measures(shapes), reach=reach, within=within)
+
+
+def packed(
+    shapes: Sequence[Shape],
+    position: FloatArray,
+    rotation: FloatArray,
+    measured: Measures,
+    *,
+    reach: float = 0.0,
+    within: float = 0.0,
+) -> Obstacles:
+    """:func:`pack` of shapes whose poses (K, 3), (K, 3, 3) and measures are arrays already."""
+    kind, size, bound = measured
+    grid = np.full(len(shapes), -1, dtype=np.int64)
+    grids: dict[int, int] = {}
+    shaped: list[MeshShape | PointCloudShape] = []
+    for index in np.flatnonzero(kind == GRID).tolist():
+        shape = shapes[index]
+        assert isinstance(shape, MeshShape | PointCloudShape)
+        if id(shape) not in grids:
+            grids[id(shape)] = len(shaped)
+            shaped.append(shape)
+        grid[index] = grids[id(shape)]
     _check_poses(position, rotation)
     values, start, nodes, origin, spacing = _pack_grids(shaped)
     arrays = (kind, position, rotation, size, bound, grid, values, start, nodes, origin, spacing)
@@ -120,6 +120,34 @@ def pack(
         array.setflags(write=False)
     cells = make_cells(position, bound, reach, within) if reach > 0.0 else no_cells()
     return Obstacles(*arrays, cells)
+
+
+def measures(shapes: Sequence[Shape]) -> Measures:
+    """``kind`` (K,), ``size`` (K, 3) and ``bound`` (K,) of shapes, see :class:`Obstacles`."""
+    kind = np.full(len(shapes), GRID, dtype=np.int64)
+    size, bound = np.zeros((len(shapes), 3)), np.zeros(len(shapes))
+    for rows, own in of_each_class(shapes):
+        match own[0]:
+            case Sphere():
+                kind[rows] = SPHERE
+                bound[rows] = size[rows, 0] = [shape.radius for shape in own]
+            case Box():
+                edges = np.array([shape.size for shape in own])
+                kind[rows], size[rows] = BOX, 0.5 * edges
+                bound[rows] = 0.5 * np.sqrt(np.sum(edges**2, axis=1))
+            case Cylinder() | Capsule() as first:
+                radius = np.array([shape.radius for shape in own])
+                half = 0.5 * np.array([shape.length for shape in own])
+                size[rows, 0], size[rows, 1] = radius, half
+                if isinstance(first, Cylinder):
+                    kind[rows], bound[rows] = CYLINDER, np.hypot(radius, half)
+                else:
+                    kind[rows], bound[rows] = CAPSULE, radius + half
+            case HalfSpace():
+                kind[rows], bound[rows] = HALF_SPACE, np.inf
+            case _:
+                bound[rows] = [bounding_radius(shape) for shape in own]
+    return kind, size, bound
 
 
 def _stacked(arrays: Sequence[ArrayLike], shape: tuple[int, ...]) -> FloatArray:
@@ -152,12 +180,14 @@ def selected(obstacles: Obstacles, which: slice | BoolArray) -> Obstacles:
 
 
 def _check_poses(position: FloatArray, rotation: FloatArray) -> None:
+    if not len(position):
+        return
     for name, values in (("position", position), ("rotation", rotation)):
         bad = np.argwhere(~np.isfinite(values))
         if bad.size:
             where = "".join(f"[{i}]" for i in bad[0][1:])
             raise InvalidSceneError(f"obstacle {bad[0][0]}: {name}{where} must be finite")
-    error = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    error = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
     wrong = np.flatnonzero((error > _ROTATION_TOLERANCE) | (np.linalg.det(rotation) < 0.0))
     if wrong.size:
         index = wrong[0]

@@ -7,6 +7,7 @@ A shape says nothing of where it is: an object of a scene (or an item of
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -180,3 +181,11 @@ def bounding_radius(shape: Shape) -> float:
         case HalfSpace():
             return math.inf
     raise InvalidSceneError(f"unknown shape {type(shape).__name__}")
+
+
+def of_each_class(shapes: Sequence[Shape]) -> Iterator[tuple[IntArray, Sequence[Any]]]:
+    """Places (k,) and shapes of every class that there is."""
+    classes = list(map(type, shapes))
+    for cls in dict.fromkeys(classes):
+        rows = np.array([k for k, own in enumerate(classes) if own is cls], dtype=np.int64)
+        yield rows, shapes if len(rows) == len(shapes) else [shapes[k] for k in rows.tolist()]

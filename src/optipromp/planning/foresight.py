@@ -49,19 +49,23 @@ SHIFT = 0.003  # [m] deviation of a fruit whose scene does not say how well it w
 WIDER = 1.5  # times the deviation of a detection: it is the unlikely that does harm
 TURN, DETECTED_TURN = np.deg2rad(1.0), np.deg2rad(4.0)  # of its stem, and of one that was detected
 AROUND = 0.4  # [m] about the target within which things are looked at
+MOST = 24  # fruits beside the target; what they do to one another takes the square of the time
 SLACK = 0.003  # [m] that the cup should keep from static things
 SOME = 4  # obstacles that it takes longer to sort than to measure
 
 
 def applies(setup: Setup, options: PlanOptions) -> bool:
-    """Whether the model knows the scene: a cup for a target, neighbours that all hang."""
+    """Whether the model knows the scene: a cup for a target, neighbours that all hang.
+
+    Not where there are more of them than it can try in the time of a plan.
+    """
     target = setup.scene.target
     hanging = (target, *setup.neighbours)
     return (
         options.foresight
         and options.window == "rim"
         and isinstance(setup.robot.tool, CupTool)
-        and len(setup.neighbours) > 0
+        and 0 < len(setup.neighbours) <= MOST
         and all(thing is not None and thing.stem is not None for thing in hanging)
     )
 
@@ -260,17 +264,21 @@ def foresight(setup: Setup) -> Foresight:
         max(inner, 0.5 * tool.radius), tool.radius, tool.depth - tool.height, tool.depth, WALL,
         NECK_RADIUS,
     )  # fmt: skip
-    around = setup.surroundings
+    scene, around = setup.scene, setup.surroundings
     solid = near(around.static, target.position, AROUND)
     avoid = near(selected(around.dynamic, slice(around.shared)), target.position, AROUND)
     known = {thing.id for thing in setup.neighbours}
+
+    def near_by(thing: SceneObject) -> float:
+        return float(np.linalg.norm(thing.position - target.position))
+
     others = [
         thing
-        for thing in setup.scene.pushables
-        if thing.id not in known
-        and thing.stem is not None
-        and np.linalg.norm(thing.position - target.position) < AROUND
+        for thing in scene.things(scene.around(target.position, AROUND, "pushable"))
+        if thing.id not in known and thing.stem is not None and near_by(thing) < AROUND
     ]
+    if len(others) > MOST - len(known):
+        others = sorted(others, key=near_by)[: MOST - len(known)]
     things = (target, *setup.neighbours, *others)
     detected = any(thing.covariance is not None for thing in things)
     draws = DETECTED_UNSEEN if detected else UNSEEN

@@ -1,5 +1,7 @@
 """Goal configurations: found by inverse kinematics, ranked by room, checked by the judge."""
 
+import time
+
 import numpy as np
 
 from optipromp import metrics
@@ -102,7 +104,11 @@ def free(setup: Setup, goals: FloatArray) -> tuple[FloatArray, str]:
 
 
 def choose(
-    setup: Setup, seed: int, starts: int = STARTS, begin: FloatArray | None = None
+    setup: Setup,
+    seed: int,
+    starts: int = STARTS,
+    begin: FloatArray | None = None,
+    deadline: float = np.inf,
 ) -> tuple[FloatArray, bool, str]:
     """Goal configurations to plan to, whether they are free, and a word where they are not.
 
@@ -111,6 +117,7 @@ def choose(
         seed: of the random starts.
         starts: how many of them.
         begin: (n,) where one configuration is enough, and is looked for from here before all.
+        deadline: of ``time.perf_counter()``, from when on those that were found first must do.
 
     Returns:
         (m, n) configurations, at most :data:`ENOUGH` where they are free; whether they touch
@@ -121,12 +128,19 @@ def choose(
         return only, True, ""
     goals = find(setup, seed, starts)
     kept, blocked = free(setup, goals)
-    if len(kept) < SPARE and (starts >= STARTS or not len(goals)) and setup.goal_joints is None:
+    late = len(goals) > 0 and time.perf_counter() > deadline
+    if (
+        len(kept) < SPARE
+        and not late
+        and (starts >= STARTS or not len(goals))
+        and setup.goal_joints is None
+    ):
         goals = find(setup, seed, MORE_STARTS)
         kept, blocked = free(setup, goals)
     if not len(goals):
         return goals, False, unreachable(setup)
-    if not len(kept) and setup.goal_joints is None:
+    late = time.perf_counter() > deadline
+    if not len(kept) and not late and setup.goal_joints is None:
         goals = find(setup, seed, MANY_STARTS)
         kept, blocked = free(setup, goals)
     if len(kept):

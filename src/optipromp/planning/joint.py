@@ -6,8 +6,9 @@ once.
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -31,6 +32,8 @@ INVALID = 2.5  # added to the score of a push whose trajectory is not valid; les
 TRIES = 6  # ways that are planned while no trajectory is valid
 FAR_DAMPING, FAR_TOLERANCE = 1e-2, 1e-2  # of the solver, for a start that breaks constraints
 CLOSE = 1.3  # a start within this factor of the best one after the first stage goes on
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +143,7 @@ def _foreseen(
         hopeful = model.of_path(way(ruled), 0) < foresight.HOPELESS
         if hopeful:
             value, made_of = attempt(ruled, True)
-            if value < model.good:
+            if value < model.good or time.perf_counter() > deadline:
                 return made_of
     least, best = np.inf, None
     for expected, drift in model.choices(ruled, options, way, deadline, hopeful):
@@ -178,24 +181,39 @@ class Solver:
         """
         best: Attempt | None = None
         for batch in made:
-            attempts = [self._begun(start) for start in batch]
+            attempts = self._while_time(self._begun, batch)
             if self.options.iterations == 0:
                 least = min(attempts, key=self._early)
                 return replace(least, q=least.start.initial), False
             attempts.sort(key=self._early)
             close = CLOSE * self._early(attempts[0])
-            ahead = [self._ended(a) for a in attempts if self._early(a) <= close]
+            near = [a for a in attempts if self._early(a) <= close]
+            ahead = self._while_time(self._ended, near)
             done = sorted(ahead, key=lambda a: a.value.merit)
             for a in done:
                 q, first = a.q, a.start.knots.first
                 if verify(trajectory_of(self.setup, self.options, q, first), a):
                     return a, True
+                if self._late():
+                    break
             if best is None or done[0].value.merit < best.value.merit:
                 best = done[0]
-            if time.perf_counter() > self.deadline:
+            if self._late():
                 return best, False
         assert best is not None  # there is at least one goal configuration
         return best, False
+
+    def _late(self) -> bool:
+        return time.perf_counter() > self.deadline
+
+    def _while_time(self, work: Callable[[T], Attempt], items: Sequence[T]) -> list[Attempt]:
+        """What becomes of the first of the ``items``, and of the others while there is time."""
+        out = [work(items[0])]
+        for item in items[1:]:
+            if self._late():
+                break
+            out.append(work(item))
+        return out
 
     def _early(self, a: Attempt) -> float:
         """The objective as the first stage has it."""
@@ -213,14 +231,14 @@ class Solver:
         )
         value = problem.evaluate(start.q, schedule.stages[-1])
         a = Attempt(start, problem, start.q, value, (value.terms,))
-        if self.options.iterations == 0:
+        if self.options.iterations == 0 or self._late():
             return a
         if schedule.keeps(value):
             return replace(self._advanced(a, slice(-1, None), value), done=True)
         return self._advanced(a, slice(0, -1))
 
     def _ended(self, a: Attempt) -> Attempt:
-        return a if a.done else self._advanced(a, slice(-1, None))
+        return a if a.done or self._late() else self._advanced(a, slice(-1, None))
 
     def _advanced(self, a: Attempt, stages: slice, value: Value | None = None) -> Attempt:
         schedule = (

@@ -277,7 +277,7 @@ def _plan(
     ploughed = opti and ploughing.applies(setup)
     room = ploughing.without_packs(setup) if ploughed else setup
     begin = movement.end(promp) if planner != "opti-promp" else None
-    chosen, is_free, reason = goals.choose(room, seed, starts, begin)
+    chosen, is_free, reason = goals.choose(room, seed, starts, begin, deadline)
     clock["inverse kinematics"] = time.perf_counter() - before
     if not len(chosen):
         return finish(_stay(setup), Code.GOAL_UNREACHABLE, reason)

@@ -7,8 +7,6 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, frozen
 from optipromp.errors import InvalidRequestError, InvalidSceneError, StartInvalidError
-from optipromp.geometry.obstacles import pack
-from optipromp.geometry.shapes import Shape
 from optipromp.optimization.evaluation import BodyPoints
 from optipromp.optimization.problem import Surroundings
 from optipromp.pushing.neighbours import neighbours
@@ -138,20 +136,11 @@ def _surroundings(scene: Scene, robot: Robot) -> Surroundings:
     far = reach(robot) + 0.1
     asked = NEAR + float(np.max(robot.spheres.radius, initial=0.0))
 
-    def near(things: tuple[SceneObject, ...]) -> list[tuple[Shape, FloatArray, FloatArray]]:
-        if not things:
-            return []
-        positions = np.concatenate([thing.position for thing in things]).reshape(-1, 3)
-        away = np.linalg.norm(positions, axis=1).tolist()
-        return [
-            (thing.shape, thing.position, thing.rotation)
-            for thing, distance in zip(things, away, strict=True)
-            if distance <= far or not distance - thing.radius > far
-        ]
-
-    avoid = near(scene.avoid)
+    static, avoid, push = (
+        scene.around(np.zeros(3), far, role) for role in ("static", "avoid", "pushable")
+    )
     return Surroundings(
-        static=pack(near(scene.static), reach=asked, within=far),
-        dynamic=pack([*avoid, *near(scene.pushables)], reach=asked, within=far),
+        static=scene.packed(static, reach=asked, within=far),
+        dynamic=scene.packed(np.concatenate([avoid, push]), reach=asked, within=far),
         shared=len(avoid),
     )

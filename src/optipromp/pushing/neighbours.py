@@ -35,7 +35,7 @@ def neighbours(
         return ()
     x_g, y_g, z_g = scene.frame
     found = []
-    for thing in scene.pushables:
+    for thing in scene.things(scene.around(target.position, search_radius, "pushable")):
         off = thing.position - target.position
         along = float(off @ z_g)
         aside = float(np.hypot(off @ x_g, off @ y_g))

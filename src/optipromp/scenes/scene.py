@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
-from optipromp.arrays import FloatArray, frozen
+from optipromp.arrays import FloatArray, IntArray, frozen, joined
 from optipromp.errors import InvalidSceneError
-from optipromp.geometry.obstacles import Obstacles, pack
+from optipromp.geometry.obstacles import Measures, Obstacles, measures, packed
 from optipromp.geometry.shapes import HalfSpace, Shape, bounding_radius
 
 Role: TypeAlias = Literal["target", "pushable", "avoid", "static"]
@@ -25,6 +26,7 @@ STEM_RADIUS = 0.003
 
 _STEM_SLACK = 0.005  # a stem given by points starts at most this far outside its fruit [m]
 _PARALLEL = 1e-6
+_ROUNDING = 1e-9  # [m]
 
 
 def suggest(name: object, valid: Iterable[str]) -> str:
@@ -295,11 +297,14 @@ class Scene:
             )
 
     @cached_property
+    def _rows(self) -> Mapping[str, IntArray]:
+        codes = {role: code for code, role in enumerate(ROLES)}
+        role = np.array([codes[item.role] for item in self.objects], dtype=np.int64)
+        return {name: _read_only(np.flatnonzero(role == code)) for name, code in codes.items()}
+
+    @cached_property
     def _by_role(self) -> Mapping[str, tuple[SceneObject, ...]]:
-        found: dict[str, list[SceneObject]] = {role: [] for role in ROLES}
-        for item in self.objects:
-            found[item.role].append(item)
-        return {role: tuple(items) for role, items in found.items()}
+        return {role: self.things(rows) for role, rows in self._rows.items()}
 
     @property
     def target(self) -> SceneObject | None:
@@ -321,6 +326,47 @@ class Scene:
         """The objects that nothing may touch, in file order."""
         return self._by_role["static"]
 
+    @cached_property
+    def positions(self) -> FloatArray:
+        """(N, 3) where the objects are [m]."""
+        return joined([item.position for item in self.objects]).reshape(-1, 3)
+
+    @cached_property
+    def rotations(self) -> FloatArray:
+        """(N, 3, 3) how the objects are turned, local to world."""
+        return joined([item.rotation for item in self.objects]).reshape(-1, 3, 3)
+
+    @cached_property
+    def _measures(self) -> Measures:
+        kind, size, bound = measures([item.shape for item in self.objects])
+        return _read_only(kind), _read_only(size), _read_only(bound)
+
+    @property
+    def bounds(self) -> FloatArray:
+        """(N,) radii of balls about the positions that hold the shapes [m]."""
+        return self._measures[2]
+
+    def rows(self, role: Role) -> IntArray:
+        """(K,) which of the ``objects`` have a role, in ascending order."""
+        return self._rows[role]
+
+    def around(self, center: FloatArray, reach: float, role: Role) -> IntArray:
+        """(K,) which of the ``objects`` of a role may come within ``reach`` [m] of a point (3,).
+
+        By their bounding balls, so that it is some more, never fewer.
+        """
+        rows = self._rows[role]
+        if not len(rows):
+            return rows
+        off = self.positions[rows] - center
+        away = np.sqrt(np.einsum("ki,ki->k", off, off))
+        return np.asarray(rows[away - self.bounds[rows] <= reach + _ROUNDING])
+
+    def things(self, rows: IntArray) -> tuple[SceneObject, ...]:
+        """Some of the ``objects``, by their places (K,)."""
+        objects = self.objects
+        return tuple([objects[k] for k in rows.tolist()])
+
     @property
     def frame(self) -> FloatArray:
         """(3, 3) rows x_g, y_g, z_g of the target frame F_g."""
@@ -335,5 +381,21 @@ class Scene:
         for role in wanted:
             if role not in ROLES:
                 raise InvalidSceneError(f"role {role!r} is unknown: {suggest(role, ROLES)}")
-        chosen = (item for item in self.objects if item.role in wanted)
-        return pack([(item.shape, item.position, item.rotation) for item in chosen])
+        return self.packed(np.sort(np.concatenate([self._rows[role] for role in wanted])))
+
+    def packed(self, rows: IntArray, *, reach: float = 0.0, within: float = 0.0) -> Obstacles:
+        """Some of the ``objects`` by their places (K,), packed for the kernels in that order.
+
+        ``reach`` and ``within``: see :func:`optipromp.geometry.obstacles.pack`.
+        """
+        kind, size, bound = self._measures
+        shapes = [thing.shape for thing in self.things(rows)]
+        return packed(
+            shapes, self.positions[rows], self.rotations[rows],
+            (kind[rows], size[rows], bound[rows]), reach=reach, within=within,
+        )  # fmt: skip
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    array.setflags(write=False)
+    return array
