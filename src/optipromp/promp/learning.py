@@ -11,7 +11,7 @@ from optipromp.errors import InvalidDemonstrationError
 from optipromp.promp.basis import Basis
 from optipromp.promp.checks import PHASE_TOLERANCE, RegularisedWarning, positive
 from optipromp.promp.em import fit_em
-from optipromp.promp.model import ProMP
+from optipromp.promp.model import ProMP, made
 from optipromp.promp.samples import (
     NOISE_FLOOR,
     DemonstrationsLike,
@@ -103,7 +103,9 @@ def fit(
     total = sum(phases.size for phases in samples.phases)
     freedom = total - demos * basis.count
     noise = np.maximum(residual / (freedom if freedom > 0 else total), NOISE_FLOOR)
-    return ProMP(basis, mean.reshape(n, -1), covariance, noise, samples.joint_names)
+    if not np.isfinite(covariance).all():
+        raise InvalidDemonstrationError("the demonstrations' values are too large to learn from")
+    return made(basis, mean.reshape(n, -1), covariance, noise, samples.joint_names)
 
 
 def _regularised(message: str) -> None:

@@ -251,12 +251,24 @@ class ProMP:
 
 def trusted(promp: ProMP, mean: FloatArray, covariance: FloatArray) -> ProMP:
     """``promp`` with another weight distribution, valid by construction: no checks, no copy."""
+    mean = mean.reshape(promp.mean.shape)
+    return made(promp.basis, mean, covariance, promp.noise, promp.joint_names)
+
+
+def made(
+    basis: Basis,
+    mean: FloatArray,
+    covariance: FloatArray,
+    noise: FloatArray,
+    joint_names: tuple[str, ...],
+) -> ProMP:
+    """A ProMP of what is valid by construction: no checks, no copy."""
     result = object.__new__(ProMP)
     result.__dict__.update(
-        basis=promp.basis,
-        mean=frozen(mean.reshape(promp.mean.shape)),
+        basis=basis,
+        mean=frozen(mean),
         covariance=frozen(covariance),
-        noise=promp.noise,
-        joint_names=promp.joint_names,
+        noise=frozen(noise),
+        joint_names=joint_names,
     )
     return result
