@@ -253,9 +253,8 @@ def test_the_number_of_starts_is_heeded(starts: int) -> None:
     goals = setup.robot.home + 1e-3 * np.arange(6)[:, None] * np.ones(7)  # six motions alike
     options = PlanOptions(starts=starts)
     promp = learnt(setup, None)
-    rng = np.random.default_rng(0)
     choices = joint.sides(setup, options)
-    batch = next(Starts(setup, promp, options, goals, rng).batches(choices))
+    batch = next(Starts(setup, promp, options, goals).batches(choices))
     assert len(batch) == 2 * starts
     assert len({tuple(start.q[-1]) for start in batch}) == starts
     assert len({float(start.drift.directions[0, 1]) for start in batch}) == 2

@@ -44,7 +44,7 @@ BESIDE = 0.1  # cosine from which a direction leads to the stem's side, not besi
 BERTHS = (0.4, 1.4)  # least and most that are drawn
 KEPT = 0.6  # chance that a direction is drawn anew beside the best
 UNSEEN, DETECTED_UNSEEN = 4, 24  # draws of where the fruits may hang otherwise than they were seen
-FEWER = 2  # draws for the rule's way past fruits that are known well
+FEWER = 2  # draws for a trajectory past fruits that are known well
 SHIFT = 0.003  # [m] deviation of a fruit whose scene does not say how well it was seen
 WIDER = 1.5  # times the deviation of a detection: it is the unlikely that does harm
 TURN, DETECTED_TURN = np.deg2rad(1.0), np.deg2rad(4.0)  # of its stem, and of one that was detected
@@ -120,17 +120,18 @@ class Foresight:
         beside = 0.5 * detour / straight + self._touch(points)
         return beside + self.of(points, axes, draws, worst - beside)
 
-    def of_trajectory(self, q: FloatArray, seen_well: bool = False) -> float:
+    def of_trajectory(self, q: FloatArray) -> float:
         """Score of configurations (T, n) from the camera point on.
 
-        Where ``seen_well``, with :data:`FEWER` draws of how they may hang.
+        Of fruits that are known well, with :data:`FEWER` draws of how they may hang: the way that
+        is followed was scored with all of them.
         """
         points, axes = self.setup.robot.tool_pose(q)
         count = int(length(points) / STEP) + 2
         axes = along(points, axes, count)
         axes /= np.sqrt(np.einsum("pi,pi->p", axes, axes))[:, None]
         points = evenly(points, count)
-        return self.of(points, axes, FEWER if seen_well else None)
+        return self.of(points, axes, None if self.detected else FEWER)
 
     def _touch(self, points: FloatArray) -> float:
         """How far the cup, led upright through ``points``, comes too near to what must not move."""

@@ -54,7 +54,7 @@ def plan_joint(
     promp: ProMP,
     options: PlanOptions,
     goals: FloatArray,
-    rng: np.random.Generator,
+    seed: int,
     deadline: float,
 ) -> Outcome:
     """Solve several starts together and keep the best.
@@ -64,14 +64,14 @@ def plan_joint(
         promp: supplies the initial trajectories.
         options: see :class:`PlanOptions`.
         goals: (m, n) goal configurations, best first.
-        rng: for samples of the ProMP.
+        seed: of the samples of the ProMP.
         deadline: ``time.perf_counter()`` to stop at.
     """
     began = time.perf_counter()
 
     heard: dict[int, tuple[Trajectory, Judgement]] = {}
     foreseen = foresight.applies(setup, options)
-    starts = Starts(setup, promp, options, goals, rng)
+    starts = Starts(setup, promp, options, goals)
     solver = Solver(setup, options, deadline)
 
     def verify(trajectory: Trajectory, a: Attempt) -> bool:
@@ -84,7 +84,8 @@ def plan_joint(
     if foreseen:
         best = _foreseen(solver, starts, verify)
     else:
-        best, _ = solver.solve(verify, starts.batches(sides(setup, options)))
+        rng = np.random.default_rng(seed)
+        best, _ = solver.solve(verify, starts.batches(sides(setup, options), rng=rng))
     seconds = time.perf_counter() - began
     first = best.start.knots.first
     initial = trajectory_of(setup, options, best.start.initial, first)
@@ -127,14 +128,14 @@ def _foreseen(
     def way(drift: Drift) -> FloatArray:
         return tool_path(setup, options, drift)
 
-    def attempt(drift: Drift, seen_well: bool) -> tuple[float, Attempt]:
+    def attempt(drift: Drift) -> tuple[float, Attempt]:
         corners = way(drift)
         key = corners.tobytes()
         if key not in made:
             # samples of the ProMP would have to be led back to the way that was tried
-            made[key] = solver.solve(verify, starts.batches((drift,), (corners,), samples=0))
+            made[key] = solver.solve(verify, starts.batches((drift,), (corners,)))
         best, holds = made[key]
-        value = model.of_trajectory(best.q[best.start.knots.first :], seen_well)
+        value = model.of_trajectory(best.q[best.start.knots.first :])
         return value + (0.0 if holds else INVALID), best
 
     # what is known well may be passed as the rule says, if that does no harm
@@ -142,13 +143,13 @@ def _foreseen(
     if not model.detected:
         hopeful = model.of_path(way(ruled), 0) < foresight.HOPELESS
         if hopeful:
-            value, made_of = attempt(ruled, True)
+            value, made_of = attempt(ruled)
             if value < model.good or time.perf_counter() > deadline:
                 return made_of
     least, best = np.inf, None
     for expected, drift in model.choices(ruled, options, way, deadline, hopeful):
         if expected < least:
-            value, made_of = attempt(drift, False)
+            value, made_of = attempt(drift)
             if best is None or value < least:
                 least, best = value, made_of
         none = len(made) >= TRIES and not any(holds for _, holds in made.values())

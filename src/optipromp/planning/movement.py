@@ -38,7 +38,7 @@ def plan_movement(
     options: PlanOptions,
     goals: FloatArray,
     planner: Planner,
-    rng: np.random.Generator,
+    seed: int,
 ) -> Outcome:
     """Condition the ProMP on the planner's points, on the branch nearest to the ProMP's own end.
 
@@ -58,6 +58,7 @@ def plan_movement(
         variances: list[float] = []
         if planner == "i-promp":
             deviation = options.direction_deviation
+            rng = np.random.default_rng(seed) if deviation > 0.0 else None
             things = setup.neighbours
             for push, thing in zip(
                 pushes(setup.scene, things, setup.robot.gripper_radius, rng, deviation),

@@ -236,7 +236,6 @@ def _plan(
     promp = learnt(setup, demonstrations, **basis)
     clock = {"setup": time.perf_counter() - began}
     deadline = began + options.timeout
-    rng = np.random.default_rng(seed)
 
     def finish(outcome: Outcome, status: Code | None = None, message: str = "") -> Plan:
         start = time.perf_counter()
@@ -283,7 +282,7 @@ def _plan(
         return finish(_stay(setup), Code.GOAL_UNREACHABLE, reason)
     if planner != "opti-promp":
         say(planner)
-        return finish(movement.plan_movement(setup, promp, options, chosen, planner, rng))
+        return finish(movement.plan_movement(setup, promp, options, chosen, planner, seed))
 
     say(f"optimising ({strategy})")
     if strategy == "sequential":
@@ -291,9 +290,9 @@ def _plan(
 
         outcome = sequential.solve(setup, promp, options, chosen, deadline)
     elif ploughed:
-        outcome = ploughing.plan_ploughed(setup, promp, options, chosen, rng, deadline)
+        outcome = ploughing.plan_ploughed(setup, promp, options, chosen, seed, deadline)
     else:
-        outcome = joint.plan_joint(setup, promp, options, chosen, rng, deadline)
+        outcome = joint.plan_joint(setup, promp, options, chosen, seed, deadline)
     return finish(outcome) if is_free else finish(outcome, Code.GOAL_IN_COLLISION, reason)
 
 

@@ -61,7 +61,7 @@ def plan_ploughed(
     promp: ProMP,
     options: PlanOptions,
     goals: FloatArray,
-    rng: np.random.Generator,
+    seed: int,
     deadline: float,
 ) -> Outcome:
     """Find ways, follow them, optimise, keep the best.
@@ -72,12 +72,13 @@ def plan_ploughed(
         options: see :class:`PlanOptions`.
         goals: (m, n) goal configurations, best first, for where the way cannot be followed from
             the start.
-        rng: for the draws of ways.
+        seed: of the draws of ways and of samples of the ProMP.
         deadline: ``time.perf_counter()`` to stop at.
     """
     began = time.perf_counter()
     tool = setup.robot.tool
     assert isinstance(tool, FrankaHand)
+    rng = np.random.default_rng(seed)
     until = began + SEARCHED * (deadline - began)
     ways_found = ways(setup.scene, tool, rng, WAYS, until, wrist(setup))
     found = [w for w in ways_found if w.cost <= ALIKE * ways_found[0].cost]
@@ -96,7 +97,7 @@ def plan_ploughed(
         return faults.issuperset(heard[id(a)].violations)
 
     starts = (begun(freed, promp, way.corners, goals) for way in found)
-    without = Starts(freed, promp, options, goals, rng).batches(sides(freed, options))
+    without = Starts(freed, promp, options, goals).batches(sides(freed, options), rng=rng)
     made = itertools.chain((batch for batch in starts if batch), without)
     best, _ = joint.Solver(freed, options, deadline).solve(verify, made)
     seconds = time.perf_counter() - searched

@@ -42,9 +42,7 @@ def solve(
     began = time.perf_counter()
     paper = replace(options, window="paper", drift="paper", berth=0.0)
     drift = sides(setup, paper)[0]
-    branch = Starts(setup, promp, paper, goals, np.random.default_rng(0)).branches(
-        [tool_path(setup, paper, drift)]
-    )[0]
+    branch = Starts(setup, promp, paper, goals).branches([tool_path(setup, paper, drift)])[0]
     q0, knots = initial(setup, promp, branch), branch.knots
     basis = deviation_basis(knots.count)
     order = ("collision", "push") if setup.scene.static else ("push", "collision")

@@ -4,6 +4,7 @@ Starts differ in the inverse-kinematics branch of the goal, in the side on which
 are passed and, where those are not enough, in samples of the ProMP.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -59,13 +60,13 @@ def knots_for(
     step = 0.8 * options.max_step
     if via is None or len(via) < 2:
         reach = PEAK * float(np.max(np.abs(goal - setup.start))) / step
-        count = options.knots or int(np.clip(np.ceil(reach) + 1, FEWEST, MOST))
+        count = options.knots or min(max(FEWEST, math.ceil(reach) + 1), MOST)
         return Knots(count, options.camera_phase or 0.5)
     reach = PEAK * float(np.max(np.abs(via[0] - setup.start))) / step
     approach = 1.6 * float(np.max(np.abs(np.diff(via, axis=0)), axis=1).sum()) / step
     reach, approach = max(reach, 25.0), max(approach, 40.0, path / TOOL_STEP)
-    count = options.knots or int(np.clip(10 * np.ceil((reach + approach) / 10), FEWEST, MOST))
-    phase = options.camera_phase or float(np.clip(reach / (reach + approach), 0.2, 0.75))
+    count = options.knots or min(max(FEWEST, 10 * math.ceil((reach + approach) / 10)), MOST)
+    phase = options.camera_phase or min(max(0.2, reach / (reach + approach)), 0.75)
     return Knots(count, phase)
 
 
@@ -168,7 +169,6 @@ class Starts:
         promp: supplies the initial trajectories.
         options: see :class:`PlanOptions`.
         goals: (m, n) goal configurations, best first.
-        rng: for samples of the ProMP.
     """
 
     def __init__(
@@ -177,11 +177,8 @@ class Starts:
         promp: ProMP,
         options: PlanOptions,
         goals: FloatArray,
-        rng: np.random.Generator,
     ) -> None:
-        self.setup, self.promp, self.options, self.goals, self.rng = (
-            setup, promp, options, goals, rng,
-        )  # fmt: skip
+        self.setup, self.promp, self.options, self.goals = setup, promp, options, goals
         self._followed: list[tuple[FloatArray | None, FloatArray]] | None = None
         self._initial: dict[tuple[bytes, Knots], FloatArray] = {}
 
@@ -219,14 +216,15 @@ class Starts:
         self,
         choices: Sequence[Drift],
         paths: Sequence[FloatArray] | None = None,
-        samples: int = SAMPLE_ROUNDS,
+        rng: np.random.Generator | None = None,
     ) -> Iterator[list[Start]]:
         """Starts to solve together, for every choice of sides, the most promising batch first.
 
         ``paths`` are the tool's ways for these choices, where they are known.
 
-        Branches whose motion is much longer than the shortest one wait for a later batch, and
-        ``samples`` of the ProMP for each come when every branch has failed.
+        Branches whose motion is much longer than the shortest one wait for a later batch. Where
+        ``rng`` is given, :data:`SAMPLE_ROUNDS` samples of the ProMP for each come when every branch
+        has failed.
         """
         setup, options = self.setup, self.options
         if paths is None:
@@ -243,11 +241,13 @@ class Starts:
                 for q in (self.initial(branch),)
                 for drift, path in zip(choices, paths, strict=True)
             ]
-        for _ in range(samples):
+        if rng is None:
+            return
+        for _ in range(SAMPLE_ROUNDS):
             for low in range(0, len(order), options.starts):
                 yield [
                     Start(q, q, drift, branch.knots)
                     for branch in order[low : low + options.starts]
-                    for q in (sampled(setup, self.promp, branch, self.rng),)
+                    for q in (sampled(setup, self.promp, branch, rng),)
                     for drift in choices
                 ]

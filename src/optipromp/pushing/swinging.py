@@ -137,6 +137,14 @@ def push(
         freely(s.compliance, mass[i] / (dt * dt), i, free)
     for p in range(len(points)):
         at = Pose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
+        untouched = p > 0  # nothing has moved, and the rim is below all
+        for i in range(count):
+            h, _, _, _, _ = in_cup(center[i, 0], center[i, 1], center[i, 2], at)
+            above, _, _, _, _ = in_cup(root[i, 0], root[i, 1], root[i, 2], at)
+            untouched &= resting[i] and min(h - radii[i], above) > cup.rim + CLOSE
+        if untouched:
+            positions[p] = center
+            continue
         q = max(p - 1, 0)
         c0, c1, c2 = at.x - points[q, 0], at.y - points[q, 1], at.z - points[q, 2]
         for i in range(count):

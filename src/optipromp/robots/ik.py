@@ -232,8 +232,7 @@ def solve(
     lower, upper = robot.lower + limit_margin, robot.upper - limit_margin
     finite = np.isfinite(lower) & np.isfinite(upper)
     low, high = np.where(finite, lower, -np.pi), np.where(finite, upper, np.pi)
-    rng = np.random.default_rng(seed)
-    q = np.vstack([robot.home[None], rng.uniform(low, high, (starts, n))])
+    q = np.vstack([robot.home[None], low + (high - low) * _uniform(seed, (starts, n))])
     center = np.tile(0.5 * (low + high), (len(q), 1))
     center[1::2] = q[1::2]
     weight = np.full(len(q), 0.3)
@@ -258,6 +257,12 @@ def solve(
     order = np.argsort(-np.minimum(margin / 0.3, room / 0.05), kind="stable")
     kept = order[apart_from_earlier(q[order], turning, distinct)]
     return Solutions(q[kept], margin[kept], room[kept])
+
+
+@functools.lru_cache(maxsize=32)
+def _uniform(seed: int, shape: tuple[int, int]) -> FloatArray:
+    """Numbers drawn evenly from 0 to 1."""
+    return frozen(np.random.default_rng(seed).random(shape))
 
 
 @functools.lru_cache(maxsize=32)
