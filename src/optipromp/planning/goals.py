@@ -35,13 +35,18 @@ def clearance(setup: Setup, q: FloatArray) -> FloatArray:
         e.dynamic.distance[:, proximal].min(axis=1, initial=ROOM),
     )
     body = setup.body
-    for i in range(len(q)):
-        overlap = kernels.self_penalty(
-            e.points[i : i + 1], body.radius, body.groups, body.pairs, body.link_bound,
-            SELF_MARGIN, 2.0, e.force[i : i + 1], e.stiffness[i : i + 1],
-        )  # fmt: skip
-        room[i] = min(room[i], SELF_MARGIN - np.sqrt(overlap)) if overlap > 0.0 else room[i]
-    return np.asarray(room)
+    overlap = kernels.self_penalties(
+        e.points,
+        body.radius,
+        body.groups,
+        body.pairs,
+        body.link_bound,
+        SELF_MARGIN,
+        e.force,
+        e.stiffness,
+    )
+    apart = np.minimum(room, SELF_MARGIN - np.sqrt(overlap))
+    return np.asarray(np.where(overlap > 0.0, apart, room))
 
 
 def find(setup: Setup, seed: int, starts: int = STARTS) -> FloatArray:

@@ -17,6 +17,7 @@ from optipromp.optimization.kernels.clearance import (
     obstacle_cost,
     obstacle_functional,
     point_speed,
+    self_penalties,
     self_penalty,
 )
 from optipromp.optimization.kernels.joints import (
@@ -54,6 +55,7 @@ __all__ = [
     "point_speed",
     "push_quadratic",
     "push_reciprocal",
+    "self_penalties",
     "self_penalty",
     "smoothness",
     "step_penalty",

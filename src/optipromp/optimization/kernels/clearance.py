@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 from numba import njit
 
 from optipromp.geometry.cells import cell_at
@@ -259,3 +260,15 @@ def self_penalty(points, radius, groups, pairs, link_bound, margin, weight, forc
                 add_outer(stiffness[t, i], 2.0 * weight, nx, ny, nz)
                 add_outer(stiffness[t, j], 2.0 * weight, nx, ny, nz)
     return total
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def self_penalties(points, radius, groups, pairs, link_bound, margin, force, stiffness):  # type: ignore[no-untyped-def]
+    """Σ max(0, margin − D)² of each of the configurations (T,), as :func:`self_penalty` has it."""
+    out = np.empty(points.shape[0])
+    for t in range(points.shape[0]):
+        out[t] = self_penalty(
+            points[t : t + 1], radius, groups, pairs, link_bound, margin, 2.0, force[t : t + 1],
+            stiffness[t : t + 1],
+        )  # fmt: skip
+    return out
