@@ -180,8 +180,8 @@ def selected(obstacles: Obstacles, which: slice | BoolArray) -> Obstacles:
 
 
 def _check_poses(position: FloatArray, rotation: FloatArray) -> None:
-    if not len(position):
-        return
+    if np.isfinite(position).all() and (rotation == np.eye(3)).all():
+        return  # none, or none that is turned
     for name, values in (("position", position), ("rotation", rotation)):
         bad = np.argwhere(~np.isfinite(values))
         if bad.size:

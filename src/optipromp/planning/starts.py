@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from optipromp.arrays import FloatArray
 from optipromp.planning.build import Knots, capture_height, widths
@@ -62,12 +63,26 @@ def knots_for(
         reach = PEAK * float(np.max(np.abs(goal - setup.start))) / step
         count = options.knots or min(max(FEWEST, math.ceil(reach) + 1), MOST)
         return Knots(count, options.camera_phase or 0.5)
-    reach = PEAK * float(np.max(np.abs(via[0] - setup.start))) / step
-    approach = 1.6 * float(np.max(np.abs(np.diff(via, axis=0)), axis=1).sum()) / step
-    reach, approach = max(reach, 25.0), max(approach, 40.0, path / TOOL_STEP)
+    reach, approach = _motion(setup.start, via)
+    reach = max(PEAK * reach / step, 25.0)
+    approach = max(1.6 * approach / step, 40.0, path / TOOL_STEP)
     count = options.knots or min(max(FEWEST, 10 * math.ceil((reach + approach) / 10)), MOST)
     phase = options.camera_phase or min(max(0.2, reach / (reach + approach)), 0.75)
     return Knots(count, phase)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _motion(start: FloatArray, via: FloatArray) -> tuple[float, float]:
+    """Largest motion of a joint to the first of configurations (m, n), and from there on."""
+    reach = approach = 0.0
+    for j in range(len(start)):
+        reach = max(reach, abs(via[0, j] - start[j]))
+    for k in range(1, len(via)):
+        largest = 0.0
+        for j in range(len(start)):
+            largest = max(largest, abs(via[k, j] - via[k - 1, j]))
+        approach += largest
+    return reach, approach
 
 
 @dataclass(frozen=True, eq=False)

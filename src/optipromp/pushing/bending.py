@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dpbsv
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, frozen
 from optipromp.scenes.scene import SceneObject
 
 LOADED = (5 / 12, 0.75, 1.0)  # shares of the length, the last one the fruit's centre
@@ -33,6 +33,9 @@ GROWN_TURN = 0.5  # [rad]
 DENSITY = 950.0  # [kg/m³] of a fruit
 GRAVITY = 9.81  # [m/s²]
 STIFF_END = 100.0  # how much stiffer than its stem a fruit is
+
+_AT = np.round(np.array(LOADED) * FINER * ELEMENTS).astype(int) - 1  # of the grid's points
+_UNIT = frozen(np.eye(FINER * ELEMENTS)[:, _AT])  # [N] at each of them
 
 
 class Stems(NamedTuple):
@@ -96,10 +99,8 @@ def bent(root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: Flo
     band[:, 0, -1] -= pull[:, 0]
     band[:, 1, :-1] = -2.0 * (ei[:, 1:n] + ei[:, 2:-1]) - pull
     band[:, 2, :-2] = ei[:, 2:n]
-    at = np.round(np.array(LOADED) * n).astype(int) - 1
-    unit = np.eye(n)[:, at]
-    compliance = np.array([dpbsv(one, unit, lower=1)[1] for one in band]).reshape(count, n, loaded)
-    between = np.ascontiguousarray(compliance[:, at])
+    compliance = np.array([dpbsv(one, _UNIT, lower=1)[1] for one in band]).reshape(count, n, loaded)
+    between = np.ascontiguousarray(compliance[:, _AT])
     stiffness = np.linalg.inv(between)
     shape = np.zeros((count, ELEMENTS + 1, loaded))
     shape[:, 1:] = compliance[:, FINER - 1 :: FINER] @ stiffness
