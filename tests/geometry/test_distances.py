@@ -20,6 +20,8 @@ from optipromp.geometry import (
     pack,
     signed_distance,
 )
+from optipromp.geometry.obstacles import measures
+from optipromp.geometry.shapes import bounding_radius
 
 SHAPES = {
     "sphere": Sphere(0.2),
@@ -255,3 +257,16 @@ def test_what_is_left_out_is_not_near(at, reach):
     kept = np.sort(before[before <= reach])
     np.testing.assert_array_equal(np.sort(after[after <= reach]), kept)
     assert len(some.kind) < len(everything.kind) or reach > 0.5
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.sampled_from(sorted(SHAPES)), max_size=30))
+def test_measures_are_those_of_each_shape(names):
+    shapes = [SHAPES[name] for name in names]
+    kind, size, bound = measures(shapes)
+    assert kind.shape == bound.shape == (len(names),)
+    for k, shape in enumerate(shapes):
+        one = pack([(shape, ORIGIN, EYE)])
+        assert kind[k] == one.kind[0]
+        np.testing.assert_array_equal(size[k], one.size[0])
+        assert bound[k] == pytest.approx(bounding_radius(shape), rel=1e-15)

@@ -4,12 +4,15 @@ import struct
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry import Box, MeshShape, PointCloudShape, Sphere, distances, grids, pack
 from optipromp.geometry.grids import cloud_grid, distance_grid, mesh_grid
 from optipromp.geometry.loading import load_cloud, load_mesh
+from optipromp.geometry.nearest import to_nearest
 from optipromp.geometry.triangles import signed_grid, winding_number
 
 EYE = np.eye(3)
@@ -152,6 +155,34 @@ def test_far_from_a_hollow_cloud_distances_are_a_little_short_and_never_long():
     assert near.any()
     assert true.max() > 0.4
     assert (inward - inward[near][0] <= 0.1 * (true + 0.01)).all()
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    count=st.integers(1, 300), seed=st.integers(0, 10**6), near=st.sampled_from([0.0, 0.1, 9.0]),
+    kind=st.sampled_from(["even", "hollow", "clusters", "flat", "one place"]),
+)  # fmt: skip
+def test_nearest_points_are_found_or_nearly(count, seed, near, kind):
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(count, 3))
+    if kind == "hollow":
+        points /= 2.0 * np.linalg.norm(points, axis=1)[:, None]
+    elif kind == "clusters":
+        points = 0.02 * points + rng.uniform(-1.0, 1.0, (3, 3))[rng.integers(3, size=count)]
+    elif kind == "flat":
+        points[:, 2] = 0.3
+    elif kind == "one place":
+        points[:] = points[0]
+    step, slack = rng.uniform(0.05, 0.2), rng.choice([0.0, 0.1])
+    origin = points.min(axis=0) - rng.uniform(0.0, 0.5, 3)
+    shape = tuple(rng.integers(2, 15, 3).tolist())
+    found = to_nearest(points, origin, step, shape, near, slack)
+    nodes = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1)
+    true = cKDTree(points).query(origin + step * nodes)[0]
+    exact = true < near
+    np.testing.assert_allclose(found[exact], true[exact], rtol=1e-12, atol=1e-15)
+    assert (found <= true * (1.0 + 1e-12)).all()
+    assert (found[~exact] >= np.maximum(near, true[~exact] / (1.0 + slack)) * (1.0 - 1e-12)).all()
 
 
 def test_cloud_of_one_point_is_a_ball():

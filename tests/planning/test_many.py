@@ -13,10 +13,13 @@ import numpy as np
 import pytest
 
 from optipromp.errors import Code, InvalidRequestError, InvalidSceneError, StartInvalidError
+from optipromp.geometry import PointCloudShape
 from optipromp.optimization.terms import Term
 from optipromp.planning import Plan, PlanOptions, many, plan, plan_many
+from optipromp.planning.setup import bind
+from optipromp.scenes import SceneObject
 from optipromp.scenes.generate import generate
-from optipromp.scenes.io import load_scene
+from optipromp.scenes.io import load_scene, save_scene
 
 
 def without_times(result: object) -> dict[str, object]:
@@ -52,6 +55,42 @@ def test_helpers_plan_and_their_arrays_come_back_read_only(monkeypatch: pytest.M
     for array in (helped[0].trajectory.positions, helped[0].robot.lower, helped[0].scene.start):
         assert array is not None
         assert not array.flags.writeable
+
+
+def test_a_plan_comes_back_with_the_scene_that_was_given(tmp_path: Path) -> None:
+    """And with its robot, which is one for all plans that have the same."""
+    file = tmp_path / "other.yaml"
+    save_scene(replace(load_scene("scenario-3"), robot="scara", tool=None, start=None), file)
+    given = [generate("table-top", seed) for seed in range(6)]
+    scenes = [scene for pair in zip(given, [file] * 6, strict=True) for scene in pair] * 10
+    results = plan_many(scenes, planner="promp", workers=2)
+    for scene, result in zip(scenes, results, strict=True):
+        assert isinstance(result, Plan)
+        assert result.scene is scene or result.scene.robot == "scara" != scene
+        assert result.robot.name == bind(result.scene).robot.name
+        assert result.robot.tool == bind(result.scene).robot.tool
+
+
+def test_helpers_see_the_callers_environment_of_now(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Though the server that they come from may have started before it changed."""
+    plan_many(["scenario-3"] * 2, planner="promp", workers=2)
+    monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path))
+    scene = load_scene("scenario-3")
+    cloud = PointCloudShape(np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]]), 0.01)
+    seen = replace(
+        scene, objects=(*scene.objects, SceneObject("c", "static", cloud, [0.0, 0.6, 0]))
+    )
+
+    def never(self: object, scene: object) -> many.Result:
+        time.sleep(0.01)  # leave it to the helper
+        return InvalidSceneError("planned here")
+
+    monkeypatch.setattr(many._Request, "result", never)
+    results = plan_many([seen] * 400, planner="promp", workers=2)
+    assert any(isinstance(result, Plan) for result in results)
+    assert list(tmp_path.rglob("*.npz"))
 
 
 def test_failures_are_values_in_their_places(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from tests.planning.builders import END, UP, assert_success, block
 
+from optipromp import metrics
 from optipromp.errors import (
     Code,
     InvalidDemonstrationError,
@@ -21,10 +22,11 @@ from optipromp.errors import (
 from optipromp.geometry import Box, Sphere
 from optipromp.optimization.evaluation import Evaluation
 from optipromp.optimization.terms import Term
-from optipromp.planning import PLANNERS, STRATEGIES, Plan, PlanOptions, plan
+from optipromp.planning import PLANNERS, STRATEGIES, Plan, PlanOptions, foresight, joint, plan
 from optipromp.planning.primitives import smooth_prior
+from optipromp.planning.setup import bind
 from optipromp.robots.library import load_robot
-from optipromp.scenes import JointGoal, Scene, SceneObject
+from optipromp.scenes import JointGoal, Scene, SceneObject, Stem
 
 # --- iterations and time ---------------------------------------------------------------------
 
@@ -97,6 +99,52 @@ def crowd(count: int, role: Any) -> tuple[SceneObject, ...]:
     places = rng.uniform(1.1, 2.0, (count, 1)) * directions + [0.0, 0.0, 0.4]
     shape = Sphere(0.01)
     return tuple(SceneObject(f"c{i}", role, shape, at) for i, at in enumerate(places))
+
+
+def test_late_nothing_more_is_begun(three: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One start is made and judged, however many there would be."""
+    begun, judged = [], []
+    begin, judge = joint.Solver._begun, metrics.judge
+    monkeypatch.setattr(
+        joint.Solver, "_begun", lambda self, start: begun.append(start) or begin(self, start)
+    )
+    monkeypatch.setattr(metrics, "judge", lambda *a, **k: judged.append(a) or judge(*a, **k))
+    lid = block("static", Box((0.3, 0.3, 0.05)), [0.45, 0.0, 0.93], "lid")
+    for scene in (three, replace(three, objects=(*three.objects, lid))):
+        begun.clear()
+        judged.clear()
+        result = plan(scene, options=PlanOptions(timeout=1e-6))
+        assert result.status in (Code.TIMEOUT, Code.GOAL_IN_COLLISION)
+        assert len(begun) == len(judged) == 1
+    plan(scene)
+    assert len(begun) > 2  # in time, they are
+
+
+def test_more_fruits_than_can_be_tried_are_passed_as_the_rule_says(three: Scene) -> None:
+    """The model of the push takes the nearest; where even the neighbours are too many, none."""
+    target = three.target
+    assert target is not None
+
+    def hanging(name: str, at: np.ndarray) -> SceneObject:
+        stem = Stem(np.array([at, at + [0.0, 0.0, 0.1]]))
+        return SceneObject(name, "pushable", Sphere(0.005), at, stem=stem)
+
+    around = [hanging(f"far-{i}", target.position + [0.2 + 0.002 * i, 0.1, 0.1]) for i in range(40)]
+    many = bind(replace(three, objects=(*three.objects, *around)))
+    assert foresight.applies(many, PlanOptions())
+    model = foresight.foresight(many)
+    assert model.count == 1 + foresight.MOST
+    fruits = [model.stems.root[i] for i in range(1 + len(many.neighbours), model.count)]
+    nearest = sorted(around, key=lambda t: float(np.linalg.norm(t.position - target.position)))
+    roots = [thing.stem.root for thing in nearest[: len(fruits)] if thing.stem is not None]
+    np.testing.assert_allclose(fruits, roots)
+    close = [
+        hanging(f"close-{i}", target.position - [0.002 * (i % 6), 0.002 * (i // 6), 0.1])
+        for i in range(foresight.MOST + 1)
+    ]
+    crowded = bind(replace(three, objects=(*three.objects, *close)))
+    assert len(crowded.neighbours) > foresight.MOST
+    assert not foresight.applies(crowded, PlanOptions())
 
 
 def test_a_hundred_thousand_obstacles(three: Scene) -> None:

@@ -28,7 +28,7 @@ from optipromp.geometry.shapes import MeshShape, PointCloudShape
 CELLS = 48
 """Cells along the longest side of a mesh, before refinement."""
 
-_VERSION = 2  # part of the cache key: raise it when the same input gives other values
+_VERSION = 3  # part of the cache key: raise it when the same input gives other values
 _MESH_NODES = 1_500_000
 _CLOUD_NODES = 200_000
 _CLOUD_NEAR = 0.15  # [m] up to which distances to a cloud are exact at the nodes
@@ -131,7 +131,7 @@ def cloud_grid(cloud: PointCloudShape, spacing: float | None = None) -> Distance
         cloud: N points.
         spacing: [m]; by default as fine as 200,000 nodes allow, but not below half the radius.
     """
-    from scipy.spatial import cKDTree
+    from optipromp.geometry.nearest import to_nearest
 
     lower = cloud.points.min(axis=0) - cloud.radius
     upper = cloud.points.max(axis=0) + cloud.radius
@@ -142,14 +142,8 @@ def cloud_grid(cloud: PointCloudShape, spacing: float | None = None) -> Distance
     else:
         step = _checked(spacing)
     origin, shape = _layout(lower, upper, step)
-    nodes = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1)
-    positions = origin + step * nodes.reshape(-1, 3)
-    tree = cKDTree(cloud.points, leafsize=100, balanced_tree=False, compact_nodes=False)
-    values = tree.query(positions, distance_upper_bound=_CLOUD_NEAR, workers=-1)[0]
-    far = np.isinf(values)
-    found = tree.query(positions[far], eps=_CLOUD_SLACK, workers=-1)[0] / (1.0 + _CLOUD_SLACK)
-    values[far] = np.maximum(found, _CLOUD_NEAR)
-    values = values.reshape(shape) - cloud.radius
+    values = to_nearest(cloud.points, origin, step, shape, _CLOUD_NEAR, _CLOUD_SLACK)
+    values -= cloud.radius
     error = float(_interpolate(values, origin, step, cloud.points).max()) + cloud.radius
     return DistanceGrid(values - max(error, 0.0), origin, step)
 

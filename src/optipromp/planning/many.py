@@ -15,9 +15,10 @@ import signal
 import threading
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
+from multiprocessing.context import ForkServerContext, SpawnContext
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from optipromp.errors import InvalidRequestError, NoPlanError, OptiPrompError
 from optipromp.planning.options import Planner, PlanOptions, Strategy
 from optipromp.planning.plan import Plan, check_planner, plan
 from optipromp.promp.model import ProMP
+from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene
 
 THREADS = (
@@ -151,13 +153,13 @@ def _helpers(request: _Request, work: _Work, count: int) -> Iterator[None]:
         yield
         return
     try:
-        settings = _packed(request)
+        settings = _packed(_Settings(request, dict(os.environ) | dict.fromkeys(THREADS, "1")))
     except (pickle.PicklingError, AttributeError, TypeError) as error:
         raise InvalidRequestError(
             f"options or demonstrations cannot be sent to other processes ({error}); "
             "workers=1 needs none"
         ) from error
-    context = multiprocessing.get_context("spawn")
+    context = _context()
     started = []
     try:
         for _ in range(count):
@@ -179,10 +181,22 @@ def _helpers(request: _Request, work: _Work, count: int) -> Iterator[None]:
             thread.join()
 
 
+def _context() -> SpawnContext | ForkServerContext:
+    """How helpers start: from a server that has imported and compiled all, where there can be one.
+
+    The first call starts it; it ends with the calling process.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__, "optipromp.planning.ready"])
+    return context
+
+
 def _attend(connection: Connection, settings: bytes, work: _Work) -> None:
     """Feed one helper, in a thread of the calling process, while there is something to take."""
     held: deque[int] = deque()
-    ready = False
+    ready, robot = False, None  # the robot: of the last plan
     try:
         connection.send_bytes(settings)
         ready = connection.recv()
@@ -193,6 +207,9 @@ def _attend(connection: Connection, settings: bytes, work: _Work) -> None:
             if not held:
                 return
             result = pickle.loads(connection.recv_bytes())
+            if isinstance(result, _Bare):
+                result = result.whole(work.scenes[held[0]], robot)
+                robot = result.robot
             work.done.put((held.popleft(), result))
     except (EOFError, OSError):
         if held:
@@ -212,16 +229,54 @@ def _attend(connection: Connection, settings: bytes, work: _Work) -> None:
 def _serve(connection: Connection) -> None:
     """A helper's life: plan what comes until nothing does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's
+    robot: Robot | None = None
     with contextlib.suppress(EOFError, OSError):  # the caller has ended
-        request: _Request = pickle.loads(connection.recv_bytes())
+        settings = pickle.loads(connection.recv_bytes())
+        os.environ.update(settings.environment)
         connection.send(True)
         while True:
             content = connection.recv_bytes()
             try:
-                answer = _packed(request.result(pickle.loads(content)))
+                scene = pickle.loads(content)
+                result = settings.request.result(scene)
+                if isinstance(result, Plan):
+                    answer, robot = _packed(_bare(result, scene, robot)), result.robot
+                else:
+                    answer = _packed(result)
             except Exception as error:  # raised again where plan_many was called
                 answer = pickle.dumps(error)
             connection.send_bytes(answer)
+
+
+@dataclass(frozen=True, eq=False)
+class _Settings:
+    """What a helper must know; the server that it comes from may have started long ago."""
+
+    request: _Request
+    environment: Mapping[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class _Bare:
+    """A plan without what the caller has: the scene that it sent, the robot of the plan before."""
+
+    plan: Plan
+    scene: Scene | None
+    robot: Robot | None
+
+    def whole(self, sent: Scene | str | Path, before: Robot | None) -> Plan:
+        scene, robot = self.scene or sent, self.robot or before
+        assert isinstance(scene, Scene)
+        assert robot is not None
+        return replace(self.plan, scene=scene, robot=robot)
+
+
+def _bare(result: Plan, scene: Scene | str | Path, robot: Robot | None) -> _Bare:
+    return _Bare(
+        replace(result, scene=None, robot=None),  # type: ignore[arg-type]
+        None if result.scene is scene else result.scene,
+        None if result.robot is robot else result.robot,
+    )
 
 
 class _Pickler(pickle.Pickler):

@@ -1,0 +1,63 @@
+"""A scene's objects as arrays: the same numbers, and what may be near is never left out."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from optipromp.geometry import Box, Capsule, HalfSpace, Sphere, distances, pack
+from optipromp.scenes import JointGoal, Scene, SceneObject
+from optipromp.scenes.scene import ROLES
+
+SHAPES = (Sphere(0.05), Box((0.1, 0.4, 0.02)), Capsule(0.03, 0.6), Sphere(1.0))
+TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
+
+
+def scene(count: int, seed: int) -> Scene:
+    rng = np.random.default_rng(seed)
+    roles = rng.choice(ROLES[1:], count)
+    objects = [
+        SceneObject(
+            f"o{i}", role, SHAPES[int(rng.integers(4))], rng.uniform(-3.0, 3.0, 3),
+            TURN if rng.random() < 0.5 else np.eye(3),
+        )
+        for i, role in enumerate(roles)
+    ]  # fmt: skip
+    floor = SceneObject("floor", "static", HalfSpace(), np.array([0.0, 0.0, -9.0]))
+    return Scene("s", "panda", (*objects, floor), goal=JointGoal(np.zeros(7)))
+
+
+@given(count=st.integers(0, 60), seed=st.integers(0, 10**6), reach=st.floats(0.0, 3.0))
+@settings(max_examples=50, deadline=None)
+def test_what_is_within_reach_is_around(count: int, seed: int, reach: float) -> None:
+    made = scene(count, seed)
+    center = np.random.default_rng(seed + 1).uniform(-2.0, 2.0, 3)
+    for role in ROLES:
+        mine = [k for k, thing in enumerate(made.objects) if thing.role == role]
+        rows = made.around(center, reach, role).tolist()
+        assert set(rows) <= set(mine)
+        assert rows == sorted(rows)
+        away, _ = distances(made.obstacles(), center[None])
+        near = {k for k in mine if away[0, k] <= reach}
+        assert near <= set(rows)
+        balls = [np.linalg.norm(made.objects[k].position - center) - made.objects[k].radius
+                 for k in rows]  # fmt: skip
+        assert all(gap <= reach + 1e-8 for gap in balls)
+
+
+@given(count=st.integers(0, 60), seed=st.integers(0, 10**6))
+@settings(max_examples=50, deadline=None)
+def test_arrays_are_the_objects(count: int, seed: int) -> None:
+    made = scene(count, seed)
+    for k, thing in enumerate(made.objects):
+        np.testing.assert_array_equal(made.positions[k], thing.position)
+        np.testing.assert_array_equal(made.rotations[k], thing.rotation)
+        np.testing.assert_allclose(made.bounds[k], thing.radius, rtol=1e-15)
+        assert k in made.rows(thing.role)
+    for array in (made.positions, made.rotations, made.bounds, made.rows("static")):
+        assert not array.flags.writeable
+    rows = np.random.default_rng(seed).permutation(len(made.objects))
+    chosen = [made.objects[k] for k in rows]
+    packed = made.packed(rows)
+    plain = pack([(thing.shape, thing.position, thing.rotation) for thing in chosen])
+    for a, b in zip(packed[:-1], plain[:-1], strict=True):
+        np.testing.assert_array_equal(a, b)
