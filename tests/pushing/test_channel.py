@@ -7,7 +7,7 @@ import pytest
 
 from optipromp.geometry.shapes import Box, Cylinder
 from optipromp.pushing import channel, trials
-from optipromp.pushing.plane import LOW, UNSURE, plane, ploughs
+from optipromp.pushing.plane import LOW, MOST, UNSURE, plane, ploughs
 from optipromp.pushing.quasi_static import push
 from optipromp.robots.tools import Cup, FrankaHand
 from optipromp.scenes.generate import generate, perceived
@@ -51,6 +51,41 @@ def test_what_a_hand_goes_through():
     stem = Stem(np.array([still.position, still.position + [0.0, 0.0, 0.2]]))
     hung = replace(still, stem=stem)
     assert not ploughs(shelf(hung), HAND)
+
+
+def test_what_stands_far_away_is_not_on_the_plane():
+    rng = np.random.default_rng(0)
+    one = pack((-0.1, 0.03), (0.04, 0.06, 0.14))
+    heights = rng.uniform(-0.03, 0.03, 300)
+    far = [
+        replace(one, id=f"far-{i}", position=TARGET + [1.5 + 0.01 * i, rng.normal(), z])
+        for i, z in enumerate(heights)
+    ]
+    walls = [replace(thing, id=f"{thing.id}-wall", role="static") for thing in far]
+    alone, among = (plane(shelf(one, *more), HAND) for more in ((), (*far, *walls)))
+    np.testing.assert_array_equal(among.state, alone.state)
+    assert len(among.walls.size) == len(alone.walls.size) == 1
+    assert (among.edge, among.entry, among.drop) == (alone.edge, alone.entry, alone.drop)
+    near = [
+        replace(one, id=f"near-{i}", position=TARGET + [0.0, 0.1 + 0.002 * i, 0.0])
+        for i in range(300)
+    ]
+    crowded = plane(shelf(*near[::-1]), HAND)
+    assert len(crowded.state) == 1 + MOST
+    np.testing.assert_allclose(np.sort(crowded.state[1:, 1]), 0.1 + 0.002 * np.arange(MOST))
+
+
+def test_late_there_is_a_way_and_little_is_tried_for_it(monkeypatch):
+    tried = []
+    cost = channel.cost
+    monkeypatch.setattr(channel, "cost", lambda *a: tried.append(a) or cost(*a))
+    scene = shelf(pack((-0.1, 0.0)))
+    found = channel.ways(scene, HAND, np.random.default_rng(0), deadline=0.0)
+    late = len(tried)
+    assert len(found) == 1
+    tried.clear()
+    channel.ways(scene, HAND, np.random.default_rng(0))
+    assert 10 * late < len(tried)
 
 
 def test_the_plane_is_what_stands_there():

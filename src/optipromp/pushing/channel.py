@@ -56,12 +56,16 @@ class Way:
 
 @dataclass(frozen=True, eq=False)
 class Trials:
-    """Where ways are tried: the plane, ``states`` (N, B, 3) of the things in it, frictions (N,)."""
+    """Where ways are tried: the plane, ``states`` (N, B, 3) of the things in it, frictions (N,).
+
+    From the ``deadline`` on (of ``time.perf_counter()``) each call of :meth:`best` tries one.
+    """
 
     plane: Plane
     bench: Bench
     states: FloatArray
     slips: FloatArray
+    deadline: float = np.inf
 
     def best(
         self, drawn_as: Iterable[FloatArray], count: int, keep: int, known: Sequence[Judged] = ()
@@ -69,6 +73,8 @@ class Trials:
         """The ``keep`` best of some ways and of those ``known``, by the first ``count`` trials."""
         out = list(known)
         for at in drawn_as:
+            if out and time.perf_counter() > self.deadline:
+                break
             limit = out[keep - 1][0] if len(out) >= keep else np.inf
             worth = cost(
                 self.bench, drawn(self.plane, at), self.states[:count], self.slips[:count], limit
@@ -93,7 +99,7 @@ def ways(
         tool: the hand.
         rng: where the draws come from.
         count: how many are wanted.
-        deadline: ``time.perf_counter()`` after which no further run of the search begins.
+        deadline: ``time.perf_counter()`` after which no further way is tried.
         behind: convex polygons (k, 2) of the wrist behind the hand, as of its outline [m].
     """
     board = plane(scene, tool)
@@ -103,7 +109,7 @@ def ways(
     errors = rng.standard_normal((TRIALS, len(board.state), 2))
     states[1:, :, :2] += board.deviation[:, None] * errors
     slips = FRICTION * np.append(1.0, rng.uniform(*SLIPPERY, TRIALS))
-    trials = Trials(board, board.bench(tool, behind), states, slips)
+    trials = Trials(board, board.bench(tool, behind), states, slips, deadline)
 
     best: list[Judged] = []
     for attempt in range(ATTEMPTS):

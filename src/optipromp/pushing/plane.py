@@ -20,6 +20,9 @@ UPRIGHT = np.cos(np.deg2rad(5.0))
 LEVEL = np.sin(np.deg2rad(5.0))
 BEFORE = 0.025  # [m] before everything, where the tool point enters
 LOW = 0.006  # [m] over the board that the hand's cover spheres go, so that packs do not topple
+TOUCHING = 0.01  # [m] between the target and the board that it stands on
+AROUND = 1.0  # [m] about the target within which things are looked at
+MOST = 100  # pushables that are; every trial asks each of them for every other
 UNSURE = 0.006  # [m] deviation of a thing that the scene states no covariance of
 
 
@@ -70,14 +73,16 @@ def plane(scene: Scene, tool: FrankaHand) -> Plane:
     """The plane of a scene that :func:`ploughs`."""
     target, frame = scene.target, scene.frame
     assert target is not None
-    standing = (target, *scene.pushables)
+    standing = (target, *_packs(scene, target))
     parts, area, lever = zip(*(_footprint(thing, frame) for thing in standing), strict=True)
     flat = np.array([frame[[2, 1]] @ (thing.position - target.position) for thing in standing])
     tall = np.array([2.0 * _half_height(thing, frame) for thing in standing])
     walls, edge, drop = [], -np.inf, 0.0
     thick = float(tool.spheres()[:, 3].max()) + LOW
     bottom = _half_height(target, frame)
-    for thing in scene.static:
+    level = np.abs((scene.positions - target.position) @ frame[0]) - scene.bounds
+    around = scene.around(target.position, AROUND, "static")
+    for thing in scene.things(around[level[around] < bottom + TOUCHING]):
         if not isinstance(thing.shape, Box):
             continue
         height = float(frame[0] @ (thing.position - target.position))
@@ -87,7 +92,7 @@ def plane(scene: Scene, tool: FrankaHand) -> Plane:
         at = part + frame[[2, 1]] @ (thing.position - target.position)
         if abs(height) < half:
             walls.append(at)
-        elif abs(abs(height) - half - bottom) < 0.01 and _covers(at):
+        elif abs(abs(height) - half - bottom) < TOUCHING and _covers(at):
             edge = max(edge, float(at[:, 0].min()))
             drop = np.sign(height) * max(0.0, abs(height) - half - thick)
     things = shapes(list(parts))
@@ -98,6 +103,15 @@ def plane(scene: Scene, tool: FrankaHand) -> Plane:
         FRICTION * DENSITY * GRAVITY * np.array(area) * tall, np.array(lever), shapes(walls), edge,
         min(first, edge) - BEFORE - (tool.tip - tool.reach), float(drop),
     )  # fmt: skip
+
+
+def _packs(scene: Scene, target: SceneObject) -> tuple[SceneObject, ...]:
+    """The pushables around the target, in file order; the nearest where they are too many."""
+    rows = scene.around(target.position, AROUND, "pushable")
+    if len(rows) > MOST:
+        away = np.linalg.norm(scene.positions[rows] - target.position, axis=1)
+        rows = np.sort(rows[np.argsort(away, kind="stable")[:MOST]])
+    return scene.things(rows)
 
 
 def _deviation(thing: SceneObject) -> float:
