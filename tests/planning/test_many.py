@@ -167,6 +167,35 @@ def test_a_helper_that_is_killed_costs_at_most_its_own_scene() -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("wait", [0.1, 0.6])
+def test_an_interruption_while_helpers_start_is_heard(tmp_path: Path, wait: float) -> None:
+    script = tmp_path / "many.py"
+    script.write_text(
+        "import signal\n"
+        "from optipromp.planning import plan_many\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "if __name__ == '__main__':\n"
+        "    print('begun', flush=True)\n"
+        "    plan_many(['scenario-3'] * 5000, workers=2)\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True, start_new_session=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    try:
+        assert process.stdout.readline() == "begun\n"
+        time.sleep(wait)
+        os.killpg(process.pid, signal.SIGINT)
+        _, stderr = process.communicate(timeout=20)
+    except BaseException:
+        os.killpg(process.pid, signal.SIGKILL)
+        raise
+    assert stderr.count("Traceback") == 1  # the caller's own
+    assert stderr.rstrip().endswith("KeyboardInterrupt")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_an_interruption_ends_at_once_and_leaves_no_process(tmp_path: Path) -> None:
     script = tmp_path / "many.py"
     script.write_text(
@@ -174,7 +203,8 @@ def test_an_interruption_ends_at_once_and_leaves_no_process(tmp_path: Path) -> N
         "from optipromp.planning import plan_many\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it\n"
         "def said(index, result):\n"
-        "    print(multiprocessing.active_children()[0].pid, flush=True)\n"
+        "    for helper in multiprocessing.active_children():\n"  # none while it starts
+        "        print(helper.pid, flush=True)\n"
         "if __name__ == '__main__':\n"
         "    plan_many(['scenario-3'] * 5000, workers=2, progress=said)\n"
     )

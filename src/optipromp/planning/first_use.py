@@ -31,7 +31,8 @@ def compile_kernels() -> None:
             other.wait()
     finally:
         if other is not None:
-            other.kill()
+            other.kill()  # where the wait was interrupted
+            other.wait()
     warm_up()  # whatever is missing still
 
 

@@ -17,8 +17,14 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from multiprocessing import resource_tracker, spawn
 from multiprocessing.connection import Connection
-from multiprocessing.context import ForkServerContext, SpawnContext
+from multiprocessing.context import (
+    ForkServerContext,
+    ForkServerProcess,
+    SpawnContext,
+    SpawnProcess,
+)
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +38,7 @@ from optipromp.promp.model import ProMP
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene
 
+GUARD = 'if __name__ == "__main__":'
 THREADS = (
     "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS",
     "VECLIB_MAXIMUM_THREADS",
@@ -159,26 +166,19 @@ def _helpers(request: _Request, work: _Work, count: int) -> Iterator[None]:
             f"options or demonstrations cannot be sent to other processes ({error}); "
             "workers=1 needs none"
         ) from error
+    spawn.get_preparation_data(__name__)  # raises where a helper that starts imports the script
     context = _context()
-    started = []
+    helpers = [_Helper(context, settings, work) for _ in range(count)]
     try:
-        for _ in range(count):
-            here, there = context.Pipe()
-            process = context.Process(target=_serve, args=(there,), daemon=True)
-            with single_threads(), _uninterrupted():
-                process.start()
-            there.close()
-            thread = threading.Thread(target=_attend, args=(here, settings, work), daemon=True)
-            started.append((process, thread))
-            thread.start()
+        for helper in helpers:
+            helper.start()
         yield
     finally:
         work.waiting.clear()
-        for process, _ in started:
-            process.terminate()  # it holds nothing that the caller still wants
-        for process, thread in started:
-            process.join()
-            thread.join()
+        for helper in helpers:
+            helper.dismiss()
+        for helper in helpers:
+            helper.gone()
 
 
 def _context() -> SpawnContext | ForkServerContext:
@@ -193,37 +193,78 @@ def _context() -> SpawnContext | ForkServerContext:
     return context
 
 
-def _attend(connection: Connection, settings: bytes, work: _Work) -> None:
-    """Feed one helper, in a thread of the calling process, while there is something to take."""
-    held: deque[int] = deque()
-    ready, robot = False, None  # the robot: of the last plan
-    try:
-        connection.send_bytes(settings)
-        ready = connection.recv()
-        while True:
-            while len(held) < AHEAD and (index := work.take()) is not None:
-                held.append(index)
-                connection.send_bytes(_packed(work.scenes[index]))
-            if not held:
-                return
-            result = pickle.loads(connection.recv_bytes())
-            if isinstance(result, _Bare):
-                result = result.whole(work.scenes[held[0]], robot)
-                robot = result.robot
-            work.done.put((held.popleft(), result))
-    except (EOFError, OSError):
-        if held:
-            message = "the process that planned it ended (out of memory?)"
-            work.done.put((held.popleft(), NoPlanError(message)))
-        if held or work.waiting:
-            work.waiting.extend(held)
-            why = "ended early" if ready else "could not start"
-            hint = "" if ready else ('; is plan_many called outside `if __name__ == "__main__":`?')
-            work.done.put(f"a helper process {why}{hint}; the others do its work")
-    except BaseException as error:  # the caller shall hear of it
-        work.done.put((held.popleft() if held else -1, error))
-    finally:
-        connection.close()
+class _Helper(threading.Thread):
+    """A thread that starts a helper process and feeds it while there is something to take."""
+
+    _starting = threading.Lock()  # the environment is one for all
+
+    def __init__(
+        self, context: SpawnContext | ForkServerContext, settings: bytes, work: _Work
+    ) -> None:
+        super().__init__(daemon=True)
+        self.context, self.settings, self.work = context, settings, work
+        self.process: SpawnProcess | ForkServerProcess | None = None
+        self.over = False
+
+    def run(self) -> None:
+        here, there = self.context.Pipe()
+        process = self.context.Process(target=_serve, args=(there,), daemon=True)
+        with self._starting, single_threads(), _uninterrupted():
+            if not self.over:
+                try:
+                    process.start()
+                except Exception as error:
+                    self.work.done.put((-1, error))
+                    self.over = True
+                else:
+                    self.process = process
+        there.close()
+        with contextlib.closing(here):
+            if not self.over:
+                self._attend(here)
+
+    def dismiss(self) -> None:
+        """End the process: it holds nothing that the caller still wants."""
+        self.over = True
+        if self.process is not None:
+            self.process.terminate()
+
+    def gone(self) -> None:
+        """Wait until thread and process have ended; one that still starts ends by itself."""
+        if self.process is not None:
+            self.process.join()
+            self.join()
+
+    def _attend(self, connection: Connection) -> None:
+        work, held = self.work, deque[int]()
+        ready, robot = False, None  # the robot: of the last plan
+        try:
+            connection.send_bytes(self.settings)
+            ready = connection.recv()
+            while True:
+                while len(held) < AHEAD and (index := work.take()) is not None:
+                    held.append(index)
+                    connection.send_bytes(_packed(work.scenes[index]))
+                if not held:
+                    return
+                result = pickle.loads(connection.recv_bytes())
+                if isinstance(result, _Bare):
+                    result = result.whole(work.scenes[held[0]], robot)
+                    robot = result.robot
+                work.done.put((held.popleft(), result))
+        except (EOFError, OSError):
+            if held:
+                message = "the process that planned it ended (out of memory?)"
+                work.done.put((held.popleft(), NoPlanError(message)))
+            if held or work.waiting:
+                work.waiting.extend(held)
+                why = "ended early" if ready else "could not start"
+                hint = (
+                    "" if ready else ('; is plan_many called outside `if __name__ == "__main__":`?')
+                )
+                work.done.put(f"a helper process {why}{hint}; the others do its work")
+        except BaseException as error:  # the caller shall hear of it
+            work.done.put((held.popleft() if held else -1, error))
 
 
 def _serve(connection: Connection) -> None:
@@ -311,12 +352,13 @@ def single_threads() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Processes started within ignore Ctrl-C from their first moment on."""
-    if threading.current_thread() is not threading.main_thread():
+    """Processes that this thread starts within hear no Ctrl-C: it is the caller's."""
+    if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    resource_tracker.ensure_running()  # starting it would let the signal through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
