@@ -96,6 +96,9 @@ def nearest(setup: Setup, begin: FloatArray) -> FloatArray | None:
 
 def free(setup: Setup, goals: FloatArray) -> tuple[FloatArray, str]:
     """The best goal configurations that touch nothing, and what the first other one touches."""
+    best = goals[:ENOUGH]
+    if len(best) and not metrics.clearances(setup.scene, setup.robot, best)[1]:
+        return best, ""
     kept, blocked = [], ""
     for i, goal in enumerate(goals):
         _, touching = metrics.clearances(setup.scene, setup.robot, goal[None])

@@ -5,6 +5,7 @@ A fruit on a stem of length L, inclined by θ0 in the push plane, swings by
 until it clears the gripper.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -79,9 +80,9 @@ def _tangents(scene: Scene, thing: SceneObject) -> tuple[FloatArray, FloatArray]
     x_g, y_g, z_g = scene.frame
     if thing.stem is None:
         return y_g, x_g
-    stem = thing.stem.vector / np.linalg.norm(thing.stem.vector)
+    stem = thing.stem.vector / math.hypot(*thing.stem.vector)
     across = _cross(stem, z_g)
-    length = float(np.linalg.norm(across))
+    length = math.hypot(*across)
     if length < 1e-6:
         return y_g, x_g
     across = across / length
@@ -95,22 +96,22 @@ def _push(scene: Scene, thing: SceneObject, direction: FloatArray, gripper_radiu
         )
     root = thing.stem.root
     arm = thing.position - root
-    length = float(np.linalg.norm(arm))
+    length = math.hypot(*arm)
     along = arm / length
     # keep the tangent perpendicular to the stem (it may have been turned, or the stem be bent)
     tangent = direction - (direction @ along) * along
-    tangent = tangent / np.linalg.norm(tangent)
+    tangent = tangent / math.hypot(*tangent)
     z_g = scene.frame[2]
-    inclined = float(np.arctan2(arm @ _level(tangent, z_g), -(arm @ z_g)))
-    swing = max(0.0, float(np.arcsin(min(1.0, gripper_radius / length))) - inclined)
-    pushed = root + length * (np.cos(swing) * along + np.sin(swing) * tangent)
+    inclined = math.atan2(arm @ _level(tangent, z_g), -(arm @ z_g))
+    swing = max(0.0, math.asin(min(1.0, gripper_radius / length)) - inclined)
+    pushed = root + length * (math.cos(swing) * along + math.sin(swing) * tangent)
     return Push(thing.id, thing.position, pushed, tangent, swing)
 
 
 def _level(tangent: FloatArray, up: FloatArray) -> FloatArray:
     """The level part of a tangent as a unit vector; the tangent itself where it is upright."""
     level = tangent - (tangent @ up) * up
-    length = float(np.linalg.norm(level))
+    length = math.hypot(*level)
     return level / length if length > 1e-9 else tangent
 
 

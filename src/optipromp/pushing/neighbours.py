@@ -1,5 +1,7 @@
 """Which pushables stand in the way, and in which order the tool meets them (method §4, 1 and 2)."""
 
+import math
+
 import numpy as np
 
 from optipromp.scenes.scene import Scene, SceneObject
@@ -38,9 +40,9 @@ def neighbours(
     for thing in scene.things(scene.around(target.position, search_radius, "pushable")):
         off = thing.position - target.position
         along = float(off @ z_g)
-        aside = float(np.hypot(off @ x_g, off @ y_g))
-        distance = float(np.linalg.norm(off))
-        doubt = np.sqrt(detection_variance(target) + detection_variance(thing))
+        aside = math.hypot(off @ x_g, off @ y_g)
+        distance = math.hypot(*off)
+        doubt = math.sqrt(detection_variance(target) + detection_variance(thing))
         wide = plane_factor * gripper_radius + UNSURE * doubt
         if along < 0.0 and distance <= search_radius and aside <= wide:
             found.append((along, distance, thing.id, thing))
