@@ -223,12 +223,14 @@ def swept(
     def name(sphere: int) -> str:
         return str(robot.link_names[robot.spheres.link[body.original[sphere]]])
 
-    met = np.flatnonzero(depth < 0.0)
-    met = met[np.argsort(things.place[met])]
-    contacts = [
-        Contact(name(int(deepest[k])), thing.id, thing.role, -float(depth[k]))
-        for k, thing in zip(met.tolist(), scene.things(things.place[met]), strict=True)
-    ]
+    contacts = []
+    if count and depth.min() < 0.0:
+        met = np.flatnonzero(depth < 0.0)
+        met = met[np.argsort(things.place[met])]
+        contacts = [
+            Contact(name(int(deepest[k])), thing.id, thing.role, -float(depth[k]))
+            for k, thing in zip(met.tolist(), scene.things(things.place[met]), strict=True)
+        ]
     if rest:
         contacts += _other_shapes(rest, robot, q, closest, core)
     if apart[0] < 0.0:
@@ -236,7 +238,7 @@ def swept(
         contacts.append(Contact(*pair, "the robot itself", -float(apart[0])))
 
     def known(value: float) -> float | None:
-        return float(value) if np.isfinite(value) else None
+        return float(value) if math.isfinite(value) else None
 
     distances = {
         "M_c": known(core[0]),
@@ -366,7 +368,7 @@ def judge(
     excess = max(float(beyond[joint]), 0.0)
     if excess > 0.0:
         violations.append(f"{robot.joint_names[joint]} leaves its limits by {excess:.4f}")
-    accelerations, steps = trajectory.accelerations, np.diff(q, axis=0)
+    accelerations, steps = trajectory.accelerations, q[1:] - q[:-1]
     velocity = float(np.max(np.abs(trajectory.velocities) / robot.velocity))
     acceleration = float(np.max(np.abs(accelerations) / robot.acceleration))
     for name, ratio in (("velocity", velocity), ("acceleration", acceleration)):

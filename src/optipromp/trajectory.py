@@ -1,5 +1,6 @@
 """The one currency of the library: joint positions at uniformly spaced knots."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,13 +63,13 @@ class Trajectory:
     @property
     def velocities(self) -> FloatArray:
         """Velocity of each interval (T-1, n) [rad/s or m/s]."""
-        return np.asarray(np.diff(self.positions, axis=0) / self.dt, dtype=np.float64)
+        return _steps(self.positions)[1:-1] / self.dt
 
     @property
     def accelerations(self) -> FloatArray:
         """Acceleration at each knot (T, n), from rest before the first and after the last knot."""
-        padded = np.concatenate([self.positions[:1], self.positions, self.positions[-1:]])
-        return np.asarray(np.diff(padded, n=2, axis=0) / self.dt**2)
+        steps = _steps(self.positions)
+        return np.asarray((steps[1:] - steps[:-1]) / self.dt**2)
 
     def with_dt(self, dt: float) -> "Trajectory":
         """The same knots at another spacing [s]."""
@@ -86,7 +87,13 @@ def shortest_dt(positions: FloatArray, velocity: FloatArray, acceleration: Float
     Returns:
         dt [s]; 1e-3 for a trajectory that does not move or has no limits.
     """
-    padded = np.concatenate([positions[:1], positions, positions[-1:]])
-    by_velocity = np.max(np.abs(np.diff(positions, axis=0)) / velocity, initial=0.0)
-    by_acceleration = np.max(np.abs(np.diff(padded, n=2, axis=0)) / acceleration, initial=0.0)
-    return max(float(by_velocity), float(np.sqrt(by_acceleration)), 1e-3)
+    steps = _steps(positions)
+    by_velocity = (np.abs(steps) / velocity).max()
+    by_acceleration = (np.abs(steps[1:] - steps[:-1]) / acceleration).max()
+    return max(float(by_velocity), math.sqrt(by_acceleration), 1e-3)
+
+
+def _steps(positions: FloatArray) -> FloatArray:
+    """From each knot to the next (T+1, n), at rest before the first and after the last."""
+    still = np.zeros_like(positions[:1])
+    return np.concatenate([still, positions[1:] - positions[:-1], still])

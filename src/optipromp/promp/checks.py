@@ -1,5 +1,6 @@
 """What every part of the room checks, and the warnings it may give."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -47,7 +48,7 @@ def finite_array(
         raise error(f"{name}: expected numbers in a regular array ({cause})") from None
     if ndim is not None and array.ndim != ndim:
         raise error(f"{name}: expected {ndim} dimension(s), got shape {array.shape}")
-    if not np.isfinite(array).all():
+    if not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise error(f"{name}{list(index)} is {array[index]}; every value must be finite")
     return array

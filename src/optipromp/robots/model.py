@@ -1,5 +1,6 @@
 """The robot as arrays: kinematics, limits, body spheres, tool."""
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -78,7 +79,7 @@ class Robot:
                 f"{self.name} has {self.n_joints} joints ({', '.join(self.joint_names)}), "
                 f"but {got} values were given"
             )
-        if not np.isfinite(array).all():
+        if not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
             bad = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
             raise InvalidRequestError(
                 f"joint value at index {bad} is {array[bad]}; it must be finite"
