@@ -6,6 +6,7 @@ tried in a model of the push (:mod:`optipromp.pushing.swinging`); where that for
 are drawn, and the optimised trajectory is tried again, as it is what the arm does.
 """
 
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -114,9 +115,10 @@ class Foresight:
         far = length(corners)
         points = evenly(corners, int(far / STEP) + 2)
         assert self.setup.goal_axis is not None
-        straight = float(np.linalg.norm(corners[-1] - corners[0]))
+        straight = math.dist(corners[-1], corners[0])
         detour = far - straight
-        axes = np.tile(self.setup.goal_axis, (len(points), 1))
+        axes = np.empty_like(points)
+        axes[:] = self.setup.goal_axis
         beside = 0.5 * detour / straight + self._touch(points)
         return beside + self.of(points, axes, draws, worst - beside)
 
@@ -135,7 +137,8 @@ class Foresight:
 
     def _touch(self, points: FloatArray) -> float:
         """How far the cup, led upright through ``points``, comes too near to what must not move."""
-        heights = np.linspace(self.cup.base, self.cup.rim, 3)
+        base, rim = self.cup.base, self.cup.rim
+        heights = np.array([base, 0.5 * (base + rim), rim])
         axis = self.setup.goal_axis
         assert axis is not None
         where = (points[::2, None] + heights[:, None] * axis).reshape(-1, 3)

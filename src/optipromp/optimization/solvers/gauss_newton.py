@@ -107,7 +107,7 @@ def solve(
                 continue
             expected = 0.5 * float(down @ step)
             step = step.reshape(-1, n)
-            largest = float(np.max(np.abs(step), initial=0.0))
+            largest = float(np.abs(step).max(initial=0.0))
             if largest > options.largest_step:
                 step *= options.largest_step / largest
             trial = q.copy()
