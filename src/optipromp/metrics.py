@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from optipromp import distance_checks
-from optipromp.arrays import FloatArray, IntArray
+from optipromp.arrays import FloatArray, IntArray, lengths
 from optipromp.kinematic_checks import Body, cut, divisions, place
 from optipromp.passing import passing
 from optipromp.robots.model import Robot
@@ -384,7 +384,7 @@ def judge(
         goal_axis_error=axis_error,
         limit_violation=excess,
         max_step=float(np.max(np.abs(steps))),
-        path_length=float(np.sum(np.linalg.norm(steps, axis=1))),
+        path_length=float(lengths(steps).sum()),
         smoothness=float(np.sqrt(np.mean(np.sum(accelerations**2, axis=1)))),
         duration=trajectory.duration,
         velocity_ratio=velocity,

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
-from optipromp.arrays import BoolArray, FloatArray, joined
+from optipromp.arrays import BoolArray, FloatArray, joined, lengths
 from optipromp.scenes.scene import Scene
 
 DECIDED = np.sin(np.deg2rad(1.0))  # a stem leans to a side when this share of it is lateral
@@ -41,7 +41,7 @@ def passing(
     stems = np.zeros((len(things), 3))
     stems[hangs] = _first_pieces([thing.stem.points for thing in things if thing.stem is not None])
     flat = stems - (stems @ up)[:, None] * up
-    leans = np.linalg.norm(flat, axis=1) >= DECIDED * np.linalg.norm(stems, axis=1)
+    leans = lengths(flat) >= DECIDED * lengths(stems)
     leans &= hangs
 
     rim_passed, rim = last_passages(rims, places, up)
@@ -50,7 +50,7 @@ def passing(
     )
 
     def wrong(at: FloatArray) -> BoolArray:
-        near = np.linalg.norm(at, axis=1) < radii + 2.0 * gripper_radius
+        near = lengths(at) < radii + 2.0 * gripper_radius
         return np.asarray((near | in_the_way) & (np.einsum("ki,ki->k", at, flat) > 0.0))
 
     bad = rim_passed & wrong(rim) | passed & ~closely_under & wrong(tip)
@@ -90,7 +90,7 @@ def _around_target(
     up = scene.frame[2]
     off = places - scene.target.position
     along = off @ up
-    aside = np.linalg.norm(off - along[:, None] * up, axis=1)
+    aside = lengths(off - along[:, None] * up)
     in_the_way = (along >= -0.2) & (along < 0.0) & (aside <= 1.5 * gripper_radius)
     return in_the_way, -along < depth + scene.target.radius + radii
 

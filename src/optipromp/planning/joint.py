@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from optipromp import metrics
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, lengths
 from optipromp.metrics import Judgement
 from optipromp.optimization.evaluation import Evaluation
 from optipromp.optimization.problem import Problem, Value
@@ -275,6 +275,6 @@ def trajectory_of(setup: Setup, options: PlanOptions, q: FloatArray, first: int)
         dt = shortest_dt(q, robot.velocity, robot.acceleration)
         if setup.neighbours:
             points, _ = robot.tool_pose(q[first:])
-            step = float(np.linalg.norm(np.diff(points, axis=0), axis=1).max(initial=0.0))
+            step = float(lengths(points[1:] - points[:-1]).max(initial=0.0))
             dt = max(dt, step / options.approach_speed)
     return Trajectory(q, dt, robot.joint_names)
