@@ -13,7 +13,11 @@ BoolArray = NDArray[np.bool_]
 
 def frozen(values: Any, dtype: Any = np.float64) -> NDArray[Any]:
     """Return a contiguous read-only copy of ``values``."""
-    array = np.array(values, dtype=dtype, order="C")
+    return read_only(np.array(values, dtype=dtype, order="C"))
+
+
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """The array itself, from now on read-only."""
     array.setflags(write=False)
     return array
 

@@ -63,7 +63,7 @@ class Trajectory:
     @property
     def velocities(self) -> FloatArray:
         """Velocity of each interval (T-1, n) [rad/s or m/s]."""
-        return _steps(self.positions)[1:-1] / self.dt
+        return np.asarray((self.positions[1:] - self.positions[:-1]) / self.dt)
 
     @property
     def accelerations(self) -> FloatArray:

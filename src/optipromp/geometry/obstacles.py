@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optipromp.arrays import BoolArray, FloatArray, IntArray
+from optipromp.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry.cells import Cells, make_cells, no_cells
 from optipromp.geometry.shapes import (
@@ -166,7 +166,7 @@ def near(obstacles: Obstacles, center: FloatArray, reach: float) -> Obstacles:
     They have no cells.
     """
     off = obstacles.position - center
-    keep = np.sqrt(np.einsum("ki,ki->k", off, off)) - obstacles.bound <= reach
+    keep = lengths(off) - obstacles.bound <= reach
     return selected(obstacles, slice(None) if keep.all() else keep)
 
 

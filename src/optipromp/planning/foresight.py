@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, frozen
+from optipromp.arrays import FloatArray, frozen, lengths
 from optipromp.geometry import distances
 from optipromp.geometry.obstacles import Obstacles, near, selected
 from optipromp.planning.options import PlanOptions
@@ -117,8 +117,7 @@ class Foresight:
         assert self.setup.goal_axis is not None
         straight = math.dist(corners[-1], corners[0])
         detour = far - straight
-        axes = np.empty_like(points)
-        axes[:] = self.setup.goal_axis
+        axes = np.full_like(points, self.setup.goal_axis)
         beside = 0.5 * detour / straight + self._touch(points)
         return beside + self.of(points, axes, draws, worst - beside)
 
@@ -131,7 +130,7 @@ class Foresight:
         points, axes = self.setup.robot.tool_pose(q)
         count = int(length(points) / STEP) + 2
         axes = along(points, axes, count)
-        axes /= np.sqrt(np.einsum("pi,pi->p", axes, axes))[:, None]
+        axes /= lengths(axes)[:, None]
         points = evenly(points, count)
         return self.of(points, axes, None if self.detected else FEWER)
 
@@ -217,7 +216,7 @@ class Foresight:
         along = self.stems.axes[1 : 1 + len(self.setup.neighbours), 2]
         up = self.setup.scene.frame[2]
         away = along - (along @ up)[:, None] * up
-        return away, np.sqrt(np.einsum("ni,ni->n", away, away))
+        return away, lengths(away)
 
     def _leant(self, angles: FloatArray) -> FloatArray:
         """Angles (m,) for all neighbours, turned a little to the free side of each stem (m, N)."""

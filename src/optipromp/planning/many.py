@@ -259,9 +259,7 @@ class _Helper(threading.Thread):
             if held or work.waiting:
                 work.waiting.extend(held)
                 why = "ended early" if ready else "could not start"
-                hint = (
-                    "" if ready else ('; is plan_many called outside `if __name__ == "__main__":`?')
-                )
+                hint = "" if ready else f"; is plan_many called outside `{GUARD}`?"
                 work.done.put(f"a helper process {why}{hint}; the others do its work")
         except BaseException as error:  # the caller shall hear of it
             work.done.put((held.popleft() if held else -1, error))

@@ -134,8 +134,7 @@ def threaded(
     assert setup.goal_axis is not None
     first = branch.knots.first
     points = evenly(path, len(q) - first)
-    axes = np.empty_like(points[1:])
-    axes[:] = setup.goal_axis
+    axes = np.full_like(points[1:], setup.goal_axis)
     back, errors = ik.track(setup.robot, points[-2::-1], axes, branch.goal)
     if errors.max() > FOLLOWED:
         return q

@@ -6,9 +6,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, read_only
 from optipromp.errors import InvalidRequestError
-from optipromp.promp.checks import frozen, phase_array, positive
+from optipromp.promp.checks import phase_array, positive
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Basis:
     @cached_property
     def centers(self) -> FloatArray:
         """Centres (K,), in phase."""
-        return frozen((np.arange(self.count, dtype=np.float64) - self.outside) * self.spacing)
+        return read_only((np.arange(self.count, dtype=np.float64) - self.outside) * self.spacing)
 
     def matrix(self, phases: int | ArrayLike) -> FloatArray:
         """Values Φ (T, K) at phases (T,), or at as many evenly spaced ones. Rows sum to 1."""

@@ -29,12 +29,6 @@ class UnitsWarning(UserWarning):
     """Values so large that they look like degrees or millimetres."""
 
 
-def frozen(values: FloatArray) -> FloatArray:
-    """Mark an array read-only and return it."""
-    values.setflags(write=False)
-    return values
-
-
 def finite_array(
     values: ArrayLike,
     name: str,

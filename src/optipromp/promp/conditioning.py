@@ -9,10 +9,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, read_only
 from optipromp.errors import InvalidRequestError
 from optipromp.promp.basis import Basis
-from optipromp.promp.checks import PHASE_TOLERANCE, ConditioningWarning, finite_array, frozen
+from optipromp.promp.checks import PHASE_TOLERANCE, ConditioningWarning, finite_array
 from optipromp.promp.gaussian import RANK_TOLERANCE, factorise, joseph
 from optipromp.promp.joint_kernels import joint_update
 from optipromp.promp.model import ProMP, trusted
@@ -136,7 +136,7 @@ def condition_with_report(
     if joints:
         promp = _condition_joints(promp, joints)
     if not tasks:
-        nothing = frozen(np.zeros(0))
+        nothing = read_only(np.zeros(0))
         return promp, ConditioningReport(True, 0, nothing, nothing, ())
     if task_map is None:
         raise InvalidRequestError("task points need a task_map (the robot's forward kinematics)")
@@ -315,8 +315,8 @@ def _condition_tasks(
     report = ConditioningReport(
         found.converged,
         found.iterations,
-        frozen(position_error[given_order]),
-        frozen(axis_error[given_order]),
+        read_only(position_error[given_order]),
+        read_only(axis_error[given_order]),
         tuple(sorted(missed)),
     )
     return result, report

@@ -11,13 +11,12 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, read_only
 from optipromp.errors import InvalidDemonstrationError
 from optipromp.promp.checks import (
     PHASE_TOLERANCE,
     UnitsWarning,
     finite_array,
-    frozen,
     names_for,
 )
 from optipromp.promp.files import read_npz, write_npz
@@ -71,8 +70,8 @@ class Demonstration:
                     f"span ({start}, {end}) must enclose the times {times[0]} to {times[-1]}"
                 )
             span = (start, end)
-        object.__setattr__(self, "times", frozen(times))
-        object.__setattr__(self, "positions", frozen(positions))
+        object.__setattr__(self, "times", read_only(times))
+        object.__setattr__(self, "positions", read_only(positions))
         object.__setattr__(self, "span", span)
 
     @property

@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, read_only
 from optipromp.errors import InvalidRequestError
 from optipromp.promp.basis import Basis
 from optipromp.promp.checks import (
     finite_array,
-    frozen,
     names_for,
     positive,
 )
@@ -65,9 +64,9 @@ class ProMP:
         noise = finite_array(self.noise, "noise")
         if noise.shape not in ((), (n,)) or (noise < 0.0).any():
             raise InvalidRequestError(f"noise: expected {n} variances >= 0, got {noise.tolist()}")
-        object.__setattr__(self, "mean", frozen(mean))
-        object.__setattr__(self, "covariance", frozen(covariance))
-        object.__setattr__(self, "noise", frozen(np.broadcast_to(noise, (n,)).copy()))
+        object.__setattr__(self, "mean", read_only(mean))
+        object.__setattr__(self, "covariance", read_only(covariance))
+        object.__setattr__(self, "noise", read_only(np.broadcast_to(noise, (n,)).copy()))
         object.__setattr__(self, "joint_names", names_for(self.joint_names, n))
 
     @property
@@ -87,7 +86,7 @@ class ProMP:
 
     @cached_property
     def _root(self) -> FloatArray:
-        return frozen(root(self.covariance))
+        return read_only(root(self.covariance))
 
     def mean_trajectory(self, phases: int | ArrayLike) -> FloatArray:
         """Mean positions (T, n) at phases (T,), or at as many evenly spaced ones."""
@@ -266,9 +265,9 @@ def made(
     result = object.__new__(ProMP)
     result.__dict__.update(
         basis=basis,
-        mean=frozen(mean),
-        covariance=frozen(covariance),
-        noise=frozen(noise),
+        mean=read_only(mean),
+        covariance=read_only(covariance),
+        noise=read_only(noise),
         joint_names=joint_names,
     )
     return result

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, read_only
 from optipromp.errors import InvalidRequestError
-from optipromp.promp.checks import finite_array, frozen, phase_array, positive
+from optipromp.promp.checks import finite_array, phase_array, positive
 from optipromp.promp.gaussian import product
 from optipromp.promp.model import ProMP, trusted
 
@@ -98,7 +98,7 @@ def coactivate_marginals(
         power = np.where(used, 1.0, 0.0)
     if len(promps) == 1:
         covariance = covariance / power[:, None, None]
-    return Marginals(frozen(z.copy()), frozen(mean), frozen(covariance))
+    return Marginals(read_only(z.copy()), read_only(mean), read_only(covariance))
 
 
 def blend(

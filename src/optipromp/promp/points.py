@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, read_only
 from optipromp.errors import InvalidRequestError
-from optipromp.promp.checks import finite_array, frozen, phase_array
+from optipromp.promp.checks import finite_array, phase_array
 from optipromp.promp.gaussian import check_covariance
 
 
@@ -34,7 +34,7 @@ class JointPoint:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "phase", _phase(self.phase))
-        value = frozen(finite_array(self.value, "joint point value", 1))
+        value = read_only(finite_array(self.value, "joint point value", 1))
         object.__setattr__(self, "value", value)
         covariance = _covariance(self.covariance, value.size, "joint point covariance")
         object.__setattr__(self, "covariance", covariance)
@@ -76,7 +76,7 @@ class TaskPoint:
         position = finite_array(self.position, "task point position", 1)
         if position.shape != (3,):
             raise InvalidRequestError(f"task point position: expected 3 numbers, got {position}")
-        object.__setattr__(self, "position", frozen(position))
+        object.__setattr__(self, "position", read_only(position))
         covariance = _covariance(self.covariance, 3, "task point covariance")
         object.__setattr__(self, "covariance", covariance)
         if self.axis is not None:
@@ -86,7 +86,7 @@ class TaskPoint:
                 raise InvalidRequestError(
                     f"task point axis: expected 3 numbers, not all 0, got {axis.tolist()}"
                 )
-            object.__setattr__(self, "axis", frozen(axis / length))
+            object.__setattr__(self, "axis", read_only(axis / length))
         if self.axis_covariance is not None:
             variance = finite_array(self.axis_covariance, "axis_covariance", 0)
             if variance < 0.0:
@@ -121,7 +121,7 @@ def _covariance(
         if variance < 0.0:
             raise InvalidRequestError(f"{name}: a variance must be at least 0, got {variance}")
         return variance
-    return frozen(check_covariance(covariance, size, name))
+    return read_only(check_covariance(covariance, size, name))
 
 
 def as_matrix(covariance: FloatArray | float | None, size: int) -> FloatArray:

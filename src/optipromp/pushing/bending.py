@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dpbsv
 
-from optipromp.arrays import FloatArray, frozen
+from optipromp.arrays import FloatArray, frozen, lengths
 from optipromp.scenes.scene import SceneObject
 
 LOADED = (5 / 12, 0.75, 1.0)  # shares of the length, the last one the fruit's centre
@@ -125,12 +125,12 @@ def moved(s: Stems, root: FloatArray, fruit: FloatArray) -> Stems:
 def _frames(root: FloatArray, fruit: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Lengths (N,) and axes (N, 3, 3), see :class:`Stems`."""
     hang = fruit - root
-    length = np.sqrt(np.einsum("ij,ij->i", hang, hang))
+    length = lengths(hang)
     along = hang / length[:, None]
     x, y, z = along.T
     nought = np.zeros(len(along))
     # across from the world's x axis, or from its y axis where that is nearly along the stem
     e1 = np.where(np.abs(x) < 0.9, [nought, z, -y], [-z, nought, x])
-    u, v, w = e1 = e1 / np.sqrt(np.einsum("in,in->n", e1, e1))
+    u, v, w = e1 = e1 / lengths(e1.T)
     e2 = [y * w - z * v, z * u - x * w, x * v - y * u]
     return length, np.ascontiguousarray(np.stack([e1, e2, [x, y, z]]).transpose(2, 0, 1))

@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from optipromp.arrays import FloatArray, IntArray, frozen, joined
+from optipromp.arrays import FloatArray, IntArray, frozen, joined, lengths, read_only
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry.obstacles import Measures, Obstacles, measures, packed
 from optipromp.geometry.shapes import HalfSpace, Shape, bounding_radius
@@ -300,7 +299,7 @@ class Scene:
     def _rows(self) -> Mapping[str, IntArray]:
         codes = {role: code for code, role in enumerate(ROLES)}
         role = np.array([codes[item.role] for item in self.objects], dtype=np.int64)
-        return {name: _read_only(np.flatnonzero(role == code)) for name, code in codes.items()}
+        return {name: read_only(np.flatnonzero(role == code)) for name, code in codes.items()}
 
     @cached_property
     def _by_role(self) -> Mapping[str, tuple[SceneObject, ...]]:
@@ -339,7 +338,7 @@ class Scene:
     @cached_property
     def _measures(self) -> Measures:
         kind, size, bound = measures([item.shape for item in self.objects])
-        return _read_only(kind), _read_only(size), _read_only(bound)
+        return read_only(kind), read_only(size), read_only(bound)
 
     @property
     def bounds(self) -> FloatArray:
@@ -359,8 +358,7 @@ class Scene:
         if not len(rows):
             return rows
         off = self.positions[rows] - center
-        away = np.sqrt(np.einsum("ki,ki->k", off, off))
-        return np.asarray(rows[away - self.bounds[rows] <= reach + _ROUNDING])
+        return np.asarray(rows[lengths(off) - self.bounds[rows] <= reach + _ROUNDING])
 
     def things(self, rows: IntArray) -> tuple[SceneObject, ...]:
         """Some of the ``objects``, by their places (K,)."""
@@ -394,8 +392,3 @@ class Scene:
             shapes, self.positions[rows], self.rotations[rows],
             (kind[rows], size[rows], bound[rows]), reach=reach, within=within,
         )  # fmt: skip
-
-
-def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    array.setflags(write=False)
-    return array
