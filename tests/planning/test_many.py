@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -147,19 +146,17 @@ def test_an_unexpected_error_of_a_plan_is_raised(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_helper_that_is_killed_costs_at_most_its_own_scene() -> None:
-    def kill() -> None:
-        deadline = time.monotonic() + 60
-        while time.monotonic() < deadline:
-            for process in many.multiprocessing.active_children():
-                time.sleep(2.0)  # it has begun to plan
-                os.kill(process.pid or 0, signal.SIGKILL)
-                return
-            time.sleep(0.01)
+    seen: list[int] = []  # the helper, at every result since there is one
 
-    threading.Thread(target=kill, daemon=True).start()
+    def kill(*_: object) -> None:
+        seen.extend(process.pid or 0 for process in many.multiprocessing.active_children())
+        if len(seen) == 10:  # it has begun to plan
+            os.kill(seen[0], signal.SIGKILL)
+            seen.append(0)  # once
+
     scenes = [generate("cluster", seed) for seed in range(8)] * 80
     with pytest.warns(RuntimeWarning, match="helper process"):
-        results = plan_many(scenes, workers=2)
+        results = plan_many(scenes, workers=2, progress=kill)
     lost = [result for result in results if not isinstance(result, Plan)]
     assert len(results) == len(scenes)
     assert len(lost) <= 1
