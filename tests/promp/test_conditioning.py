@@ -38,15 +38,33 @@ def random_points(rng: np.random.Generator, n: int, count: int) -> list[JointPoi
 def test_the_mean_alone_is_that_of_the_whole_update(
     make_promp: Make, seed: int, count: int
 ) -> None:
-    promp = make_promp(seed)
-    points = random_points(np.random.default_rng(seed), 3, count)
-    np.testing.assert_array_equal(conditioned_mean(promp, points), condition(promp, points).mean)
+    rng, promp = np.random.default_rng(seed), make_promp(seed)
+    places = tuple(
+        (float(phase), int(rng.integers(3))) for phase in (rng.permutation(count) + 0.5) / count
+    )
+    variances = tuple(rng.choice([0.0, 0.01, 3.0], count).tolist())
+    for _ in range(2):  # the second time with what was kept from the first
+        values = rng.normal(size=(count, 3))
+        points = [
+            JointPoint(phase, value, variance or None, order)
+            for (phase, order), value, variance in zip(places, values, variances, strict=True)
+        ]
+        mean = conditioned_mean(promp, places, values, variances)
+        np.testing.assert_array_equal(mean, condition(promp, points).mean)
+
+
+def test_the_mean_alone_of_what_is_certain_already(make_promp: Make) -> None:
+    value = np.array([0.1, -0.2, 0.3])
+    promp = condition(make_promp(0), JointPoint(0.5, value))
+    mean = conditioned_mean(promp, ((0.5, 0), (1.0, 0)), np.array([value, value]), (0.0, 0.0))
+    passed = promp.basis.matrix([0.5, 1.0]) @ mean.T
+    np.testing.assert_allclose(passed, [value, value], atol=1e-9)
 
 
 def test_the_mean_alone_refuses_what_contradicts(make_promp: Make) -> None:
-    points = [JointPoint(0.5, np.zeros(3)), JointPoint(0.5, np.ones(3))]
+    values = np.array([np.zeros(3), np.ones(3)])
     with pytest.raises(InvalidRequestError, match="contradicts"):
-        conditioned_mean(make_promp(0), points)
+        conditioned_mean(make_promp(0), ((0.5, 0), (0.5, 0)), values, (0.0, 0.0))
 
 
 @given(seeds, st.integers(1, 4), st.sampled_from([None, 8]))

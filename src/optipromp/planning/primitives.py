@@ -12,11 +12,10 @@ from optipromp.arrays import FloatArray, frozen
 from optipromp.errors import InvalidRequestError
 from optipromp.planning.setup import Setup
 from optipromp.promp.basis import Basis
-from optipromp.promp.conditioning import condition, conditioned_mean
+from optipromp.promp.conditioning import conditioned_mean
 from optipromp.promp.demonstrations import load_demonstrations
 from optipromp.promp.learning import fit
 from optipromp.promp.model import ProMP
-from optipromp.promp.points import JointPoint
 from optipromp.robots import ik
 from optipromp.robots.model import Robot
 from optipromp.robots.roll import level
@@ -170,21 +169,6 @@ def on_branch(setup: Setup, via: ViaPoints, goal: FloatArray) -> FloatArray | No
     return behind[::-1]
 
 
-def conditioned(
-    promp: ProMP,
-    start: FloatArray,
-    phases: FloatArray,
-    values: FloatArray,
-    variances: FloatArray,
-    pause: float | None = None,
-) -> ProMP:
-    """``promp`` conditioned on the start and on configurations at phases, in joint space.
-
-    ``variances`` (m,) [rad²] of each point; 0 is exact. At phase ``pause`` the arm stands still.
-    """
-    return condition(promp, _points(start, phases, values, variances, pause))
-
-
 def led_through(
     promp: ProMP,
     start: FloatArray,
@@ -194,28 +178,29 @@ def led_through(
     count: int,
     pause: float | None = None,
 ) -> FloatArray:
-    """Mean trajectory (T, n) of :func:`conditioned`, at ``count`` knots, with exact ends."""
-    mean = conditioned_mean(promp, _points(start, phases, values, variances, pause))
+    """Mean (T, n), at ``count`` knots, of ``promp`` led through configurations, with exact ends.
+
+    Args:
+        promp: what is conditioned.
+        start: (n,) at phase 0, exact.
+        phases: (m,) of the configurations.
+        values: (m, n).
+        variances: (m,) [rad²] of each; 0 is exact.
+        count: knots.
+        pause: a phase at which the arm stands still.
+    """
+    places, spread = [(0.0, 0)], [0.0]
+    targets = [start[None], values]
+    if pause is not None:
+        places.append((pause, 1))
+        spread.append(PAUSED**2)
+        targets.insert(1, np.zeros((1, len(start))))
+    places += [(phase, 0) for phase in phases.tolist()]
+    spread += variances.tolist()
+    mean = conditioned_mean(promp, tuple(places), np.concatenate(targets), tuple(spread))
     out = _evenly_spaced(promp.basis, count) @ mean.T
     out[0], out[-1] = start, values[-1]  # a conditioned ProMP meets them to rounding
     return np.asarray(out)
-
-
-def _points(
-    start: FloatArray,
-    phases: FloatArray,
-    values: FloatArray,
-    variances: FloatArray,
-    pause: float | None,
-) -> list[JointPoint]:
-    points = [JointPoint(0.0, start)]
-    if pause is not None:
-        points.append(JointPoint(pause, np.zeros_like(start), PAUSED**2, derivative=1))
-    points += [
-        JointPoint(float(z), q, float(v) if v > 0 else None)
-        for z, q, v in zip(phases, values, variances, strict=True)
-    ]
-    return points
 
 
 @functools.lru_cache(maxsize=32)

@@ -16,13 +16,14 @@ from optipromp.planning.build import Knots, capture_height, widths
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.primitives import (
     camera_point,
-    conditioned,
     led_through,
     on_branch,
     via_points,
 )
 from optipromp.planning.setup import Setup
+from optipromp.promp.conditioning import condition
 from optipromp.promp.model import ProMP
+from optipromp.promp.points import JointPoint
 from optipromp.pushing.neighbours import detection_variance
 from optipromp.pushing.sides import Drift, drift_choices
 from optipromp.pushing.thread import evenly, length, thread
@@ -168,7 +169,7 @@ def settled(q: FloatArray, start: FloatArray, goal: FloatArray) -> FloatArray:
 
 def sampled(setup: Setup, promp: ProMP, branch: Branch, rng: np.random.Generator) -> FloatArray:
     """A draw (T, n) from the ProMP conditioned on its ends only."""
-    ends = conditioned(promp, setup.start, np.array([1.0]), branch.goal[None], np.zeros(1))
+    ends = condition(promp, [JointPoint(0.0, setup.start), JointPoint(1.0, branch.goal)])
     (q,) = ends.sample(rng, 1, branch.knots.count)
     robot = setup.robot
     return settled(np.clip(q, robot.lower, robot.upper), setup.start, branch.goal)

@@ -14,7 +14,7 @@ from optipromp.errors import InvalidRequestError
 from optipromp.promp.basis import Basis
 from optipromp.promp.checks import PHASE_TOLERANCE, ConditioningWarning, finite_array
 from optipromp.promp.gaussian import RANK_TOLERANCE, factorise, joseph
-from optipromp.promp.joint_kernels import joint_update
+from optipromp.promp.joint_kernels import Factor, joint_covariance, joint_factor, joint_mean
 from optipromp.promp.model import ProMP, trusted
 from optipromp.promp.points import JointPoint, Point, TaskPoint
 from optipromp.promp.tasks import Rows, TaskMap, solve
@@ -145,22 +145,48 @@ def condition_with_report(
     return _condition_tasks(promp, tasks, joints, task_map, iterations, tolerance, initial)
 
 
-def conditioned_mean(promp: ProMP, points: Sequence[JointPoint]) -> FloatArray:
-    """Mean weights (n, K) of :func:`condition` on joint points, for less than half its work.
+def conditioned_mean(
+    promp: ProMP,
+    places: tuple[tuple[float, int], ...],
+    values: FloatArray,
+    variances: tuple[float, ...],
+) -> FloatArray:
+    """Mean weights (n, K) of :func:`condition` on joint points, for a fraction of its work.
+
+    What does not depend on the values is kept: a picker that plans again meets it again.
+
+    Args:
+        promp: the prior.
+        places: phase and order of derivative of each of P points.
+        values: (P, n).
+        variances: of each point, the same for all joints; 0 is exact.
 
     Raises:
         InvalidRequestError: as :func:`condition`.
     """
-    return _condition_joints(promp, list(enumerate(points)), only_mean=True).mean
+    factor = _factor(promp, places, variances)
+    if factor.definite:
+        rows = _rows(promp.basis, places)
+        return joint_mean(factor, promp.mean, rows, values).reshape(promp.mean.shape)
+    points = [
+        JointPoint(phase, value, variance or None, derivative)
+        for (phase, derivative), value, variance in zip(places, values, variances, strict=True)
+    ]
+    return condition(promp, points).mean
 
 
-def _condition_joints(
-    promp: ProMP, points: Sequence[tuple[int, JointPoint]], only_mean: bool = False
-) -> ProMP:
-    """The linear update. Rows are joint-major: row (j, p) is joint j at point p.
+@lru_cache(maxsize=16)
+def _factor(
+    promp: ProMP, places: tuple[tuple[float, int], ...], variances: tuple[float, ...]
+) -> Factor:
+    """The factor of points at ``places``, which are independent of one another."""
+    n = promp.n_joints
+    noise = np.diag(np.tile(variances, n))
+    return joint_factor(promp.covariance, n, _rows(promp.basis, places), noise, RANK_TOLERANCE)
 
-    Where ``only_mean``, nothing can be said of the covariance of what is returned.
-    """
+
+def _condition_joints(promp: ProMP, points: Sequence[tuple[int, JointPoint]]) -> ProMP:
+    """The linear update. Rows are joint-major: row (j, p) is joint j at point p."""
     n, count = promp.mean.shape
     size, p = n * count, len(points)
     values = _rows(promp.basis, tuple((point.phase, point.derivative) for _, point in points))
@@ -174,11 +200,10 @@ def _condition_joints(
         elif point.covariance is not None:
             blocks[:, i, :, i] = point.covariance
     noise = blocks.reshape(n * p, n * p)
-    definite, weights, covariance = joint_update(
-        prior, promp.mean, values, target, noise, RANK_TOLERANCE, only_mean
-    )
-    if definite:
-        return trusted(promp, weights, covariance)
+    update = joint_factor(prior, n, values, noise, RANK_TOLERANCE)
+    if update.definite:
+        weights = joint_mean(update, promp.mean, values, target)
+        return trusted(promp, weights, joint_covariance(update, prior, values, noise))
 
     cross = (values @ prior.reshape(n, count, size)).reshape(n * p, size)  # H Σ
     total = (cross.reshape(n * p, n, count) @ values.T).reshape(n * p, n * p) + noise

@@ -4,45 +4,50 @@ Row (j, p) of H is joint j at point p: the bases at that point's phase, at the w
 Shapes: n joints of K weights, nK = d; P points, nP = r rows.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
 from optipromp.arrays import FloatArray
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def joint_update(
-    prior: FloatArray,
-    mean: FloatArray,
-    values: FloatArray,
-    target: FloatArray,
-    noise: FloatArray,
-    tolerance: float,
-    only_mean: bool,
-) -> tuple[bool, FloatArray, FloatArray]:
-    r"""Posterior weights (d,) and covariance (d, d), where S = HΣHᵀ + R is safely definite.
+class Factor(NamedTuple):
+    """What conditioning needs of points beside their values: H Σ, S = H Σ Hᵀ + R, its factor.
 
-    The covariance is Joseph's form (I - KH) Σ (I - KH)ᵀ + K R Kᵀ, multiplied out from the left so
-    that no product of two (d, d) matrices is made:
+    D S D = L Lᵀ with D = diag(scale). Of no use where S is not safely ``definite``.
+    """
 
-    .. math:: A = \Sigma - K (H \Sigma), \qquad \Sigma^+ = A + (K R - A H^T) K^T.
+    definite: bool
+    cross: FloatArray  # H Σ (r, d)
+    total: FloatArray  # S (r, r)
+    lower: FloatArray  # L (r, r)
+    scale: FloatArray  # (r,)
+
+
+def joint_factor(
+    prior: FloatArray, joints: int, values: FloatArray, noise: FloatArray, tolerance: float
+) -> Factor:
+    """The factor of points at which ``values`` (P, K) are the bases, or their derivatives.
 
     Args:
         prior: Σ (d, d).
-        mean: (n, K).
-        values: (P, K) bases, or their derivatives, at each point.
-        target: (P, n).
+        joints: n.
+        values: (P, K).
         noise: R (r, r).
         tolerance: share of its variance that every row must add to those before it.
-        only_mean: leave the covariance as it is.
-
-    Returns:
-        Whether S is that definite (the rest means nothing where not), weights, covariance.
     """
-    n, count = mean.shape
-    points, size = values.shape[0], mean.size
-    rows = n * points
-    cross = np.zeros((rows, size))  # H Σ
+    return Factor(*_joint_factor(prior, joints, values, noise, tolerance))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _joint_factor(
+    prior: FloatArray, joints: int, values: FloatArray, noise: FloatArray, tolerance: float
+) -> tuple[bool, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """The fields of :class:`Factor`."""
+    points, count = values.shape
+    rows, size = joints * points, joints * count
+    cross = np.zeros((rows, size))
     for r in range(rows):
         for k in range(count):
             value = values[r % points, k]
@@ -52,15 +57,14 @@ def joint_update(
     for r in range(rows):
         for s in range(rows):
             total[r, s] += noise[r, s]
-    scale = np.empty(rows)
-    lower, definite = np.zeros((rows, rows)), True
+    scale, lower, definite = np.empty(rows), np.zeros((rows, rows)), True
     for r in range(rows):
         reference = 0.0
         j = r // points * count
         for k in range(count):
             reference += np.sqrt(max(prior[j + k, j + k], 0.0)) * abs(values[r % points, k])
         if not total[r, r] > 1e-13 * (reference * reference + noise[r, r]):
-            return False, np.zeros(0), prior
+            return False, cross, total, lower, scale
         scale[r] = 1.0 / np.sqrt(total[r, r])
     for i in range(rows):
         for j in range(i + 1):
@@ -72,9 +76,17 @@ def joint_update(
                 lower[i, i] = np.sqrt(max(value, tolerance))
             else:
                 lower[i, j] = value / lower[j, j]
-    if not definite:
-        return False, np.zeros(0), prior
+    return definite, cross, total, lower, scale
 
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def joint_mean(
+    factor: Factor, mean: FloatArray, values: FloatArray, target: FloatArray
+) -> FloatArray:
+    """Posterior weights (d,), for a mean (n, K), bases (P, K) and values of the points (P, n)."""
+    _, cross, total, lower, scale = factor
+    points, count = values.shape
+    rows = total.shape[0]
     gap = np.empty((rows, 1))
     for r in range(rows):
         j, p = r // points, r % points
@@ -90,23 +102,35 @@ def joint_update(
     substitute(lower, scale, rest)
     for r in range(rows):
         dual[r, 0] += rest[r, 0]
-    weights = np.empty(size)
-    for c in range(size):
+    weights = np.empty(mean.size)
+    for c in range(mean.size):
         weights[c] = mean[c // count, c % count]
         for r in range(rows):
             weights[c] += dual[r, 0] * cross[r, c]
+    return weights
 
-    if only_mean:
-        return True, weights, prior
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def joint_covariance(
+    factor: Factor, prior: FloatArray, values: FloatArray, noise: FloatArray
+) -> FloatArray:
+    r"""Posterior covariance (d, d): Joseph's form (I - KH) Σ (I - KH)ᵀ + K R Kᵀ.
+
+    It is multiplied out from the left so that no product of two (d, d) matrices is made:
+
+    .. math:: A = \Sigma - K (H \Sigma), \qquad \Sigma^+ = A + (K R - A H^T) K^T.
+    """
+    _, cross, _, lower, scale = factor
+    rows, size = cross.shape
     gain = cross.copy()  # Kᵀ = S⁻¹ H Σ
     substitute(lower, scale, gain)
     kept = prior.copy()
     for i in range(size):
         for r in range(rows):
-            factor = gain[r, i]
+            share = gain[r, i]
             for c in range(size):
-                kept[i, c] -= factor * cross[r, c]
-    correction = along_rows(kept, values, count)
+                kept[i, c] -= share * cross[r, c]
+    correction = along_rows(kept, values, values.shape[1])
     for r in range(rows):
         for i in range(size):
             correction[i, r] = -correction[i, r]
@@ -116,13 +140,13 @@ def joint_update(
                     correction[i, r] += gain[s, i] * noise[s, r]
     for i in range(size):
         for r in range(rows):
-            factor = correction[i, r]
+            share = correction[i, r]
             for c in range(size):
-                kept[i, c] += factor * gain[r, c]
+                kept[i, c] += share * gain[r, c]
     for i in range(size):
         for c in range(i):
             kept[i, c] = kept[c, i] = 0.5 * (kept[i, c] + kept[c, i])
-    return True, weights, kept
+    return kept
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
