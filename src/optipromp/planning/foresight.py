@@ -44,8 +44,7 @@ STEM_SIDE = 0.3  # a score that passing on a stem's side must be better by
 BESIDE = 0.1  # cosine from which a direction leads to the stem's side, not beside it
 BERTHS = (0.4, 1.4)  # least and most that are drawn
 KEPT = 0.6  # chance that a direction is drawn anew beside the best
-UNSEEN, DETECTED_UNSEEN = 4, 24  # draws of where the fruits may hang otherwise than they were seen
-FEWER = 2  # draws for a trajectory past fruits that are known well
+UNSEEN, DETECTED_UNSEEN = 2, 24  # draws of where the fruits may hang otherwise than they were seen
 SHIFT = 0.003  # [m] deviation of a fruit whose scene does not say how well it was seen
 WIDER = 1.5  # times the deviation of a detection: it is the unlikely that does harm
 TURN, DETECTED_TURN = np.deg2rad(1.0), np.deg2rad(4.0)  # of its stem, and of one that was detected
@@ -122,17 +121,13 @@ class Foresight:
         return beside + self.of(points, axes, draws, worst - beside)
 
     def of_trajectory(self, q: FloatArray) -> float:
-        """Score of configurations (T, n) from the camera point on.
-
-        Of fruits that are known well, with :data:`FEWER` draws of how they may hang: the way that
-        is followed was scored with all of them.
-        """
+        """Score of configurations (T, n) from the camera point on."""
         points, axes = self.setup.robot.tool_pose(q)
         count = int(length(points) / STEP) + 2
         axes = along(points, axes, count)
         axes /= lengths(axes)[:, None]
         points = evenly(points, count)
-        return self.of(points, axes, None if self.detected else FEWER)
+        return self.of(points, axes)
 
     def _touch(self, points: FloatArray) -> float:
         """How far the cup, led upright through ``points``, comes too near to what must not move."""

@@ -132,6 +132,7 @@ def reach(robot: Robot) -> float:
     return far + max(float(spheres.max(initial=0.0)), float(np.linalg.norm(robot.tool_point)))
 
 
+@functools.lru_cache(maxsize=4)
 def _surroundings(scene: Scene, robot: Robot) -> Surroundings:
     far = reach(robot) + 0.1
     asked = NEAR + float(np.max(robot.spheres.radius, initial=0.0))

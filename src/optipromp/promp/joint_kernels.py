@@ -87,26 +87,25 @@ def joint_mean(
     _, cross, total, lower, scale = factor
     points, count = values.shape
     rows = total.shape[0]
-    gap = np.empty((rows, 1))
+    gap = np.empty(rows)
     for r in range(rows):
         j, p = r // points, r % points
-        gap[r, 0] = target[p, j]
+        gap[r] = target[p, j]
         for k in range(count):
-            gap[r, 0] -= values[p, k] * mean[j, k]
+            gap[r] -= values[p, k] * mean[j, k]
     dual = gap.copy()
-    substitute(lower, scale, dual)
+    _solve_one(lower, scale, dual)
     rest = gap.copy()
     for r in range(rows):
         for c in range(rows):
-            rest[r, 0] -= total[r, c] * dual[c, 0]
-    substitute(lower, scale, rest)
+            rest[r] -= total[r, c] * dual[c]
+    _solve_one(lower, scale, rest)
     for r in range(rows):
-        dual[r, 0] += rest[r, 0]
-    weights = np.empty(mean.size)
-    for c in range(mean.size):
-        weights[c] = mean[c // count, c % count]
-        for r in range(rows):
-            weights[c] += dual[r, 0] * cross[r, c]
+        dual[r] += rest[r]
+    weights = mean.copy().reshape(-1)
+    for r in range(rows):
+        for c in range(mean.size):
+            weights[c] += dual[r] * cross[r, c]
     return weights
 
 
@@ -187,3 +186,20 @@ def substitute(lower: FloatArray, scale: FloatArray, right: FloatArray) -> None:
     for i in range(rows):
         for c in range(columns):
             right[i, c] *= scale[i]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _solve_one(lower: FloatArray, scale: FloatArray, right: FloatArray) -> None:
+    """:func:`substitute` for one right-hand side (r,), along the rows of L both ways."""
+    rows = right.shape[0]
+    for i in range(rows):
+        right[i] *= scale[i]
+        for k in range(i):
+            right[i] -= lower[i, k] * right[k]
+        right[i] /= lower[i, i]
+    for i in range(rows - 1, -1, -1):
+        right[i] /= lower[i, i]
+        for k in range(i):
+            right[k] -= lower[i, k] * right[i]
+    for i in range(rows):
+        right[i] *= scale[i]
