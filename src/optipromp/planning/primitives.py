@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, frozen
+from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
 from optipromp.planning.setup import Setup
 from optipromp.promp.basis import Basis
@@ -198,12 +198,6 @@ def led_through(
     places += [(phase, 0) for phase in phases.tolist()]
     spread += variances.tolist()
     mean = conditioned_mean(promp, tuple(places), np.concatenate(targets), tuple(spread))
-    out = _evenly_spaced(promp.basis, count) @ mean.T
+    out = promp.basis.evaluate(count) @ mean.T
     out[0], out[-1] = start, values[-1]  # a conditioned ProMP meets them to rounding
     return np.asarray(out)
-
-
-@functools.lru_cache(maxsize=32)
-def _evenly_spaced(basis: Basis, count: int) -> FloatArray:
-    """The bases (T, K) at ``count`` phases."""
-    return frozen(basis.evaluate(count))

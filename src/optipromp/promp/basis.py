@@ -1,7 +1,7 @@
 """Normalised radial basis functions over the phase."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -84,10 +84,16 @@ class Basis:
         :math:`s = \sum\phi d^3`: :math:`\phi' = \phi d`, :math:`\phi'' = \phi(d^2 - v)`,
         :math:`\phi''' = \phi(d^3 - 3vd - s)`.
 
+        At evenly spaced phases they are kept from one call to the next, and read-only.
+
         Raises:
             InvalidRequestError: a phase outside [0, 1], or another order.
         """
-        z = phase_array(phases)
+        if isinstance(phases, (int, np.integer)) and not isinstance(phases, bool):
+            return _at_even(self, int(phases), order)
+        return self._at(phase_array(phases), order)
+
+    def _at(self, z: FloatArray, order: int) -> FloatArray:
         c = self.centers
         beta = self.width / self.spacing**2
         values = (z[:, None] - 0.5 * c) * (beta * c)
@@ -107,3 +113,8 @@ class Basis:
             third: FloatArray = d**3 - 3.0 * v * d - s
             return values * third
         raise InvalidRequestError(f"derivative order must be 0, 1, 2 or 3, got {order}")
+
+
+@lru_cache(maxsize=64)
+def _at_even(basis: Basis, count: int, order: int) -> FloatArray:
+    return read_only(basis._at(phase_array(count), order))

@@ -118,7 +118,7 @@ def _ridge_weights(samples: Samples, basis: Basis, ridge: float) -> tuple[FloatA
     if samples.stacked is not None:
         y = samples.stacked
         demos, size = y.shape[:2]
-        values = basis.evaluate(samples.phases[0])
+        values = basis.evaluate(size if samples.even else samples.phases[0])
         gram = values.T @ values / size
         gram.flat[:: count + 1] += ridge
         middle = np.full((1, size), 1.0 / size) @ y

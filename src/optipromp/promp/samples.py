@@ -24,13 +24,15 @@ class Samples:
     """Demonstrations ready to learn from.
 
     ``phases`` and ``positions`` hold one array per demonstration, (m_i,) and (m_i, n). If all have
-    the same phases, ``stacked`` is all positions at once, (N, T, n).
+    the same phases, ``stacked`` is all positions at once, (N, T, n), and ``even`` says whether these
+    phases are evenly spaced from 0 to 1.
     """
 
     phases: tuple[FloatArray, ...]
     positions: tuple[FloatArray, ...]
     stacked: FloatArray | None
     joint_names: tuple[str, ...]
+    even: bool = False
 
     @property
     def n_joints(self) -> int:
@@ -63,7 +65,7 @@ def gather(demonstrations: DemonstrationsLike, joint_names: Sequence[str] | None
             raise error(f"demonstrations: expected (N, T >= 2, n >= 1), got shape {stacked.shape}")
         phases = np.linspace(0.0, 1.0, stacked.shape[1])
         names = names_for(joint_names or (), stacked.shape[2])
-        return Samples((phases,) * len(stacked), tuple(stacked), stacked, names)
+        return Samples((phases,) * len(stacked), tuple(stacked), stacked, names, even=True)
     if not isinstance(demonstrations, Demonstrations):
         items = []
         for i, item in enumerate(demonstrations):
