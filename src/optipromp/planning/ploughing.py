@@ -5,6 +5,7 @@ follows it: by inverse kinematics from the start on, then optimised like every o
 tool held to the way.
 """
 
+import functools
 import itertools
 import time
 from collections.abc import Iterator
@@ -30,6 +31,7 @@ from optipromp.pushing.thread import evenly, length
 from optipromp.robots import ik
 from optipromp.robots.roll import level
 from optipromp.robots.tools import FrankaHand
+from optipromp.scenes.scene import Scene
 from optipromp.trajectory import Trajectory
 
 STEP = 0.0025  # [m] of the tool point between knots of the way
@@ -51,9 +53,14 @@ def applies(setup: Setup) -> bool:
 
 def without_packs(setup: Setup) -> Setup:
     """The setup once the hand has pushed everything aside: nothing stands in the wrist's way."""
-    kept = tuple(thing for thing in setup.scene.objects if thing.role != "pushable")
-    scene = replace(setup.scene, objects=kept)
+    scene = emptied(setup.scene)
     return replace(setup, scene=scene, standing=scene)
+
+
+@functools.lru_cache(maxsize=4)
+def emptied(scene: Scene) -> Scene:
+    """The scene without its pushables."""
+    return replace(scene, objects=tuple(t for t in scene.objects if t.role != "pushable"))
 
 
 def plan_ploughed(
@@ -83,7 +90,7 @@ def plan_ploughed(
     ways_found = ways(setup.scene, tool, rng, WAYS, until, wrist(setup))
     found = [w for w in ways_found if w.cost <= ALIKE * ways_found[0].cost]
     searched = time.perf_counter()
-    freed = replace(setup, standing=without_packs(setup).standing)
+    freed = replace(setup, standing=emptied(setup.scene))
     heard: dict[int, Judgement] = {}
 
     def slowed(q: FloatArray) -> Trajectory:
