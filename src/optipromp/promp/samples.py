@@ -24,8 +24,8 @@ class Samples:
     """Demonstrations ready to learn from.
 
     ``phases`` and ``positions`` hold one array per demonstration, (m_i,) and (m_i, n). If all have
-    the same phases, ``stacked`` is all positions at once, (N, T, n), and ``even`` says whether these
-    phases are evenly spaced from 0 to 1.
+    the same phases, ``stacked`` is all positions at once, (N, T, n); ``even`` says that they are
+    evenly spaced from 0 to 1.
     """
 
     phases: tuple[FloatArray, ...]
