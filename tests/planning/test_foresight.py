@@ -243,6 +243,19 @@ def test_fruits_may_hang_otherwise_than_they_were_seen() -> None:
     assert turns[1] > 2.0 * turns[0]
 
 
+def test_a_way_is_tried_in_a_few_draws_and_its_trajectory_in_all() -> None:
+    setup = bind(seen(generate("cluster", GENTLE[0])))
+    model = foresight.foresight(setup)
+    root = np.array(model.stems.root)
+    root[(1 + foresight.SCREENED) * model.count :] += 0.5  # the others hang elsewhere
+    other = replace(model, stems=model.stems._replace(root=root))
+    way = path(setup, ruled(setup))
+    assert other.of_path(way) == model.of_path(way)
+    assert other.of_path(way, foresight.DETECTED_UNSEEN) > model.of_path(way)
+    along = approach(plan(setup.scene), setup)
+    assert other.of_trajectory(along) > model.of_trajectory(along)
+
+
 def test_the_model_knows_fruits_that_are_no_neighbours_too() -> None:
     """A tool that goes a long way round meets what is not near the line."""
     scene = generate("cluster", GENTLE[0])

@@ -44,7 +44,8 @@ STEM_SIDE = 0.3  # a score that passing on a stem's side must be better by
 BESIDE = 0.1  # cosine from which a direction leads to the stem's side, not beside it
 BERTHS = (0.4, 1.4)  # least and most that are drawn
 KEPT = 0.6  # chance that a direction is drawn anew beside the best
-UNSEEN, DETECTED_UNSEEN = 2, 24  # draws of where the fruits may hang otherwise than they were seen
+UNSEEN, DETECTED_UNSEEN = 2, 12  # draws of where the fruits may hang otherwise than they were seen
+SCREENED = 6  # of them in which a way is tried; the trajectory that follows it is in all
 SHIFT = 0.003  # [m] deviation of a fruit whose scene does not say how well it was seen
 WIDER = 1.5  # times the deviation of a detection: it is the unlikely that does harm
 TURN, DETECTED_TURN = np.deg2rad(1.0), np.deg2rad(4.0)  # of its stem, and of one that was detected
@@ -110,7 +111,11 @@ class Foresight:
     def of_path(
         self, corners: FloatArray, draws: int | None = None, worst: float = np.inf
     ) -> float:
-        """Score of a way through corners (k, 3), with what it costs in length and clearance."""
+        """Score of a way through corners (k, 3), with what it costs in length and clearance.
+
+        ``draws`` and ``worst`` as in :meth:`of`, but None is :data:`SCREENED` draws.
+        """
+        draws = min(self.draws, SCREENED) if draws is None else draws
         far = length(corners)
         points = evenly(corners, int(far / STEP) + 2)
         assert self.setup.goal_axis is not None
