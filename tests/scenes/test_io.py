@@ -11,6 +11,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.scenes.documents import FRUIT, MINIMAL, with_fruit, with_object
 
 from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.geometry import Box, Capsule, Cylinder, HalfSpace, MeshShape, PointCloudShape, Sphere
@@ -27,26 +28,6 @@ from optipromp.scenes import (
     scene_to_dict,
 )
 from optipromp.scenes.rotations import from_quaternion, to_quaternion
-
-FRUIT = {"id": "ripe", "role": "target", "shape": {"sphere": {"radius": 0.015}}}
-FRUIT["position"] = [0.45, 0.0, 0.89]
-MINIMAL = {"format": 1, "name": "s", "robot": "panda", "objects": [FRUIT]}
-
-
-def with_object(**entries):
-    document = copy.deepcopy(MINIMAL)
-    document["objects"].append(
-        {"id": "n1", "role": "pushable", "shape": {"sphere": {"radius": 0.015}}}
-        | {"position": [0.4, 0.0, 0.8]}
-        | entries
-    )
-    return document
-
-
-def with_fruit(**entries):
-    document = copy.deepcopy(MINIMAL)
-    document["objects"][0].update(entries)
-    return document
 
 
 def full():

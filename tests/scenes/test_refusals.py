@@ -1,33 +1,13 @@
 """What is refused, and in which words: file, field, value and what would be right, in one line."""
 
-import copy
 import math
 
 import numpy as np
 import pytest
+from tests.scenes.documents import FRUIT, MINIMAL, with_fruit, with_object
 
 from optipromp.errors import Code, InvalidSceneError
 from optipromp.scenes import load_scene, scene_from_dict
-
-FRUIT = {"id": "ripe", "role": "target", "shape": {"sphere": {"radius": 0.015}}}
-FRUIT["position"] = [0.45, 0.0, 0.89]
-MINIMAL = {"format": 1, "name": "s", "robot": "panda", "objects": [FRUIT]}
-
-
-def with_object(**entries):
-    document = copy.deepcopy(MINIMAL)
-    document["objects"].append(
-        {"id": "n1", "role": "pushable", "shape": {"sphere": {"radius": 0.015}}}
-        | {"position": [0.4, 0.0, 0.8]}
-        | entries
-    )
-    return document
-
-
-def with_fruit(**entries):
-    document = copy.deepcopy(MINIMAL)
-    document["objects"][0].update(entries)
-    return document
 
 
 def refusal(document, **more):
