@@ -385,7 +385,7 @@ def judge(
         limit_violation=excess,
         max_step=float(np.max(np.abs(steps))),
         path_length=float(lengths(steps).sum()),
-        smoothness=float(np.sqrt(np.mean(np.sum(accelerations**2, axis=1)))),
+        smoothness=math.sqrt(np.vdot(accelerations, accelerations) / len(q)),
         duration=trajectory.duration,
         velocity_ratio=velocity,
         acceleration_ratio=acceleration,

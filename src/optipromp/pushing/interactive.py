@@ -65,10 +65,9 @@ def pushes(
             wish = things[i + 1].position - thing.position
         else:
             wish = thing.position - scene.target.position
-        lines = _tangents(scene, thing)
-        shares = [float(line @ wish) for line in lines]
-        best = int(np.argmax(np.abs(shares)))
-        direction = lines[best] * (1.0 if shares[best] >= 0.0 else -1.0)
+        direction = max(_tangents(scene, thing), key=lambda line: abs(float(line @ wish)))
+        if direction @ wish < 0.0:
+            direction = -direction
         if rng is not None and direction_deviation > 0.0:
             direction = _turned(direction, z_g, float(rng.normal(0.0, direction_deviation)))
         out.append(_push(scene, thing, direction, gripper_radius))
