@@ -1,10 +1,12 @@
 """What the whole suite needs set before its modules are imported.
 
 Hypothesis draws anew at every local run; CI draws the same, so that a run can be repeated. MuJoCo
-decides how it renders when it is first imported, by whichever test: off screen.
+decides how it renders when it is first imported, by whichever test: off screen. A background job
+ignores Ctrl-C, and so would the programs that tests start and interrupt.
 """
 
 import os
+import signal
 import sys
 
 from hypothesis import settings
@@ -14,3 +16,5 @@ if os.environ.get("CI"):
     settings.load_profile("ci")
 if sys.platform.startswith("linux"):
     os.environ.setdefault("MUJOCO_GL", "egl")
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)

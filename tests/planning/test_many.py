@@ -191,9 +191,7 @@ def test_an_interruption_while_helpers_start_is_heard(tmp_path: Path, wait: floa
     said = interrupted(
         tmp_path,
         wait,
-        "import signal\n"
         "from optipromp.planning import plan_many\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "if __name__ == '__main__':\n"
         "    print('begun', flush=True)\n"
         "    try:\n"
@@ -209,9 +207,8 @@ def test_an_interruption_ends_at_once_and_leaves_no_process(tmp_path: Path) -> N
     said = interrupted(
         tmp_path,
         2.0,
-        "import multiprocessing, signal\n"
+        "import multiprocessing\n"
         "from optipromp.planning import plan_many\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it\n"
         "def said(index, result):\n"
         "    for helper in multiprocessing.active_children():\n"  # none while it starts
         "        print(helper.pid, flush=True)\n"
