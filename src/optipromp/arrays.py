@@ -1,5 +1,6 @@
 """Array types used everywhere."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -28,6 +29,11 @@ def joined(arrays: Sequence[Any]) -> FloatArray:
     NumPy takes twice as long over many small ones.
     """
     return np.frombuffer(b"".join(arrays), dtype=np.float64)
+
+
+def all_finite(array: FloatArray) -> bool:
+    """Whether every value is; the sum of squares tells in half the time, unless it overflows."""
+    return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
 
 
 def lengths(vectors: FloatArray) -> FloatArray:

@@ -1,12 +1,11 @@
 """What every part of the room checks, and the warnings it may give."""
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, all_finite
 from optipromp.errors import InvalidRequestError, OptiPrompError
 
 PHASE_TOLERANCE = 1e-9
@@ -42,7 +41,7 @@ def finite_array(
         raise error(f"{name}: expected numbers in a regular array ({cause})") from None
     if ndim is not None and array.ndim != ndim:
         raise error(f"{name}: expected {ndim} dimension(s), got shape {array.shape}")
-    if not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
+    if not all_finite(array):
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise error(f"{name}{list(index)} is {array[index]}; every value must be finite")
     return array

@@ -1,12 +1,11 @@
 """The robot as arrays: kinematics, limits, body spheres, tool."""
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from optipromp.arrays import BoolArray, FloatArray, IntArray
+from optipromp.arrays import BoolArray, FloatArray, IntArray, all_finite
 from optipromp.errors import InvalidRequestError
 from optipromp.robots import kernels
 from optipromp.robots.kernels import Kinematics
@@ -79,7 +78,7 @@ class Robot:
                 f"{self.name} has {self.n_joints} joints ({', '.join(self.joint_names)}), "
                 f"but {got} values were given"
             )
-        if not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
+        if not all_finite(array):
             bad = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
             raise InvalidRequestError(
                 f"joint value at index {bad} is {array[bad]}; it must be finite"
