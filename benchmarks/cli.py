@@ -24,7 +24,7 @@ examples:
   python -m benchmarks --list                     every metric with unit, direction, tolerance
   python -m benchmarks --only evaluation          cost and gradient beside C++
   python -m benchmarks --only 'planners/*/ompl*'  by pattern
-  python -m benchmarks --output results.json --markdown tables.md
+  python -m benchmarks --out results.json --markdown tables.md
   python -m benchmarks --gate                     exit 1 where a ratio is worse than the baseline
   python -m benchmarks --update-baseline          accept this run's ratios as the baseline
   python -m benchmarks --from results.json --markdown tables.md    no measuring
@@ -45,7 +45,7 @@ def parser() -> argparse.ArgumentParser:
     add("--list", action="store_true", help="list benchmarks and metrics, measure nothing")
     add("--quick", action="store_true", help="a tenth of the repeats, to try things out")
     add("--json", action="store_true", help="print the results as JSON, not as tables")
-    add("--output", metavar="FILE", type=Path, help="write the results as JSON")
+    add("--out", metavar="FILE", type=Path, help="write the results as JSON")
     add("--markdown", metavar="FILE", type=Path, help="write the tables, or renew them in a page")
     add("--from", dest="source", metavar="FILE", type=Path, nargs="+",
         help="take the results of earlier runs (later ones win), measure nothing")  # fmt: skip
@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     load_suite()
     if options.child:
-        child(options.child, options.quick, options.output, say)
+        child(options.child, options.quick, options.out, say)
         return 0
     try:
         selected = SUITE.select(options.only)
@@ -89,8 +89,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     rows = [Row.from_dict(row) for row in results["rows"]]
-    if options.output:
-        options.output.write_text(
+    if options.out:
+        options.out.write_text(
             json.dumps(results, indent=2, ensure_ascii=False) + "\n", encoding="utf-8"
         )
     if options.markdown:

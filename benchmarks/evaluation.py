@@ -13,11 +13,12 @@ from benchmarks.registry import NotAvailableError
 from optipromp.arrays import FloatArray
 from optipromp.geometry.obstacles import Obstacles, pack
 from optipromp.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere, bounding_radius
-from optipromp.optimization.constraints import SelfConstraint
+from optipromp.optimization.costs.joints import VelocityCost
+from optipromp.optimization.costs.obstacles import ObstacleCost, SelfCost
+from optipromp.optimization.costs.tool import PushCost
 from optipromp.optimization.evaluation import BodyPoints
 from optipromp.optimization.problem import Problem, Surroundings
-from optipromp.optimization.terms import ObstacleTerm, PushTerm, VelocityTerm
-from optipromp.planning.setup import reach as arm_reach
+from optipromp.planning.task import reach as arm_reach
 from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
 from optipromp.robots.tools import Cup, with_tool
@@ -109,14 +110,14 @@ class Case:
         self.goal, _ = robot.tool_pose(self.q[-1])
         self.goal = self.goal + [0.02, -0.01, 0.05]
         self.frame, self.first = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]), knots // 2
-        terms = [
-            ObstacleTerm("static", WEIGHTS[0], EPSILON, "sum"),
-            ObstacleTerm("avoid", WEIGHTS[1], EPSILON, "sum"),
-            PushTerm(WEIGHTS[2], self.goal, self.frame, self.first, np.array(PUSH_WEIGHTS)),
-            VelocityTerm(WEIGHTS[3]),
+        costs = [
+            ObstacleCost("static", WEIGHTS[0], EPSILON, "sum"),
+            ObstacleCost("avoid", WEIGHTS[1], EPSILON, "sum"),
+            PushCost(WEIGHTS[2], self.goal, self.frame, self.first, np.array(PUSH_WEIGHTS)),
+            VelocityCost(WEIGHTS[3]),
         ]
         self.problem = Problem(
-            robot, self.surroundings, terms, [SelfConstraint(WEIGHTS[4], SELF_MARGIN)], knots,
+            robot, self.surroundings, costs, [SelfCost(WEIGHTS[4], SELF_MARGIN)], knots,
             cutoff=CUTOFF, body=BodyPoints(robot),
         )  # fmt: skip
 
@@ -202,8 +203,8 @@ class Program:
         answer = self.ask("check")
         value = case.problem.evaluate(case.q)
         gradient = case.problem.gradient()
-        self_cost = value.merit - sum(t.weight * value.terms[t.name] for t in case.problem.terms)
-        ours = [value.merit, *value.terms.values(), self_cost]
+        self_cost = value.merit - sum(c.weight * value.costs[c.name] for c in case.problem.costs)
+        ours = [value.merit, *value.costs.values(), self_cost]
         off = [abs(a - b) / abs(a) for a, b in zip(ours, answer, strict=False)]
         theirs = np.array(answer[len(ours) :]).reshape(gradient.shape)
         return max(*off, float(np.abs(theirs - gradient).max() / np.abs(gradient).max()))

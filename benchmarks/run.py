@@ -46,7 +46,7 @@ def apart(benchmark: Benchmark, names: Sequence[str], context: Context) -> list[
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "rows.json"
         command = [sys.executable, "-m", "benchmarks", "--child", benchmark.name]
-        command += ["--output", str(output), *(["--quick"] if context.quick else [])]
+        command += ["--out", str(output), *(["--quick"] if context.quick else [])]
         path = os.pathsep.join(filter(None, [str(machine.ROOT), os.environ.get("PYTHONPATH")]))
         environment = {**os.environ, **SINGLE, "PYTHONPATH": path}
         try:

@@ -1,9 +1,9 @@
-"""A cost term of your own, in plain NumPy: checked, minimised alone, and planned with.
+"""A cost of your own, in plain NumPy: checked, minimised alone, and planned with.
 
-A term returns its value and adds its gradient where it lives: here on the joints (`Posture`) and on
+A cost returns its value and adds its gradient where it lives: here on the joints (`Posture`) and on
 the tool point (`Ceiling`). No Jacobian is written. The gradient is first compared with finite
-differences, as you should for any new term; then a problem made of both and of a smoothness term is
-solved. At the end the planner itself takes a term along.
+differences, as you should for any new cost; then a problem made of both and of a smoothness cost is
+solved. At the end the planner itself takes a cost along.
 
     python examples/05_cost_term_in_numpy.py
 """
@@ -13,13 +13,14 @@ import numpy as np
 from optipromp import Cup, PlanOptions, load_robot, plan, with_tool
 from optipromp.arrays import FloatArray
 from optipromp.geometry.obstacles import pack
+from optipromp.optimization.costs import Cost
+from optipromp.optimization.costs.joints import SmoothnessCost
 from optipromp.optimization.evaluation import Evaluation
+from optipromp.optimization.gauss_newton import GaussNewtonOptions, solve
 from optipromp.optimization.problem import Problem, Surroundings
-from optipromp.optimization.solvers.gauss_newton import GaussNewtonOptions, solve
-from optipromp.optimization.terms import SmoothnessTerm, Term
 
 
-class Posture(Term):
+class Posture(Cost):
     """½ ∫ ‖q − q_ref‖² dt: prefer to stay near a posture."""
 
     def __init__(self, weight: float, reference: FloatArray) -> None:
@@ -34,7 +35,7 @@ class Posture(Term):
         return 0.5 * e.dt * float(np.sum(away**2))
 
 
-class Ceiling(Term):
+class Ceiling(Cost):
     """½ ∫ max(0, z − h)² dt of the tool point: stay below a height."""
 
     def __init__(self, weight: float, height: float) -> None:
@@ -69,15 +70,15 @@ knots = 40
 straight = start + np.linspace(0.0, 1.0, knots)[:, None] * (goal - start)
 nothing = pack([])
 highest = float(robot.tool_pose(straight)[0][:, 2].max())
-terms = [
-    SmoothnessTerm(1e-4),
+costs = [
+    SmoothnessCost(1e-4),
     Posture(0.05, straight),
     Ceiling(400.0, highest - 0.05),
 ]
 problem = Problem(
     robot,
     Surroundings(nothing, nothing, 0),
-    terms,
+    costs,
     [],
     knots,
     cutoff=0.02,
@@ -91,17 +92,17 @@ if error > 1e-4:
     raise SystemExit("the gradient is wrong")
 
 result = solve(problem, straight, GaussNewtonOptions(stages=(1.0,), iterations=(30,)))
-for term in terms:
-    before, after = result.history[0][term.name], result.history[-1][term.name]
-    print(f"{term.name:<10} {before:.3e} → {after:.3e}")
+for cost in costs:
+    before, after = result.history[0][cost.name], result.history[-1][cost.name]
+    print(f"{cost.name:<10} {before:.3e} → {after:.3e}")
 if not result.history[-1]["ceiling"] < 0.1 * result.history[0]["ceiling"]:
     raise SystemExit("the tool is still above the ceiling")
 
-# In a plan: the joint strategy minimises it with its own terms.
+# In a plan: the joint strategy minimises it with its own costs.
 alone = plan("scenario-4")
 start, end = alone.trajectory.positions[0], alone.trajectory.positions[-1]
 line = np.linspace(start, end, alone.trajectory.n_knots)
-options = PlanOptions(knots=len(line), terms=(Posture(0.1, line),))
+options = PlanOptions(waypoints=len(line), costs=(Posture(0.1, line),))
 with_posture = plan("scenario-4", options=options)
 for name, result in (("alone", alone), ("with the posture", with_posture)):
     away = float(np.abs(result.trajectory.positions - line).max())

@@ -26,7 +26,10 @@ def test_a_plan_comes_back_as_it_was(result: Plan, tmp_path: Path) -> None:
         assert again.to_dict() == result.to_dict()
         np.testing.assert_array_equal(again.trajectory.positions, result.trajectory.positions)
         np.testing.assert_array_equal(again.initial.positions, result.initial.positions)
+        np.testing.assert_array_equal(again.followed.positions, result.followed.positions)
+        assert again.prediction == result.prediction
         assert again.trajectory.dt == result.trajectory.dt
+        assert again.followed.dt == result.followed.dt
         assert again.trajectory.joint_names == result.trajectory.joint_names
         assert again.scene.name == result.scene.name
         assert again.stages == result.stages

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from optipromp.arrays import FloatArray
-from optipromp.optimization import kernels
+from optipromp.optimization.costs.obstacles import self_overlap
 from optipromp.optimization.evaluation import Evaluation
 from optipromp.planning import goals
-from optipromp.planning.setup import Setup
+from optipromp.planning.task import Task
 from optipromp.scenes.scene import Scene
 from optipromp.trajectory import Trajectory, shortest_dt
 
@@ -31,7 +31,7 @@ class Answer:
 Planner = Callable[[Scene, int], Answer]  # a scene and a seed
 
 
-def goal_configurations(setup: Setup, seed: int) -> FloatArray:
+def goal_configurations(setup: Task, seed: int) -> FloatArray:
     """Our inverse kinematics (m, n): a planner in joint space needs somewhere to go.
 
     Its time counts for whoever calls it. Goals that touch what they must not are left out.
@@ -40,7 +40,7 @@ def goal_configurations(setup: Setup, seed: int) -> FloatArray:
     return found if free else found[:0]
 
 
-def timed(setup: Setup, path: FloatArray) -> Trajectory:
+def timed(setup: Task, path: FloatArray) -> Trajectory:
     """A geometric path (m, n) as a trajectory: least-jerk along it, as fast as the limits allow."""
     lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(np.maximum(lengths, 1e-12))])
@@ -51,7 +51,7 @@ def timed(setup: Setup, path: FloatArray) -> Trajectory:
     return at_limits(setup, q)
 
 
-def at_limits(setup: Setup, q: FloatArray) -> Trajectory:
+def at_limits(setup: Task, q: FloatArray) -> Trajectory:
     """Knots (T, n) as a trajectory at the shortest spacing that the limits allow."""
     robot = setup.robot
     dt = shortest_dt(q, robot.velocity, robot.acceleration)
@@ -66,7 +66,7 @@ class Checker:
     and the tool may not touch pushables either.
     """
 
-    def __init__(self, setup: Setup, fruits: bool) -> None:
+    def __init__(self, setup: Task, fruits: bool) -> None:
         self.setup, self.fruits = setup, fruits
         self.evaluation = Evaluation(setup.robot, setup.body, 1, 1.0)
         self.proximal = ~np.asarray(setup.body.distal)
@@ -74,7 +74,7 @@ class Checker:
 
     def __call__(self, q: FloatArray) -> bool:
         """Whether the robot at ``q`` (n,) touches nothing that it must not."""
-        e, around, body = self.evaluation, self.setup.surroundings, self.setup.body
+        e, around = self.evaluation, self.setup.surroundings
         e.move_to(q[None])
         e.static.measure(e, around.static, len(around.static.kind), 0.0)
         if e.static.distance.min(initial=0.0) < 0.0:
@@ -86,8 +86,4 @@ class Checker:
             e.dynamic.measure(e, self.pushables, len(self.pushables.kind), 0.0)
             if e.dynamic.distance.min(initial=0.0) < 0.0:
                 return False
-        overlap = kernels.self_penalty(
-            e.points, body.radius, body.groups, body.pairs, body.link_bound, 0.0, 1.0, e.force,
-            e.stiffness,
-        )  # fmt: skip
-        return not overlap > 0.0
+        return not self_overlap(e, 0.0).any()

@@ -10,8 +10,8 @@ from benchmarks.peers.description import TIP, distal_links, exempt_pairs, urdf
 from benchmarks.registry import NotAvailableError
 from optipromp.arrays import FloatArray
 from optipromp.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
-from optipromp.planning.setup import Setup, bind
-from optipromp.scenes.scene import Scene
+from optipromp.planning.task import Task, resolve
+from optipromp.scenes.scene import PoseGoal, Scene
 
 CONTROL_POINTS, ORDER = 12, 4
 SLOWEST, FASTEST = 20.0, 0.3  # [s] bounds of the duration
@@ -36,7 +36,7 @@ def kinematic_trajectory_optimization(checks: int, margin: float) -> Planner:
         raise NotAvailableError(f"drake is not installed ({error})") from error
 
     def solve(scene: Scene, seed: int) -> Answer:
-        setup = bind(scene)
+        setup = resolve(scene)
         world = _World(drake, setup)
         goals = goal_configurations(setup, seed)
         if not len(goals):
@@ -49,7 +49,7 @@ def kinematic_trajectory_optimization(checks: int, margin: float) -> Planner:
 class _World:
     """A plant with the robot and the scene's obstacles, filtered by their roles."""
 
-    def __init__(self, drake: Any, setup: Setup) -> None:
+    def __init__(self, drake: Any, setup: Task) -> None:
         builder = drake.DiagramBuilder()
         self.plant, scene_graph = drake.AddMultibodyPlantSceneGraph(builder, time_step=0.0)
         drake.Parser(self.plant).AddModelsFromString(urdf(setup.robot), "urdf")
@@ -71,7 +71,7 @@ class _World:
         self.context = self.plant.GetMyMutableContextFromRoot(self.root)
 
     def _filter(
-        self, drake: Any, setup: Setup, scene_graph: Any, things: dict[str, list[Any]]
+        self, drake: Any, setup: Task, scene_graph: Any, things: dict[str, list[Any]]
     ) -> None:
         robot = setup.robot
 
@@ -104,7 +104,7 @@ def _shape(drake: Any, shape: Shape) -> Any:
 
 
 def _optimise(
-    drake: Any, setup: Setup, world: _World, goal: FloatArray, checks: int, margin: float
+    drake: Any, setup: Task, world: _World, goal: FloatArray, checks: int, margin: float
 ) -> Answer:
     robot, plant = setup.robot, world.plant
     n = robot.n_joints
@@ -120,7 +120,8 @@ def _optimise(
     for share in (0.0, 1.0):
         spline.AddPathVelocityConstraint(np.zeros(n), np.zeros(n), share)
     tip = plant.GetFrameByName(TIP)
-    position, axis = setup.goal_position, setup.goal_axis
+    assert isinstance(setup.goal, PoseGoal)
+    position, axis = setup.goal.position, setup.goal.axis
     near = np.full(3, 5e-4)
     spline.AddPathPositionConstraint(
         drake.PositionConstraint(

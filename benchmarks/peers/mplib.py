@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.peers.common import Answer, Planner, at_limits, goal_configurations
 from benchmarks.peers.description import TIP, obstacles, srdf, urdf
 from benchmarks.registry import NotAvailableError
-from optipromp.planning.setup import bind
+from optipromp.planning.task import resolve
 from optipromp.scenes.scene import Scene
 
 PYTHON = "MPLIB_PYTHON"
@@ -47,7 +47,7 @@ def rrt_connect() -> Planner:
 
     def solve(scene: Scene, seed: int) -> Answer:
         began = time.perf_counter()
-        setup = bind(scene)
+        setup = resolve(scene)
         goals = goal_configurations(setup, seed)
         ours = time.perf_counter() - began
         if not len(goals):

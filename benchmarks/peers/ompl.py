@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.peers.common import Answer, Checker, Planner, goal_configurations, timed
 from benchmarks.registry import NotAvailableError
-from optipromp.planning.setup import bind
+from optipromp.planning.task import resolve
 from optipromp.scenes.scene import Scene
 
 LONGEST = 5.0  # [s] of search
@@ -30,7 +30,7 @@ def rrt_connect(fruits: bool) -> Planner:
 
     def solve(scene: Scene, seed: int) -> Answer:
         util.RNG.setSeed(seed + 1)
-        setup = bind(scene)
+        setup = resolve(scene)
         goals = goal_configurations(setup, seed)
         free = Checker(setup, fruits)
         ends = [goal for goal in goals if free(goal)]

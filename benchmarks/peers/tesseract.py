@@ -12,7 +12,7 @@ from benchmarks.peers.common import Answer, Planner, goal_configurations, timed
 from benchmarks.peers.description import BASE, GROUP, TIP, obstacles, srdf, urdf
 from benchmarks.registry import NotAvailableError
 from optipromp.arrays import FloatArray
-from optipromp.planning.setup import Setup, bind
+from optipromp.planning.task import Task, resolve
 from optipromp.scenes.scene import Scene
 
 STEPS = 30  # of the interpolated program
@@ -56,7 +56,7 @@ def trajopt() -> Planner:
     contacts = CONTACTS.format(folder=libraries, library=found[0].name.removeprefix("lib")[:-3])
 
     def solve(scene: Scene, seed: int) -> Answer:
-        setup = bind(scene)
+        setup = resolve(scene)
         goals = goal_configurations(setup, seed)
         if not len(goals):
             return Answer(None, "no goal configuration")
@@ -66,7 +66,7 @@ def trajopt() -> Planner:
     return solve
 
 
-def _environment(package: Any, scene: Scene, setup: Setup, contacts: str) -> Any:
+def _environment(package: Any, scene: Scene, setup: Task, contacts: str) -> Any:
     things = obstacles(scene)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "contacts.yaml"
@@ -80,7 +80,7 @@ def _environment(package: Any, scene: Scene, setup: Setup, contacts: str) -> Any
     return environment
 
 
-def _optimise(package: Any, setup: Setup, environment: Any, goal: FloatArray) -> Answer:
+def _optimise(package: Any, setup: Task, environment: Any, goal: FloatArray) -> Answer:
     language, common = package.tesseract_command_language, package.tesseract_common
     trajopt, simple = (
         package.tesseract_motion_planners_trajopt, package.tesseract_motion_planners_simple,

@@ -26,7 +26,7 @@ from optipromp.arrays import FloatArray
 from optipromp.geometry.obstacles import pack
 from optipromp.geometry.shapes import PointCloudShape
 from optipromp.planning import plan, warm_up
-from optipromp.planning.setup import bind
+from optipromp.planning.task import resolve
 from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
 from optipromp.scenes.io import load_scene
@@ -103,7 +103,7 @@ def _plans(context: Context) -> dict[str, Value]:
     """Whole plans of scenario-4 among things that stand well away from the arm's way."""
     warm_up()
     base = load_scene("scenario-4")
-    robot = bind(base).robot
+    robot = resolve(base).robot
     swept = plan(base).trajectory.positions
     scenes = {n: _crowded(base, robot, swept, n) for n in OBSTACLES}
     times: dict[int, list[float]] = {n: [] for n in OBSTACLES}

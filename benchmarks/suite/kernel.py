@@ -87,8 +87,8 @@ def _parts(case: Case) -> dict[str, Callable[[], object]]:
         e.dynamic.measure(e, around.dynamic, around.shared, p.cutoff)
 
     def terms() -> None:
-        for term in p.terms:
-            term.add(e, term.weight)
+        for cost in p.costs:
+            cost.add(e, cost.weight)
 
     def apart() -> None:
         for constraint in p.constraints:

@@ -22,11 +22,11 @@ from benchmarks.registry import (
 )
 from benchmarks.scenes import groups
 from benchmarks.timing import median, paired_ratio
-from optipromp import metrics
+from optipromp import judging
 from optipromp.errors import OptiPrompError
 from optipromp.experiments.baselines import attempt
 from optipromp.planning import plan, warm_up
-from optipromp.planning.setup import bind
+from optipromp.planning.task import resolve
 from optipromp.scenes.scene import Scene
 
 GROUPS = ("scenario-3", "scenario-4", "generated")
@@ -96,14 +96,15 @@ class Score:
             self.valid.append(False)
             self.clear.append(False)
             return
-        setup = bind(scene)
-        verdict = metrics.judge(scene, setup.robot, answer.trajectory, setup.start)
-        other = [v for v in verdict.violations if STEM_RULE not in v]
-        self.valid.append(not verdict.violations)
+        setup = resolve(scene)
+        verdict = judging.judge(scene, setup.robot, answer.trajectory, setup.start)
+        said = [str(violation) for violation in verdict.violations]
+        other = [v for v in said if STEM_RULE not in v]
+        self.valid.append(not said)
         self.clear.append(not other)
         self.length.append(verdict.metrics.path_length)
         self.smoothness.append(verdict.metrics.smoothness)
-        for violation in verdict.violations:
+        for violation in said:
             self.faults[STEM_RULE if STEM_RULE in violation else violation] += 1
 
     def values(self, name: str) -> dict[str, Value]:

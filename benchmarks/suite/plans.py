@@ -24,14 +24,10 @@ from benchmarks.scenes import many
 from benchmarks.timing import median, paired_ratio, percentile, reference
 from optipromp.arrays import FloatArray
 from optipromp.errors import OptiPrompError
-from optipromp.planning import Plan, plan, warm_up
-from optipromp.planning.build import Knots
-from optipromp.planning.options import PlanOptions
-from optipromp.planning.primitives import camera_point
-from optipromp.planning.setup import bind
-from optipromp.planning.stages import value_of
+from optipromp.planning import PaperOptions, Plan, functionals, plan, warm_up
+from optipromp.planning.task import resolve
 from optipromp.scenes.io import load_scene
-from optipromp.scenes.scene import Scene
+from optipromp.scenes.scene import PoseGoal, Scene
 
 SCENES = ("scenario-3", "scenario-4")
 COUNT = 200
@@ -158,15 +154,15 @@ def strategies(context: Context) -> Values:
 
 def _costs(result: Plan) -> dict[str, float]:
     """The same functionals of any plan, whatever it minimised; lengths in mm."""
-    setup, q = bind(result.scene), result.trajectory.positions
-    values = value_of(setup, PlanOptions(), Knots(len(q), 0.5), q, paper=False)
+    setup, q = resolve(result.scene), result.trajectory.positions
+    values = functionals.values(setup, PaperOptions(), len(q) // 2, q, paper=False)
     tips, _ = setup.robot.tool_pose(q)
-    assert setup.goal_position is not None
+    assert isinstance(setup.goal, PoseGoal)
     return {
         "static cost": 1e3 * values["static"],
         "avoid cost": 1e3 * values["avoid"],
-        "off the line": 1e3 * _off_line(tips - setup.goal_position, setup.scene.frame[2],
-                                        float((camera_point(setup) - setup.goal_position)
+        "off the line": 1e3 * _off_line(tips - setup.goal.position, setup.scene.frame[2],
+                                        float((setup.camera - setup.goal.position)
                                               @ setup.scene.frame[2])),
     }  # fmt: skip
 

@@ -4,8 +4,10 @@
 >>> result = plan(load_scene("scenario-3"))
 >>> result.success, result.metrics.goal_error, result.trajectory.positions.shape
 
-The names below are the library's public face; each is loaded when it is first asked for, so that
-importing the package costs nothing.
+The verbs are :func:`plan`, :func:`plan_many`, :func:`judge` and :func:`simulate` (which needs the
+extra ``sim``). Shapes, robots, primitives, pushing and costs are in the sub-packages ``geometry``,
+``scenes``, ``robots``, ``promp``, ``pushing`` and ``optimization.costs``. Each name below is loaded
+when it is first used, so that importing the package is fast.
 """
 
 from importlib import import_module
@@ -14,11 +16,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from optipromp.errors import Code as Code
     from optipromp.errors import OptiPrompError as OptiPrompError
-    from optipromp.metrics import Metrics as Metrics
+    from optipromp.judging import Metrics as Metrics
     from optipromp.output import load_plan as load_plan
     from optipromp.output import write_plan as write_plan
+    from optipromp.planning import PaperOptions as PaperOptions
     from optipromp.planning import Plan as Plan
     from optipromp.planning import PlanOptions as PlanOptions
+    from optipromp.planning import Verdict as Verdict
+    from optipromp.planning import judge as judge
     from optipromp.planning.many import plan_many as plan_many
     from optipromp.planning.plan import plan as plan
     from optipromp.promp import Basis as Basis
@@ -38,13 +43,14 @@ if TYPE_CHECKING:
     from optipromp.scenes.io import save_scene as save_scene
     from optipromp.scenes.scene import Scene as Scene
     from optipromp.scenes.scene import SceneObject as SceneObject
+    from optipromp.simulation import simulate as simulate
     from optipromp.trajectory import Trajectory as Trajectory
 
 _HOMES = {
     "errors": ("Code", "OptiPrompError"),
-    "metrics": ("Metrics",),
+    "judging": ("Metrics",),
     "output": ("load_plan", "write_plan"),
-    "planning": ("Plan", "PlanOptions", "plan", "plan_many"),
+    "planning": ("PaperOptions", "Plan", "PlanOptions", "Verdict", "judge", "plan", "plan_many"),
     "promp": (
         "Basis",
         "JointPoint",
@@ -60,6 +66,7 @@ _HOMES = {
     "robots.tools": ("Cup", "FrankaHand", "with_tool"),
     "scenes.io": ("load_scene", "save_scene"),
     "scenes.scene": ("Scene", "SceneObject"),
+    "simulation": ("simulate",),
     "trajectory": ("Trajectory",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

@@ -11,16 +11,17 @@ import numpy as np
 
 from optipromp.errors import Code, InvalidRequestError, InvalidSceneError, OptiPrompError
 from optipromp.files import json_text, write_atomically
-from optipromp.metrics import Contact, Metrics
+from optipromp.judging import Contact, Metrics
 from optipromp.planning import Plan, Term
-from optipromp.planning.setup import bind
-from optipromp.planning.stages import Stage
+from optipromp.planning.result import Stage, ViaPoint
+from optipromp.planning.task import resolve
+from optipromp.pushing.model import Prediction
 from optipromp.scenes.io import scene_from_dict, scene_to_dict
 from optipromp.trajectory import Trajectory
 
 __all__ = ["load_plan", "write_plan"]
 
-FORMAT = 1
+FORMAT = 2
 
 
 def write_plan(
@@ -67,10 +68,11 @@ def load_plan(path: Path | str) -> Plan:
         if document["scene_file"] is None:
             raise InvalidRequestError("its scene held a shape made in memory and was not written")
         scene = scene_from_dict(document["scene_file"], base_dir=folder, source=str(path))
+        found = document["predicted_harm"]
         names = tuple(str(name) for name in arrays["joint_names"])
         return Plan(
             scene=scene,
-            robot=bind(scene).robot,
+            robot=resolve(scene).robot,
             planner=document["planner"],
             strategy=document["strategy"],
             seed=document["seed"],
@@ -78,29 +80,15 @@ def load_plan(path: Path | str) -> Plan:
             message=document["message"],
             trajectory=Trajectory(arrays["positions"], float(arrays["dt"]), names),
             initial=Trajectory(arrays["initial"], float(arrays["initial_dt"]), names),
+            followed=Trajectory(arrays["followed"], float(arrays["followed_dt"]), names),
+            prediction=Prediction(**found) if found else None,
             metrics=Metrics(**document["metrics"]),
-            terms={
-                name: Term(
-                    initial=term["initial"],
-                    final=term["final"],
-                    history=tuple(term["history"]),
-                    stage=term["stage"],
-                )
-                for name, term in document["terms"].items()
-            },
-            stages=tuple(
-                Stage(
-                    name=stage["name"],
-                    solver=stage["solver"],
-                    terms=tuple(stage["terms"]),
-                    history=tuple(stage["history"]),
-                    seconds=stage["seconds"],
-                    message=stage["message"],
-                )
-                for stage in document["stages"]
-            ),
+            terms={name: Term(**_tuples(term)) for name, term in document["terms"].items()},
+            stages=tuple(Stage(**_tuples(stage)) for stage in document["stages"]),
             contacts=tuple(Contact(**contact) for contact in document["contacts"]),
             time=document["time"],
+            first=document["first"],
+            via=tuple(ViaPoint(v["name"], np.array(v["position"])) for v in document["via"]),
         )
     except InvalidSceneError:
         raise
@@ -110,27 +98,25 @@ def load_plan(path: Path | str) -> Plan:
         raise InvalidRequestError(f"{path}: not a plan that this version wrote ({error})") from None
 
 
+def _tuples(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+
+
 def _document(plan: Plan, folder: Path) -> dict[str, Any]:
-    from optipromp import __version__
+    from importlib.metadata import version
 
     try:
         scene = scene_to_dict(plan.scene, base_dir=folder)
     except InvalidSceneError:  # a mesh made in memory: the plan is still worth writing
         scene = None
-    return {
-        **plan.to_dict(),
-        "format": FORMAT,
-        "version": __version__,
-        "stages": [vars(stage) for stage in plan.stages],
-        "scene_file": scene,
-    }
+    return plan.to_dict() | {"format": FORMAT, "version": version("optipromp"), "scene_file": scene}
 
 
 def _csv(trajectory: Trajectory) -> bytes:
     rows = [",".join(["time", *trajectory.joint_names])]
     rows += [
-        ",".join(format(value, ".10g") for value in (time, *knot))
-        for time, knot in zip(trajectory.times, trajectory.positions, strict=True)
+        ",".join(format(value, ".10g") for value in (time, *waypoint))
+        for time, waypoint in zip(trajectory.times, trajectory.positions, strict=True)
     ]
     return ("\n".join(rows) + "\n").encode("utf-8")
 
@@ -144,6 +130,8 @@ def _npz(plan: Plan) -> bytes:
         dt=np.array(plan.trajectory.dt),
         initial=plan.initial.positions,
         initial_dt=np.array(plan.initial.dt),
+        followed=plan.followed.positions,
+        followed_dt=np.array(plan.followed.dt),
         joint_names=np.array(plan.trajectory.joint_names, dtype=np.str_),
     )
     return stream.getvalue()

@@ -1,4 +1,4 @@
-"""The one currency of the library: joint positions at uniformly spaced knots."""
+"""The one currency of the library: joint positions at uniformly spaced waypoints."""
 
 import math
 from dataclasses import dataclass
@@ -11,16 +11,16 @@ from optipromp.errors import InvalidRequestError
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Joint positions at T uniformly spaced knots.
+    """Joint positions at T uniformly spaced waypoints.
 
     Args:
         positions: (T, n) [rad, or m for a prismatic joint].
-        dt: spacing of the knots [s].
+        dt: time between two waypoints [s].
         joint_names: n names.
 
     Raises:
-        InvalidRequestError: fewer than 3 knots, a value that is not finite, ``dt`` not positive,
-            or a wrong number of names.
+        InvalidRequestError: fewer than 3 waypoints, a value that is not finite, a ``dt``
+            that is not positive, or a wrong number of names.
     """
 
     positions: FloatArray
@@ -47,17 +47,17 @@ class Trajectory:
 
     @property
     def n_knots(self) -> int:
-        """T, the number of knots."""
+        """T, the number of waypoints."""
         return int(self.positions.shape[0])
 
     @property
     def duration(self) -> float:
-        """Time from the first knot to the last [s]."""
+        """Time from the first waypoint to the last [s]."""
         return self.dt * (self.n_knots - 1)
 
     @property
     def times(self) -> FloatArray:
-        """Time of each knot (T,) [s]."""
+        """Time of each waypoint (T,) [s]."""
         return np.asarray(np.arange(self.n_knots) * self.dt, dtype=np.float64)
 
     @property
@@ -67,12 +67,12 @@ class Trajectory:
 
     @property
     def accelerations(self) -> FloatArray:
-        """Acceleration at each knot (T, n), from rest before the first and after the last knot."""
+        """Acceleration at each waypoint (T, n); at rest before the first and after the last."""
         steps = _steps(self.positions)
         return np.asarray((steps[1:] - steps[:-1]) / self.dt**2)
 
     def with_dt(self, dt: float) -> "Trajectory":
-        """The same knots at another spacing [s]."""
+        """The same waypoints at another spacing [s]."""
         return Trajectory(self.positions, dt, self.joint_names)
 
 

@@ -41,8 +41,8 @@ def test_the_cpp_program_agrees_with_our_kernels() -> None:
     assert len(robot.spheres.radius) == 60
     case = Case(robot, 24, near_obstacles(robot, reach(24), 13))
     value = case.problem.evaluate(case.q)
-    weighted = sum(t.weight * value.terms[t.name] for t in case.problem.terms)
-    assert min(value.terms.values()) > 0.0, "a term that is not active is not compared"
+    weighted = sum(t.weight * value.costs[t.name] for t in case.problem.costs)
+    assert min(value.costs.values()) > 0.0, "a term that is not active is not compared"
     assert value.merit > weighted, "nor is self-collision"
     with Program(case) as program:
         assert program.difference(case) < 1e-9

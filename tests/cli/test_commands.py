@@ -2,12 +2,14 @@
 
 import json
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
+from optipromp.promp import Basis, ProMP, load_demonstrations, residuals
 
 runner = CliRunner()
 HELP = {
@@ -25,7 +27,7 @@ def demonstrations(tmp_path: Path) -> Path:
     goals = np.linspace(0.5, 1.0, 6)
     positions = goals[:, None, None] * (phase**2 * (3 - 2 * phase))[None, :, None] * np.ones(3)
     path = tmp_path / "recorded.npz"
-    np.savez(path, positions=positions)
+    np.savez(path, positions=positions, joint_names=np.array(["a", "b", "c"]))
     return path
 
 
@@ -58,11 +60,13 @@ def test_list_for_people_names_the_same() -> None:
 
 
 def test_planners_and_strategies_are_those_of_the_library() -> None:
-    from optipromp.cli.plan import Planner, Strategy
+    from optipromp.cli import options
     from optipromp.planning.options import PLANNERS, STRATEGIES
+    from optipromp.scenes.generate import PRESETS
 
-    assert tuple(Planner) == PLANNERS
-    assert tuple(Strategy) == STRATEGIES
+    assert get_args(options.Planner) == PLANNERS
+    assert get_args(options.Strategy) == STRATEGIES
+    assert get_args(options.Preset) == PRESETS
 
 
 @pytest.mark.parametrize(
@@ -134,6 +138,7 @@ def test_plan_of_a_scene_that_is_not_there_has_every_key() -> None:
         ["plan", "scenario-3", "--strategy", "both"],
         ["plan", "scenario-3", "--seed", "-1"],
         ["learn", "recorded.npz"],
+        ["learn", "recorded.npz", "--out", "reach.npz", "--basis", "5"],
         ["nothing"],
     ],
 )
@@ -143,14 +148,21 @@ def test_wrong_usage_ends_with_two(arguments: list[str]) -> None:
     assert result.stdout == ""
 
 
+def test_the_folder_for_plans_has_one_name() -> None:
+    result = runner.invoke(app, ["plan", "scenario-3", "--output", "reach"])
+    assert result.exit_code == 2
+    assert "--out" in result.stderr.replace("--output", "")
+
+
 @pytest.mark.parametrize(
-    "option", [["--knots", "2"], ["--duration", "0"], ["--timeout", "-1"], ["--duration", "nan"]]
+    "option",
+    [["--set", "waypoints=2"], ["--duration", "0"], ["--timeout", "-1"], ["--duration", "nan"]],
 )
 def test_options_out_of_range_are_refused_by_name(option: list[str]) -> None:
     result = runner.invoke(app, ["plan", "scenario-3", *option])
     assert result.exit_code == 2
     assert result.stderr.startswith("error INVALID_REQUEST: ")
-    assert option[0].lstrip("-") in result.stderr
+    assert option[1].split("=")[0] in result.stderr or option[0].lstrip("-") in result.stderr
 
 
 @pytest.mark.parametrize("command", [["plan", "scenario-3"], ["scenarios"]])
@@ -167,12 +179,80 @@ def test_an_unwritable_folder_is_refused_before_the_work(
 
 def test_learn_leaves_a_primitive_that_check_knows(demonstrations: Path, tmp_path: Path) -> None:
     out = tmp_path / "reach.npz"
-    arguments = ["learn", str(demonstrations), "--out", str(out), "--basis", "7", "--json"]
+    arguments = ["learn", str(demonstrations), "--out", str(out), "--bases", "7", "--json"]
     document = json.loads(runner.invoke(app, arguments).stdout)
-    assert document["basis"] == 7
+    assert document["bases"] == 7
+    assert document["held_out_residual"] == {}
     assert document["demonstrations"] == 6
+    assert Path(document["figure"]).read_bytes().startswith(b"\x89PNG")
     checked = json.loads(runner.invoke(app, ["check", str(out), "--json"]).stdout)
-    assert (checked["kind"], checked["basis"]) == ("primitive", 7)
+    assert (checked["kind"], checked["bases"]) == ("primitive", 7)
+
+
+def test_learn_says_its_residual_and_how_many_bases_it_chose(
+    demonstrations: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "reach.npz"
+    arguments = ["learn", str(demonstrations), "--out", str(out), "--no-figure"]
+    document = json.loads(runner.invoke(app, [*arguments, "--json"]).stdout)
+    held_out = {int(count): value for count, value in document["held_out_residual"].items()}
+    assert document["bases"] == min(held_out, key=lambda count: held_out[count])
+    rest = np.concatenate(residuals(load_demonstrations(demonstrations), Basis(document["bases"])))
+    assert document["residual"]["rms"] == pytest.approx(np.sqrt((rest**2).mean()))
+    assert document["residual"]["joints"]["b"]["largest"] == pytest.approx(np.abs(rest[:, 1]).max())
+    assert document["figure"] is None
+    assert not out.with_suffix(".png").exists()
+    result = runner.invoke(app, arguments)
+    assert result.stderr == ""
+    assert f"{document['residual']['rms']:.4f}" in result.stdout.split("all")[-1]
+    assert f"{document['bases']} bases a joint, cross-validated" in result.stdout
+
+
+def test_learn_warns_of_what_its_bases_cannot_follow(tmp_path: Path) -> None:
+    """A demonstration that jumps by 1 rad in a joint half-way."""
+    positions = np.linspace(0.0, 1.0, 40)[None, :, None] * np.arange(1.0, 5.0)[:, None, None]
+    positions[2, 20:] += 1.0
+    path, out = tmp_path / "jump.npz", tmp_path / "p.npz"
+    np.savez(path, positions=positions, joint_names=np.array(["a"]))
+    arguments = ["learn", str(path), "--out", str(out), "--bases", "6"]
+    result = runner.invoke(app, arguments)
+    assert result.exit_code == 0
+    assert "warning: the bases are more than 0.05 rad (or m) from 1 of 4 demon" in result.stderr
+    assert "furthest is demonstration 2, a, at phase 0.5" in result.stderr
+    message = json.loads(runner.invoke(app, [*arguments, "--json"]).stdout)["message"]
+    assert message in result.stderr
+
+
+def test_names_are_asked_for(demonstrations: Path, tmp_path: Path) -> None:
+    """Without names a file is learnt from with a warning, or in the order of a robot one names."""
+    arrays = dict(np.load(demonstrations))
+    del arrays["joint_names"]
+    path, out = tmp_path / "nameless.npz", tmp_path / "p.npz"
+    np.savez(path, **arrays)
+    learn = ["learn", str(path), "--out", str(out), "--no-figure"]
+    for arguments in (learn, ["check", str(path)], ["check", str(out)]):
+        result = runner.invoke(app, arguments)
+        assert result.exit_code == 0
+        assert "has no joint names, so 'plan' refuses it" in result.stderr
+    result = runner.invoke(app, [*learn, "--robot", "scara", "--json"])
+    names = ["lift_joint", "shoulder_joint", "elbow_joint"]
+    assert json.loads(result.stdout)["joints"] == names
+    assert "taken to be lift_joint, shoulder_joint, elbow_joint, in this order" in result.stderr
+    np.savez(path, **arrays, joint_names=np.array(sorted(names)))
+    result = runner.invoke(app, [*learn, "--robot", "scara", "--json"])
+    assert json.loads(result.stdout)["joints"] == names
+    assert result.stderr == ""
+    start = arrays["positions"][:, :, [1, 2, 0]].mean(axis=0)[0]
+    np.testing.assert_allclose(ProMP.load(out).mean_trajectory(2)[0], start, atol=0.01)
+    result = runner.invoke(app, [*learn, "--robot", "panda"])
+    assert result.exit_code == 2
+    assert result.stderr.startswith(f"error INVALID_DEMONSTRATION: {path}: the robot has no joint")
+
+
+def test_learn_writes_npz_only(demonstrations: Path, tmp_path: Path) -> None:
+    result = runner.invoke(app, ["learn", str(demonstrations), "--out", str(tmp_path / "a.promp")])
+    assert result.exit_code == 2
+    assert "ends in .npz" in result.stderr
 
 
 def test_learn_by_expectation_maximisation(demonstrations: Path, tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ def read(text: str) -> Any:
 def test_generated_scenes_are_planned_each_into_its_folder(tmp_path: Path) -> None:
     scenes, plans = tmp_path / "scenes", tmp_path / "plans"
     assert call("generate", "--preset", "table-top", "--count", 3, "--out", scenes)[0] == 0
-    code, stdout, stderr = call("plan", scenes, "--output", plans, "--json", "--workers", 2)
+    code, stdout, stderr = call("plan", scenes, "--out", plans, "--json", "--workers", 2)
     document = read(stdout)
     assert "3 of 3 planned" in stderr
     assert [Path(record["file"]) for record in document["scenes"]] == sorted(scenes.iterdir())
@@ -36,7 +36,7 @@ def test_generated_scenes_are_planned_each_into_its_folder(tmp_path: Path) -> No
     assert document["succeeded"] == statuses.count("success")
     assert code == (0 if document["succeeded"] == 3 else 1)
     for record in document["scenes"]:
-        folder = Path(record["output"])
+        folder = Path(record["out"])
         assert folder.parent == plans
         assert {path.name for path in folder.iterdir()} == {
             "plan.json", "trajectory.csv", "trajectory.npz",

@@ -45,7 +45,7 @@ def quick(monkeypatch):
             noise_angle=noise_angle, pushables=1, redraws=0, plan_status="success", success=False,
             cause="stem_caught", message="", picked=True, swallowed="", unripe_force=1.0,
             target_force=1.0, static_force=0.0, torn="", stem_force=0.0, duration=1.0,
-            plan_time=0.1, simulation_time=1.0, version=version,
+            predicted_harm=0.0, plan_time=0.1, simulation_time=1.0, version=version,
         )  # fmt: skip
         return [replace(row, planner=planner, success=planner == "chomp") for planner in planners]
 

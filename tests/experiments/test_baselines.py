@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from optipromp import metrics
+from optipromp import judging
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.experiments.baselines import STUDY_PLANNERS, as_obstacles, attempt, straight
-from optipromp.planning.primitives import camera_point
-from optipromp.planning.setup import bind
+from optipromp.planning.task import resolve
+from optipromp.pushing.hanging import THRESHOLD
 from optipromp.scenes import JointGoal, load_scene
 from optipromp.scenes.generate import generate
 
@@ -14,13 +14,13 @@ from optipromp.scenes.generate import generate
 def test_straight_goes_to_the_camera_point_and_then_along_the_approach(preset: str) -> None:
     scene = generate(preset, 7)
     made = straight(scene)
-    setup = bind(scene)
+    setup = resolve(scene)
     q = made.trajectory.positions
     np.testing.assert_array_equal(q[0], setup.start)
     tips, axes = setup.robot.tool_pose(q)
     assert np.linalg.norm(tips[-1] - scene.target.position) < 1e-4
     assert axes[-1] @ scene.frame[2] > np.cos(1e-3)
-    camera = camera_point(setup)
+    camera = setup.camera
     stop = int(np.argmin(np.linalg.norm(tips - camera, axis=1)))
     assert np.linalg.norm(tips[stop] - camera) < 1e-4
     off = tips[stop:] - scene.target.position
@@ -33,12 +33,18 @@ def test_straight_goes_to_the_camera_point_and_then_along_the_approach(preset: s
 def test_straight_keeps_the_limits_and_says_what_it_touches() -> None:
     for seed in range(4):
         made = straight(generate("table-top", seed))
-        setup = bind(generate("table-top", seed))
-        verdict = metrics.judge(setup.scene, setup.robot, made.trajectory, setup.start)
+        setup = resolve(generate("table-top", seed))
+        verdict = judging.judge(
+            setup.scene, setup.robot, made.trajectory, setup.start, stem_side=made.harm is None
+        )
         assert verdict.metrics.velocity_ratio <= 1.0 + 1e-6
         assert verdict.metrics.acceleration_ratio <= 1.0 + 1e-6
         assert verdict.metrics.goal_error < 1e-3
-        assert (made.status is Code.SUCCESS) == (not verdict.violations)
+        assert (made.status is Code.INVALID_PLAN) == bool(verdict.violations)
+        if not verdict.violations:
+            assert made.harm is not None
+            harmful = made.harm > THRESHOLD
+            assert made.status is (Code.HARM_PREDICTED if harmful else Code.SUCCESS)
 
 
 def test_straight_says_when_it_cannot_get_there() -> None:

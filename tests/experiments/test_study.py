@@ -23,7 +23,8 @@ ROW = Row(
     preset="cluster", seed=0, planner="straight", noise_position=0.0, noise_angle=0.0, pushables=2,
     redraws=5, plan_status="success", success=False, cause="crushed", message='n1, "hard"',
     picked=True, swallowed="", unripe_force=12.5, target_force=0.1, static_force=0.0, torn="",
-    stem_force=1.0, duration=3.0, plan_time=0.1, simulation_time=1.0, version="x",
+    stem_force=1.0, duration=3.0, predicted_harm=0.2, plan_time=0.1,
+    simulation_time=1.0, version="x",
 )  # fmt: skip
 
 
@@ -84,7 +85,13 @@ def test_summary_counts() -> None:
 
 
 @pytest.mark.parametrize(
-    "row", [ROW, replace(ROW, picked=None, unripe_force=None, duration=None, success=True)]
+    "row",
+    [
+        ROW,
+        replace(
+            ROW, picked=None, unripe_force=None, duration=None, predicted_harm=None, success=True
+        ),
+    ],
 )
 def test_a_row_outlives_its_file(row: Row, tmp_path: Path) -> None:
     RowFile(tmp_path, small()).append(row)
@@ -233,7 +240,7 @@ def test_a_real_run_is_the_same_in_another_process(tmp_path: Path) -> None:
     for one, other in zip(alone, together, strict=True):
         times = {"plan_time": 0.0, "simulation_time": 0.0}
         assert replace(one, **times) == replace(other, **times)
-        assert one.plan_status in ("success", "INVALID_PLAN")
+        assert one.plan_status in ("success", "INVALID_PLAN", "HARM_PREDICTED")
         assert one.unripe_force is not None
     assert not multiprocessing.active_children()
     assert np.ptp([row.seed for row in alone]) == 1

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from optipromp.geometry import Box, Capsule, Sphere, pack
+from optipromp.optimization.costs import Cost
 from optipromp.optimization.problem import Problem, Surroundings
-from optipromp.optimization.terms import Term
 from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
 from optipromp.robots.tools import Cup, with_tool
@@ -84,8 +84,8 @@ class Case:
 
     def problem(
         self,
-        terms: Sequence[Term] = (),
-        constraints: Sequence[Term] = (),
+        terms: Sequence[Cost] = (),
+        constraints: Sequence[Cost] = (),
         surroundings: Surroundings | None = None,
         cutoff: float = 0.08,
         end_fixed: bool = False,

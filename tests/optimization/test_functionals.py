@@ -7,9 +7,9 @@ import pytest
 from tests.optimization.builders import EMPTY, reach
 
 from optipromp.geometry import Sphere, pack
-from optipromp.optimization import kernels
+from optipromp.optimization.costs.obstacles import ObstacleCost, chomp_cost
+from optipromp.optimization.costs.tool import PushCost
 from optipromp.optimization.problem import Problem, Surroundings
-from optipromp.optimization.terms import ObstacleTerm, PushTerm
 
 
 def chomp_gradient(
@@ -63,7 +63,7 @@ def test_gradient_tends_to_the_functional_gradient(reduction: str, panda: Any) -
     for knots in (41, 81, 161, 321):
         z = np.linspace(0.0, 1.0, knots)
         q = reach(panda, z)
-        term = ObstacleTerm("static", 1.0, epsilon, reduction)  # type: ignore[arg-type]
+        term = ObstacleCost("static", 1.0, epsilon, reduction)  # type: ignore[arg-type]
         problem = Problem(panda.robot, around, [term], (), knots, cutoff=0.3)
         problem.evaluate(q)
         gradient = problem.gradient() * (knots - 1)
@@ -94,23 +94,23 @@ def test_gradient_tends_to_the_functional_gradient(reduction: str, panda: Any) -
 
 
 @pytest.mark.parametrize("epsilon", [0.01, 0.3])
-def test_obstacle_cost_is_smooth_where_its_pieces_meet(epsilon: float) -> None:
-    cost, slope = kernels.obstacle_cost(0.0, epsilon)
+def test_the_chomp_cost_is_smooth_where_its_pieces_meet(epsilon: float) -> None:
+    cost, slope = chomp_cost(0.0, epsilon)
     assert (cost, slope) == (pytest.approx(epsilon / 2), -1.0)
-    assert kernels.obstacle_cost(epsilon, epsilon) == (0.0, 0.0)
+    assert chomp_cost(epsilon, epsilon) == (0.0, 0.0)
     for d in (0.0, epsilon):
-        low, high = (kernels.obstacle_cost(d + s * 1e-9, epsilon) for s in (-1, 1))
+        low, high = (chomp_cost(d + s * 1e-9, epsilon) for s in (-1, 1))
         assert low[0] == pytest.approx(high[0], abs=3e-9)
         assert low[1] == pytest.approx(high[1], abs=1e-6)
-    assert kernels.obstacle_cost(-0.2, epsilon) == (pytest.approx(0.2 + epsilon / 2), -1.0)
-    assert kernels.obstacle_cost(2 * epsilon, epsilon) == (0.0, 0.0)
+    assert chomp_cost(-0.2, epsilon) == (pytest.approx(0.2 + epsilon / 2), -1.0)
+    assert chomp_cost(2 * epsilon, epsilon) == (0.0, 0.0)
 
 
 def test_max_takes_one_point_and_sum_takes_all(panda: Any) -> None:
     around = panda.surroundings()
     values = {}
     for reduction in ("max", "sum"):
-        term = ObstacleTerm("static", 1.0, 0.05, reduction)  # type: ignore[arg-type]
+        term = ObstacleCost("static", 1.0, 0.05, reduction)  # type: ignore[arg-type]
         values[reduction] = panda.problem([term], surroundings=around).evaluate(panda.q).merit
     assert 0.0 < values["max"] < values["sum"]
     # by hand, from the distances alone
@@ -138,9 +138,9 @@ def test_push_is_what_the_method_says(panda: Any) -> None:
     off = (tools[first:] - goal) @ frame.T
     trapezoid = np.full(len(off), 1.0 / (len(tools) - 1))
     trapezoid[[0, -1]] *= 0.5
-    term = PushTerm(1.0, goal, frame, first, weights)
-    value = panda.problem([term]).evaluate(panda.q).terms["push"]
+    term = PushCost(1.0, goal, frame, first, weights)
+    value = panda.problem([term]).evaluate(panda.q).costs["push"]
     assert value == pytest.approx(float(trapezoid @ (off**2 @ weights)), rel=1e-12)
-    term = PushTerm(1.0, goal, frame, first, weights, "reciprocal", 1e-9)
-    value = panda.problem([term]).evaluate(panda.q).terms["push"]
+    term = PushCost(1.0, goal, frame, first, weights, "reciprocal", 1e-9)
+    value = panda.problem([term]).evaluate(panda.q).costs["push"]
     assert value == pytest.approx(float(np.sum(1.0 / np.abs(off[:-1, 1]))), rel=1e-9)

@@ -7,24 +7,20 @@ import numpy as np
 import pytest
 
 from optipromp.geometry import pack
-from optipromp.optimization.constraints import (
-    ClearanceConstraint,
-    GoalConstraint,
-    LimitConstraint,
-    StepConstraint,
-)
+from optipromp.optimization.costs.joints import LimitCost, SmoothnessCost, StepCost, VelocityCost
+from optipromp.optimization.costs.obstacles import ClearanceCost, ObstacleCost
+from optipromp.optimization.costs.tool import GoalCost
+from optipromp.optimization.gauss_newton import GaussNewtonOptions, solve
 from optipromp.optimization.problem import Problem, Surroundings, Value
-from optipromp.optimization.solvers.gauss_newton import GaussNewtonOptions, solve
-from optipromp.optimization.terms import ObstacleTerm, SmoothnessTerm, VelocityTerm
 
 NOTHING = Surroundings(pack([]), pack([]), 0)
 ONE_STAGE = GaussNewtonOptions(stages=(1.0,), iterations=(30,), tolerance=1e-12)
 
 
 def to_goal(panda: Any, goal: np.ndarray, around: Surroundings = NOTHING) -> Problem:
-    limits = LimitConstraint(1e6, panda.robot.lower, panda.robot.upper)
+    limits = LimitCost(1e6, panda.robot.lower, panda.robot.upper)
     return panda.problem(  # type: ignore[no-any-return]
-        [SmoothnessTerm(1e-5)], [GoalConstraint(1e6, goal, None), limits], surroundings=around
+        [SmoothnessCost(1e-5)], [GoalCost(1e6, goal, None), limits], surroundings=around
     )
 
 
@@ -40,10 +36,10 @@ def test_reaches_a_goal_from_a_standstill(panda: Any) -> None:
 
 
 def test_never_ends_above_where_it_began(panda: Any) -> None:
-    terms = [ObstacleTerm("static", 1.0, 0.05, "sum"), VelocityTerm(0.1), SmoothnessTerm(1e-4)]
+    terms = [ObstacleCost("static", 1.0, 0.05, "sum"), VelocityCost(0.1), SmoothnessCost(1e-4)]
     kept = [
-        ClearanceConstraint("touch", "static", 1e4, 0.02),
-        StepConstraint(1e4, np.full(7, 0.05)),
+        ClearanceCost("touch", "static", 1e4, 0.02),
+        StepCost(1e4, np.full(7, 0.05)),
     ]
     problem = panda.problem(terms, kept, end_fixed=True)
     before = problem.evaluate(panda.q)
@@ -53,7 +49,7 @@ def test_never_ends_above_where_it_began(panda: Any) -> None:
     assert problem.evaluate(result.q).merit == result.value.merit
     assert np.linalg.norm(problem.gradient()) < 1e-3 * gradient
     np.testing.assert_array_equal(result.q[[0, -1]], panda.q[[0, -1]])
-    assert result.history[0] == before.terms
+    assert result.history[0] == before.costs
 
 
 def test_cost_and_penalty_make_the_merit_at_any_stiffness(panda: Any) -> None:
@@ -116,9 +112,9 @@ def test_a_goal_out_of_reach_ends_finite_and_inside_the_limits(panda: Any) -> No
 @pytest.mark.parametrize("end_fixed", [False, True])
 def test_three_knots_are_enough(panda: Any, end_fixed: bool) -> None:
     q = panda.q[:3]
-    kept = [GoalConstraint(1.0, np.array([0.4, 0.1, 0.5]), None)]
+    kept = [GoalCost(1.0, np.array([0.4, 0.1, 0.5]), None)]
     problem = Problem(
-        panda.robot, NOTHING, [VelocityTerm(1.0)], kept, 3, cutoff=0.05, end_fixed=end_fixed
+        panda.robot, NOTHING, [VelocityCost(1.0)], kept, 3, cutoff=0.05, end_fixed=end_fixed
     )
     result = solve(problem, q, ONE_STAGE)
     assert result.value.merit < problem.evaluate(q).merit

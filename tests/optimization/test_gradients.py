@@ -7,84 +7,56 @@ import numpy as np
 import pytest
 
 from optipromp.errors import InvalidRequestError
-from optipromp.optimization.constraints import (
-    ClearanceConstraint,
-    CorridorConstraint,
-    DriftConstraint,
-    FunnelConstraint,
-    GoalConstraint,
-    LevelConstraint,
-    LimitConstraint,
-    SelfConstraint,
-    StepConstraint,
-    ToolStepConstraint,
-    UprightConstraint,
-)
-from optipromp.optimization.terms import (
-    ObstacleTerm,
-    PushTerm,
-    SmoothnessTerm,
-    Term,
-    VelocityTerm,
+from optipromp.optimization.costs import Cost
+from optipromp.optimization.costs.joints import LimitCost, SmoothnessCost, StepCost, VelocityCost
+from optipromp.optimization.costs.obstacles import ClearanceCost, ObstacleCost, SelfCost
+from optipromp.optimization.costs.tool import (
+    CorridorCost,
+    GoalCost,
+    LevelCost,
+    PushCost,
+    UprightCost,
 )
 
 FRAME = np.array([[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
 
 
-def terms(case: Any) -> dict[str, Term]:
+def terms(case: Any) -> dict[str, Cost]:
     """Each functional, set up so that it is active on the case's trajectory."""
     tools, _ = case.robot.tool_pose(case.q)
     goal = tools[-1] + [0.03, -0.02, 0.05]
     weights = np.array([1.0, 0.5, 2.0])
     return {
-        "static sum": ObstacleTerm("static", 1.3, 0.03, "sum"),
-        "static max": ObstacleTerm("static", 1.3, 0.03, "max"),
-        "avoid sum": ObstacleTerm("avoid", 0.7, 0.05, "sum"),
-        "avoid max": ObstacleTerm("avoid", 0.7, 0.05, "max"),
-        "push quadratic": PushTerm(1.1, goal, FRAME, 2, weights),
-        "push reciprocal": PushTerm(1.1, goal, FRAME, 2, weights, "reciprocal", 1e-2),
-        "velocity": VelocityTerm(0.9),
-        "smoothness": SmoothnessTerm(0.01),
+        "static sum": ObstacleCost("static", 1.3, 0.03, "sum"),
+        "static max": ObstacleCost("static", 1.3, 0.03, "max"),
+        "avoid sum": ObstacleCost("avoid", 0.7, 0.05, "sum"),
+        "avoid max": ObstacleCost("avoid", 0.7, 0.05, "max"),
+        "push quadratic": PushCost(1.1, goal, FRAME, 2, weights),
+        "push reciprocal": PushCost(1.1, goal, FRAME, 2, weights, "reciprocal", 1e-2),
+        "velocity": VelocityCost(0.9),
+        "smoothness": SmoothnessCost(0.01),
     }
 
 
-def constraints(case: Any) -> dict[str, Term]:
+def constraints(case: Any) -> dict[str, Cost]:
     """Each constraint, set up so that the case's trajectory breaks it."""
     robot, q = case.robot, case.q
     tools, axes = robot.tool_pose(q)
     proximal = ~np.asarray(case.problem().evaluation.body.distal)
     low, high = q.min(axis=0), q.max(axis=0)
     inner = 0.2 * (high - low)
-    directions = np.array([FRAME[1], -FRAME[0]])
-    # the first pushable is passed inside its window, the second above and below it
-    centers = np.array([tools[3] - 0.01 * FRAME[1], tools[5] + 0.004 * FRAME[2]])
-    height = float(np.abs((tools[1:] - centers[1]) @ FRAME[2]).min())
-    windows = np.array([[-1.0, 0.9], [-0.5 * height, 0.4 * height]])
-    offset = np.array([0.06, 4.0 * height + 0.2])
-    aside = np.einsum("tni,ni->tn", tools[:, None] - centers, directions)
-    most = aside + np.linspace(-0.02, 0.05, aside.size).reshape(aside.shape)  # some are kept
     return {
-        "touch": ClearanceConstraint("touch", "static", 40.0, 0.02),
-        "avoid": ClearanceConstraint("avoid", "dynamic", 50.0, 0.05, proximal),
-        "self": SelfConstraint(30.0, 0.25),
-        "drift": DriftConstraint(80.0, centers, directions, FRAME[2], windows, offset, 1),
-        "drift at most": DriftConstraint(
-            80.0, centers, directions, FRAME[2], windows, offset, 1, most=most
-        ),
-        "funnel": FunnelConstraint(
-            45.0, tools[4] + 0.02, FRAME[2], 0.003, 0.005, 0.03, 1, slope=0.5
-        ),
-        "corridor": CorridorConstraint(60.0, tools[::-1] + 0.05, FRAME[[0, 2]], 0.01, 1),
-        "wide corridor": CorridorConstraint(60.0, tools[::-1] + 0.05, FRAME, 0.06, 1, 0.1),
-        "upright": UprightConstraint(20.0, -axes[0], 0.1, 2),
-        "goal": GoalConstraint(70.0, tools[-1] + 0.1, FRAME[0]),
-        "goal without axis": GoalConstraint(70.0, tools[-1] + 0.1, None),
-        "limits": LimitConstraint(25.0, low + inner, high - inner),
-        "step": StepConstraint(35.0, 0.3 * np.abs(np.diff(q, axis=0)).max(axis=0)),
-        "tool step": ToolStepConstraint(
-            55.0, 0.5 * float(np.linalg.norm(np.diff(tools, axis=0), axis=1).max()), 1
-        ),
-        "level": LevelConstraint(65.0, (0, len(proximal) - 1), FRAME[0], 1),
+        "touch": ClearanceCost("touch", "static", 40.0, 0.02),
+        "avoid": ClearanceCost("avoid", "dynamic", 50.0, 0.05, proximal),
+        "self": SelfCost(30.0, 0.25),
+        "corridor": CorridorCost(60.0, tools[::-1] + 0.05, FRAME[[0, 2]], 0.01, 1),
+        "wide corridor": CorridorCost(60.0, tools[::-1] + 0.05, FRAME, 0.06, 1, 0.1),
+        "upright": UprightCost(20.0, -axes[0], 0.1, 2),
+        "goal": GoalCost(70.0, tools[-1] + 0.1, FRAME[0]),
+        "goal without axis": GoalCost(70.0, tools[-1] + 0.1, None),
+        "limits": LimitCost(25.0, low + inner, high - inner),
+        "step": StepCost(35.0, 0.3 * np.abs(np.diff(q, axis=0)).max(axis=0)),
+        "level": LevelCost(65.0, (0, len(proximal) - 1), FRAME[0], 1),
     }
 
 
@@ -93,8 +65,8 @@ TERMS = (
     "velocity", "smoothness",
 )  # fmt: skip
 CONSTRAINTS = (
-    "touch", "avoid", "self", "drift", "funnel", "corridor", "upright", "goal", "goal without axis",
-    "limits", "step", "tool step", "level", "drift at most", "wide corridor",
+    "touch", "avoid", "self", "corridor", "upright", "goal", "goal without axis",
+    "limits", "step", "level", "wide corridor",
 )  # fmt: skip
 
 
@@ -129,6 +101,28 @@ def dense_curvature(problem: Any, q: np.ndarray) -> np.ndarray:
                 if distance:
                     full[at, ahead] += block
     return full
+
+
+@pytest.mark.parametrize("name", [*TERMS, *CONSTRAINTS])
+def test_a_value_knows_no_scale_and_what_is_added_is_linear_in_it(name: str, panda: Any) -> None:
+    cost = {**terms(panda), **constraints(panda)}[name]
+    problem = panda.problem([cost])
+    problem.evaluate(panda.q)
+    e = problem.evaluation
+
+    def added(scale: float) -> tuple[float, list[np.ndarray]]:
+        e.clear()
+        value = cost.add(e, scale)
+        return value, [a.copy() for a in (e.force, e.stiffness, e.joint_gradient, e.band)]
+
+    value, nothing = added(0.0)
+    assert value > 0.0
+    assert not any(a.any() for a in nothing)
+    (one, ones), (three, threes) = added(1.0), added(3.0)
+    assert one == three == value
+    assert any(a.any() for a in ones)
+    for a, b in zip(ones, threes, strict=True):
+        np.testing.assert_allclose(b, 3.0 * a, rtol=1e-12, atol=1e-12 * np.abs(b).max(initial=1.0))
 
 
 @pytest.mark.parametrize("name", TERMS)
@@ -217,9 +211,9 @@ def test_curvature_at_a_vanishing_residual_is_the_second_difference(
     """Where the residuals vanish Gauss-Newton is Newton: weights and factors of 2 show."""
     tools, axes = panda.robot.tool_pose(panda.q)
     term = {
-        "goal": GoalConstraint(70.0, tools[-1], axes[-1]),
-        "corridor": CorridorConstraint(60.0, tools, FRAME, 0.0, 1),
-        "upright": UprightConstraint(60.0, axes[-1], 0.0, len(tools) - 1),
+        "goal": GoalCost(70.0, tools[-1], axes[-1]),
+        "corridor": CorridorCost(60.0, tools, FRAME, 0.0, 1),
+        "upright": UprightCost(60.0, axes[-1], 0.0, len(tools) - 1),
     }[name]
     problem = panda.problem(constraints=[term])
     inner = slice(problem.first, problem.last + 1)
@@ -242,7 +236,7 @@ def test_self_curvature_bounds_the_coupled_one(
 ) -> None:
     """Two moving spheres share a residual; their separate blocks of 2w n nᵀ majorise its matrix."""
     weight, margin = 30.0, 0.25
-    problem = case.problem(constraints=[SelfConstraint(weight, margin)])
+    problem = case.problem(constraints=[SelfCost(weight, margin)])
     problem.evaluate(case.q)
     curvature = unbanded(problem.curvature())
     robot, n = case.robot, case.robot.n_joints
@@ -266,20 +260,27 @@ def test_self_curvature_bounds_the_coupled_one(
     assert np.linalg.eigvalsh(curvature - coupled).min() > -1e-6 * np.abs(curvature).max()
 
 
+def test_costs_of_one_name_both_count(panda: Any, check_gradient: Callable[..., None]) -> None:
+    twice = panda.problem([VelocityCost(1.0), VelocityCost(2.0)])
+    once = panda.problem([VelocityCost(3.0)])
+    assert twice.evaluate(panda.q).merit == pytest.approx(once.evaluate(panda.q).merit)
+    check_gradient(twice, panda.q)
+
+
 @pytest.mark.parametrize("weight", [-1e-12, -1.0, float("nan")])
 def test_a_negative_weight_is_refused(weight: float) -> None:
     with pytest.raises(InvalidRequestError, match="weight of velocity"):
-        VelocityTerm(weight)
+        VelocityCost(weight)
 
 
 @pytest.mark.parametrize("epsilon", [0.0, -0.01, float("nan")])
 def test_epsilon_must_be_positive(epsilon: float) -> None:
     with pytest.raises(InvalidRequestError, match="epsilon"):
-        ObstacleTerm("static", 1.0, epsilon, "max")
+        ObstacleCost("static", 1.0, epsilon, "max")
 
 
 def test_unknown_forms_are_refused_with_the_valid_ones() -> None:
     with pytest.raises(InvalidRequestError, match="'max' or 'sum'"):
-        ObstacleTerm("static", 1.0, 0.01, "mean")  # type: ignore[arg-type]
+        ObstacleCost("static", 1.0, 0.01, "mean")  # type: ignore[arg-type]
     with pytest.raises(InvalidRequestError, match="'quadratic' or 'reciprocal'"):
-        PushTerm(1.0, np.zeros(3), np.eye(3), 0, np.ones(3), "cubic")  # type: ignore[arg-type]
+        PushCost(1.0, np.zeros(3), np.eye(3), 0, np.ones(3), "cubic")  # type: ignore[arg-type]

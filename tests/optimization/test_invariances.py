@@ -10,15 +10,11 @@ from hypothesis import strategies as st
 from tests.optimization.builders import NOTHING, reach
 
 from optipromp.geometry import Box, Sphere, pack
-from optipromp.optimization.constraints import (
-    ClearanceConstraint,
-    DriftConstraint,
-    GoalConstraint,
-    SelfConstraint,
-    StepConstraint,
-)
+from optipromp.optimization.costs import Cost
+from optipromp.optimization.costs.joints import SmoothnessCost, StepCost, VelocityCost
+from optipromp.optimization.costs.obstacles import ClearanceCost, ObstacleCost, SelfCost
+from optipromp.optimization.costs.tool import GoalCost, PushCost
 from optipromp.optimization.problem import Problem, Surroundings
-from optipromp.optimization.terms import ObstacleTerm, PushTerm, SmoothnessTerm, Term, VelocityTerm
 
 angle = st.floats(-2.5, 2.5)
 shift = st.floats(-0.5, 0.5)
@@ -31,7 +27,7 @@ def about_z(turn: float) -> np.ndarray:
 
 def values_of(problem: Problem, q: np.ndarray) -> np.ndarray:
     value = problem.evaluate(q)
-    return np.array([value.merit, *value.terms.values()])
+    return np.array([value.merit, *value.costs.values()])
 
 
 def workspace_problem(panda: Any, turn: np.ndarray, order: Any = slice(None)) -> Problem:
@@ -48,15 +44,12 @@ def workspace_problem(panda: Any, turn: np.ndarray, order: Any = slice(None)) ->
     return Problem(
         panda.robot, around,
         [
-            ObstacleTerm("static", 1.0, 0.06, "sum"), ObstacleTerm("avoid", 1.0, 0.06, "max"),
-            PushTerm(1.0, goal, frame, 2, np.array([1.0, 2.0, 0.5])), VelocityTerm(0.1),
+            ObstacleCost("static", 1.0, 0.06, "sum"), ObstacleCost("avoid", 1.0, 0.06, "max"),
+            PushCost(1.0, goal, frame, 2, np.array([1.0, 2.0, 0.5])), VelocityCost(0.1),
         ],
         [
-            ClearanceConstraint("touch", "static", 9.0, 0.03),
-            GoalConstraint(7.0, goal, frame[2]),
-            DriftConstraint(
-                5.0, goal[None], frame[1:2], frame[2], np.array([[-1.0, 1.0]]), np.array([0.05]), 1
-            ),
+            ClearanceCost("touch", "static", 9.0, 0.03),
+            GoalCost(7.0, goal, frame[2]),
         ],
         len(panda.q), cutoff=0.1,
     )  # fmt: skip
@@ -80,7 +73,7 @@ def test_the_order_of_obstacles_does_not_matter(panda: Any, order: list[int]) ->
         s = problem.surroundings
         swapped = type(s.static)(*(a[order] if len(a) == 3 else a for a in s.static))
         return Problem(
-            panda.robot, Surroundings(swapped, swapped, 3), problem.terms, problem.constraints,
+            panda.robot, Surroundings(swapped, swapped, 3), problem.costs, problem.constraints,
             len(panda.q), cutoff=0.1,
         )  # fmt: skip
 
@@ -100,8 +93,8 @@ def test_one_more_obstacle_never_lowers_a_cost(
     for things in ([shape], [shape, extra]):
         around = Surroundings(pack(things), base.dynamic, base.shared)
         for reduction in ("sum", "max"):
-            terms = [ObstacleTerm("static", 1.0, 0.05, reduction)]  # type: ignore[arg-type]
-            kept = [ClearanceConstraint("touch", "static", 5.0, 0.02)]
+            terms = [ObstacleCost("static", 1.0, 0.05, reduction)]  # type: ignore[arg-type]
+            kept = [ClearanceCost("touch", "static", 5.0, 0.02)]
             values.append(panda.problem(terms, kept, surroundings=around).evaluate(panda.q).merit)
     assert values[2] >= values[0] > 0.0
     assert values[3] >= values[1] > 0.0
@@ -112,7 +105,7 @@ def test_one_more_obstacle_never_lowers_a_cost(
 def test_joint_space_terms_know_no_place_and_scale_with_the_square(
     panda: Any, offset: list[float], factor: float
 ) -> None:
-    terms = [VelocityTerm(1.0), SmoothnessTerm(0.01)]
+    terms = [VelocityCost(1.0), SmoothnessCost(0.01)]
     problem = panda.problem(terms, surroundings=NOTHING)
     plain = values_of(problem, panda.q)
     moved = panda.q[0] + factor * (panda.q - panda.q[0]) + np.array(offset)
@@ -121,13 +114,13 @@ def test_joint_space_terms_know_no_place_and_scale_with_the_square(
 
 def test_time_reversed_costs_the_same(panda: Any) -> None:
     around = panda.surroundings()
-    terms: list[Term] = [
-        ObstacleTerm("static", 1.0, 0.05, "sum"),
-        ObstacleTerm("avoid", 1.0, 0.05, "max"),
-        VelocityTerm(1.0),
-        SmoothnessTerm(0.01),
+    terms: list[Cost] = [
+        ObstacleCost("static", 1.0, 0.05, "sum"),
+        ObstacleCost("avoid", 1.0, 0.05, "max"),
+        VelocityCost(1.0),
+        SmoothnessCost(0.01),
     ]
-    kept = [StepConstraint(2.0, np.full(7, 0.01)), SelfConstraint(3.0, 0.3)]
+    kept = [StepCost(2.0, np.full(7, 0.01)), SelfCost(3.0, 0.3)]
     problem = panda.problem(terms, kept, surroundings=around)
     forward = values_of(problem, panda.q)
     assert (forward > 0.0).all()
@@ -140,7 +133,7 @@ def test_the_obstacle_functional_is_of_the_path_not_of_the_speed(panda: Any) -> 
     costs = []
     for warp in (lambda z: z, lambda z: z + 0.12 * np.sin(2 * np.pi * z)):
         z = np.linspace(0.0, 1.0, 801)
-        term = ObstacleTerm("static", 1.0, 0.05, "sum")
+        term = ObstacleCost("static", 1.0, 0.05, "sum")
         q = reach(panda, warp(z))
         problem = Problem(panda.robot, around, [term], (), len(q), cutoff=0.06)
         costs.append(problem.evaluate(q).merit)
@@ -163,7 +156,7 @@ def test_the_cutoff_is_no_part_of_the_answer(
     panda: Any, unbanded: Callable[..., np.ndarray]
 ) -> None:
     """Bounding spheres skip what cannot matter: with a huge cutoff nothing is skipped."""
-    terms = [ObstacleTerm("static", 1.0, 0.05, "sum"), ObstacleTerm("avoid", 1.0, 0.05, "max")]
+    terms = [ObstacleCost("static", 1.0, 0.05, "sum"), ObstacleCost("avoid", 1.0, 0.05, "max")]
     results = []
     for cutoff in (0.05, 10.0):
         problem = panda.problem(terms, cutoff=cutoff)

@@ -13,6 +13,8 @@ from tests.planning.builders import END, assert_success, block
 from optipromp.geometry import Sphere
 from optipromp.planning import Plan, PlanOptions, plan
 from optipromp.planning.plan import warm_up
+from optipromp.promp import Demonstrations, load_demonstrations, save_demonstrations
+from optipromp.robots.library import load_robot
 from optipromp.scenes import JointGoal, Scene, SceneObject, Stem, load_scene
 
 RECORDED = (
@@ -49,11 +51,14 @@ def three() -> Scene:
 
 
 @pytest.fixture(scope="session")
-def recorded() -> Path:
-    """The recorded demonstrations, which lie beside the repository where they are at all."""
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The recorded demonstrations, named; they lie beside the repository where they are at all."""
     if not RECORDED.is_file():
         pytest.skip("no recorded demonstrations beside this repository")
-    return RECORDED
+    path = tmp_path_factory.mktemp("recorded") / "demonstrations.npz"
+    joints = load_robot("panda").joint_names
+    save_demonstrations(Demonstrations(load_demonstrations(RECORDED).items, joints), path)
+    return path
 
 
 def hung(thing: SceneObject, position: np.ndarray, root: np.ndarray) -> SceneObject:

@@ -14,7 +14,7 @@ from optipromp.errors import (
 )
 from optipromp.geometry import Box, Sphere
 from optipromp.planning import PLANNERS, STRATEGIES, Plan, PlanOptions, plan
-from optipromp.planning.setup import bind
+from optipromp.planning.task import resolve
 from optipromp.scenes import JointGoal, PoseGoal, Scene, Stem, load_scene
 
 # --- goals -----------------------------------------------------------------------------------
@@ -24,7 +24,7 @@ def test_a_goal_in_joints_is_met_exactly_around_an_obstacle(obstructed: Scene) -
     result = plan(obstructed)
     assert_success(result)
     np.testing.assert_allclose(result.trajectory.positions[-1], END, atol=1e-12)
-    before = plan(obstructed, options=PlanOptions(iterations=0))
+    before = plan(obstructed, planner="promp")
     assert before.status is Code.INVALID_PLAN  # the way there is not free by itself
     assert "block" in before.message
     assert result.metrics.clearance_static is not None
@@ -92,7 +92,7 @@ def test_without_sides_one_is_chosen(stem: str, three: Scene) -> None:
         objects.append(replace(o, stem=hung))
     scene = replace(three, objects=tuple(objects))
     assert_success(plan(scene))
-    result = plan(scene, options=PlanOptions(foresight=False))
+    result = plan(scene, options=PlanOptions(prediction=False))
     assert_success(result)
     for offset in result.metrics.M_p.values():
         assert offset is not None
@@ -121,10 +121,10 @@ def test_an_undecided_pushable_is_passed_where_there_is_room(three: Scene) -> No
 @pytest.mark.parametrize("planner", PLANNERS)
 @pytest.mark.parametrize("kind", ["joints", "pose", "target"])
 def test_start_at_the_goal_is_a_trivial_plan(kind: str, planner: Any, three: Scene) -> None:
-    setup = bind(three)
-    point, axis = setup.robot.tool_pose(setup.start)
+    task = resolve(three)
+    point, axis = task.robot.tool_pose(task.start)
     if kind == "joints":
-        scene = replace(three, objects=(), goal=JointGoal(setup.start))
+        scene = replace(three, objects=(), goal=JointGoal(task.start))
     elif kind == "pose":
         scene = replace(three, objects=(), goal=PoseGoal(point, axis))
     else:
@@ -135,7 +135,7 @@ def test_start_at_the_goal_is_a_trivial_plan(kind: str, planner: Any, three: Sce
     result = plan(scene, planner=planner)
     assert_success(result)
     q = result.trajectory.positions
-    np.testing.assert_array_equal(q, np.tile(setup.start, (len(q), 1)))
+    np.testing.assert_array_equal(q, np.tile(task.start, (len(q), 1)))
     assert result.metrics.path_length == 0.0
 
 
@@ -161,7 +161,7 @@ def test_an_axis_no_joint_can_turn_to_is_unreachable() -> None:
 @pytest.mark.parametrize("planner", PLANNERS)
 def test_start_in_collision(planner: Any, three: Scene) -> None:
     assert three.start is not None
-    tool = bind(three).robot.tool_pose(three.start)[0]
+    tool = resolve(three).robot.tool_pose(three.start)[0]
     result = plan(
         replace(three, objects=(*three.objects, block("static", Sphere(0.05), tool))),
         planner=planner,
@@ -187,7 +187,7 @@ def test_goal_in_collision_names_what_it_touches_and_comes_as_near_as_it_can(thr
 
 
 def test_a_goal_in_joints_in_collision(three: Scene) -> None:
-    tool = bind(three).robot.tool_pose(END)[0]
+    tool = resolve(three).robot.tool_pose(END)[0]
     scene = replace(three, objects=(block("static", Sphere(0.1), tool),), goal=JointGoal(END))
     result = plan(scene)
     assert result.status is Code.GOAL_IN_COLLISION

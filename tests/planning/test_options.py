@@ -1,51 +1,46 @@
-"""Settings: every one is checked, and every one is heeded."""
+"""Settings: each is checked, and each does what its name says."""
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
+from tests.planning.builders import END, block
 
 from optipromp.errors import Code, InvalidRequestError
-from optipromp.optimization.constraints import Priority
-from optipromp.optimization.terms import VelocityTerm
-from optipromp.planning import Plan, PlanOptions, joint, plan
-from optipromp.planning.primitives import learnt
-from optipromp.planning.setup import bind
-from optipromp.planning.starts import Starts
-from optipromp.scenes import Stem, load_scene
+from optipromp.geometry import Sphere
+from optipromp.optimization.costs.joints import VelocityCost
+from optipromp.planning import PaperOptions, Plan, PlanOptions, plan
+from optipromp.planning.task import resolve
+from optipromp.pushing.path import through
+from optipromp.pushing.rules import rule_paths
+from optipromp.scenes import JointGoal, Scene, load_scene
 
 NAN, INF = float("nan"), float("inf")
+Planned = Callable[..., Plan]
+
+
+# --- what is refused ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("knots", 2), ("knots", 0), ("knots", -5), ("knots", 3.5), ("knots", NAN),
+        ("waypoints", 2), ("waypoints", 0), ("waypoints", -5), ("waypoints", 3.5),
+        ("waypoints", NAN), ("waypoints", True),
         ("duration", 0.0), ("duration", -1.0), ("duration", NAN), ("duration", INF),
         ("timeout", 0.0), ("timeout", -1.0), ("timeout", NAN),
-        ("alphas", (1.0, 1.0, 1.0)), ("alphas", (1.0, -1.0, 1.0, 0.0)),
-        ("alphas", (NAN, 1.0, 1.0, 0.0)), ("alphas", (1.0, 1.0, NAN, 0.0)),
-        ("alphas", (1.0, 1.0, INF, 0.0)),
-        ("epsilon", 0.0), ("epsilon", -0.01), ("epsilon", NAN), ("epsilon", INF),
-        ("reduction", "mean"), ("push", "cubic"),
-        ("push_weights", (1.0, 1.0)), ("push_weights", (1.0, 1.0, -1.0)),
-        ("push_weights", (1.0, NAN, 1.0)),
-        ("drift", "left"), ("window", "wide"),
-        ("drift_offset", -0.01), ("drift_offset", NAN), ("berth", -0.1), ("berth", NAN),
+        ("prediction", 1), ("prediction", "no"),
         ("approach_speed", 0.0), ("approach_speed", -0.1), ("approach_speed", NAN),
         ("corridor", -0.01), ("corridor", NAN),
+        ("max_step", 0.0), ("max_step", -0.1), ("max_step", INF),
         ("smoothness", -1e-9), ("smoothness", INF),
         ("static_clearance", -0.01), ("static_clearance", NAN),
         ("avoid_clearance", -0.01), ("self_clearance", -0.01), ("limit_margin", -0.01),
-        ("starts", 0), ("starts", 1.5),
-        ("camera_phase", 0.0), ("camera_phase", 1.0), ("camera_phase", -0.1),
-        ("camera_phase", NAN),
-        ("max_step", 0.0), ("max_step", -0.1), ("max_step", INF),
-        ("iterations", -1), ("iterations", 1.5),
-        ("via_deviation", -1e-3), ("direction_deviation", -0.1),
-        ("terms", (1.0,)),
+        ("iterations", -1), ("iterations", 1.5), ("iterations", True),
+        ("costs", (1.0,)), ("constraints", "all"), ("paper", 3),
     ],
 )  # fmt: skip
 def test_refusals_name_the_setting(name: str, value: Any) -> None:
@@ -54,121 +49,54 @@ def test_refusals_name_the_setting(name: str, value: Any) -> None:
     assert caught.value.code is Code.INVALID_REQUEST
 
 
-@pytest.mark.parametrize("value", [-1.0, NAN, INF])
-def test_a_priority_is_a_stiffness(value: float) -> None:
-    with pytest.raises(InvalidRequestError, match="priority"):
-        PlanOptions(priority=Priority(drift=value))
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("alphas", (1.0, 1.0, 1.0)), ("alphas", (1.0, -1.0, 1.0, 0.0)),
+        ("alphas", (NAN, 1.0, 1.0, 0.0)), ("alphas", (1.0, 1.0, INF, 0.0)),
+        ("epsilon", 0.0), ("epsilon", -0.01), ("epsilon", NAN), ("epsilon", INF),
+        ("reduction", "mean"), ("push", "cubic"), ("drift", "left"),
+        ("push_weights", (1.0, 1.0)), ("push_weights", (1.0, 1.0, -1.0)),
+        ("push_weights", (1.0, NAN, 1.0)),
+        ("drift_offset", -0.01), ("drift_offset", NAN), ("corridor", -0.01), ("corridor", NAN),
+        ("camera_phase", 0.0), ("camera_phase", 1.0), ("camera_phase", -0.1),
+        ("camera_phase", NAN), ("via_deviation", -1e-3), ("direction_deviation", -0.1),
+        ("trust_radii", ()), ("trust_radii", (0.0,)), ("trust_radii", (0.02, 0.01)),
+    ],
+)  # fmt: skip
+def test_refusals_name_the_setting_of_the_paper(name: str, value: Any) -> None:
+    with pytest.raises(InvalidRequestError, match=rf"^paper\.{name} is .*must be"):
+        PaperOptions(**{name: value})
 
 
 def test_the_edges_are_allowed() -> None:
     PlanOptions(
-        knots=3, timeout=INF, alphas=(0.0, 0.0, 0.0, 0.0), corridor=0.0, smoothness=0.0, starts=1,
-        drift_offset=0.0, static_clearance=0.0, avoid_clearance=0.0, self_clearance=0.0,
-        limit_margin=0.0, iterations=0, via_deviation=0.0, terms=(VelocityTerm(0.0),),
+        waypoints=3, timeout=INF, corridor=0.0, smoothness=0.0, static_clearance=0.0,
+        avoid_clearance=0.0, self_clearance=0.0, limit_margin=0.0, iterations=0,
+        costs=(VelocityCost(0.0),),
+        paper=PaperOptions(alphas=(0.0, 0.0, 0.0, 0.0), drift_offset=0.0, via_deviation=0.0),
     )  # fmt: skip
 
 
 def test_options_cannot_be_changed() -> None:
     with pytest.raises(AttributeError):
-        PlanOptions().knots = 5  # type: ignore[misc]
+        PlanOptions().waypoints = 5  # type: ignore[misc]
+    with pytest.raises(AttributeError):
+        PaperOptions().epsilon = 5.0  # type: ignore[misc]
 
 
-# A value of each setting under which scenario 3 (or another) must be planned otherwise.
-JOINT: dict[str, Any] = {
-    "knots": 70,
-    "duration": 9.0,
-    "alphas": (1.0, 5.0, 1.0, 1.0),
-    "epsilon": 0.06,
-    "push": "reciprocal",
-    "push_weights": (5.0, 1.0, 1.0),
-    "window": "paper",
-    "foresight": False,
-    "drift_offset": 0.04,
-    "corridor": 1e-4,
-    "smoothness": 1e-3,
-    "avoid_clearance": 0.06,
-    "self_clearance": 0.2,
-    "limit_margin": 0.6,
-    "priority": Priority(corridor=1.0),
-    "approach_speed": 0.05,
-    "camera_phase": 0.6,
-    "max_step": 0.03,
-    "via_deviation": 0.01,
-    "terms": (VelocityTerm(1.0),),
-}
-SEQUENTIAL: dict[str, Any] = {
-    "knots": 90,
-    "duration": 9.0,
-    "alphas": (1.0, 5.0, 1.0, 1.0),
-    "epsilon": 0.05,
-    "reduction": "sum",
-    "push": "quadratic",
-    "drift_offset": 0.03,
-    "corridor": 0.001,
-    "camera_phase": 0.6,
-    "max_step": 0.03,
-    "iterations": 3,
-    "via_deviation": 0.01,
-}
-ELSEWHERE = {  # tested by name below, or in test_requests.py
-    "timeout",
-    "drift",
-    "static_clearance",
-    "starts",
-    "reduction",
-    "camera_point",
-    "direction_deviation",
-    "berth",
-    "iterations",
-}
+# --- how long, how fast, how fine --------------------------------------------------------------
 
 
-def differ(first: Plan, second: Plan) -> bool:
-    one, other = first.trajectory, second.trajectory
-    return one.dt != other.dt or not np.array_equal(one.positions, other.positions)
-
-
-def test_the_joint_strategy_heeds_its_iterations(planned: Callable[..., Plan]) -> None:
-    """Where there is something to do: by the rule alone, constraints contradict each other."""
-    few, many = (
-        planned("scenario-3", foresight=False, iterations=iterations) for iterations in (2, None)
-    )
-    assert len(few.stages[0].history) <= 3 < len(many.stages[0].history)
-    assert differ(few, many)
-
-
-@pytest.mark.parametrize("name", JOINT)
-def test_the_joint_strategy_heeds(name: str, planned: Callable[..., Plan]) -> None:
-    assert differ(planned("scenario-3", **{name: JOINT[name]}), planned("scenario-3"))
-
-
-def test_the_joint_strategy_heeds_the_reduction(planned: Callable[..., Plan]) -> None:
-    """Where two body points are near an obstacle: within a wide safety distance."""
-    most = planned("scenario-3", epsilon=0.06, reduction="max")
-    assert differ(most, planned("scenario-3", epsilon=0.06))
-
-
-@pytest.mark.parametrize("name", SEQUENTIAL)
-def test_the_sequential_strategy_heeds(name: str, planned: Callable[..., Plan]) -> None:
-    changed = planned("scenario-3", strategy="sequential", **{name: SEQUENTIAL[name]})
-    assert differ(changed, planned("scenario-3", strategy="sequential"))
-
-
-def test_no_setting_is_forgotten_here() -> None:
-    assert {item.name for item in fields(PlanOptions)} - set(JOINT) - ELSEWHERE == set()
-
-
-def test_knots_and_duration_are_what_was_asked_for(planned: Callable[..., Plan]) -> None:
+def test_waypoints_and_duration_are_what_was_asked_for(planned: Planned) -> None:
     for planner in ("promp", "i-promp", "opti-promp"):
-        result = planned("scenario-3", planner, knots=77, duration=8.0)
-        assert result.trajectory.n_knots == 77
+        result = planned("scenario-3", planner, waypoints=77, duration=8.0)
+        assert result.trajectory.n_knots == result.followed.n_knots == 77
         assert result.trajectory.duration == pytest.approx(8.0)
         assert result.metrics.duration == pytest.approx(8.0)
 
 
-def test_a_duration_that_the_limits_do_not_allow_is_no_success(
-    planned: Callable[..., Plan],
-) -> None:
+def test_a_duration_that_the_limits_do_not_allow_is_no_success(planned: Planned) -> None:
     result = planned("scenario-3", duration=0.3)
     assert result.status is Code.INVALID_PLAN
     assert "velocity reaches" in result.message
@@ -176,95 +104,252 @@ def test_a_duration_that_the_limits_do_not_allow_is_no_success(
 
 
 @pytest.mark.parametrize("planner", ["promp", "i-promp", "opti-promp"])
-def test_without_a_duration_a_limit_is_used_up(planner: str, planned: Callable[..., Plan]) -> None:
+def test_without_a_duration_a_limit_is_used_up(planner: str, planned: Planned) -> None:
     m = planned("scenario-3", planner, approach_speed=100.0).metrics
     assert max(m.velocity_ratio, m.acceleration_ratio) == pytest.approx(1.0, rel=1e-6)
 
 
-@pytest.mark.parametrize("planner", ["promp", "i-promp", "opti-promp"])
-@pytest.mark.parametrize("speed", [0.05, 0.1])
-def test_the_tool_is_as_slow_among_fruits_as_asked_for(
-    planner: str, speed: float, planned: Callable[..., Plan]
-) -> None:
-    """From t_1 on, and no slower than that; before it the tool may be faster."""
-    result = planned("scenario-3", planner, approach_speed=speed, camera_phase=0.4, knots=101)
+def tool_speeds(result: Plan) -> np.ndarray:
     tools = result.robot.tool_pose(result.trajectory.positions)[0]
-    speeds = np.linalg.norm(np.diff(tools, axis=0), axis=1) / result.trajectory.dt
-    assert speeds[40:].max() == pytest.approx(speed, rel=1e-9)
+    return np.linalg.norm(np.diff(tools, axis=0), axis=1) / result.trajectory.dt
+
+
+def path_of(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """The camera point, and the rule's paths (m, P, 3) from there, finely."""
+    task = resolve(scene)
+    paths = rule_paths(task.scene, task.neighbours, task.robot, task.camera)
+    share = np.linspace(0.0, 1.0, 20_000)
+    return task.camera, np.array([through(corners, 0.1).at(share) for corners in paths])
+
+
+def approach_of(result: Plan) -> slice:
+    """The waypoints from the camera point on."""
+    tools = result.robot.tool_pose(result.trajectory.positions)[0]
+    camera = resolve(result.scene).camera
+    return slice(int(np.argmin(np.linalg.norm(tools - camera, axis=1))), None)
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.1])
+def test_the_tool_is_as_slow_among_fruits_as_asked_for(speed: float, planned: Planned) -> None:
+    """From the camera point on, and no slower than that; before it the tool may be faster."""
+    result = planned("scenario-3", approach_speed=speed)
+    speeds = tool_speeds(result)
+    assert speeds[approach_of(result)].max() == pytest.approx(speed, rel=1e-9)
     m = result.metrics
     assert max(m.velocity_ratio, m.acceleration_ratio) < 1.0
-    fast = planned("scenario-3", planner, camera_phase=0.4, knots=101, duration=2.0)
-    assert fast.trajectory.duration == pytest.approx(2.0)  # a duration overrides it
+    fast = planned("scenario-3", approach_speed=speed, duration=2.5)
+    assert fast.trajectory.duration == pytest.approx(2.5)  # a duration overrides it
+    assert tool_speeds(fast)[approach_of(fast)].max() > speed
 
 
-def test_clearances_are_kept(planned: Callable[..., Plan]) -> None:
-    m = planned("scenario-4", foresight=False, static_clearance=0.025).metrics
-    plain = planned("scenario-4", foresight=False).metrics
-    assert m.clearance_static is not None
-    assert m.clearance_static > 0.02
-    assert m.clearance_static > (plain.clearance_static or 0.0)
+@pytest.mark.parametrize("planner", ["promp", "i-promp"])
+@pytest.mark.parametrize("speed", [0.05, 0.1])
+def test_the_papers_tool_is_as_slow_from_t_1_on(planner: str, speed: float) -> None:
+    options = PlanOptions(approach_speed=speed, waypoints=101, paper=PaperOptions(camera_phase=0.4))
+    result = plan("scenario-3", planner=planner, options=options)  # type: ignore[arg-type]
+    assert tool_speeds(result)[40:].max() == pytest.approx(speed, rel=1e-9)
 
 
-def test_steps_are_kept(planned: Callable[..., Plan]) -> None:
-    assert planned("scenario-3", max_step=0.03).metrics.max_step <= 0.03
+def test_steps_are_kept(planned: Planned) -> None:
+    """By more waypoints, or, where their number is given, by a more even motion."""
+    free, fine = planned("scenario-3"), planned("scenario-3", max_step=0.015)
+    assert fine.metrics.max_step <= 0.015 < free.metrics.max_step
+    assert fine.trajectory.n_knots > free.trajectory.n_knots
+    few, even = (planned("scenario-3", waypoints=70, max_step=step) for step in (0.045, 0.03))
+    assert even.metrics.max_step <= 0.03 < few.metrics.max_step
 
 
-def test_the_margin_to_the_limits_is_kept(planned: Callable[..., Plan]) -> None:
-    result = planned("scenario-3", limit_margin=0.3)
-    q, robot = result.trajectory.positions, result.robot
-    assert result.success
-    assert np.minimum(q - robot.lower, robot.upper - q).min() > 0.299
+def acceleration(result: Plan) -> float:
+    """RMS acceleration of the joints, in units of the motion's time."""
+    q = result.trajectory.positions
+    return float(np.sqrt(np.mean(np.diff(q, 2, axis=0) ** 2))) * (len(q) - 1) ** 2
 
 
-def test_the_drift_offset_is_kept(planned: Callable[..., Plan]) -> None:
-    for offset in (0.035, 0.055):
-        m = planned("scenario-3", drift_offset=offset, foresight=False).metrics
-        for name, value in m.M_p.items():
-            assert value is not None
-            assert -np.sign(m.stem_projection[name] or 0.0) * value >= offset - 1e-3
+def test_a_smoother_plan_accelerates_less(planned: Planned) -> None:
+    values = [acceleration(planned("scenario-3", smoothness=w)) for w in (0.0, 1e-4, 1e-3)]
+    assert values[1] < 0.9 * values[0]
+    assert values[2] < 0.9 * values[1]
 
 
-def test_the_drift_rule_is_heeded() -> None:
-    """Only where a stem leans out of the lateral direction do the rules differ."""
-    scene = load_scene("scenario-3")
-    objects = tuple(
-        replace(o, stem=Stem(np.array([o.position, o.position + [-0.04, 0.05, 0.25]])))
-        if o.id == "n1" else o
-        for o in scene.objects
+# --- how near ----------------------------------------------------------------------------------
+
+
+@cache
+def grazed(role: Any) -> Scene:
+    """A reach in free space, with a ball 8 mm beside the elbow on its way."""
+    free = replace(load_scene("scenario-3"), objects=(), goal=JointGoal(END))
+    made = plan(free)
+    robot, q = made.robot, made.trajectory.positions
+    k = len(q) // 2
+    i = int(np.flatnonzero(np.asarray(robot.spheres.link) == 5)[0])
+    before, at, after = (robot.sphere_centers(q[j])[i] for j in (k - 1, k, k + 1))
+    aside = np.cross(after - before, [0.0, 0.0, 1.0])
+    aside /= np.linalg.norm(aside)
+    ball = block(role, Sphere(0.03), at + (robot.spheres.radius[i] + 0.038) * aside)
+    return replace(free, objects=(ball,))
+
+
+@pytest.mark.parametrize("role", ["static", "avoid"])
+def test_as_much_clearance_is_kept_as_is_asked_for(role: str) -> None:
+    kept = []
+    for wanted in (0.005, 0.02, 0.04):
+        result = plan(grazed(role), options=PlanOptions(**{f"{role}_clearance": wanted}))
+        assert result.success
+        kept.append(getattr(result.metrics, f"clearance_{role}"))
+        assert kept[-1] > wanted - 1e-3
+    assert kept[0] < 0.02
+    assert kept[1] < 0.04
+
+
+def test_static_clearance_is_kept_among_fruits(planned: Planned) -> None:
+    plain, wide = (
+        planned("scenario-4", static_clearance=c).metrics.clearance_static for c in (0.012, 0.04)
+    )
+    assert plain is not None
+    assert wide is not None
+    assert plain < 0.03 < 0.035 < wide
+
+
+def test_links_keep_the_clearance_from_one_another_that_is_asked_for() -> None:
+    scene = replace(
+        load_scene("scenario-3"), objects=(),
+        start=np.array([-1.88, 0.93, -2.3, -2.67, -2.15, 0.84, 1.3]),
+        goal=JointGoal(np.array([0.86, 0.85, 1.36, -2.62, -1.31, 3.23, 0.18])),
     )  # fmt: skip
-    leaning = replace(scene, objects=objects)
-    general, paper = (
-        plan(leaning, options=PlanOptions(drift=rule, foresight=False))
-        for rule in ("lateral-plane", "paper")
-    )  # type: ignore[arg-type]
-    assert differ(general, paper)
-    tools = [p.robot.tool_pose(p.trajectory.positions)[0] for p in (general, paper)]
-    n1 = next(o for o in objects if o.id == "n1")
-    at = [t[np.argmin(np.abs(t[:, 2] - n1.position[2])), 0] - n1.position[0] for t in tools]
-    assert at[0] > at[1] + 0.01  # away from a stem that leans to -x too
+    plain, wide = (plan(scene, options=PlanOptions(self_clearance=c)) for c in (0.005, 0.05))
+    assert plain.success
+    assert wide.success
+    assert plain.metrics.clearance_self is not None
+    assert wide.metrics.clearance_self is not None
+    assert plain.metrics.clearance_self < 0.045
+    assert wide.metrics.clearance_self > 0.049
 
 
-@pytest.mark.parametrize("starts", [1, 2, 5])
-def test_the_number_of_starts_is_heeded(starts: int) -> None:
-    """So many goal configurations at once, each with every choice of sides."""
-    scene = load_scene("scenario-3")
-    undecided = tuple(replace(o, stem=None) for o in scene.objects if o.id != "n1")
-    setup = bind(replace(scene, objects=undecided, start=None))
-    goals = setup.robot.home + 1e-3 * np.arange(6)[:, None] * np.ones(7)  # six motions alike
-    options = PlanOptions(starts=starts)
-    promp = learnt(setup, None)
-    choices = joint.sides(setup, options)
-    batch = next(Starts(setup, promp, options, goals).batches(choices))
-    assert len(batch) == 2 * starts
-    assert len({tuple(start.q[-1]) for start in batch}) == starts
-    assert len({float(start.drift.directions[0, 1]) for start in batch}) == 2
+def test_the_margin_to_the_limits_is_kept(planned: Planned) -> None:
+    near = []
+    for margin in (0.01, 0.55, 0.6):
+        result = planned("scenario-3", limit_margin=margin)
+        assert result.success
+        q, robot = result.trajectory.positions, result.robot
+        near.append(float(np.minimum(q - robot.lower, robot.upper - q).min()))
+        assert near[-1] > margin - 1e-3
+    assert near[0] < 0.55
 
 
-def test_the_camera_phase_divides_the_motion(planned: Callable[..., Plan]) -> None:
+def off_path(result: Plan) -> float:
+    """How far the tool leaves the rule's path [m]."""
+    _, paths = path_of(result.scene)
+    tools = result.robot.tool_pose(result.trajectory.positions[approach_of(result)])[0]
+    return min(
+        float(np.linalg.norm(tools[:, None] - path[None], axis=2).min(axis=1).max())
+        for path in paths
+    )
+
+
+def test_a_tighter_corridor_keeps_the_tool_nearer_to_its_path(planned: Planned) -> None:
+    """Where other costs lead it away: a very smooth plan would cut the corners."""
+    away = [
+        off_path(planned("scenario-4", prediction=False, smoothness=1e-2, corridor=corridor))
+        for corridor in (1e-4, 5e-4, 2e-3, 2e-2)
+    ]
+    assert (np.diff(away) > 0.0).all()
+    assert away[0] < 5e-4
+    assert away[3] > 1e-2
+    assert off_path(planned("scenario-4", prediction=False)) < 0.002  # as a rule, within it
+
+
+# --- what is optimised -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("prediction", [True, False])
+def test_zero_iterations_return_the_followed_trajectory_and_say_so(
+    prediction: bool, planned: Planned
+) -> None:
+    result = planned("scenario-3", iterations=0, prediction=prediction)
+    np.testing.assert_array_equal(result.trajectory.positions, result.followed.positions)
+    assert not np.array_equal(result.followed.positions, result.initial.positions)
+    assert "not optimised" in result.message
+    assert result.stages == ()
+    for term in result.terms.values():
+        assert term.history == ()
+        assert term.stage == ""
+        assert term.followed == term.final
+    full = planned("scenario-3", prediction=prediction)
+    assert "not optimised" not in full.message
+    np.testing.assert_array_equal(full.followed.positions, result.followed.positions)
+    assert not np.array_equal(full.trajectory.positions, full.followed.positions)
+
+
+@pytest.mark.parametrize("iterations", [1, 2, 3])
+def test_iterations_are_counted(iterations: int, planned: Planned) -> None:
+    (stage,) = planned("scenario-3", iterations=iterations).stages
+    assert 1 < len(stage.history) <= iterations + 1
+
+
+def test_without_prediction_the_tool_goes_the_rules_way(planned: Planned) -> None:
+    """All the way to the target; what that does is predicted all the same."""
+    ruled, own = planned("scenario-4", prediction=False), planned("scenario-4")
+    assert off_path(ruled) < np.sqrt(3.0) * 0.002 < 0.01 < off_path(own)
+    assert ruled.prediction is not None
+    assert own.prediction is not None
+    assert own.prediction.harm < 0.5 * ruled.prediction.harm
+
+
+def test_costs_of_ones_own_are_minimised_with_the_others(three: Scene) -> None:
+    """The built-in velocity cost, heavy: the joints travel a shorter way."""
+    plain = plan(three)
+    slow = plan(three, options=PlanOptions(costs=(VelocityCost(0.1),)))
+
+    def travelled(result: Plan) -> float:
+        steps = np.diff(result.trajectory.positions, axis=0)
+        return float(np.sum(steps**2)) * (len(steps))
+
+    assert travelled(slow) < 0.98 * travelled(plain)
+    assert "velocity" in slow.stages[0].terms
+    assert "velocity" not in plain.stages[0].terms
+
+
+# --- the paper's -------------------------------------------------------------------------------
+
+
+def papers(planner: Any, **options: Any) -> Plan:
+    return plan("scenario-3", planner=planner, options=PlanOptions(paper=PaperOptions(**options)))
+
+
+def test_the_camera_phase_divides_the_motion() -> None:
     """At t_1 the tool is at the camera point, below the lowest fruit."""
     for phase in (0.4, 0.7):
-        result = planned("scenario-3", "promp", camera_phase=phase)
+        result = papers("promp", camera_phase=phase)
         tools = result.robot.tool_pose(result.trajectory.positions)[0]
         knot = round(phase * (len(tools) - 1))
         lowest = min(o.position[2] for o in result.scene.pushables) - 0.015
         np.testing.assert_allclose(tools[knot], [0.45, 0.0, lowest - 0.1], atol=2e-3)
+
+
+def test_a_smaller_deviation_leads_the_tool_nearer_to_the_pushables() -> None:
+    """I-ProMP passes each pushable's own place as closely as it is told."""
+    away = []
+    for deviation in (1e-3, 1.0):
+        paper = PaperOptions(via_deviation=deviation)
+        result = plan(
+            "scenario-3", planner="i-promp", options=PlanOptions(waypoints=600, paper=paper)
+        )
+        tools = result.robot.tool_pose(result.trajectory.positions)[0]
+        away.append(
+            max(np.linalg.norm(tools - o.position, axis=1).min() for o in result.scene.pushables)
+        )
+    assert away[0] < 1e-3
+    assert away[1] > 1e-2
+
+
+def test_epsilon_reduction_and_push_change_what_is_reported() -> None:
+    """The functionals along the same trajectory; what they are is tested with the costs."""
+    near, far = (papers("promp", epsilon=e).terms["avoid"] for e in (0.01, 0.2))
+    assert far.final > near.final
+    most = papers("promp", epsilon=0.2, reduction="max").terms["avoid"]
+    assert 0.0 < most.final < far.final
+    push = [papers("promp", push=form).terms["push"].final for form in ("quadratic", "reciprocal")]
+    assert push[0] != push[1]
+    lateral = papers("promp", push_weights=(0.0, 2.0, 0.0)).terms["push"].final
+    single = papers("promp", push_weights=(0.0, 1.0, 0.0)).terms["push"].final
+    assert lateral == pytest.approx(2.0 * single)

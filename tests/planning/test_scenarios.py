@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optipromp import metrics
+from optipromp import judging
 from optipromp.errors import Code
-from optipromp.planning import Plan, PlanOptions, plan
+from optipromp.planning import PaperOptions, Plan, PlanOptions, plan
 from optipromp.scenes import Scene, load_scene
 
 Planned = Callable[..., Plan]
@@ -43,9 +43,14 @@ def assert_in_range(result: Plan) -> None:
 
 
 def assert_reaches_and_is_clear(result: Plan) -> None:
-    m = result.metrics
     assert result.status is Code.SUCCESS, result.message
     assert result.success
+    assert_is_clear(result)
+
+
+def assert_is_clear(result: Plan) -> None:
+    """All but what the push is predicted to do."""
+    m = result.metrics
     assert m.goal_error <= 1e-3
     assert m.goal_axis_error is not None
     assert m.goal_axis_error <= np.deg2rad(2.0)
@@ -61,10 +66,10 @@ def assert_reaches_and_is_clear(result: Plan) -> None:
 
 def assert_the_message_names_the_side(result: Plan) -> None:
     """Passing on the side of a stem is a remark: no fault where pushes are foreseen."""
-    judged = metrics.judge(result.scene, result.robot, result.trajectory, stem_side=False)
+    judged = judging.judge(result.scene, result.robot, result.trajectory, stem_side=False)
     assert judged.violations == ()
-    strict = metrics.judge(result.scene, result.robot, result.trajectory)
-    assert strict.violations == judged.notes
+    strict = judging.judge(result.scene, result.robot, result.trajectory)
+    assert (*map(str, strict.violations),) == judged.notes
     assert strict.notes == ()
     for note in judged.notes:
         assert note.endswith("on the side of its stem")
@@ -90,13 +95,16 @@ def test_scenario_3_joint(planned: Planned) -> None:
     assert m.clearance_avoid is not None
     assert m.clearance_avoid > 0.0
     assert_the_message_names_the_side(result)
-    assert_better_than_the_paper(result)
 
 
 def test_scenario_3_by_the_rule_alone(planned: Planned) -> None:
-    """The paper's offsets: each fruit passed on the side that its stem leaves free."""
-    result = planned("scenario-3", foresight=False)
-    assert_reaches_and_is_clear(result)
+    """The paper's offsets: each fruit passed on the side that its stem leaves free.
+
+    The judge finds nothing wrong with that, and the model of the push does: n2 is swallowed.
+    """
+    result = planned("scenario-3", prediction=False)
+    assert result.status is Code.HARM_PREDICTED
+    assert_is_clear(result)
     m = result.metrics
     assert m.M_c is not None
     assert m.M_c > 0.1
@@ -107,72 +115,20 @@ def test_scenario_3_by_the_rule_alone(planned: Planned) -> None:
     assert_better_than_the_paper(result)
 
 
-@pytest.mark.parametrize("foresight", [True, False])
-def test_scenario_4_joint(foresight: bool, planned: Planned) -> None:
-    result = planned("scenario-4", foresight=foresight)
-    assert_reaches_and_is_clear(result)
+@pytest.mark.parametrize("prediction", [True, False])
+def test_scenario_4_joint(prediction: bool, planned: Planned) -> None:
+    result = planned("scenario-4", prediction=prediction)
+    assert_is_clear(result)
     m = result.metrics
     assert m.M_c is not None
     assert m.M_c > 0.03
     assert m.clearance_static is not None
     assert m.clearance_static > 0.01
-    if foresight:
+    if prediction:
+        assert_reaches_and_is_clear(result)
         assert_the_message_names_the_side(result)
     else:
         assert min(stem_free_offsets(result)) >= 0.03
-
-
-def history(result: Plan, term: str) -> tuple[float, ...]:
-    values = result.terms[term].history
-    assert len(values) > 1
-    assert values[0] == result.terms[term].initial
-    return values
-
-
-def test_scenario_3_sequential_reduces_as_much_as_the_paper(planned: Planned) -> None:
-    result = planned("scenario-3", strategy="sequential")
-    assert [s.name for s in result.stages] == ["push", "collision"]
-    assert [s.solver for s in result.stages] == ["trust-constr", "l-bfgs-b"]
-    push, avoid = history(result, "push"), history(result, "avoid")
-    assert push[0] / push[min(10, len(push) - 1)] >= 15.5
-    assert avoid[0] > 0.0
-    assert min(avoid[:16]) * 9.5 <= avoid[0]
-    assert_in_range(result)
-
-
-def test_scenario_4_sequential_reduces_what_there_is(planned: Planned) -> None:
-    """The paper's order here is collision, then push.
-
-    Its collision cost falls by 4.2. Ours begins at nothing: the initial trajectory keeps clear of
-    the table-top already, so there is nothing to divide, and the stage must leave it so. The push
-    that comes last in that order knows nothing of the table-top, and may end in it: the plan says
-    so then.
-    """
-    result = planned("scenario-4", strategy="sequential")
-    assert [s.name for s in result.stages] == ["collision", "push"]
-    assert result.terms["static"].initial == 0.0
-    assert set(result.terms["static"].history) == {0.0}
-    assert not (result.success and result.contacts)
-    push = history(result, "push")
-    assert push[0] / push[min(15, len(push) - 1)] >= 2.2
-    assert_in_range(result)
-
-
-@pytest.mark.parametrize("name", ["scenario-3", "scenario-4"])
-def test_sequential_begins_from_the_conditioned_promp(name: str, planned: Planned) -> None:
-    result = planned(name, strategy="sequential")
-    q = result.initial.positions
-    assert q.shape == result.trajectory.positions.shape
-    assert not np.array_equal(q, result.trajectory.positions)
-    np.testing.assert_array_equal(q[0], result.scene.start)
-    point, axis = result.robot.tool_pose(q[-1])
-    assert result.scene.target is not None
-    assert np.linalg.norm(point - result.scene.target.position) < 1e-5
-    assert axis[2] > np.cos(1e-3)
-    # it passes the pushables' own places: pushing starts from contact, as in the paper
-    tools = result.robot.tool_pose(q)[0]
-    for thing in result.scene.pushables:
-        assert np.linalg.norm(tools - thing.position, axis=1).min() < 0.02
 
 
 @pytest.mark.parametrize("name", ["scenario-1", "scenario-2"])
@@ -191,8 +147,8 @@ def test_the_scara_is_seen_to_meet_the_table_top(name: str, planner: str, planne
 
 
 def test_scenario_1_is_run_with_and_without_the_camera_point(planned: Planned) -> None:
-    plain = planned("scenario-1", "promp", camera_point=False)
-    camera = planned("scenario-1", "promp", camera_point=True)
+    plain = planned("scenario-1", "promp", paper=PaperOptions(camera_point=False))
+    camera = planned("scenario-1", "promp", paper=PaperOptions(camera_point=True))
     assert plain.status is camera.status is Code.INVALID_PLAN
     below = np.array([0.0, 0.5, 0.2175 - 0.015 - 0.10])
     distances = [
@@ -220,32 +176,38 @@ def test_a_success_stays_one_when_judged_again(name: str, planned: Planned) -> N
     q = result.trajectory.positions
     z = np.linspace(0.0, len(q) - 1.0, 4 * (len(q) - 1) + 1)
     fine = np.array([np.interp(z, np.arange(len(q)), column) for column in q.T]).T
-    _, contacts = metrics.clearances(result.scene, result.robot, fine)
+    _, contacts = judging.clearances(result.scene, result.robot, fine)
     assert not contacts
-    again = metrics.judge(
+    again = judging.judge(
         result.scene, result.robot, result.trajectory, result.scene.start, stem_side=False
     )
     assert again.violations == ()
     assert again.metrics == result.metrics
 
 
-def test_the_message_of_a_term_is_its_story(planned: Planned) -> None:
+def test_the_terms_of_a_plan_are_its_story(planned: Planned) -> None:
+    """Each functional at three trajectories; those that are optimised, at each iteration too."""
     result = planned("scenario-3")
     assert set(result.terms) == {"static", "avoid", "push", "velocity"}
     for name, term in result.terms.items():
-        assert term.history[0] == term.initial, name
-        assert term.history[-1] == pytest.approx(term.final, rel=1e-9, abs=1e-15), name
-        assert term.stage == "joint"
+        if name in ("static", "avoid"):
+            assert term.stage == "joint"
+            assert term.history[-1] == pytest.approx(term.final, rel=1e-9, abs=1e-15), name
+            assert term.history[0] == pytest.approx(term.followed, rel=1e-9, abs=1e-15), name
+        else:
+            assert (term.stage, term.history) == ("", ())
+            assert len({term.initial, term.followed, term.final}) == 3
 
 
 # --- recorded demonstrations, noise and other targets ----------------------------------------
 
 
 def test_recorded_demonstrations_plan_scenario_3(recorded: Path) -> None:
-    options = PlanOptions(foresight=False)
-    result = plan("scenario-3", demonstrations=recorded, options=options)
+    result = plan("scenario-3", demonstrations=recorded)
     assert_reaches_and_is_clear(result)
-    assert min(stem_free_offsets(result)) >= 0.05
+    ruled = plan("scenario-3", demonstrations=recorded, options=PlanOptions(prediction=False))
+    assert_is_clear(ruled)
+    assert min(stem_free_offsets(ruled)) >= 0.05
 
 
 def plans(scenes: list[Scene], **more: Any) -> list[str]:

@@ -169,6 +169,40 @@ def test_folder(tmp_path: Path) -> None:
         load_demonstrations(tmp_path)
 
 
+def test_joints_are_told_by_name() -> None:
+    y = np.random.default_rng(0).normal(size=(4, 30, 3))
+    demos = Demonstrations(
+        tuple(Demonstration(np.arange(30.0), p) for p in y), ("elbow", "base", "wrist")
+    )
+    joints = ("base", "elbow", "wrist")
+    ordered = demos.for_joints(joints, "here")
+    assert ordered.joint_names == joints
+    np.testing.assert_array_equal(ordered[2].positions, y[2][:, [1, 0, 2]])
+    promp, same = fit(demos).for_joints(joints), fit(ordered)
+    assert promp.joint_names == joints
+    for name in ("mean", "covariance", "noise"):
+        np.testing.assert_allclose(getattr(promp, name), getattr(same, name), atol=1e-12)
+    assert promp.for_joints(joints) is promp
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (("a", "b"), "here: joint c is missing. Name each joint of the robot once: a, b, c"),
+        (("a", "b", "c", "d"), "here: the robot has no joint d. Name"),
+        (("x", "b", "y"), "here: the robot has no joint x, y; joint a, c is missing. Name"),
+        ((), "here: its 3 joints have no names. Name"),
+    ],
+)
+def test_other_joints_are_refused(names: tuple[str, ...], message: str) -> None:
+    y = np.random.default_rng(0).normal(size=(3, 9, len(names) or 3))
+    demos = Demonstrations(tuple(Demonstration(np.arange(9.0), p) for p in y), names)
+    with pytest.raises(InvalidDemonstrationError, match=message):
+        demos.for_joints(("a", "b", "c"), "here")
+    with pytest.raises(InvalidDemonstrationError, match=message):
+        fit(demos).for_joints(("a", "b", "c"), "here")
+
+
 def test_other_paths(tmp_path: Path) -> None:
     with pytest.raises(InvalidDemonstrationError, match="does not exist"):
         load_demonstrations(tmp_path / "none.npz")

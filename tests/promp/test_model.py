@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from optipromp.errors import InvalidRequestError
-from optipromp.promp import Basis, ProMP, RegularisedWarning, nearest_covariance
+from optipromp.promp import Basis, ProMP
 
 Make = Callable[..., ProMP]
 
@@ -144,19 +144,6 @@ def test_refuses(change: dict[str, object], message: str) -> None:
     values = {"basis": Basis(5), "mean": np.zeros(10), "covariance": np.eye(10), "noise": 0.1}
     with pytest.raises(InvalidRequestError, match=message):
         ProMP(**(values | change))  # type: ignore[arg-type]
-
-
-def test_nearest_covariance_says_by_how_much() -> None:
-    with pytest.warns(RegularisedWarning, match=r"smallest was -0\.5, changed by 0\.5"):
-        projected = nearest_covariance(np.diag([1.0, -0.5]))
-    np.testing.assert_allclose(projected, np.diag([1.0, 0.0]), atol=1e-15)
-    np.testing.assert_array_equal(nearest_covariance(np.eye(2)), np.eye(2))  # and no warning
-    with pytest.warns(RegularisedWarning):
-        assert np.linalg.eigvalsh(nearest_covariance(np.zeros((2, 2)), 0.1))[0] >= 0.1 - 1e-12
-    with pytest.raises(InvalidRequestError):
-        nearest_covariance(np.eye(2), -1.0)
-    with pytest.raises(InvalidRequestError):
-        nearest_covariance(np.ones((2, 3)))
 
 
 def test_saves_and_loads(make_promp: Make, tmp_path: Path) -> None:

@@ -13,8 +13,15 @@ from hypothesis import strategies as st
 from optipromp.errors import InvalidRequestError
 from optipromp.geometry import Sphere
 from optipromp.pushing import drift_choices, neighbours, pushes
-from optipromp.pushing.sides import MOST_CHOICES, RELEASE, ROOM_TO_TURN, UNDER, passing_windows
-from optipromp.pushing.thread import evenly, length, thread
+from optipromp.pushing.path import evenly, length
+from optipromp.pushing.rules import (
+    MOST_CHOICES,
+    RELEASE,
+    ROOM_TO_TURN,
+    UNDER,
+    passing_windows,
+    path_past,
+)
 from optipromp.scenes import Approach, PoseGoal, Scene, SceneObject, Stem, load_scene
 
 TARGET = np.array([0.4, 0.1, 0.9])
@@ -361,10 +368,10 @@ def test_a_bent_stem_swings_about_its_root() -> None:
     assert np.isfinite(push.pushed).all()
 
 
-# --- the threaded path -------------------------------------------------------------------------
+# --- the path past them ------------------------------------------------------------------------
 
 
-def test_the_threaded_path_is_aside_in_every_window_and_ends_at_the_goal() -> None:
+def test_the_path_past_them_is_aside_in_every_window_and_ends_at_the_goal() -> None:
     things = [
         fruit("n1", (0.01, -0.01, -0.14), (0.0, 0.05, 0.2)),
         fruit("n2", (-0.01, 0.01, -0.07), (0.0, -0.05, 0.2)),
@@ -373,7 +380,7 @@ def test_the_threaded_path_is_aside_in_every_window_and_ends_at_the_goal() -> No
     (drift,) = drift_choices(s, things, depth=0.02)
     offsets = np.full(2, 0.04)
     camera = TARGET - np.array([0.0, 0.0, 0.25])
-    corners = thread(drift, offsets, TARGET, s.frame, camera, 0.035)
+    corners = path_past(drift, offsets, TARGET, s.frame, camera, 0.035)
     np.testing.assert_allclose(corners[0], camera)
     np.testing.assert_allclose(corners[-1], TARGET)
     points = evenly(corners, 400)

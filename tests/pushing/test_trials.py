@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from optipromp.pushing import trials
-from optipromp.pushing.plane import plane
+from optipromp.pushing.standing import plane
 from optipromp.robots.tools import FrankaHand
 from optipromp.scenes.generate import generate
 

@@ -3,10 +3,10 @@ import itertools
 import numpy as np
 import pytest
 
-from optipromp import metrics
+from optipromp import judging
 from optipromp.errors import InvalidRequestError
 from optipromp.geometry import Box, Sphere, distances
-from optipromp.planning.setup import bind
+from optipromp.planning.task import resolve
 from optipromp.robots import ik
 from optipromp.robots.tools import Cup, FrankaHand
 from optipromp.scenes import (
@@ -181,8 +181,8 @@ def test_packs_stand_apart_on_their_board_before_the_target(scenes) -> None:
 @pytest.mark.parametrize("preset", PRESETS)
 def test_the_start_is_free_by_the_judge(preset: str, scenes) -> None:
     for scene in of(scenes, preset):
-        setup = bind(scene)
-        _, touching = metrics.clearances(scene, setup.robot, setup.start[None])
+        setup = resolve(scene)
+        _, touching = judging.clearances(scene, setup.robot, setup.start[None])
         assert not touching
 
 
@@ -190,7 +190,7 @@ def test_the_generator_and_the_judge_agree_on_what_is_solvable(scenes) -> None:
     from dataclasses import replace
 
     for scene in of(scenes, "table-top", "shelf")[::3]:
-        setup = bind(scene)
+        setup = resolve(scene)
         goals = ik.solve(
             setup.robot, scene.target.position, scene.frame[2], starts=200, distinct=0.05
         ).joints
@@ -198,7 +198,7 @@ def test_the_generator_and_the_judge_agree_on_what_is_solvable(scenes) -> None:
         others = tuple(t for t in scene.objects if t.role in ("target", "static"))
         alone = replace(scene, objects=others)
         for goal in rolled(setup.robot, goals):
-            free += not metrics.clearances(alone, setup.robot, goal[None])[1]
+            free += not judging.clearances(alone, setup.robot, goal[None])[1]
         assert free > 0
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from optipromp.errors import InvalidRequestError
 from optipromp.geometry.shapes import Sphere
-from optipromp.planning.setup import bind
+from optipromp.planning.task import resolve
 from optipromp.scenes.scene import Scene, SceneObject, Stem, ToolSpec
 from optipromp.simulation import SimulationParameters
 from optipromp.simulation.engine import engine
@@ -70,7 +70,7 @@ class Bench:
     def execution(self, scene, parameters=None):
         """A run about to begin, in which nothing moves by itself."""
         parameters = parameters or SimulationParameters()
-        robot = bind(scene).robot
+        robot = resolve(scene).robot
         motion = reference(self.still(), robot, speed=0.5, dt=parameters.engine.timestep)
         return Execution(build(scene, robot, parameters), motion, 100.0)
 

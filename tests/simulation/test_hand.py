@@ -5,7 +5,7 @@ import pytest
 
 from optipromp.experiments.baselines import attempt
 from optipromp.planning import plan
-from optipromp.planning.setup import bind
+from optipromp.planning.task import resolve
 from optipromp.robots.tools import FrankaHand
 from optipromp.scenes.generate import generate
 from optipromp.simulation import Cause, simulate
@@ -30,7 +30,7 @@ def test_what_is_between_the_fingers():
 
 def test_the_fingers_are_apart_and_the_tool_point_is_free(scene):
     mujoco = engine()
-    robot = bind(scene).robot
+    robot = resolve(scene).robot
     world = build(scene, robot)
     data = world.data(scene.start)
     point, axis = robot.tool_pose(scene.start)
@@ -48,7 +48,7 @@ def test_the_fingers_are_apart_and_the_tool_point_is_free(scene):
 
 def test_packs_stand_still(scene):
     mujoco = engine()
-    world = build(scene, bind(scene).robot)
+    world = build(scene, resolve(scene).robot)
     data = world.data(scene.start)
     before = [data.qpos[f.position : f.position + 3].copy() for f in world.shown]
     for _ in range(1000):

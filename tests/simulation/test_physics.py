@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from optipromp.geometry.shapes import Box, Cylinder
-from optipromp.planning.setup import bind
+from optipromp.planning.task import resolve
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import SceneObject
 from optipromp.simulation import Cause, SimulationParameters, simulate
@@ -20,7 +20,7 @@ WEIGHT = 950.0 * 4.0 / 3.0 * np.pi * 0.015**3 * 9.81
 @pytest.mark.parametrize("name", ["scenario-1", "scenario-3"])
 def test_fruits_hang_where_the_scene_has_them(name):
     scene = load_scene(name)
-    setup = bind(scene)
+    setup = resolve(scene)
     world = build(scene, setup.robot, P)
     names = setup.robot.joint_names
     stay = Trajectory(np.tile(setup.start, (10, 1)), 0.2, names)

@@ -9,7 +9,7 @@ import pytest
 from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.geometry.shapes import HalfSpace, MeshShape, PointCloudShape, Sphere
 from optipromp.planning import plan
-from optipromp.planning.setup import bind
+from optipromp.planning.task import resolve
 from optipromp.scenes.scene import SceneObject
 from optipromp.simulation import Cause, SimulationParameters, catalogue, simulate
 from optipromp.simulation.files import write_run
@@ -155,7 +155,7 @@ def test_every_shape_can_be_a_static_thing(bench, tmp_path, monkeypatch):
         SceneObject("cloud", "static", PointCloudShape(cloud, 0.01), np.array([-0.8, 0.0, 0.0])),
     ]
     scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)), *things)
-    world = build(scene, bind(scene).robot)
+    world = build(scene, resolve(scene).robot)
     names = [world.model.geom(i).name for i in range(world.model.ngeom)]
     assert sum(name.startswith("static:pair") for name in names) > 10
     assert sum(name.startswith("static:hull") for name in names) == 1

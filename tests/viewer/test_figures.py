@@ -1,11 +1,26 @@
 """Figures of a plan."""
 
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from optipromp.planning import Plan, plan
-from optipromp.viewer.figures import cost_figure, joint_figure, plan_figures, png
-from optipromp.viewer.reach import passing_knot
+from optipromp.geometry.shapes import Box
+from optipromp.planning import Plan, Term, plan
+from optipromp.planning.task import resolve
+from optipromp.scenes.generate import generate
+from optipromp.viewer import drawn
+from optipromp.viewer.figures import (
+    changed_terms,
+    cost_figure,
+    joint_figure,
+    plan_figures,
+    png,
+    reach_figure,
+)
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
@@ -13,6 +28,11 @@ SIGNATURE = b"\x89PNG\r\n\x1a\n"
 @pytest.fixture(scope="module")
 def result() -> Plan:
     return plan("scenario-3")
+
+
+@pytest.fixture(scope="module")
+def shelf() -> Plan:
+    return plan(generate("shelf", 100))
 
 
 def test_every_figure_is_a_picture(result: Plan) -> None:
@@ -28,38 +48,130 @@ def test_a_plan_that_was_not_optimised_has_no_cost_figure() -> None:
     assert set(figures) == {"reach.png", "joints.png"}
 
 
-def test_the_joint_figure_has_a_panel_for_every_joint_with_its_limits(result: Plan) -> None:
-    figure = joint_figure(result)
-    panels = {panel.get_title(loc="left"): panel for panel in figure.axes if panel.get_visible()}
-    assert set(panels) == {f"{name} [rad]" for name in result.robot.joint_names}
-    for joint, name in enumerate(result.robot.joint_names):
-        panel = panels[f"{name} [rad]"]
-        heights = [np.asarray(line.get_ydata()) for line in panel.lines]
-        np.testing.assert_array_equal(heights[0], result.initial.positions[:, joint])
-        np.testing.assert_array_equal(heights[1], result.trajectory.positions[:, joint])
-        assert {result.robot.lower[joint], result.robot.upper[joint]} == {
-            float(height[0]) for height in heights[2:]
-        }
+@pytest.mark.parametrize(
+    ("term", "shown"),
+    [
+        (Term(0.0, 0.0, 0.0, (0.0, 0.0), "joint"), False),
+        (Term(3.0, 3.0, 3.0, (), ""), False),
+        (Term(0.01425, 0.01424, 0.01423, (), ""), False),
+        (Term(3.0, 3.1, 2.9, (), ""), True),
+        (Term(0.0, 2e-5, 0.0, (2e-5, 0.0), "joint"), True),
+        (Term(1.0, 1.0, 1.0, (1.0, 0.5, 1.0), "joint"), True),
+    ],
+)
+def test_a_cost_is_drawn_where_it_changed(result: Plan, term: Term, shown: bool) -> None:
+    one = replace(result, terms={"velocity": term})
+    assert set(changed_terms(one)) == ({"velocity"} if shown else set())
+    assert ("cost.png" in plan_figures(one)) == shown
 
 
-def test_the_cost_figure_shows_each_history(result: Plan) -> None:
-    figure = cost_figure(result)
-    shown = [panel for panel in figure.axes if panel.get_visible()]
-    histories = [
-        term.history
-        for term in result.terms.values()
-        if len(term.history) > 1 and any(term.history)
+def test_the_cost_figure_shows_the_three_values_and_each_history(result: Plan) -> None:
+    panels = [panel for panel in cost_figure(result).axes if panel.get_visible()]
+    terms = changed_terms(result)
+    assert len(panels) == len(terms) > 0
+    for panel, term in zip(panels, terms.values(), strict=True):
+        lines = {str(line.get_label()): line for line in panel.lines}
+        for name, value in (
+            ("conditioned ProMP", term.initial),
+            ("followed path", term.followed),
+            ("optimised", term.final),
+        ):
+            assert lines[name].get_ydata() == [value]
+        history = term.history if len(term.history) > 1 else (term.followed, term.final)
+        np.testing.assert_array_equal(panel.lines[1].get_ydata(), history)
+
+
+def test_a_history_of_another_scene_is_not_drawn(result: Plan) -> None:
+    """Where packs are pushed, the optimiser looks at the scene without them."""
+    term = Term(1.0, 2.0, 1.5, (0.0, 0.0, 0.0), "joint")
+    (panel,) = cost_figure(replace(result, terms={"avoid": term})).axes
+    np.testing.assert_array_equal(panel.lines[1].get_ydata(), [2.0, 1.5])
+
+
+def test_the_joint_figure_has_a_panel_for_every_joint(result: Plan) -> None:
+    panels = {panel.get_title(loc="left"): panel for panel in joint_figure(result).axes}
+    robot = result.robot
+    for joint, (name, low, high) in enumerate(
+        zip(robot.joint_names, robot.lower, robot.upper, strict=True)
+    ):
+        panel = panels[f"{name} [rad], limits {low:.2f} to {high:.2f}"]
+        for line, motion in zip(panel.lines, drawn.motions(result), strict=False):
+            assert line.get_label() == motion.name
+            np.testing.assert_array_equal(line.get_ydata(), motion.trajectory.positions[:, joint])
+            assert np.asarray(line.get_xdata())[-1] == pytest.approx(result.trajectory.duration)
+
+
+def test_a_limit_is_drawn_where_a_joint_comes_near_it(result: Plan) -> None:
+    positions = result.trajectory.positions.copy()
+    positions[-1, 0] = result.robot.upper[0] - 0.01
+    near = replace(result, trajectory=replace(result.trajectory, positions=positions))
+    first, second = joint_figure(near).axes[:2]
+    heights = [
+        np.asarray(line.get_ydata())[0] for line in first.lines if line.get_label() == "limit"
     ]
-    assert len(shown) == len(histories)
-    for panel, history in zip(shown, histories, strict=True):
-        np.testing.assert_array_equal(panel.lines[0].get_ydata(), history)
+    assert heights == [result.robot.upper[0]]
+    assert [line for line in second.lines if line.get_label() == "limit"] == []
 
 
-def test_the_arm_is_drawn_where_it_passes_the_last_pushable(result: Plan) -> None:
-    knot = passing_knot(result, result.trajectory.positions)
-    point, _ = result.robot.tool_pose(result.trajectory.positions[knot])
-    assert point[2] == pytest.approx(0.8286, abs=0.02)
+def test_the_picture_names_the_moment_and_what_is_predicted(result: Plan) -> None:
+    figure = reach_figure(result)
+    now = drawn.moment(result, resolve(result.scene))
+    title = figure.get_suptitle()
+    assert str(now) in title
+    assert str(result.prediction) in title
+    assert str(result.status) in title
+    words = {text.get_text() for legend in figure.legends for text in legend.get_texts()}
+    assert {f"tool, {motion.name}" for motion in drawn.motions(result)} <= words
+    assert {"chosen tool path", "where it was"} <= words
+
+
+def test_no_two_labels_of_a_picture_overlap(result: Plan, shelf: Plan) -> None:
+    for one in (result, shelf):
+        figure = reach_figure(one)
+        png(figure)
+        named = {item.id for item in (one.scene.target, *one.scene.pushables) if item is not None}
+        for panel in figure.axes[1:]:
+            texts = [text for text in panel.texts if text.get_text().split(",")[0] in named]
+            assert {text.get_text().split(",")[0] for text in texts} == named
+            boxes = [text.get_bbox_patch().get_window_extent() for text in texts]  # type: ignore[union-attr]
+            for i, a in enumerate(boxes):
+                for b in boxes[:i]:
+                    assert not a.shrunk(0.9, 0.75).overlaps(b.shrunk(0.9, 0.75))
+
+
+def test_packs_are_drawn_where_the_hand_has_pushed_them(shelf: Plan) -> None:
+    task = resolve(shelf.scene)
+    now = drawn.moment(shelf, task)
+    assert now.event == "at the goal"
+    items = [i for i in drawn.placed(shelf, task, now) if i.item.role == "pushable"]
+    assert max(item.shift for item in items) > 0.02
+    for item in items:
+        along_x_g = (item.position - item.item.position) @ shelf.scene.frame[0]
+        assert along_x_g == pytest.approx(0.0, abs=1e-9)  # it slides on its board
+    turned = [i for i in items if isinstance(i.item.shape, Box)]
+    assert any(not np.allclose(item.rotation, item.item.rotation) for item in turned)
+
+
+def test_an_arm_that_stays_is_drawn(result: Plan) -> None:
+    still = replace(result.trajectory, positions=np.tile(result.trajectory.positions[0], (3, 1)))
+    staying = replace(
+        result, trajectory=still, initial=still, followed=still, first=1, prediction=None
+    )
+    assert "the arm stays at its start" in reach_figure(staying).get_suptitle()
 
 
 def test_pictures_are_the_same_each_time(result: Plan) -> None:
     assert png(joint_figure(result)) == png(joint_figure(result))
+
+
+def test_figures_need_no_display_and_leave_pyplot_alone() -> None:
+    code = (
+        "import sys\n"
+        "from optipromp import plan\n"
+        "from optipromp.viewer.figures import plan_figures\n"
+        "assert 'reach.png' in plan_figures(plan('scenario-1', planner='promp'))\n"
+        "assert 'matplotlib.pyplot' not in sys.modules\n"
+    )
+    hidden = ("DISPLAY", "WAYLAND_DISPLAY", "MPLBACKEND")
+    environment = {name: value for name, value in os.environ.items() if name not in hidden}
+    subprocess.run([sys.executable, "-c", code], check=True, env=environment, timeout=300)

@@ -1,10 +1,7 @@
 """``optipromp list``: what is built in."""
 
-from typing import Annotated
-
-import typer
-
 from optipromp.cli.console import OK, command, print_json, stdout
+from optipromp.cli.options import AsJson
 
 PLANNERS = {
     "promp": "the learnt primitive, conditioned on start, camera point and target",
@@ -15,21 +12,32 @@ PLANNERS = {
 
 @command()
 def catalogue(
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON document and nothing else.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> int:
-    """List the built-in robots and scenes, and the planners."""
+    """List the built-in robots and scenes, the planners, and every setting of theirs."""
+    from optipromp.cli.settings import documented
+    from optipromp.planning.options import PlanOptions
+    from optipromp.planning.paper_options import PaperOptions
     from optipromp.robots.library import robot_names
     from optipromp.scenes.io import scene_names
 
     robots, scenes = robot_names(), scene_names()
+    known = documented(PlanOptions)
+    known |= {f"paper.{name}": item for name, item in documented(PaperOptions).items()}
     if as_json:
-        print_json({"robots": robots, "scenes": scenes, "planners": list(PLANNERS)})
+        print_json(
+            {
+                "robots": robots, "scenes": scenes, "planners": list(PLANNERS),
+                "settings": {k: {"default": d, "meaning": text} for k, (d, text) in known.items()},
+            }
+        )  # fmt: skip
         return OK
     console = stdout()
     console.print(f"robots    {', '.join(robots)}; or a URDF or robot file")
     console.print(f"scenes    {', '.join(scenes)}; or a scene file")
     for index, (name, text) in enumerate(PLANNERS.items()):
         console.print(f"{'planners' if index == 0 else '':<9} {name}: {text}")
+    console.print("\nsettings, for plan --set KEY=VALUE:")
+    for name, (default, text) in known.items():
+        console.print(f"  {name} (default {default}): {text}", highlight=False, markup=False)
     return OK

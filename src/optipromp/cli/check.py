@@ -1,5 +1,6 @@
 """``optipromp check``: is this file right?"""
 
+import warnings
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -7,6 +8,7 @@ import typer
 
 from optipromp.cli.console import OK, command, exit_code, print_json, stdout
 from optipromp.cli.kinds import Kind, kind_of
+from optipromp.cli.options import AsJson
 from optipromp.errors import Code
 
 
@@ -18,9 +20,7 @@ def check(
             metavar="ITEM", help="A scene, a robot or demonstrations: a path or a built-in name."
         ),
     ],
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON document and nothing else.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> int:
     """Check a scene, robot, demonstrations or plan, and say what it holds.
 
@@ -56,13 +56,13 @@ def _words(value: object) -> str:
 
 
 def _scene(item: str) -> dict[str, Any]:
-    from optipromp.planning.setup import bind
+    from optipromp.planning.task import resolve
     from optipromp.scenes.io import load_scene
 
     scene = load_scene(item)
-    bound = bind(scene)
+    bound = resolve(scene)
     by_role = {
-        role: [thing.id for thing in scene.objects if thing.role == role]
+        role: [item.id for item in scene.objects if item.role == role]
         for role in ("target", "pushable", "avoid", "static")
     }
     return {
@@ -97,6 +97,7 @@ def _demonstrations(item: str) -> dict[str, Any]:
     from optipromp.promp import load_demonstrations
 
     recorded = load_demonstrations(Path(item))
+    _warn_if_nameless(item, recorded.joint_names)
     lengths = [len(demonstration.times) for demonstration in recorded]
     return {
         "joints": list(recorded.joint_names),
@@ -111,6 +112,14 @@ def _demonstrations(item: str) -> dict[str, Any]:
     }
 
 
+def _warn_if_nameless(item: str, names: tuple[str, ...]) -> None:
+    from optipromp.cli.learn import NAMELESS
+    from optipromp.promp.checks import unnamed
+
+    if unnamed(names):
+        warnings.warn(f"{item} {NAMELESS}", stacklevel=1)
+
+
 def _range(recorded: Any) -> range:
     return range(recorded.n_joints)
 
@@ -119,9 +128,10 @@ def _primitive(item: str) -> dict[str, Any]:
     from optipromp.promp import ProMP
 
     promp = ProMP.load(Path(item))
+    _warn_if_nameless(item, promp.joint_names)
     return {
         "joints": list(promp.joint_names),
-        "basis": promp.basis.count,
+        "bases": promp.basis.count,
         "width": promp.basis.width,
         "start": promp.mean_trajectory(2)[0].tolist(),
         "end": promp.mean_trajectory(2)[-1].tolist(),
@@ -137,7 +147,7 @@ def _plan(item: str) -> dict[str, Any]:
         "scene": plan.scene.name,
         "planner": plan.planner,
         "strategy": plan.strategy,
-        "knots": plan.trajectory.n_knots,
+        "waypoints": plan.trajectory.n_knots,
         "duration": plan.trajectory.duration,
     }
 

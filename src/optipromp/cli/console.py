@@ -3,7 +3,7 @@
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import wraps
 from typing import TYPE_CHECKING, Any, ParamSpec
@@ -15,6 +15,7 @@ from optipromp.files import json_text
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
 OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 _OUTCOMES = frozenset(
@@ -24,6 +25,7 @@ _OUTCOMES = frozenset(
         Code.GOAL_UNREACHABLE,
         Code.NO_PLAN,
         Code.INVALID_PLAN,
+        Code.HARM_PREDICTED,
         Code.TIMEOUT,
     }
 )
@@ -51,6 +53,26 @@ def stderr() -> "Console":
     from rich.console import Console
 
     return Console(file=sys.stderr, highlight=False, soft_wrap=True)
+
+
+def grid(
+    left: Sequence[str],
+    right: Sequence[str] = (),
+    *,
+    title: str | None = None,
+    padding: tuple[int, ...] = (0, 1),
+) -> "Table":
+    """An empty table with columns of words, then columns of figures."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    padded: Any = padding
+    out = Table(box=SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False, padding=padded)
+    for name in left:
+        out.add_column(name, no_wrap=True)
+    for name in right:
+        out.add_column(name, no_wrap=True, justify="right")
+    return out
 
 
 def print_json(document: object) -> None:
@@ -127,14 +149,37 @@ def waiting(message: str) -> Iterator[Callable[[str], None]]:
         status.stop()
 
 
+@contextmanager
+def progress_bar(lines: int) -> Iterator[Callable[[int, int, str], None]]:
+    """A bar on a terminal; elsewhere at most so many lines (and the first) on standard error.
+
+    Yields a function of how many are done, of how many, and words that say so.
+    """
+    if not sys.stderr.isatty():
+
+        def say(done: int, total: int, words: str) -> None:
+            if done % max(1, total // lines) == 0 or done == total:
+                print(words, file=sys.stderr, flush=True)
+
+        yield say
+        return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=stderr(), transient=True) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, total, words: bar.update(
+            task, completed=done, total=total, description=words
+        )
+
+
 def say_if_compiling() -> None:
     """Compile the kernels before the first plan, and say so, when Numba's cache lacks them."""
     from pathlib import Path
 
-    from optipromp.optimization import kernels
+    from optipromp.optimization.kernels import add_stiffness
 
-    dispatcher = next(value for value in vars(kernels).values() if hasattr(value, "py_func"))
-    folder = Path(dispatcher.stats.cache_path)
+    folder = Path(add_stiffness.stats.cache_path or "")
     if not any(folder.glob("*.nbi")):
         sys.stderr.write("compiling kernels, once (about half a minute) ...\n")
         sys.stderr.flush()

@@ -3,8 +3,7 @@
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 from optipromp.cli.console import (
     OK,
     exit_code,
+    grid,
     print_json,
+    progress_bar,
     say_if_compiling,
-    stderr,
     stdout,
 )
 from optipromp.errors import Code, InvalidRequestError, OptiPrompError
@@ -32,7 +32,7 @@ class Entry:
     """A scene file, where its plan goes, and what came of it."""
 
     file: Path
-    output: Path | None
+    out: Path | None
     result: "Plan | OptiPrompError"
 
     @property
@@ -44,7 +44,7 @@ class Entry:
         """The plan's document with the names of its files; an error's has the same keys."""
         names = {
             "file": str(self.file),
-            "output": None if self.output is None else str(self.output),
+            "out": None if self.out is None else str(self.out),
         }
         if not isinstance(self.result, OptiPrompError):
             return {**names, **self.result.to_dict()}
@@ -99,13 +99,17 @@ def plan_folder(
     homes: Sequence[Path | None] = [None] * len(files) if out is None else outputs(files, out)
     say_if_compiling()
     began = time.perf_counter()
-    with _bar(len(files)) as shown:
+    done_so_far, good = 0, 0
+    with progress_bar(10) as shown:
 
         def done(index: int, result: "Plan | OptiPrompError") -> None:
+            nonlocal done_so_far, good
             home = homes[index]
             if home is not None and not isinstance(result, OptiPrompError):
                 write(result, home, figures)
-            shown(getattr(result, "success", False))
+            done_so_far, good = done_so_far + 1, good + getattr(result, "success", False)
+            words = f"{done_so_far} of {len(files)} planned, {good} succeeded"
+            shown(done_so_far, len(files), words)
 
         results = plan_many(files, workers=workers, progress=done, **request)
     seconds = time.perf_counter() - began
@@ -126,14 +130,7 @@ def plan_folder(
 
 def table(entries: Sequence[Entry]) -> "Table":
     """One line a scene: what came of it, and the figures that matter most."""
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
-    out = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1))
-    out.add_column("scene")
-    out.add_column("status", no_wrap=True)
-    for name in ("time, ms", "room, mm", "off, mm", "motion, s"):
-        out.add_column(name, no_wrap=True, justify="right")
+    out = grid(("scene", "status"), ("time, ms", "room, mm", "off, mm", "motion, s"))
     for entry in entries:
         cells = ["", "", "", ""]
         if not isinstance(entry.result, OptiPrompError):
@@ -148,37 +145,3 @@ def table(entries: Sequence[Entry]) -> "Table":
             ]
         out.add_row(entry.file.stem, str(entry.status), *cells)
     return out
-
-
-@contextmanager
-def _bar(total: int) -> Iterator[Callable[[bool], None]]:
-    """A progress bar on a terminal; elsewhere a line on standard error now and then."""
-    done, good = 0, 0
-
-    def words() -> str:
-        return f"{done} of {total} planned, {good} succeeded"
-
-    if not sys.stderr.isatty():
-        step = max(1, total // 10)
-
-        def say(success: bool) -> None:
-            nonlocal done, good
-            done, good = done + 1, good + success
-            if done % step == 0 or done == total:
-                sys.stderr.write(words() + "\n")
-                sys.stderr.flush()
-
-        yield say
-        return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
-    with Progress(*columns, console=stderr(), transient=True) as bar:
-        task = bar.add_task(words(), total=total)
-
-        def advance(success: bool) -> None:
-            nonlocal done, good
-            done, good = done + 1, good + success
-            bar.update(task, completed=done, description=words())
-
-        yield advance

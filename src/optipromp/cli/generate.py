@@ -1,23 +1,13 @@
 """``optipromp generate``: random scenes that an arm could solve."""
 
 from collections import Counter
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from optipromp.cli.console import OK, command, print_json, stdout
-
-
-class Preset(StrEnum):
-    """Kinds of scenes."""
-
-    CLUSTER = "cluster"
-    SIDE_CLUSTERS = "side-clusters"
-    TABLE_TOP = "table-top"
-    MIXED = "mixed"
-    SHELF = "shelf"
+from optipromp.cli.options import AsJson, Preset
 
 
 @command()
@@ -34,9 +24,7 @@ def generate(
         int, typer.Option(min=0, help="Of the first scene; each next has one more.")
     ] = 0,
     count: Annotated[int, typer.Option(min=1, help="How many scenes.")] = 1,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON document and nothing else.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> int:
     """Draw random scenes and write them as scene files.
 
@@ -48,7 +36,7 @@ def generate(
 
     \b
     optipromp generate --preset mixed --seed 100 --count 20 --out scenes
-    optipromp plan scenes --output plans
+    optipromp plan scenes --out plans
     optipromp simulate plans/mixed-100
     """
     from optipromp.files import check_folder
@@ -59,7 +47,7 @@ def generate(
     documents = []
     reasons: Counter[str] = Counter()
     for number in range(seed, seed + count):
-        scene, report = generate_with_report(preset.value, number)
+        scene, report = generate_with_report(preset, number)
         path = out / f"{scene.name}.yaml"
         save_scene(scene, path)
         reasons.update(report.reasons)
@@ -74,7 +62,7 @@ def generate(
         )
     redraws = reasons.total()
     if as_json:
-        print_json({"preset": preset.value, "redraws": redraws, "scenes": documents})
+        print_json({"preset": preset, "redraws": redraws, "scenes": documents})
         return OK
     console = stdout()
     scenes = "scene" if count == 1 else "scenes"

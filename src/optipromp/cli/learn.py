@@ -1,11 +1,26 @@
 """``optipromp learn``: demonstrations in, a movement primitive out."""
 
+import warnings
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.console import OK, command, print_json, stdout, waiting
+from optipromp.cli.console import OK, command, grid, print_json, stdout, waiting
+from optipromp.cli.options import AsJson
+from optipromp.errors import InvalidRequestError
+
+if TYPE_CHECKING:
+    from optipromp.promp import Basis, Demonstrations
+
+LARGEST_RESIDUAL = 0.05
+"""[rad or m] A demonstration further than this from its bases is warned of. Issue 11 asks for it;
+0.05 rad moves the tool of an arm that reaches 1 m by the 50 mm of the cup's radius."""
+
+NAMELESS = (
+    "has no joint names, so 'plan' refuses it; 'learn --robot ROBOT' names columns that are in the "
+    "robot's order"
+)
 
 
 @command()
@@ -14,51 +29,174 @@ def learn(
         Path, typer.Argument(metavar="DEMOS", help="NPZ, CSV, or a folder of CSVs.")
     ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where the primitive goes (.npz).")],
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROBOT",
+            help="Put the columns, told by name, into this robot's order; columns without names "
+            "are taken to be in it.",
+        ),
+    ] = None,
     em: Annotated[
         bool,
-        typer.Option("--em", help="Expectation-maximisation: for partial or uneven recordings."),
+        typer.Option("--em", help="Expectation-maximisation: for uneven recordings."),
     ] = False,
-    basis: Annotated[int, typer.Option(help="Number of basis functions.")] = 5,
-    width: Annotated[
-        float, typer.Option(help="Width of a basis function; larger is narrower.")
-    ] = 4,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON document and nothing else.")
-    ] = False,
+    bases: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Number of bases a joint; cross-validated if left out."),
+    ] = None,
+    width: Annotated[float, typer.Option(help="Width of a basis; larger is narrower.")] = 4,
+    figure: Annotated[
+        bool, typer.Option("--figure/--no-figure", help="Draw FILE with the suffix .png.")
+    ] = True,
+    as_json: AsJson = False,
 ) -> int:
     """Learn a movement primitive, for plan --demonstrations.
+
+    Prints how far the primitive's bases are from each demonstration, and draws
+    the demonstrations with the learnt mean and spread.
 
     [bold]Examples[/bold]
 
     \b
     optipromp learn recorded.npz --out reach.npz
-    optipromp learn recordings/ --out reach.npz --em --basis 8
+    optipromp learn recordings/ --out reach.npz --robot panda --bases 12
     """
-    from optipromp.promp import Basis, fit, fit_em, load_demonstrations
+    from optipromp.files import check_folder, write_atomically
+    from optipromp.promp import fit, fit_em, residuals
 
-    with waiting("learning ..."):
-        recorded = load_demonstrations(demonstrations)
-        shape = Basis(count=basis, width=width)
-        promp = (fit_em if em else fit)(recorded, shape)
-    promp.save(out)
-    samples = sum(len(item.times) for item in recorded)
+    if out.suffix != ".npz":
+        raise InvalidRequestError(f"--out {out}: the file of a primitive ends in .npz")
+    check_folder(out.parent)
+    with waiting("learning ...") as say:
+        recorded = _read(demonstrations, robot)
+        basis, held_out = _basis(recorded, bases, width, say)
+        promp = (fit_em if em else fit)(recorded, basis)
+        rest = residuals(recorded, basis)
+        promp.save(out)
+        picture = out.with_suffix(".png") if figure else None
+        if picture is not None:
+            from optipromp.viewer.figures import png
+            from optipromp.viewer.primitive import primitive_figure
+
+            write_atomically(picture, png(primitive_figure(promp, recorded)))
+    document: dict[str, Any] = {
+        "status": "success",
+        "message": _far(recorded, rest),
+        "file": str(out),
+        "figure": None if picture is None else str(picture),
+        "demonstrations": len(recorded),
+        "samples": sum(len(item.times) for item in recorded),
+        "joints": promp.joint_names,
+        "bases": basis.count,
+        "width": width,
+        "method": "em" if em else "ridge",
+        "held_out_residual": held_out,
+        "residual": _summary(promp.joint_names, rest),
+    }
+    if document["message"]:
+        warnings.warn(document["message"], stacklevel=1)
     if as_json:
-        print_json(
-            {
-                "status": "success",
-                "message": "",
-                "file": str(out),
-                "demonstrations": len(recorded),
-                "samples": samples,
-                "joints": promp.joint_names,
-                "basis": basis,
-                "width": width,
-                "method": "em" if em else "ridge",
-            }
-        )
+        print_json(document)
     else:
-        stdout().print(
-            f"learnt {len(promp.joint_names)} joints from {len(recorded)} demonstrations "
-            f"({samples} samples) with {basis} basis functions a joint; wrote {out}"
-        )
+        _print(document)
     return OK
+
+
+def _read(path: Path, robot: str | None) -> "Demonstrations":
+    """The demonstrations, in the robot's order where one is given."""
+    from optipromp.promp import Demonstrations, load_demonstrations
+    from optipromp.promp.checks import unnamed
+
+    recorded = load_demonstrations(path)
+    nameless = unnamed(recorded.joint_names)
+    if robot is not None:
+        from optipromp.robots.library import load_robot
+
+        joints = load_robot(robot).joint_names
+        if nameless and len(joints) == recorded.n_joints:
+            warnings.warn(
+                f"{path} has no joint names; its columns are taken to be {', '.join(joints)}, in "
+                "this order",
+                stacklevel=1,
+            )
+            return Demonstrations(recorded.items, joints)
+        return recorded.for_joints(joints, str(path))
+    if nameless:
+        warnings.warn(f"{path} {NAMELESS}", stacklevel=1)
+    return recorded
+
+
+def _basis(
+    recorded: "Demonstrations", bases: int | None, width: float, say: Any
+) -> tuple["Basis", dict[int, float]]:
+    """The basis asked for; else the cross-validated one, with the residual of each count tried."""
+    from optipromp.promp import Basis, held_out_residuals
+
+    if bases is not None:
+        return Basis(bases, width), {}
+    if len(recorded) == 1:
+        warnings.warn(
+            f"one demonstration cannot be cross-validated; it gets {Basis.count} bases a joint "
+            "(--bases N asks for others)",
+            stacklevel=1,
+        )
+        return Basis(width=width), {}
+    held_out = held_out_residuals(
+        recorded, width=width, progress=lambda count: say(f"cross-validating {count} bases ...")
+    )
+    return Basis(min(held_out, key=lambda count: held_out[count]), width), held_out
+
+
+def _summary(joints: tuple[str, ...], rest: list[Any]) -> dict[str, Any]:
+    """RMS and largest residual, in all and for each joint [rad or m]."""
+    import numpy as np
+
+    flat = np.concatenate(rest)
+    rms, largest = np.sqrt((flat**2).mean(axis=0)), np.abs(flat).max(axis=0)
+    return {
+        "rms": float(np.sqrt((flat**2).mean())),
+        "largest": float(largest.max()),
+        "joints": {
+            name: {"rms": float(rms[j]), "largest": float(largest[j])}
+            for j, name in enumerate(joints)
+        },
+    }
+
+
+def _far(recorded: "Demonstrations", rest: list[Any]) -> str:
+    """Which demonstration the bases are furthest from, where that is too far; else nothing."""
+    import numpy as np
+
+    largest = [float(np.abs(part).max()) for part in rest]
+    worst = int(np.argmax(largest))
+    if largest[worst] <= LARGEST_RESIDUAL:
+        return ""
+    sample, joint = np.unravel_index(int(np.abs(rest[worst]).argmax()), rest[worst].shape)
+    beyond = sum(value > LARGEST_RESIDUAL for value in largest)
+    return (
+        f"the bases are more than {LARGEST_RESIDUAL} rad (or m) from {beyond} of {len(rest)} "
+        f"demonstrations; furthest is demonstration {worst}, {recorded.joint_names[joint]}, at "
+        f"phase {recorded[worst].phases[sample]:.2f}: {largest[worst]:.3f}. More --bases follow "
+        "closer; a demonstration that jumps or pauses is better left out"
+    )
+
+
+def _print(document: dict[str, Any]) -> None:
+    from rich.text import Text
+
+    console = stdout()
+    held_out, count = document["held_out_residual"], document["bases"]
+    chosen = f", cross-validated (held-out RMS {held_out[count]:.4f})" if held_out else ""
+    console.print(
+        f"learnt {len(document['joints'])} joints from {document['demonstrations']} "
+        f"demonstrations ({document['samples']} samples) with {count} bases a joint{chosen}",
+        markup=False,
+    )
+    table = grid(("residual, rad or m",), ("RMS", "largest"))
+    residual = document["residual"]
+    for name, row in [*residual["joints"].items(), ("all", residual)]:
+        table.add_row(Text(name), f"{row['rms']:.4f}", f"{row['largest']:.4f}")
+    console.print(table)
+    files = [name for name in (document["file"], document["figure"]) if name is not None]
+    console.print(f"wrote {' and '.join(files)}", markup=False)

@@ -1,8 +1,6 @@
 """``optipromp plan``: one scene, one plan; or a folder of scenes."""
 
 from collections.abc import Mapping
-from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,25 +14,19 @@ from optipromp.cli.console import (
     stdout,
     waiting,
 )
+from optipromp.cli.options import (
+    AsJson,
+    ChosenStrategy,
+    Constraints,
+    Planner,
+    Recorded,
+    Seed,
+    Workers,
+)
 from optipromp.errors import OptiPrompError
 
 if TYPE_CHECKING:
     from optipromp.planning import Plan
-
-
-class Planner(StrEnum):
-    """The planners, oldest first."""
-
-    PROMP = "promp"
-    I_PROMP = "i-promp"
-    OPTI_PROMP = "opti-promp"
-
-
-class Strategy(StrEnum):
-    """How OptI-ProMP solves."""
-
-    JOINT = "joint"
-    SEQUENTIAL = "sequential"
 
 
 def failed_plan(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str, Any]:
@@ -43,12 +35,10 @@ def failed_plan(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str
     return {
         "scene": arguments["scene"],
         "planner": planner,
-        "strategy": arguments["strategy"] if planner == Planner.OPTI_PROMP else None,
+        "strategy": arguments["strategy"] if planner == "opti-promp" else None,
         "status": error.code,
         "message": error.message,
-        "metrics": None,
-        "terms": None,
-        "time": None,
+        **dict.fromkeys(("metrics", "terms", "time")),
     }
 
 
@@ -64,24 +54,27 @@ def plan(
     planner: Annotated[
         Planner,
         typer.Option(help="promp: as learnt; i-promp: pushing by geometry; opti-promp: optimised."),
-    ] = Planner.OPTI_PROMP,
-    strategy: Annotated[
-        Strategy,
-        typer.Option(help="Of opti-promp. joint: one solve; sequential: the paper's two stages."),
-    ] = Strategy.JOINT,
-    demonstrations: Annotated[
-        Path | None,
-        typer.Option(help="NPZ, CSV or a folder of CSVs to learn from, or what 'learn' wrote."),
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Same seed, same plan.")] = 0,
+    ] = "opti-promp",
+    strategy: ChosenStrategy = "joint",
+    demonstrations: Recorded = None,
+    seed: Seed = 0,
     duration: Annotated[
         float | None,
         typer.Option(
             metavar="SECONDS", help="Of the motion; the shortest within limits if left out."
         ),
     ] = None,
-    knots: Annotated[
-        int | None, typer.Option(help="Number of knots of the trajectory, at least 3.")
+    constraints: Annotated[
+        Constraints,
+        typer.Option(help="push-model: least predicted harm; paper: the paper's constraints 1-4."),
+    ] = "push-model",
+    setting: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Any other setting, as often as you like; 'optipromp list' names them.",
+        ),
     ] = None,
     timeout: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="Give up planning after this long.")
@@ -89,8 +82,6 @@ def plan(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out",
-            "--output",
             metavar="DIR",
             help="Leave plan.json, trajectory.csv and .npz, and figures; of a folder's scenes, "
             "in a folder each.",
@@ -104,13 +95,8 @@ def plan(
             show_default=False,
         ),
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, help="Processes that plan a folder's scenes; one a core if left out."),
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON document and nothing else.")
-    ] = False,
+    workers: Workers = None,
+    as_json: AsJson = False,
 ) -> int:
     """Plan a reach to the target of SCENE and judge it.
 
@@ -124,10 +110,12 @@ def plan(
     optipromp plan scenario-3 --out reach
     optipromp plan my-scene.yaml --seed 7 --duration 4
     optipromp plan scenario-4 --strategy sequential --json
+    optipromp plan scenario-3 --constraints paper --set paper.drift_offset=0.03
+    optipromp plan scenario-3 --set static_clearance=0.02 --set max_step=0.03
     optipromp plan scenario-3 --demonstrations recorded.npz
-    optipromp plan scenes --output plans
+    optipromp plan scenes --out plans
     """
-    from optipromp.planning import PlanOptions
+    from optipromp.cli.settings import settings
     from optipromp.planning import plan as make_plan
     from optipromp.scenes.io import load_scene, scene_names
 
@@ -135,12 +123,10 @@ def plan(
         from optipromp.files import check_folder
 
         check_folder(out)
-    options = PlanOptions(duration=duration, knots=knots)
-    if timeout is not None:
-        options = replace(options, timeout=timeout)
+    options = settings(setting or [], duration=duration, timeout=timeout, constraints=constraints)
     request: dict[str, Any] = {
-        "planner": planner.value,
-        "strategy": strategy.value,
+        "planner": planner,
+        "strategy": strategy,
         "demonstrations": None if demonstrations is None else read_primitive(demonstrations),
         "seed": seed,
         "options": options,

@@ -56,8 +56,11 @@ def _rows(plan: "Plan") -> list[tuple[str, str]]:
         ("joint limits", "kept" if m.limit_violation <= 0 else f"{m.limit_violation:.3g} beyond"),
         ("largest step", f"{m.max_step:.4f} rad of a {m.path_length:.2f} rad path"),
     ]
+    if plan.prediction is not None:
+        rows.append(("push", str(plan.prediction)))
     for name, term in plan.terms.items():
-        rows.append((f"cost, {name}", f"{term.initial:.4g} → {term.final:.4g}"))
+        told = f"{term.initial:.4g} → {term.followed:.4g} → {term.final:.4g}"
+        rows.append((f"cost, {name}", f"{told} (primitive, followed, optimised)"))
     return rows
 
 

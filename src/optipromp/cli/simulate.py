@@ -1,4 +1,4 @@
-"""``optipromp simulate``: execute a plan in the physics twin and tell what happened."""
+"""``optipromp simulate``: execute a plan in the physics simulation and tell what happened."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -16,7 +16,7 @@ from optipromp.cli.console import (
     stdout,
     waiting,
 )
-from optipromp.cli.plan import Planner, Strategy
+from optipromp.cli.options import AsJson, ChosenStrategy, Planner, Seed, Strategy
 from optipromp.errors import InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
@@ -46,8 +46,8 @@ def simulate(
     ],
     planner: Annotated[
         Planner, typer.Option(help="Of a scene; a plan's folder has its plan.")
-    ] = Planner.OPTI_PROMP,
-    strategy: Annotated[Strategy, typer.Option(help="Of opti-promp.")] = Strategy.JOINT,
+    ] = "opti-promp",
+    strategy: ChosenStrategy = "joint",
     true_scene: Annotated[
         str | None,
         typer.Option(
@@ -58,7 +58,7 @@ def simulate(
         float | None,
         typer.Option(metavar="SHARE", help="Of the velocity limits that the motion uses (0.5)."),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Same seed, same run.")] = 0,
+    seed: Seed = 0,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -71,11 +71,9 @@ def simulate(
     slow: Annotated[
         float, typer.Option(metavar="FACTOR", help="How many times slower a film runs.")
     ] = 1.0,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON document and nothing else.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> int:
-    """Execute a plan in the physics twin and judge what happened there.
+    """Execute a plan in the physics simulation and judge what happened there.
 
     The exit code is 0 only when the target alone ended in the gripper and nothing was harmed; 1
     otherwise; 2 when the input is wrong. Needs the extra 'sim': pip install 'optipromp\\[sim]'.
@@ -143,9 +141,7 @@ def _plan(item: str, planner: Planner, strategy: Strategy, seed: int) -> "Plan":
     scene = load_scene(item)
     say_if_compiling()
     with waiting(f"planning {scene.name} ...") as say:
-        return make_plan(
-            scene, planner=planner.value, strategy=strategy.value, seed=seed, progress=say
-        )
+        return make_plan(scene, planner=planner, strategy=strategy, seed=seed, progress=say)
 
 
 def _leave(run: "Run", folder: Path, video: bool, gif: bool, slow: float) -> tuple[str, ...]:

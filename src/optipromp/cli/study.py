@@ -1,23 +1,29 @@
 """``optipromp study``: planners against one another over random scenes, judged by physics."""
 
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.console import OK, command, print_json, say_if_compiling, stderr, stdout
+from optipromp.cli.console import (
+    OK,
+    command,
+    grid,
+    print_json,
+    progress_bar,
+    say_if_compiling,
+    stdout,
+)
+from optipromp.cli.options import AsJson, Workers
 from optipromp.errors import InvalidRequestError
 
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from optipromp.experiments.calibration import Calibration
     from optipromp.experiments.runs import Row
     from optipromp.experiments.statistics import Cell
-
-Progress = Callable[[int, int, "Row | None"], None]
 
 
 @command()
@@ -48,14 +54,10 @@ def study(
         bool,
         typer.Option("--only-valid", help="Do not execute plans that the judge refuses."),
     ] = False,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes; one a core if left out.")
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON document and nothing else.")
-    ] = False,
+    workers: Workers = None,
+    as_json: AsJson = False,
 ) -> int:
-    """Run planners on random scenes and execute their plans in the physics twin.
+    """Run planners on random scenes and execute their plans in the physics simulation.
 
     Every run is a row of rows.csv in DIR. Ctrl-C keeps what is done; the same command goes on from
     there. At the end: success rates with 95 % intervals, causes of failure, and a figure.
@@ -67,6 +69,7 @@ def study(
     optipromp study --planners opti-promp --noise-position 0.005 --noise-angle 5 --out noisy
     """
     from optipromp.experiments.baselines import STUDY_PLANNERS
+    from optipromp.experiments.calibration import calibration
     from optipromp.experiments.statistics import summary
     from optipromp.experiments.study import Study, run_study
     from optipromp.experiments.study_output import write_results
@@ -76,7 +79,15 @@ def study(
     compared: Any = _names(planners, STUDY_PLANNERS)
     plan = Study(chosen, compared, _range(seeds), noise_position, noise_angle, only_valid)
     say_if_compiling()
-    with _shown() as progress:
+    successes: dict[str, list[bool]] = {}
+    with progress_bar(20) as shown:
+
+        def progress(done: int, total: int, row: "Row | None") -> None:
+            if row is not None:
+                successes.setdefault(row.planner, []).append(row.success)
+            shares = (f"{name} {sum(s)}/{len(s)}" for name, s in successes.items())
+            shown(done, total, ", ".join((f"{done} of {total} runs", *shares)))
+
         rows = run_study(plan, out, workers=workers, progress=progress)
     cells = summary(rows)
     written = write_results(rows, cells, out)
@@ -86,6 +97,9 @@ def study(
     console = stdout()
     console.print(table(cells))
     console.print(causes(cells))
+    found = calibration(rows)
+    if found is not None:
+        console.print(reliability(found))
     console.print(f"wrote rows.csv, {', '.join(written)} to {out}", markup=False)
     return OK
 
@@ -105,59 +119,15 @@ def _range(text: str) -> tuple[int, int]:
     return first, end
 
 
-@contextmanager
-def _shown() -> Iterator[Progress]:
-    """A progress bar on a terminal; elsewhere a line on standard error now and then."""
-    if not sys.stderr.isatty():
-        yield _say
-        return
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    )  # fmt: skip
-    with Progress(*columns, console=stderr(), transient=True) as bar:
-        task = bar.add_task("runs", total=None)
-        successes: dict[str, list[bool]] = {}
-
-        def update(done: int, total: int, row: "Row | None") -> None:
-            words = "runs"
-            if row is not None:
-                successes.setdefault(row.planner, []).append(row.success)
-                shares = (f"{name} {sum(s)}/{len(s)}" for name, s in successes.items())
-                words = ", ".join(shares)
-            bar.update(task, completed=done, total=total, description=words)
-
-        yield update
-
-
-def _say(done: int, total: int, row: "Row | None") -> None:
-    step = max(1, total // 20)
-    if row is None or done % step == 0 or done == total:
-        sys.stderr.write(f"{done} of {total} runs\n")
-        sys.stderr.flush()
-
-
-TITLE = """picked and nothing harmed, in the physics twin; 95 %: Wilson's interval
+TITLE = """picked and nothing harmed, in the physics simulation; 95 %: Wilson's interval
 plans: valid ones; static, torn: runs with such contact, torn fruit
-medians: force on unripe things [N], time to plan and to run [s]"""
+medians: force on unripe fruits [N], time to plan and to run [s]"""
 
 
 def table(cells: Sequence["Cell"]) -> "Table":
     """Rates, contacts, forces and median times of every preset and planner."""
-    from rich.table import Table
-
-    out = _grid(Table, TITLE)
-    for name in ("preset", "planner"):
-        out.add_column(name, no_wrap=True)
-    for name in ("n", "%", "95 %", "plans", "static", "torn", "unripe", "plan", "run"):
-        out.add_column(name, no_wrap=True, justify="right")
+    figures = ("n", "%", "95 %", "plans", "static", "torn", "unripe", "plan", "run")
+    out = grid(("preset", "planner"), figures, title=TITLE, padding=(0, 0))
     for cell, first in _sections(out, cells):
         force = "–" if cell.unripe_force is None else f"{cell.unripe_force:.1f}"
         run = "–" if cell.simulation_time is None else f"{cell.simulation_time:.1f}"
@@ -179,11 +149,7 @@ def table(cells: Sequence["Cell"]) -> "Table":
 
 def causes(cells: Sequence["Cell"]) -> "Table":
     """Why runs failed, most frequent first."""
-    from rich.table import Table
-
-    out = _grid(Table, "causes of failure")
-    for name in ("preset", "planner"):
-        out.add_column(name, no_wrap=True)
+    out = grid(("preset", "planner"), title="causes of failure", padding=(0, 0))
     out.add_column("failed by")
     for cell, first in _sections(out, cells):
         words = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in cell.causes.items())
@@ -191,10 +157,19 @@ def causes(cells: Sequence["Cell"]) -> "Table":
     return out
 
 
-def _grid(table_type: type["Table"], title: str) -> "Table":
-    from rich.box import SIMPLE_HEAD
-
-    return table_type(box=SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False, padding=0)
+def reliability(found: "Calibration") -> "Table":
+    """Predicted harm against outcomes: how often runs of each bin failed."""
+    title = (
+        f"predicted harm and what happened; AUC {found.auc:.2f}; of {found.successes} plans that "
+        f"promise success {found.failed} failed"
+    )
+    out = grid((), ("harm", "n", "failed", "%", "95 %"), title=title, padding=(0, 0))
+    for item in found.bins:
+        out.add_row(
+            f"{item.low:g}–{item.high:g}", str(item.runs), str(item.failures),
+            f"{100 * item.rate:.1f}", f"{100 * item.rate_low:.0f}–{100 * item.rate_high:.0f}",
+        )  # fmt: skip
+    return out
 
 
 def _sections(out: "Table", cells: Sequence["Cell"]) -> Iterator[tuple["Cell", bool]]:

@@ -10,21 +10,21 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from optipromp import metrics
 from optipromp.arrays import FloatArray
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.planning import PlanOptions, plan
-from optipromp.planning.primitives import camera_point
-from optipromp.planning.setup import Setup, bind
+from optipromp.planning.task import Task, resolve
+from optipromp.planning.verdict import verdict
 from optipromp.robots import ik
 from optipromp.robots.roll import level
-from optipromp.scenes.scene import Scene, suggest
+from optipromp.scenes.scene import JointGoal, Scene, suggest
 from optipromp.trajectory import Trajectory, shortest_dt
 
 StudyPlanner = Literal["straight", "promp", "i-promp", "chomp", "opti-promp"]
 STUDY_PLANNERS: tuple[StudyPlanner, ...] = get_args(StudyPlanner)
 
-STEP = 0.04  # [rad or m] no joint moves more between the knots of ``straight``
+SPEED = 0.1  # [m/s] of the tool after the camera point, as of the other planners
+STEP = 0.04  # [rad or m] no joint moves more between the waypoints of ``straight``
 LINE_STEP = 0.005  # [m] between followed tool points
 FOLLOWED = 1e-5  # [m] largest error of a followed tool point
 
@@ -39,6 +39,7 @@ class Attempt:
         message: why, in words.
         trajectory: what is executed; None where the planner has none.
         seconds: wall time of planning.
+        harm: predicted of its push; None where no model knows it.
     """
 
     planner: StudyPlanner
@@ -46,6 +47,7 @@ class Attempt:
     message: str
     trajectory: Trajectory | None
     seconds: float
+    harm: float | None = None
 
 
 def attempt(
@@ -73,36 +75,37 @@ def attempt(
     began = time.perf_counter()
     if planner == "straight":
         return straight(scene, options)
-    if planner == "chomp":
-        made = plan(as_obstacles(scene), planner="opti-promp", seed=seed, options=options)
-    else:
+    if planner != "chomp":
         made = plan(scene, planner=planner, seed=seed, options=options)
+        moves = bool(np.ptp(made.trajectory.positions, axis=0).max() > 0.0)
+        return Attempt(
+            planner, made.status, made.message, made.trajectory if moves else None,
+            time.perf_counter() - began, made.prediction.harm if made.prediction else None,
+        )  # fmt: skip
+    made = plan(as_obstacles(scene), planner="opti-promp", seed=seed, options=options)
     seconds = time.perf_counter() - began
-    status, message, trajectory = made.status, made.message, made.trajectory
-    if planner == "chomp" and status in (Code.SUCCESS, Code.INVALID_PLAN):
-        trajectory = gently(bind(scene), trajectory, options)
-        status, message = _judged(bind(scene), trajectory)
-    moves = bool(np.ptp(trajectory.positions, axis=0).max() > 0.0)
-    return Attempt(planner, status, message, trajectory if moves else None, seconds)
+    if made.status not in (Code.SUCCESS, Code.INVALID_PLAN):
+        return Attempt(planner, made.status, made.message, made.trajectory, seconds)
+    task = resolve(scene)
+    return _judged(planner, task, gently(task, made.trajectory, options), seconds)
 
 
-def gently(setup: Setup, trajectory: Trajectory, options: PlanOptions | None) -> Trajectory:
+def gently(setup: Task, trajectory: Trajectory, options: PlanOptions | None) -> Trajectory:
     """``trajectory`` no faster, from the camera point on, than the other planners are there."""
     options = options or PlanOptions()
-    if not setup.neighbours or setup.goal_position is None or options.duration is not None:
+    if not setup.neighbours or isinstance(setup.goal, JointGoal) or options.duration is not None:
         return trajectory
     points, _ = setup.robot.tool_pose(trajectory.positions)
-    first = int(np.argmin(np.linalg.norm(points - camera_point(setup), axis=1)))
+    first = int(np.argmin(np.linalg.norm(points - setup.camera, axis=1)))
     steps = np.linalg.norm(np.diff(points[first:], axis=0), axis=1)
-    slowest = float(steps.max(initial=0.0)) / options.approach_speed
+    slowest = float(steps.max(initial=0.0)) / (options.approach_speed or SPEED)
     return trajectory.with_dt(max(trajectory.dt, slowest))
 
 
 def as_obstacles(scene: Scene) -> Scene:
     """The scene with every pushable in the role of a neighbour to be avoided."""
     objects = tuple(
-        replace(thing, role="avoid") if thing.role == "pushable" else thing
-        for thing in scene.objects
+        replace(item, role="avoid") if item.role == "pushable" else item for item in scene.objects
     )
     return replace(scene, objects=objects)
 
@@ -116,7 +119,7 @@ def straight(scene: Scene, options: PlanOptions | None = None) -> Attempt:
     may be on the approach.
     """
     began = time.perf_counter()
-    setup = bind(scene)
+    setup = resolve(scene)
     parts = _parts(setup)
     if parts is None:
         away = "no configuration follows the approach line to the target"
@@ -126,23 +129,21 @@ def straight(scene: Scene, options: PlanOptions | None = None) -> Attempt:
     q[1:] = level(robot, q, setup.scene.frame[0], path=True)[1:]
     dt = shortest_dt(q, robot.velocity, robot.acceleration)
     trajectory = gently(setup, Trajectory(q, dt, robot.joint_names), options)
-    status, message = _judged(setup, trajectory)
-    return Attempt("straight", status, message, trajectory, time.perf_counter() - began)
+    return _judged("straight", setup, trajectory, time.perf_counter() - began)
 
 
-def _judged(setup: Setup, trajectory: Trajectory) -> tuple[Code, str]:
-    verdict = metrics.judge(setup.scene, setup.robot, trajectory, setup.start)
-    if verdict.violations:
-        return Code.INVALID_PLAN, "; ".join(verdict.violations)
-    return Code.SUCCESS, "reaches the target, keeps all limits, touches nothing it must not"
+def _judged(planner: StudyPlanner, task: Task, trajectory: Trajectory, seconds: float) -> Attempt:
+    found = verdict(task, trajectory)
+    harm = found.prediction.harm if found.prediction else None
+    return Attempt(planner, found.status, found.message, trajectory, seconds, harm)
 
 
-def _parts(setup: Setup) -> tuple[FloatArray, FloatArray] | None:
-    """Knots (m, n) from start to camera point, and from there to the target."""
-    robot, goal, axis = setup.robot, setup.goal_position, setup.goal_axis
-    if goal is None or axis is None:
+def _parts(setup: Task) -> tuple[FloatArray, FloatArray] | None:
+    """Waypoints (m, n) from start to camera point, and from there to the target."""
+    if isinstance(setup.goal, JointGoal):
         raise InvalidRequestError("straight needs a target to approach; the scene's goal is joints")
-    camera = camera_point(setup)
+    robot, goal, axis = setup.robot, setup.goal.position, setup.goal.axis
+    camera = setup.camera
     point, pointing = robot.tool_pose(setup.start)
     there, missed = ik.track(robot, *_line(point, camera, pointing, axis), setup.start)
     ahead, off = ik.track(robot, *_line(camera, goal, axis, axis), there[-1])
@@ -171,7 +172,7 @@ def _line(
 
 
 def _least_jerk(path: FloatArray) -> FloatArray:
-    """Knots (T, n) along a path (m, n) with the timing 10 τ³ − 15 τ⁴ + 6 τ⁵."""
+    """Waypoints (T, n) along a path (m, n) with the timing 10 τ³ − 15 τ⁴ + 6 τ⁵."""
     lengths = np.max(np.abs(np.diff(path, axis=0)), axis=1)
     along = np.concatenate([[0.0], np.cumsum(np.maximum(lengths, 1e-12))])
     count = max(10, int(np.ceil(1.9 * along[-1] / STEP)))  # the middle is 1.9 times as fast

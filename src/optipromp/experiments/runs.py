@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from optipromp.errors import Code, OptiPrompError
 from optipromp.experiments.baselines import Attempt, StudyPlanner, attempt
@@ -40,13 +41,14 @@ class Row:
         cause: why not; empty for a success.
         message: in words.
         picked: the target is in the tool.
-        swallowed: ids of other things that are, separated by spaces.
+        swallowed: ids of other objects that are, separated by spaces.
         unripe_force: largest force on anything that was not to be picked [N]; None: not executed.
         target_force: largest force on the target [N].
-        static_force: largest force of arm or tool on static things [N].
+        static_force: largest force of arm or tool on static objects [N].
         torn: ids of fruits that came off, separated by spaces.
         stem_force: largest force of arm or tool on a stem [N].
         duration: of the executed motion [s].
+        predicted_harm: of the plan's push, by the model; None where none knows it.
         plan_time: wall time of planning [s].
         simulation_time: wall time of the execution [s].
         version: of the library, with a digest of its source.
@@ -60,20 +62,21 @@ class Row:
     pushables: int
     redraws: int
     plan_status: str
-    success: bool
-    cause: str
-    message: str
-    picked: bool | None
-    swallowed: str
-    unripe_force: float | None
-    target_force: float | None
-    static_force: float | None
-    torn: str
-    stem_force: float | None
-    duration: float | None
-    plan_time: float
-    simulation_time: float
-    version: str
+    success: bool = False
+    cause: str = ""
+    message: str = ""
+    picked: bool | None = None
+    swallowed: str = ""
+    unripe_force: float | None = None
+    target_force: float | None = None
+    static_force: float | None = None
+    torn: str = ""
+    stem_force: float | None = None
+    duration: float | None = None
+    predicted_harm: float | None = None
+    plan_time: float = 0.0
+    simulation_time: float = 0.0
+    version: str = ""
 
     @property
     def key(self) -> tuple[str, int, str]:
@@ -82,8 +85,7 @@ class Row:
 
 
 COLUMNS: tuple[str, ...] = tuple(field.name for field in fields(Row))
-_NUMBERS = {"noise_position", "noise_angle", "plan_time", "simulation_time"}
-_OPTIONAL = {"unripe_force", "target_force", "static_force", "stem_force", "duration"}
+_MAY_BE_NONE = {field.name for field in fields(Row) if "None" in str(field.type)}
 
 
 def row_from_text(texts: Mapping[str, str]) -> Row:
@@ -92,16 +94,14 @@ def row_from_text(texts: Mapping[str, str]) -> Row:
     Raises:
         ValueError, KeyError: cells that are not a row's.
     """
-    values: dict[str, Any] = {name: texts[name] for name in COLUMNS}
-    for name in ("seed", "pushables", "redraws"):
-        values[name] = int(values[name])
-    for name in _NUMBERS:
-        values[name] = float(values[name])
-    for name in _OPTIONAL:
-        values[name] = float(values[name]) if values[name] else None
-    values["success"] = {"True": True, "False": False}[values["success"]]
-    values["picked"] = {"True": True, "False": False, "": None}[values["picked"]]
-    return Row(**values)
+    values = {name: texts[name] for name in COLUMNS}
+    empty = dict.fromkeys(name for name in _MAY_BE_NONE if values[name] == "")
+    return _reader().validate_python(values | empty)
+
+
+@functools.cache
+def _reader() -> TypeAdapter[Row]:
+    return TypeAdapter(Row)
 
 
 @functools.lru_cache(maxsize=1)
@@ -145,36 +145,29 @@ def run_scene(
     rng = np.random.default_rng([seed, 1])
     seen = perceived(scene, rng, noise_position, float(np.deg2rad(noise_angle)))
 
-    def row(planner: StudyPlanner, **values: Any) -> Row:
-        empty: dict[str, Any] = {
-            "success": False, "cause": "", "message": "", "picked": None, "swallowed": "",
-            "unripe_force": None, "target_force": None, "static_force": None, "torn": "",
-            "stem_force": None, "duration": None, "plan_time": 0.0, "simulation_time": 0.0,
-        }  # fmt: skip
-        return Row(
-            preset=preset, seed=seed, planner=planner, noise_position=noise_position,
-            noise_angle=noise_angle, pushables=len(scene.pushables), redraws=report.redraws,
-            version=version, **{**empty, **values},
-        )  # fmt: skip
-
+    row = functools.partial(
+        Row, preset=preset, seed=seed, noise_position=noise_position, noise_angle=noise_angle,
+        pushables=len(scene.pushables), redraws=report.redraws, version=version,
+    )  # fmt: skip
     rows = []
     for planner in planners:
         try:
             made = attempt(seen, planner, seed=seed)
-            rows.append(row(planner, **_executed(made, scene, seed, only_valid)))
+            values = _executed(made, scene, seed, only_valid)
         except OptiPrompError as error:
-            rows.append(
-                row(planner, plan_status=str(error.code), cause=ERROR, message=error.message)
-            )
+            values = {"plan_status": str(error.code), "cause": ERROR, "message": error.message}
         except Exception as error:  # a study tells of a broken run, and goes on
             words = f"{type(error).__name__}: {error}"
-            rows.append(row(planner, plan_status=ERROR, cause=ERROR, message=words))
+            values = {"plan_status": ERROR, "cause": ERROR, "message": words}
+        rows.append(row(planner=planner, **values))
     return rows
 
 
 def _executed(made: Attempt, scene: Scene, seed: int, only_valid: bool) -> dict[str, Any]:
     """What became of a plan in the true scene, as values of a row."""
-    values: dict[str, Any] = {"plan_status": str(made.status), "plan_time": made.seconds}
+    values: dict[str, Any] = {
+        "plan_status": str(made.status), "plan_time": made.seconds, "predicted_harm": made.harm,
+    }  # fmt: skip
     refused = only_valid and made.status != Code.SUCCESS
     if made.trajectory is None or refused:
         return {**values, "cause": NO_PLAN, "message": made.message}

@@ -1,20 +1,33 @@
 """The paper's four scenarios, its published figures and ours."""
 
+import functools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from optipromp.errors import Code
+from optipromp import judging
+from optipromp.arrays import FloatArray
+from optipromp.errors import Code, InvalidRequestError
+from optipromp.geometry import Box, Sphere
 from optipromp.planning import Plan, Planner, PlanOptions, Strategy, plan
+from optipromp.planning.paper_options import PaperOptions
+from optipromp.planning.task import resolve
 from optipromp.scenes.io import load_scene
-from optipromp.scenes.scene import Scene
+from optipromp.scenes.scene import Scene, SceneObject, ToolSpec
 
 if TYPE_CHECKING:
     from optipromp.promp.model import ProMP
+
+
+PAPER_START = (0.0, 0.0, 0.0, -0.1, 0.0, 0.0, 0.8)  # [rad]; the paper's, of the Panda
+START_ROOM = 0.005  # [m] from the hand to the forearm at the start
+CORE = 0.07  # [m] from the approach line: the paper's M_c 35 mm and M_p +34 mm add up to it
+TABLE_TOP = (0.4, 0.06, 0.06)  # [m] the paper's half depth is 0.03; its length is not given
+TABLE_HEIGHT = 0.97  # [m] of the core, as in scenario IV; the paper gives none
 
 
 @dataclass(frozen=True)
@@ -23,13 +36,22 @@ class Published:
 
     Attributes:
         M_c: smallest distance from a body point to the core of an obstacle [m].
-        M_p: offset at each pushable, by its id [m].
-        reductions: by term, the factor its cost falls by and the iterations that takes.
+        M_c_above: what the paper asks of it: the clusters' radius, the table-top's half depth [m].
+        M_p: offset at each pushable, by its id [m]; its sign must be opposite to the stem's.
+        reductions: by term.
     """
 
     M_c: float
+    M_c_above: float
     M_p: Mapping[str, float]
-    reductions: Mapping[str, tuple[float, int]]
+    reductions: Mapping[str, "PaperReduction"]
+
+
+class PaperReduction(NamedTuple):
+    """The ``factor`` that the paper's cost falls by, and the ``iterations`` that takes."""
+
+    factor: float
+    iterations: int
 
 
 @dataclass(frozen=True)
@@ -46,6 +68,8 @@ class Case:
         published: the paper's figures, where it gives some.
         options: settings that differ from the default.
         start: (n,) in place of the scene's own.
+        as_paper: with what the paper must have had in place of the scene's own: the narrow Franka
+            hand, its start, a table-top whose core is 70 mm from the approach line.
     """
 
     key: str
@@ -57,6 +81,7 @@ class Case:
     published: Published | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     start: tuple[float, ...] | None = None
+    as_paper: bool = False
 
 
 @dataclass(frozen=True)
@@ -72,6 +97,8 @@ class Reduction:
         final: our factor at the end of the stage; infinite where nothing is left, NaN where there
             was nothing to lower.
         iterations: our iterations.
+        kept: our factor in the final plan, after the stages that follow.
+        valid: whether the judge finds nothing in that plan; a factor of another says nothing.
     """
 
     term: str
@@ -81,6 +108,8 @@ class Reduction:
     same: float
     final: float
     iterations: int
+    kept: float
+    valid: bool
 
 
 @dataclass(frozen=True)
@@ -95,6 +124,32 @@ class Row:
         """Whether the run ended as it must."""
         return self.case.expected is None or self.plan.status is self.case.expected
 
+    @functools.cached_property
+    def M_c_joints(self) -> float:
+        """M_c over joint origins and tool point, as the paper's must be [m]; infinite if none."""
+        q = self.plan.trajectory.positions
+        origins, _ = self.plan.robot.segment_frames(q)
+        tips, _ = self.plan.robot.tool_pose(q)
+        points = np.concatenate([origins.reshape(-1, 3), tips])
+        scene = self.plan.scene
+        others = scene.static + scene.avoid
+        return min((float(core_distances(item, points).min()) for item in others), default=np.inf)
+
+    @property
+    def thresholds(self) -> dict[str, bool]:
+        """What the paper verifies of its Table I, of ours: by figure, whether it holds."""
+        published, metrics = self.case.published, self.plan.metrics
+        if published is None:
+            return {}
+        out = {
+            "M_c": metrics.M_c is not None and metrics.M_c > published.M_c_above,
+            "M_c_joints": self.M_c_joints > published.M_c_above,
+        }
+        for name in published.M_p:
+            offset, stem = metrics.M_p.get(name), metrics.stem_projection.get(name)
+            out[f"M_p {name}"] = offset is not None and stem is not None and offset * stem < 0.0
+        return out
+
     @property
     def reductions(self) -> tuple[Reduction, ...]:
         """Cost reductions beside the paper's; empty where it gives none."""
@@ -104,107 +159,66 @@ class Row:
         for name, (factor, iterations) in self.case.published.reductions.items():
             term = self.plan.terms[name]
             history = term.history or (term.initial, term.final)
-            at = min(iterations, len(history) - 1)
+            ends = history[min(iterations, len(history) - 1)], history[-1], term.final
+            same, final, kept = (_factor(history[0], end) for end in ends)
             rows.append(
-                Reduction(
-                    term=name,
-                    stage=term.stage,
-                    paper=factor,
-                    paper_iterations=iterations,
-                    same=_factor(history[0], history[at]),
-                    final=_factor(history[0], history[-1]),
-                    iterations=len(history) - 1,
-                )
-            )
+                Reduction(name, term.stage, factor, iterations, same, final, len(history) - 1,
+                          kept, self.plan.status in (Code.SUCCESS, Code.HARM_PREDICTED))
+            )  # fmt: skip
         return tuple(rows)
 
     def to_dict(self) -> dict[str, Any]:
         """The plan's document with the paper's figures beside it."""
-        published = self.case.published
         paper = None
-        if published is not None:
-            paper = {
-                "M_c": published.M_c,
-                "M_p": dict(published.M_p),
-                "reductions": {
-                    name: {"factor": factor, "iterations": iterations}
-                    for name, (factor, iterations) in published.reductions.items()
-                },
-            }
+        if (published := self.case.published) is not None:
+            factors = {name: item._asdict() for name, item in published.reductions.items()}
+            paper = vars(published) | {"reductions": factors}
         return {
             "case": self.case.key,
             "title": self.case.title,
             **self.plan.to_dict(),
             "as_expected": self.as_expected,
+            "start": self.plan.scene.start,
+            "M_c_joints": self.M_c_joints,
+            "thresholds": self.thresholds,
             "paper": paper,
             "reductions": [vars(item) for item in self.reductions],
         }
 
 
 _III = Published(
-    M_c=0.157,
-    M_p={"n1": -0.01, "n2": 0.001968},
-    reductions={"push": (15.5, 10), "avoid": (9.5, 15)},
-)
+    M_c=0.157, M_c_above=0.1, M_p={"n1": -0.01, "n2": 0.001968},
+    reductions={"push": PaperReduction(15.5, 10), "avoid": PaperReduction(9.5, 15)},
+)  # fmt: skip
 _IV = Published(
-    M_c=0.0352,
-    M_p={"n1": -0.0084, "n2": 0.03379},
-    reductions={"static": (4.2, 3), "push": (2.2, 15)},
-)
+    M_c=0.0352, M_c_above=0.03, M_p={"n1": -0.0084, "n2": 0.03379},
+    reductions={"static": PaperReduction(4.2, 3), "push": PaperReduction(2.2, 15)},
+)  # fmt: skip
+_PLAIN = {"paper": PaperOptions(camera_point=False)}
+_CAMERA = {"paper": PaperOptions(camera_point=True)}
+_FAILS, _HARMS, _SUCCEEDS = Code.INVALID_PLAN, Code.HARM_PREDICTED, Code.SUCCESS
+_OPTI: Planner = "opti-promp"
 
 CASES: tuple[Case, ...] = (
-    Case(
-        "1-plain",
-        "scenario-1",
-        "ProMP on start and target",
-        "promp",
-        expected=Code.INVALID_PLAN,
-        options={"camera_point": False},
+    Case("1-plain", "scenario-1", "ProMP on start and target", "promp",
+         expected=_FAILS, options=_PLAIN),
+    Case("1-camera", "scenario-1", "ProMP also on a point below the cluster", "promp",
+         expected=_FAILS, options=_CAMERA),
+    Case("2", "scenario-2", "I-ProMP pushes", "i-promp", expected=_FAILS),
+    Case("3-joint", "scenario-3", "side clusters", _OPTI, "joint", _SUCCEEDS, _III),
+    Case("3-sequential", "scenario-3", "side clusters", _OPTI, "sequential", _HARMS, _III),
+    Case("4-joint", "scenario-4", "table-top", _OPTI, "joint", _SUCCEEDS, _IV),
+    Case("4-sequential", "scenario-4", "table-top", _OPTI, "sequential", _HARMS, _IV),
+    Case("4-near", "scenario-4", "table-top, from a start whose ProMP comes near it", _OPTI,
+         "sequential", None, _IV, start=(-0.25, -0.69, 0.42, -2.12, 0.21, 2.58, 1.44)),
+    *(
+        Case(f"paper-{number}", f"scenario-{number}",
+             f"{title}, with the hand, start and distances of the paper", _OPTI, "sequential",
+             _HARMS, published, as_paper=True,
+             options={"constraints": "paper", "paper": PaperOptions(drift_offset=0.01)})
+        for number, title, published in ((3, "side clusters", _III), (4, "table-top", _IV))
     ),
-    Case(
-        "1-camera",
-        "scenario-1",
-        "ProMP also on a point below the cluster",
-        "promp",
-        expected=Code.INVALID_PLAN,
-        options={"camera_point": True},
-    ),
-    Case("2", "scenario-2", "I-ProMP pushes", "i-promp", expected=Code.INVALID_PLAN),
-    Case(
-        "3-joint",
-        "scenario-3",
-        "side clusters",
-        "opti-promp",
-        expected=Code.SUCCESS,
-        published=_III,
-    ),
-    Case(
-        "3-sequential",
-        "scenario-3",
-        "side clusters",
-        "opti-promp",
-        "sequential",
-        published=_III,
-    ),
-    Case(
-        "4-joint",
-        "scenario-4",
-        "table-top",
-        "opti-promp",
-        expected=Code.SUCCESS,
-        published=_IV,
-    ),
-    Case("4-sequential", "scenario-4", "table-top", "opti-promp", "sequential", published=_IV),
-    Case(
-        "4-near",
-        "scenario-4",
-        "table-top, from a start whose ProMP comes near it",
-        "opti-promp",
-        "sequential",
-        published=_IV,
-        start=(-0.25, -0.69, 0.42, -2.12, 0.21, 2.58, 1.44),
-    ),
-)
+)  # fmt: skip
 
 
 def run_scenarios(
@@ -225,26 +239,65 @@ def run_scenarios(
         if progress is not None:
             progress(f"scenario {case.key}: {case.title}")
         panda = case.planner == "opti-promp"
-        rows.append(
-            Row(
-                case,
-                plan(
-                    _scene(case),
-                    planner=case.planner,
-                    strategy=case.strategy,
-                    demonstrations=demonstrations if panda else None,
-                    seed=seed,
-                    options=PlanOptions(**case.options),
-                    progress=progress,
-                ),
-            )
-        )
+        made = plan(
+            _scene(case), planner=case.planner, strategy=case.strategy, seed=seed,
+            demonstrations=demonstrations if panda else None,
+            options=PlanOptions(**case.options), progress=progress,
+        )  # fmt: skip
+        rows.append(Row(case, made))
     return tuple(rows)
 
 
 def _scene(case: Case) -> Scene:
     scene = load_scene(case.scene)
+    if case.as_paper:
+        return paper_scene(scene)
     return scene if case.start is None else replace(scene, start=np.array(case.start))
+
+
+def paper_scene(scene: Scene) -> Scene:
+    """Scenario III or IV nearer to what the paper must have had.
+
+    The table-top is a bar of the paper's half depth about its core, :data:`CORE` from the approach
+    line and short enough to leave the arm room at the start. The start is the paper's, with joint 6
+    raised by hundredths of a radian until the hand is :data:`START_ROOM` from the forearm.
+    """
+    assert scene.target is not None
+    objects = tuple(
+        replace(
+            item,
+            shape=Box(TABLE_TOP),
+            position=np.array([item.position[0], scene.target.position[1] + CORE, TABLE_HEIGHT]),
+        )
+        if item.role == "static"
+        else item
+        for item in scene.objects
+    )
+    scene = replace(scene, objects=objects, tool=ToolSpec("franka_hand"))
+    robot, start = resolve(replace(scene, start=None)).robot, np.array(PAPER_START)
+    while True:
+        distances, touching = judging.clearances(scene, robot, start[None])
+        if not touching and (distances["clearance_self"] or 0.0) >= START_ROOM:
+            return replace(scene, start=start)
+        start[5] += 0.01
+        if start[5] > robot.upper[5]:
+            raise InvalidRequestError("the arm has no room at the paper's start")
+
+
+def core_distances(item: SceneObject, points: FloatArray) -> FloatArray:
+    """Distances (M,) of points (M, 3) to the core of a ball or of a box.
+
+    Raises:
+        InvalidRequestError: another shape.
+    """
+    off = (points - item.position) @ item.rotation
+    if isinstance(item.shape, Box):
+        half = 0.5 * np.array(item.shape.size)
+        longest = int(np.argmax(half))
+        off[:, longest] -= np.clip(off[:, longest], -half[longest], half[longest])
+    elif not isinstance(item.shape, Sphere):
+        raise InvalidRequestError(f"{item.id}: only a ball or a box has a core here")
+    return np.asarray(np.linalg.norm(off, axis=1))
 
 
 def _factor(before: float, after: float) -> float:

@@ -11,7 +11,7 @@ from optipromp.errors import Code
 from optipromp.experiments.runs import Row
 
 Z95 = 1.959963984540054
-STATIC_FORCE = 0.5  # [N] a harder touch of a static thing counts as contact, as in the simulation
+STATIC_FORCE = 0.5  # [N] a harder touch of a static object counts as contact, as in the simulation
 
 
 def wilson(successes: int, runs: int, z: float = Z95) -> tuple[float, float]:
@@ -41,7 +41,7 @@ class Cell:
         high: upper end.
         plans: runs whose plan was valid by the judge.
         causes: of failure, most frequent first.
-        static_contacts: runs in which arm or tool pressed a static thing.
+        static_contacts: runs in which arm or tool pressed a static object.
         torn: runs in which a fruit came off.
         unripe_force: median over executed runs of the largest force on what was not to be picked
             [N]; None where nothing was executed.

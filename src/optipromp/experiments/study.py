@@ -5,15 +5,12 @@ the same folder runs what is missing. ``study.json`` holds what the rows have in
 """
 
 import csv
+import functools
 import io
-import itertools
 import json
 import math
-import multiprocessing
 import os
-import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,7 +27,7 @@ from optipromp.experiments.runs import (
     warm_up,
 )
 from optipromp.files import check_folder, json_text, write_atomically
-from optipromp.planning.many import single_threads
+from optipromp.processes import cores, run_each
 from optipromp.scenes.generate import PRESETS, Preset
 from optipromp.scenes.scene import suggest
 
@@ -141,17 +138,12 @@ class RowFile:
                 )
 
     def _read(self) -> list[Row]:
-        if not self.path.exists():
-            self._append(",".join(COLUMNS) + "\n")
-            return []
-        content = self.path.read_bytes()
+        content = self.path.read_bytes() if self.path.exists() else b""
         whole = content[: content.rfind(b"\n") + 1]
         if len(whole) < len(content):
-            with self.path.open("r+b") as stream:
-                stream.truncate(len(whole))
+            os.truncate(self.path, len(whole))
         if not whole:
             self._append(",".join(COLUMNS) + "\n")
-            return []
         try:
             table = csv.DictReader(io.StringIO(whole.decode("utf-8")))
             return [row_from_text(line) for line in table]
@@ -171,12 +163,9 @@ class RowFile:
 
     def _append(self, text: str) -> None:
         try:
-            handle = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
-            try:
-                os.write(handle, text.encode("utf-8"))
-                os.fsync(handle)
-            finally:
-                os.close(handle)
+            with self.path.open("ab", buffering=0) as stream:
+                stream.write(text.encode("utf-8"))
+                os.fsync(stream.fileno())
         except OSError as error:
             raise InvalidRequestError(f"cannot write {self.path}: {error.strerror}") from error
 
@@ -230,62 +219,20 @@ def run_study(
             if progress is not None:
                 progress(finished, total, row)
 
-    version = source_version()
-    common = (study.noise_position, study.noise_angle, version, study.only_valid)
-    count = min(workers or os.cpu_count() or 1, max(1, len(tasks)))
-    if count == 1 and tasks:
-        warm_up(study.presets[0], study.planners)
-        for preset, seed, missing in tasks:
-            keep(run_scene(preset, seed, missing, *common))
-    elif tasks:
-        everything = [(*task, *common) for task in tasks]
-        _in_parallel(everything, count, keep, (study.presets[0], study.planners))
-    order: dict[tuple[str, int, str], int] = {}
-    for preset, seed in study.scenes():
-        for planner in study.planners:
-            order[preset, seed, planner] = len(order)
-    return sorted((row for row in file.rows if row.key in order), key=lambda row: order[row.key])
+    common = (study.noise_position, study.noise_angle, source_version(), study.only_valid)
 
+    def hear(index: int, result: Sequence[Row] | BrokenProcessPool) -> None:
+        if isinstance(result, BrokenProcessPool):
+            raise InvalidRequestError(f"{result}; begin the study again to go on")
+        keep(result)
 
-def _in_parallel(
-    tasks: Sequence[tuple[Any, ...]],
-    workers: int,
-    keep: Callable[[Sequence[Row]], None],
-    first: tuple[Preset, tuple[StudyPlanner, ...]],
-) -> None:
-    """Run tasks in processes of one thread each; rows are kept by this process alone."""
-    queue = iter(tasks)
-    waiting: set[Future[list[Row]]] = set()
-    with single_threads():
-        pool = ProcessPoolExecutor(
-            workers, multiprocessing.get_context("spawn"), initializer=_prepare, initargs=first
-        )
-        try:
-            for task in itertools.islice(queue, 2 * workers):
-                waiting.add(pool.submit(run_scene, *task))
-            while waiting:
-                ready, _ = wait(waiting, return_when=FIRST_COMPLETED)
-                for future in ready:
-                    keep(future.result())
-                    waiting.remove(future)
-                    for task in itertools.islice(queue, 1):
-                        waiting.add(pool.submit(run_scene, *task))
-        except BrokenProcessPool as error:
-            raise InvalidRequestError(
-                "a worker process ended (out of memory?); begin the study again to go on"
-            ) from error
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
-            for future in waiting:  # not empty after an interruption only
-                if future.done() and not future.cancelled() and future.exception() is None:
-                    keep(future.result())
-
-
-def _prepare(preset: Preset, planners: tuple[StudyPlanner, ...]) -> None:
-    """In a worker: Ctrl-C is for the process that keeps the rows; load what plans need."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    warm_up(preset, planners)
+    run_each(
+        run_scene, [(*task, *common) for task in tasks], hear, workers=workers or cores(),
+        prepare=functools.partial(warm_up, study.presets[0], study.planners),
+    )  # fmt: skip
+    held = {row.key: row for row in file.rows}
+    keys = [(*scene, planner) for scene in study.scenes() for planner in study.planners]
+    return [held[key] for key in keys]
 
 
 def _need_simulation() -> None:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from optipromp.experiments.calibration import calibration
 from optipromp.experiments.runs import COLUMNS, Row
 from optipromp.experiments.statistics import Cell
 from optipromp.experiments.study_figure import study_figure
@@ -20,7 +21,11 @@ def write_results(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> t
     Raises:
         InvalidRequestError: a file cannot be written.
     """
-    document = {"cells": [cell.to_dict() for cell in cells]}
+    found = calibration(rows)
+    document = {
+        "cells": [cell.to_dict() for cell in cells],
+        "calibration": None if found is None else asdict(found),
+    }
     write_atomically(folder / "summary.json", json_text(document).encode("utf-8"))
     write_atomically(folder / "study.png", png(study_figure(cells)))
     parquet = _parquet(rows)

@@ -91,24 +91,27 @@ def _trimesh_load(path: Path, what: str) -> Any:
     try:
         return trimesh.load(path, skip_materials=True)
     except Exception as error:  # malformed files make its readers fail in every way there is
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InvalidSceneError(f"{what} {path}: cannot be read: {reason}") from None
+        raise _unreadable(what, path, error) from None
 
 
 def _numpy_points(path: Path) -> FloatArray:
     try:
         data = np.load(path, allow_pickle=False)
         if not isinstance(data, np.ndarray):
-            with data:
-                names = data.files
-                name = "points" if "points" in names else names[0] if len(names) == 1 else None
-                if name is None:
-                    raise ValueError(f"arrays are {', '.join(names) or 'none'}: must have 'points'")
-                data = data[name]
+            with data as archive:
+                names = archive.files
+                if "points" not in names and len(names) != 1:
+                    found = ", ".join(names) or "none"
+                    raise ValueError(f"arrays are {found}: must have 'points'")
+                data = archive["points" if "points" in names else names[0]]
         return np.asarray(data, dtype=np.float64)
     except Exception as error:
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InvalidSceneError(f"point cloud {path}: cannot be read: {reason}") from None
+        raise _unreadable("point cloud", path, error) from None
+
+
+def _unreadable(what: str, path: Path, error: Exception) -> InvalidSceneError:
+    reason = " ".join(str(error).split())[:120] or type(error).__name__
+    return InvalidSceneError(f"{what} {path}: cannot be read: {reason}")
 
 
 def _text_points(path: Path, delimiter: str | None) -> FloatArray:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from optipromp.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.errors import InvalidSceneError
@@ -24,6 +24,9 @@ from optipromp.geometry.shapes import (
     of_each_class,
 )
 
+if TYPE_CHECKING:
+    from optipromp.geometry.grids import DistanceGrid
+
 SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID = range(6)
 
 Measures: TypeAlias = tuple[IntArray, FloatArray, FloatArray]
@@ -39,7 +42,10 @@ class Obstacles(NamedTuple):
     """
 
     kind: IntArray
-    """(K,) one of SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID."""
+    """(K,) one of if TYPE_CHECKING:
+    from optipromp.geometry.grids import DistanceGrid
+
+SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID."""
     position: FloatArray
     """(K, 3) [m]."""
     rotation: FloatArray
@@ -200,23 +206,16 @@ def _check_poses(position: FloatArray, rotation: FloatArray) -> None:
 def _pack_grids(
     shapes: Sequence[MeshShape | PointCloudShape],
 ) -> tuple[FloatArray, IntArray, IntArray, FloatArray, FloatArray]:
-    if not shapes:
-        return (
-            np.zeros(0),
-            np.zeros(0, dtype=np.int64),
-            np.zeros((0, 3), dtype=np.int64),
-            np.zeros((0, 3)),
-            np.zeros(0),
-        )
-    from optipromp.geometry.grids import distance_grid
+    grids: list[DistanceGrid] = []
+    if shapes:
+        from optipromp.geometry.grids import distance_grid
 
-    grids = [distance_grid(shape) for shape in shapes]
-    lengths = np.array([grid.values.size for grid in grids], dtype=np.int64)
-    start: NDArray[np.int64] = np.concatenate(([0], np.cumsum(lengths)[:-1])).astype(np.int64)
+        grids = [distance_grid(shape) for shape in shapes]
+    sizes = np.array([0, *(grid.values.size for grid in grids)], dtype=np.int64)
     return (
-        np.concatenate([grid.values.ravel() for grid in grids]),
-        start,
-        np.array([grid.values.shape for grid in grids], dtype=np.int64),
-        np.array([grid.origin for grid in grids], dtype=np.float64),
+        np.concatenate([np.zeros(0), *(grid.values.ravel() for grid in grids)]),
+        np.cumsum(sizes)[:-1],
+        np.array([grid.values.shape for grid in grids], dtype=np.int64).reshape(-1, 3),
+        np.array([grid.origin for grid in grids], dtype=np.float64).reshape(-1, 3),
         np.array([grid.spacing for grid in grids], dtype=np.float64),
     )

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optipromp.arrays import FloatArray, IntArray, frozen
 from optipromp.errors import InvalidSceneError
@@ -59,8 +58,7 @@ class Cylinder:
     length: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "radius", _positive("cylinder", "radius", self.radius))
-        object.__setattr__(self, "length", _positive("cylinder", "length", self.length))
+        _check_rod(self)
 
 
 @dataclass(frozen=True)
@@ -71,8 +69,13 @@ class Capsule:
     length: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "radius", _positive("capsule", "radius", self.radius))
-        object.__setattr__(self, "length", _positive("capsule", "length", self.length))
+        _check_rod(self)
+
+
+def _check_rod(rod: Cylinder | Capsule) -> None:
+    for name in ("radius", "length"):
+        value = _positive(type(rod).__name__.lower(), name, getattr(rod, name))
+        object.__setattr__(rod, name, value)
 
 
 @dataclass(frozen=True)
@@ -100,15 +103,11 @@ class MeshShape:
         name = f"mesh {self.path}" if self.path is not None else "mesh"
         vertices = frozen(self.vertices)
         faces = frozen(self.faces, np.int64)
-        if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < 4:
-            raise InvalidSceneError(
-                f"{name}: vertices have shape {vertices.shape}: must be (V, 3), V >= 4"
-            )
+        _rows_of_three(name, "vertices", vertices, "V", 4)
         if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) < 4:
             raise InvalidSceneError(
                 f"{name}: faces have shape {faces.shape}: must be (F, 3), F >= 4"
             )
-        _all_finite(name, "vertex", vertices)
         if faces.min() < 0 or faces.max() >= len(vertices):
             raise InvalidSceneError(
                 f"{name}: face indices span {faces.min()} to {faces.max()}: "
@@ -137,27 +136,20 @@ class PointCloudShape:
     def __post_init__(self) -> None:
         name = f"point cloud {self.path}" if self.path is not None else "point cloud"
         points = frozen(self.points)
-        if points.ndim != 2 or points.shape[1] != 3 or len(points) < 1:
-            raise InvalidSceneError(
-                f"{name}: points have shape {points.shape}: must be (N, 3), N >= 1"
-            )
-        _all_finite(name, "point", points)
+        _rows_of_three(name, "points", points, "N", 1)
         object.__setattr__(self, "radius", _positive(name, "radius", self.radius))
         object.__setattr__(self, "points", points)
 
 
-def _rows_of_three(name: str, what: str, values: NDArray[Any], least: int) -> None:
+def _rows_of_three(name: str, what: str, values: FloatArray, letter: str, least: int) -> None:
     if values.ndim != 2 or values.shape[1] != 3 or len(values) < least:
         raise InvalidSceneError(
-            f"{name}: {what} have shape {values.shape}: must be (N, 3) with N >= {least}"
+            f"{name}: {what} have shape {values.shape}: must be ({letter}, 3), {letter} >= {least}"
         )
-
-
-def _all_finite(name: str, what: str, values: NDArray[Any]) -> None:
-    bad = np.flatnonzero(~np.isfinite(np.asarray(values, dtype=np.float64)).all(axis=1))
+    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if bad.size:
-        row = values[bad[0]].tolist()
-        raise InvalidSceneError(f"{name}: {what} {bad[0]} is {row}: must be finite")
+        row, one = values[bad[0]].tolist(), {"vertices": "vertex", "points": "point"}[what]
+        raise InvalidSceneError(f"{name}: {one} {bad[0]} is {row}: must be finite")
 
 
 Shape: TypeAlias = Sphere | Box | Cylinder | Capsule | HalfSpace | MeshShape | PointCloudShape

@@ -100,26 +100,19 @@ def winding_number(p0: float, p1: float, p2: float, triangles: FloatArray) -> fl
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _fill_distances(
-    triangles: FloatArray, origin: FloatArray, spacing: float, values: FloatArray
+    triangles: FloatArray,
+    centers: FloatArray,
+    radii: FloatArray,
+    origin: FloatArray,
+    spacing: float,
+    values: FloatArray,
 ) -> None:
-    """Unsigned distances, block by block.
+    """Unsigned distances, block by block; ``centers`` and ``radii`` are of balls that hold them.
 
     With c a block's centre, rho its radius, every node's nearest triangle has a bounding ball no
     farther from c than D(c) + 2 rho: the rest are left out for the whole block.
     """
     count = triangles.shape[0]
-    centers = np.empty((count, 3))
-    radii = np.empty(count)
-    for f in range(count):
-        for i in range(3):
-            centers[f, i] = (triangles[f, 0, i] + triangles[f, 1, i] + triangles[f, 2, i]) / 3.0
-        largest = 0.0
-        for j in range(3):
-            squared = 0.0
-            for i in range(3):
-                squared += (triangles[f, j, i] - centers[f, i]) ** 2
-            largest = max(largest, squared)
-        radii[f] = math.sqrt(largest)
     nearest = np.empty(count)
     candidates = np.empty(count, dtype=np.int64)
     rho = 0.5 * math.sqrt(3.0) * (_BLOCK - 1) * spacing
@@ -212,6 +205,8 @@ def signed_grid(
         ``shape`` distances, negative inside: exact but for rounding.
     """
     values = np.empty(shape)
-    _fill_distances(triangles, origin, spacing, values)
+    centers = triangles.mean(axis=1)
+    radii = np.linalg.norm(triangles - centers[:, None], axis=2).max(axis=1)
+    _fill_distances(triangles, centers, radii, origin, spacing, values)
     _sign_distances(triangles, origin, spacing, values)
     return values

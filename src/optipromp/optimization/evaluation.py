@@ -1,4 +1,7 @@
-"""One evaluation of a trajectory: kinematics once, then every term reads and adds."""
+"""One evaluation of a trajectory: kinematics once, then every cost reads and adds."""
+
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -77,13 +80,13 @@ def _grouped_pairs(
 
 
 class Evaluation:
-    """Arrays of one evaluation at T knots, made once and written over.
+    """Arrays of one evaluation at T waypoints, made once and overwritten by each evaluation.
 
-    What terms read: ``q`` (T, n), ``dt``, ``points`` (T, P, 3) in the order of :class:`BodyPoints`,
-    ``tool`` (index of the tool point), ``static`` and ``dynamic`` fields. What terms add to:
+    What costs read: ``q`` (T, n), ``dt``, ``points`` (T, P, 3) in the order of :class:`BodyPoints`,
+    ``tool`` (index of the tool point), ``static`` and ``dynamic`` fields. What costs add to:
     ``force`` (T, B+2, 3), the gradient with respect to points; ``stiffness`` (T, B+2, 6), a
     positive semi-definite curvature there; ``joint_gradient`` (T, n) and its curvature ``band`` (T,
-    3, n). A term may leave curvature out: the solver's metric takes its place. ``every`` (B,)
+    3, n). A cost may leave curvature out: the solver's metric takes its place. ``every`` (B,)
     chooses every body sphere.
     """
 
@@ -105,7 +108,7 @@ class Evaluation:
         self.dynamic = Field(n_knots, spheres)
 
     def move_to(self, q: FloatArray) -> None:
-        """Kinematics of the trajectory ``q`` (T, n); what terms add to is cleared."""
+        """Kinematics of the trajectory ``q`` (T, n); what costs add to is cleared."""
         self.q[:] = q
         robot_kernels.frames(self.robot.kinematics, self.q, self.origins, self.rotations, self.axes)
         robot_kernels.carried_points(
@@ -114,7 +117,7 @@ class Evaluation:
         self.clear()
 
     def clear(self) -> None:
-        """Set everything that terms add to back to zero."""
+        """Set everything that costs add to back to zero."""
         self.force[:] = 0.0
         self.stiffness[:] = 0.0
         self.joint_gradient[:] = 0.0
@@ -122,11 +125,19 @@ class Evaluation:
 
     @property
     def tool_points(self) -> FloatArray:
-        """Tool point at every knot (T, 3) [m]."""
+        """Tool point at every waypoint (T, 3) [m]."""
         return self.points[:, self.tool]
 
+    def at_points(self, kernel: Callable[..., Any], scale: float, *settings: Any) -> float:
+        """Value of a kernel of the points, which adds ``scale`` times its gradient."""
+        return float(kernel(self.points, self.tool, *settings, scale, self.force, self.stiffness))
+
+    def in_joints(self, kernel: Callable[..., Any], scale: float, *settings: Any) -> float:
+        """Value of a kernel of the joints, which adds ``scale`` times its gradient."""
+        return float(kernel(self.q, *settings, scale, self.joint_gradient, self.band))
+
     def gradient(self) -> FloatArray:
-        """What the terms added, pulled back to the joints (T, n)."""
+        """What the costs added, pulled back to the joints (T, n)."""
         out = self.joint_gradient.copy()
         robot_kernels.pull_back(
             self.robot.kinematics,
@@ -152,8 +163,8 @@ class Field:
                 e.points, body.radius, body.link_start, body.link_distal, obstacles, shared, cutoff,
                 self.distance, self.normal,
             )  # fmt: skip
-            return
-        kernels.clearance_field(
-            e.points, body.radius, body.link_start, body.link_bound, body.link_distal, obstacles,
-            shared, cutoff, self.distance, self.normal,
-        )  # fmt: skip
+        else:
+            kernels.clearance_field(
+                e.points, body.radius, body.link_start, body.link_bound, body.link_distal,
+                obstacles, shared, cutoff, self.distance, self.normal,
+            )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The optimisation problem: terms and constraints over the free knots of a trajectory."""
+"""The optimisation problem: costs and constraints over the free waypoints of a trajectory."""
 
 import functools
 from collections.abc import Sequence
@@ -9,8 +9,9 @@ import numpy as np
 from optipromp.arrays import FloatArray, frozen
 from optipromp.geometry.obstacles import Obstacles
 from optipromp.optimization import kernels
+from optipromp.optimization.costs import Cost
+from optipromp.optimization.costs.joints import smoothness
 from optipromp.optimization.evaluation import BodyPoints, Evaluation
-from optipromp.optimization.terms import Term
 from optipromp.robots.model import Robot
 
 ANCHOR = 1e3  # how much of ∫‖δ‖² dt the metric adds to ∫‖δ̈‖² dt, so that slow bends cost too
@@ -38,30 +39,31 @@ class Value:
 
     Attributes:
         merit: what is minimised, ``cost + scale·penalty``.
-        terms: each term without its weight.
-        cost: the weighted sum of the terms.
+        costs: each cost by its name, without its weight.
+        cost: the weighted sum of the costs.
         penalty: the weighted sum of the constraints, at full stiffness.
     """
 
     merit: float
-    terms: dict[str, float]
+    costs: dict[str, float]
     cost: float = 0.0
     penalty: float = 0.0
 
 
 class Problem:
-    """Minimise Σ weight·term + penalty_scale·Σ weight·constraint over the free knots.
+    """Minimise Σ weight·cost + penalty_scale·Σ weight·constraint over the free waypoints.
 
-    The first knot is fixed (the start); the last one too where ``end_fixed``. Time is normalised:
-    the trajectory takes one unit of it, so that weights mean the same at any speed.
+    A constraint is a cost that is zero where it is kept; a solver stiffens all of them in stages.
+    The first waypoint is fixed (the start), the last one too where ``end_fixed``. Time is
+    normalised: the trajectory takes one unit of time, so that weights mean the same at any speed.
     """
 
     def __init__(
         self,
         robot: Robot,
         surroundings: Surroundings,
-        terms: Sequence[Term],
-        constraints: Sequence[Term],
+        costs: Sequence[Cost],
+        constraints: Sequence[Cost],
         n_knots: int,
         *,
         cutoff: float,
@@ -70,7 +72,7 @@ class Problem:
         evaluation: Evaluation | None = None,
     ) -> None:
         self.robot, self.surroundings, self.n_knots = robot, surroundings, n_knots
-        self.terms, self.constraints = tuple(terms), tuple(constraints)
+        self.costs, self.constraints = tuple(costs), tuple(constraints)
         self.cutoff = cutoff
         self.first = 1
         self.last = n_knots - 2 if end_fixed else n_knots - 1
@@ -88,15 +90,12 @@ class Problem:
         s = self.surroundings
         e.static.measure(e, s.static, len(s.static.kind), self.cutoff)
         e.dynamic.measure(e, s.dynamic, s.shared, self.cutoff)
-        cost, values = 0.0, {}
-        for term in self.terms:
-            value = term.add(e, term.weight)
-            values[term.name] = value
-            cost += term.weight * value
-        stiff = 0.0
-        for constraint in self.constraints:
-            stiff += constraint.add(e, penalty_scale * constraint.weight)
-        return Value(cost + stiff, values, cost, stiff / penalty_scale if stiff else 0.0)
+        added = [(c, c.add(e, c.weight)) for c in self.costs]
+        cost = sum((c.weight * value for c, value in added), 0.0)
+        stiffened = [(c, c.add(e, penalty_scale * c.weight)) for c in self.constraints]
+        penalty = sum((c.weight * value for c, value in stiffened), 0.0)
+        values = {c.name: value for c, value in added}
+        return Value(cost + penalty_scale * penalty, values, cost, penalty)
 
     def gradient(self) -> FloatArray:
         """Gradient (T, n) at the last evaluation; zero at the fixed knots."""
@@ -120,7 +119,7 @@ def _metric(n_knots: int, n: int, last: int) -> FloatArray:
     """The covariant metric A of knots 1 … ``last``, banded like :meth:`Problem.curvature`."""
     dt = 1.0 / (n_knots - 1)
     band = np.zeros((n_knots, 3, n))
-    kernels.smoothness(np.zeros((n_knots, n)), dt, 1.0, np.zeros((n_knots, n)), band)
+    smoothness(np.zeros((n_knots, n)), dt, 1.0, np.zeros((n_knots, n)), band)
     metric = np.zeros((2 * n + 1, last * n))
     free = band[1 : last + 1]
     metric[0] = free[:, 0].ravel() + ANCHOR * dt

@@ -4,13 +4,9 @@ import math
 import subprocess
 import sys
 
-from optipromp.planning import foresight
-from optipromp.planning.many import cores
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.plan import plan, warm_up
-from optipromp.planning.setup import bind
-from optipromp.planning.starts import sides, tool_path
-from optipromp.scenes.io import load_scene
+from optipromp.processes import cores
 
 SCENE = "scenario-3"
 
@@ -23,10 +19,10 @@ def compile_kernels() -> None:
     """
     other = None
     if cores() > 1:
-        code = f"from {__name__} import compile_foresight as run; run()"
+        code = f"from {__name__} import compile_push_model as run; run()"
         other = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)
     try:
-        plan(SCENE, options=PlanOptions(foresight=False, timeout=math.inf))
+        plan(SCENE, planner="i-promp", options=PlanOptions(timeout=math.inf))
         if other is not None:
             other.wait()
     finally:
@@ -36,8 +32,14 @@ def compile_kernels() -> None:
     warm_up()  # whatever is missing still
 
 
-def compile_foresight() -> None:
-    """Compile what :mod:`optipromp.planning.foresight` runs."""
-    setup, options = bind(load_scene(SCENE)), PlanOptions()
-    model = foresight.foresight(setup)
-    model.of_path(tool_path(setup, options, sides(setup, options)[0]))
+def compile_push_model() -> None:
+    """Compile what predicts a push."""
+    from optipromp.planning.prediction import push_model
+    from optipromp.planning.task import resolve
+    from optipromp.scenes.io import load_scene
+
+    task = resolve(load_scene(SCENE))
+    model = push_model(task, task.robot.home)
+    assert model is not None
+    path = model.path(model.first()[0])
+    model.predict(path.points, path.points)

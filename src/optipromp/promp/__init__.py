@@ -24,11 +24,11 @@ from optipromp.promp.demonstrations import (
     load_demonstrations,
     save_demonstrations,
 )
-from optipromp.promp.gaussian import nearest_covariance
 from optipromp.promp.learning import fit, fit_em
 from optipromp.promp.model import ProMP
 from optipromp.promp.operations import Marginals, blend, coactivate, coactivate_marginals
 from optipromp.promp.points import JointPoint, TaskPoint
+from optipromp.promp.selection import held_out_residuals, residuals
 from optipromp.promp.tasks import TaskMap
 from optipromp.promp.timing import Timing, modulate
 
@@ -54,8 +54,9 @@ __all__ = [
     "condition_with_report",
     "fit",
     "fit_em",
+    "held_out_residuals",
     "load_demonstrations",
     "modulate",
-    "nearest_covariance",
+    "residuals",
     "save_demonstrations",
 ]

@@ -72,10 +72,6 @@ class Basis:
         """Second derivative d²Φ/dz² (T, K)."""
         return self.evaluate(phases, 2)
 
-    def third_derivative(self, phases: int | ArrayLike) -> FloatArray:
-        """Third derivative d³Φ/dz³ (T, K)."""
-        return self.evaluate(phases, 3)
-
     def evaluate(self, phases: int | ArrayLike, order: int = 0) -> FloatArray:
         r"""Derivative of the given order (0 to 3) with respect to the phase, (T, K).
 

@@ -1,12 +1,13 @@
 """What every part of the room checks, and the warnings it may give."""
 
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from optipromp.arrays import FloatArray, all_finite
-from optipromp.errors import InvalidRequestError, OptiPrompError
+from optipromp.errors import InvalidDemonstrationError, InvalidRequestError, OptiPrompError
 
 PHASE_TOLERANCE = 1e-9
 """Phases this close are one phase, and may lie this far outside [0, 1] (rounding)."""
@@ -14,6 +15,11 @@ PHASE_TOLERANCE = 1e-9
 
 class RegularisedWarning(UserWarning):
     """The data did not determine the answer alone; a prior or a projection completed it."""
+
+
+def regularised(message: str) -> None:
+    """Warn the caller of a learner that its prior decided."""
+    warnings.warn(message, RegularisedWarning, stacklevel=3)
 
 
 class ConvergenceWarning(UserWarning):
@@ -89,3 +95,36 @@ def names_for(names: Sequence[str], count: int) -> tuple[str, ...]:
         twice = next(name for name in result if result.count(name) > 1)
         raise InvalidRequestError(f"joint_names: {twice!r} appears twice")
     return result
+
+
+def unnamed(names: Sequence[str]) -> bool:
+    """Whether these are the names that columns get which have none: ``joint_1`` ... ``joint_n``."""
+    return tuple(names) == names_for((), len(names))
+
+
+def matched(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]:
+    """For each of ``joints`` the index of the column of that name.
+
+    Args:
+        names: of the columns.
+        joints: of the robot, in its order.
+        what: whose columns they are; begins the error.
+
+    Raises:
+        InvalidDemonstrationError: the two do not hold the same names.
+    """
+    unknown = [name for name in names if name not in joints]
+    missing = [joint for joint in joints if joint not in names]
+    if not unknown and not missing:
+        return [list(names).index(joint) for joint in joints]
+    if unnamed(names):
+        fault = f"its {len(names)} joints have no names"
+    else:
+        faults = [f"the robot has no joint {', '.join(unknown)}"] if unknown else []
+        faults += [f"joint {', '.join(missing)} is missing"] if missing else []
+        fault = "; ".join(faults)
+    raise InvalidDemonstrationError(
+        f"{what}: {fault}. Name each joint of the robot once: {', '.join(joints)} (in the header "
+        "of a CSV, in joint_names of an NPZ; columns without names that are in the robot's order "
+        "get them by 'optipromp learn --robot')"
+    )

@@ -17,7 +17,7 @@ from optipromp.promp.gaussian import RANK_TOLERANCE, factorise, joseph
 from optipromp.promp.joint_kernels import Factor, joint_covariance, joint_factor, joint_mean
 from optipromp.promp.model import ProMP, trusted
 from optipromp.promp.points import JointPoint, Point, TaskPoint
-from optipromp.promp.tasks import Rows, TaskMap, solve
+from optipromp.promp.tasks import Rows, Search, TaskMap
 
 REACH_TOLERANCE = 1e-8
 """Exact joint points must be attainable to this [rad or m]; beyond it they contradict."""
@@ -205,8 +205,7 @@ def _condition_joints(promp: ProMP, points: Sequence[tuple[int, JointPoint]]) ->
         weights = joint_mean(update, promp.mean, values, target)
         return trusted(promp, weights, joint_covariance(update, prior, values, noise))
 
-    cross = (values @ prior.reshape(n, count, size)).reshape(n * p, size)  # H Σ
-    total = (cross.reshape(n * p, n, count) @ values.T).reshape(n * p, n * p) + noise
+    cross, total = update.cross, update.total
     deviation = np.sqrt(np.maximum(np.diagonal(prior), 0.0)).reshape(n, count)
     reference = ((deviation @ np.abs(values).T) ** 2).reshape(-1) + np.diagonal(noise)
     factor = factorise(total, reference)
@@ -292,24 +291,24 @@ def _condition_tasks(
     cross = joint_major.transpose(0, 2, 1).reshape(size, m * n)  # Σ Φᵀ
     spread = (values @ cross.reshape(n, count, m * n)).transpose(1, 0, 2).reshape(m * n, m * n)
     spread = 0.5 * (spread + spread.T)
-    mean = values @ promp.mean.T
+    search = Search(rows, task_map, values @ promp.mean.T, spread)
     start = np.zeros((m, n))
     if initial is not None:
         weights = finite_array(initial, "initial")
         if weights.size != size:
             raise InvalidRequestError(f"initial: expected {size} weights, got {weights.size}")
         start = _multipliers(promp, weights.reshape(1, n, count), values, spread)[0]
-    found = solve(rows, task_map, mean, spread, start, iterations, tolerance)
+    found = search.solve(start, iterations, tolerance)
     if initial is None and found.missed > tolerance:
         draws = promp.sample_weights(np.random.default_rng(0), _RESTARTS)
         for start in _multipliers(promp, draws, values, spread):
-            other = solve(rows, task_map, mean, spread, start, iterations, tolerance)
+            other = search.solve(start, iterations, tolerance)
             found = other if other.missed < found.missed else found
             if found.missed <= tolerance:
                 break
 
-    new_mean = promp.weights + cross @ found.multipliers.reshape(-1)
-    jacobian = found.jacobian
+    new_mean = promp.weights + cross @ found.state.multipliers.reshape(-1)
+    jacobian = found.state.jacobian
     r = jacobian.shape[1]
     by_point = cross.reshape(size, m, n).transpose(1, 0, 2) @ jacobian.transpose(0, 2, 1)
     gain_cross = by_point.transpose(1, 0, 2).reshape(size, m * r)  # Σ Hᵀ
@@ -321,7 +320,7 @@ def _condition_tasks(
     gain = factorise(total, reference).solve(gain_cross.T).T
     result = trusted(promp, new_mean, joseph(prior, gain, gain @ H, noise))
 
-    residual = found.residual
+    residual = found.state.residual
     position_error = np.sqrt((residual[:, :3] ** 2).sum(axis=1))
     axis_error = np.sqrt((residual[:, 3:] ** 2).sum(axis=1))
     off = np.abs(np.where(rows.variance == 0.0, residual, 0.0)).max(axis=1)

@@ -13,12 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optipromp.arrays import FloatArray, read_only
 from optipromp.errors import InvalidDemonstrationError
-from optipromp.promp.checks import (
-    PHASE_TOLERANCE,
-    UnitsWarning,
-    finite_array,
-    names_for,
-)
+from optipromp.promp.checks import PHASE_TOLERANCE, UnitsWarning, finite_array, matched, names_for
 from optipromp.promp.files import read_npz, write_npz
 
 _LARGEST = 4.0 * np.pi
@@ -129,6 +124,16 @@ class Demonstrations(Sequence[Demonstration]):
     def n_joints(self) -> int:
         """Number of joints n."""
         return self.items[0].n_joints
+
+    def for_joints(self, joints: Sequence[str], what: str) -> "Demonstrations":
+        """The same with their columns, told by name, in the order of ``joints``.
+
+        Raises:
+            InvalidDemonstrationError: other joints; the message begins with ``what``.
+        """
+        order = matched(self.joint_names, joints, what)
+        items = (Demonstration(d.times, d.positions[:, order], d.span) for d in self)
+        return Demonstrations(tuple(items), tuple(joints))
 
 
 def load_demonstrations(path: str | os.PathLike[str]) -> Demonstrations:

@@ -11,8 +11,8 @@ from optipromp.errors import InvalidRequestError
 from optipromp.promp.basis import Basis
 from optipromp.promp.checks import (
     ConvergenceWarning,
-    RegularisedWarning,
     positive,
+    regularised,
 )
 from optipromp.promp.gaussian import root
 from optipromp.promp.model import ProMP
@@ -83,12 +83,12 @@ def fit_em(
     n, count, demos = samples.n_joints, basis.count, len(samples.phases)
     size = n * count
     if demos == 1:
-        _regularised("one demonstration says nothing about spread; the covariance is the prior's")
+        regularised("one demonstration says nothing about spread; the covariance is the prior's")
     elif data.identical:
-        _regularised(f"the {demos} demonstrations are identical; the covariance is the prior's")
+        regularised(f"the {demos} demonstrations are identical; the covariance is the prior's")
     cover = data.gram.sum(axis=0).diagonal()
     if (cover < 1e-3).any():
-        _regularised(
+        regularised(
             f"no demonstration shows the movement near phase "
             f"{basis.centers[int(np.argmin(cover))]:.2f}; the prior completes it"
         )
@@ -123,10 +123,6 @@ def fit_em(
             stacklevel=2,
         )
     return ProMP(basis, mean.reshape(n, count), covariance, noise, samples.joint_names)
-
-
-def _regularised(message: str) -> None:
-    warnings.warn(message, RegularisedWarning, stacklevel=3)
 
 
 class _Sums:

@@ -1,6 +1,5 @@
 """Learning a ProMP: in closed form from complete demonstrations, by EM from partial ones."""
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,7 +8,7 @@ from numpy.typing import ArrayLike
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidDemonstrationError
 from optipromp.promp.basis import Basis
-from optipromp.promp.checks import PHASE_TOLERANCE, RegularisedWarning, positive
+from optipromp.promp.checks import PHASE_TOLERANCE, positive, regularised
 from optipromp.promp.em import fit_em
 from optipromp.promp.model import ProMP, made
 from optipromp.promp.samples import (
@@ -23,12 +22,15 @@ from optipromp.promp.samples import (
 
 __all__ = ["fit", "fit_em"]
 
+RIDGE = 1e-10
+"""λ [-] of :func:`fit`: weights that the samples determine move by less than rounding matters."""
+
 
 def fit(
     demonstrations: DemonstrationsLike,
     basis: Basis | None = None,
     *,
-    ridge: float = 1e-10,
+    ridge: float = RIDGE,
     prior_strength: float = 1.0,
     prior_covariance: ArrayLike | None = None,
     joint_names: Sequence[str] | None = None,
@@ -71,54 +73,65 @@ def fit(
     ridge = positive(ridge, "ridge")
     strength = positive(prior_strength, "prior_strength")
     samples = gather(demonstrations, joint_names)
+    complete(samples)
+    short = [i for i, phases in enumerate(samples.phases) if phases.size < basis.count]
+    if short:
+        size = samples.phases[short[0]].size
+        regularised(
+            f"{len(short)} demonstration(s) have fewer samples than the {basis.count} bases, the "
+            f"first is number {short[0]} with {size}; ridge regression completes them"
+        )
+    weights = ridge_weights(samples, basis, ridge)
+    rest = residuals_of(samples, basis, weights)
+    mean, covariance = distribution(weights, strength, prior_covariance)
+    demos = len(weights)
+    if demos == 1:
+        regularised("one demonstration says nothing about spread; the covariance is the prior's")
+    elif np.abs(weights - mean).max() <= 1e-9 * max(float(np.abs(weights).max()), 1e-3):
+        regularised(f"the {demos} demonstrations are identical; the covariance is the prior's")
+    total = sum(phases.size for phases in samples.phases)
+    freedom = total - demos * basis.count
+    squares = np.einsum("mj,mj->j", rest, rest)
+    noise = np.maximum(squares / (freedom if freedom > 0 else total), NOISE_FLOOR)
+    if not np.isfinite(covariance).all():
+        raise InvalidDemonstrationError("the demonstrations' values are too large to learn from")
+    return made(basis, mean, covariance, noise, samples.joint_names)
+
+
+def complete(samples: Samples) -> None:
+    """Raise ``InvalidDemonstrationError`` if a demonstration is partial."""
     for i, phases in enumerate(samples.phases):
         if phases[0] > PHASE_TOLERANCE or phases[-1] < 1.0 - PHASE_TOLERANCE:
             raise InvalidDemonstrationError(
                 f"demonstration {i} is partial (phases {phases[0]:.3g} to {phases[-1]:.3g}); "
                 "fit_em learns from partial ones"
             )
-    short = [i for i, phases in enumerate(samples.phases) if phases.size < basis.count]
-    if short:
-        size = samples.phases[short[0]].size
-        _regularised(
-            f"{len(short)} demonstration(s) have fewer samples than the {basis.count} bases, the "
-            f"first is number {short[0]} with {size}; ridge regression completes them"
-        )
-    weights, residual = _ridge_weights(samples, basis, ridge)
-    n, demos = samples.n_joints, len(samples.phases)
+
+
+def distribution(
+    weights: FloatArray, strength: float, prior_covariance: ArrayLike | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Mean (n, K) and covariance (nK, nK) of the weights (N, n, K), as :func:`fit` has them."""
+    demos, _, count = weights.shape
     mean = weights.mean(axis=0)
-    centred = weights - mean
+    centred = (weights - mean).reshape(demos, -1)
     scatter = centred.T @ centred
     if prior_covariance is None:
-        extent = np.ptp(weights.reshape(demos, n, -1), axis=(0, 2))
-        floor = np.repeat(deviation_floor(extent, demos) ** 2, basis.count)
+        floor = np.repeat(deviation_floor(np.ptp(weights, axis=(0, 2)), demos) ** 2, count)
         prior = np.diag(np.maximum(np.diagonal(scatter) / demos, floor))
     else:
         prior = given_prior(prior_covariance, mean.size)
-    covariance = (scatter + strength * prior) / (demos + strength)
-    if demos == 1:
-        _regularised("one demonstration says nothing about spread; the covariance is the prior's")
-    elif np.abs(centred).max() <= 1e-9 * max(float(np.abs(weights).max()), 1e-3):
-        _regularised(f"the {demos} demonstrations are identical; the covariance is the prior's")
-    total = sum(phases.size for phases in samples.phases)
-    freedom = total - demos * basis.count
-    noise = np.maximum(residual / (freedom if freedom > 0 else total), NOISE_FLOOR)
-    if not np.isfinite(covariance).all():
-        raise InvalidDemonstrationError("the demonstrations' values are too large to learn from")
-    return made(basis, mean.reshape(n, -1), covariance, noise, samples.joint_names)
+    return mean, (scatter + strength * prior) / (demos + strength)
 
 
-def _regularised(message: str) -> None:
-    warnings.warn(message, RegularisedWarning, stacklevel=3)
-
-
-def _ridge_weights(samples: Samples, basis: Basis, ridge: float) -> tuple[FloatArray, FloatArray]:
-    """Weights (N, nK) of each demonstration and the squared residual (n,) over all of them."""
-    n, count = samples.n_joints, basis.count
+def ridge_weights(samples: Samples, basis: Basis, ridge: float = RIDGE) -> FloatArray:
+    """Weights (N, n, K) of each demonstration."""
+    count = basis.count
+    weights: FloatArray
     if samples.stacked is not None:
         y = samples.stacked
-        demos, size = y.shape[:2]
-        values = basis.evaluate(size if samples.even else samples.phases[0])
+        demos, size, n = y.shape
+        values = _shared_bases(samples, basis)
         gram = values.T @ values / size
         gram.flat[:: count + 1] += ridge
         middle = np.full((1, size), 1.0 / size) @ y
@@ -126,18 +139,30 @@ def _ridge_weights(samples: Samples, basis: Basis, ridge: float) -> tuple[FloatA
         flat = right.transpose(1, 0, 2).reshape(count, demos * n)
         solved = np.linalg.solve(gram, flat).reshape(count, demos, n)
         weights = solved.transpose(1, 2, 0) + middle.transpose(0, 2, 1)
-        rest = y - values @ weights.transpose(0, 2, 1)
-        residual: FloatArray = np.einsum("itj,itj->j", rest, rest)
-        return weights.reshape(demos, n * count), residual
-    ends = np.cumsum([phases.size for phases in samples.phases])[:-1]
-    values_of = np.split(basis.evaluate(np.concatenate(samples.phases)), ends)
-    pairs = list(zip(values_of, samples.positions, strict=True))
-    grams = np.stack([values.T @ values / len(values) for values in values_of])
+        return weights
+    pairs = list(zip(_each_bases(samples, basis), samples.positions, strict=True))
+    grams = np.stack([values.T @ values / len(values) for values, _ in pairs])
     grams += ridge * np.eye(count)
     means = np.stack([y.mean(axis=0) for y in samples.positions])
     rights = np.stack([v.T @ (y - c) / len(v) for (v, y), c in zip(pairs, means, strict=True)])
     weights = np.linalg.solve(grams, rights).transpose(0, 2, 1) + means[:, :, None]
-    residual = np.zeros(n)
-    for (values, y), w in zip(pairs, weights, strict=True):
-        residual += ((y - values @ w.T) ** 2).sum(axis=0)
-    return weights.reshape(len(pairs), n * count), residual
+    return weights
+
+
+def residuals_of(samples: Samples, basis: Basis, weights: FloatArray) -> FloatArray:
+    """Y_i - Φ_i W_i for weights (N, n, K), one demonstration after another (M, n)."""
+    if samples.stacked is not None:
+        rest = samples.stacked - _shared_bases(samples, basis) @ weights.transpose(0, 2, 1)
+        return rest.reshape(-1, samples.n_joints)
+    values = _each_bases(samples, basis)
+    pairs = zip(samples.positions, values, weights, strict=True)
+    return np.concatenate([y - v @ w.T for y, v, w in pairs])
+
+
+def _shared_bases(samples: Samples, basis: Basis) -> FloatArray:
+    return basis.evaluate(len(samples.phases[0]) if samples.even else samples.phases[0])
+
+
+def _each_bases(samples: Samples, basis: Basis) -> list[FloatArray]:
+    ends = np.cumsum([phases.size for phases in samples.phases])[:-1]
+    return np.split(basis.evaluate(np.concatenate(samples.phases)), ends)

@@ -2,6 +2,7 @@
 
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -12,11 +13,7 @@ from numpy.typing import ArrayLike
 from optipromp.arrays import FloatArray, read_only
 from optipromp.errors import InvalidRequestError
 from optipromp.promp.basis import Basis
-from optipromp.promp.checks import (
-    finite_array,
-    names_for,
-    positive,
-)
+from optipromp.promp.checks import finite_array, matched, names_for, positive
 from optipromp.promp.gaussian import check_covariance, root
 
 
@@ -39,7 +36,7 @@ class ProMP:
 
     Raises:
         InvalidRequestError: a wrong shape, a value that is not finite, or a covariance that is
-            not symmetric positive semi-definite (see :func:`nearest_covariance`).
+            not symmetric positive semi-definite.
     """
 
     basis: Basis
@@ -224,6 +221,24 @@ class ProMP:
         """The same primitive (basis, noise, names) with another weight distribution, checked."""
         return ProMP(
             self.basis, np.asarray(mean), np.asarray(covariance), self.noise, self.joint_names
+        )
+
+    def for_joints(self, joints: Sequence[str], what: str = "the ProMP") -> "ProMP":
+        """The same primitive with its joints, told by name, in the order of ``joints``.
+
+        Raises:
+            InvalidDemonstrationError: other joints; the message begins with ``what``.
+        """
+        if tuple(joints) == self.joint_names:
+            return self
+        order = matched(self.joint_names, joints, what)
+        rows = np.arange(self.n_weights).reshape(self.mean.shape)[order].reshape(-1)
+        return made(
+            self.basis,
+            self.mean[order],
+            self.covariance[np.ix_(rows, rows)],
+            self.noise[order],
+            tuple(joints),
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,14 +55,8 @@ def coactivate(promps: Sequence[ProMP], activations: ArrayLike | None = None) ->
     """
     _check_alike(promps, same_basis=True)
     alpha = _activations(activations, (len(promps),))
-    active = [(promp, power) for promp, power in zip(promps, alpha, strict=True) if power > 0.0]
-    mean, covariance = active[0][0].weights, active[0][0].covariance / active[0][1]
-    one = np.ones(())
-    for promp, power in active[1:]:
-        mean, covariance = product(
-            (mean, promp.weights), (covariance, promp.covariance / power), (one, one), "coactivate"
-        )
-    return trusted(promps[0], mean.copy(), covariance)
+    moments = [(promp.weights, promp.covariance) for promp in promps]
+    return trusted(promps[0], *_power_product(moments, alpha, "coactivate"))
 
 
 def coactivate_marginals(
@@ -84,20 +79,12 @@ def coactivate_marginals(
     _check_alike(promps, same_basis=False)
     z = phase_array(phases)
     alpha = _activations(activations, (len(promps), z.size))
-    mean, covariance = promps[0].marginals(z)
-    power = alpha[0]
-    for promp, other in zip(promps[1:], alpha[1:], strict=True):
-        used = power + other > 0.0  # where neither is, the phase waits for a later one
-        moments = promp.marginals(z)
-        mean, covariance = product(
-            (mean, moments[0]),
-            (covariance, moments[1]),
-            (np.where(used, power, 1.0), other),
-            "coactivate_marginals",
-        )
-        power = np.where(used, 1.0, 0.0)
-    if len(promps) == 1:
-        covariance = covariance / power[:, None, None]
+    each = [promp.marginals(z) for promp in promps]
+    at = [
+        _power_product([(m[t], c[t]) for m, c in each], alpha[:, t], "coactivate_marginals")
+        for t in range(z.size)
+    ]
+    mean, covariance = (np.array(part) for part in zip(*at, strict=True))
     return Marginals(read_only(z.copy()), read_only(mean), read_only(covariance))
 
 
@@ -128,6 +115,14 @@ def blend(
     s = np.clip((z - middle) / positive(width, "width") + 0.5, 0.0, 1.0)
     rise = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
     return coactivate_marginals((first, second), np.stack([1.0 - rise, rise]), z)
+
+
+def _power_product(
+    moments: Sequence[tuple[FloatArray, FloatArray]], powers: FloatArray, name: str
+) -> tuple[FloatArray, FloatArray]:
+    """Normalised product of Gaussians to powers, of which those of 0 are left out."""
+    active = [(m, c / power) for (m, c), power in zip(moments, powers, strict=True) if power > 0.0]
+    return reduce(lambda one, other: product(one, other, name), active)
 
 
 def _activations(activations: ArrayLike | None, shape: tuple[int, ...]) -> FloatArray:

@@ -122,12 +122,3 @@ def _covariance(
             raise InvalidRequestError(f"{name}: a variance must be at least 0, got {variance}")
         return variance
     return read_only(check_covariance(covariance, size, name))
-
-
-def as_matrix(covariance: FloatArray | float | None, size: int) -> FloatArray:
-    """A point's covariance as a matrix (size, size); zero for an exact one."""
-    if covariance is None:
-        return np.zeros((size, size))
-    if np.ndim(covariance) == 0:
-        return np.asarray(covariance) * np.eye(size)
-    return np.asarray(covariance)

@@ -15,30 +15,28 @@ which asks for no inverse and allows a singular :math:`\Sigma_w`. Points ask for
 is the minimiser of the linearised problem (Gauss-Newton, or sequential quadratic programming
 where R = 0). Far from the mean the linearisation misleads, so the step towards it is cut to at
 most a radian and halved until the merit
-:math:`\tfrac12 a^T\Sigma_q a + \tfrac12\sum e^2/R + \nu\|e_{R=0}\|` falls below the largest of the
-last three. Where steps must be halved, a proximal term in the prior's own metric
-:math:`\tfrac\rho2\|w - w_k\|^2_{\Sigma_w^{-1}}` shortens the next; where none helps, Levenberg
-damping is added to R (near a singular configuration). Exact rows left open at the end are closed
-by steps of least change.
+:math:`\tfrac12 a^T\Sigma_q a + \tfrac12\sum e^2/R + \nu\|e_{R=0}\|` falls. Where no step helps,
+Levenberg damping is added to R. Exact rows left open at the end are closed by steps of least
+change.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from optipromp.arrays import BoolArray, FloatArray
+from optipromp.arrays import BoolArray, FloatArray, all_finite
 from optipromp.errors import InvalidRequestError
-from optipromp.promp import kernels
-from optipromp.promp.points import TaskPoint, as_matrix
+from optipromp.promp.gaussian import factorise
+from optipromp.promp.points import TaskPoint
 
 TaskMap = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray, FloatArray]]
 """q (m, n) -> tool point (m, 3), unit tool axis (m, 3), their Jacobians (m, 3, n) each."""
 
 _LARGEST_STEP: Final = 1.0
 _HALVINGS: Final = 6
-_MEMORY: Final = 3
+_TRIALS: Final = 16
 _SETTLED: Final = 1e-3
 _CLOSING: Final = 1e-10
 _CLOSING_STEPS: Final = 60
@@ -75,7 +73,7 @@ class Rows:
         for i, point in enumerate(points):
             position[i] = point.position
             if isinstance(point.covariance, np.ndarray):
-                values, vectors = np.linalg.eigh(as_matrix(point.covariance, 3))
+                values, vectors = np.linalg.eigh(point.covariance)
                 values[values < 1e-14 * max(float(values[-1]), 0.0)] = 0.0
                 turn[i], variance[i, :3] = vectors.T, values
             else:
@@ -102,151 +100,191 @@ class Rows:
                 f"({m}, 3, {n}), got {shapes}"
             )
         point, axis, point_jacobian, axis_jacobian = outputs
-        residual, jacobian, finite = kernels.residuals(
-            point,
-            axis,
-            point_jacobian,
-            axis_jacobian,
-            self.position,
-            self.turn,
-            self.axis,
-            self.with_axis,
-            self.variance.shape[1],
-        )
-        if not finite:
+        residual = (self.turn @ (self.position - point)[:, :, None])[:, :, 0]
+        jacobian = self.turn @ point_jacobian
+        if self.variance.shape[1] == 5:
+            across = _across(axis)
+            turn = _rotation(axis, self.axis, across) * self.with_axis[:, None]
+            turning = (across @ axis_jacobian) * self.with_axis[:, None, None]
+            residual = np.concatenate([residual, turn], axis=1)
+            jacobian = np.concatenate([jacobian, turning], axis=1)
+        if not (all_finite(residual) and all_finite(jacobian)):
             raise InvalidRequestError("task_map returned a value that is not finite")
         return residual, jacobian
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """Where the iteration ended.
+def _across(axis: FloatArray) -> FloatArray:
+    """Two unit vectors (m, 2, 3) across each unit axis (m, 3) (Duff et al., 2017)."""
+    x, y, z = axis.T
+    sign = np.copysign(1.0, z)
+    k = -1.0 / (sign + z)
+    first = 1.0 + sign * x * x * k, sign * x * y * k, -sign * x
+    second = x * y * k, sign + y * y * k, -y
+    return np.array([first, second]).transpose(2, 0, 1)
 
-    Attributes:
-        multipliers: a (m, n).
-        residual: (m, r) at the end.
-        jacobian: (m, r, n) at the end.
-        iterations: linearisations used.
-        missed: largest residual of an exact row.
-        converged: exact rows are met and the merit has settled.
+
+def _rotation(axis: FloatArray, target: FloatArray, across: FloatArray) -> FloatArray:
+    """Rotation (m, 2) [rad] along the great circle from ``axis`` to ``target``, by directions."""
+    towards = (across @ target[:, :, None])[:, :, 0]
+    sine = np.sqrt((towards**2).sum(axis=1))
+    towards[sine < 1e-12] = (1.0, 0.0)  # opposite: any direction will do; alike: an angle of 0
+    angle = np.arctan2(sine, (axis * target).sum(axis=1))
+    turn: FloatArray = towards * (angle / np.where(sine < 1e-12, 1.0, sine))[:, None]
+    return turn
+
+
+class State(NamedTuple):
+    """A point of the iteration."""
+
+    multipliers: FloatArray  # a (m, n)
+    offset: FloatArray  # Σ_q a = q - μ_q (m, n)
+    residual: FloatArray  # e (m, r)
+    jacobian: FloatArray  # J (m, r, n)
+
+    def merit(self, variance: FloatArray) -> tuple[float, float, float]:
+        """½ aᵀΣa + ½Σ e²/R over rows with R > 0; norm and largest of e over the others."""
+        exact = variance == 0.0
+        left = np.where(exact, self.residual, 0.0)
+        loose = (self.residual - left) ** 2 / np.where(exact, 1.0, variance)
+        cost = 0.5 * float(np.vdot(self.multipliers, self.offset) + loose.sum())
+        return cost, float(np.sqrt(np.vdot(left, left))), float(np.abs(left).max())
+
+
+class Solution(NamedTuple):
+    """Where the iteration ended: its state, the linearisations used, the largest residual of an
+    exact row, and whether exact rows are met and the merit has settled.
     """
 
-    multipliers: FloatArray
-    residual: FloatArray
-    jacobian: FloatArray
+    state: State
     iterations: int
     missed: float
     converged: bool
 
 
-def solve(
-    rows: Rows,
-    task_map: TaskMap,
-    mean: FloatArray,
-    covariance: FloatArray,
-    start: FloatArray,
-    iterations: int,
-    tolerance: float,
-) -> Solution:
-    """Minimise over the joints at the points; see the module.
-
-    Args:
-        rows: what is asked.
-        task_map: forward kinematics with Jacobians.
-        mean: μ_q (m, n).
-        covariance: Σ_q (mn, mn), point-major.
-        start: a (m, n) to begin with.
-        iterations: at most so many.
-        tolerance: of exact rows [m, rad].
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What is asked, of which arm, and of which joints at the points: μ_q (m, n) and Σ_q (mn, mn),
+    point-major.
     """
-    variance = rows.variance
-    a = start
-    offset = (covariance @ a.reshape(-1)).reshape(mean.shape)
-    residual, jacobian = rows.evaluate(task_map, mean + offset)
-    history = [kernels.merit(a, offset, residual, variance)]
-    hold, damping, penalty = 0.0, 0.0, 0.0
-    done, settled = 0, False
-    while done < iterations and not settled:
-        done += 1
-        half, total = kernels.spread(jacobian, covariance)
-        for attempt in range(16):
-            a_step, o_step, largest, force, cost, off = kernels.step(
-                jacobian, residual, half, total, variance, a, offset, hold, damping
-            )
-            share = min(1.0, _LARGEST_STEP / largest) if largest > 0.0 else 1.0
-            penalty = max(1.5 * force, 0.25 * penalty)
-            gain = history[-1][0] - cost + penalty * (history[-1][1] - off)
-            ceiling = max(past[0] + penalty * past[1] for past in history[-_MEMORY:])
-            ceiling += 1e-12 * abs(ceiling)
-            found = False
-            for _ in range(_HALVINGS if gain >= 0.0 else 0):
-                try_a, try_o = a + share * a_step, offset + share * o_step
-                try_residual, try_jacobian = rows.evaluate(task_map, mean + try_o)
-                reached = kernels.merit(try_a, try_o, try_residual, variance)
-                if reached[0] + penalty * reached[1] <= ceiling - 1e-4 * share * gain:
-                    found = True
+
+    rows: Rows
+    task_map: TaskMap
+    mean: FloatArray
+    covariance: FloatArray
+
+    def at(self, a: FloatArray) -> State:
+        """The state at multipliers a (m, n)."""
+        offset = (self.covariance @ a.reshape(-1)).reshape(a.shape)
+        return State(a, offset, *self.rows.evaluate(self.task_map, self.mean + offset))
+
+    def spread(self, jacobian: FloatArray) -> FloatArray:
+        """J Σ_q Jᵀ (mr, mr) for J (m, r, n), one block a point."""
+        m, r, n = jacobian.shape
+        half = (jacobian @ self.covariance.reshape(m, n, m * n)).reshape(m * r, m, n)
+        total = half.transpose(1, 0, 2) @ jacobian.transpose(0, 2, 1)
+        return total.transpose(1, 0, 2).reshape(m * r, m * r)
+
+    def step(
+        self, state: State, spread: FloatArray, variance: FloatArray, damping: float
+    ) -> tuple[State, float]:
+        """The minimiser of the linearised problem.
+
+        λ = (S + R + D)⁻¹ (e + J(q_k - μ)), a = Jᵀλ.
+
+        Args:
+            state: at q_k.
+            spread: S = J Σ Jᵀ (mr, mr).
+            variance: R (m, r).
+            damping: D is this times the diagonal of S, and a little of its mean.
+
+        Returns:
+            It, with e as the linearisation promises it and J of ``state``; and the norm of λ over
+            exact rows.
+        """
+        _, offset, residual, jacobian = state
+        diagonal = np.diagonal(spread)
+        reference = diagonal + variance.reshape(-1) + damping * (diagonal + 1e-3 * diagonal.mean())
+        matrix = spread.copy()
+        matrix.flat[:: len(matrix) + 1] = reference
+        right = residual + (jacobian @ offset[:, :, None])[:, :, 0]
+        dual = factorise(matrix, reference).solve(right.reshape(-1)).reshape(residual.shape)
+        a = (dual[:, None, :] @ jacobian)[:, 0]
+        moved = (self.covariance @ a.reshape(-1)).reshape(a.shape)
+        promised = right - (jacobian @ moved[:, :, None])[:, :, 0]
+        return State(a, moved, promised, jacobian), float(np.linalg.norm(dual[variance == 0.0]))
+
+    def between(self, state: State, goal: State, share: float) -> State:
+        """The state at a share of the way from one to another."""
+        a = state.multipliers + share * (goal.multipliers - state.multipliers)
+        offset = state.offset + share * (goal.offset - state.offset)
+        return State(a, offset, *self.rows.evaluate(self.task_map, self.mean + offset))
+
+    def solve(self, start: FloatArray, iterations: int, tolerance: float) -> Solution:
+        """Minimise from a = ``start`` (m, n), in at most so many linearisations; see the module.
+
+        ``tolerance`` [m, rad] is that of exact rows.
+        """
+        variance = self.rows.variance
+        state = self.at(start)
+        here = state.merit(variance)
+        damping, penalty, done, settled = 0.0, 0.0, 0, False
+        while done < iterations and not settled:
+            done += 1
+            spread = self.spread(state.jacobian)
+            for _ in range(_TRIALS):
+                step, force = self.step(state, spread, variance, damping)
+                cost, off, _ = step.merit(variance)
+                penalty = max(1.5 * force, 0.25 * penalty)
+                gain = here[0] - cost + penalty * (here[1] - off)
+                found = self.shortened(state, step, here, penalty, gain)
+                if found is not None:
                     break
-                share *= 0.5
-            if found:
-                break
-            if attempt % 2 == 0:
-                hold = max(4.0 * hold, 0.25)
+                damping = max(10.0 * damping, 1e-6)
             else:
-                damping = max(100.0 * damping, 1e-6)
-        if not found:
-            break
-        a, offset, residual, jacobian = try_a, try_o, try_residual, try_jacobian
-        history.append(reached)
-        damping = 0.01 * damping if damping > 1e-7 else 0.0
-        if share < 1.0 and largest < _LARGEST_STEP:
-            hold = max(2.0 * hold, 0.25)
-        else:
-            hold = hold / 3.0 if hold > 0.05 else 0.0
-        settled = share == 1.0 and gain * (1.0 + hold) <= _SETTLED * (1.0 + abs(reached[0]))
-    a, offset, residual, jacobian = _close(
-        rows, task_map, mean, covariance, (a, offset, residual, jacobian)
-    )
-    missed = kernels.merit(a, offset, residual, variance)[2]
-    return Solution(a, residual, jacobian, done, missed, settled and missed <= tolerance)
+                break
+            state, here, share = found
+            damping = 0.01 * damping if damping > 1e-7 else 0.0
+            settled = share == 1.0 and gain <= _SETTLED * (1.0 + abs(here[0]))
+        state = self.closed(state)
+        missed = state.merit(variance)[2]
+        return Solution(state, done, missed, settled and missed <= tolerance)
 
+    def shortened(
+        self, state: State, goal: State, here: tuple[float, ...], penalty: float, gain: float
+    ) -> tuple[State, tuple[float, float, float], float] | None:
+        """Where the way to ``goal``, cut to a radian and halved, first lowers the merit enough,
+        its merit, and the share of the way that is.
+        """
+        largest = float(np.abs(goal.offset - state.offset).max())
+        share = min(1.0, _LARGEST_STEP / largest) if largest > 0.0 else 1.0
+        ceiling = (1.0 + 1e-12) * (here[0] + penalty * here[1])
+        for _ in range(_HALVINGS if gain >= 0.0 else 0):
+            tried = self.between(state, goal, share)
+            reached = tried.merit(self.rows.variance)
+            if reached[0] + penalty * reached[1] <= ceiling - 1e-4 * share * gain:
+                return tried, reached, share
+            share *= 0.5
+        return None
 
-_State = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
-
-
-def _close(
-    rows: Rows, task_map: TaskMap, mean: FloatArray, covariance: FloatArray, state: _State
-) -> _State:
-    """Close exact rows left open by damped steps of least change; the others are let go."""
-    exact = rows.variance == 0.0
-    a, offset, residual, jacobian = state
-    missed = float((residual[exact] ** 2).sum())
-    nothing = np.zeros_like(a)
-    damping = 0.0
-    for _ in range(_CLOSING_STEPS):
-        if missed <= _CLOSING**2:
-            break
-        half, total = kernels.spread(jacobian, covariance)
-        a_step, o_step, largest, *_ = kernels.step(
-            jacobian,
-            np.where(exact, residual, 0.0),
-            half,
-            total,
-            np.where(exact, 0.0, 1e6 * (total.diagonal().max() + 1e-300)),
-            nothing,
-            nothing,
-            0.0,
-            damping,
-        )
-        share = min(1.0, 0.5 / largest) if largest > 0.0 else 1.0
-        try_a, try_o = a + share * a_step, offset + share * o_step
-        try_residual, try_jacobian = rows.evaluate(task_map, mean + try_o)
-        reached = float((try_residual[exact] ** 2).sum())
-        if reached < missed:
-            a, offset, residual, jacobian = try_a, try_o, try_residual, try_jacobian
-            missed = reached
-            damping = 0.1 * damping if damping > 1e-6 else 0.0
-        elif damping > 1e3:
-            break
-        else:
-            damping = max(10.0 * damping, 1e-4)
-    return a, offset, residual, jacobian
+    def closed(self, state: State) -> State:
+        """Close exact rows left open by damped steps of least change; the others are let go."""
+        exact = self.rows.variance == 0.0
+        missed = float((state.residual[exact] ** 2).sum())
+        nothing, damping = np.zeros_like(state.multipliers), 0.0
+        for _ in range(_CLOSING_STEPS):
+            if missed <= _CLOSING**2 or damping > 1e3:
+                break
+            spread = self.spread(state.jacobian)
+            left = State(nothing, nothing, np.where(exact, state.residual, 0.0), state.jacobian)
+            loose = np.where(exact, 0.0, 1e6 * (spread.diagonal().max() + 1e-300))
+            step, _ = self.step(left, spread, loose, damping)
+            largest = float(np.abs(step.offset).max())
+            share = min(1.0, 0.5 / largest) if largest > 0.0 else 1.0
+            tried = self.at(state.multipliers + share * step.multipliers)
+            reached = float((tried.residual[exact] ** 2).sum())
+            if reached < missed:
+                state, missed = tried, reached
+                damping = 0.1 * damping if damping > 1e-6 else 0.0
+            else:
+                damping = max(10.0 * damping, 1e-4)
+        return state

@@ -29,8 +29,7 @@ class Timing:
     @staticmethod
     def linear(duration: float) -> "Timing":
         """At even speed."""
-        d = positive(duration, "duration")
-        return Timing(_polynomial(np.array([[1.0 / d], [0.0]]), np.array([0.0, d])), d)
+        return Timing.through([0.0, positive(duration, "duration")], [0.0, 1.0])
 
     @staticmethod
     def minimum_jerk(duration: float) -> "Timing":
@@ -90,7 +89,7 @@ def modulate(
     Args:
         promp: the movement.
         timing: its z(t).
-        times: (T,) in [0, duration] [s], or a count of evenly spaced ones.
+        times: (T,) from 0 to the duration [s], or a count of evenly spaced times.
 
     Raises:
         InvalidRequestError: a time outside.

@@ -1,7 +1,32 @@
-"""Which neighbours, which side, which way: pushing by geometry."""
+"""Planar pushing: which objects are in the way, what the tool does to them, and the path it takes.
 
+Rules give a side to pass each neighbour on. A model of the push predicts the harm of a tool path,
+and one search finds the path of least harm in it.
+"""
+
+from optipromp.pushing.hanging import Hanging
 from optipromp.pushing.interactive import Push, pushes
-from optipromp.pushing.neighbours import neighbours
-from optipromp.pushing.sides import Drift, DriftRule, drift_choices
+from optipromp.pushing.model import Combined, Prediction, PushModel, Round, Schedule, search
+from optipromp.pushing.path import ToolPath, through
+from optipromp.pushing.rules import Drift, DriftRule, drift_choices, neighbours, rule_paths
+from optipromp.pushing.standing import Standing
 
-__all__ = ["Drift", "DriftRule", "Push", "drift_choices", "neighbours", "pushes"]
+__all__ = [
+    "Combined",
+    "Drift",
+    "DriftRule",
+    "Hanging",
+    "Prediction",
+    "Push",
+    "PushModel",
+    "Round",
+    "Schedule",
+    "Standing",
+    "ToolPath",
+    "drift_choices",
+    "neighbours",
+    "pushes",
+    "rule_paths",
+    "search",
+    "through",
+]

@@ -3,7 +3,7 @@ r"""Fruits on bending stems, as few numbers: what the prediction of a push works
 A stem is a beam clamped at its root that carries its fruit. Across its axis the deflection w(s)
 follows from the energy
 
-.. math:: \tfrac12\int EI\,w''^2\,ds + \tfrac12\int T\,w'^2\,ds - \sum_k f_k w(s_k)
+.. math:: \tfrac12\int EI\,{w''}^2\,ds + \tfrac12\int T\,{w'}^2\,ds - \sum_k f_k w(s_k)
 
 with the tension T of the fruit's weight. It is solved once on a fine grid for loads at
 :data:`LOADED` and then known exactly, for such loads, by the deflections u there alone (static

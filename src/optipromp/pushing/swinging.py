@@ -354,6 +354,29 @@ def harm(
     return Harm(*_harm(s, points, axes, dt, cup, solid, np.inf))
 
 
+def led(
+    s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Cup, solid: Obstacles
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Where the cup, led along a path (see :func:`push`), brings the fruits, and how hard.
+
+    Returns:
+        Positions (P, N, 3) [m]; the largest force on each fruit and the largest lasting one on each
+        stem (N,) [N]; and how long each fruit is inside (N,) [s].
+    """
+    steps, count = len(points), len(s.root)
+    positions = np.zeros((steps, count, 3))
+    forces, stem_forces = np.zeros((steps, count)), np.zeros((steps, count))
+    push(s, points, axes, dt, cup, solid, np.inf, positions, forces, stem_forces, np.zeros(5))
+    held = np.lib.stride_tricks.sliding_window_view(stem_forces, min(HELD, steps), axis=0)
+    within = np.array(
+        [
+            [inside(x[0], x[1], x[2], Pose(*point, *axis), cup) for x in places]
+            for places, point, axis in zip(positions, points, axes, strict=True)
+        ]
+    )
+    return positions, forces.max(axis=0), held.min(axis=-1).max(axis=0), dt * within.sum(axis=0)
+
+
 # A kernel returns no named tuple: Numba calls its class to make one, and does not survive an
 # interruption there.
 @_jit

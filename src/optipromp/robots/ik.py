@@ -182,6 +182,44 @@ def follow(  # type: ignore[no-untyped-def]
         errors[i] = position_error[0] + np.sqrt(axis_weight) * axis_error[0]
 
 
+@njit(cache=True, error_model="numpy", nogil=True)
+def project(  # type: ignore[no-untyped-def]
+    kin, tool_point, tool_axis, positions, axes, axis_weight, lower, upper, iterations, q, errors
+):
+    """Each of ``q`` (m, n) to the nearest configuration with the tool at its pose, in place."""
+    weight, position_error, axis_error = np.zeros(1), np.empty(1), np.empty(1)
+    for i in range(positions.shape[0]):
+        descend(
+            kin, tool_point, tool_axis, positions[i], axes[i], axis_weight, lower, upper,
+            q[i : i + 1], weight, iterations, q[i : i + 1], position_error, axis_error,
+        )  # fmt: skip
+        errors[i] = position_error[0] + np.sqrt(axis_weight) * axis_error[0]
+
+
+def each(
+    robot: Robot, positions: FloatArray, axes: FloatArray, near: FloatArray, iterations: int = 30
+) -> tuple[FloatArray, FloatArray]:
+    """The configuration nearest to each of ``near`` (m, n) with the tool at a pose of its own.
+
+    Args:
+        robot: the arm and its tool.
+        positions: (m, 3) world [m].
+        axes: (m, 3) unit.
+        near: (m, n) configurations the descents start from.
+        iterations: of each descent, at most.
+
+    Returns:
+        Configurations (m, n) and errors (m,) as of :func:`track`.
+    """
+    q, errors = np.array(near), np.empty(len(near))
+    project(
+        robot.kinematics, robot.tool_point, robot.tool_axis,
+        np.array(positions, dtype=np.float64), np.array(axes, dtype=np.float64), AXIS_LENGTH**2,
+        robot.lower.copy(), robot.upper.copy(), iterations, q, errors,
+    )  # fmt: skip
+    return q, errors
+
+
 def solve(
     robot: Robot,
     position: FloatArray,

@@ -12,12 +12,13 @@ import numpy as np
 
 from optipromp.arrays import BoolArray, FloatArray, IntArray, frozen
 from optipromp.errors import InvalidRequestError
-from optipromp.robots.cup_cover import cover_cup
+from optipromp.robots.cup_cover import NECK_RADIUS, cover_cup
 from optipromp.robots.model import BodySpheres, Robot
 from optipromp.robots.self_collision import candidate_pairs, drop_always_touching
 from optipromp.robots.spheres import cover_capsule
 
 TOOL_LINK = "tool"
+WALL = 0.002  # [m] of a cup that states no opening
 PALM = 0.0316, 0.02  # [m] of the Franka hand: half of its thickness, middle before the flange
 PALM_HALF = 0.102, 0.0459  # [m] half of its width, half of its length
 FINGERS = 0.0584  # [m] before the flange, where the fingers begin
@@ -72,6 +73,36 @@ class Cup:
         inner = self.radius if self.opening is None else self.opening / 2.0
         return cover_cup(self.radius, inner, self.height, self.length)
 
+    @property
+    def front(self) -> float:
+        """How far before the flange the mouth begins [m]."""
+        return self.length
+
+    @property
+    def tip(self) -> float:
+        """How far before the flange the rim is [m]."""
+        return self.length + self.height
+
+    @property
+    def mouth(self) -> tuple[float, float]:
+        """Inner and outer radius of the mouth [m]."""
+        inner = self.radius - WALL if self.opening is None else self.opening / 2.0
+        return max(inner, 0.5 * self.radius), self.radius
+
+    def outline(self) -> tuple[FloatArray, ...]:
+        """The cup cut along its axis: neck, base and walls; see :meth:`FrankaHand.outline`."""
+        (inner, outer), rim, flange = self.mouth, self.depth, -self.reach
+        base = rim - self.height
+
+        def box(u0: float, u1: float, v0: float, v1: float) -> FloatArray:
+            return np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]])
+
+        neck = [box(flange, base, -NECK_RADIUS, NECK_RADIUS)] if self.length > 0.0 else []
+        return (
+            *neck, box(base, base + WALL, -outer, outer), box(base, rim, inner, outer),
+            box(base, rim, -outer, -inner),
+        )  # fmt: skip
+
 
 @dataclass(frozen=True)
 class FrankaHand:
@@ -107,6 +138,17 @@ class FrankaHand:
         """(3, 3) columns: the hand's x (its thin side), y (along which it opens) and z axes."""
         c = math.sqrt(0.5)
         return np.array([[c, c, 0.0], [-c, c, 0.0], [0.0, 0.0, 1.0]])
+
+    @property
+    def depth(self) -> float:
+        """How far the finger tips are beyond the tool point [m]."""
+        return self.tip - self.reach
+
+    @property
+    def mouth(self) -> tuple[float, float]:
+        """Half of what is between the open fingers, and half of what is between their backs [m]."""
+        mount = FINGER["mount"]
+        return self.gripper_radius, self.gripper_radius + mount[1] + mount[4]
 
     @property
     def front(self) -> float:

@@ -6,6 +6,7 @@ import json
 import math
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -44,6 +45,9 @@ from optipromp.scenes.schema import ObjectModel, SceneModel, ShapeModel, parse
 _FARTHEST = 20.0  # [m] positions beyond are taken for millimetres ...
 _BEYOND_MILLIMETRES = 5_000.0  # [m] ... unless no robot is that large even in millimetres
 _LARGEST_FRUIT = 1.0  # [m]
+_PRIMITIVES: dict[str, Any] = {
+    "sphere": Sphere, "box": Box, "cylinder": Cylinder, "capsule": Capsule, "half_space": HalfSpace,
+}  # fmt: skip
 _SUFFIXES = (".yaml", ".yml", ".json")
 
 
@@ -126,25 +130,22 @@ def _build(document: object, source: str, base_dir: Path | None) -> Scene:
 def _object(
     item: ObjectModel, scale: float, base_dir: Path | None, shapes: dict[tuple[object, ...], Shape]
 ) -> SceneObject:
-    position = scale * np.array(item.position)
     stem = None
     if item.stem is not None:
         points = [item.position, item.stem.root] if item.stem.root else item.stem.points
         radius = STEM_RADIUS if item.stem.radius is None else scale * item.stem.radius
         stem = Stem(scale * np.array(points), radius)
-    covariance = None
-    if item.covariance is not None:
-        covariance = scale**2 * np.array(item.covariance)
-    elif item.sigma is not None:
-        covariance = (scale * item.sigma) ** 2 * np.eye(3)
+    spread = item.covariance
+    if spread is None and item.sigma is not None:
+        spread = (item.sigma**2 * np.eye(3)).tolist()
     return SceneObject(
         id=item.id,
         role=item.role,
         shape=_shape(item.shape, scale, base_dir, shapes),
-        position=position,
+        position=scale * np.array(item.position),
         rotation=np.eye(3) if item.orientation is None else from_quaternion(item.orientation),
         stem=stem,
-        covariance=covariance,
+        covariance=None if spread is None else scale**2 * np.array(spread),
         physical=item.physical,
     )
 
@@ -153,31 +154,20 @@ def _shape(
     model: ShapeModel, scale: float, base_dir: Path | None, shapes: dict[tuple[object, ...], Shape]
 ) -> Shape:
     """The shape; files named twice are read once, and share their distance grid."""
-    if model.sphere is not None:
-        return Sphere(scale * model.sphere.radius)
-    if model.box is not None:
-        x, y, z = (scale * edge for edge in model.box.size)
-        return Box((x, y, z))
-    if model.cylinder is not None:
-        return Cylinder(scale * model.cylinder.radius, scale * model.cylinder.length)
-    if model.capsule is not None:
-        return Capsule(scale * model.capsule.radius, scale * model.capsule.length)
-    if model.half_space is not None:
-        return HalfSpace()
+    (name,) = model.model_fields_set
+    given = getattr(model, name).model_dump()
+    if name in _PRIMITIVES:
+        lengths = {key: (scale * np.array(value)).tolist() for key, value in given.items()}
+        shape: Shape = _PRIMITIVES[name](**lengths)
+        return shape
     from optipromp.geometry.loading import load_cloud, load_mesh
 
-    folder = Path() if base_dir is None else base_dir
-    if model.mesh is not None:
-        mesh = (folder / model.mesh.file, model.mesh.scale)
-        if mesh not in shapes:
-            shapes[mesh] = load_mesh(*mesh)
-        return shapes[mesh]
-    assert model.point_cloud is not None  # the schema lets exactly one shape through
-    radius = scale * model.point_cloud.radius
-    cloud = (folder / model.point_cloud.file, radius, model.point_cloud.scale)
-    if cloud not in shapes:
-        shapes[cloud] = load_cloud(*cloud)
-    return shapes[cloud]
+    path = (base_dir or Path()) / given["file"]
+    radius = (scale * given["radius"],) if "radius" in given else ()
+    key = path, *radius, given["scale"]
+    if key not in shapes:
+        shapes[key] = load_cloud(*key) if radius else load_mesh(*key)
+    return shapes[key]
 
 
 def _check_magnitude(item: SceneObject) -> None:
@@ -236,10 +226,11 @@ def _tool(model: SceneModel, scale: float) -> ToolSpec | None:
 
 
 def _approach(model: SceneModel, scale: float) -> Approach:
-    approach = Approach(np.array(model.approach.direction), np.array(model.approach.lateral))
-    if model.approach.camera_distance is None:
+    given = model.approach
+    approach = Approach(np.array(given.direction), np.array(given.lateral))
+    if given.camera_distance is None:
         return approach
-    return Approach(approach.direction, approach.lateral, scale * model.approach.camera_distance)
+    return replace(approach, camera_distance=scale * given.camera_distance)
 
 
 def _goal(model: SceneModel, scale: float) -> JointGoal | PoseGoal | None:
@@ -268,24 +259,20 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
         document["start"] = scene.start.tolist()
     if scene.target is not None:
         document["target"] = scene.target.id
-    if isinstance(scene.goal, JointGoal):
-        document["goal"] = {"joints": scene.goal.joints.tolist()}
-    elif scene.goal is not None:
-        document["goal"] = {
-            "position": scene.goal.position.tolist(),
-            "axis": scene.goal.axis.tolist(),
-        }
-    document["approach"] = {
-        "direction": scene.approach.direction.tolist(),
-        "lateral": scene.approach.lateral.tolist(),
-        "camera_distance": scene.approach.camera_distance,
-    }
+    if scene.goal is not None:
+        document["goal"] = _plain(vars(scene.goal))
+    names = ("direction", "lateral", "camera_distance")
+    document["approach"] = _plain({name: getattr(scene.approach, name) for name in names})
     if scene.options:
         document["options"] = dict(scene.options)
     document["objects"] = [_object_to_dict(item, base_dir) for item in scene.objects]
     if any(_looks_like_millimetres(item) for item in scene.objects):
         document["scale"] = 1.0  # large on purpose: say so, or loading would refuse it
     return document
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in values.items()}
 
 
 def _looks_like_millimetres(item: SceneObject) -> bool:
@@ -334,27 +321,19 @@ def _object_to_dict(item: SceneObject, base_dir: Path | None) -> dict[str, Any]:
 
 
 def _shape_to_dict(shape: Shape, base_dir: Path | None) -> dict[str, Any]:
-    match shape:
-        case Sphere(radius):
-            return {"sphere": {"radius": radius}}
-        case Box(size):
-            return {"box": {"size": list(size)}}
-        case Cylinder(radius, length):
-            return {"cylinder": {"radius": radius, "length": length}}
-        case Capsule(radius, length):
-            return {"capsule": {"radius": radius, "length": length}}
-        case HalfSpace():
-            return {"half_space": {}}
+    for name, primitive in _PRIMITIVES.items():
+        if isinstance(shape, primitive):
+            sizes = vars(shape).items()
+            return {name: {k: list(v) if isinstance(v, tuple) else v for k, v in sizes}}
+    assert isinstance(shape, MeshShape | PointCloudShape)
     if shape.path is None:
         raise InvalidSceneError("a mesh or point cloud made in memory has no file to refer to")
     entry: dict[str, Any] = {"file": _relative(shape.path, base_dir)}
     if shape.scale != 1.0:
         entry["scale"] = shape.scale
-    match shape:
-        case MeshShape():
-            return {"mesh": entry}
-        case PointCloudShape():
-            return {"point_cloud": {**entry, "radius": shape.radius}}
+    if isinstance(shape, MeshShape):
+        return {"mesh": entry}
+    return {"point_cloud": {**entry, "radius": shape.radius}}
 
 
 def save_scene(scene: Scene, path: str | Path) -> None:

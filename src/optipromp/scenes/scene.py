@@ -36,25 +36,23 @@ def suggest(name: object, valid: Iterable[str]) -> str:
     return f"valid are {', '.join(names)}{question}"
 
 
-def _vector(name: str, values: object, length: int | None = 3) -> FloatArray:
+def _array(name: str, values: object, *shape: int | None) -> FloatArray:
+    """``values`` read-only; refused where not of the ``shape`` (None: any) or not finite."""
     array = frozen(values)
-    if array.ndim != 1 or (length is not None and len(array) != length):
-        wanted = "(n,)" if length is None else f"({length},)"
-        raise InvalidSceneError(f"{name} has shape {array.shape}: must be {wanted}")
-    _finite(name, array)
+    fits = [want in (None, have) for want, have in zip(shape, array.shape, strict=False)]
+    if array.ndim != len(shape) or not all(fits):
+        wanted = ", ".join("n" if size is None else str(size) for size in shape)
+        wanted += "," if len(shape) == 1 else ""
+        raise InvalidSceneError(f"{name} has shape {array.shape}: must be ({wanted})")
+    if not np.isfinite(array).all():
+        at = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        where = "".join(f"[{i}]" for i in at)
+        raise InvalidSceneError(f"{name}{where} is {array[at]}: must be finite")
     return array
 
 
-def _finite(name: str, array: FloatArray) -> None:
-    if np.isfinite(array).all():
-        return
-    at = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-    where = "".join(f"[{i}]" for i in at)
-    raise InvalidSceneError(f"{name}{where} is {array[at]}: must be finite")
-
-
 def _unit(name: str, values: object) -> FloatArray:
-    vector = _vector(name, values)
+    vector = _array(name, values, 3)
     length = math.hypot(*vector)
     if not length > 0.0:
         raise InvalidSceneError(f"{name} is {vector.tolist()}: must have a direction")
@@ -74,10 +72,10 @@ class Stem:
     radius: float = STEM_RADIUS
 
     def __post_init__(self) -> None:
-        points = frozen(self.points)
-        if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
-            raise InvalidSceneError(f"stem.points has shape {points.shape}: must be (k, 3), k >= 2")
-        _finite("stem.points", points)
+        shape = np.shape(self.points)
+        if len(shape) != 2 or shape[1] != 3 or shape[0] < 2:
+            raise InvalidSceneError(f"stem.points has shape {shape}: must be (k, 3), k >= 2")
+        points = _array("stem.points", self.points, None, 3)
         short = np.flatnonzero(np.linalg.norm(np.diff(points, axis=0), axis=1) < 1e-9)
         if short.size:
             raise InvalidSceneError(
@@ -133,12 +131,8 @@ class SceneObject:
             raise InvalidSceneError(f"role {self.role!r} is unknown: {suggest(self.role, ROLES)}")
         if self.role in ("target", "pushable") and isinstance(self.shape, HalfSpace):
             raise InvalidSceneError(f"a {self.role} cannot be a half_space: it has no end")
-        object.__setattr__(self, "position", _vector("position", self.position))
-        rotation = frozen(self.rotation)
-        if rotation.shape != (3, 3):
-            raise InvalidSceneError(f"rotation has shape {rotation.shape}: must be (3, 3)")
-        _finite("rotation", rotation)
-        object.__setattr__(self, "rotation", rotation)
+        object.__setattr__(self, "position", _array("position", self.position, 3))
+        object.__setattr__(self, "rotation", _array("rotation", self.rotation, 3, 3))
         if self.covariance is not None:
             object.__setattr__(self, "covariance", _covariance(self.covariance))
         if self.stem is not None:
@@ -157,10 +151,7 @@ class SceneObject:
 
 
 def _covariance(values: FloatArray) -> FloatArray:
-    covariance = frozen(values)
-    if covariance.shape != (3, 3):
-        raise InvalidSceneError(f"covariance has shape {covariance.shape}: must be (3, 3)")
-    _finite("covariance", covariance)
+    covariance = _array("covariance", values, 3, 3)
     scale = float(np.abs(covariance).max())
     if np.abs(covariance - covariance.T).max() > 1e-9 * scale:
         raise InvalidSceneError("covariance is not symmetric: must equal its transpose")
@@ -217,7 +208,7 @@ class JointGoal:
     joints: FloatArray
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "joints", _vector("goal.joints", self.joints, None))
+        object.__setattr__(self, "joints", _array("goal.joints", self.joints, None))
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +219,7 @@ class PoseGoal:
     axis: FloatArray
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position", _vector("goal.position", self.position))
+        object.__setattr__(self, "position", _array("goal.position", self.position, 3))
         object.__setattr__(self, "axis", _unit("goal.axis", self.axis))
 
 
@@ -276,7 +267,7 @@ class Scene:
         object.__setattr__(self, "objects", tuple(self.objects))
         object.__setattr__(self, "options", dict(self.options))
         if self.start is not None:
-            object.__setattr__(self, "start", _vector("start", self.start, None))
+            object.__setattr__(self, "start", _array("start", self.start, None))
         seen: dict[str, int] = {}
         for index, item in enumerate(self.objects):
             if item.id in seen:

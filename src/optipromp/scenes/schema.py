@@ -175,11 +175,7 @@ class ToolModel(_Model):
 
     @model_validator(mode="after")
     def _fits_kind(self) -> ToolModel:
-        given = [
-            name
-            for name in ("radius", "height", "length", "depth", "opening")
-            if getattr(self, name) is not None
-        ]
+        given = list(self.model_dump(exclude={"kind"}, exclude_none=True))
         if self.kind == "cup" and self.radius is None:
             raise _refuse("radius is missing: a cup needs its radius [m]")
         if self.kind == "franka_hand" and given:
@@ -256,11 +252,8 @@ def _describe(error: ErrorDetails) -> str:
         "dict_type": "must be a mapping",
     }.get(kind)
     if kind == "literal_error":
-        names = [
-            name.strip().strip("'")
-            for name in str(context["expected"]).replace(" or ", ", ").split(",")
-        ]
-        wanted = suggest(value, names)
+        words = str(context["expected"]).replace(" or ", ", ").split(",")
+        wanted = suggest(value, [word.strip().strip("'") for word in words])
     return f"{path} is {_short(value)}: {wanted or error['msg']}"
 
 

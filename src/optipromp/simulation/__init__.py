@@ -1,4 +1,4 @@
-"""The physics twin: a scene as a MuJoCo world, a plan executed in it, and what really happened.
+"""The simulation: a scene as a MuJoCo world, a plan executed in it, and what happened there.
 
 Needs the extra ``sim``: ``pip install 'optipromp[sim]'``.
 """

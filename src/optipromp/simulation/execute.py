@@ -7,7 +7,7 @@ import numpy as np
 
 from optipromp.errors import InvalidRequestError
 from optipromp.planning import Plan
-from optipromp.planning.setup import bind
+from optipromp.planning.task import resolve
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene
 from optipromp.simulation.outcome import Outcome, judge
@@ -59,18 +59,18 @@ def simulate(
     seed: int = 0,
     record_rate: float = 100.0,
 ) -> Run:
-    """Execute a plan in the physics twin and judge what happened there.
+    """Execute a plan in the simulation and judge what happened there.
 
     Args:
         plan_or_trajectory: what to execute, whatever its status.
-        scene: the world as it truly is; None: the plan's own scene. A planner that saw detections
-            with errors gave a plan for another scene than this one.
+        scene: the world as it truly is; None: the scene that was planned for. Give another scene
+            to see what errors of detection do.
         parameters: physical numbers, controller, thresholds.
-        seed: of everything random; the same input gives the same run to the last bit.
+        seed: of everything random. The same input and seed give the same run to the last bit.
         record_rate: of the rollout's records [Hz].
 
     Returns:
-        The run. One that fails says why; only wrong input raises.
+        The run. A run that fails says why in its outcome; only wrong input raises.
 
     Raises:
         InvalidRequestError: MuJoCo is not installed, no scene for a bare trajectory, joint names
@@ -88,7 +88,7 @@ def simulate(
         raise InvalidRequestError("a bare trajectory needs the scene it is to be executed in")
     if not (np.isfinite(record_rate) and record_rate > 0):
         raise InvalidRequestError(f"record_rate is {record_rate}; it must be above 0 [Hz]")
-    robot = bind(scene).robot
+    robot = resolve(scene).robot
     if trajectory.joint_names != robot.joint_names:
         raise InvalidRequestError(
             f"the trajectory moves {', '.join(trajectory.joint_names)}; {robot.name} has "

@@ -1,4 +1,4 @@
-"""Every physical number of the twin: its unit, its default and where it comes from.
+"""Every physical number of the simulation: its unit, its default and where it comes from.
 
 Each field carries ``unit``, ``source`` and ``kind`` as metadata (:func:`catalogue` lists them):
 

@@ -1,13 +1,15 @@
-"""The figures of a plan: cost over iterations, joints over time, the arm before and after.
+"""The figures of a plan: the arm at one moment, joints over time, costs before and after.
 
 Drawn with matplotlib's object-oriented interface, without a display; nothing global is changed.
 """
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from optipromp.viewer.reach import reach_figure
+from optipromp.viewer.drawn import FOLLOWED, OPTIMISED, PRIMITIVE, motions
+from optipromp.viewer.reach import reach_figure, title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,19 +19,21 @@ if TYPE_CHECKING:
 
 __all__ = ["cost_figure", "joint_figure", "plan_figures", "png", "reach_figure"]
 
-BEFORE, AFTER, LIMIT = "#c8362c", "#1f5fb4", "#7a7f87"
+LIMIT = "#7a7f87"
+LEAST = 0.05  # [rad or m] shown above and below the middle of a joint's motion
+CHANGED = 0.01  # share of its largest value by which a cost has to change to be drawn
 _NAMES = {
-    "static": "static obstacles",
-    "avoid": "objects to avoid",
-    "push": "pushing",
-    "velocity": "velocity",
+    "static": "$F_s$, static obstacles",
+    "avoid": "$F_d$, objects to avoid",
+    "push": "$F_p$, pushing",
+    "velocity": "$F_v$, joint velocity",
 }
 
 
 def plan_figures(plan: "Plan") -> dict[str, bytes]:
-    """The figures of a plan as PNG files: ``reach``, ``joints`` and ``cost`` where it has one."""
+    """The figures of a plan as PNG files: ``reach``, ``joints``, and ``cost`` if one changed."""
     figures = {"reach": reach_figure(plan), "joints": joint_figure(plan)}
-    if _optimised(plan):
+    if changed_terms(plan):
         figures["cost"] = cost_figure(plan)
     return {f"{name}.png": png(figure) for name, figure in figures.items()}
 
@@ -46,88 +50,113 @@ def png(figure: "Figure", dpi: int = 160) -> bytes:
     return stream.getvalue()
 
 
+def changed_terms(plan: "Plan") -> Mapping[str, "Term"]:
+    """The costs that differ between the trajectories or over the iterations."""
+    out = {}
+    for name, term in plan.terms.items():
+        values = [term.initial, term.followed, term.final, *term.history]
+        if max(values) - min(values) > CHANGED * max(map(abs, values)):
+            out[name] = term
+    return out
+
+
 def cost_figure(plan: "Plan") -> "Figure":
-    """Each term's cost over the iterations of the stage that optimises it."""
+    """Each cost that changed: of the conditioned ProMP, the followed path, over the iterations."""
     from matplotlib.figure import Figure
 
-    terms = _optimised(plan)
-    columns = max(1, min(2, len(terms)))
-    rows = max(1, -(-len(terms) // columns))
-    figure = Figure(figsize=(4.4 * columns, 3.0 * rows), layout="constrained")
+    terms = changed_terms(plan)
+    columns = 1 if len(terms) == 1 else 2
+    rows = -(-len(terms) // columns)
+    figure = Figure(figsize=(5.4 * columns, 3.1 * rows + 0.7), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     for panel, (name, term) in zip(panels, terms.items(), strict=False):
-        solver = next((stage.solver for stage in plan.stages if stage.name == term.stage), "")
-        _draw_cost(panel, _NAMES.get(name, name), term, solver)
+        _draw_cost(panel, _NAMES.get(name, name), term, {motion.name for motion in motions(plan)})
     for panel in panels[len(terms) :]:
         panel.set_visible(False)
-    figure.suptitle(f"{_title(plan)}: cost over iterations", fontsize=11)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    figure.suptitle(f"{title(plan)}\ncosts", fontsize=11)
     return figure
 
 
 def joint_figure(plan: "Plan") -> "Figure":
-    """Joint positions over time before (red) and after (blue), with their limits."""
+    """Joint positions in each trajectory, at the plan's duration, with limits that are near."""
     from matplotlib.figure import Figure
 
     robot = plan.robot
     columns = 2 if robot.n_joints > 3 else 1
     rows = -(-robot.n_joints // columns)
-    figure = Figure(figsize=(5.2 * columns, 1.75 * rows + 0.7), layout="constrained")
+    figure = Figure(figsize=(5.6 * columns, 1.8 * rows + 0.9), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False).ravel(order="F")
     for joint, (panel, name) in enumerate(zip(panels, robot.joint_names, strict=False)):
-        prismatic = bool(np.any(robot.kinematics.kind[robot.kinematics.dof == joint] == 1))
-        for trajectory, colour, label, width in (
-            (plan.initial, "#e79a94", "before", 3.6),
-            (plan.trajectory, AFTER, "after", 1.4),
-        ):
-            times = np.linspace(0.0, plan.trajectory.duration, trajectory.n_knots)
-            panel.plot(times, trajectory.positions[:, joint], color=colour, lw=width, label=label)
-        for limit in (robot.lower[joint], robot.upper[joint]):
-            if np.isfinite(limit):
+        for motion in motions(plan):
+            q = motion.trajectory.positions[:, joint]
+            times = np.linspace(0.0, plan.trajectory.duration, len(q))
+            panel.plot(times, q, color=motion.colour, lw=motion.width, label=motion.name)
+        low, high = panel.get_ylim()
+        room = max(0.5 * (high - low), LEAST)
+        low, high = 0.5 * (low + high) - room, 0.5 * (low + high) + room
+        limits = robot.lower[joint], robot.upper[joint]
+        for limit in limits:
+            if low - room < limit < high + room:
                 panel.axhline(limit, color=LIMIT, lw=1.0, ls=(0, (4, 3)), label="limit")
-        panel.set_title(f"{name} [{'m' if prismatic else 'rad'}]", fontsize=9, loc="left")
-        panel.margins(x=0.0, y=0.08)
+                low, high = min(low, limit - 0.1 * room), max(high, limit + 0.1 * room)
+        panel.set_ylim(low, high)
+        unit = "m" if _prismatic(plan, joint) else "rad"
+        panel.set_title(
+            f"{name} [{unit}], limits {limits[0]:.2f} to {limits[1]:.2f}".replace("$", r"\$"),
+            fontsize=9, loc="left",
+        )  # fmt: skip
+        panel.margins(x=0.0)
         _plain(panel)
+        panel.tick_params(labelbottom=joint % rows == rows - 1 or joint == robot.n_joints - 1)
     for panel in panels[robot.n_joints :]:
         panel.set_visible(False)
-    handles, labels = panels[0].get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
+    found = [panel.get_legend_handles_labels() for panel in panels]
+    unique = {label: handle for handles, labels in found for label, handle in zip(labels, handles,
+              strict=True)}  # fmt: skip
     figure.legend(
-        unique.values(), unique.keys(), loc="outside lower center", ncols=3, frameon=False
+        unique.values(), unique.keys(), loc="outside lower center", ncols=4, frameon=False
     )
-    figure.suptitle(f"{_title(plan)}: joints over time [s]", fontsize=11)
+    figure.suptitle(f"{title(plan)}\njoints over time [s]", fontsize=11)
     return figure
 
 
-def _optimised(plan: "Plan") -> dict[str, "Term"]:
-    """The terms that a stage optimised and that were not zero all along."""
-    return {
-        name: term
-        for name, term in plan.terms.items()
-        if len(term.history) > 1 and any(term.history)
-    }
+def _prismatic(plan: "Plan", joint: int) -> bool:
+    kinematics = plan.robot.kinematics
+    return bool(np.any(kinematics.kind[kinematics.dof == joint] == 1))
 
 
-def _draw_cost(panel: "Axes", name: str, term: "Term", solver: str) -> None:
-    history = np.asarray(term.history, dtype=float)
-    iterations = np.arange(len(history))
-    panel.plot(iterations, history, color=AFTER, lw=1.6, marker="o", ms=3.5)
-    panel.plot(iterations[:1], history[:1], color=BEFORE, marker="o", ms=5)
-    positive = history[history > 0]
-    if len(positive) == len(history) and history.max() > 30 * history.min():
+def _draw_cost(panel: "Axes", name: str, term: "Term", drawn: set[str]) -> None:
+    """The value of each trajectory that is drawn; between the last two, that of each iteration."""
+    optimised = len(term.history) > 1 and np.isclose(term.history[0], term.followed)
+    history = np.array(term.history if optimised else [term.followed, term.final])
+    last = len(history) - 1
+    before = -max(1.0, 0.25 * last) if "followed path" in drawn else 0.0
+    points = [
+        (before, term.initial, PRIMITIVE, "conditioned ProMP", "ProMP"),
+        (0, term.followed, FOLLOWED, "followed path", "0" if optimised else "followed"),
+        (last, term.final, OPTIMISED, "optimised", f"{last}" if optimised else "optimised"),
+    ]
+    points = [point for point in points if point[3] in drawn]
+    panel.plot([before, 0], [term.initial, history[0]], color=LIMIT, lw=1.0, ls=(0, (2, 2)))
+    panel.plot(np.arange(last + 1), history, color=OPTIMISED, lw=1.6, marker="o", ms=3)
+    for x, value, colour, label, _ in points:
+        panel.plot([x], [value], color=colour, marker="o", ms=8, ls="none", label=label, zorder=4)
+    values = np.array([term.initial, term.followed, term.final, *history])
+    if values.min() > 0 and values.max() > 30 * values.min():
         panel.set_yscale("log")
     else:
-        panel.set_ylim(0.0, 1.08 * float(history.max()))
-    first, last = history[0], history[-1]
-    if last > 0 and first > last:
-        change = f", ÷ {first / last:.3g}"
-    elif last == 0 and first > 0:
-        change = ", to zero"
-    else:
-        change = ""
-    stage = f", {solver}" if solver else ""
-    panel.set_title(f"{name}{stage}{change}", fontsize=9, loc="left")
-    panel.set_xlabel("iteration")
+        panel.set_ylim(min(0.0, float(values.min())), 1.12 * float(values.max()))
+    told = " → ".join(f"{value:#.3g}" if value else "0" for _, value, *_ in points)
+    panel.set_title(f"{name}: {told}", fontsize=9.5, loc="left")
+    ticks = {x: tick for x, *_, tick in points}
+    if optimised:
+        ticks |= {t: f"{t:.0f}" for t in panel.get_xticks() if 0 < t < 0.93 * last and t % 1 == 0}
+        panel.set_xlabel("iteration")
+    panel.set_xticks([*ticks], [*ticks.values()])
     panel.set_ylabel("cost")
+    panel.margins(x=0.08)
     _plain(panel)
 
 
@@ -136,8 +165,3 @@ def _plain(panel: "Axes") -> None:
     panel.grid(color="#e6e8eb", lw=0.7)
     panel.set_axisbelow(True)
     panel.tick_params(labelsize=8)
-
-
-def _title(plan: "Plan") -> str:
-    strategy = f", {plan.strategy}" if plan.strategy else ""
-    return f"{plan.scene.name}, {plan.planner}{strategy}"

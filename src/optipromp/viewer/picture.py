@@ -92,13 +92,6 @@ class Picture:
         self._colours.append(shades)
         self._framed.append(framed and len(faces) > 0)
 
-    def dots(self, points: FloatArray, radius: float, colour: str) -> None:
-        """Add a small ball at each of ``points`` (k, 3); they do not widen the frame."""
-        from optipromp.viewer.solids import sphere
-
-        for point in points:
-            self.add(sphere(point, radius, 8), colour, framed=False)
-
     def draw(self, axes: "Axes") -> None:
         """Paint everything onto ``axes``, one metre to the unit, without ticks."""
         from matplotlib.collections import PolyCollection

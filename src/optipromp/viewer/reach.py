@@ -1,13 +1,19 @@
-"""The picture of a reach: the arm before (red) and after (blue) among what hangs in its way."""
+"""The picture of a reach: the arm, the tool's paths, and what is pushed, at one moment."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 
 from optipromp.arrays import FloatArray
-from optipromp.geometry.shapes import HalfSpace
-from optipromp.trajectory import Trajectory
-from optipromp.viewer import solids
+from optipromp.geometry.shapes import Box, HalfSpace
+from optipromp.planning.task import resolve
+from optipromp.pushing.path import evenly, length
+from optipromp.robots.tools import Cup, FrankaHand
+from optipromp.viewer import drawn, solids
+from optipromp.viewer.drawn import COLOURS, OPTIMISED, PUSHABLES, STILL, Moment, Motion, Placed
 from optipromp.viewer.picture import Camera, Picture
 
 if TYPE_CHECKING:
@@ -17,205 +23,322 @@ if TYPE_CHECKING:
     from optipromp.planning import Plan
     from optipromp.robots.model import Robot
 
-BEFORE, AFTER = "#d8463a", "#2a6cc4"
-_COLOURS = {"target": "#d11a2a", "pushable": "#7fb24a", "avoid": "#4f9d69", "static": "#b39b7c"}
-_STEM = "#3f6b2f"
+ARM = "#86a5d4"
 _LINK_RADIUS = 0.042  # [m] the arm is drawn slender, so that what is behind it shows
+_NEAR = 0.35  # [m] about the target: what the close views are to show
+_TALL, _WIDE = 1.5, 0.56  # height of a close view over its width, side by side and stacked
+_PANEL = {True: 3.7, False: 4.7}  # [inch] width of a close view, side by side and stacked
+_TEXT = 8.5  # [points]
+_DOTS = 0.015  # [m] between the dots of the chosen tool path
 
 
 def reach_figure(plan: "Plan") -> "Figure":
-    """Two views of a plan: the whole arm, and the cluster seen along the scene's x_g.
+    """Three views of one moment of a plan: the whole arm, and the cluster along x_g and y_g.
 
-    Red is where the conditioned primitive goes, blue the plan; the dots are the tool's path, one a
-    knot. Both arms stand at the knot where the plan passes the last object it has to push aside
-    (at the end, where there is none).
+    The lines are the paths of the tool point, one a trajectory. Objects that are pushed stand where
+    they are predicted to be at that moment; dashed is where they were.
     """
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    figure = Figure(figsize=(10.4, 6.2), layout="constrained", facecolor="white")
-    wide, close = figure.subplots(1, 2, width_ratios=[1.25, 1.0])
-    _draw_wide(wide, plan)
-    _draw_close(close, plan)
-    strategy = f", {plan.strategy}" if plan.strategy else ""
-    figure.suptitle(f"{plan.scene.name}, {plan.planner}{strategy}: {plan.status}", fontsize=11)
-    _legend(figure, plan)
+    task = resolve(plan.scene)
+    now = drawn.moment(plan, task)
+    objects = drawn.placed(plan, task, now)
+    views = _close_views(plan)
+    pictures = [_close(camera, plan, objects, now) for camera, _ in views]
+    frames = [_frame(camera, plan, objects) for camera, _ in views]
+    across, up = np.max([np.ptp(frame, axis=0) for frame in frames], axis=0)
+    tall = up > across
+    aspect = _TALL if tall else _WIDE
+    figure = Figure(
+        figsize=(13.4, 6.9), facecolor="white",
+        layout=ConstrainedLayoutEngine(rect=(0.0, 0.08, 1.0, 0.92)),  # the legend is below
+    )  # fmt: skip
+    panels = figure.subplot_mosaic(
+        [["arm", "0", "1"]] if tall else [["arm", "0"], ["arm", "1"]],
+        width_ratios=[1.45, 1.0, 1.0] if tall else [1.0, 1.0],
+    )
+    _draw_wide(panels["arm"], plan, objects, now)
+    half = 0.5 * max(across, up / aspect) * np.array([[-1.0, -aspect], [1.0, aspect]])
+    for n, (camera, name) in enumerate(views):
+        axes, corners = panels[str(n)], frames[n].mean(axis=0) + half
+        pictures[n].draw(axes)
+        axes.set(xlim=corners[:, 0], ylim=corners[:, 1])
+        _overlay(axes, camera, plan)
+        _outlines(axes, camera, objects)
+        _labels(axes, camera, objects, _PANEL[tall])
+        axes.set_title(name, fontsize=_TEXT, color="#555555")
+    side = panels["1"]
+    _scale_bar(side)
+    figure.suptitle(title(plan, now), fontsize=11)
+    _legend(figure, plan, objects)
     return figure
 
 
-def passing_knot(plan: "Plan", positions: FloatArray) -> int:
-    """The knot at which the tool passes the pushable it meets last; without any, the last knot."""
-    points, _ = plan.robot.tool_pose(positions)
-    up = plan.scene.frame[2]
-    heights = [float(up @ item.position) for item in plan.scene.pushables]
-    if not heights:
-        return len(positions) - 1
-    along = points @ up
-    start = int(np.argmin(along))
-    return start + int(np.argmin(np.abs(along[start:] - max(heights))))
-
-
-def _draw_wide(axes: "Axes", plan: "Plan") -> None:
+def _close_views(plan: "Plan") -> list[tuple[Camera, str]]:
+    """Along x_g and along y_g, and what they show; the second with what is upright in the world."""
+    x_g, y_g, z_g = plan.scene.frame
     focus = _focus(plan)
-    base = np.zeros(3)
-    middle = 0.5 * (focus + base)
+    front = (Camera(focus, -x_g, z_g), "seen along $x_g$: $y_g$ to the right, $z_g$ up")
+    if abs(z_g[2]) >= abs(x_g[2]):
+        return [front, (Camera(focus, y_g, z_g), "seen along $y_g$: $x_g$ to the right, $z_g$ up")]
+    sign = float(np.sign(x_g[2]))
+    name = f"seen along $y_g$: $z_g$ to the right, $x_g$ {'up' if sign > 0 else 'down'}"
+    return [front, (Camera(focus, -sign * y_g, sign * x_g), name)]
+
+
+def title(plan: "Plan", now: Moment | None = None) -> str:
+    """What was planned and what came of it; then the moment, and what is predicted of the push."""
+    strategy = f", {plan.strategy}" if plan.strategy else ""
+    lines = [f"{plan.scene.name}, {plan.planner}{strategy}: {plan.status}"]
+    if now is not None:
+        lines.append(f"{now} of {plan.trajectory.duration:.1f} s")
+        if plan.prediction is not None or plan.scene.pushables:
+            lines[-1] += f"; {plan.prediction or 'the push is not predicted'}"
+    return "\n".join(lines).replace("$", r"\$")
+
+
+def _draw_wide(axes: "Axes", plan: "Plan", objects: Sequence[Placed], now: Moment) -> None:
+    focus = _focus(plan)
+    middle = 0.5 * focus
     reach = max(0.6, float(np.linalg.norm(focus)))
     heading = float(np.arctan2(focus[1], focus[0])) if np.hypot(*focus[:2]) > 1e-6 else 0.0
     views = [
         Camera.orbit(middle, heading + turn, 0.28, 3.5 * reach) for turn in (-1.0, 1.0, -2.1, 2.1)
     ]
     picture = Picture(min(views, key=lambda view: _hidden(view, plan, focus)))
-    _add_floor(picture, reach)
-    _add_objects(picture, plan, translucent=0.32)
-    _add_arms(picture, plan)
-    _add_paths(picture, plan, radius=0.006)
+    for item in objects:
+        _add_object(picture, item, 0.3 if item.item.role == "avoid" else 1.0)
+    when = now.waypoint / (len(plan.trajectory.positions) - 1)
+    for motion in drawn.motions(plan)[:-1]:
+        q = motion.trajectory.positions
+        bones = _bones(plan.robot, q[round(when * (len(q) - 1))])
+        picture.add(solids.tube(bones, 0.012, 8), motion.colour)
+    _add_arm(picture, plan.robot, plan.trajectory.positions[now.waypoint])
     picture.draw(axes)
+    _floor(axes, picture.camera, reach)
+    _overlay(axes, picture.camera, plan, 0.6)
 
 
-def _draw_close(axes: "Axes", plan: "Plan") -> None:
-    frame, focus = plan.scene.frame, _focus(plan)
-    picture = Picture(Camera(focus, -frame[0], frame[2]))
-    _add_objects(picture, plan, translucent=0.30)
-    _add_paths(picture, plan, radius=0.0028)
-    knot = passing_knot(plan, plan.trajectory.positions)
-    radius = max(plan.robot.gripper_radius, 0.01)
-    for at in (knot, plan.trajectory.n_knots - 1):
-        point, axis = plan.robot.tool_pose(plan.trajectory.positions[at])
-        picture.add(solids.cup(point - 0.03 * axis, axis, radius, 0.05), AFTER, 0.22)
-    picture.draw(axes)
-    half = max(0.17, 3.2 * radius)
-    axes.set_xlim(-half, half)
-    axes.set_ylim(-1.35 * half, 0.95 * half)
-    for item in plan.scene.objects:
-        if item.role in ("target", "pushable"):
-            x, y, _ = picture.camera.project(np.asarray(item.position))
-            if abs(x) < half and -1.35 * half < y < 0.95 * half:
-                _label(axes, x + min(item.radius, 0.02), y, item.id)
-    axes.set_title("along x_g: y_g to the right, z_g up", fontsize=8.5, color="#555555")
-    bar, low = 0.05, -1.26 * half
-    axes.plot([0.55 * half, 0.55 * half + bar], [low, low], color="#222222", lw=2)
-    axes.text(0.55 * half + 0.5 * bar, low + 0.02 * half, "5 cm", ha="center", fontsize=8)
+def _close(camera: Camera, plan: "Plan", objects: Sequence[Placed], now: Moment) -> Picture:
+    picture = Picture(camera)
+    for item in objects:
+        before = float(camera.axes[2] @ (item.position - camera.target)) > 0.03
+        static = 0.15 if before else 1.0  # what stands before the target is cut away
+        _add_object(picture, item, {"avoid": 0.25, "static": static}.get(item.item.role, 1.0))
+    for at, alpha in {-1: 0.14, now.waypoint - len(plan.trajectory.positions): 0.34}.items():
+        picture.add(tool_faces(plan.robot, plan.trajectory.positions[at]), OPTIMISED, alpha)
+    radii = {f"{item.item.id} pushed": item.item.radius for item in objects}
+    for name, point, colour in drawn.conditioned_on(plan):
+        if name in radii:
+            picture.add(solids.sphere(point, radii[name]), colour, 0.35)
+    return picture
 
 
-def _label(axes: "Axes", x: float, y: float, text: str) -> None:
-    from matplotlib.patheffects import withStroke
+def tool_faces(robot: "Robot", q: FloatArray) -> FloatArray:
+    """Faces (F, 4, 3) of the tool at a configuration (n,): of one not known here, its spheres."""
+    tool, (point, axis) = robot.tool, robot.tool_pose(q)
+    if isinstance(tool, Cup):
+        floor = point - (tool.height - tool.depth) * axis
+        return solids.cup(floor, axis, tool.radius, tool.height)
+    if isinstance(tool, FrankaHand):
+        origins, rotations = robot.segment_frames(q)
+        flange = origins[-1] + rotations[-1] @ robot.flange_translation
+        turned = rotations[-1] @ robot.flange_rotation @ tool.rotation
+        parts = [
+            solids.shape_faces(
+                Box(tuple(2.0 * half)), flange + turned @ middle,
+                turned @ Rotation.from_rotvec([turn, 0.0, 0.0]).as_matrix(),
+            )
+            for _, middle, half, turn in tool.boxes()
+        ]  # fmt: skip
+        return np.concatenate(parts)
+    cover, centers = robot.spheres, robot.sphere_centers(q)
+    last = np.flatnonzero(cover.link == cover.link.max())
+    return np.concatenate([solids.sphere(centers[k], cover.radius[k], 12) for k in last])
 
-    axes.annotate(
-        text,
-        (x, y),
-        xytext=(4, 0),
-        textcoords="offset points",
-        va="center",
-        fontsize=8.5,
-        path_effects=[withStroke(linewidth=2.5, foreground="white")],
-    )
+
+def _add_object(picture: Picture, placed: Placed, alpha: float) -> None:
+    colour = COLOURS.get(placed.item.role, placed.colour)
+    faces = solids.shape_faces(placed.item.shape, placed.position, placed.rotation)
+    picture.add(faces, colour, alpha)
+    if placed.stem is not None and placed.item.stem is not None:
+        picture.add(solids.tube(placed.stem, placed.item.stem.radius, 8), colour)
+
+
+def _bones(robot: "Robot", q: FloatArray) -> FloatArray:
+    """From the base through the joints to the flange (k, 3)."""
+    origins, rotations = robot.segment_frames(q)
+    corners = [np.zeros(3)]
+    for corner in (*origins, origins[-1] + rotations[-1] @ robot.flange_translation):
+        if np.linalg.norm(corner - corners[-1]) > 1e-6:
+            corners.append(corner)
+    return np.stack(corners)
+
+
+def _add_arm(picture: Picture, robot: "Robot", q: FloatArray) -> None:
+    bones = _bones(robot, q)
+    slender = min(_LINK_RADIUS, 0.12 * max(float(np.linalg.norm(bones[-1])), 0.1))
+    picture.add(solids.tube(bones, slender), ARM)
+    for joint in bones[1:-1]:
+        picture.add(solids.sphere(joint, 1.3 * slender), ARM)
+    faces = tool_faces(robot, q)
+    picture.add(solids.tube(np.stack([bones[-1], faces[0, 0]]), 0.3 * slender), ARM)
+    picture.add(faces, ARM)
 
 
 def _focus(plan: "Plan") -> FloatArray:
     """What the picture is about: the target, or where the tool ends."""
     if plan.scene.target is not None:
         return np.asarray(plan.scene.target.position, dtype=float)
-    point, _ = plan.robot.tool_pose(plan.trajectory.positions[-1])
-    return np.asarray(point)
+    return np.asarray(plan.robot.tool_pose(plan.trajectory.positions[-1])[0])
 
 
 def _hidden(view: Camera, plan: "Plan", focus: FloatArray) -> float:
     """How far static things stand before the focus, seen from the camera [m]."""
-    back = view.axes[2]
     nearer = [
-        float(back @ (item.position - focus))
+        float(view.axes[2] @ (item.position - focus))
         for item in plan.scene.static
         if not isinstance(item.shape, HalfSpace)
     ]
     return sum(max(0.0, distance) for distance in nearer)
 
 
-def _add_floor(picture: Picture, reach: float) -> None:
-    ticks = np.arange(-4, 5) * 0.15 * max(1.0, reach)
-    ends = np.array([ticks[0], ticks[-1]])
-    for tick in ticks:
-        for line in (
-            np.array([[tick, ends[0], 0.0], [tick, ends[1], 0.0]]),
-            np.array([[ends[0], tick, 0.0], [ends[1], tick, 0.0]]),
+def _frame(camera: Camera, plan: "Plan", objects: Sequence[Placed]) -> FloatArray:
+    """Two corners (2, 2) of what a close view is to show: the fruits, and the tool among them."""
+    seen = [tool_faces(plan.robot, plan.trajectory.positions[-1]).reshape(-1, 3)]
+    for item in objects:
+        if item.item.role in ("target", "pushable") and (
+            np.linalg.norm(item.item.position - camera.target) < _NEAR
         ):
-            across = np.cross(line[1] - line[0], [0.0, 0.0, 1.0])
-            across *= 0.002 / np.linalg.norm(across)
-            steps = np.linspace(0.0, 1.0, 17)[:, None]
-            centre = line[0] + steps * (line[1] - line[0]) - [0.0, 0.0, 0.01]
-            strip = np.stack(
-                [centre[:-1] + across, centre[1:] + across, centre[1:] - across,
-                 centre[:-1] - across], axis=1,
+            for at in (item.position, item.item.position):
+                seen.append(at + 1.4 * item.item.radius * np.vstack([np.eye(3), -np.eye(3)]))
+    tool, _ = plan.robot.tool_pose(plan.trajectory.positions[plan.first :])
+    points = np.array([*tool, *(point for _, point, _ in drawn.conditioned_on(plan)[1:])])
+    seen.append(points[np.linalg.norm(points - camera.target, axis=1) < _NEAR])
+    flat = camera.project(np.concatenate(seen))[:, :2]
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    margin = 0.05 * (high - low) + [0.04, 0.0]
+    return np.stack([low - margin, high + margin])
+
+
+def _floor(axes: "Axes", camera: Camera, reach: float) -> None:
+    ticks = np.arange(-4, 5) * 0.15 * max(1.0, reach)
+    for tick in ticks:
+        for ends in ([[tick, ticks[0], 0], [tick, ticks[-1], 0]],
+                     [[ticks[0], tick, 0], [ticks[-1], tick, 0]]):  # fmt: skip
+            x, y, _ = camera.project(np.array(ends)).T
+            axes.plot(x, y, color="#dfe3e8", lw=0.8, zorder=0)
+
+
+def _overlay(axes: "Axes", camera: Camera, plan: "Plan", thin: float = 1.0) -> None:
+    """The tool's path in each trajectory, the chosen one, and what the primitive passes."""
+
+    def flat(points: FloatArray) -> tuple[Any, Any]:
+        x, y, _ = camera.project(points).T
+        return x, y
+
+    for motion in drawn.motions(plan):
+        tool, _ = plan.robot.tool_pose(motion.trajectory.positions)
+        width = thin * motion.width
+        axes.plot(*flat(tool), color=motion.colour, lw=width, zorder=3)
+    path = drawn.tool_path(plan)
+    if len(path) and thin == 1.0:
+        spaced = evenly(path, 2 + int(length(path) / _DOTS))
+        axes.plot(*flat(spaced), "o", color="black", ms=2.8, zorder=4)
+    points = {name: (flat(point), colour) for name, point, colour in drawn.conditioned_on(plan)}
+    for name, (at, colour) in points.items():
+        axes.plot(*at, marker="o", ms=7.5 * thin, color=colour, mec="black", mew=0.7, zorder=5)
+        if f"{name} pushed" in points:
+            axes.annotate(
+                "", points[f"{name} pushed"][0], at, zorder=5, annotation_clip=True,
+                arrowprops={"arrowstyle": "->", "color": "black", "lw": 1.1 * thin},
             )  # fmt: skip
-            picture.add(strip, "#d5d9de", framed=False)
-            picture.add(strip[:, ::-1], "#d5d9de", framed=False)
 
 
-def _add_objects(picture: Picture, plan: "Plan", translucent: float) -> None:
-    for item in plan.scene.objects:
-        alpha = translucent if item.role == "avoid" else 1.0
-        faces = solids.shape_faces(item.shape, item.position, item.rotation)
-        picture.add(faces, _COLOURS[item.role], alpha)
-        if item.stem is not None:
-            picture.add(solids.tube(np.asarray(item.stem.points), item.stem.radius, 8), _STEM)
+def _outlines(axes: "Axes", camera: Camera, objects: Sequence[Placed]) -> None:
+    """Dashed, where what is pushed was before."""
+    from matplotlib.patches import Polygon
+
+    for placed in objects:
+        if placed.shift > STILL:
+            item = placed.item
+            faces = solids.shape_faces(item.shape, item.position, item.rotation)
+            flat = camera.project(faces.reshape(-1, 3))[:, :2]
+            corners = flat[ConvexHull(flat).vertices]
+            axes.add_patch(
+                Polygon(corners, fill=False, ec=placed.colour, lw=1.3, ls=(0, (4, 2.5)), zorder=2.5)
+            )
+            if item.stem is not None:
+                x, y, _ = camera.project(np.asarray(item.stem.points)).T
+                axes.plot(x, y, color=placed.colour, lw=1.0, ls=(0, (4, 2.5)))
 
 
-def _add_arms(picture: Picture, plan: "Plan") -> None:
-    for trajectory, colour in _motions(plan):
-        positions = trajectory.positions
-        _add_arm(picture, plan.robot, positions[passing_knot(plan, positions)], colour)
+def _labels(axes: "Axes", camera: Camera, objects: Sequence[Placed], inches: float) -> None:
+    """Names in two columns at the edges, apart from one another, each with a line to its object."""
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    middle, per_point = 0.5 * (left + right), (right - left) / (72.0 * inches)
+    columns: dict[bool, list[tuple[Placed, FloatArray]]] = {False: [], True: []}
+    for item in objects:
+        x, y, _ = camera.project(item.position)
+        if item.item.role in ("target", "pushable") and left < x < right and low < y < high:
+            columns[bool(x >= middle)].append((item, np.array([x, y])))
+    for on_right, column in columns.items():
+        heights = drawn.spread([float(at[1]) for _, at in column], 1.6 * _TEXT * per_point)
+        edge = 0.98 * right + 0.02 * left if on_right else 0.98 * left + 0.02 * right
+        for (item, at), height in zip(column, heights, strict=True):
+            axes.annotate(
+                item.label.replace("$", r"\$"), tuple(at.tolist()), (edge, height), va="center",
+                ha="right" if on_right else "left", fontsize=_TEXT, color=item.colour,
+                weight="bold", zorder=6,
+                arrowprops={"arrowstyle": "-", "color": item.colour, "lw": 0.7, "shrinkB": 3},
+                bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.8},
+            )  # fmt: skip
 
 
-def _add_arm(picture: Picture, robot: "Robot", q: FloatArray, colour: str) -> None:
-    origins, rotations = robot.segment_frames(q)
-    flange = origins[-1] + rotations[-1] @ robot.flange_translation
-    point, axis = robot.tool_pose(q)
-    corners = [np.zeros(3), *origins, flange]
-    chain = [corners[0]]
-    for corner in corners[1:]:
-        if np.linalg.norm(corner - chain[-1]) > 1e-6:
-            chain.append(corner)
-    slender = min(_LINK_RADIUS, 0.12 * max(float(np.linalg.norm(flange)), 0.1))
-    picture.add(solids.tube(np.stack(chain), slender), colour)
-    for joint in chain[1:-1]:
-        picture.add(solids.sphere(joint, 1.3 * slender), colour)
-    tool = robot.tool
-    height, depth = getattr(tool, "height", 0.0), getattr(tool, "depth", 0.0)
-    floor = point - (height - depth) * axis
-    picture.add(solids.tube(np.stack([flange, floor]), 0.3 * slender), colour)
-    if height > 0:
-        picture.add(solids.cup(floor, axis, robot.gripper_radius, height), colour)
+def _scale_bar(axes: "Axes") -> None:
+    (_, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    x, y = right - 0.055, low + 0.015 * (high - low)
+    axes.plot([x, x + 0.05], [y, y], color="#222222", lw=2)
+    axes.text(x + 0.025, y + 0.008 * (high - low), "5 cm", ha="center", fontsize=8)
 
 
-def _motions(plan: "Plan") -> list[tuple[Trajectory, str]]:
-    """Before and after, or the plan alone where nothing was optimised."""
-    if np.array_equal(plan.initial.positions, plan.trajectory.positions):
-        return [(plan.trajectory, AFTER)]
-    return [(plan.initial, BEFORE), (plan.trajectory, AFTER)]
-
-
-def _add_paths(picture: Picture, plan: "Plan", radius: float) -> None:
-    for trajectory, colour in _motions(plan):
-        points, _ = plan.robot.tool_pose(trajectory.positions)
-        picture.dots(points, radius, colour)
-
-
-def _legend(figure: "Figure", plan: "Plan") -> None:
+def _legend(figure: "Figure", plan: "Plan", objects: Sequence[Placed]) -> None:
     from matplotlib.lines import Line2D
 
-    motions = [colour for _, colour in _motions(plan)]
-    words = ("before", "after") if len(motions) > 1 else ("plan",)
-    entries = list(zip(words, motions, strict=True))
+    def line(text: str, colour: str, **style: object) -> Line2D:
+        return Line2D([], [], label=text, color=colour, **style)  # type: ignore[arg-type]
+
+    paths: Sequence[Motion] = drawn.motions(plan)
+    first = [line(f"tool, {m.name}", m.colour, lw=m.width) for m in paths]
+    if len(drawn.tool_path(plan)):
+        first.append(line("chosen tool path", "black", marker="o", ls="none", ms=3.2))
+    pushed = any(item.shift > STILL for item in objects)
     names = {
-        "target": "target",
-        "pushable": "to push aside",
-        "avoid": "to avoid",
-        "static": "static",
-    }
-    present = {item.role for item in plan.scene.objects}
-    entries += [(text, _COLOURS[role]) for role, text in names.items() if role in present]
-    handles = [
-        Line2D([], [], color=colour, marker="o", ls="none", ms=7, label=text)
-        for text, colour in entries
+        "target": "target", "pushable": "to push aside" + ", as predicted" * pushed,
+        "avoid": "to avoid", "static": "static",
+    }  # fmt: skip
+    roles = {item.item.role for item in objects}
+    ball = {"marker": "o", "ls": "none", "ms": 8}
+    second = [
+        line(text, COLOURS.get(role, PUSHABLES[0]), **ball)
+        for role, text in names.items()
+        if role in roles
     ]
-    figure.legend(
-        handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=9
-    )
+    if pushed:
+        second.append(line("where it was", PUSHABLES[0], lw=1.3, ls=(0, (4, 2.5))))
+    words = {"goal": "target", "camera": "camera", "start": "start"}
+    conditioned = {
+        words.get(name, "pushed pose" if name.endswith(" pushed") else "unripe fruit"): colour
+        for name, _, colour in drawn.conditioned_on(plan)
+    }
+    point = {"marker": "o", "ls": "none", "ms": 7, "mec": "black", "mew": 0.7}
+    first += [
+        line(f"conditioned at: {text}" if i == 0 else text, colour, **point)
+        for i, (text, colour) in enumerate(conditioned.items())
+    ]
+    for place, handles in ((0.035, first), (0.0, second)):
+        figure.legend(
+            handles=handles, loc="lower center", bbox_to_anchor=(0.5, place), ncols=len(handles),
+            frameon=False, fontsize=9,
+        )  # fmt: skip

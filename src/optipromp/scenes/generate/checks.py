@@ -11,37 +11,37 @@ SAMPLE = 0.004  # [m] between checks along a stem
 
 
 class OverlapError(Exception):
-    """A draw that could not be finished because things overlap; the message says which."""
+    """A draw that could not be finished because objects overlap; the message says which."""
 
 
 def interpenetration(scene: Scene) -> str | None:
-    """What kinds of things interpenetrate; None where the scene is possible.
+    """What kinds of objects interpenetrate; None where the scene is possible.
 
-    Checked are fruits (spheres) against one another and against neighbours and static things, stems
-    against all of these but their own fruits, and neighbours against static things.
+    Checked are fruits (spheres) against one another and against neighbours and static objects,
+    stems against all of these but their own fruits, and neighbours against static objects.
     """
-    fruits = [thing for thing in scene.objects if thing.role in ("target", "pushable")]
-    hanging = [thing for thing in fruits if isinstance(thing.shape, Sphere)]
+    fruits = [item for item in scene.objects if item.role in ("target", "pushable")]
+    hanging = [item for item in fruits if isinstance(item.shape, Sphere)]
     for i, one in enumerate(hanging):
         for other in hanging[i + 1 :]:
             if _apart(one, other) < 0.0:
                 return "fruit in fruit"
     if not hanging:
         return None  # a shelf, whose footprints its draw has kept apart
-    positions = np.array([thing.position for thing in hanging])
-    radii = np.array([thing.radius for thing in hanging])
-    for things, word in ((scene.static, "static"), (scene.avoid, "neighbour")):
-        if not things:
+    positions = np.array([item.position for item in hanging])
+    radii = np.array([item.radius for item in hanging])
+    for objects, word in ((scene.static, "static"), (scene.avoid, "neighbour")):
+        if not objects:
             continue
-        surface = pack([(thing.shape, thing.position, thing.rotation) for thing in things])
+        surface = pack([(item.shape, item.position, item.rotation) for item in objects])
         away, _ = distances(surface, positions)
         if float((away - radii[:, None]).min()) < 0.0:
             return f"fruit in {word}"
-        for thing in hanging:
-            if thing.stem is None:
+        for item in hanging:
+            if item.stem is None:
                 continue
-            along, _ = distances(surface, _samples(thing.stem.points))
-            if float(along.min()) < thing.stem.radius:
+            along, _ = distances(surface, _samples(item.stem.points))
+            if float(along.min()) < item.stem.radius:
                 return f"stem in {word}"
         if word == "static":
             for cluster in scene.avoid:

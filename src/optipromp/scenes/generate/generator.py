@@ -64,7 +64,7 @@ def generate_with_report(preset: Preset, seed: int) -> tuple[Scene, GenerationRe
     - ``shelf``: a can behind 2 to 6 upright cans and boxes on a shelf; horizontal approach with
       the Franka hand.
 
-    A scene is drawn again only where things interpenetrate, or where no arm could solve it: the
+    A scene is drawn again only where objects interpenetrate, or where no arm could solve it: the
     target out of reach, inside something static, a stem rooted where the cup must pass, or every
     goal configuration in collision.
 

@@ -13,9 +13,9 @@ from optipromp.scenes.scene import Scene, SceneObject, Stem
 def perceived(scene: Scene, rng: np.random.Generator, position_sd: float, angle_sd: float) -> Scene:
     """The scene as detected: target, pushables and neighbours where they seem to be.
 
-    Static things (a gutter, a shelf) are surveyed once and known. A thing without a stem that is
+    Static objects (a gutter, a shelf) are surveyed once and known. An object without a stem that is
     no ball stands upright on something known: it is misplaced on the level only. Each detected
-    thing carries the covariance of its position.
+    object carries the covariance of its position.
 
     Args:
         scene: the truth.
@@ -32,32 +32,32 @@ def perceived(scene: Scene, rng: np.random.Generator, position_sd: float, angle_
     if position_sd == 0.0 and angle_sd == 0.0:
         return scene
     return replace(
-        scene, objects=tuple(_seen(thing, rng, position_sd, angle_sd) for thing in scene.objects)
+        scene, objects=tuple(_seen(item, rng, position_sd, angle_sd) for item in scene.objects)
     )
 
 
 def _seen(
-    thing: SceneObject, rng: np.random.Generator, position_sd: float, angle_sd: float
+    item: SceneObject, rng: np.random.Generator, position_sd: float, angle_sd: float
 ) -> SceneObject:
-    # as many numbers for every thing, so that a role changed elsewhere changes no other's error
+    # as many numbers for every object, so that a role changed elsewhere changes no other's error
     error, turn = position_sd * rng.standard_normal(3), angle_sd * rng.standard_normal(2)
-    if thing.role == "static":
-        return thing
+    if item.role == "static":
+        return item
     spread = np.full(3, position_sd**2)
-    if _stands(thing):
+    if _stands(item):
         error[2] = spread[2] = 0.0
     stem = None
-    if thing.stem is not None:
-        away = thing.stem.points - thing.stem.points[0]
-        begin = thing.stem.points[0] + error
-        stem = Stem(begin + away @ _turn(away[1], turn).T, thing.stem.radius)
-    return replace(thing, position=thing.position + error, stem=stem, covariance=np.diag(spread))
+    if item.stem is not None:
+        away = item.stem.points - item.stem.points[0]
+        begin = item.stem.points[0] + error
+        stem = Stem(begin + away @ _turn(away[1], turn).T, item.stem.radius)
+    return replace(item, position=item.position + error, stem=stem, covariance=np.diag(spread))
 
 
-def _stands(thing: SceneObject) -> bool:
+def _stands(item: SceneObject) -> bool:
     from optipromp.geometry.shapes import Sphere
 
-    return thing.stem is None and not isinstance(thing.shape, Sphere)
+    return item.stem is None and not isinstance(item.shape, Sphere)
 
 
 def _turn(vector: FloatArray, angles: FloatArray) -> FloatArray:

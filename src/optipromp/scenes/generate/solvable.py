@@ -1,6 +1,6 @@
 """Whether any arm motion could end at the target: reach, and room for a goal configuration.
 
-Nothing here asks a planner. Only the goal is judged, and only against static things and the arm
+Nothing here asks a planner. Only the goal is judged, and only against static objects and the arm
 itself; that the way there is hard, or that the arm must brush a neighbour, is no reason to draw a
 scene again.
 """
@@ -45,9 +45,9 @@ def unsolvable(scene: Scene) -> str | None:
     if len(static.kind):
         inside, _ = distances(static, target.position[None])
         if float(inside.min()) < 0.0:
-            return "target inside a static thing"
+            return "target inside a static object"
     robot = equipped(scene)
-    if any(_rooted_in_tool(scene, thing, robot.tool) for thing in scene.pushables):
+    if any(_rooted_in_tool(scene, item, robot.tool) for item in scene.pushables):
         return "stem rooted where the tool must end"
     goals = ik.solve(robot, target.position, scene.frame[2], starts=STARTS, distinct=0.05).joints
     if not len(goals):
@@ -61,7 +61,7 @@ def unsolvable(scene: Scene) -> str | None:
     return None
 
 
-def _rooted_in_tool(scene: Scene, thing: SceneObject, tool: Cup | FrankaHand | None) -> bool:
+def _rooted_in_tool(scene: Scene, item: SceneObject, tool: Cup | FrankaHand | None) -> bool:
     """Whether the cup must go through a stem's root, which does not yield.
 
     The root is in the cup or its neck at the goal; or in what every way of the cup to the goal
@@ -69,10 +69,10 @@ def _rooted_in_tool(scene: Scene, thing: SceneObject, tool: Cup | FrankaHand | N
     approach line by no more than the target leaves room for in the mouth.
     """
     target = scene.target
-    if thing.stem is None or not isinstance(tool, Cup) or target is None:
+    if item.stem is None or not isinstance(tool, Cup) or target is None:
         return False
     up = scene.frame[2]
-    off = thing.stem.points[-1] - target.position
+    off = item.stem.points[-1] - target.position
     height = float(off @ up)
     aside = float(np.linalg.norm(off - height * up))
     rim, base, flange = tool.depth, tool.depth - tool.height, -tool.reach
@@ -83,7 +83,7 @@ def _rooted_in_tool(scene: Scene, thing: SceneObject, tool: Cup | FrankaHand | N
         (tool.radius, base, rim), (NECK_RADIUS, flange, base), (sure, base - rise, rim)
     ):  # fmt: skip
         beyond = max(low - height, height - high, 0.0)
-        if np.hypot(max(aside - radius, 0.0), beyond) < thing.stem.radius:
+        if np.hypot(max(aside - radius, 0.0), beyond) < item.stem.radius:
             return True
     return False
 
@@ -102,7 +102,7 @@ def rolled(robot: Robot, goals: FloatArray) -> FloatArray:
 
 
 def _free(scene: Scene, robot: Robot, q: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """(m,) whether configurations touch neither static things nor the arm itself."""
+    """(m,) whether configurations touch neither static objects nor the arm itself."""
     centers, radius = robot.sphere_centers(q), robot.spheres.radius
     free = np.ones(len(q), dtype=bool)
     static = scene.obstacles("static")

@@ -1,0 +1,29 @@
+"""The judge: what a trajectory really does, by code that shares nothing with what planned it."""
+
+from optipromp.judging.clearance import Contact, clearances, pushed_away, swept
+from optipromp.judging.kinematics import centers, fine_positions
+from optipromp.judging.validator import (
+    AXIS_TOLERANCE,
+    GOAL_TOLERANCE,
+    Judgement,
+    Metrics,
+    Violation,
+    judge,
+    paper_violations,
+)
+
+__all__ = [
+    "AXIS_TOLERANCE",
+    "GOAL_TOLERANCE",
+    "Contact",
+    "Judgement",
+    "Metrics",
+    "Violation",
+    "centers",
+    "clearances",
+    "fine_positions",
+    "judge",
+    "paper_violations",
+    "pushed_away",
+    "swept",
+]

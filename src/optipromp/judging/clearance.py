@@ -1,0 +1,392 @@
+"""What a robot in motion comes near to, and what it touches.
+
+Every configuration is looked at by conservative advancement: the distance of two things shrinks by
+no more than they move, so what is too far to matter is measured again only once the robot has moved
+by as much as it is too far. The figures are those of measuring everything everywhere.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+
+from optipromp.arrays import FloatArray
+from optipromp.judging.distances import (
+    AVOID,
+    AVOID_BY_TOOL,
+    PUSHABLE,
+    ROLES,
+    STATIC,
+    apart_by,
+    inside,
+    nearest,
+    objects_of,
+    to_core,
+    to_surface,
+)
+from optipromp.judging.kinematics import body_of, carried, centers, segments
+from optipromp.robots.model import Robot
+from optipromp.scenes.scene import Scene, SceneObject
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A link that touches what it must not: an object or another link, how deep [m]."""
+
+    link: str
+    other: str
+    role: str
+    depth: float
+
+    def __str__(self) -> str:
+        return f"{self.link} enters {self.other} ({self.role}) by {self.depth * 1e3:.1f} mm"
+
+
+def clearances(
+    scene: Scene, robot: Robot, q: FloatArray
+) -> tuple[dict[str, float | None], list[Contact]]:
+    """Smallest distances [m] over configurations ``q`` (M, n), and what touches and must not.
+
+    Contacts count with static objects for every sphere, with avoid objects and pushables for B_d
+    (all but the last link and the tool), and between links that are not neighbours. The dictionary
+    has the keys of :class:`optipromp.judging.Metrics`; None where there is nothing to measure.
+    """
+    distances, contacts, _, _ = swept(scene, robot, q)
+    return distances, contacts
+
+
+def swept(
+    scene: Scene, robot: Robot, q: FloatArray
+) -> tuple[dict[str, float | None], list[Contact], FloatArray, FloatArray]:
+    """:func:`clearances`, and tool point [m] and tool axis (M, 3) at every configuration."""
+    body = body_of(robot)
+    objects, rest = objects_of(scene)
+    closest, core, apart = np.full(4, np.inf), np.full(1, np.inf), np.full(3, np.inf)
+    count = len(objects.kind)
+    depth, deepest = np.full(count, np.inf), np.zeros(count, dtype=np.int64)
+    q = np.array(q, dtype=np.float64, order="C")  # always writable: kernels compile once
+    points, axes = np.empty((len(q), 3)), np.empty((len(q), 3))
+    advance(body, objects, q, points, axes, closest, core, depth, deepest, apart)
+
+    def name(sphere: float) -> str:
+        return str(robot.link_names[robot.spheres.link[body.original[int(sphere)]]])
+
+    met = np.flatnonzero(depth < 0.0)
+    met = met[np.argsort(objects.rows[met])]
+    contacts = [
+        Contact(name(deepest[k]), item.id, item.role, -float(depth[k]))
+        for k, item in zip(met.tolist(), scene.things(objects.rows[met]), strict=True)
+    ]
+    if rest:
+        contacts += _other_shapes(rest, robot, q, closest, core)
+    if apart[0] < 0.0:
+        pair = name(apart[1]), name(apart[2])
+        contacts.append(Contact(*pair, "the robot itself", -float(apart[0])))
+    distances = {
+        "M_c": core[0],
+        "clearance_static": closest[STATIC],
+        "clearance_avoid": closest[AVOID],
+        "clearance_avoid_tool": closest[AVOID_BY_TOOL],
+        "clearance_pushable": closest[PUSHABLE],
+        "clearance_self": apart[0],
+    }
+    found = {key: float(d) if math.isfinite(d) else None for key, d in distances.items()}
+    return found, contacts, points, axes
+
+
+def _other_shapes(
+    items: Sequence[SceneObject], robot: Robot, q: FloatArray, closest: FloatArray, core: FloatArray
+) -> list[Contact]:
+    """Contacts with meshes and point clouds; updates ``closest`` and ``core``."""
+    spheres, radius = centers(robot, q), np.array(robot.spheres.radius)
+    distal, contacts = np.array(robot.spheres.distal), []
+    sets = {
+        STATIC: np.arange(len(radius)),
+        AVOID: np.flatnonzero(~distal),
+        AVOID_BY_TOOL: np.flatnonzero(distal),
+        PUSHABLE: np.flatnonzero(~distal),
+    }
+    for item in items:
+        role = ROLES[item.role]
+        for row in (AVOID, AVOID_BY_TOOL) if role == AVOID else (role,):
+            own = sets[row]
+            if not len(own):
+                continue
+            d, sphere = nearest(item, spheres[:, own], radius[own], closest[row])
+            closest[row] = min(closest[row], d)
+            if row != AVOID_BY_TOOL and d < 0.0:
+                link = str(robot.link_names[robot.spheres.link[own[sphere]]])
+                contacts.append(Contact(link, item.id, item.role, -d))
+        if role != PUSHABLE and len(radius):  # their core is their surface
+            core[0] = min(core[0], nearest(item, spheres, np.zeros_like(radius), core[0])[0])
+    return contacts
+
+
+def pushed_away(
+    scene: Scene, robot: Robot, q: FloatArray, contacts: Sequence[Contact]
+) -> tuple[list[Contact], list[str]]:
+    """Contacts without those with what the tool has pushed away by then, and a note on each.
+
+    A pushable on no stem stays where it was pushed to. Once the tool has been inside the place
+    where it stood, to some depth, it has moved by that much at least; an arm link that gets into
+    that place later, and no deeper, finds it empty. Of meshes and point clouds that is not asked.
+    """
+    met = {contact.other for contact in contacts if contact.role == "pushable"}
+    if not met:
+        return list(contacts), []
+    objects, _ = objects_of(scene)
+    loose = {
+        item.id: k
+        for k, item in enumerate(scene.things(objects.rows))
+        if item.id in met and item.stem is None
+    }
+    spheres, radius = centers(robot, q), np.array(robot.spheres.radius)
+    distal = np.array(robot.spheres.distal)
+    kept, notes = [], []
+    for contact in contacts:
+        k = loose.get(contact.other)
+        if k is None:
+            kept.append(contact)
+            continue
+        depth, sphere = entered_first(objects, k, spheres, radius, distal)
+        if depth > 0.0:
+            link = str(robot.link_names[robot.spheres.link[sphere]])
+            kept.append(replace(contact, link=link, depth=float(depth)))
+        else:
+            notes.append(
+                f"{contact.link} passes where {contact.other} stood, from where the tool has "
+                "pushed it by then"
+            )
+    return kept, notes
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def entered_first(objects, k, spheres, radius, distal):  # type: ignore[no-untyped-def]
+    """How deep [m] the arm gets into object ``k`` where no tool has been as deep before.
+
+    Args:
+        objects: see :class:`optipromp.judging.distances.Objects`.
+        k: which of them.
+        spheres: (M, B, 3) centres, one configuration after the other.
+        radius, distal: (B,) of the spheres; the last link and the tool are distal.
+
+    Returns:
+        The depth, 0 where there is none, and the sphere.
+    """
+    size, p = objects.size[k], objects.position
+    pushed, depth, deepest = 0.0, 0.0, 0
+    for m in range(spheres.shape[0]):
+        reached = pushed
+        for b in range(radius.shape[0]):
+            if apart_by(spheres[m], b, p, k) > objects.bound[k] + radius[b]:
+                continue
+            x, y, z = inside(objects.rotation, p, k, spheres[m], b)
+            d = radius[b] - to_surface(objects.kind[k], size[0], size[1], size[2], x, y, z)
+            if distal[b]:
+                reached = max(reached, d)
+            elif d > max(pushed, depth):
+                depth, deepest = d, b
+        pushed = reached
+    return depth, deepest
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart):  # type: ignore[no-untyped-def]
+    """Closest approaches over configurations ``q`` (M, n) by conservative advancement, in place.
+
+    ``travel`` (L,) holds how far the spheres of each link have moved at most [m], ``farthest`` the
+    sum of the largest of these steps. A link is measured to an object again when its travel reaches
+    ``wait``, an object and a block of objects when ``farthest`` reaches theirs. Two links are
+    measured again when the joints between them have ``turned`` (S,) far enough to bring them
+    together. After the first configuration the last is looked at and then those before it: a motion
+    ends near objects, and what is found near early makes more of the rest too far to matter.
+
+    Args:
+        body: see :class:`optipromp.judging.kinematics.Body`.
+        objects: see :class:`optipromp.judging.distances.Objects`.
+        q: configurations.
+        points, axes: (M, 3) tool point [m] and tool axis at each of them.
+        closest: (4,) smallest distances [m]: static, avoid by B_d, avoid by the last link and tool,
+            pushable by B_d.
+        core: (1,) the paper's M_c [m] over static and avoid objects.
+        depth, deepest: (K,) smallest distance [m] of what must not touch each object, and the
+            sphere; exact where negative.
+        apart: (3,) smallest distance [m] between links that are not neighbours, and two spheres.
+    """
+    n_segments, n_links, n_objects = body.driver.shape[0], body.reach.shape[0], objects.kind.size
+    frames, origins = np.zeros((2, n_segments, 3, 3)), np.empty((n_segments, 3))
+    nowhere = np.zeros((n_segments, 3))
+    spheres, middles = np.empty((body.radius.shape[0], 3)), np.empty((n_links, 3))
+    placed = np.empty(n_links, dtype=np.bool_)
+    travel, farthest = np.zeros(n_links), 0.0
+    wait, wait_object = np.zeros((n_objects, n_links)), np.zeros(n_objects)
+    wait_block = np.zeros(objects.block_bound.shape[0])
+    wait_pair, wait_pairs = np.zeros(body.groups.shape[0]), 0.0
+    turned, most, levers = np.zeros(n_segments), 0.0, body.levers
+    for i in range(q.shape[0]):
+        m = -i % q.shape[0]
+        turns, before = frames[i % 2], frames[(i + 1) % 2]
+        farthest += _move(body, q[m], i == 0, before, turns, origins, middles, travel)
+        for s in range(n_segments):
+            joint, last = body.driver[s], max(i - 1, 0)
+            step = abs(body.ratio[s] * (q[m, joint] - q[-last % q.shape[0], joint]))
+            step = step * (1.0 + 1e-9) + 1e-12  # rounding
+            turned[s] += step
+            most += body.longest[s] * step
+        points[m, 0], points[m, 1], points[m, 2] = carried(
+            turns, origins, n_segments - 1, body.tool, 0
+        )
+        axes[m, 0], axes[m, 1], axes[m, 2] = carried(turns, nowhere, n_segments - 1, body.tool, 1)
+        placed[:] = False
+        for c in range(wait_block.shape[0]):
+            if farthest < wait_block[c]:
+                continue
+            role = objects.role[objects.block[c]]
+            spare = _to_block(objects, c, middles, body.reach) - _wanted(role, closest, core)
+            if spare > 0.0:
+                wait_block[c] = farthest + spare
+                continue
+            wait_block[c] = math.inf
+            for k in range(objects.block[c], objects.block[c + 1]):
+                if farthest >= wait_object[k]:
+                    kind, bound = objects.kind[k], objects.bound[k]
+                    r, p, least = objects.rotation, objects.position, math.inf
+                    size0, size1, size2 = objects.size[k, 0], objects.size[k, 1], objects.size[k, 2]
+                    for link in range(n_links):
+                        if role == PUSHABLE and body.distal[link]:
+                            continue  # the tool may touch what it pushes
+                        if travel[link] >= wait[k, link]:
+                            row = AVOID_BY_TOOL if role == AVOID and body.distal[link] else role
+                            wanted = max(closest[row], 0.0 if role == PUSHABLE else core[0], 0.0)
+                            far = apart_by(middles, link, p, k) - bound - body.reach[link]
+                            if far < wanted:
+                                x, y, z = inside(r, p, k, middles, link)
+                                d = to_surface(kind, size0, size1, size2, x, y, z)
+                                far = max(far, d - body.reach[link])
+                            spare = far - wanted
+                            if far < wanted:
+                                if not placed[link]:
+                                    _place_link(body, turns, origins, link, spheres)
+                                    placed[link] = True
+                                gap, gap_core = math.inf, math.inf
+                                for b in range(body.start[link], body.start[link + 1]):
+                                    x, y, z = inside(r, p, k, spheres, b)
+                                    d = to_surface(kind, size0, size1, size2, x, y, z)
+                                    d -= body.radius[b]
+                                    gap = min(gap, d)
+                                    if role != PUSHABLE:
+                                        d_core = to_core(kind, size0, size1, size2, x, y, z)
+                                        gap_core = min(gap_core, d_core)
+                                    if row != AVOID_BY_TOOL and d < depth[k]:
+                                        depth[k], deepest[k] = d, b
+                                closest[row] = min(closest[row], gap)
+                                spare = gap - max(closest[row], 0.0)
+                                if role != PUSHABLE:
+                                    core[0] = min(core[0], gap_core)
+                                    spare = min(spare, gap_core - core[0])
+                            wait[k, link] = travel[link] + spare
+                        least = min(least, wait[k, link] - travel[link])
+                    wait_object[k] = farthest + least
+                wait_block[c] = min(wait_block[c], wait_object[k])
+        if most < wait_pairs:
+            continue
+        wait_pairs = math.inf
+        for g in range(wait_pair.shape[0]):
+            moved = 0.0
+            for s in range(n_segments):
+                moved += levers[g, s] * turned[s]
+            if moved >= wait_pair[g]:
+                first, second = body.groups[g, 0], body.groups[g, 1]
+                gap = apart_by(middles, first, middles, second)
+                gap -= body.reach[first] + body.reach[second]
+                if gap < apart[0]:
+                    for link in (first, second):
+                        if not placed[link]:
+                            _place_link(body, turns, origins, link, spheres)
+                            placed[link] = True
+                    gap = _nearest_pair(body, g, spheres, middles, apart)
+                wait_pair[g] = moved + gap - apart[0]
+            wait_pairs = min(wait_pairs, most + wait_pair[g] - moved)
+
+
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+def _move(body, q, begin, before, turns, origins, middles, travel):  # type: ignore[no-untyped-def]
+    """Move the segments and the links' middles to ``q``; the largest step it adds to ``travel``.
+
+    A turn by the angle θ moves a point at distance h from the middle by at most 2 sin(θ/2) h about
+    it, and 2 sin(θ/2) is the Frobenius norm of the change of the rotation over √2: from ``before``
+    (S, 3, 3) to ``turns``, which with ``origins`` (S, 3) is updated.
+    """
+    segments(body, q, turns, origins)
+    largest = 0.0
+    for link in range(middles.shape[0]):
+        s, step = body.carrier[body.start[link]], 0.0
+        if s >= 0:
+            for i in range(3):
+                for j in range(3):
+                    step += (turns[s, i, j] - before[s, i, j]) ** 2
+            step = math.sqrt(0.5 * step) * body.reach[link]
+        x, y, z = carried(turns, origins, s, body.middle, link)
+        dx, dy, dz = x - middles[link, 0], y - middles[link, 1], z - middles[link, 2]
+        step += math.sqrt(dx * dx + dy * dy + dz * dz)
+        middles[link, 0], middles[link, 1], middles[link, 2] = x, y, z
+        if not begin:
+            step = step * (1.0 + 1e-9) + 1e-12  # rounding
+            travel[link] += step
+            largest = max(largest, step)
+    return largest
+
+
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+def _wanted(role, closest, core):  # type: ignore[no-untyped-def]
+    """From which distance [m] on objects of a role change no figure."""
+    if role == STATIC:
+        return max(closest[STATIC], core[0], 0.0)
+    if role == AVOID:
+        return max(closest[AVOID], closest[AVOID_BY_TOOL], core[0], 0.0)
+    return max(closest[PUSHABLE], 0.0)
+
+
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+def _to_block(objects, c, middles, reach):  # type: ignore[no-untyped-def]
+    """Distance [m] from block ``c`` to the nearest of the balls about ``middles`` (L, 3)."""
+    gap = math.inf
+    for link in range(middles.shape[0]):
+        gap = min(gap, apart_by(objects.block_middle, c, middles, link) - reach[link])
+    return gap - objects.block_bound[c]
+
+
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+def _nearest_pair(body, group, spheres, middles, apart):  # type: ignore[no-untyped-def]
+    """The distance [m] between two links; ``apart`` where it is the least so far."""
+    second = body.groups[group, 1]
+    last, skip, gap = -1, False, math.inf
+    for i in range(body.groups[group, 2], body.groups[group, 3]):
+        a, b = body.pairs[i, 0], body.pairs[i, 1]
+        if a != last:
+            last = a
+            far = apart_by(spheres, a, middles, second) - body.radius[a] - body.reach[second]
+            skip = far >= gap
+        if skip:
+            continue
+        x, y = spheres[a, 0] - spheres[b, 0], spheres[a, 1] - spheres[b, 1]
+        z = spheres[a, 2] - spheres[b, 2]
+        squared, reach = x * x + y * y + z * z, gap + body.radius[a] + body.radius[b]
+        if squared > reach * reach * (1.0 + 1e-12):  # no nearer, and no root needed to see it
+            continue
+        d = math.sqrt(squared) - body.radius[a] - body.radius[b]
+        gap = min(gap, d)
+        if d < apart[0]:
+            apart[0], apart[1], apart[2] = d, a, b
+    return gap
+
+
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+def _place_link(body, turns, origins, link, spheres):  # type: ignore[no-untyped-def]
+    """World centres of one link's spheres, in place."""
+    for b in range(body.start[link], body.start[link + 1]):
+        spheres[b, 0], spheres[b, 1], spheres[b, 2] = carried(
+            turns, origins, body.carrier[b], body.local, b
+        )

@@ -1,0 +1,249 @@
+"""The judge's kinematics: where a robot is, and how finely its motion must be looked at.
+
+Segment frames are composed as unit quaternions (the planner's kernels multiply matrices).
+"""
+
+import functools
+import itertools
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from optipromp.arrays import BoolArray, FloatArray, IntArray, lengths
+from optipromp.robots.model import Robot
+from optipromp.scenes.rotations import to_quaternion
+
+MOST_CHECKS = 200_000  # configurations of one trajectory: a choice, some 0.5 s of checking
+LARGEST_TURN = 0.2  # [rad or m] summed over the joints: a chord is shorter than its arc by < 1 %
+
+
+class Body(NamedTuple):
+    """A robot as the judge sees it: S segments, B spheres sorted by link, L links with spheres."""
+
+    prismatic: BoolArray  # (S,)
+    turn: FloatArray  # (S, 4) fixed rotation of each joint, quaternion wxyz
+    shift: FloatArray  # (S, 3) fixed translation of each joint [m]
+    axis: FloatArray  # (S, 3) unit
+    driver: IntArray  # (S,) the joint that drives the segment
+    ratio: FloatArray  # (S,) value = ratio · q[driver] + offset
+    offset: FloatArray  # (S,)
+    carrier: IntArray  # (B,) segment that carries the sphere, -1 the base
+    local: FloatArray  # (B, 3) centre in the carrier's frame [m]
+    radius: FloatArray  # (B,) [m]
+    original: IntArray  # (B,) index of the sphere in the robot's own order
+    start: IntArray  # (L + 1,) where the spheres of each link begin
+    distal: BoolArray  # (L,) the last link and the tool
+    middle: FloatArray  # (L, 3) centre of a ball that holds the link's spheres, and
+    reach: FloatArray  # (L,) its radius [m]
+    tool: FloatArray  # (2, 3) tool point and tool axis in the last segment
+    groups: IntArray  # (G, 4) two links that must not touch, and their range of `pairs`
+    pairs: IntArray  # (P, 2) two spheres that must not touch
+    levers: FloatArray  # (G, S) how far a group's links move about one another, by joint [m/rad]
+    longest: FloatArray  # (S,) the largest of them
+
+
+@functools.lru_cache(maxsize=32)
+def body_of(robot: Robot) -> Body:
+    """The robot as the judge's kernels take it."""
+    kin, spheres = robot.kinematics, robot.spheres
+    order = np.argsort(spheres.link, kind="stable")
+    link, radius = np.asarray(spheres.link)[order], np.asarray(spheres.radius)[order]
+    local = np.asarray(spheres.center)[order]
+    names, start = np.unique(link, return_index=True)
+    start = np.append(start, len(link)).astype(np.int64)
+    spans = [slice(i, j) for i, j in itertools.pairwise(start)]
+    middle = np.array([local[own].mean(axis=0) for own in spans]).reshape(-1, 3)
+    reach = [
+        np.max(np.linalg.norm(local[own] - center, axis=1) + radius[own])
+        for own, center in zip(spans, middle, strict=True)
+    ]
+    pairs = np.sort(np.argsort(order)[np.asarray(robot.self_pairs).reshape(-1, 2)], axis=1)
+    links = np.searchsorted(names, link[pairs])
+    by = np.lexsort((pairs[:, 1], pairs[:, 0], links[:, 1], links[:, 0]))
+    pairs, links = pairs[by], links[by]
+    both, first, count = np.unique(links, axis=0, return_index=True, return_counts=True)
+    carrier, levers = np.asarray(spheres.segment)[order], np.zeros((len(both), robot.n_segments))
+    for g, two in enumerate(both):
+        far = max(two, key=lambda own: carrier[start[own]])
+        levers[g] = _levers(robot, local[spans[far]], *np.sort(carrier[start[two]]))
+    quaternions = np.array([to_quaternion(rotation) for rotation in kin.rotation])
+    return Body(
+        prismatic=kin.kind == 1, turn=quaternions.reshape(-1, 4), shift=kin.translation,
+        axis=kin.axis, driver=kin.dof, ratio=kin.multiplier, offset=kin.offset,
+        carrier=carrier, local=local, radius=radius, original=order,
+        start=start, distal=np.asarray(spheres.distal)[order][start[:-1]], middle=middle,
+        reach=np.array(reach), tool=np.array([robot.tool_point, robot.tool_axis]),
+        groups=np.column_stack([both, first, first + count]).astype(np.int64),
+        pairs=pairs.astype(np.int64), levers=levers, longest=levers.max(axis=0, initial=0.0),
+    )  # fmt: skip
+
+
+def _levers(robot: Robot, local: FloatArray, near: int, far: int) -> FloatArray:
+    """How far (S,) spheres on segment ``far`` move about segment ``near``, at most, by a joint.
+
+    ``local`` (k, 3) are their centres. No farther than the chain is long from the joint to them;
+    without bound before a prismatic joint.
+    """
+    kin, out = robot.kinematics, np.zeros(robot.n_segments)
+    aside, length = np.cross(local, kin.axis[far]), lengths(local).max()
+    for s in range(far, near, -1):
+        lever = lengths(aside).max() if s == far else length
+        out[s] = 1.0 if kin.kind[s] == 1 else lever
+        length += np.inf if kin.kind[s] == 1 else np.linalg.norm(kin.translation[s])
+    return out
+
+
+def centers(robot: Robot, q: FloatArray) -> FloatArray:
+    """World centres (M, B, 3) of the body spheres at ``q`` (M, n), in the robot's own order [m]."""
+    body = body_of(robot)
+    placed = np.empty((len(q), len(body.radius), 3))
+    place(body, np.array(q, dtype=np.float64, order="C"), placed)
+    out = np.empty_like(placed)
+    out[:, body.original] = placed
+    return out
+
+
+def fine_positions(robot: Robot, positions: FloatArray) -> tuple[FloatArray, bool]:
+    """The trajectory (T, n) refined so that no sphere moves over half its radius between checks.
+
+    Returns:
+        (M, n) configurations, the waypoints among them, and whether they are as fine as that: at
+        most :data:`MOST_CHECKS` are made.
+    """
+    fine, _, complete = refined(robot, positions)
+    return fine, complete
+
+
+def refined(robot: Robot, positions: FloatArray) -> tuple[FloatArray, IntArray, bool]:
+    """:func:`fine_positions`, and which (T,) of the configurations are the waypoints."""
+    kin = robot.kinematics
+    positions = np.array(positions, dtype=np.float64, order="C")
+    turns = np.abs(positions[1:] - positions[:-1])[:, kin.dof] @ np.abs(kin.multiplier)
+    coarse, waypoints, fits = positions, None, True
+    if turns.max(initial=0.0) > LARGEST_TURN:  # a chord says little about a large arc
+        coarse, waypoints, fits = _cut(positions, np.maximum(1, np.ceil(turns / LARGEST_TURN)))
+    parts = np.empty(len(coarse) - 1)
+    divisions(body_of(robot), coarse, parts)
+    fine, at, complete = _cut(coarse, parts)
+    return fine, at if waypoints is None else at[waypoints], fits and complete
+
+
+def _cut(positions: FloatArray, parts: FloatArray) -> tuple[FloatArray, IntArray, bool]:
+    """Each interval in as many ``parts`` (T-1,), where the waypoints are, and whether all fit."""
+    total = float(parts.sum())
+    if total > MOST_CHECKS:
+        parts = np.maximum(1, np.floor(parts * (MOST_CHECKS / total)))
+    counts = parts.astype(np.int64)
+    waypoints = np.zeros(len(positions), dtype=np.int64)
+    np.cumsum(counts, out=waypoints[1:])
+    fine = np.empty((waypoints[-1] + 1, positions.shape[1]))
+    cut(positions, waypoints, fine)
+    return fine, waypoints, total <= MOST_CHECKS
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def turned(w, x, y, z, vx, vy, vz):  # type: ignore[no-untyped-def]
+    """The vector (vx, vy, vz) turned by the unit quaternion (w, x, y, z)."""
+    tx, ty, tz = 2 * (y * vz - z * vy), 2 * (z * vx - x * vz), 2 * (x * vy - y * vx)
+    return (
+        vx + w * tx + y * tz - z * ty,
+        vy + w * ty + z * tx - x * tz,
+        vz + w * tz + x * ty - y * tx,
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def composed(a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def]
+    """Product of the quaternions (a, b, c, d) and (e, f, g, h)."""
+    return (
+        a * e - b * f - c * g - d * h,
+        a * f + b * e + c * h - d * g,
+        a * g - b * h + c * e + d * f,
+        a * h + b * g - c * f + d * e,
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+def segments(body, q, turns, origins):  # type: ignore[no-untyped-def]
+    """Rotations (S, 3, 3) and origins (S, 3) [m] of the segments at ``q`` (n,), in place."""
+    w, x, y, z = 1.0, 0.0, 0.0, 0.0
+    ox, oy, oz = 0.0, 0.0, 0.0
+    for s in range(body.driver.shape[0]):
+        dx, dy, dz = turned(w, x, y, z, body.shift[s, 0], body.shift[s, 1], body.shift[s, 2])
+        ox, oy, oz = ox + dx, oy + dy, oz + dz
+        t = body.turn[s]
+        w, x, y, z = composed(w, x, y, z, t[0], t[1], t[2], t[3])
+        value = body.ratio[s] * q[body.driver[s]] + body.offset[s]
+        a = body.axis[s]
+        if body.prismatic[s]:
+            dx, dy, dz = turned(w, x, y, z, a[0] * value, a[1] * value, a[2] * value)
+            ox, oy, oz = ox + dx, oy + dy, oz + dz
+        else:
+            u, v = math.cos(0.5 * value), math.sin(0.5 * value)
+            w, x, y, z = composed(w, x, y, z, u, v * a[0], v * a[1], v * a[2])
+        r = turns[s]
+        r[0, 0], r[0, 1] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z)
+        r[0, 2], r[1, 0] = 2 * (x * z + w * y), 2 * (x * y + w * z)
+        r[1, 1], r[1, 2] = 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+        r[2, 0], r[2, 1] = 2 * (x * z - w * y), 2 * (y * z + w * x)
+        r[2, 2] = 1 - 2 * (x * x + y * y)
+        origins[s, 0], origins[s, 1], origins[s, 2] = ox, oy, oz
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def carried(turns, origins, s, local, b):  # type: ignore[no-untyped-def]
+    """World position of point ``b`` of ``local`` (B, 3), which segment ``s`` carries (-1: none)."""
+    x, y, z = local[b, 0], local[b, 1], local[b, 2]
+    if s < 0:
+        return x, y, z
+    return (
+        origins[s, 0] + (turns[s, 0, 0] * x + turns[s, 0, 1] * y + turns[s, 0, 2] * z),
+        origins[s, 1] + (turns[s, 1, 0] * x + turns[s, 1, 1] * y + turns[s, 1, 2] * z),
+        origins[s, 2] + (turns[s, 2, 0] * x + turns[s, 2, 1] * y + turns[s, 2, 2] * z),
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def place(body, q, out):  # type: ignore[no-untyped-def]
+    """World centres (M, B, 3) of the spheres at configurations ``q`` (M, n), in place."""
+    n_segments = body.driver.shape[0]
+    turns, origins = np.empty((n_segments, 3, 3)), np.empty((n_segments, 3))
+    for m in range(q.shape[0]):
+        segments(body, q[m], turns, origins)
+        for b in range(body.carrier.shape[0]):
+            x, y, z = carried(turns, origins, body.carrier[b], body.local, b)
+            out[m, b, 0], out[m, b, 1], out[m, b, 2] = x, y, z
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def divisions(body, q, parts):  # type: ignore[no-untyped-def]
+    """Into how many ``parts`` (T-1,) each interval is cut so that no sphere moves half its radius.
+
+    Arcs are taken for 1.1 times their chords: no interval of ``q`` (T, n) may turn a sphere by
+    much more than a radian.
+    """
+    placed = np.empty((q.shape[0], body.radius.shape[0], 3))
+    place(body, q, placed)
+    for t in range(parts.shape[0]):
+        worst = 0.0  # largest (step / radius)²
+        for b in range(body.radius.shape[0]):
+            x = placed[t + 1, b, 0] - placed[t, b, 0]
+            y = placed[t + 1, b, 1] - placed[t, b, 1]
+            z = placed[t + 1, b, 2] - placed[t, b, 2]
+            squared, radius = x * x + y * y + z * z, body.radius[b]
+            if squared > worst * radius * radius:
+                worst = squared / (radius * radius)
+        parts[t] = max(1.0, math.ceil(1.1 * 2.0 * math.sqrt(worst)))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def cut(q, waypoints, fine):  # type: ignore[no-untyped-def]
+    """``fine`` (M, n): straight between the rows of ``q`` (T, n), which stand at ``waypoints``."""
+    for t in range(q.shape[0] - 1):
+        count = waypoints[t + 1] - waypoints[t]
+        for i in range(count):
+            for j in range(q.shape[1]):
+                fine[waypoints[t] + i, j] = q[t, j] + i / count * (q[t + 1, j] - q[t, j])
+    fine[-1] = q[-1]

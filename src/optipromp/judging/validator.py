@@ -1,0 +1,269 @@
+"""The judge: what a trajectory really does, by code that shares nothing with the solver.
+
+Kinematics and distances are the judge's own (:mod:`.kinematics`, :mod:`.distances`,
+:mod:`.clearance`), and so is how it sees pushables passed (:mod:`.passing`); no kernel of
+``robots``, ``geometry`` or ``optimization`` is used. The trajectory is checked between its
+waypoints too, so finely that no body sphere moves more than half its radius from one check to the
+next (the joints move linearly between waypoints).
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from optipromp.arrays import FloatArray, lengths
+from optipromp.judging import kinematics
+from optipromp.judging.clearance import Contact, pushed_away, swept
+from optipromp.judging.passing import passing
+from optipromp.robots.model import Robot
+from optipromp.scenes.scene import JointGoal, PoseGoal, Scene
+from optipromp.trajectory import Trajectory
+
+GOAL_TOLERANCE = 1e-3  # [m], or [rad] for a goal in joints; method §5
+AXIS_TOLERANCE = np.deg2rad(2.0)  # [rad]; method §5
+START_TOLERANCE = 1e-6  # [rad]; rounding of what is read from files
+RATIO_TOLERANCE = 1e-6  # share of a velocity or acceleration limit; rounding
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """Figures of a trajectory (method §6). None where the scene has nothing of the kind.
+
+    Attributes:
+        M_c: smallest distance from a body point to the core of an obstacle [m].
+        M_p: by pushable, the lateral offset y_g·(fk − X_n) of the tool as it passes [m].
+        stem_projection: by pushable, y_g·S_n of its stem [m].
+        drift_shortfall: by pushable, by how much the tool passes nearer than the gripper's radius
+            on the side away from the stem (constraint 1) [m].
+        stem_gap: by pushable, smallest distance between the segment from tool to fruit and the
+            stem's line (constraint 2) [m].
+        clearance_static: smallest distance of a body sphere to a static object [m].
+        clearance_avoid: smallest distance of the arm (B_d) to an object to avoid [m].
+        clearance_avoid_tool: the same of last link and tool [m].
+        clearance_pushable: smallest distance of the arm (B_d) to where a pushable stood [m].
+        clearance_self: smallest distance between links that are not neighbours [m].
+        goal_error: of the tool point at the end [m], or of a goal in joints [rad or m].
+        goal_axis_error: of the tool axis at the end [rad].
+        limit_violation: largest excess over a position limit [rad or m].
+        max_step: largest step of a joint between waypoints [rad or m].
+        path_length: in joint space [rad].
+        smoothness: root mean square joint acceleration at the waypoints [rad/s²].
+        duration: of the trajectory [s].
+        velocity_ratio: largest share of a velocity limit in use.
+        acceleration_ratio: largest share of an acceleration limit in use.
+    """
+
+    M_c: float | None
+    M_p: Mapping[str, float | None]
+    stem_projection: Mapping[str, float | None]
+    drift_shortfall: Mapping[str, float | None]
+    stem_gap: Mapping[str, float | None]
+    clearance_static: float | None
+    clearance_avoid: float | None
+    clearance_avoid_tool: float | None
+    clearance_pushable: float | None
+    clearance_self: float | None
+    goal_error: float
+    goal_axis_error: float | None
+    limit_violation: float
+    max_step: float
+    path_length: float
+    smoothness: float
+    duration: float
+    velocity_ratio: float
+    acceleration_ratio: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """The metrics as plain values for JSON."""
+        out = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {k: dict(v) if isinstance(v, Mapping) else v for k, v in out.items()}
+
+
+@dataclass(frozen=True)
+class Violation:
+    """One reason why a trajectory is not valid.
+
+    Args:
+        kind: ``contact``, ``unchecked``, ``goal``, ``axis``, ``stem side``, ``limit``,
+            ``velocity``, ``acceleration``, ``start``, ``drift`` or ``stem``.
+        message: the reason as a sentence, which is also ``str(violation)``.
+        subject: the link, joint or object it is about, if one.
+        waypoint: where it first happens, if at a waypoint.
+        amount: by how much, in ``unit``; of a velocity or acceleration the share of the limit.
+    """
+
+    kind: str
+    message: str
+    subject: str = ""
+    waypoint: int | None = None
+    amount: float | None = None
+    unit: str = ""
+
+    def __str__(self) -> str:
+        return self.message
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What the judge found.
+
+    Attributes:
+        metrics: figures of the trajectory.
+        violations: every reason why the trajectory is not valid; empty when it is valid.
+        contacts: pairs that touch and must not.
+        notes: remarks that make no trajectory invalid.
+    """
+
+    metrics: Metrics
+    violations: tuple[Violation, ...]
+    contacts: tuple[Contact, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def message(self) -> str:
+        """All violations in one line."""
+        return "; ".join(map(str, self.violations))
+
+
+def judge(
+    scene: Scene,
+    robot: Robot,
+    trajectory: Trajectory,
+    start: FloatArray | None = None,
+    *,
+    stem_side: bool = True,
+) -> Judgement:
+    """Judge a trajectory against robot and scene.
+
+    Args:
+        scene: what must be reached, pushed, avoided.
+        robot: the robot with the scene's tool.
+        trajectory: what is to be executed.
+        start: (n,) where it must begin; None: not checked.
+        stem_side: true: passing a pushable on the side of its stem is a violation; false: a note.
+
+    Returns:
+        The judgement. The trajectory is valid if it has no violations.
+    """
+    q = trajectory.positions
+    fine, waypoints, complete = kinematics.refined(robot, q)
+    distances, contacts, points, axes = swept(scene, robot, fine)
+    contacts, notes = pushed_away(scene, robot, fine, contacts)
+    tips, axes = points[waypoints], axes[waypoints]
+    rims = tips + getattr(robot.tool, "depth", 0.0) * axes
+    passed = passing(scene, tips, rims, robot.gripper_radius)
+    goal_error, axis_error, missed = _goal(scene, q[-1], tips[-1], axes[-1], len(q) - 1)
+    motion, broken = _motion(robot, trajectory, start)
+    astray = [
+        Violation("stem side", f"the tool passes {n} on the side of its stem", n, at, by, "m")
+        for n, at, by in passed.wrong
+    ]
+    violations = [Violation("contact", str(c), c.link, None, c.depth, "m") for c in contacts]
+    if not complete:
+        most = kinematics.MOST_CHECKS
+        text = f"it moves too far to be checked between its knots ({most} times)"
+        violations.append(Violation("unchecked", text))
+    violations += [*missed, *(astray if stem_side else []), *broken]
+    notes += [] if stem_side else map(str, astray)
+    figures: dict[str, Any] = {**distances, **motion}
+    metrics = Metrics(
+        M_p=passed.M_p, stem_projection=passed.stem_projection,
+        drift_shortfall=passed.drift_shortfall, stem_gap=passed.stem_gap,
+        goal_error=goal_error, goal_axis_error=axis_error, **figures,
+    )  # fmt: skip
+    return Judgement(metrics, tuple(violations), tuple(contacts), tuple(notes))
+
+
+def paper_violations(scene: Scene, metrics: Metrics, tolerance: float = 1e-4) -> list[Violation]:
+    """Where a judged trajectory breaks the paper's constraints 1 and 2 (method §5).
+
+    Args:
+        scene: for the stems.
+        metrics: what the judge measured.
+        tolerance: by how much a pushable may be passed nearer than the gripper's radius [m].
+    """
+    out = []
+    for item in scene.pushables:
+        short, gap = metrics.drift_shortfall[item.id], metrics.stem_gap[item.id]
+        if short is not None and short > tolerance:
+            near = f"{short * 1e3:.1f} mm nearer than the gripper's radius"
+            text = f"the tool passes {item.id} {near}"
+            out.append(Violation("drift", text, item.id, None, short, "m"))
+        if item.stem is not None and gap is not None and gap < item.stem.radius:
+            text = f"the line from the tool to {item.id} meets its stem"
+            out.append(Violation("stem", text, item.id, None, item.stem.radius - gap, "m"))
+    return out
+
+
+def _goal(
+    scene: Scene, last: FloatArray, tip: FloatArray, axis: FloatArray, waypoint: int
+) -> tuple[float, float | None, list[Violation]]:
+    """Distance [m] (or joint distance [rad]) and axis error [rad] at the end, and what is wrong."""
+    if isinstance(scene.goal, JointGoal):
+        error = float(np.max(np.abs(last - scene.goal.joints)))
+        text = f"the end is {error:.4f} rad from the goal configuration"
+        missed = Violation("goal", text, "", waypoint, error, "rad")
+        return error, None, [missed] if error > GOAL_TOLERANCE else []
+    if isinstance(scene.goal, PoseGoal):
+        position, direction = scene.goal.position, scene.goal.axis
+    else:
+        assert scene.target is not None  # the schema asks for a target or a goal
+        position, direction = scene.target.position, scene.frame[2]
+    error, angle = math.dist(tip, position), _angle(axis.tolist(), direction.tolist())
+    out = []
+    if error > GOAL_TOLERANCE:
+        text = f"the tool ends {error * 1e3:.1f} mm from the goal"
+        out.append(Violation("goal", text, "", waypoint, error, "m"))
+    if angle > AXIS_TOLERANCE:
+        text = f"the tool axis ends {np.rad2deg(angle):.1f} degrees off the approach"
+        out.append(Violation("axis", text, "", waypoint, angle, "rad"))
+    return error, angle, out
+
+
+def _angle(a: list[float], b: list[float]) -> float:
+    """Angle between two vectors [rad], exact also where it is small."""
+    cross = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    return math.atan2(math.hypot(*cross), a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+def _motion(
+    robot: Robot, trajectory: Trajectory, start: FloatArray | None
+) -> tuple[dict[str, float], list[Violation]]:
+    """Figures of the joint trajectory, and the limits it breaks (constraint 4)."""
+    q, accelerations = trajectory.positions, trajectory.accelerations
+    out, steps = [], q[1:] - q[:-1]
+    beyond = np.maximum(robot.lower - q.min(axis=0), q.max(axis=0) - robot.upper)
+    joint = int(np.argmax(beyond))
+    excess = max(float(beyond[joint]), 0.0)
+    if excess > 0.0:
+        name = robot.joint_names[joint]
+        over = (q[:, joint] < robot.lower[joint]) | (q[:, joint] > robot.upper[joint])
+        text = f"{name} leaves its limits by {excess:.4f}"
+        out.append(Violation("limit", text, name, int(np.argmax(over)), excess, "rad or m"))
+    ratios = {}
+    for kind, values, limit in (
+        ("velocity", trajectory.velocities, robot.velocity),
+        ("acceleration", accelerations, robot.acceleration),
+    ):
+        shares = np.abs(values) / limit
+        ratio = ratios[kind] = float(np.max(shares))
+        if ratio > 1.0 + RATIO_TOLERANCE:
+            first = int(np.argmax(shares.max(axis=1) > 1.0 + RATIO_TOLERANCE))
+            name = robot.joint_names[int(np.argmax(shares.max(axis=0)))]
+            text = f"{kind} reaches {ratio:.3f} of its limit"
+            out.append(Violation(kind, text, name, first, ratio, "of the limit"))
+    if start is not None and (off := float(np.max(np.abs(q[0] - start)))) > START_TOLERANCE:
+        text = "the trajectory does not begin at the start"
+        out.append(Violation("start", text, "", 0, off, "rad or m"))
+    return {
+        "limit_violation": excess,
+        "max_step": float(np.max(np.abs(steps))),
+        "path_length": float(lengths(steps).sum()),
+        "smoothness": math.sqrt(np.vdot(accelerations, accelerations) / len(q)),
+        "duration": trajectory.duration,
+        "velocity_ratio": ratios["velocity"],
+        "acceleration_ratio": ratios["acceleration"],
+    }, out

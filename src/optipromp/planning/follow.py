@@ -1,0 +1,267 @@
+r"""Following a tool path: the movement primitive, conditioned on the path, then led along it.
+
+The ProMP's weights w ~ N(μ, Σ) are conditioned on the start and the goal configuration (exactly, at
+rest) and on tool points and tool axes of the path at a few *stations*. With rows H, the joints at
+the stations or the Jacobian of the tool there, and noise R,
+
+.. math:: w = \mu + \Sigma H^T (H \Sigma H^T + R)^{-1} (y - H\mu)
+
+is one Gaussian update; it is iterated, since the Jacobian depends on where the arm is. What the
+path leaves free, the arm's posture above all, is as it was demonstrated. Between the stations
+inverse kinematics closes the millimetres that are left.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from optipromp.arrays import FloatArray, frozen
+from optipromp.promp.model import ProMP
+from optipromp.pushing.path import ToolPath
+from optipromp.robots import ik
+from optipromp.robots.model import Robot
+from optipromp.robots.roll import level
+
+STATIONS = 8  # points of the path that the primitive is conditioned on
+LINEARISATIONS = 4  # of the forward kinematics; the last changes a joint by some 1e-3 rad
+POSTURE_STEP = 0.5  # [rad] that a joint may move at a station in one of them
+STATION_DEVIATION = 2e-3  # [m], and [rad] over AXIS_LEVER, to which the primitive is held there
+AXIS_LEVER = 0.3  # [m] weighs the tool axis against the tool point
+TRACKED = 1e-4  # [m] largest error of a followed tool point
+TOOL_STEP, TOOL_TIME = 0.005, 0.17  # [m] and [s] of the tool between waypoints on the path, at most
+BRAKING = 0.3  # share of the approach's time in which the tool comes to rest
+PEAK = 1.9  # largest over mean speed of a smooth reach (minimum jerk: 1.875)
+FEWEST, FEWEST_REACH, MOST = 60, 25, 600  # waypoints
+
+
+@dataclass(frozen=True)
+class Waypoints:
+    """How many waypoints a trajectory has, and which is the first on the path."""
+
+    count: int
+    first: int
+
+    @staticmethod
+    def at_phase(count: int, phase: float) -> "Waypoints":
+        """Of ``count`` waypoints, the first at or after a phase."""
+        return Waypoints(count, int(np.ceil(phase * (count - 1) - 1e-9)))
+
+    @property
+    def phase(self) -> float:
+        """Phase of the first on the path."""
+        return self.first / (self.count - 1)
+
+    @property
+    def phases(self) -> FloatArray:
+        """Phase (T,) of each waypoint."""
+        return np.linspace(0.0, 1.0, self.count)
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where an optimisation begins.
+
+    Attributes:
+        primitive: (T, n) the conditioned ProMP.
+        followed: (T, n) the same, led along the path.
+        waypoints: their number, and the first on the path.
+        path: what is followed; None where the tool is free on its way.
+    """
+
+    primitive: FloatArray
+    followed: FloatArray
+    waypoints: Waypoints
+    path: ToolPath | None
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """A goal configuration, and the path followed back from it at the stations (S, n)."""
+
+    goal: FloatArray
+    stations: FloatArray
+    waypoints: Waypoints
+
+
+def branches(
+    robot: Robot,
+    start: FloatArray,
+    path: ToolPath,
+    axis: FloatArray,
+    goals: FloatArray,
+    max_step: float,
+    count: int | None = None,
+) -> list[Branch]:
+    """Goal configurations (m, n) from which the path can be followed back, shortest motion first.
+
+    Args:
+        robot: the arm with its tool.
+        start: (n,).
+        path: of the tool point.
+        axis: (3,) of the tool along the path.
+        goals: (m, n).
+        max_step: no joint moves much more between waypoints [rad or m].
+        count: of waypoints; None: as many as that asks for.
+    """
+    points = path.at(np.linspace(1.0, 0.0, STATIONS))
+    axes = np.tile(axis, (STATIONS, 1))
+    found = []
+    for goal in goals:
+        back, errors = ik.track(robot, points, axes, goal)
+        if errors.max() < TRACKED:
+            stations = back[::-1]
+            waypoints = _waypoints(start, stations, path, max_step, count)
+            found.append(Branch(goal, stations, waypoints))
+    return sorted(found, key=lambda branch: branch.waypoints.count)
+
+
+def _waypoints(
+    start: FloatArray, stations: FloatArray, path: ToolPath, max_step: float, count: int | None
+) -> Waypoints:
+    """Waypoints such that no joint moves much over the step, before the path and on it alike."""
+    step = 0.8 * max_step
+    reach = max(PEAK * float(np.abs(stations[0] - start).max()) / step, FEWEST_REACH)
+    turn = float(np.abs(np.diff(stations, axis=0)).max(axis=1).sum())
+    slowed = 1.0 / (1.0 - 0.5 * BRAKING)
+    approach = slowed * max(turn / step, path.length / min(TOOL_STEP, TOOL_TIME * path.speed), 40.0)
+    total = count or min(max(FEWEST, 10 * int(np.ceil((reach + approach) / 10))), MOST)
+    first = int(np.clip(round(reach / (reach + approach) * (total - 1)), 1, total - 2))
+    return Waypoints(total, first)
+
+
+def braked(share: FloatArray) -> FloatArray:
+    """The part (m,) of the path behind the tool at shares (m,) of the approach's time.
+
+    Constant speed, then to rest with a continuous acceleration.
+    """
+    late = np.maximum(share - (1.0 - BRAKING), 0.0) / BRAKING
+    gone = np.minimum(share, 1.0 - BRAKING) + BRAKING * (late - late**3 + 0.5 * late**4)
+    return np.asarray(gone / (1.0 - 0.5 * BRAKING))
+
+
+def follow(
+    robot: Robot,
+    start: FloatArray,
+    path: ToolPath,
+    axis: FloatArray,
+    normal: FloatArray,
+    promp: ProMP,
+    branch: Branch,
+) -> Start | None:
+    """The primitive conditioned on start, path and goal, and led along the path.
+
+    Args:
+        robot: the arm with its tool.
+        start: (n,).
+        path: of the tool point.
+        axis: (3,) of the tool along the path.
+        normal: (3,) across which a hand opens; see :func:`optipromp.robots.roll.level`.
+        promp: learnt from demonstrations.
+        branch: of :func:`branches`.
+
+    Returns:
+        None where the path cannot be followed exactly.
+    """
+    waypoints, first = branch.waypoints, branch.waypoints.first
+    z = waypoints.phases
+    share = np.linspace(0.0, 1.0, STATIONS)
+    station_phases = z[first] + (1.0 - z[first]) * _time_of(share)
+    weights = conditioned(
+        robot, promp, start, branch.goal, path.at(share), axis, branch.stations, station_phases
+    )
+    q = promp.basis.evaluate(waypoints.count) @ weights.T
+    q[0], q[-1] = start, branch.goal
+    points = path.at(braked((z[first:] - z[first]) / (1.0 - z[first])))
+    on_path, errors = ik.each(robot, points, np.tile(axis, (len(points), 1)), q[first:])
+    if errors.max() > TRACKED:
+        return None
+    on_path[-1] = branch.goal
+    on_path = level(robot, on_path[::-1], normal, path=True)[::-1]
+    followed = np.vstack([q[:first] + _lead_in(on_path - q[first:], first), on_path])
+    return Start(q, followed, waypoints, path)
+
+
+def _lead_in(off: FloatArray, count: int) -> FloatArray:
+    """(count, n) from zero at rest to the offset and its slope at the first of ``off`` (m, n)."""
+    u = np.arange(count)[:, None] / count
+    slope = (off[1] - off[0]) * count
+    return np.asarray(off[0] * u**2 * (3.0 - 2.0 * u) + slope * u**2 * (u - 1.0))
+
+
+@lru_cache(maxsize=4)
+def _braking_table() -> tuple[FloatArray, FloatArray]:
+    share = np.linspace(0.0, 1.0, 401)
+    return frozen(share), frozen(braked(share))
+
+
+def _time_of(part: FloatArray) -> FloatArray:
+    """The inverse of :func:`braked`."""
+    share, gone = _braking_table()
+    return np.interp(part, gone, share)
+
+
+def conditioned(
+    robot: Robot,
+    promp: ProMP,
+    start: FloatArray,
+    goal: FloatArray,
+    points: FloatArray,
+    axis: FloatArray,
+    near: FloatArray,
+    phases: FloatArray,
+) -> FloatArray:
+    """Mean weights (n, K) of the ProMP given start, goal and tool poses at stations.
+
+    Args:
+        robot: the arm with its tool.
+        promp: the prior.
+        start: (n,) at phase 0; ``goal`` (n,) at phase 1; both at rest.
+        points: (S, 3) of the tool point; the last is the goal's.
+        axis: (3,) of the tool.
+        near: (S, n) configurations there, from which the arm's posture is improved.
+        phases: (S,).
+    """
+    n, stations = promp.n_joints, len(points) - 1
+    values, cross, joint = _prior_at(promp, tuple(phases[:-1].tolist()))
+    mean = (values @ promp.mean.T).ravel()  # by place, then joint
+    ends = 4 * n
+    rows = np.zeros((ends + 6 * stations, len(mean)))
+    rows[:ends, :ends] = np.eye(ends)
+    wanted = np.concatenate([start, goal, np.zeros(2 * n), np.zeros(6 * stations)])
+    noise = np.full(len(rows), STATION_DEVIATION**2)
+    noise[:ends] = 1e-10
+    q = np.array(near[:-1])
+    for _ in range(LINEARISATIONS):
+        point, pointing, jp, ja = robot.tool_map(q)
+        jacobian = np.concatenate([jp, AXIS_LEVER * ja], axis=1)
+        off = np.concatenate([points[:-1] - point, AXIS_LEVER * (axis - pointing)], axis=1)
+        for s in range(stations):
+            low, at = ends + 6 * s, ends + n * s
+            rows[low : low + 6, at : at + n] = jacobian[s]
+        wanted[ends:] = (off + np.einsum("sij,sj->si", jacobian, q)).ravel()
+        spread = rows @ joint
+        total = spread @ rows.T
+        total.flat[:: len(total) + 1] += noise
+        force = np.linalg.solve(total, wanted - rows @ mean)
+        there = (mean + spread.T @ force)[ends:].reshape(stations, n)
+        step = np.clip(there - q, -POSTURE_STEP, POSTURE_STEP)
+        q = np.clip(q + step, robot.lower, robot.upper)
+    return np.asarray(promp.mean + (cross @ (rows.T @ force)).reshape(promp.mean.shape))
+
+
+@lru_cache(maxsize=16)
+def _prior_at(promp: ProMP, phases: tuple[float, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Bases (P, K) at start, goal, both ends' velocities and the stations, and covariances.
+
+    Those (nK, Pn) of the weights with the joints there, and (Pn, Pn) of the joints; by place, then
+    joint.
+    """
+    n, count = promp.mean.shape
+    ends = np.array([0.0, 1.0])
+    at = promp.basis.evaluate
+    values = np.vstack([at(ends), at(ends, 1), at(np.array(phases))])
+    cross = promp.covariance.reshape(n * count, n, count) @ values.T
+    cross = np.ascontiguousarray(cross.transpose(0, 2, 1)).reshape(n * count, -1)
+    joint = (values @ cross.reshape(n, count, -1)).transpose(1, 0, 2).reshape(cross.shape[1], -1)
+    return frozen(values), frozen(cross), frozen(joint)

@@ -1,0 +1,189 @@
+"""The paper's problem (method §5) on one goal configuration and one choice of sides.
+
+Constraints 1 to 3 are rows, each linear in one tool point (:class:`Rows`), the same for both
+strategies of :mod:`optipromp.planning.paper`.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from optipromp.arrays import FloatArray, IntArray
+from optipromp.optimization.costs import Cost
+from optipromp.optimization.evaluation import Evaluation
+from optipromp.optimization.problem import Problem
+from optipromp.planning.follow import Waypoints
+from optipromp.planning.functionals import functionals
+from optipromp.planning.options import PlanOptions, Strategy
+from optipromp.planning.primitive import LEVER_ARM, led_through, on_branch, via_points
+from optipromp.planning.task import Task
+from optipromp.promp.model import ProMP
+from optipromp.pushing.rules import Drift, detection_variance, drift_choices
+
+MARGIN = 1e-3  # [m] asked for beyond constraint 1, as much as penalties and barriers give way
+TOOL_STEP = 0.005  # [m] of the tool point between waypoints of the approach
+PEAK = 1.9  # largest over mean speed of a smooth reach
+FEWEST, MOST = 60, 600  # waypoints
+
+
+class Rows(Cost):
+    """Constraints 1 to 3 as rows ``lower ≤ axis·fk(ξ_t) ≤ upper``, each at one waypoint.
+
+    As a term: the one-sided quadratic penalty ½ Σ weight·(what is missing)².
+
+    Attributes:
+        at: (m,) the waypoint t of each row.
+        axes: (m, 3) unit vectors.
+        lower, upper: (m,) bounds [m].
+    """
+
+    def __init__(
+        self,
+        weight: float,
+        at: IntArray,
+        axes: FloatArray,
+        lower: FloatArray,
+        upper: FloatArray,
+    ) -> None:
+        super().__init__("rows", weight)
+        self.at = np.asarray(at, dtype=np.int64)
+        self.axes, self.lower, self.upper = axes, lower, upper
+        x, y, z = axes.T
+        self.outer = np.stack([x * x, y * y, z * z, x * y, x * z, y * z], axis=1)
+
+    def add(self, e: Evaluation, scale: float) -> float:
+        """The penalty, with its gradient and curvature added to ``e``."""
+        value = np.einsum("mi,mi->m", e.points[self.at, e.tool], self.axes)
+        off = value - np.clip(value, self.lower, self.upper)
+        if scale > 0.0:
+            out = np.flatnonzero(off)
+            force, stiffness = e.force[:, e.tool], e.stiffness[:, e.tool]
+            np.add.at(force, self.at[out], scale * off[out, None] * self.axes[out])
+            np.add.at(stiffness, self.at[out], scale * self.outer[out])
+        return 0.5 * float(off @ off)
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """The paper's problem for one goal configuration and one choice of sides.
+
+    Attributes:
+        task: scene and robot.
+        options: see :class:`PlanOptions`.
+        strategy: ``joint`` or ``sequential``.
+        waypoints: their number, and the first at or after t_1.
+        drift: direction and place of each pushable to pass.
+        initial: (T, n) the conditioned ProMP.
+        points: (T, 3) its tool points.
+    """
+
+    task: Task
+    options: PlanOptions
+    strategy: Strategy
+    waypoints: Waypoints
+    drift: Drift
+    initial: FloatArray
+    points: FloatArray
+
+    @property
+    def offset(self) -> float:
+        """What constraint 1 asks for [m]."""
+        wanted = self.options.paper.drift_offset
+        return self.task.robot.gripper_radius if wanted is None else wanted
+
+    def rows(self, weight: float = 0.0, every: int = 1) -> Rows:
+        """Constraints 1 to 3; 3 at every so many waypoints.
+
+        A waypoint counts as in the window of a pushable where its initial height is, within the
+        tolerance of constraint 3. The goal is at the last one.
+        """
+        frame, paper = self.task.scene.frame, self.options.paper
+        free = np.arange(self.waypoints.first, self.waypoints.count - 1)
+        rows: list[tuple[IntArray, FloatArray, FloatArray, FloatArray]] = []
+        for center, direction, (low, high) in zip(
+            self.drift.centers, self.drift.directions, self.drift.windows, strict=True
+        ):
+            height = (self.points[free] - center) @ frame[2]
+            at = free[(height >= low - paper.corridor) & (height <= high + paper.corridor)]
+            least = np.full(len(at), float(center @ direction) + self.offset + MARGIN)
+            rows.append((at, direction, least, np.full(len(at), np.inf)))
+        for axis in frame[[0, 2] if paper.drift == "paper" else [2]]:
+            at = free[::every]
+            middle = self.points[at] @ axis
+            rows.append((at, axis, middle - paper.corridor, middle + paper.corridor))
+        at, lower, upper = (np.concatenate([row[k] for row in rows]) for k in (0, 2, 3))
+        axes = np.concatenate([np.tile(axis, (len(at), 1)) for at, axis, _, _ in rows])
+        return Rows(weight, at, axes, lower, upper)
+
+    def functionals(self) -> list[Cost]:
+        """F_s, F_d, F_p and F_v with their weights, in the strategy's own forms."""
+        paper, sequential = self.options.paper, self.strategy == "sequential"
+        return functionals(
+            self.task, paper, self.waypoints.first,
+            paper.reduction or ("max" if sequential else "sum"),
+            paper.push or ("reciprocal" if sequential else "quadratic"),
+        )  # fmt: skip
+
+    def problem(self, terms: Sequence[Cost], constraints: Sequence[Cost], ends: bool) -> Problem:
+        """Terms and constraints over the waypoints; ``ends``: whether the last one is fixed too."""
+        task, options = self.task, self.options
+        cutoff = max(options.paper.epsilon, options.static_clearance, options.avoid_clearance)
+        return Problem(
+            task.robot, task.surroundings, terms, constraints, self.waypoints.count,
+            cutoff=cutoff + 1e-3, end_fixed=ends, body=task.body,
+        )  # fmt: skip
+
+
+def posed_problems(
+    task: Task, promp: ProMP, options: PlanOptions, strategy: Strategy, goals: FloatArray
+) -> Iterator[list[Posed]]:
+    """The problem for every choice of sides, for one goal configuration after the other.
+
+    The configuration whose motion takes fewest waypoints comes first.
+    """
+    positions = [thing.position for thing in task.neighbours]
+    branches: list[tuple[FloatArray, FloatArray]] = []
+    for goal in goals:
+        branch = None
+        if positions:
+            via = via_points(task, positions, 0.5, options.paper.via_deviation)
+            branch = on_branch(task, via, goal)
+        if branch is None:
+            branches.append((goal[None], np.zeros(1)))
+            continue
+        variances = via.deviations**2
+        variances[1:-1] += [detection_variance(thing) for thing in task.neighbours]
+        branches.append((branch, variances / LEVER_ARM**2))
+    branches.sort(key=lambda branch: spaced(task, options, branch[0]).count)
+    for values, variances in branches:
+        waypoints = spaced(task, options, values)
+        phases = np.linspace(waypoints.phase, 1.0, len(values)) if len(values) > 1 else [1.0]
+        q = led_through(promp, task.start, np.array(phases), values, variances, waypoints.count)
+        points = task.robot.tool_pose(q)[0]
+        yield [
+            Posed(task, options, strategy, waypoints, drift, q, points)
+            for drift in drift_choices(
+                task.scene, task.neighbours, options.paper.drift, window="paper"
+            )
+        ]
+
+
+def spaced(task: Task, options: PlanOptions, values: FloatArray) -> Waypoints:
+    """Waypoints such that no joint moves much over the wanted step, before t_1 and after alike.
+
+    ``values`` (m, n) are the configurations the motion is led through after the start.
+    """
+    step = 0.8 * options.max_step
+    reach = PEAK * float(np.max(np.abs(values[0] - task.start))) / step
+    if len(values) == 1:
+        count = options.waypoints or min(max(FEWEST, math.ceil(reach) + 1), MOST)
+        return Waypoints.at_phase(count, options.paper.camera_phase or 0.5)
+    tools = task.robot.tool_pose(values)[0]
+    path = float(np.linalg.norm(np.diff(tools, axis=0), axis=1).sum())
+    moved = float(np.abs(np.diff(values, axis=0)).max(axis=1).sum())
+    reach, approach = max(reach, 25.0), max(1.6 * moved / step, 40.0, path / TOOL_STEP)
+    count = options.waypoints or min(max(FEWEST, 10 * math.ceil((reach + approach) / 10)), MOST)
+    phase = min(max(0.2, reach / (reach + approach)), 0.75)
+    return Waypoints.at_phase(count, options.paper.camera_phase or phase)

@@ -1,0 +1,263 @@
+"""Movement primitives: learnt, conditioned, and the two planners that do no more than that."""
+
+import functools
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from optipromp.arrays import FloatArray, frozen
+from optipromp.planning.options import Planner, PlanOptions
+from optipromp.planning.result import Outcome, ViaPoint
+from optipromp.planning.task import Task
+from optipromp.planning.timing import timed
+from optipromp.promp.basis import Basis
+from optipromp.promp.conditioning import conditioned_mean
+from optipromp.promp.demonstrations import load_demonstrations
+from optipromp.promp.learning import fit
+from optipromp.promp.model import ProMP
+from optipromp.pushing.interactive import pushes
+from optipromp.pushing.rules import detection_variance
+from optipromp.robots import ik
+from optipromp.robots.model import Robot
+from optipromp.robots.roll import level
+from optipromp.scenes.scene import PoseGoal
+
+BASIS = Basis(count=14, width=2.0, outside=1)
+PAPER_BASIS = Basis(count=5, width=4.0, outside=1)
+ACCELERATION = 40.0  # [rad per unit of phase²] deviation of the prior's acceleration
+SPREAD = 3.0  # [rad] deviation of the prior's position
+PAUSED = 0.1  # [rad per unit of phase] deviation from standing still
+LEVER_ARM = 0.4  # [m] turns a standard deviation of the tool point into one of the joints
+CAMERA_PHASE = 0.5
+SPEED = 0.1  # [m/s] of the tool after the camera point, among fruits
+WAYPOINTS = 150
+TRACKED = 1e-5  # [m] largest error of a followed task point
+
+
+@functools.lru_cache(maxsize=8)
+def _prior_covariance(basis: Basis) -> FloatArray:
+    """Covariance (K, K) of smooth motions: accelerations are white, ends at rest."""
+    z = np.linspace(0.0, 1.0, 201)
+    acceleration, position = basis.second_derivative(z), basis.matrix(z)
+    ends = basis.derivative(np.array([0.0, 1.0]))
+    precision = (
+        acceleration.T @ acceleration / (len(z) * ACCELERATION**2)
+        + position.T @ position / (len(z) * SPREAD**2)
+        + ends.T @ ends / 0.05**2
+    )
+    return np.asarray(np.linalg.inv(precision), dtype=np.float64)
+
+
+def smooth_prior(robot: Robot, basis: Basis = BASIS) -> ProMP:
+    """A ProMP that knows no task, only that motions are smooth and rest at both ends.
+
+    What an arm without demonstrations is planned with, and what widens a learnt ProMP where its
+    demonstrations say nothing.
+    """
+    n = robot.n_joints
+    covariance = np.kron(np.eye(n), _prior_covariance(basis))
+    mean = np.repeat(robot.home[:, None], basis.count, axis=1)
+    return ProMP(basis, mean, 0.5 * (covariance + covariance.T), joint_names=robot.joint_names)
+
+
+@functools.lru_cache(maxsize=8)
+def widened(promp: ProMP, robot: Robot, share: float = 0.01) -> ProMP:
+    """``promp`` with ``share`` of the smooth prior's covariance added.
+
+    A ProMP learnt from few or alike demonstrations can be conditioned far from them only by
+    extrapolating its sample covariance; with the prior added, what they do not explain is
+    interpolated smoothly instead.
+    """
+    promp = promp.for_joints(robot.joint_names)
+    prior = smooth_prior(robot, promp.basis)
+    return promp.with_weights(promp.mean, promp.covariance + share * prior.covariance)
+
+
+@functools.lru_cache(maxsize=8)
+def _built_in(name: str, basis: Basis) -> ProMP | None:
+    source = resources.files("optipromp.promp") / "data" / f"{name}.npz"
+    if not source.is_file():
+        return None
+    with resources.as_file(source) as path:
+        return fit(load_demonstrations(path), basis)
+
+
+def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis = BASIS) -> ProMP:
+    """The ProMP a plan starts from, widened by a little of the smooth prior.
+
+    Args:
+        task: the scene and its robot.
+        demonstrations: a learnt ProMP, demonstrations to learn from (``.npz`` of a ProMP or of
+            demonstrations, CSV, a folder of CSVs), or None for the robot's built-in ones (a smooth
+            prior where it has none).
+        basis: used where something is learnt.
+
+    Raises:
+        InvalidDemonstrationError: a file that cannot be used; joints of other names.
+        InvalidRequestError: a file of a ProMP that cannot be read.
+    """
+    robot = task.robot
+    if isinstance(demonstrations, ProMP):
+        promp = demonstrations
+    elif demonstrations is not None:
+        promp = from_file(Path(demonstrations), basis, robot.joint_names)
+    else:
+        found = _built_in(robot.name, basis)
+        own = found is not None and set(found.joint_names) == set(robot.joint_names)
+        promp = found if found is not None and own else smooth_prior(robot, basis)
+    return widened(promp, robot)
+
+
+def from_file(path: Path, basis: Basis, joints: Sequence[str]) -> ProMP:
+    """A ProMP of these joints, saved by ``optipromp learn`` or learnt from demonstrations."""
+    if path.suffix == ".npz" and path.is_file():
+        with np.load(path, allow_pickle=False) as data:
+            saved = "covariance" in data.files
+        if saved:
+            return ProMP.load(path).for_joints(joints, str(path))
+    return fit(load_demonstrations(path), basis).for_joints(joints, str(path))
+
+
+@dataclass(frozen=True, eq=False)
+class ViaPoints:
+    """Task points from camera to goal, in the order they are passed.
+
+    Attributes:
+        positions: (m, 3) of the tool point [m].
+        axes: (m, 3) of the tool axis.
+        phases: (m,), the first at t_1, the last at 1.
+        deviations: (m,) [m] how closely the ProMP is held to them.
+    """
+
+    positions: FloatArray
+    axes: FloatArray
+    phases: FloatArray
+    deviations: FloatArray
+
+
+def via_points(
+    task: Task, positions: Sequence[FloatArray], camera_phase: float, deviation: float
+) -> ViaPoints:
+    """The camera point, then ``positions`` at evenly spaced phases, then the goal."""
+    assert isinstance(task.goal, PoseGoal)
+    points = np.array([task.camera, *positions, task.goal.position])
+    deviations = np.full(len(points), deviation)
+    deviations[0], deviations[-1] = 5.0 * deviation, 0.0
+    return ViaPoints(
+        points,
+        np.tile(task.goal.axis, (len(points), 1)),
+        np.linspace(camera_phase, 1.0, len(points)),
+        deviations,
+    )
+
+
+def on_branch(task: Task, via: ViaPoints, goal: FloatArray) -> FloatArray | None:
+    """Configurations (m, n) at the via points, followed back from ``goal``; None: out of reach."""
+    back, errors = ik.track(task.robot, via.positions[-2::-1], via.axes[-2::-1], goal)
+    if len(errors) and errors.max() > TRACKED:
+        return None
+    behind = level(task.robot, np.vstack([goal, back]), task.scene.frame[0], path=True)
+    return behind[::-1]
+
+
+def led_through(
+    promp: ProMP,
+    start: FloatArray,
+    phases: FloatArray,
+    values: FloatArray,
+    variances: FloatArray,
+    count: int,
+    pause: float | None = None,
+) -> FloatArray:
+    """Mean (T, n), at ``count`` knots, of ``promp`` led through configurations, with exact ends.
+
+    Args:
+        promp: what is conditioned.
+        start: (n,) at phase 0, exact.
+        phases: (m,) of the configurations.
+        values: (m, n).
+        variances: (m,) [rad²] of each; 0 is exact.
+        count: knots.
+        pause: a phase at which the arm stands still.
+    """
+    places, spread = [(0.0, 0)], [0.0]
+    targets = [start[None], values]
+    if pause is not None:
+        places.append((pause, 1))
+        spread.append(PAUSED**2)
+        targets.insert(1, np.zeros((1, len(start))))
+    places += [(phase, 0) for phase in phases.tolist()]
+    spread += variances.tolist()
+    mean = conditioned_mean(promp, tuple(places), np.concatenate(targets), tuple(spread))
+    out = promp.basis.evaluate(count) @ mean.T
+    out[0], out[-1] = start, values[-1]  # a conditioned ProMP meets them to rounding
+    return np.asarray(out)
+
+
+@functools.lru_cache(maxsize=8)
+def end(promp: ProMP) -> FloatArray:
+    """Where the mean of a ProMP ends (n,)."""
+    return frozen(promp.mean_trajectory(np.array([1.0]))[0])
+
+
+def plan_primitive(
+    task: Task,
+    promp: ProMP,
+    options: PlanOptions,
+    goals: FloatArray,
+    planner: Planner,
+    seed: int,
+) -> Outcome:
+    """Condition the ProMP on the planner's points, on the branch nearest to the ProMP's own end.
+
+    ``promp`` passes start, camera point (unless the scene or the options leave it out) and target;
+    ``i-promp`` also each neighbour's pose and pushed pose, at evenly spaced phases. The arm pauses
+    at the camera point, to look.
+    """
+    began = time.perf_counter()
+    goal = goals[int(np.argmin(np.linalg.norm(goals - end(promp), axis=1)))]
+    paper = options.paper
+    phase = paper.camera_phase or CAMERA_PHASE
+    camera = paper.camera_point
+    if camera is None:
+        camera = task.scene.options.get("camera_point", True)
+    branch: FloatArray | None = None
+    met: tuple[ViaPoint, ...] = (ViaPoint("goal", task.robot.tool_pose(goal)[0]),)
+    if isinstance(task.goal, PoseGoal) and (planner == "i-promp" or camera):
+        names, positions = ["camera"], list[FloatArray]()
+        variances: list[float] = []
+        if planner == "i-promp":
+            deviation = paper.direction_deviation
+            rng = np.random.default_rng(seed) if deviation > 0.0 else None
+            things = task.neighbours
+            for push, thing in zip(
+                pushes(task.scene, things, task.robot.gripper_radius, rng, deviation),
+                things,
+                strict=True,
+            ):
+                names += [push.id, f"{push.id} pushed"]
+                positions += [push.position, push.pushed]
+                variances += [detection_variance(thing)] * 2
+        via = via_points(task, positions, phase, paper.via_deviation)
+        branch = on_branch(task, via, goal)
+        if branch is not None:
+            met = (*map(ViaPoint, names, via.positions), *met)
+    count = options.waypoints or WAYPOINTS
+    if branch is None:
+        last, exact = np.array([1.0]), np.zeros(1)
+        q = led_through(promp, task.start, last, goal[None], exact, count)
+    else:
+        spread = (via.deviations / LEVER_ARM) ** 2
+        spread[1:-1] += np.array(variances) / LEVER_ARM**2
+        q = led_through(promp, task.start, via.phases, branch, spread, count, phase)
+        q[-1] = goal
+    first = math.ceil(phase * (count - 1))
+    slow = q[first:] if task.neighbours else None
+    trajectory = timed(task.robot, q, options.duration, slow, options.approach_speed or SPEED)
+    seconds = time.perf_counter() - began
+    return Outcome(trajectory, trajectory, trajectory, first, (), True, {planner: seconds}, via=met)

@@ -1,0 +1,215 @@
+"""What a planner comes to: the stages of an optimisation, an outcome, a plan."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from optipromp.arrays import FloatArray
+from optipromp.errors import Code
+from optipromp.judging import Contact, Judgement, Metrics
+from optipromp.planning.options import Planner, Strategy
+from optipromp.pushing.model import Prediction
+from optipromp.robots.model import Robot
+from optipromp.scenes.scene import Scene
+from optipromp.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One run of a solver.
+
+    Attributes:
+        name: ``push``, ``collision`` or ``joint``.
+        solver: its name.
+        terms: names of what it minimises.
+        history: value of every term after each iteration, the initial one first.
+        seconds: wall time.
+        message: why it stopped.
+        trust_radius: first trust radius, of a push stage of the sequential strategy [rad].
+        tried_radii: the radii tried, up to the one that was kept; all, where none was valid.
+    """
+
+    name: str
+    solver: str
+    terms: tuple[str, ...]
+    history: tuple[Mapping[str, float], ...]
+    seconds: float
+    message: str
+    trust_radius: float | None = None
+    tried_radii: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ViaPoint:
+    """A point that the primitive was conditioned on: ``name``, and ``position`` (3,) [m]."""
+
+    name: str
+    position: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Three trajectories, what was done between them, and the judge's word where it was heard.
+
+    Attributes:
+        primitive: the conditioned ProMP.
+        followed: the same, led along the tool path; the primitive where there is none.
+        trajectory: the last, optimised.
+        first: index of the first waypoint on the approach.
+        stages: of the optimisation.
+        optimised: whether there was any.
+        time: by stage [s].
+        judgement: of the trajectory, if it was judged.
+        prediction: of its push, if that was predicted.
+        via: points of the tool that the primitive was conditioned on, the target last.
+    """
+
+    primitive: Trajectory
+    followed: Trajectory
+    trajectory: Trajectory
+    first: int
+    stages: tuple[Stage, ...]
+    optimised: bool
+    time: Mapping[str, float]
+    judgement: Judgement | None = None
+    prediction: Prediction | None = None
+    via: tuple[ViaPoint, ...] = ()
+
+
+@dataclass(frozen=True)
+class Term:
+    """One functional of a plan, without its weight.
+
+    Attributes:
+        initial: value at the conditioned ProMP.
+        followed: value at the followed trajectory.
+        final: value at the returned trajectory.
+        history: values over the iterations of ``stage``, the initial value first.
+        stage: name of the stage that minimises it; empty where none does.
+    """
+
+    initial: float
+    followed: float
+    final: float
+    history: tuple[float, ...]
+    stage: str
+
+
+class Terms(Mapping[str, Term]):
+    """Functionals by name, computed when they are first read: few who plan do."""
+
+    def __init__(self, compute: Callable[[], dict[str, Term]]) -> None:
+        self._compute: Callable[[], dict[str, Term]] | None = compute
+        self._values: dict[str, Term] = {}
+
+    def _known(self) -> dict[str, Term]:
+        if self._compute is not None:
+            self._values, self._compute = self._compute(), None
+        return self._values
+
+    def __getitem__(self, name: str) -> Term:
+        return self._known()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._known())
+
+    def __len__(self) -> int:
+        return len(self._known())
+
+    def __repr__(self) -> str:
+        return repr(self._known())
+
+    def __reduce__(self) -> tuple[type[dict[str, Term]], tuple[dict[str, Term]]]:
+        return dict, (self._known(),)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What a planner returns: a trajectory, what it does, and whether it is a success.
+
+    Three trajectories tell how the plan came about: ``initial`` is the conditioned ProMP,
+    ``followed`` is the ProMP led along the tool path, ``trajectory`` is the optimised one.
+
+    Attributes:
+        scene: what was planned for.
+        robot: the scene's robot with its tool.
+        planner: ``promp``, ``i-promp`` or ``opti-promp``.
+        strategy: of opti-promp.
+        seed: of everything random.
+        status: ``success`` only if the judge found nothing wrong and no harm is predicted.
+        message: why, in words.
+        trajectory: the best one found, whatever the status.
+        initial: the conditioned ProMP.
+        followed: the ProMP led along the tool path; equal to ``initial`` where there is no path.
+        prediction: the predicted harm of the push; None where no push model applies.
+        metrics: see :class:`optipromp.judging.Metrics`.
+        terms: ``static``, ``avoid``, ``push``, ``velocity``; computed when first read.
+        stages: optimisation stages in the order they ran.
+        contacts: pairs that touch and must not.
+        time: ``total`` and per stage [s].
+        first: index of the first waypoint on the approach.
+        via: points of the tool that ``promp`` and ``i-promp`` conditioned the primitive on.
+    """
+
+    scene: Scene
+    robot: Robot
+    planner: Planner
+    strategy: Strategy | None
+    seed: int
+    status: Code
+    message: str
+    trajectory: Trajectory
+    initial: Trajectory
+    followed: Trajectory
+    prediction: Prediction | None
+    metrics: Metrics
+    terms: Mapping[str, Term]
+    stages: tuple[Stage, ...]
+    contacts: tuple[Contact, ...]
+    time: Mapping[str, float] = field(default_factory=dict)
+    first: int = 0
+    via: tuple[ViaPoint, ...] = ()
+
+    @property
+    def success(self) -> bool:
+        """Whether the status is ``success``."""
+        return self.status == Code.SUCCESS
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the trajectories, as plain values for JSON."""
+        return {
+            "scene": self.scene.name,
+            "planner": self.planner,
+            "strategy": self.strategy,
+            "seed": self.seed,
+            "status": str(self.status),
+            "message": self.message,
+            "metrics": self.metrics.to_dict(),
+            "terms": {
+                name: {
+                    "initial": t.initial,
+                    "followed": t.followed,
+                    "final": t.final,
+                    "history": list(t.history),
+                    "stage": t.stage,
+                }
+                for name, t in self.terms.items()
+            },
+            "stages": [
+                {
+                    **vars(s),
+                    "terms": list(s.terms),
+                    "history": [dict(v) for v in s.history],
+                    "tried_radii": list(s.tried_radii),
+                }
+                for s in self.stages
+            ],
+            "predicted_harm": None if self.prediction is None else vars(self.prediction),
+            "contacts": [
+                {"link": c.link, "other": c.other, "role": c.role, "depth": c.depth}
+                for c in self.contacts
+            ],
+            "time": dict(self.time),
+            "first": self.first,
+            "via": [{"name": v.name, "position": v.position.tolist()} for v in self.via],
+        }

@@ -1,0 +1,182 @@
+"""The optimisation that the default planner makes of a followed path, and its judgement.
+
+Costs: nearness to obstacles (F_s and F_d), joint accelerations, and the user's own. Constraints, as
+stiff penalties: joint limits, clearances, the goal, and the tool on its path.
+"""
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optipromp import judging
+from optipromp.arrays import FloatArray
+from optipromp.judging import Judgement
+from optipromp.optimization import gauss_newton
+from optipromp.optimization.costs import Cost
+from optipromp.optimization.costs.joints import LimitCost, SmoothnessCost, StepCost
+from optipromp.optimization.costs.obstacles import ClearanceCost, ObstacleCost, SelfCost
+from optipromp.optimization.costs.tool import CorridorCost, GoalCost, LevelCost, UprightCost
+from optipromp.optimization.evaluation import Evaluation
+from optipromp.optimization.problem import Problem
+from optipromp.planning.follow import Start
+from optipromp.planning.options import PlanOptions
+from optipromp.planning.task import Task
+from optipromp.planning.timing import timed
+from optipromp.robots.tools import FrankaHand
+from optipromp.scenes.scene import JointGoal, PoseGoal, Scene
+from optipromp.trajectory import Trajectory
+
+# Stiffness of the constraints [1/m² or 1/rad²], in the order of priority of method §5.
+MUST = 1e6  # joint limits, obstacles that are touched, the goal
+FIRM = 1e5  # clearance of the arm from what it must avoid and from itself, joint steps
+KEPT = 1e4  # clearance from static objects, the path
+WISH = 1e3  # the tool's clearance from what it must avoid, the level of a hand
+LEAN = 1e2  # the tilt of the tool on the path
+
+TOUCH_MARGIN = 1e-3  # [m] under which clearance outranks the goal
+UPRIGHT = np.deg2rad(2.0)  # [rad] tilt of the tool allowed on the path
+WITHIN = 3e-3  # of the stiffness of the path's tolerance, within it
+SAFETY = 0.01  # [m] ε of F_s and F_d
+FAR_DAMPING, FAR_TOLERANCE = 1e-2, 1e-2  # of the solver, for a start that breaks constraints
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """A start and what became of it.
+
+    Attributes:
+        start: where it began.
+        trajectory: what would be executed.
+        judgement: of the trajectory.
+        merit: the objective there.
+        history: value of each cost after each iteration, the start first.
+        message: why the solver stopped.
+    """
+
+    start: Start
+    trajectory: Trajectory
+    judgement: Judgement
+    merit: float
+    history: tuple[dict[str, float], ...]
+    message: str
+
+    @property
+    def valid(self) -> bool:
+        """Whether the judge found nothing."""
+        return not self.judgement.violations
+
+
+class Solver:
+    """Solves starts of one task; keeps its arrays from one to the next.
+
+    Args:
+        task: scene and robot.
+        options: see :class:`PlanOptions`.
+        deadline: of ``time.perf_counter()``.
+        scene: that the result is judged in.
+        stem_side: whether passing a stem on its side is a fault; see :func:`judging.judge`.
+    """
+
+    def __init__(
+        self, task: Task, options: PlanOptions, deadline: float, scene: Scene, *, stem_side: bool
+    ) -> None:
+        self.task, self.options, self.deadline = task, options, deadline
+        self.scene, self.stem_side = scene, stem_side
+        self._arrays: dict[int, Evaluation] = {}
+
+    def late(self) -> bool:
+        """Whether time has run out."""
+        return time.perf_counter() > self.deadline
+
+    def solve(self, start: Start) -> Attempt:
+        """Optimise a start and judge the result."""
+        schedule = _schedule(self.options)
+        task, count = self.task, start.waypoints.count
+        if count not in self._arrays:
+            self._arrays[count] = Evaluation(task.robot, task.body, count, 1.0 / (count - 1))
+        problem = following(task, self.options, start, self._arrays[count])
+        value = problem.evaluate(start.followed, schedule.stages[-1])
+        if self.options.iterations == 0 or self.late():
+            return self._judged(start, start.followed, value.merit, (value.costs,), "")
+        if schedule.keeps(value):
+            stages = slice(-1, None)
+            result = gauss_newton.solve(
+                problem, start.followed, schedule, self.deadline, stages, value
+            )
+        else:
+            schedule = replace(schedule, damping=FAR_DAMPING, tolerance=FAR_TOLERANCE)
+            result = gauss_newton.solve(problem, start.followed, schedule, self.deadline)
+        history = (value.costs, *result.history[1:])
+        return self._judged(start, result.q, result.value.merit, history, result.message)
+
+    def _judged(
+        self, start: Start, q: FloatArray, merit: float, history: tuple[dict[str, float], ...],
+        message: str,
+    ) -> Attempt:  # fmt: skip
+        task = self.task
+        slow = None if start.path is None else q[start.waypoints.first :]
+        speed = np.inf if start.path is None else self.options.approach_speed or start.path.speed
+        trajectory = timed(task.robot, q, self.options.duration, slow, speed)
+        verdict = judging.judge(
+            self.scene, task.robot, trajectory, task.start, stem_side=self.stem_side
+        )
+        return Attempt(start, trajectory, verdict, merit, history, message)
+
+
+def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation) -> Problem:
+    """Collision, smoothness, limits, the user's costs, and the path where there is one."""
+    robot, first = task.robot, start.waypoints.first
+    proximal = ~np.asarray(task.body.distal)
+    margin = np.minimum(options.limit_margin, 0.25 * (robot.upper - robot.lower))
+    costs: list[Cost] = [
+        ObstacleCost("static", 1.0, SAFETY, "sum"),
+        ObstacleCost("avoid", 1.0, SAFETY, "sum"),
+        SmoothnessCost(options.smoothness),
+        *options.costs,
+    ]
+    constraints: list[Cost] = [
+        LimitCost(MUST, robot.lower + margin, robot.upper - margin),
+        StepCost(FIRM, np.full(robot.n_joints, options.max_step)),
+        ClearanceCost("touch", "static", MUST, TOUCH_MARGIN),
+        ClearanceCost("clearance", "static", 2 * KEPT, options.static_clearance),
+        ClearanceCost("avoid", "dynamic", FIRM, options.avoid_clearance, proximal),
+        ClearanceCost("tool avoid", "dynamic", WISH, 0.0, ~proximal),
+        SelfCost(FIRM, options.self_clearance),
+    ]
+    if isinstance(task.goal, PoseGoal):
+        constraints.append(GoalCost(MUST, task.goal.position, task.goal.axis))
+    if start.path is not None and isinstance(task.goal, PoseGoal):
+        points, _ = robot.tool_pose(start.followed)
+        constraints += [
+            CorridorCost(KEPT, points, np.eye(3), options.corridor, first, WITHIN),
+            UprightCost(LEAN, task.goal.axis, UPRIGHT, first),
+        ]
+        if isinstance(robot.tool, FrankaHand):
+            pair = opposite(task)
+            constraints.append(LevelCost(WISH, pair, task.scene.frame[0], first))
+    return Problem(
+        robot, task.surroundings, costs, constraints, start.waypoints.count,
+        cutoff=max(SAFETY, options.static_clearance, options.avoid_clearance) + 1e-3,
+        end_fixed=isinstance(task.goal, JointGoal), body=task.body, evaluation=arrays,
+    )  # fmt: skip
+
+
+def opposite(task: Task) -> tuple[int, int]:
+    """The outermost two body spheres of a hand on either side, which are to stand level."""
+    robot = task.robot
+    assert isinstance(robot.tool, FrankaHand)
+    mine = np.flatnonzero(robot.spheres.link == len(robot.link_names) - 1)
+    opens = robot.flange_rotation @ robot.tool.rotation[:, 1]
+    along = robot.spheres.center[mine] @ opens
+    first = task.body.tool - len(mine)  # the tool's spheres come last
+    return first + int(np.argmin(along)), first + int(np.argmax(along))
+
+
+def _schedule(options: PlanOptions) -> gauss_newton.GaussNewtonOptions:
+    usual = gauss_newton.GaussNewtonOptions()
+    if options.iterations is None:
+        return usual
+    share = [options.iterations // len(usual.stages)] * len(usual.stages)
+    share[-1] += options.iterations - sum(share)
+    return replace(usual, iterations=tuple(share))

@@ -1,0 +1,160 @@
+"""From a scene to a task: robot with tool, start, goal, obstacles, and what stands in the way."""
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from optipromp.arrays import FloatArray, frozen
+from optipromp.errors import InvalidRequestError, InvalidSceneError, StartInvalidError
+from optipromp.optimization.evaluation import BodyPoints
+from optipromp.optimization.problem import Surroundings
+from optipromp.pushing.rules import neighbours
+from optipromp.robots.library import load_robot, robot_names
+from optipromp.robots.model import Robot
+from optipromp.robots.tools import Cup, FrankaHand, with_tool
+from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
+
+LIMIT_TOLERANCE = 1e-9
+NEAR = 0.065  # [m] obstacles within this of a body sphere are looked up in cells
+TOOLS: dict[str, type[Cup] | type[FrankaHand]] = {"cup": Cup, "franka_hand": FrankaHand}
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A scene bound to its robot.
+
+    Attributes:
+        scene: as given.
+        robot: with the scene's tool.
+        body: the points the planning loop follows.
+        start: (n,).
+        goal: a configuration, or a pose of the tool.
+        neighbours: pushables in the way, first met first.
+        standing: the scene that the surroundings are those of.
+    """
+
+    scene: Scene
+    robot: Robot
+    body: BodyPoints
+    start: FloatArray
+    goal: JointGoal | PoseGoal
+    neighbours: tuple[SceneObject, ...]
+    standing: Scene
+
+    @functools.cached_property
+    def surroundings(self) -> Surroundings:
+        """Obstacles by role, packed when they are first asked for."""
+        return _surroundings(self.standing, self.robot)
+
+    @functools.cached_property
+    def camera(self) -> FloatArray:
+        """Where the camera looks from (3,): before the goal and the first fruit met."""
+        assert isinstance(self.goal, PoseGoal)
+        up = self.scene.frame[2]
+        heights = [
+            float((fruit.position - self.goal.position) @ up) - fruit.radius
+            for fruit in self.neighbours
+        ]
+        before = min([0.0, *heights]) - self.scene.approach.camera_distance
+        return np.asarray(self.goal.position + before * up)
+
+    def at_goal(self, position_tolerance: float, axis_tolerance: float) -> bool:
+        """Whether the start is at the goal, within tolerances [m or rad] and [rad]."""
+        if isinstance(self.goal, JointGoal):
+            return bool(np.max(np.abs(self.start - self.goal.joints)) < position_tolerance)
+        point, axis = self.robot.tool_pose(self.start)
+        near = np.linalg.norm(point - self.goal.position) < position_tolerance
+        return bool(near and axis @ self.goal.axis > np.cos(axis_tolerance))
+
+
+def _robot_with_tool(scene: Scene) -> tuple[Robot, BodyPoints]:
+    tool = None
+    if scene.tool is not None:
+        tool = (scene.tool.kind, tuple(sorted(scene.tool.parameters.items())))
+    if scene.robot in robot_names():  # a file may change between plans, a built-in robot does not
+        return _built_in(scene.robot, tool)
+    return _equip(load_robot(scene.robot, scene.base_dir), tool)
+
+
+ToolKey = tuple[str, tuple[tuple[str, float], ...]] | None
+
+
+@functools.lru_cache(maxsize=32)
+def _built_in(name: str, tool: ToolKey) -> tuple[Robot, BodyPoints]:
+    return _equip(load_robot(name), tool)
+
+
+def _equip(robot: Robot, tool: ToolKey) -> tuple[Robot, BodyPoints]:
+    if tool is not None:
+        kind, parameters = tool
+        if kind not in TOOLS:
+            raise InvalidSceneError(f"tool.kind is {kind!r}; valid are {', '.join(TOOLS)}")
+        robot = with_tool(robot, TOOLS[kind](**dict(parameters)))
+    return robot, BodyPoints(robot)
+
+
+def resolve(scene: Scene) -> Task:
+    """Load the scene's robot and tool and check start and goal against it.
+
+    Raises:
+        InvalidRobotError: a robot that cannot be loaded.
+        InvalidSceneError: a tool that cannot be mounted.
+        StartInvalidError: wrong joint count, or outside the joint limits.
+        InvalidRequestError: a goal in joints that is not a configuration of the robot.
+    """
+    robot, body = _robot_with_tool(scene)
+    start = robot.home if scene.start is None else scene.start
+    if start.shape != (robot.n_joints,):
+        raise StartInvalidError(
+            f"start has {start.size} values; {robot.name} has {robot.n_joints} joints: "
+            f"{', '.join(robot.joint_names)}"
+        )
+    _within_limits(robot, start, "start", StartInvalidError)
+    if isinstance(scene.goal, JointGoal):
+        joints = robot.check_configuration(scene.goal.joints)
+        _within_limits(robot, joints, "goal", InvalidRequestError)
+    goal = scene.goal
+    if goal is None:
+        assert scene.target is not None  # a scene has a target or a goal
+        goal = PoseGoal(scene.target.position, scene.frame[2])
+    return Task(
+        scene, robot, body, frozen(start), goal, neighbours(scene, robot.gripper_radius), scene
+    )
+
+
+def _within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> None:
+    over = np.maximum(robot.lower - q, q - robot.upper)
+    worst = int(np.argmax(over))
+    if over[worst] > LIMIT_TOLERANCE:
+        raise error(
+            f"{what}: {robot.joint_names[worst]} is {q[worst]:.4f}, outside its limits "
+            f"[{robot.lower[worst]:.4f}, {robot.upper[worst]:.4f}]"
+        )
+
+
+@functools.lru_cache(maxsize=32)
+def reach(robot: Robot) -> float:
+    """No point of the robot is ever farther from the base origin than this [m]."""
+    kin = robot.kinematics
+    far = float(np.linalg.norm(kin.translation, axis=1).sum())
+    slide = np.maximum(np.abs(robot.lower), np.abs(robot.upper))[kin.dof]
+    slide = np.abs(kin.multiplier) * slide + np.abs(kin.offset)
+    far += float(slide[kin.kind == 1].sum())
+    spheres = np.linalg.norm(robot.spheres.center, axis=1) + robot.spheres.radius
+    return far + max(float(spheres.max(initial=0.0)), float(np.linalg.norm(robot.tool_point)))
+
+
+@functools.lru_cache(maxsize=4)
+def _surroundings(scene: Scene, robot: Robot) -> Surroundings:
+    far = reach(robot) + 0.1
+    asked = NEAR + float(np.max(robot.spheres.radius, initial=0.0))
+
+    static, avoid, push = (
+        scene.around(np.zeros(3), far, role) for role in ("static", "avoid", "pushable")
+    )
+    return Surroundings(
+        static=scene.packed(static, reach=asked, within=far),
+        dynamic=scene.packed(np.concatenate([avoid, push]), reach=asked, within=far),
+        shared=len(avoid),
+    )

@@ -1,0 +1,22 @@
+"""How long a trajectory takes."""
+
+from optipromp.arrays import FloatArray, lengths
+from optipromp.robots.model import Robot
+from optipromp.trajectory import Trajectory, shortest_dt
+
+
+def timed(
+    robot: Robot, q: FloatArray, duration: float | None, slow: FloatArray | None, speed: float
+) -> Trajectory:
+    """Waypoints (T, n) as a trajectory of a given duration [s], or the shortest there may be.
+
+    The shortest keeps the limits of velocity and acceleration. Along the configurations ``slow``
+    (m, n), where there are any, the tool keeps to ``speed`` [m/s].
+    """
+    if duration is not None:
+        return Trajectory(q, duration / (len(q) - 1), robot.joint_names)
+    dt = shortest_dt(q, robot.velocity, robot.acceleration)
+    if slow is not None:
+        points, _ = robot.tool_pose(slow)
+        dt = max(dt, float(lengths(points[1:] - points[:-1]).max(initial=0.0)) / speed)
+    return Trajectory(q, dt, robot.joint_names)

@@ -1,0 +1,84 @@
+"""``judge``: what any trajectory does in a scene, and what its push is expected to do."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from optipromp import judging
+from optipromp.errors import Code, InvalidRequestError
+from optipromp.judging import Judgement
+from optipromp.planning.prediction import push_model, tool_motion
+from optipromp.planning.task import Task, resolve
+from optipromp.pushing.model import Prediction
+from optipromp.scenes.io import load_scene
+from optipromp.scenes.scene import Scene
+from optipromp.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What is to be said of a trajectory.
+
+    Attributes:
+        judgement: metrics and violations, by the independent judge.
+        prediction: of the push; None where no model knows it.
+    """
+
+    judgement: Judgement
+    prediction: Prediction | None
+
+    @property
+    def status(self) -> Code:
+        """``success``, INVALID_PLAN where the judge found something, else HARM_PREDICTED."""
+        if self.judgement.violations:
+            return Code.INVALID_PLAN
+        harmful = self.prediction is not None and self.prediction.harmful
+        return Code.HARM_PREDICTED if harmful else Code.SUCCESS
+
+    @property
+    def message(self) -> str:
+        """The status in words."""
+        if self.judgement.violations:
+            return self.judgement.message
+        if self.prediction is not None and self.prediction.harmful:
+            return str(self.prediction)
+        message = "reaches the target, keeps all limits, touches nothing it must not"
+        return "; ".join([message, *(f"note: {note}" for note in self.judgement.notes)])
+
+
+def judge(scene: Scene | str | Path, trajectory: Trajectory) -> Verdict:
+    """Judge anyone's trajectory in a scene.
+
+    Args:
+        scene: a scene, a built-in scene's name, or a scene file.
+        trajectory: of the scene's robot, joints in the robot's order.
+
+    Raises:
+        InvalidRequestError: joints of other names or number than the robot's.
+        InvalidSceneError, InvalidRobotError, StartInvalidError: wrong input.
+    """
+    task = resolve(scene if isinstance(scene, Scene) else load_scene(scene))
+    if trajectory.joint_names != task.robot.joint_names:
+        raise InvalidRequestError(
+            f"the trajectory's joints are {', '.join(trajectory.joint_names)}; "
+            f"{task.robot.name} has {', '.join(task.robot.joint_names)}"
+        )
+    return verdict(task, trajectory)
+
+
+def verdict(task: Task, trajectory: Trajectory) -> Verdict:
+    """The verdict on a trajectory of the task's robot."""
+    prediction = predicted(task, trajectory)
+    judgement = judging.judge(
+        task.scene, task.robot, trajectory, task.start, stem_side=prediction is None
+    )
+    return Verdict(judgement, prediction)
+
+
+def predicted(task: Task, trajectory: Trajectory, first: int = 0) -> Prediction | None:
+    """What the push of a trajectory is expected to do, from waypoint ``first`` on.
+
+    None where no model knows it, and of a trajectory that does not move.
+    """
+    q = trajectory.positions
+    model = None if (q == q[0]).all() else push_model(task, q[-1])
+    return None if model is None else model.predict(*tool_motion(task.robot, q[first:]))

@@ -1,0 +1,262 @@
+"""Fruits on bending stems before a cup: the model of the push, and the paths past them.
+
+A candidate path passes each neighbour in a direction of the lateral plane with a lateral clearance
+of its own. The first that is tried is the method's rule (:mod:`optipromp.pushing.rules`), then come
+paths that pass all neighbours alike.
+"""
+
+import math
+from collections.abc import Sequence
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from optipromp.arrays import FloatArray, frozen
+from optipromp.geometry import distances
+from optipromp.geometry.obstacles import Obstacles, near
+from optipromp.pushing.bending import Stems, moved, stems
+from optipromp.pushing.cup import Cup as Mouth
+from optipromp.pushing.harm import BRIEFLY, Harm, score_of
+from optipromp.pushing.model import Moved, PushModel, Round, Schedule
+from optipromp.pushing.path import STEP, ToolPath, through
+from optipromp.pushing.rules import (
+    Drift,
+    detection_variance,
+    drift_choices,
+    passing_windows,
+    path_past,
+)
+from optipromp.pushing.swinging import harm, led, mean_score
+from optipromp.robots.cup_cover import NECK_RADIUS
+from optipromp.robots.tools import WALL, Cup, FrankaHand, Tool
+from optipromp.scenes.scene import Scene, SceneObject
+
+EVERY = 3  # points of a path between two steps of the model
+MODEL_SPEED = 0.07  # [m/s] of the tool in the model
+SPEED = 0.1  # [m/s] of the tool among fruits
+HOPELESS = 3.0  # harm from which a state counts no more
+GOOD, DETECTED_GOOD = 0.5, 0.2  # a harm that needs no less, and one of detected fruits
+THRESHOLD = 1.0  # a harm above which a plan is no success; see docs/studies.md
+CAPTURE = 0.005  # [m] below the target at which the rim is to be under it, rounded corners included
+TURNS = np.deg2rad(45.0)  # between directions in which all neighbours are passed alike
+TURNED, CLEARANCE = 1.0, (0.8, 0.3)  # [rad], and radii of a fruit: spread of candidates
+CLEARANCES = 0.4, 1.4  # radii of a fruit: least and most lateral clearance of a candidate
+STATES, DETECTED_STATES, SCREENED_STATES = 3, 25, 7
+SHIFT = 0.003  # [m] standard deviation of a fruit whose scene does not say how well it was seen
+WIDER = 1.5  # times the standard deviation of a detection: it is the unlikely that does harm
+TURN, DETECTED_TURN = np.deg2rad(1.0), np.deg2rad(4.0)  # of a stem, and of one that was detected
+AROUND = 0.4  # [m] about the target within which objects are looked at
+MOST = 24  # fruits beside the target; what they do to one another takes the square of the time
+SLACK = 0.003  # [m] that the cup should keep from static objects
+SOME = 4  # obstacles that it takes longer to sort than to measure
+NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
+
+
+def applies(scene: Scene, tool: object, neighbours: Sequence[SceneObject]) -> bool:
+    """Whether the model knows the push: a mouth for a target that hangs, and fruits in the way.
+
+    Not where there are more of them than it can try in the time of a plan.
+    """
+    target = scene.target
+    hangs = target is not None and target.stem is not None
+    return hangs and isinstance(tool, Cup | FrankaHand) and 0 < len(neighbours) <= MOST
+
+
+class Hanging(PushModel):
+    """The push model of fruits on bending stems, for one scene.
+
+    Args:
+        scene: the scene.
+        tool: with a mouth. A hand is modelled as a cup with its opening.
+        neighbours: pushables in the way, first met first.
+        camera: (3,) where a path begins [m].
+        gripper_radius: R_gripper [m].
+    """
+
+    speed, threshold = SPEED, THRESHOLD
+
+    def __init__(
+        self, scene: Scene, tool: Tool, neighbours: Sequence[SceneObject], camera: FloatArray,
+        gripper_radius: float,
+    ) -> None:  # fmt: skip
+        target = scene.target
+        assert target is not None
+        self.scene, self.target, self.neighbours = scene, target, tuple(neighbours)
+        self.camera, self.gripper_radius = camera, gripper_radius
+        inner, outer = tool.mouth
+        base = tool.front - tool.reach
+        self.cup = Mouth(inner, outer, base, tool.depth, WALL, NECK_RADIUS)
+        self.static, self.avoid = (
+            near(scene.packed(scene.around(target.position, AROUND, role)), target.position, AROUND)
+            for role in ("static", "avoid")
+        )
+        hanging = [fruit for fruit in self.neighbours if fruit.stem is not None]
+        fruits = (target, *hanging, *self._others())
+        detected = any(fruit.covariance is not None for fruit in fruits)
+        self.fruits, self.count = fruits, len(fruits)
+        self.states = DETECTED_STATES if detected else STATES
+        self.good = DETECTED_GOOD if detected else GOOD
+        self.stems = _sampled(fruits, self.states - 1)
+        self.schedule = Schedule(
+            rounds=(Round(9, 1), *[Round(12, 1)] * 3), runs=1, kept=6, screened=3,
+            states=min(self.states, SCREENED_STATES), fresh=0.3, lenient=1.6,
+        )  # fmt: skip
+
+    def _others(self) -> list[SceneObject]:
+        """Fruits that are not in the way, but that a tool on a long way round may meet."""
+        scene, target, known = self.scene, self.target, {fruit.id for fruit in self.neighbours}
+
+        def away(thing: SceneObject) -> float:
+            return math.dist(thing.position, target.position)
+
+        others = [
+            thing
+            for thing in scene.things(scene.around(target.position, AROUND, "pushable"))
+            if thing.id not in known and thing.stem is not None and away(thing) < AROUND
+        ]
+        return sorted(others, key=away)[: MOST - len(known)]
+
+    def harm(
+        self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
+    ) -> float:
+        """See :class:`PushModel`; the numbers are those of :mod:`optipromp.pushing.harm`."""
+        chosen = np.append(np.arange(0, len(points) - 1, EVERY), len(points) - 1)
+        return mean_score(
+            self.stems, self.count, states, points[chosen], axes[chosen],
+            EVERY * STEP / MODEL_SPEED, self.cup, self.static, HOPELESS, limit,
+        )  # fmt: skip
+
+    def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
+        """See :class:`PushModel`."""
+        chosen = np.append(np.arange(0, len(points) - 1, EVERY), len(points) - 1)
+        points, axes = points[chosen], axes[chosen]
+        dt = EVERY * STEP / MODEL_SPEED
+        states = [self._state(d) for d in range(self.states)]
+        harms = [harm(one, points, axes, dt, self.cup, self.static) for one in states]
+        worst = int(np.argmax([score_of(*found) for found in harms]))
+        _, on_fruit, on_stem, within = led(states[worst], points, axes, dt, self.cup, self.static)
+        names = [fruit.id for fruit in self.fruits]
+        found = harms[worst]
+        if found.missed:
+            return names[0], "is not inside at the end"
+        if found.inside > BRIEFLY:
+            return names[int(np.argmax(within[1:])) + 1], "is swallowed"
+        on_fruit[0] = 0.0  # the target's counts for itself
+        crushed = int(np.argmax(on_fruit))
+        parts = (
+            ("stem", int(np.argmax(on_stem)), "has its stem pressed by {:.1f} N"),
+            ("fruit", crushed, "is crushed by {:.1f} N"),
+            ("target", 0, "is pressed by {:.1f} N"),
+            ("pinched", crushed, "is pinched for {:.1f} s"),
+        )
+        alone = {
+            part: score_of(*NOTHING._replace(**{part: getattr(found, part)})) for part, *_ in parts
+        }
+        part, k, what = max(parts, key=lambda item: alone[item[0]])
+        return names[k], what.format(getattr(found, part))
+
+    def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
+        """See :class:`PushModel`."""
+        chosen = np.append(np.arange(0, len(points) - 1, EVERY), len(points) - 1)
+        dt = EVERY * STEP / MODEL_SPEED
+        seen = self._state(0)
+        positions, *_ = led(seen, points[chosen], axes[chosen], dt, self.cup, self.static)
+        return Moved(tuple(fruit.id for fruit in self.fruits), positions[-1], np.zeros(self.count))
+
+    def _state(self, d: int) -> Stems:
+        return Stems(*(values[d * self.count : (d + 1) * self.count] for values in self.stems))
+
+    def path(self, x: FloatArray) -> ToolPath:
+        """Past neighbour n at the angle ``x[n]`` from x_g, with ``x[N + n]`` radii of clearance."""
+        directions, clearances = self._split(x)
+        windows = passing_windows(
+            self.scene, self.neighbours, list(directions), "rim", self.cup.rim
+        )
+        drift = Drift(
+            tuple(fruit.id for fruit in self.neighbours),
+            np.array([fruit.position for fruit in self.neighbours]), directions, windows,
+        )  # fmt: skip
+        radii = np.array([fruit.radius for fruit in self.neighbours])
+        corners = path_past(
+            drift, self.gripper_radius + clearances * radii, self.target.position,
+            self.scene.frame, self.camera, self.cup.rim + self.target.radius + CAPTURE,
+        )  # fmt: skip
+        return through(corners, SPEED)
+
+    def aside(self, x: FloatArray, path: ToolPath) -> float:
+        """Half the relative detour, and a part for a cup that comes too near obstacles."""
+        straight = math.dist(path.points[-1], path.points[0])
+        return 0.5 * (path.length - straight) / straight + self._too_near(path.points)
+
+    def first(self) -> FloatArray:
+        """The rule's directions, and all neighbours passed alike in each of eight."""
+        rule, _ = self.spread(0)
+        angles = np.repeat(np.arange(0.0, 2.0 * np.pi - 1e-9, TURNS)[:, None], len(rule) // 2, 1)
+        alike = np.hstack([angles, np.full_like(angles, CLEARANCE[0])])
+        return np.vstack([rule, alike])
+
+    def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
+        """About the rule's directions."""
+        return self._rule, np.repeat([TURNED, CLEARANCE[1]], len(self.neighbours))
+
+    @cached_property
+    def _rule(self) -> FloatArray:
+        x_g, y_g, _ = self.scene.frame
+        drift = drift_choices(
+            self.scene, self.neighbours, "shortest", depth=self.cup.rim,
+            gripper_radius=self.gripper_radius,
+        )[0]  # fmt: skip
+        angles = np.arctan2(drift.directions @ y_g, drift.directions @ x_g)
+        return np.concatenate([angles, np.full(len(angles), CLEARANCE[0])])
+
+    def _split(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Directions (N, 3) and lateral clearances (N,) [radii] of a candidate."""
+        x_g, y_g, _ = self.scene.frame
+        angles, clearances = np.split(x, 2)
+        directions = np.cos(angles)[:, None] * x_g + np.sin(angles)[:, None] * y_g
+        return directions, np.clip(clearances, *CLEARANCES)
+
+    def _too_near(self, points: FloatArray) -> float:
+        """How far the cup, led upright through ``points``, comes too near to obstacles [4 mm]."""
+        heights = np.array([self.cup.base, 0.5 * (self.cup.base + self.cup.rim), self.cup.rim])
+        where = (points[:: 2 * EVERY, None] + heights[:, None] * self.scene.frame[2]).reshape(-1, 3)
+        worst = 0.0
+        for obstacles, slack in ((self.static, SLACK), (self.avoid, 0.0)):
+            close = _close(obstacles, where, self.cup.outer + slack)
+            if len(close.kind):
+                away = distances(close, where)[0].min(axis=1).reshape(-1, 3).min(axis=1)
+                room = away - self.cup.outer
+                # where the goal itself is closer, no path can do better
+                worst = max(worst, min(slack, float(room[-1])) - float(room.min()))
+        return min(worst, 0.02) / 0.004
+
+
+def _close(obstacles: Obstacles, where: FloatArray, reach: float) -> Obstacles:
+    """The obstacles that come within ``reach`` of points (m, 3)."""
+    if len(obstacles.kind) <= SOME:
+        return obstacles
+    middle = 0.5 * (where.min(axis=0) + where.max(axis=0))
+    return near(obstacles, middle, float(np.linalg.norm(where - middle, axis=1).max()) + reach)
+
+
+def _sampled(fruits: Sequence[SceneObject], samples: int) -> Stems:
+    """The fruits as they were perceived, and ``samples`` times as they may hang."""
+    seen = stems(fruits)
+    sure = [fruit.covariance is None for fruit in fruits]
+    spread = [SHIFT if known else WIDER * np.sqrt(detection_variance(fruit))
+              for known, fruit in zip(sure, fruits, strict=True)]  # fmt: skip
+    turn = np.array([TURN if known else DETECTED_TURN for known in sure]) * seen.length
+    shifted, swung = _normal((samples, len(fruits), 3))
+    shift = np.reshape(spread, (-1, 1)) * shifted
+    swing = turn[:, None] * swung * [1.0, 1.0, 0.0]
+    place = np.array([fruit.position for fruit in fruits])
+    places = np.concatenate([place[None], place + shift])
+    roots = np.concatenate([seen.root[None], seen.root + shift + swing])
+    return moved(seen, roots, places)
+
+
+@lru_cache(maxsize=16)
+def _normal(shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    """Two arrays of standard normal numbers, always the same."""
+    rng = np.random.default_rng(0)
+    return frozen(rng.standard_normal(shape)), frozen(rng.standard_normal(shape))

@@ -1,0 +1,325 @@
+"""What a planner asks of a model of the push, and one search for the tool path of least harm.
+
+A model predicts what the tool does to what it pushes along a path, as one number: the *harm*. It
+is 0 where nothing is pressed and 1 where a part of it reaches what a fruit (or a pack) bears. A
+model knows sampled states of the scene: the one that was perceived, and others within the errors of
+detection. The harm of a path is the mean over them.
+
+The search draws candidates, keeps the best on few states, judges these on more (successive
+halving), and draws again about them.
+"""
+
+import bisect
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.pushing.path import ToolPath
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round of a search.
+
+    Attributes:
+        candidates: how many tool paths are sampled.
+        states: on how many states of the scene each is tried.
+    """
+
+    candidates: int
+    states: int
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How long a search goes on.
+
+    Attributes:
+        rounds: of one run.
+        runs: how often the search begins anew while no path is good, at most.
+        kept: number of best candidates, about which the next ones are sampled.
+        screened: number of these that are tried on ``states`` states after each round.
+        states: number of states for that; a followed trajectory is judged on all.
+        fresh: share of the candidates that are sampled from the model's own spread.
+        lenient: factor on the harm that counts as good, after each round that found no good path.
+    """
+
+    rounds: tuple[Round, ...]
+    runs: int
+    kept: int
+    screened: int
+    states: int
+    fresh: float
+    lenient: float
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the push of a trajectory is expected to do.
+
+    Attributes:
+        harm: mean over the states of the scene; see :class:`PushModel`.
+        threshold: largest harm of a success.
+        object: id of the object that is harmed most in the worst state; empty where none is.
+        cause: what happens to it, in words.
+    """
+
+    harm: float
+    threshold: float
+    object: str
+    cause: str
+
+    @property
+    def harmful(self) -> bool:
+        """Whether the harm is above the threshold."""
+        return self.harm > self.threshold
+
+    def __str__(self) -> str:
+        if not self.harmful:
+            return f"no harm is predicted ({self.harm:.2f}, allowed {self.threshold:g})"
+        what = f"{self.object} {self.cause}" if self.object else self.cause
+        return f"harm is predicted: {what} (harm {self.harm:.2f}, allowed {self.threshold:g})"
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """Where a motion of the tool leaves the objects that the model knows.
+
+    Attributes:
+        ids: of N objects, the target first.
+        positions: (N, 3) [m].
+        turns: (N,) about -x_g, as packs turn where they stand [rad].
+    """
+
+    ids: tuple[str, ...]
+    positions: FloatArray
+    turns: FloatArray
+
+
+class PushModel(ABC):
+    """A model of the push in one scene.
+
+    The model predicts the *harm* of a tool path: 0 where nothing is pressed, 1 where a force
+    reaches what a fruit or a pack bears. It is the mean over several sampled states of the scene.
+
+    Attributes:
+        speed: of the tool along a path [m/s].
+        good: harm below which the search ends.
+        threshold: largest harm of a success.
+        states: number of states of the scene; the first is the perceived one.
+        schedule: of the search.
+    """
+
+    speed: float
+    good: float
+    threshold: float
+    states: int
+    schedule: Schedule
+
+    @abstractmethod
+    def harm(
+        self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
+    ) -> float:
+        """Mean harm of a motion of the tool over the first ``states`` states.
+
+        ``points`` (P, 3) are tool points about :data:`STEP` apart, ``axes`` (P, 3) tool axes. Where
+        the harm is above ``limit``, any number above ``limit`` may be returned.
+        """
+
+    @abstractmethod
+    def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
+        """Id of the object that is harmed most in the worst state, and what happens to it."""
+
+    def predict(self, points: FloatArray, axes: FloatArray) -> Prediction:
+        """The harm of a motion over all states, and its cause."""
+        harm = self.harm(points, axes, self.states)
+        harmed = self.cause(points, axes) if harm > self.threshold else ("", "nothing is harmed")
+        return Prediction(harm, self.threshold, *harmed)
+
+    @abstractmethod
+    def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
+        """Where the tool, led through points (P, 3), brings what was where it was perceived."""
+
+    @abstractmethod
+    def path(self, x: FloatArray) -> ToolPath:
+        """The path that a candidate's numbers (k,) stand for."""
+
+    @abstractmethod
+    def aside(self, x: FloatArray, path: ToolPath) -> float:
+        """What is added to a candidate's harm: for a detour, for too little room for the tool."""
+
+    @abstractmethod
+    def first(self) -> FloatArray:
+        """Candidates (m, k) that are tried before any is sampled; may be none."""
+
+    @abstractmethod
+    def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation (k,) of the candidates that a run begins with."""
+
+
+class Combined(PushModel):
+    """Several models of one scene. Their harms are added, each in proportion to its threshold.
+
+    Args:
+        models: the first one gives paths, speed and schedule.
+    """
+
+    def __init__(self, *models: PushModel) -> None:
+        self.models, lead = models, models[0]
+        self.speed, self.good, self.schedule = lead.speed, lead.good, lead.schedule
+        self.threshold = lead.threshold
+        self.states = max(model.states for model in models)
+
+    def harm(
+        self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
+    ) -> float:
+        """The sum, each harm in proportion to its model's threshold."""
+        total = 0.0
+        for model in self.models:
+            share = self.threshold / model.threshold
+            left = (limit - total) / share
+            total += share * model.harm(points, axes, min(states, model.states), left)
+            if total > limit:
+                break
+        return total
+
+    def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
+        """That of the model which predicts most harm."""
+        worst = max(
+            self.models,
+            key=lambda model: model.harm(points, axes, model.states) / model.threshold,
+        )
+        return worst.cause(points, axes)
+
+    def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
+        """As each model predicts it; of an object that several know, the last one's word."""
+        found = [model.moved(points, axes) for model in self.models]
+        names = [name for one in found for name in one.ids]
+        rows = list({name: row for row, name in enumerate(names)}.values())
+        return Moved(
+            tuple(names[row] for row in rows), np.concatenate([m.positions for m in found])[rows],
+            np.concatenate([m.turns for m in found])[rows],
+        )  # fmt: skip
+
+    def path(self, x: FloatArray) -> ToolPath:
+        """The first model's."""
+        return self.models[0].path(x)
+
+    def aside(self, x: FloatArray, path: ToolPath) -> float:
+        """The first model's."""
+        return self.models[0].aside(x, path)
+
+    def first(self) -> FloatArray:
+        """The first model's."""
+        return self.models[0].first()
+
+    def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
+        """The first model's."""
+        return self.models[0].spread(run)
+
+
+SURE = 0.5  # times a good harm: less, on few states, makes a candidate worth all of them at once
+
+Judged = tuple[float, FloatArray, ToolPath]
+"""Harm, numbers and path of a candidate."""
+
+
+def search(
+    model: PushModel, axis: FloatArray, rng: np.random.Generator, deadline: float = np.inf
+) -> Iterator[tuple[ToolPath, float]]:
+    """Search tool paths of little harm.
+
+    A path comes as soon as it is good, otherwise at the end of a run if it is the best so far. Who
+    asks on after a good path wants another one: the search goes on without it.
+
+    Args:
+        model: of the push.
+        axis: (3,) of the tool along the path.
+        rng: from which candidates are sampled.
+        deadline: value of ``time.perf_counter()`` after which no further candidate is tried.
+
+    Yields:
+        A path with its harm, and the harm that counts as good at that time.
+    """
+    schedule, best, told, good = model.schedule, np.inf, np.inf, model.good
+    found: ToolPath | None = None
+    seen: list[Judged] = []
+
+    def late() -> bool:
+        return (found is not None or len(seen) > 0) and time.perf_counter() > deadline
+
+    def judged(x: FloatArray, path: ToolPath, states: int, limit: float) -> float:
+        value = model.aside(x, path)
+        if value < limit:
+            axes = np.tile(axis, (len(path.points), 1))
+            value += model.harm(path.points, axes, states, limit - value)
+        return value
+
+    for run in range(schedule.runs):
+        mean, spread = model.spread(run)
+        seen = []
+        for turn, step in enumerate(schedule.rounds):
+            if turn and step.states != schedule.rounds[turn - 1].states:
+                again = [(judged(x, p, step.states, np.inf), x, p) for _, x, p in seen]
+                seen = sorted(again, key=lambda item: item[0])
+            new = _candidates(model, mean, spread, seen, step.candidates, rng)
+            if run == turn == 0 and len(model.first()):
+                new = model.first()
+            for x in new:
+                limit = seen[-1][0] if len(seen) == schedule.kept else np.inf
+                path = model.path(x)
+                value = judged(x, path, step.states, limit)
+                if value < limit or not seen:
+                    bisect.insort(seen, (value, x, path), key=lambda item: item[0])
+                    del seen[schedule.kept :]
+                if value < SURE * good:
+                    value = judged(x, path, schedule.states, best)
+                    if value < best:
+                        best, found = value, replace(path, harm=value)
+                if best < good or late():
+                    break
+            for value, x, path in seen[: schedule.screened]:
+                if best < good or value >= best:
+                    break
+                value = judged(x, path, schedule.states, best)
+                if value < best:
+                    best, found = value, replace(path, harm=value)
+            if found is None:
+                found = replace(seen[0][2], harm=seen[0][0])
+            if (best < good and best < told) or late():
+                yield found, good
+                if late():
+                    return
+                seen = [item for item in seen if item[2].points is not found.points]
+                best, told = np.inf, good
+            good *= schedule.lenient
+        if found is not None and best < told:
+            told = best
+            yield found, good
+
+
+def _candidates(
+    model: PushModel,
+    mean: FloatArray,
+    spread: FloatArray,
+    seen: list[Judged],
+    count: int,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Candidates (count, k): the fresh ones about ``mean``, the others about the best seen.
+
+    About one of the best, drawn at random, with 0.3 of their own standard deviation and 0.05 of
+    the spread (cross-entropy method with a mixture in place of one Gaussian).
+    """
+    noise = rng.standard_normal((count, len(mean)))
+    out = mean + spread * noise
+    if seen:
+        best = np.array([x for _, x, _ in seen])
+        near = best[rng.integers(len(best), size=count)]
+        near += (0.3 * best.std(axis=0) + 0.05 * spread) * noise
+        out = np.where(rng.random((count, 1)) < model.schedule.fresh, out, near)
+    return np.asarray(out)

@@ -1,0 +1,132 @@
+"""The tool's path: a smooth curve of the tool point from where the approach begins to the target.
+
+A path is given by corners. They are rounded by two moving averages along the arc: the result has
+a continuous curvature, so that an arm can follow it without a jump in acceleration.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numba import njit
+
+from optipromp.arrays import FloatArray, frozen
+
+APART = 1e-9  # [m] between corners that are two
+STEP = 0.001  # [m] between the points of a path; fine beside the 2 mm that an arm follows it within
+ROUNDING = 0.01  # [m] width of each moving average: a corner of 30 degrees is cut by 1 mm
+
+
+@dataclass(frozen=True, eq=False)
+class ToolPath:
+    """A path of the tool point.
+
+    Attributes:
+        points: (P, 3) about :data:`STEP` apart, the entry first, the goal last [m].
+        speed: largest speed of the tool along it [m/s].
+        harm: predicted by the model in which it was found; 0 for a path of the rule.
+    """
+
+    points: FloatArray
+    speed: float
+    harm: float = 0.0
+
+    @cached_property
+    def length(self) -> float:
+        """Length from entry to goal [m]."""
+        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+
+    def at(self, share: FloatArray) -> FloatArray:
+        """Points (m, 3) at shares (m,) of the length."""
+        along = np.linspace(0.0, 1.0, len(self.points))
+        return np.stack([np.interp(share, along, column) for column in self.points.T], axis=1)
+
+
+def through(
+    corners: FloatArray | Sequence[FloatArray], speed: float, harm: float = 0.0
+) -> ToolPath:
+    """The rounded path from the first to the last of ``corners`` (k, 3) [m]."""
+    return ToolPath(frozen(rounded(np.ascontiguousarray(corners), STEP, ROUNDING)), speed, harm)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def rounded(corners: FloatArray, step: float, width: float) -> FloatArray:
+    """Points (P, 3) about ``step`` apart on the polyline ``corners`` (k, 3), averaged twice.
+
+    Each average runs over ``width`` [m] of the arc, less towards the ends: these stay in place.
+    """
+    total = 0.0
+    for k in range(1, len(corners)):
+        total += np.sqrt(np.sum((corners[k] - corners[k - 1]) ** 2))
+    count = max(2, int(np.ceil(total / step)) + 1)
+    points = np.empty((count, 3))
+    points[0], points[count - 1] = corners[0], corners[-1]
+    gone, i = 0.0, 1
+    for k in range(1, len(corners)):
+        piece = np.sqrt(np.sum((corners[k] - corners[k - 1]) ** 2))
+        while i < count - 1 and i * total / (count - 1) <= gone + piece:
+            share = (i * total / (count - 1) - gone) / piece
+            points[i] = corners[k - 1] + share * (corners[k] - corners[k - 1])
+            i += 1
+        gone += piece
+    half = int(0.5 * width / step)
+    for _ in range(2):
+        sums = np.zeros((count + 1, 3))
+        for i in range(count):
+            sums[i + 1] = sums[i] + points[i]
+        for i in range(count):
+            h = min(half, i, count - 1 - i)
+            points[i] = (sums[i + h + 1] - sums[i - h]) / (2 * h + 1)
+    return points
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def length(corners: FloatArray) -> float:
+    """Length of a path through ``corners`` (k, 3) [m]."""
+    far = 0.0
+    for k in range(1, len(corners)):
+        far += _step(corners, k)
+    return far
+
+
+def evenly(corners: FloatArray, count: int) -> FloatArray:
+    """``count`` points (count, 3) along the path, evenly spaced."""
+    return along(corners, corners, count)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def along(corners: FloatArray, values: FloatArray, count: int) -> FloatArray:
+    """``values`` (k, m) of the corners (k, 3), at ``count`` places evenly along the path."""
+    at, kept, last = np.zeros(len(corners)), np.zeros(len(corners), dtype=np.int64), 0
+    far = 0.0
+    for k in range(1, len(corners)):
+        step = _step(corners, k)
+        far += step
+        if step > APART:
+            last += 1
+            at[last], kept[last] = far, k
+    out = np.empty((count, values.shape[1]))
+    i = 0
+    for c in range(count):
+        wanted = at[last] if c == count - 1 else c * (at[last] / (count - 1))
+        while i < last - 1 and at[i + 1] <= wanted:
+            i += 1
+        j = min(i + 1, last)
+        low, high = kept[i], kept[j]
+        for m in range(values.shape[1]):
+            if wanted >= at[j]:
+                out[c, m] = values[high, m]
+            else:
+                slope = (values[high, m] - values[low, m]) / (at[j] - at[i])
+                out[c, m] = slope * (wanted - at[i]) + values[low, m]
+    return out
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _step(corners: FloatArray, k: int) -> float:
+    x = corners[k, 0] - corners[k - 1, 0]
+    y = corners[k, 1] - corners[k - 1, 1]
+    z = corners[k, 2] - corners[k - 1, 2]
+    return math.sqrt(x * x + y * y + z * z)

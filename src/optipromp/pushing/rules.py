@@ -1,0 +1,345 @@
+r"""The rules of the method: which pushables stand in the way, and on which side the tool passes.
+
+Neighbours are the pushables before the target and near the approach line (method §4). The tool
+passes each on the side away from its stem (method §5, constraints 1 and 2):
+:math:`d_n\cdot(fk-X_n)\ge R_{gripper}` with a unit vector :math:`d_n` of the lateral plane. The
+paper's rule takes :math:`d_n=\pm y_g` with the sign of :math:`-y_g\cdot S_n`; the general one
+takes :math:`d_n` against the lateral part of the stem. ``shortest`` takes the way that leads least
+far from the approach line among those that keep well clear of the stem: a tool that passes beside a
+fruit, at right angles to the lean of its stem, comes no nearer to the stem than to the fruit.
+
+:func:`path_past` is the path that such choices ask for: at every height the point nearest to the
+approach line that is aside of each pushable whose window it is in.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import islice, product
+from typing import Literal, get_args
+
+import numpy as np
+from numba import njit
+
+from optipromp.arrays import FloatArray
+from optipromp.errors import InvalidRequestError
+from optipromp.robots.model import Robot
+from optipromp.scenes.scene import Scene, SceneObject
+
+DriftRule = Literal["shortest", "lateral-plane", "paper"]
+Window = Literal["rim", "paper"]
+RELEASE = 0.5  # radii past a pushable's centre at which the rim may come back
+UNDER = 0.006  # [m] that a rim, tilted a little, stays under a fruit it crosses beneath
+ROOM_TO_TURN = 0.02  # [m] of height to go from one side to another
+ALIKE = 0.7  # cosine from which two directions are one
+LEAST_INCLINATION = np.deg2rad(1.0)
+UPRIGHT = np.deg2rad(4.0)  # a stem that leans less stands in no side's way
+WIDEST_TURN = np.deg2rad(60.0)  # from straight away from the stem
+CENTRED = 0.5  # gripper radii from the approach line within which a fruit gives no direction
+MOST_CHOICES = 8
+CLEARANCE = 0.8  # radii of a pushable, how much farther than R_gripper the rule's path passes it
+SEARCH_RADIUS = 0.2  # [m]
+PLANE_FACTOR = 1.5  # D_plane = PLANE_FACTOR · R_gripper
+UNSURE = 2.0  # deviations of a detection by which a pushable may be farther from the approach line
+LEVEL = 0.001  # [m] between the heights that are looked at
+SWEEPS = 40
+SAME = 2e-6  # [m] between points that are one
+
+
+def neighbours(
+    scene: Scene,
+    gripper_radius: float,
+    *,
+    search_radius: float = SEARCH_RADIUS,
+    plane_factor: float = PLANE_FACTOR,
+) -> tuple[SceneObject, ...]:
+    """Pushables before the target along z_g and near the approach line, first met first.
+
+    Args:
+        scene: with a target; a scene with a goal in its place has no neighbours.
+        gripper_radius: R_gripper [m].
+        search_radius: how far from the target a neighbour may be [m].
+        plane_factor: D_plane in gripper radii, the largest distance from the approach line.
+
+    Where target or pushable carry a covariance, the largest distance from the approach line grows
+    by :data:`UNSURE` standard deviations of their distance.
+
+    Returns:
+        The neighbours by position along z_g; ties by nearness to the target.
+    """
+    target = scene.target
+    if target is None:
+        return ()
+    x_g, y_g, z_g = scene.frame
+    found = []
+    for thing in scene.things(scene.around(target.position, search_radius, "pushable")):
+        off = thing.position - target.position
+        along = float(off @ z_g)
+        aside = math.hypot(off @ x_g, off @ y_g)
+        distance = math.hypot(*off)
+        doubt = math.sqrt(detection_variance(target) + detection_variance(thing))
+        wide = plane_factor * gripper_radius + UNSURE * doubt
+        if along < 0.0 and distance <= search_radius and aside <= wide:
+            found.append((along, distance, thing.id, thing))
+    return tuple(thing for *_, thing in sorted(found, key=lambda f: f[:3]))
+
+
+def detection_variance(thing: SceneObject) -> float:
+    """Mean variance of an object's detected position [m²]; 0 where the scene gives none."""
+    return 0.0 if thing.covariance is None else float(np.trace(thing.covariance)) / 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """Directions in which the tool passes the neighbours of one plan.
+
+    Attributes:
+        ids: neighbours, first met first.
+        centers: (N, 3) their centres [m].
+        directions: (N, 3) unit vectors of the lateral plane.
+        windows: (N, 2) from where to where, along z_g from the centre, the tool point passes [m].
+    """
+
+    ids: tuple[str, ...]
+    centers: FloatArray
+    directions: FloatArray
+    windows: FloatArray
+
+
+def stem_side(
+    scene: Scene, thing: SceneObject, rule: DriftRule, gripper_radius: float
+) -> FloatArray | None:
+    """Direction (3,) away from the stem of ``thing``, or None where its stem gives no side."""
+    if thing.stem is None:
+        return None
+    x_g, y_g, _ = scene.frame
+    stem = thing.stem.vector
+    least = np.sin(LEAST_INCLINATION) * float(np.linalg.norm(stem))
+    if rule == "paper":
+        share = float(y_g @ stem)
+        return None if abs(share) < least else np.asarray(-np.sign(share) * y_g)
+    flat = (x_g @ stem) * x_g + (y_g @ stem) * y_g
+    length = float(np.linalg.norm(flat))
+    away = None if length < least else -flat / length
+    if rule == "lateral-plane" or scene.target is None:
+        return away
+    off = scene.target.position - thing.position
+    inwards = (x_g @ off) * x_g + (y_g @ off) * y_g
+    distance = float(np.linalg.norm(inwards))
+    if distance <= max(CENTRED * gripper_radius, 1e-6):
+        return away
+    inwards = inwards / distance
+    if away is None or length < np.sin(UPRIGHT) * float(np.linalg.norm(stem)):
+        return np.asarray(inwards)
+    return _towards(away, inwards, WIDEST_TURN)
+
+
+def _towards(start: FloatArray, goal: FloatArray, most: float) -> FloatArray:
+    """The unit vector ``start`` turned towards another, ``goal``, by ``most`` [rad] at most."""
+    cosine = float(np.clip(start @ goal, -1.0, 1.0))
+    if cosine >= np.cos(most):
+        return goal
+    across = goal - cosine * start
+    length = float(np.linalg.norm(across))
+    if length < 1e-9:
+        return start
+    return np.asarray(np.cos(most) * start + np.sin(most) * across / length)
+
+
+def passing_windows(
+    scene: Scene,
+    things: Sequence[SceneObject],
+    directions: Sequence[FloatArray],
+    window: Window,
+    depth: float,
+) -> FloatArray:
+    """Heights (N, 2) of the tool point over each pushable between which its drift holds [m].
+
+    The paper's window is the pushable's own extent about its centre. What decides whether a fruit
+    ends inside or outside the mouth is the rim, ``depth`` [m] above the tool point: it must be
+    aside before it reaches the pushable, so the ``rim`` window begins lower, by the depth. It ends
+    where the paper's does, unless the tool is wanted elsewhere by then: where the rim takes in the
+    target, or where the next pushable asks for another direction. Then it ends as soon as the rim
+    is safely past the centre.
+    """
+    radii = np.array([thing.radius for thing in things])
+    if window == "paper" or scene.target is None:
+        return np.stack([-radii, radii], axis=1).reshape(-1, 2)
+    up = scene.frame[2]
+    heights = np.array([thing.position @ up for thing in things])
+    capture = float(scene.target.position @ up) - depth - scene.target.radius
+    wanted = [capture - ROOM_TO_TURN]
+    out = np.empty((len(things), 2))
+    for n in range(len(things) - 1, -1, -1):
+        released = -depth + RELEASE * radii[n]
+        elsewhere = [
+            heights[m] - depth - radii[m] - UNDER - ROOM_TO_TURN
+            for m in range(n + 1, len(things))
+            if float(directions[m] @ directions[n]) < ALIKE
+        ]
+        free = min([*wanted, *elsewhere]) - heights[n]
+        out[n] = -depth - radii[n] - UNDER, min(radii[n], max(free, released))
+    return out
+
+
+def drift_choices(
+    scene: Scene,
+    things: Sequence[SceneObject],
+    rule: DriftRule = "lateral-plane",
+    *,
+    window: Window = "rim",
+    depth: float = 0.0,
+    gripper_radius: float = 0.0,
+) -> tuple[Drift, ...]:
+    """Every combination of sides the tool may pass ``things`` on, at most :data:`MOST_CHOICES`.
+
+    A stem that leans decides its side; a vertical one, or none, leaves both ways along y_g open.
+    The first choice leaves the approach line least. ``window`` and ``depth``: see
+    :func:`passing_windows`. ``gripper_radius`` [m]: what ``shortest`` measures distances by.
+
+    Raises:
+        InvalidRequestError: an unknown rule or window.
+    """
+    if window not in ("rim", "paper"):
+        raise InvalidRequestError(f"window is {window!r}; use 'rim' or 'paper'")
+    if rule not in get_args(DriftRule):
+        raise InvalidRequestError(f"drift is {rule!r}; use one of {', '.join(get_args(DriftRule))}")
+    y_g = scene.frame[1]
+    centers = np.array([thing.position for thing in things]).reshape(-1, 3)
+    options: list[list[FloatArray]] = []
+    for thing in things:
+        side = stem_side(scene, thing, rule, gripper_radius)
+        if side is not None:
+            options.append([side])
+            continue
+        assert scene.target is not None  # things are neighbours of a target
+        away = float(y_g @ (scene.target.position - thing.position))
+        first = 1.0 if away >= 0.0 else -1.0
+        options.append([first * y_g, -first * y_g])
+    chosen = islice(product(*options), MOST_CHOICES)
+    return tuple(
+        Drift(
+            tuple(thing.id for thing in things),
+            centers,
+            np.array(directions).reshape(-1, 3),
+            passing_windows(scene, things, directions, window, depth),
+        )
+        for directions in chosen
+    )
+
+
+def rule_paths(
+    scene: Scene, things: Sequence[SceneObject], robot: Robot, camera: FloatArray
+) -> list[FloatArray]:
+    """Corners (k, 3) of the path from ``camera`` (3,) past neighbours, for each choice of sides."""
+    assert scene.target is not None
+    depth = float(getattr(robot.tool, "depth", 0.0))
+    radii = np.array([thing.radius for thing in things])
+    return [
+        path_past(
+            drift, robot.gripper_radius + CLEARANCE * radii, scene.target.position, scene.frame,
+            camera, depth + scene.target.radius,
+        )
+        for drift in drift_choices(
+            scene, things, "shortest", depth=depth, gripper_radius=robot.gripper_radius
+        )
+    ]  # fmt: skip
+
+
+def path_past(
+    drift: Drift,
+    offsets: FloatArray,
+    goal: FloatArray,
+    frame: FloatArray,
+    camera: FloatArray,
+    capture: float,
+) -> FloatArray:
+    """Corners (k, 3) of the path from the camera point to the goal [m].
+
+    Args:
+        drift: windows and directions of the neighbours.
+        offsets: (N,) how far the tool is to pass each of them [m].
+        goal: (3,) where the tool point ends.
+        frame: (3, 3) rows x_g, y_g, z_g.
+        camera: (3,) where the path begins.
+        capture: how far below the goal the tool must be on the approach line [m].
+    """
+    lateral, up = frame[:2], frame[2]
+    centers = drift.centers - goal
+    heights, flat = centers @ up, centers @ lateral.T
+    directions = drift.directions @ lateral.T
+    bottom = float((camera - goal) @ up)
+    levels = np.arange(bottom, -capture, LEVEL)
+    local = np.empty((2 * len(levels) + 3, 3))
+    local[0, :2], local[0, 2] = (camera - goal) @ lateral.T, bottom
+    aside = flat + offsets[:, None] * directions
+    farthest = math.sqrt(max(float(point @ point) for point in aside))
+    count = _corners(
+        levels, np.ascontiguousarray(drift.windows), heights, flat, directions,
+        np.ascontiguousarray(offsets), farthest, local,
+    )  # fmt: skip
+    local[count] = 0.0, 0.0, max(bottom, -capture)
+    local[count + 1] = 0.0
+    local = local[: count + 2]
+    return np.asarray(goal + local[:, :2] @ lateral + local[:, 2:] * up)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _corners(levels, windows, heights, flat, directions, offsets, farthest, corners):  # type: ignore[no-untyped-def]
+    """Corners (k, 3) after the first, in place, where windows begin and end; returns their number.
+
+    ``levels`` (L,) are the heights that are looked at, ``heights`` (N,) and ``flat`` (N, 2) those
+    of the neighbours and where they are aside of the approach line.
+    """
+    n = heights.shape[0]
+    inside, before = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
+    p, last, has_last, count = np.zeros(2), np.zeros(2), False, 1
+    for i in range(levels.shape[0]):
+        some, same = False, True
+        for k in range(n):
+            above = levels[i] - heights[k]
+            before[k] = inside[k]
+            inside[k] = windows[k, 0] <= above <= windows[k, 1]
+            some |= inside[k]
+            same &= inside[k] == before[k]
+        if not some:
+            has_last = False
+            continue
+        if not (has_last and same):
+            _aside(flat, directions, offsets, inside, farthest, p)
+            apart = max(abs(p[0] - last[0]), abs(p[1] - last[1]))
+            if not has_last or apart > SAME:
+                last[:] = p
+                corners[count, 0], corners[count, 1], corners[count, 2] = p[0], p[1], levels[i]
+                count += 1
+                corners[count, 0], corners[count, 1] = p[0], p[1]
+                count += 1
+                has_last = True
+        corners[count - 1, 2] = levels[i]  # as far as it goes on like this
+    return count
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _aside(flat, directions, offsets, active, farthest, p):  # type: ignore[no-untyped-def]
+    """``p`` (2,): the point nearest to the approach line that is aside of all ``active`` (N,).
+
+    By cyclic projection, in place. None is farther from the line than ``farthest``: where things
+    ask for opposite sides, the point would flee to where their half-planes meet; a compromise is
+    nearer.
+    """
+    p[:] = 0.0
+    for _ in range(SWEEPS):
+        x, y = p[0], p[1]
+        for k in range(flat.shape[0]):
+            if not active[k]:
+                continue
+            dx, dy = directions[k, 0], directions[k, 1]
+            short = offsets[k] - (dx * (p[0] - flat[k, 0]) + dy * (p[1] - flat[k, 1]))
+            if short > 0.0:
+                p[0] += short * dx
+                p[1] += short * dy
+                away = math.sqrt(p[0] * p[0] + p[1] * p[1])
+                if away > farthest:
+                    p *= farthest / away
+        if p[0] == x and p[1] == y:
+            break

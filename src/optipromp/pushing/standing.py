@@ -1,0 +1,324 @@
+"""Objects that stand on a board before a tool: the model of the push, and the paths through them.
+
+A candidate path is a polyline in the plane of the board, in (u, v) along z_g and y_g from the
+target. An object in the way has to go to one side, there has to be room for it there, and where the
+target stands close by it must not be pushed along: that is found by trying.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.geometry.shapes import Box, Cylinder
+from optipromp.pushing.flat import Shapes, clear, shapes
+from optipromp.pushing.model import Moved, PushModel, Round, Schedule
+from optipromp.pushing.path import STEP, ToolPath, through
+from optipromp.pushing.quasi_static import JAMMED, Result, push
+from optipromp.pushing.trials import (
+    BACK,
+    HEAVY,
+    INSIDE,
+    LIGHT,
+    STILL,
+    TIGHT,
+    WIDE,
+    Bench,
+    cost,
+    stepped,
+)
+from optipromp.robots.tools import Cup, FrankaHand, Tool
+from optipromp.scenes.scene import Scene, SceneObject
+
+EVERY = 4  # points of a path between two steps of the model
+SPEED = 0.015  # [m/s] of the tool: packs are pushed, not knocked
+SIDEWAYS = 0.12  # [m] the path leads aside at most
+CORNERS = (3, 4)  # of a path, besides its ends: in the first run of the search, and after it
+SPREAD = (0.05, 0.06)  # [m] of a corner along u and v
+SAMPLES = 30  # states besides the perceived one
+GOOD = 1.2  # a harm that needs no less
+THRESHOLD = 4.0  # a harm above which a plan is no success; see docs/studies.md
+SLIPPERY = 0.4, 1.4  # the friction in the states, in that which is taken for granted
+SCHEDULE = Schedule(
+    rounds=(Round(300, 1), *[Round(150, 1)] * 4, *[Round(50, 4)] * 3), runs=5, kept=20, screened=3,
+    states=1 + SAMPLES, fresh=0.0, lenient=1.09,
+)  # fmt: skip
+GRAVITY, FRICTION, DENSITY = 9.81, 0.4, 600.0  # what the planner takes for granted of packs
+UPRIGHT = np.cos(np.deg2rad(5.0))
+LEVEL = np.sin(np.deg2rad(5.0))
+BEFORE = 0.025  # [m] before everything, where the tool point enters
+LOW = 0.006  # [m] over the board that the hand's cover spheres go, so that packs do not topple
+TOUCHING = 0.01  # [m] between the target and the board that it stands on
+AROUND = 1.0  # [m] about the target within which things are looked at
+MOST = 100  # pushables that are; every trial asks each of them for every other
+UNSURE = 0.006  # [m] deviation of a thing that the scene states no covariance of
+
+
+class Standing(PushModel):
+    """The push model of objects that stand on a board, for one scene.
+
+    Args:
+        scene: the scene.
+        tool: with an outline.
+        behind: convex polygons (k, 2) of the wrist behind the tool, in the outline's frame [m].
+        seed: of the sampled states.
+    """
+
+    speed, good, threshold, states, schedule = SPEED, GOOD, THRESHOLD, 1 + SAMPLES, SCHEDULE
+
+    def __init__(
+        self, scene: Scene, tool: Tool, behind: Sequence[FloatArray] = (), seed: int = 0
+    ) -> None:
+        assert scene.target is not None
+        self.target, self.frame = scene.target.position, scene.frame
+        self.board = plane(scene, tool)
+        seen = (scene.target, *_packs(scene, scene.target))
+        self.names = [thing.id for thing in seen]
+        self._seen = np.array([thing.position for thing in seen])
+        self.bench = self.board.bench(tool, behind)
+        rng = np.random.default_rng(seed)
+        self._places = np.tile(self.board.state, (self.states, 1, 1))
+        errors = rng.standard_normal((SAMPLES, len(self.board.state), 2))
+        self._places[1:, :, :2] += self.board.deviation[:, None] * errors
+        self._slips = FRICTION * np.append(1.0, rng.uniform(*SLIPPERY, SAMPLES))
+
+    def harm(
+        self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
+    ) -> float:
+        """See :class:`PushModel`; the costs are those of :mod:`optipromp.pushing.trials`."""
+        chosen = np.append(np.arange(0, len(points) - 1, EVERY), len(points) - 1)
+        flat = np.ascontiguousarray((points[chosen] - self.target) @ self.frame[[2, 1]].T)
+        return float(cost(self.bench, flat, self._places[:states], self._slips[:states], limit))
+
+    def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
+        """See :class:`PushModel`."""
+        chosen = np.append(np.arange(0, len(points) - 1, EVERY), len(points) - 1)
+        flat = np.ascontiguousarray((points[chosen] - self.target) @ self.frame[[2, 1]].T)
+        one = [
+            float(cost(self.bench, flat, self._places[n : n + 1], self._slips[n : n + 1], np.inf))
+            for n in range(self.states)
+        ]
+        worst = int(np.argmax(one))
+        before, bench = self._places[worst], self.bench
+        path = stepped(flat, EVERY * STEP)
+        end = self._end(path, worst)
+        palm, tip, half = bench.mouth
+        u, v = end.state[1:, 0], end.state[1:, 1]
+        taken = np.flatnonzero((palm < u) & (u < tip) & (np.abs(v) < half))
+        if len(taken):
+            return self.names[1 + int(taken[0])], "ends between the fingers"
+        moved = np.linalg.norm(end.state[:, :2] - before[:, :2], axis=1)
+        if end.jam > JAMMED:
+            return self.names[int(np.argmax(moved))], "is jammed"
+        over = int(np.argmin(end.state[:, 0]))
+        behind = float(end.state[over, 0]) - bench.edge
+        if behind < 0.0:
+            return self.names[over], "is pushed off the board"
+        room = clear(path, 5, bench.hand, bench.walls, WIDE) if len(bench.walls.size) else WIDE
+        deep = max(0.0, float(end.state[0, 0]) - 0.4 * tip)
+        costs = (  # as of trials.cost
+            ((deep / 0.002) ** 2, self.names[0],
+             f"is {1e3 * end.state[0, 0]:.0f} mm beyond the tool point at the end"),
+            ((moved[0] / STILL) ** 2, self.names[0], f"is pushed by {1e3 * moved[0]:.0f} mm"),
+            ((max(0.0, end.force - LIGHT) / HEAVY) ** 2, self.names[int(np.argmax(moved))],
+             f"is pushed with {end.force:.0f} N"),
+            ((max(0.0, INSIDE - behind) / BACK) ** 2, self.names[over],
+             f"ends {1e3 * behind:.0f} mm behind the front of the board"),
+            (((WIDE - room) / TIGHT) ** 2, "",
+             f"the hand comes within {1e3 * max(room, 0.0):.0f} mm of a wall"),
+        )  # fmt: skip
+        _, name, cause = max(costs)
+        return name, cause
+
+    def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
+        """See :class:`PushModel`."""
+        flat = np.ascontiguousarray((points - self.target) @ self.frame[[2, 1]].T)
+        end = self._end(stepped(flat, EVERY * STEP), 0)
+        shift = (end.state - self._places[0])[:, :2] @ self.frame[[2, 1]]
+        return Moved(tuple(self.names), self._seen + shift, end.state[:, 2])
+
+    def _end(self, path: FloatArray, state: int) -> Result:
+        """What the hand, led along poses (T, 3), does to one of the states."""
+        bench = self.bench
+        return push(
+            path, bench.hand, bench.things, self._places[state],
+            1.0 / bench.yields, np.sqrt(bench.lever2), bench.walls, float(self._slips[state]),
+        )  # fmt: skip
+
+    def path(self, x: FloatArray) -> ToolPath:
+        """From v of the entry x[0] through corners at u and v to the target, low over the board."""
+        entry, drop = self.board.entry, self.board.drop
+        corners = np.vstack([[entry, x[0]], x[1:].reshape(-1, 2), [0.0, 0.0]])
+        corners[:, 0] = np.clip(corners[:, 0], entry, 0.0)
+        corners[:, 1] = np.clip(corners[:, 1], -SIDEWAYS, SIDEWAYS)
+        low = np.column_stack([corners, np.full(len(corners), drop)])
+        if drop != 0.0:  # up, where it ends
+            low = np.vstack([low, [0.0, 0.0, 0.0]])
+        return through(self.target + low @ self.frame[[2, 1, 0]], SPEED)
+
+    def aside(self, x: FloatArray, path: ToolPath) -> float:
+        """Nothing: the costs know of walls and length."""
+        return 0.0
+
+    def first(self) -> FloatArray:
+        """None."""
+        return np.zeros((0, 1))
+
+    def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
+        """About the straight line from the entry."""
+        corners = CORNERS[min(run, 1)]
+        shares = np.linspace(1.0, 0.0, corners + 2)[1:-1]
+        line = np.ravel([[share * self.board.entry, 0.0] for share in shares])
+        return np.append(0.0, line), np.append(SPREAD[1], np.tile(SPREAD, corners))
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """What stands around the target, seen along x_g.
+
+    Attributes:
+        things: the target first, then the pushables.
+        state: (B, 3) where they stand: u, v [m], turn [rad].
+        deviation: (B,) of their detected positions [m].
+        friction, lever: (B,) see :func:`optipromp.pushing.quasi_static.push`.
+        walls: static things at the target's height.
+        edge: u of the board's front, behind which things must stay [m].
+        entry: u of the tool point where the way begins [m].
+        drop: along x_g, how far lower than the target's middle the hand goes until it is there [m].
+    """
+
+    things: Shapes
+    state: FloatArray
+    deviation: FloatArray
+    friction: FloatArray
+    lever: FloatArray
+    walls: Shapes
+    edge: float
+    entry: float
+    drop: float
+
+    def bench(self, tool: Tool, behind: Sequence[FloatArray] = ()) -> Bench:
+        """The same for trials with a hand, and convex polygons (k, 2) ``behind`` it [m]."""
+        mouth = np.array([tool.front - tool.reach, tool.tip - tool.reach, tool.gripper_radius])
+        hand = shapes([*tool.outline(), *behind])
+        return Bench(
+            self.things, 1.0 / self.friction, self.lever**2, self.walls, hand, mouth, self.edge
+        )
+
+
+def applies(scene: Scene, tool: object) -> bool:
+    """Whether the tool comes to its target on the level, and something stands in the scene."""
+    if scene.target is None or not isinstance(tool, Cup | FrankaHand):
+        return False
+    stands = any(thing.stem is None for thing in scene.pushables)
+    _, y_g, z_g = scene.frame
+    return stands and bool(max(abs(float(z_g[2])), abs(float(y_g[2]))) < LEVEL)
+
+
+def plane(scene: Scene, tool: Tool) -> Plane:
+    """The plane of a scene that the model :func:`applies` to."""
+    target, frame = scene.target, scene.frame
+    assert target is not None
+    standing = (target, *_packs(scene, target))
+    parts, area, lever = zip(*(_footprint(thing, frame) for thing in standing), strict=True)
+    flat = np.array([frame[[2, 1]] @ (thing.position - target.position) for thing in standing])
+    tall = np.array([2.0 * _half_height(thing, frame) for thing in standing])
+    walls, edge, drop = [], -np.inf, 0.0
+    thick = float(tool.spheres()[:, 3].max()) + LOW
+    bottom = _half_height(target, frame)
+    level = np.abs((scene.positions - target.position) @ frame[0]) - scene.bounds
+    around = scene.around(target.position, AROUND, "static")
+    for thing in scene.things(around[level[around] < bottom + TOUCHING]):
+        if not isinstance(thing.shape, Box):
+            continue
+        height = float(frame[0] @ (thing.position - target.position))
+        half = _half_height(thing, frame)
+        part, _, _ = _footprint(thing, frame)
+        assert not isinstance(part, float)
+        at = part + frame[[2, 1]] @ (thing.position - target.position)
+        if abs(height) < half:
+            walls.append(at)
+        elif abs(abs(height) - half - bottom) < TOUCHING and _covers(at):
+            edge = max(edge, float(at[:, 0].min()))
+            drop = np.sign(height) * max(0.0, abs(height) - half - thick)
+    things = shapes(list(parts))
+    begin = float(np.min(flat[:, 0] - things.radius))
+    if np.isfinite(edge):  # there is a board
+        begin = min(begin, edge)
+    return Plane(
+        things, np.column_stack([flat, np.zeros(len(flat))]),
+        np.array([_deviation(thing) for thing in standing]),
+        FRICTION * DENSITY * GRAVITY * np.array(area) * tall, np.array(lever), shapes(walls), edge,
+        begin - BEFORE - (tool.tip - tool.reach), float(drop),
+    )  # fmt: skip
+
+
+def _packs(scene: Scene, target: SceneObject) -> tuple[SceneObject, ...]:
+    """The pushables that stand around the target, in file order; the nearest of too many."""
+    rows = scene.around(target.position, AROUND, "pushable")
+    rows = rows[[thing.stem is None for thing in scene.things(rows)]]
+    if len(rows) > MOST:
+        away = np.linalg.norm(scene.positions[rows] - target.position, axis=1)
+        rows = np.sort(rows[np.argsort(away, kind="stable")[:MOST]])
+    return scene.things(rows)
+
+
+def _deviation(thing: SceneObject) -> float:
+    if thing.covariance is None:
+        return UNSURE
+    return max(UNSURE, float(np.sqrt(np.max(np.diag(thing.covariance)))))
+
+
+def _half_height(thing: SceneObject, frame: FloatArray) -> float:
+    up = thing.rotation.T @ frame[0]
+    match thing.shape:
+        case Box(size):
+            return 0.5 * float(np.abs(up) @ np.array(size))
+        case Cylinder(radius, length):
+            return 0.5 * length * abs(float(up[2])) + radius * float(np.hypot(up[0], up[1]))
+    return thing.radius
+
+
+def _footprint(thing: SceneObject, frame: FloatArray) -> tuple[FloatArray | float, float, float]:
+    """Outline about the centre, its area [m²], and the friction moment over the friction [m].
+
+    Cans and packs stand on the rim of their base: a disc's moment is its radius, a rectangle's
+    0.81 of half its diagonal.
+    """
+    shape = thing.shape
+    if isinstance(shape, Cylinder) and abs(float(thing.rotation[:, 2] @ frame[0])) > UPRIGHT:
+        return shape.radius, np.pi * shape.radius**2, shape.radius
+    if isinstance(shape, Box):
+        signs = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)])
+        corners = (0.5 * signs * np.array(shape.size)) @ thing.rotation.T @ frame[[2, 1]].T
+        hull = _hull(corners)
+        a, b = hull, np.roll(hull, -1, axis=0)
+        area = 0.5 * abs(float(np.sum(a[:, 0] * b[:, 1] - b[:, 0] * a[:, 1])))
+        return hull, area, 0.81 * float(np.linalg.norm(hull, axis=1).mean())
+    radius = thing.radius
+    return radius, np.pi * radius**2, radius
+
+
+def _hull(points: FloatArray) -> FloatArray:
+    """Convex hull (k, 2), counter-clockwise, of points (m, 2); nearly equal ones are one."""
+    ordered = np.unique(np.round(points, 9), axis=0)
+
+    def half(sequence: Sequence[FloatArray]) -> list[FloatArray]:
+        chain: list[FloatArray] = []
+        for p in sequence:
+            while len(chain) > 1:
+                a, b = chain[-2], chain[-1]
+                if (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) > 1e-12:
+                    break
+                chain.pop()
+            chain.append(p)
+        return chain
+
+    lower, upper = half(list(ordered)), half(list(ordered[::-1]))
+    return np.array([*lower[:-1], *upper[:-1]])
+
+
+def _covers(corners: FloatArray) -> bool:
+    """Whether the box about ``corners`` (k, 2) is under the origin."""
+    return bool((corners.min(axis=0) <= 0.0).all() and (corners.max(axis=0) >= 0.0).all())

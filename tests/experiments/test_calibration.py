@@ -1,0 +1,58 @@
+"""Predicted harm against outcomes: the reliability table and the AUC."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import mannwhitneyu
+from tests.experiments.test_study import ROW
+
+from optipromp.experiments.calibration import auc, calibration
+from optipromp.experiments.statistics import wilson
+
+values = st.lists(st.integers(0, 6).map(lambda k: 0.25 * k), min_size=1, max_size=20)
+
+
+@given(values, values)
+def test_the_auc_is_that_of_mann_and_whitney(above: list[float], below: list[float]) -> None:
+    u = mannwhitneyu(above, below, method="asymptotic").statistic
+    assert auc(above, below) == pytest.approx(u / (len(above) * len(below)))
+
+
+def test_without_pairs_there_is_no_auc() -> None:
+    assert np.isnan(auc([], [1.0]))
+    assert np.isnan(auc([1.0], []))
+
+
+def test_runs_are_counted_in_the_bin_of_their_harm() -> None:
+    outcomes = [(0.0, True), (0.04, True), (0.05, False), (0.9, True), (1.0, False), (3.0, False)]
+    rows = [
+        replace(
+            ROW, predicted_harm=harm, success=ok,
+            plan_status="HARM_PREDICTED" if harm > 1 else "success",
+        )
+        for harm, ok in outcomes
+    ]  # fmt: skip
+    rows += [
+        replace(ROW, predicted_harm=None),  # no model
+        replace(ROW, predicted_harm=0.1, picked=None),  # not executed
+    ]
+    found = calibration(rows)
+    assert found is not None
+    counted = [(b.low, b.high, b.runs, b.failures) for b in found.bins]
+    assert counted == [
+        (0.0, 0.05, 2, 0), (0.05, 0.1, 1, 1), (0.75, 1.0, 1, 0), (1.0, 1.5, 1, 1),
+        (2.5, np.inf, 1, 1),
+    ]  # fmt: skip
+    assert sum(b.runs for b in found.bins) == 6
+    for b in found.bins:
+        assert b.rate == b.failures / b.runs
+        assert (b.rate_low, b.rate_high) == wilson(b.failures, b.runs)
+    assert (found.successes, found.failed) == (5, 2)
+    assert found.auc == pytest.approx(8.0 / 9.0)
+
+
+def test_without_predictions_there_is_no_calibration() -> None:
+    assert calibration([replace(ROW, predicted_harm=None)]) is None

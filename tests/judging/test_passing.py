@@ -1,0 +1,299 @@
+"""On which side the tool passes each pushable, and how far from it."""
+
+import itertools
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
+from tests.judging.builders import moving, thing, to
+
+from optipromp import judging
+from optipromp.geometry import Sphere
+from optipromp.judging.passing import between
+from optipromp.judging.passing import passing as judged_passing
+from optipromp.robots.model import Robot
+from optipromp.scenes import Approach, Scene, SceneObject, Stem
+
+FRUIT = np.array([0.0, 0.0, 0.6])
+TARGET = np.array([0.0, 0.0, 0.75])
+
+
+def passing(
+    gantry: Robot, stem: Any, aside: Callable[[np.ndarray], Any], fruit: Any = FRUIT
+) -> judging.Judgement:
+    """The tool goes up past a fruit with lateral offsets ``aside(height over the fruit)``."""
+    height = np.linspace(0.2, 0.75, 56)
+    path = np.zeros((56, 3))
+    path[:, 2] = height
+    path[:, :2] += np.asarray([aside(h) for h in height - fruit[2]])
+    path[-1] = TARGET
+    hung = None if stem is None else Stem(np.array([fruit, fruit + np.asarray(stem)]))
+    scene = to(
+        None,
+        thing("target", Sphere(0.015), TARGET, name="ripe"),
+        SceneObject("n", "pushable", Sphere(0.015), np.asarray(fruit), stem=hung),
+    )
+    # the ball of the y carriage hangs 0.5 under the fruit's height, out of the way
+    return judging.judge(scene, gantry, moving(gantry, path - [0.0, 0.0, 0.13], dt=9.0))
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_m_p_is_the_offset_where_the_tool_passes(side: float, gantry: Robot) -> None:
+    judgement = passing(gantry, (0.0, 0.05, 0.2), lambda h: (0.01, side * 0.06))
+    assert judgement.metrics.M_p["n"] == pytest.approx(side * 0.06)
+    assert judgement.metrics.stem_projection["n"] == pytest.approx(0.05)
+    wrong = side > 0.0  # the stem leans to +y: the tool must pass at -y
+    assert (judgement.message == "the tool passes n on the side of its stem") == wrong
+    mirrored = passing(gantry, (0.0, -0.05, 0.2), lambda h: (0.01, side * 0.06))
+    assert mirrored.metrics.stem_projection["n"] == pytest.approx(-0.05)
+    assert bool(mirrored.violations) != wrong
+
+
+def test_the_offset_counts_at_the_fruit_not_elsewhere(gantry: Robot) -> None:
+    judgement = passing(gantry, (0.0, 0.05, 0.2), lambda h: (0.0, -0.06 if abs(h) < 0.02 else 0.06))
+    assert judgement.metrics.M_p["n"] == pytest.approx(-0.06)
+    assert judgement.violations == ()
+
+
+def test_a_stem_that_leans_along_x_has_a_side_too(gantry: Robot) -> None:
+    """The paper's figure, along y_g, says nothing here; the stem still must not be met."""
+    for x in (-0.06, 0.06):
+        judgement = passing(gantry, (0.05, 0.0, 0.2), lambda h, x=x: (x, 0.0))  # type: ignore[misc]
+        assert judgement.metrics.M_p["n"] == pytest.approx(0.0, abs=1e-12)
+        assert judgement.metrics.stem_projection["n"] == pytest.approx(0.0, abs=1e-12)
+        assert bool(judgement.violations) == (x > 0.0)
+
+
+@pytest.mark.parametrize("stem", [None, (0.0, 0.0, 0.2), (0.0, 0.002, 0.2)])
+def test_without_a_lean_either_side_will_do(stem: Any, gantry: Robot) -> None:
+    for y in (-0.06, 0.06):
+        judgement = passing(gantry, stem, lambda h, y=y: (0.0, y))  # type: ignore[misc]
+        assert judgement.metrics.M_p["n"] == pytest.approx(y)
+        assert judgement.violations == ()
+    assert (judgement.metrics.stem_projection["n"] is None) == (stem is None)
+
+
+def test_the_last_passage_counts(gantry: Robot) -> None:
+    """Up on the wrong side, down, and up again on the right one."""
+    height = np.concatenate([np.linspace(0.5, 0.7, 20), np.linspace(0.7, 0.5, 20)])
+    height = np.concatenate([height, np.linspace(0.5, 0.75, 25)])
+    path = np.zeros((65, 3))
+    path[:, 2] = height
+    path[:20, 1], path[20:40, 1], path[40:, 1] = 0.06, 0.06, -0.06
+    path[-1] = TARGET
+    scene = to(
+        None,
+        thing("target", Sphere(0.015), TARGET, name="ripe"),
+        SceneObject(
+            "n", "pushable", Sphere(0.015), FRUIT, stem=Stem(np.array([FRUIT, [0, 0.05, 0.8]]))
+        ),
+    )
+    judgement = judging.judge(scene, gantry, moving(gantry, path - [0.0, 0.0, 0.13], dt=9.0))
+    assert judgement.metrics.M_p["n"] == pytest.approx(-0.06)
+
+
+def test_a_fruit_that_is_not_passed_has_no_m_p(gantry: Robot) -> None:
+    judgement = passing(gantry, (0.0, 0.05, 0.2), lambda h: (0.0, 0.06), np.array([0, 0, 0.9]))
+    assert judgement.metrics.M_p["n"] is None
+    assert judgement.metrics.stem_projection["n"] == pytest.approx(0.05)
+    assert judgement.violations == ()
+
+
+def test_a_fruit_far_from_the_path_and_the_line_has_no_side(gantry: Robot) -> None:
+    away = np.array([0.0, -0.4, 0.6])
+    judgement = passing(gantry, (0.0, 0.05, 0.2), lambda h: (0.0, 0.0), away)
+    assert judgement.metrics.M_p["n"] == pytest.approx(0.4)  # reported,
+    assert judgement.violations == ()  # but nothing is pushed
+
+
+def test_passing_holds_in_any_frame(gantry: Robot) -> None:
+    """Sideways approach: along x, drifting along z."""
+    target, fruit = np.array([0.75, 0.0, 0.1]), np.array([0.6, 0.0, 0.1])
+    path = np.zeros((56, 3))
+    path[:, 0], path[:, 2] = np.linspace(0.2, 0.75, 56), 0.1 - 0.06
+    path[-1] = target
+    scene = Scene(
+        "s", "robot",
+        (
+            thing("target", Sphere(0.015), target, name="ripe"),
+            SceneObject(
+                "n", "pushable", Sphere(0.015), fruit,
+                stem=Stem(np.array([fruit, fruit + [0.0, 0.1, 0.05]])),
+            ),
+        ),
+        approach=Approach(np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])),
+    )  # fmt: skip
+    judgement = judging.judge(scene, gantry, moving(gantry, path - [0.0, 0.0, 0.13], dt=9.0))
+    assert judgement.metrics.M_p["n"] == pytest.approx(-0.06)
+    assert judgement.metrics.stem_projection["n"] == pytest.approx(0.05)
+    assert judgement.metrics.goal_axis_error == pytest.approx(np.pi / 2)
+
+
+def test_the_side_of_a_stem_may_be_a_note(gantry: Robot) -> None:
+    """Where pushes were foreseen it is told and makes nothing invalid; all else is judged alike."""
+    fruit = FRUIT
+    height = np.linspace(0.2, 0.75, 56)
+    path = np.column_stack([np.full(56, 0.01), np.full(56, 0.06), height])
+    path[-1] = TARGET
+    scene = to(
+        None,
+        thing("target", Sphere(0.015), TARGET, name="ripe"),
+        SceneObject(
+            "n", "pushable", Sphere(0.015), fruit,
+            stem=Stem(np.array([fruit, fruit + [0.0, 0.05, 0.2]])),
+        ),
+    )  # fmt: skip
+    motion = moving(gantry, path - [0.0, 0.0, 0.13], dt=9.0)
+    strict = judging.judge(scene, gantry, motion)
+    lenient = judging.judge(scene, gantry, motion, stem_side=False)
+    assert [*map(str, strict.violations)] == ["the tool passes n on the side of its stem"]
+    assert strict.notes == ()
+    assert lenient.violations == ()
+    assert lenient.notes == (strict.message,)
+    assert lenient.metrics == strict.metrics
+    assert lenient.contacts == strict.contacts
+    # what else is wrong stays wrong
+    astray = judging.judge(scene, gantry, motion, np.ones(3), stem_side=False)
+    assert [*map(str, astray.violations)] == ["the trajectory does not begin at the start"]
+    assert astray.notes == (strict.message,)
+
+
+@pytest.mark.parametrize(
+    ("y", "short"), [(-0.06, 0.0), (-0.05, 0.0), (-0.03, 0.02), (0.0, 0.05), (0.06, 0.11)]
+)
+def test_drift_shortfall_is_what_the_paper_asks_for_less_what_there_is(
+    y: float, short: float, gantry: Robot
+) -> None:
+    """The stem leans to +y, so the tool (R_gripper 0.05) must keep y <= -0.05."""
+    metrics = passing(gantry, (0.0, 0.05, 0.2), lambda h: (0.01, y)).metrics
+    assert metrics.drift_shortfall["n"] == pytest.approx(short, abs=1e-12)
+    mirrored = passing(gantry, (0.0, -0.05, 0.2), lambda h: (0.01, -y)).metrics
+    assert mirrored.drift_shortfall["n"] == pytest.approx(short, abs=1e-12)
+
+
+def test_drift_shortfall_is_the_worst_of_the_window(gantry: Robot) -> None:
+    """At the fruit's level 0.06 off, 10 mm above it 0.04, and on the line once past its radius."""
+
+    def aside(h: float) -> tuple[float, float]:
+        return 0.0, -0.06 if abs(h) < 5e-3 else -0.04 if abs(h) < 0.0151 else 0.0
+
+    metrics = passing(gantry, (0.0, 0.05, 0.2), aside).metrics
+    assert metrics.M_p["n"] == pytest.approx(-0.06)
+    assert metrics.drift_shortfall["n"] == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("stem", [None, (0.0, 0.0, 0.2), (0.05, 0.0, 0.2)])
+@pytest.mark.parametrize("y", [-0.03, 0.03])
+def test_where_no_stem_decides_the_side_that_is_passed_counts(
+    stem: Any, y: float, gantry: Robot
+) -> None:
+    metrics = passing(gantry, stem, lambda h: (-0.01, y)).metrics
+    assert metrics.drift_shortfall["n"] == pytest.approx(0.02)
+    assert (metrics.stem_gap["n"] is None) == (stem is None)
+
+
+@pytest.mark.parametrize("fruit", [[0.0, 0.0, 0.9], [0.0, -0.4, 0.6]])
+def test_what_is_not_passed_or_far_off_has_no_shortfall(fruit: Any, gantry: Robot) -> None:
+    metrics = passing(gantry, (0.0, 0.05, 0.2), lambda h: (0.0, 0.0), np.array(fruit)).metrics
+    assert metrics.drift_shortfall["n"] is None
+    assert metrics.stem_gap["n"] is None
+
+
+def test_stem_gap_by_hand(gantry: Robot) -> None:
+    """A level stem along +y. The segment from the tool ends at the fruit's surface, r = 0.015."""
+    for y, gap in ((0.06, 0.0), (-0.06, 0.015)):
+        judgement = passing(
+            gantry,
+            (0.0, 0.1, 0.0),
+            lambda h, y=y: (0.0, y if abs(h) < 0.016 else 0.0),  # type: ignore[misc]
+        )
+        assert judgement.metrics.stem_gap["n"] == pytest.approx(gap, abs=1e-9)
+
+
+def test_the_papers_constraints_as_a_check(gantry: Robot) -> None:
+    """Each breach names the fruit; a plan that keeps both has none."""
+    rows: list[tuple[float, list[str]]] = [
+        (-0.06, []),
+        (-0.03, ["drift"]),
+        (0.06, ["drift", "stem"]),
+    ]
+    for y, kinds in rows:
+        stem = (0.0, 0.1, 0.0)
+        judgement = passing(gantry, stem, lambda h, y=y: (0.0, y))  # type: ignore[misc]
+        hung = SceneObject(
+            "n", "pushable", Sphere(0.015), FRUIT, stem=Stem(FRUIT + [np.zeros(3), stem])
+        )
+        scene = to(None, thing("target", Sphere(0.015), TARGET, name="ripe"), hung)
+        found = judging.paper_violations(scene, judgement.metrics)
+        assert [violation.kind for violation in found] == kinds
+        assert all(v.subject == "n" and " n" in str(v) for v in found)
+        if kinds == ["drift"]:
+            assert found[0].amount == pytest.approx(0.02)
+            assert str(found[0]) == "the tool passes n 20.0 mm nearer than the gripper's radius"
+
+
+def independent(a: Any, b: Any, c: Any, d: Any) -> float:
+    """Distance of two segments as a bounded least-squares problem, by SciPy."""
+    matrix = np.column_stack([b - a, c - d])
+    found = lsq_linear(matrix, c - a, bounds=(0.0, 1.0), method="bvls", tol=1e-14)
+    return float(np.linalg.norm(matrix @ found.x - (c - a)))
+
+
+@given(seed=st.integers(0, 10**6), flat=st.booleans(), size=st.sampled_from([1e-3, 0.1, 10.0]))
+@settings(max_examples=200, deadline=None)
+def test_segments_are_as_far_apart_as_scipy_says(seed: int, flat: bool, size: float) -> None:
+    a, b, c, d = size * np.random.default_rng(seed).normal(size=(4, 3))
+    if flat:  # nearly parallel, or crossing in a plane
+        d = c + (b - a) if seed % 2 else d
+        a[2] = b[2] = c[2] = d[2] = 0.0
+    assert between(a, b, c, d) == pytest.approx(independent(a, b, c, d), abs=1e-8 * size)
+    assert between(a, a, c, d) == pytest.approx(independent(a, a + 1e-300, c, d), abs=1e-8 * size)
+
+
+@given(seed=st.integers(0, 10**6), pieces=st.integers(1, 4))
+@settings(max_examples=60, deadline=None)
+def test_constraints_1_and_2_are_those_of_every_waypoint(seed: int, pieces: int) -> None:
+    """Against the method's formulas at every waypoint of the window, in a turned frame."""
+    rng = np.random.default_rng(seed)
+    approach = Approach(rng.normal(size=3), rng.normal(size=3))
+    x, y, z = approach.frame
+    target, radius, gripper = rng.normal(size=3), 0.02, 0.05
+    fruit = target - 0.1 * z + rng.uniform(-0.07, 0.07) * y  # in the way: 1.5 R = 0.075
+    stem = fruit + np.vstack([np.zeros(3), rng.normal(0.0, 0.05, (pieces, 3)).cumsum(axis=0)])
+    hung = SceneObject("n", "pushable", Sphere(radius), fruit, stem=Stem(stem))
+    scene = Scene(
+        "s", "robot", (thing("target", Sphere(0.02), target, name="ripe"), hung), approach=approach
+    )
+    steps = np.linspace(-0.2, 0.0, 60)
+    aside = np.cumsum(rng.normal(0.0, 0.004, (60, 2)), axis=0)
+    tips = target + steps[:, None] * z + aside @ np.array([x, y])
+    found = judged_passing(scene, tips, tips, gripper)
+    leaning = (stem[1] - stem[0]) @ y
+    if abs(leaning) < 0.03 * np.linalg.norm(stem[1] - stem[0]):
+        return  # no side, or nearly none
+    within = tips[np.abs((tips - fruit) @ z) <= radius]
+    least = min(-np.sign(leaning) * ((tip - fruit) @ y) for tip in within)
+    assert found.drift_shortfall["n"] == pytest.approx(max(gripper - least, 0.0), abs=1e-12)
+    gaps = []
+    for tip in within:
+        away = tip - fruit
+        end = fruit + min(1.0, radius / np.linalg.norm(away)) * away
+        gaps += [independent(tip, end, c, d) for c, d in itertools.pairwise(stem)]
+    assert found.stem_gap["n"] == pytest.approx(min(gaps), abs=1e-8)
+
+
+def test_to_dict_is_plain_and_complete(gantry: Robot) -> None:
+    document = passing(gantry, (0.0, 0.05, 0.2), lambda h: (0.0, -0.06)).metrics.to_dict()
+    assert json.loads(json.dumps(document)) == document
+    assert set(document) >= {
+        "M_c", "M_p", "stem_projection", "drift_shortfall", "stem_gap", "clearance_static",
+        "clearance_avoid",
+        "clearance_avoid_tool", "clearance_self", "goal_error", "goal_axis_error",
+        "limit_violation", "max_step", "path_length", "smoothness", "duration",
+        "velocity_ratio", "acceleration_ratio",
+    }  # fmt: skip

@@ -1,0 +1,45 @@
+"""Plans of a hand through packs on a shelf, as the judge sees them."""
+
+import numpy as np
+import pytest
+
+from optipromp import judging
+from optipromp.errors import Code
+from optipromp.planning import plan
+from optipromp.planning.prediction import pushed_aside
+from optipromp.planning.task import resolve
+from optipromp.scenes.generate import generate
+from optipromp.scenes.scene import Scene
+
+
+@pytest.fixture(scope="module", params=[5, 13])
+def scene(request: pytest.FixtureRequest) -> Scene:
+    """Wrist or forearm end in the place of a pack (5), whatever the configuration (13)."""
+    return generate("shelf", request.param)
+
+
+def test_a_link_where_a_pack_stood_makes_no_plan_invalid(scene: Scene) -> None:
+    made = plan(scene)
+    assert made.status == Code.SUCCESS, made.message
+    assert not made.contacts
+    again = judging.judge(scene, made.robot, made.trajectory, resolve(scene).start)
+    assert not again.violations
+    for note in again.notes:
+        assert "stood" in note
+        assert note in made.message
+
+
+def test_without_packs_only_they_are_gone(scene: Scene) -> None:
+    task = resolve(scene)
+    freed = pushed_aside(task)
+    assert not freed.scene.pushables
+    assert freed.scene.static == scene.static
+    assert freed.scene.target == scene.target
+    assert len(freed.surroundings.dynamic.kind) == len(scene.avoid)
+    for kept, before in zip(freed.surroundings.static, task.surroundings.static, strict=True):
+        np.testing.assert_equal(kept, before)
+
+
+def test_the_same_seed_gives_the_same_plan() -> None:
+    one, other = (plan(generate("shelf", 7), seed=3).trajectory.positions for _ in range(2))
+    np.testing.assert_array_equal(one, other)

@@ -1,0 +1,300 @@
+"""The model of the push of a cup among fruits on stems: what it predicts, of which paths."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.pushing.fruits import TARGET, UP
+
+from optipromp.geometry import Box, Sphere
+from optipromp.pushing.hanging import (
+    CLEARANCES,
+    DETECTED_STATES,
+    HOPELESS,
+    MOST,
+    STATES,
+    Hanging,
+    applies,
+)
+from optipromp.pushing.harm import Harm, score_of
+from optipromp.pushing.model import search
+from optipromp.pushing.path import ToolPath, through
+from optipromp.pushing.rules import neighbours, rule_paths
+from optipromp.robots.library import load_robot
+from optipromp.robots.tools import Cup, FrankaHand, with_tool
+from optipromp.scenes import Scene, SceneObject, Stem
+
+CUP = Cup(radius=0.025, opening=0.046)
+CAMERA = TARGET - [0.0, 0.0, 0.25]
+VERTICAL = (0.0, 0.0, 0.2)
+LEANING = (0.05, 0.0, 0.2)
+
+
+def fruit(name: str, off: Any, stem: Any = VERTICAL, role: Any = "pushable") -> SceneObject:
+    at = TARGET + np.asarray(off, dtype=float)
+    hung = Stem(np.array([at, at + np.asarray(stem, dtype=float)]))
+    return SceneObject(name, role, Sphere(0.015), at, stem=hung)
+
+
+RIPE = fruit("ripe", (0.0, 0.0, 0.0), (0.0, 0.0, 0.1), "target")
+UNDER = fruit("n1", (0.003, 0.0, -0.08))  # on the approach line
+BESIDE = fruit("n1", (0.07, 0.0, -0.08), LEANING)  # the cup passes it by 3 cm
+
+
+def scene(*fruits: SceneObject) -> Scene:
+    return Scene("bench", "panda", (RIPE, *fruits))
+
+
+def model(*fruits: SceneObject, cup: Cup = CUP) -> Hanging:
+    one = scene(*fruits)
+    return Hanging(one, cup, neighbours(one, cup.gripper_radius), CAMERA, cup.gripper_radius)
+
+
+def led(*corners: Any) -> ToolPath:
+    """The tool led through corners relative to the target."""
+    return through(TARGET + np.array(corners, dtype=float), 0.1)
+
+
+STRAIGHT = led((0, 0, -0.25), (0, 0, 0))
+
+
+def judged(path: ToolPath) -> tuple[np.ndarray, np.ndarray]:
+    return path.points, np.tile(UP, (len(path.points), 1))
+
+
+def harm(a: Hanging, path: ToolPath, states: int = 1) -> float:
+    return a.harm(*judged(path), states)
+
+
+def detected(thing: SceneObject, deviation: float = 0.005) -> SceneObject:
+    return replace(thing, covariance=deviation**2 * np.eye(3))
+
+
+# --- harm of known paths -----------------------------------------------------------------------
+
+
+def test_what_is_not_touched_is_not_harmed() -> None:
+    a = model(BESIDE)
+    assert harm(a, STRAIGHT, a.states) == 0.0
+    prediction = a.predict(*judged(STRAIGHT))
+    assert not prediction.harmful
+    assert (prediction.object, prediction.cause) == ("", "nothing is harmed")
+
+
+def test_a_fruit_on_the_way_is_swallowed_and_named() -> None:
+    a = model(UNDER, fruit("n2", (0.07, 0.0, -0.05), LEANING))
+    assert harm(a, STRAIGHT) == HOPELESS
+    prediction = a.predict(*judged(STRAIGHT))
+    assert prediction.harmful
+    assert (prediction.object, prediction.cause) == ("n1", "is swallowed")
+    assert str(prediction).startswith("harm is predicted: n1 is swallowed (harm 3.00")
+
+
+def test_a_missed_target_is_named() -> None:
+    a = model(BESIDE)
+    for short in (led((0, 0, -0.25), (0, 0, -0.03)), led((-0.05, 0, -0.25), (-0.05, 0, 0))):
+        assert harm(a, short) == HOPELESS
+        assert a.cause(*judged(short)) == ("ripe", "is not inside at the end")
+
+
+def test_a_pressed_stem_is_named() -> None:
+    """A stiff stem that leans across the tool's way, far above its fruit."""
+    a = model(fruit("n1", (0.045, 0.0, -0.1), (-0.08, 0.0, 0.06)))
+    assert harm(a, STRAIGHT) > 1.0
+    name, cause = a.cause(*judged(STRAIGHT))
+    assert name == "n1"
+    assert cause.startswith("has its stem pressed by ")
+    assert float(cause.split()[-2]) > 2.0  # [N], what a stem bears
+
+
+def test_a_fruit_pressed_against_a_wall_is_named_and_without_the_wall_is_not_harmed() -> None:
+    wall = SceneObject("wall", "static", Box((0.04, 0.2, 0.2)), TARGET + [0.07, 0.0, -0.05])
+    near = fruit("n1", (0.03, 0.0, -0.05))
+    aside = led((0, 0, -0.25), (0, 0, -0.04), (0.02, 0, -0.04), (0, 0, -0.04), (0, 0, 0))
+    free, walled = model(near), model(near, wall)
+    assert harm(free, aside, free.states) < 0.1
+    assert harm(walled, aside) == HOPELESS
+    name, cause = walled.cause(*judged(aside))
+    assert name == "n1"
+    assert cause.startswith("is pinched for 0.")
+
+
+def test_a_pressed_target_is_named() -> None:
+    """Between the cup and a wall behind it."""
+    wall = SceneObject("wall", "static", Box((0.04, 0.2, 0.2)), TARGET + [0.06, 0.0, 0.0])
+    a = model(BESIDE, wall)
+    way = led((-0.06, 0, -0.25), (-0.06, 0, 0), (0.025, 0, 0), (0, 0, -0.05), (0, 0, 0))
+    assert harm(a, way) > 1.0
+    name, cause = a.cause(*judged(way))
+    assert name == "ripe"
+    assert cause.startswith("is pressed by 1")
+
+
+def test_above_the_limit_a_harm_is_above_it_and_below_it_exact() -> None:
+    a = model(detected(UNDER), fruit("n2", (-0.02, 0.01, -0.14), LEANING))
+    rng = np.random.default_rng(0)
+    for _ in range(15):
+        aside = rng.uniform(-0.05, 0.05, 2)
+        way = led((0, 0, -0.25), (*aside, -0.13), (*aside, -0.06), (0, 0, -0.025), (0, 0, 0))
+        whole = a.harm(*judged(way), 7)
+        assert a.harm(*judged(way), 7, whole + 1e-9) == whole
+        if whole > 0.0:
+            assert a.harm(*judged(way), 7, 0.5 * whole) > 0.5 * whole
+
+
+# --- the score ---------------------------------------------------------------------------------
+
+
+def test_a_score_of_nothing_and_of_what_ends_all_hope() -> None:
+    nothing = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
+    assert score_of(*nothing) == 0.0
+    assert score_of(*nothing._replace(stem=2.0)) == pytest.approx(1.0)
+    assert score_of(*nothing._replace(target=5.0)) == pytest.approx(1.0)
+    assert score_of(*nothing._replace(fruit=30.0)) == pytest.approx(1.0)
+    assert score_of(*nothing._replace(pinched=0.2)) == pytest.approx(1.0)
+    for lost in (nothing._replace(missed=True), nothing._replace(inside=1.0)):
+        assert score_of(*lost) > HOPELESS
+    for name in ("stem", "fruit", "target", "pinched"):
+        values = [score_of(*nothing._replace(**{name: f})) for f in np.linspace(0, 50, 20)]
+        assert (np.diff(values) >= 0.0).all()
+
+
+# --- states ------------------------------------------------------------------------------------
+
+
+def test_states_are_sampled_round_the_perceived_one() -> None:
+    """The perceived one comes first; what was detected hangs by a stem that is known less well."""
+    deviation = 0.005
+    fruits = (UNDER, fruit("n2", (-0.02, 0.01, -0.14), LEANING))
+    known = model(*fruits)
+    seen = model(*(detected(thing, deviation) for thing in fruits))
+    assert (known.states, seen.states) == (STATES, DETECTED_STATES)
+    places = np.array([thing.position for thing in known.fruits])
+    turns = []
+    for a in (known, seen):
+        s = a.stems
+        hung = (s.root + s.length[:, None] * s.axes[:, 2]).reshape(a.states, a.count, 3)
+        np.testing.assert_allclose(hung[0], places, atol=1e-12)
+        np.testing.assert_allclose(
+            s.root[: a.count], [t.stem.root for t in a.fruits if t.stem is not None], atol=1e-12
+        )
+        off = hung[1:] - places
+        assert (np.linalg.norm(off, axis=2) > 0.0).all()
+        assert np.linalg.norm(off, axis=2).max() < 0.05
+        along = s.axes[:, 2].reshape(a.states, a.count, 3)
+        turns.append(np.linalg.norm(along[1:] - along[0], axis=2).mean())
+    assert turns[1] > 2.0 * turns[0]
+    s = seen.stems
+    hung = (s.root + s.length[:, None] * s.axes[:, 2]).reshape(seen.states, seen.count, 3)
+    spread = (hung[1:, 1:] - places[1:]).std()
+    assert 0.7 < spread / (1.5 * deviation) < 1.3  # it is the unlikely that does harm
+    np.testing.assert_array_equal(model(*fruits).stems.root, known.stems.root)  # the same each time
+
+
+def test_a_path_is_judged_on_as_many_states_as_are_asked_for() -> None:
+    a = model(detected(BESIDE))
+    few = a.schedule.states
+    assert few < a.states
+    before = harm(a, STRAIGHT, few)
+    assert harm(a, STRAIGHT, a.states) < 0.1
+    root = np.array(a.stems.root)
+    root[few * a.count :] += [0.5, 0.0, 0.0]  # in the other states all hang elsewhere
+    a.stems = a.stems._replace(root=root)
+    assert harm(a, STRAIGHT, few) == before
+    missed = HOPELESS * (1.0 - few / a.states)
+    assert harm(a, STRAIGHT, a.states) == pytest.approx(missed, abs=0.1)
+
+
+# --- which paths -------------------------------------------------------------------------------
+
+
+def test_candidates_begin_at_the_camera_and_end_at_the_target() -> None:
+    a = model(UNDER, fruit("n2", (-0.02, 0.01, -0.14), LEANING))
+    rng = np.random.default_rng(0)
+    mean, spread = a.spread(0)
+    for x in [*a.first(), *(mean + spread * rng.standard_normal((20, len(mean))))]:
+        path = a.path(x)
+        np.testing.assert_allclose(path.points[[0, -1]], [CAMERA, TARGET], atol=1e-12)
+        off = path.points - TARGET
+        widest = np.linalg.norm(off[:, :2], axis=1).max()
+        assert widest < 0.03 + CUP.radius + CLEARANCES[1] * 0.015
+        assert a.aside(x, path) >= 0.0
+
+
+def test_the_first_candidate_is_the_rules_path() -> None:
+    fruits = UNDER, fruit("n2", (-0.02, 0.01, -0.14), LEANING)
+    one = scene(*fruits)
+    a = model(*fruits)
+    robot = with_tool(load_robot("panda"), CUP)
+    (corners, *_) = rule_paths(one, neighbours(one, CUP.gripper_radius), robot, CAMERA)
+    rule = through(corners, 0.1).points
+    path = a.path(a.first()[0]).points
+    gap = np.linalg.norm(path[:, None] - rule[None], axis=2).min(axis=1)
+    assert gap.max() < 0.006  # the rims' rounded corners are taken in a little earlier
+
+
+def test_a_path_of_no_harm_is_found_past_a_fruit_on_the_way() -> None:
+    a = model(UNDER)
+    found = list(search(a, UP, np.random.default_rng(0)))
+    harms = [path.harm for path, _ in found]
+    assert harms[-1] < a.good
+    path = found[-1][0]
+    assert a.harm(*judged(path), a.states) < a.good
+    assert harm(a, STRAIGHT, a.states) == HOPELESS
+
+
+def test_a_path_along_a_wall_is_raised_by_what_it_lacks_in_clearance() -> None:
+    a = model(UNDER)
+    x = a.first()[0]
+    way = a.path(x)
+    k = len(way.points) // 2
+    middle = way.points[k]
+    out = np.array([1.0, 0.0, 0.0])
+    raised = []
+    for gap in (0.05, 0.004, 0.001, -0.001):
+        at = middle + (CUP.radius + gap + 0.005) * out
+        wall = SceneObject("wall", "static", Box((0.01, 0.2, 0.02)), at)
+        raised.append(model(UNDER, wall).aside(x, way) - a.aside(x, way))
+    assert raised[0] == 0.0
+    assert raised[1] <= raised[2] < raised[3]
+    assert raised[3] > 0.5
+
+
+def test_a_detour_counts() -> None:
+    a = model(UNDER)
+    straight, round_about = STRAIGHT, led((0, 0, -0.25), (0.1, 0, -0.125), (0, 0, 0))
+    assert a.aside(a.first()[0], straight) == pytest.approx(0.0, abs=1e-9)
+    longer = (round_about.length - 0.25) / 0.25
+    assert a.aside(a.first()[0], round_about) == pytest.approx(0.5 * longer)
+
+
+# --- where it applies --------------------------------------------------------------------------
+
+
+def test_it_applies_to_a_mouth_for_a_target_that_hangs() -> None:
+    known = scene(UNDER)
+    near = neighbours(known, CUP.gripper_radius)
+    assert applies(known, CUP, near)
+    assert applies(known, FrankaHand(), near)
+    assert not applies(known, None, near)
+    assert not applies(scene(), CUP, ())
+    assert not applies(known, CUP, near * (MOST + 1))
+    standing = replace(UNDER, stem=None)
+    assert applies(scene(standing), CUP, (standing,))  # it knows the target, which hangs
+    stemless = replace(known, objects=(replace(RIPE, stem=None), UNDER))
+    assert not applies(stemless, CUP, near)
+
+
+def test_the_model_knows_fruits_that_are_no_neighbours_too() -> None:
+    """A tool that goes a long way round meets what is not near the line; the nearest are known."""
+    beside = fruit("beside", (0.09, 0.0, -0.05))
+    a = model(UNDER, beside)
+    assert [thing.id for thing in a.neighbours] == ["n1"]
+    assert [thing.id for thing in a.fruits] == ["ripe", "n1", "beside"]
+    into = led((0, 0, -0.25), (0.09, 0, -0.11), (0.09, 0, -0.05))
+    assert harm(a, into) == HOPELESS
+    around = [fruit(f"far-{i}", (0.2 + 0.002 * i, 0.1, 0.1)) for i in range(40)]
+    many = model(UNDER, *around[::-1])
+    assert many.count == 1 + MOST
+    assert [t.id for t in many.fruits[2:]] == [t.id for t in around[: MOST - 1]]

@@ -1,0 +1,63 @@
+"""What the documentation shows runs, and the reference shows what the packages export."""
+
+import importlib
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import optipromp
+from optipromp.scenes import load_scene
+
+ROOT = Path(__file__).resolve().parents[1]
+PUBLIC = (
+    "optipromp", "optipromp.geometry", "optipromp.scenes", "optipromp.robots", "optipromp.promp",
+    "optipromp.pushing", "optipromp.optimization.costs", "optipromp.planning",
+)  # fmt: skip
+UNSHOWN = {  # aliases and constants, and kernels that no user calls
+    "DriftRule", "PLANNERS", "Planner", "Role", "STRATEGIES", "Shape", "Strategy", "Tool",
+    "__version__", "farther_than", "near", "signed_distance",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "page",
+    ["README.md", "docs/index.md", "docs/add-a-cost-term.md", "docs/add-a-robot.md",
+     "docs/scene-format.md"],
+)  # fmt: skip
+def test_the_python_of_a_page_runs(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)
+    names: dict[str, object] = {}
+    for block in blocks:
+        if "@dataclass" not in block:  # a part of a file of the library
+            exec(compile(block, page, "exec"), names)
+    if "result" in names:
+        assert names["result"].success  # type: ignore[attr-defined]
+
+
+def test_the_scene_that_is_shown_is_one(tmp_path: Path) -> None:
+    (text,) = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs/scene-format.md").read_text(), re.S)
+    (tmp_path / "shown.yaml").write_text(text)
+    assert load_scene(tmp_path / "shown.yaml").name == "table-top"
+
+
+@pytest.mark.parametrize("package", PUBLIC)
+def test_the_reference_shows_what_a_package_exports(package: str) -> None:
+    pages = "\n".join(page.read_text() for page in (ROOT / "docs/reference").glob("*.md"))
+    shown = {path.rpartition(".")[2] for path in re.findall(r"^::: (\S+)$", pages, re.M)}
+    module = importlib.import_module(package)
+    exported = set(module.__all__)
+    assert all(hasattr(module, name) for name in exported)
+    assert exported - UNSHOWN <= shown
+
+
+def test_importing_the_package_loads_nothing_heavy() -> None:
+    code = "import sys, optipromp; print({'numpy', 'numba', 'scipy', 'yaml'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
+    assert {"plan", "plan_many", "judge", "simulate"} <= set(dir(optipromp))
