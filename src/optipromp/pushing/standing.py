@@ -200,8 +200,9 @@ class Plane:
 
     def bench(self, tool: Tool, behind: Sequence[FloatArray] = ()) -> Bench:
         """The same for trials with a hand, and convex polygons (k, 2) ``behind`` it [m]."""
-        half = tool.gripper_radius if tool.mouth[0] > 0.0 else 0.0  # nothing is taken hold of
-        mouth = np.array([tool.front - tool.reach, tool.tip - tool.reach, half])
+        mouth = np.array([tool.front - tool.reach, tool.tip - tool.reach, tool.gripper_radius])
+        if tool.mouth[0] == 0.0:  # nothing is taken hold of, and the target is nowhere too deep
+            mouth[1:] = np.inf, 0.0
         hand = shapes([*tool.outline(), *behind])
         return Bench(
             self.things, 1.0 / self.friction, self.lever**2, self.walls, hand, mouth, self.edge

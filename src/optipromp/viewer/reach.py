@@ -176,9 +176,7 @@ def _add_arm(picture: Picture, robot: "Robot", q: FloatArray) -> None:
     picture.add(solids.tube(bones, slender), ARM)
     for joint in bones[1:-1]:
         picture.add(solids.sphere(joint, 1.3 * slender), ARM)
-    faces = tool_faces(robot, q)
-    picture.add(solids.tube(np.stack([bones[-1], faces[0, 0]]), 0.3 * slender), ARM)
-    picture.add(faces, ARM)
+    picture.add(tool_faces(robot, q), ARM)
 
 
 def _focus(plan: "Plan") -> FloatArray:
