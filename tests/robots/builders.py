@@ -42,6 +42,9 @@ def square(half: float) -> np.ndarray:
     return half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
+BAR = prism(square(0.01), 0.0, 0.10)
+
+
 def cup_parts() -> list[tuple[np.ndarray, np.ndarray]]:
     """Neck, floor and a ring of walls, none of which touches another."""
     parts = [prism(square(0.01), 0.0, 0.096), prism(square(0.017), 0.0965, 0.0995)]

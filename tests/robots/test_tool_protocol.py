@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 from tests.robots.builders import (
+    BAR,
     FLOOR,
     INNER,
     OUTER,
@@ -294,10 +295,6 @@ def test_a_tool_may_point_aside() -> None:
     assert tool.depth == pytest.approx((corner - tool.point) @ tool.rotation[:, 2])
 
 
-BAR = prism(square(0.01), 0.0, 0.10)
-TWISTED = joined([BAR, prism(square(0.02) + [0.0, 0.012], 0.05, 0.12)])
-
-
 @pytest.mark.parametrize(
     ("make", "words"),
     [
@@ -324,7 +321,7 @@ TWISTED = joined([BAR, prism(square(0.02) + [0.0, 0.012], 0.05, 0.12)])
         (lambda: MeshTool((MeshShape(*BAR),), (0, 0, 0.1), opening=0.02), ["height is None"]),
         (
             lambda: MeshTool((MeshShape(*BAR),), (0, 0, 0.1), opening=0.02, height=0.02),
-            ["opening is 0.02", "piece 0 of 1", "an opening of 0 metres"],
+            ["opening is 0.02", "piece 0 of 1", "an opening of 0.0000 metres"],
         ),
         (
             lambda: MeshTool((MeshShape(*BAR),), (0, 0, 0.1), opening=0.02, height=0.2),

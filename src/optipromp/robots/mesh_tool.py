@@ -79,7 +79,7 @@ class MeshTool:
             raise InvalidRequestError(
                 f"tool mesh: opening is {opening:g} and height is {height:g}, but "
                 f"piece {int(np.argmax(within))} of {len(within)} is in that mouth; along the tool "
-                f"axis there is room for an opening of {free:g} metres"
+                f"axis there is room for an opening of {free:.4f} metres"
             )
 
     @property

@@ -10,9 +10,7 @@ from optipromp.robots.meshes import box_axes
 from optipromp.robots.spheres import cover_box
 from optipromp.robots.tool_protocol import Solid
 
-EXCESS = (
-    0.004  # [m] that a sphere may reach beyond a box, if MOST spheres allow it: a cup's; choice
-)
+EXCESS = 0.004  # [m] that a sphere may reach beyond a box, as beyond a cup; a choice
 MOST = 60  # spheres of a tool: about as many as an arm has; a choice
 
 
