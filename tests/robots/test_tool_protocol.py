@@ -355,6 +355,28 @@ def test_what_lacks_a_member_is_no_tool() -> None:
     assert "reach" not in caught.value.message.partition("lacks")[2]
 
 
+@pytest.mark.parametrize(
+    ("member", "value", "words"),
+    [
+        ("rotation", np.diag([1.0, 1.0, -1.0]), "right-handed"),
+        ("rotation", 2.0 * np.eye(3), "unit axes"),
+        ("rotation", np.eye(2), "(3, 3) finite numbers"),
+        ("point", np.array([0.0, np.nan, 0.1]), "(3,) finite numbers"),
+        ("reach", 0.11, "reach is 0.11; by its other numbers it must be 0.1"),
+        ("depth", -0.02, "depth is -0.02; by its other numbers it must be 0.02"),
+        ("front", 0.13, "front is 0.13"),
+        ("mouth", (0.03, 0.02), "mouth[0] is 0.03; by its other numbers it must be 0.02"),
+        ("mouth", (-0.01, 0.02), "mouth[0] is -0.01"),
+    ],
+)
+def test_a_tool_that_contradicts_itself_is_refused(member: str, value: object, words: str) -> None:
+    tool = type("Odd", (Spoon,), {member: value})()
+    with pytest.raises(InvalidRequestError) as caught:
+        with_tool(load_robot("panda"), tool)
+    assert "tool Odd: " in caught.value.message
+    assert words in caught.value.message
+
+
 def test_the_kinds_are_those_of_the_library() -> None:
     assert {type(TOOLS[kind]) for kind in KINDS} == set(KINDS.values())
     assert not isinstance(Spoon(), tuple(KINDS.values()))

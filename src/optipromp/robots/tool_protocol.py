@@ -45,8 +45,8 @@ class Solid:
 class Tool(Protocol):
     """A tool on the flange, as planners, judge, simulation and pictures see it.
 
-    Any class with these members can be mounted (:func:`optipromp.robots.tools.with_tool`). It must
-    be immutable and hashable, as a frozen dataclass is. Lengths are metres.
+    An object of any class with these members can be mounted
+    (:func:`optipromp.robots.tools.with_tool`); it must not change from then on. Lengths are metres.
 
     The *tool axes* are x, y and z: z is the tool axis and points out of the mouth; fingers open
     along y. The *tool point* is where the centre of a fruit that is taken hold of rests.
@@ -109,6 +109,45 @@ class Tool(Protocol):
 
     def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
         """Centre of a mass [kg] (3,) and inertia about it (3, 3) [kg m²], in the flange frame."""
+
+
+MEMBERS = tuple(name for name in vars(Tool) if not name.startswith("_"))
+AGREE = 1e-6  # [m] by which numbers of a tool may differ that say the same: of rounding
+
+
+def check_tool(tool: Tool) -> None:
+    """Refuse what is no tool, and a tool whose numbers contradict one another.
+
+    Raises:
+        InvalidRequestError: naming the members, their values and what would be right.
+    """
+    name = type(tool).__name__
+    missing = [member for member in MEMBERS if not hasattr(tool, member)]
+    if missing:
+        raise InvalidRequestError(
+            f"{name} is no tool: it lacks {', '.join(missing)}; see optipromp.robots.Tool"
+        )
+    turn, point = np.asarray(tool.rotation), np.asarray(tool.point)
+    for member, array, shape in (("rotation", turn, (3, 3)), ("point", point, (3,))):
+        if array.shape != shape or not np.isfinite(array).all():
+            raise InvalidRequestError(
+                f"tool {name}: {member} is {array.tolist()}; it must be {shape} finite numbers"
+            )
+    if np.abs(turn.T @ turn - np.eye(3)).max() > AGREE or np.linalg.det(turn) < 0.0:
+        raise InvalidRequestError(
+            f"tool {name}: rotation is {turn.tolist()}; its columns must be right-handed unit axes"
+        )
+    inner, outer = tool.mouth
+    for member, value, wanted in (
+        ("reach", tool.reach, float(point @ turn[:, 2])),
+        ("depth", tool.depth, tool.tip - tool.reach),
+        ("mouth[0]", inner, min(max(inner, 0.0), outer)),
+        ("front", tool.front, min(tool.front, tool.tip)),
+    ):
+        if not abs(value - wanted) <= AGREE:
+            raise InvalidRequestError(
+                f"tool {name}: {member} is {value:g}; by its other numbers it must be {wanted:g}"
+            )
 
 
 def check_length(

@@ -21,7 +21,15 @@ from optipromp.robots.mesh_tool import MeshTool
 from optipromp.robots.model import BodySpheres, Robot
 from optipromp.robots.self_collision import candidate_pairs, drop_always_touching
 from optipromp.robots.spheres import cover_capsule
-from optipromp.robots.tool_protocol import LARGEST, Part, Solid, Tool, check_length, quaternion
+from optipromp.robots.tool_protocol import (
+    LARGEST,
+    Part,
+    Solid,
+    Tool,
+    check_length,
+    check_tool,
+    quaternion,
+)
 
 TOOL_LINK = "tool"
 WALL = 0.002  # [m] of a cup that states no opening, and of its floor
@@ -293,9 +301,6 @@ TOOLS: dict[str, type[Tool]] = {
 """Kinds of tool by the name that scene files have for them."""
 
 
-MEMBERS = tuple(name for name in vars(Tool) if not name.startswith("_"))
-
-
 def make_tool(kind: str, parameters: Mapping[str, Any]) -> Tool:
     """A tool of one of the :data:`TOOLS` from its parameters.
 
@@ -322,14 +327,10 @@ def with_tool(robot: Robot, tool: Tool) -> Robot:
         tool: one of :data:`TOOLS`, or of any class with the members of :class:`Tool`.
 
     Raises:
-        InvalidRequestError: the robot has a link of its own named "tool"; ``tool`` lacks members.
+        InvalidRequestError: the robot has a link of its own named "tool"; ``tool`` lacks members,
+            or its numbers contradict one another.
     """
-    missing = [name for name in MEMBERS if not hasattr(tool, name)]
-    if missing:
-        raise InvalidRequestError(
-            f"{type(tool).__name__} is no tool: it lacks {', '.join(missing)}; see "
-            "optipromp.robots.Tool"
-        )
+    check_tool(tool)
     bare = without_tool(robot)
     if TOOL_LINK in bare.link_names:
         raise InvalidRequestError(
