@@ -15,7 +15,7 @@ from optipromp.robots.tool_geometry import cover_solids, solids_inertia
 from optipromp.robots.tool_protocol import LARGEST, Part, Solid, check_length
 
 MOST_CORNERS = 8  # of a polygon that the models of the push take
-CLOSE = 1e-4  # [m] within which a piece may reach into the mouth: meshes are of single precision
+MESH_PLAY = 1e-4  # [m] within which a piece may reach into the mouth: meshes are of single precision
 Vector = tuple[float, float, float]
 
 
@@ -73,9 +73,9 @@ class MeshTool:
         low, high, inner, _ = self._profile.T
         check_length("mesh", "height", height, 0.0, float(high.max() - low.min()), open_below=True)
         check_length("mesh", "opening", opening, 0.0, 2.0 * self.mouth[1], open_below=True)
-        within = (high > self.front - self.reach + CLOSE) & (inner < opening / 2.0 - CLOSE)
+        within = (high > self.front - self.reach + MESH_PLAY) & (inner < opening / 2.0 - MESH_PLAY)
         if within.any():
-            free = 2.0 * float(inner[high > self.front - self.reach + CLOSE].min())
+            free = 2.0 * float(inner[high > self.front - self.reach + MESH_PLAY].min())
             raise InvalidRequestError(
                 f"tool mesh: opening is {opening:g} and height is {height:g}, but "
                 f"piece {int(np.argmax(within))} of {len(within)} is in that mouth; along the tool "
@@ -123,7 +123,7 @@ class MeshTool:
     def mouth(self) -> tuple[float, float]:
         """Half the opening, or 0, and :attr:`gripper_radius` [m]."""
         _, high, _, outer = self._profile.T
-        before = high > self.front - self.reach + CLOSE
+        before = high > self.front - self.reach + MESH_PLAY
         return (self.opening or 0.0) / 2.0, float(outer[before].max())
 
     def spheres(self) -> FloatArray:
