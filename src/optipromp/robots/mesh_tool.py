@@ -15,7 +15,7 @@ from optipromp.robots.tool_geometry import cover_solids, solids_inertia
 from optipromp.robots.tool_protocol import LARGEST, Part, Solid, check_length
 
 MOST_CORNERS = 8  # of a polygon that the models of the push take
-MESH_PLAY = 1e-4  # [m] within which a piece may reach into the mouth: meshes are of single precision
+MESH_PLAY = 1e-4  # [m] that a piece may reach into the mouth: meshes are of single precision
 Vector = tuple[float, float, float]
 
 
