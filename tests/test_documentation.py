@@ -17,7 +17,7 @@ PUBLIC = (
     "optipromp.pushing", "optipromp.optimization.costs", "optipromp.planning",
 )  # fmt: skip
 UNSHOWN = {  # aliases and constants, and kernels that no user calls
-    "DriftRule", "PLANNERS", "Planner", "Role", "STRATEGIES", "Shape", "Strategy", "Tool",
+    "DriftRule", "PLANNERS", "Planner", "Role", "STRATEGIES", "Shape", "Strategy",
     "__version__", "farther_than", "near", "signed_distance",
 }  # fmt: skip
 

@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.robots.builders import TOOLS, cup_parts, joined, write_obj
 
-from optipromp import OptiPrompError, load_plan, write_plan
+from optipromp import OptiPrompError, load_plan, load_robot, with_tool, write_plan
 from optipromp.planning import Plan, plan
 from optipromp.promp import load_demonstrations
+from optipromp.scenes import load_scene, scene_from_dict, scene_to_dict
 
 
 @pytest.fixture(scope="module", params=[("scenario-3", "opti-promp"), ("scenario-2", "i-promp")])
@@ -48,6 +50,28 @@ def test_a_moved_folder_still_loads(result: Plan, tmp_path: Path) -> None:
     write_plan(result, tmp_path / "a")
     (tmp_path / "a").rename(tmp_path / "b")
     assert load_plan(tmp_path / "b").seed == 3
+
+
+def test_a_mesh_tool_of_a_scene_file_comes_back(tmp_path: Path) -> None:
+    write_obj(tmp_path / "cup.obj", *joined(cup_parts()))
+    stated = {"kind": "mesh", "file": "cup.obj", "tool_point": [0.0, 0.0, 0.12], "opening": 0.044,
+              "height": 0.04}  # fmt: skip
+    document = scene_to_dict(load_scene("scenario-1")) | {"tool": stated}
+    made = plan(scene_from_dict(document, base_dir=tmp_path), planner="promp")
+    write_plan(made, tmp_path / "out")
+    again = load_plan(tmp_path / "out")
+    np.testing.assert_array_equal(again.robot.spheres.center, made.robot.spheres.center)
+    assert again.to_dict() == made.to_dict()
+
+
+def test_a_plan_of_another_tool_than_the_scenes_is_not_mistaken_for_one_of_it(
+    tmp_path: Path,
+) -> None:
+    other = with_tool(load_robot("panda"), TOOLS["spoon"])
+    write_plan(plan("scenario-3", planner="promp", robot=other), tmp_path)
+    assert (tmp_path / "trajectory.csv").exists()
+    with pytest.raises(OptiPrompError, match="with another robot or tool than the scene's"):
+        load_plan(tmp_path)
 
 
 def test_plan_json_is_strict_json(result: Plan, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import io
 import json
 import zipfile
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from optipromp.planning import Plan, Term
 from optipromp.planning.result import Stage, ViaPoint
 from optipromp.planning.task import resolve
 from optipromp.pushing.model import Prediction
+from optipromp.robots.model import Robot
 from optipromp.scenes.io import scene_from_dict, scene_to_dict
 from optipromp.trajectory import Trajectory
 
@@ -66,7 +68,10 @@ def load_plan(path: Path | str) -> Plan:
         if document["format"] != FORMAT:
             raise InvalidRequestError(f"format {document['format']!r} is unknown, not {FORMAT}")
         if document["scene_file"] is None:
-            raise InvalidRequestError("its scene held a shape made in memory and was not written")
+            raise InvalidRequestError(
+                "its scene was not written: it held a shape made in memory, or the plan was made "
+                "with another robot or tool than the scene's"
+            )
         scene = scene_from_dict(document["scene_file"], base_dir=folder, source=str(path))
         found = document["predicted_harm"]
         names = tuple(str(name) for name in arrays["joint_names"])
@@ -105,11 +110,22 @@ def _tuples(values: Mapping[str, Any]) -> dict[str, Any]:
 def _document(plan: Plan, folder: Path) -> dict[str, Any]:
     from importlib.metadata import version
 
-    try:
-        scene = scene_to_dict(plan.scene, base_dir=folder)
-    except InvalidSceneError:  # a mesh made in memory: the plan is still worth writing
-        scene = None
+    scene = None
+    with suppress(OptiPrompError):  # a mesh made in memory: the plan is still worth writing
+        if _alike(resolve(plan.scene).robot, plan.robot):
+            scene = scene_to_dict(plan.scene, base_dir=folder)
     return plan.to_dict() | {"format": FORMAT, "version": version("optipromp"), "scene_file": scene}
+
+
+def _alike(one: Robot, other: Robot) -> bool:
+    """Whether two robots have the same name, kind of tool, tool point, tool axis and spheres."""
+    return (one.name, type(one.tool)) == (other.name, type(other.tool)) and all(
+        np.array_equal(a, b)
+        for a, b in (
+            (one.tool_point, other.tool_point), (one.tool_axis, other.tool_axis),
+            (one.spheres.center, other.spheres.center), (one.spheres.radius, other.spheres.radius),
+        )
+    )  # fmt: skip
 
 
 def _csv(trajectory: Trajectory) -> bytes:

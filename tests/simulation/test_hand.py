@@ -10,7 +10,6 @@ from optipromp.robots.tools import FrankaHand
 from optipromp.scenes.generate import generate
 from optipromp.simulation import Cause, simulate
 from optipromp.simulation.engine import engine
-from optipromp.simulation.hand import between_fingers
 from optipromp.simulation.world import build
 
 HAND = FrankaHand()
@@ -24,8 +23,8 @@ def scene():
 def test_what_is_between_the_fingers():
     inside = [[0, 0, 0], [0, 0.039, 0], [0.008, 0, 0], [0, 0, 0.009], [0, 0, -0.03]]
     outside = [[0, 0.041, 0], [0, -0.041, 0], [0.01, 0, 0], [0, 0, 0.012], [0, 0, -0.04]]
-    assert between_fingers(HAND, np.array(inside)).all()
-    assert not between_fingers(HAND, np.array(outside)).any()
+    assert HAND.holds(np.array(inside)).all()
+    assert not HAND.holds(np.array(outside)).any()
 
 
 def test_the_fingers_are_apart_and_the_tool_point_is_free(scene):

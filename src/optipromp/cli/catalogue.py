@@ -14,11 +14,12 @@ PLANNERS = {
 def catalogue(
     as_json: AsJson = False,
 ) -> int:
-    """List the built-in robots and scenes, the planners, and every setting of theirs."""
+    """List the built-in robots and scenes, the kinds of tool, the planners, and their settings."""
     from optipromp.cli.settings import documented
     from optipromp.planning.options import PlanOptions
     from optipromp.planning.paper_options import PaperOptions
     from optipromp.robots.library import robot_names
+    from optipromp.robots.tools import TOOLS
     from optipromp.scenes.io import scene_names
 
     robots, scenes = robot_names(), scene_names()
@@ -27,13 +28,15 @@ def catalogue(
     if as_json:
         print_json(
             {
-                "robots": robots, "scenes": scenes, "planners": list(PLANNERS),
+                "robots": robots, "tools": list(TOOLS), "scenes": scenes,
+                "planners": list(PLANNERS),
                 "settings": {k: {"default": d, "meaning": text} for k, (d, text) in known.items()},
             }
         )  # fmt: skip
         return OK
     console = stdout()
     console.print(f"robots    {', '.join(robots)}; or a URDF or robot file")
+    console.print(f"tools     {', '.join(TOOLS)}")
     console.print(f"scenes    {', '.join(scenes)}; or a scene file")
     for index, (name, text) in enumerate(PLANNERS.items()):
         console.print(f"{'planners' if index == 0 else '':<9} {name}: {text}")

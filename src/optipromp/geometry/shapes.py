@@ -17,6 +17,8 @@ import numpy as np
 from optipromp.arrays import FloatArray, IntArray, frozen
 from optipromp.errors import InvalidSceneError
 
+CONVEX = 0.02  # share of its hull's volume that a mesh may lack and still count as convex
+
 
 def _positive(shape: str, name: str, value: float) -> float:
     number = float(value)
@@ -173,6 +175,20 @@ def bounding_radius(shape: Shape) -> float:
         case HalfSpace():
             return math.inf
     raise InvalidSceneError(f"unknown shape {type(shape).__name__}")
+
+
+def mesh_volume(mesh: MeshShape) -> float:
+    """Volume of a closed mesh, by its signed tetrahedra about the origin [m³]."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    return float(abs(np.einsum("ij,ij->i", a, np.cross(b, c)).sum()) / 6.0)
+
+
+def is_convex(mesh: MeshShape) -> bool:
+    """Whether a closed mesh fills its convex hull, but for the share :data:`CONVEX`."""
+    from scipy.spatial import ConvexHull
+
+    hull = float(ConvexHull(mesh.vertices).volume)
+    return mesh_volume(mesh) > (1.0 - CONVEX) * hull
 
 
 def of_each_class(shapes: Sequence[Shape]) -> Iterator[tuple[IntArray, Sequence[Any]]]:

@@ -153,7 +153,7 @@ def judge(
     distances, contacts, points, axes = swept(scene, robot, fine)
     contacts, notes = pushed_away(scene, robot, fine, contacts)
     tips, axes = points[waypoints], axes[waypoints]
-    rims = tips + getattr(robot.tool, "depth", 0.0) * axes
+    rims = tips + (0.0 if robot.tool is None else robot.tool.depth) * axes
     passed = passing(scene, tips, rims, robot.gripper_radius)
     goal_error, axis_error, missed = _goal(scene, q[-1], tips[-1], axes[-1], len(q) - 1)
     motion, broken = _motion(robot, trajectory, start)

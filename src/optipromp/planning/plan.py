@@ -22,6 +22,7 @@ from optipromp.planning.result import Outcome, Plan, Term, Terms
 from optipromp.planning.task import Task, resolve
 from optipromp.planning.verdict import Verdict, predicted
 from optipromp.promp.model import ProMP
+from optipromp.robots.model import Robot
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene
 from optipromp.trajectory import Trajectory
@@ -52,6 +53,7 @@ def _one_thread() -> Iterator[None]:
 def plan(
     scene: Scene | str | Path,
     *,
+    robot: Robot | None = None,
     planner: Planner = "opti-promp",
     strategy: Strategy = "joint",
     demonstrations: ProMP | str | Path | None = None,
@@ -63,6 +65,7 @@ def plan(
 
     Args:
         scene: a scene, the name of a built-in scene, or the path of a scene file.
+        robot: with its tool (:func:`optipromp.robots.tools.with_tool`), in place of the scene's.
         planner: ``promp`` conditions the primitive on start, camera point and target; ``i-promp``
             also on every neighbour and its pushed pose; ``opti-promp`` picks a tool path, follows
             it with the whole arm and optimises the result.
@@ -86,7 +89,7 @@ def plan(
         StartInvalidError: a start outside the joint limits, or of the wrong size.
     """
     with _one_thread():
-        return _plan(scene, planner, strategy, demonstrations, seed, options, progress)
+        return _plan(scene, robot, planner, strategy, demonstrations, seed, options, progress)
 
 
 def check_planner(planner: str, strategy: str) -> None:
@@ -110,6 +113,7 @@ def warm_up() -> None:
 
 def _plan(
     scene: Scene | str | Path,
+    robot: Robot | None,
     planner: Planner,
     strategy: Strategy,
     demonstrations: ProMP | str | Path | None,
@@ -123,7 +127,7 @@ def _plan(
     say = progress or (lambda _: None)
     if not isinstance(scene, Scene):
         scene = load_scene(scene)
-    task = resolve(scene)
+    task = resolve(scene, robot)
     paper = planner == "opti-promp" and (strategy == "sequential" or options.constraints == "paper")
     default = planner == "opti-promp" and not paper
     promp = learnt(task, demonstrations, **({"basis": PAPER_BASIS} if paper else {}))

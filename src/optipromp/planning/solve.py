@@ -23,7 +23,6 @@ from optipromp.planning.follow import Start
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.task import Task
 from optipromp.planning.timing import timed
-from optipromp.robots.tools import FrankaHand
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene
 from optipromp.trajectory import Trajectory
 
@@ -152,7 +151,7 @@ def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation
             CorridorCost(KEPT, points, np.eye(3), options.corridor, first, WITHIN),
             UprightCost(LEAN, task.goal.axis, UPRIGHT, first),
         ]
-        if isinstance(robot.tool, FrankaHand):
+        if robot.tool is not None and robot.tool.fingers:
             pair = opposite(task)
             constraints.append(LevelCost(WISH, pair, task.scene.frame[0], first))
     return Problem(
@@ -163,9 +162,9 @@ def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation
 
 
 def opposite(task: Task) -> tuple[int, int]:
-    """The outermost two body spheres of a hand on either side, which are to stand level."""
+    """The outermost two spheres of a tool with fingers on either side, which are to stand level."""
     robot = task.robot
-    assert isinstance(robot.tool, FrankaHand)
+    assert robot.tool is not None
     mine = np.flatnonzero(robot.spheres.link == len(robot.link_names) - 1)
     opens = robot.flange_rotation @ robot.tool.rotation[:, 1]
     along = robot.spheres.center[mine] @ opens

@@ -2,22 +2,22 @@
 
 import functools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from optipromp.arrays import FloatArray, frozen
-from optipromp.errors import InvalidRequestError, InvalidSceneError, StartInvalidError
+from optipromp.errors import InvalidRequestError, StartInvalidError
 from optipromp.optimization.evaluation import BodyPoints
 from optipromp.optimization.problem import Surroundings
 from optipromp.pushing.rules import neighbours
 from optipromp.robots.library import load_robot, robot_names
 from optipromp.robots.model import Robot
-from optipromp.robots.tools import Cup, FrankaHand, with_tool
+from optipromp.robots.tools import make_tool, with_tool
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
 
 LIMIT_TOLERANCE = 1e-9
 NEAR = 0.065  # [m] obstacles within this of a body sphere are looked up in cells
-TOOLS: dict[str, type[Cup] | type[FrankaHand]] = {"cup": Cup, "franka_hand": FrankaHand}
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ def _robot_with_tool(scene: Scene) -> tuple[Robot, BodyPoints]:
     return _equip(load_robot(scene.robot, scene.base_dir), tool)
 
 
-ToolKey = tuple[str, tuple[tuple[str, float], ...]] | None
+ToolKey = tuple[str, tuple[tuple[str, Any], ...]] | None
 
 
 @functools.lru_cache(maxsize=32)
@@ -88,22 +88,25 @@ def _built_in(name: str, tool: ToolKey) -> tuple[Robot, BodyPoints]:
 def _equip(robot: Robot, tool: ToolKey) -> tuple[Robot, BodyPoints]:
     if tool is not None:
         kind, parameters = tool
-        if kind not in TOOLS:
-            raise InvalidSceneError(f"tool.kind is {kind!r}; valid are {', '.join(TOOLS)}")
-        robot = with_tool(robot, TOOLS[kind](**dict(parameters)))
+        robot = with_tool(robot, make_tool(kind, dict(parameters)))
     return robot, BodyPoints(robot)
 
 
-def resolve(scene: Scene) -> Task:
+def resolve(scene: Scene, robot: Robot | None = None) -> Task:
     """Load the scene's robot and tool and check start and goal against it.
+
+    Args:
+        scene: what is to be planned.
+        robot: with its tool, in place of the scene's robot and tool.
 
     Raises:
         InvalidRobotError: a robot that cannot be loaded.
-        InvalidSceneError: a tool that cannot be mounted.
+        InvalidSceneError: a tool of an unknown kind.
         StartInvalidError: wrong joint count, or outside the joint limits.
-        InvalidRequestError: a goal in joints that is not a configuration of the robot.
+        InvalidRequestError: a tool that cannot be made or mounted; a goal in joints that is not a
+            configuration of the robot.
     """
-    robot, body = _robot_with_tool(scene)
+    robot, body = _robot_with_tool(scene) if robot is None else (robot, BodyPoints(robot))
     start = robot.home if scene.start is None else scene.start
     if start.shape != (robot.n_joints,):
         raise StartInvalidError(

@@ -9,6 +9,7 @@ from optipromp.judging import Judgement
 from optipromp.planning.prediction import push_model, tool_motion
 from optipromp.planning.task import Task, resolve
 from optipromp.pushing.model import Prediction
+from optipromp.robots.model import Robot
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene
 from optipromp.trajectory import Trajectory
@@ -45,18 +46,21 @@ class Verdict:
         return "; ".join([message, *(f"note: {note}" for note in self.judgement.notes)])
 
 
-def judge(scene: Scene | str | Path, trajectory: Trajectory) -> Verdict:
+def judge(
+    scene: Scene | str | Path, trajectory: Trajectory, *, robot: Robot | None = None
+) -> Verdict:
     """Judge anyone's trajectory in a scene.
 
     Args:
         scene: a scene, a built-in scene's name, or a scene file.
-        trajectory: of the scene's robot, joints in the robot's order.
+        trajectory: of the robot, joints in the robot's order.
+        robot: with its tool, in place of the scene's.
 
     Raises:
         InvalidRequestError: joints of other names or number than the robot's.
         InvalidSceneError, InvalidRobotError, StartInvalidError: wrong input.
     """
-    task = resolve(scene if isinstance(scene, Scene) else load_scene(scene))
+    task = resolve(scene if isinstance(scene, Scene) else load_scene(scene), robot)
     if trajectory.joint_names != task.robot.joint_names:
         raise InvalidRequestError(
             f"the trajectory's joints are {', '.join(trajectory.joint_names)}; "

@@ -17,7 +17,7 @@ _jit = njit(cache=True, error_model="numpy", nogil=True)
 
 
 class Cup(NamedTuple):
-    """A cup about its axis, heights over the tool point [m]."""
+    """A cup about its axis, heights over the tool point [m]; solid where inner = -outer."""
 
     inner: float
     outer: float

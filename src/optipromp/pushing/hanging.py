@@ -28,7 +28,8 @@ from optipromp.pushing.rules import (
 )
 from optipromp.pushing.swinging import harm, led, mean_score
 from optipromp.robots.cup_cover import NECK_RADIUS
-from optipromp.robots.tools import WALL, Cup, FrankaHand, Tool
+from optipromp.robots.tool_protocol import Tool
+from optipromp.robots.tools import WALL
 from optipromp.scenes.scene import Scene, SceneObject
 
 EVERY = 3  # points of a path between two steps of the model
@@ -52,14 +53,14 @@ SOME = 4  # obstacles that it takes longer to sort than to measure
 NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
 
 
-def applies(scene: Scene, tool: object, neighbours: Sequence[SceneObject]) -> bool:
-    """Whether the model knows the push: a mouth for a target that hangs, and fruits in the way.
+def applies(scene: Scene, tool: Tool | None, neighbours: Sequence[SceneObject]) -> bool:
+    """Whether the model knows the push: a tool for a target that hangs, and fruits in the way.
 
     Not where there are more of them than it can try in the time of a plan.
     """
     target = scene.target
     hangs = target is not None and target.stem is not None
-    return hangs and isinstance(tool, Cup | FrankaHand) and 0 < len(neighbours) <= MOST
+    return hangs and tool is not None and 0 < len(neighbours) <= MOST
 
 
 class Hanging(PushModel):
@@ -67,7 +68,8 @@ class Hanging(PushModel):
 
     Args:
         scene: the scene.
-        tool: with a mouth. A hand is modelled as a cup with its opening.
+        tool: modelled as a cup with its mouth; fingers too. One that takes hold of nothing is a
+            solid cylinder, and its harm does not count that the target is not inside.
         neighbours: pushables in the way, first met first.
         camera: (3,) where a path begins [m].
         gripper_radius: R_gripper [m].
@@ -85,6 +87,7 @@ class Hanging(PushModel):
         self.camera, self.gripper_radius = camera, gripper_radius
         inner, outer = tool.mouth
         base = tool.front - tool.reach
+        inner = inner if inner > 0.0 else -outer  # solid
         self.cup = Mouth(inner, outer, base, tool.depth, WALL, NECK_RADIUS)
         self.static, self.avoid = (
             near(scene.packed(scene.around(target.position, AROUND, role)), target.position, AROUND)
@@ -179,7 +182,7 @@ class Hanging(PushModel):
         radii = np.array([fruit.radius for fruit in self.neighbours])
         corners = path_past(
             drift, self.gripper_radius + clearances * radii, self.target.position,
-            self.scene.frame, self.camera, self.cup.rim + self.target.radius + CAPTURE,
+            self.scene.frame, self.camera, max(self.cup.rim + self.target.radius + CAPTURE, 0.0),
         )  # fmt: skip
         return through(corners, SPEED)
 

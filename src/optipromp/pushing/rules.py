@@ -233,12 +233,12 @@ def rule_paths(
 ) -> list[FloatArray]:
     """Corners (k, 3) of the path from ``camera`` (3,) past neighbours, for each choice of sides."""
     assert scene.target is not None
-    depth = float(getattr(robot.tool, "depth", 0.0))
+    depth = 0.0 if robot.tool is None else robot.tool.depth
     radii = np.array([thing.radius for thing in things])
     return [
         path_past(
             drift, robot.gripper_radius + CLEARANCE * radii, scene.target.position, scene.frame,
-            camera, depth + scene.target.radius,
+            camera, max(depth + scene.target.radius, 0.0),
         )
         for drift in drift_choices(
             scene, things, "shortest", depth=depth, gripper_radius=robot.gripper_radius

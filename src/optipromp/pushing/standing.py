@@ -28,7 +28,7 @@ from optipromp.pushing.trials import (
     cost,
     stepped,
 )
-from optipromp.robots.tools import Cup, FrankaHand, Tool
+from optipromp.robots.tool_protocol import Tool
 from optipromp.scenes.scene import Scene, SceneObject
 
 EVERY = 4  # points of a path between two steps of the model
@@ -201,15 +201,17 @@ class Plane:
     def bench(self, tool: Tool, behind: Sequence[FloatArray] = ()) -> Bench:
         """The same for trials with a hand, and convex polygons (k, 2) ``behind`` it [m]."""
         mouth = np.array([tool.front - tool.reach, tool.tip - tool.reach, tool.gripper_radius])
+        if tool.mouth[0] == 0.0:  # nothing is taken hold of, and the target is nowhere too deep
+            mouth[1:] = np.inf, 0.0
         hand = shapes([*tool.outline(), *behind])
         return Bench(
             self.things, 1.0 / self.friction, self.lever**2, self.walls, hand, mouth, self.edge
         )
 
 
-def applies(scene: Scene, tool: object) -> bool:
+def applies(scene: Scene, tool: Tool | None) -> bool:
     """Whether the tool comes to its target on the level, and something stands in the scene."""
-    if scene.target is None or not isinstance(tool, Cup | FrankaHand):
+    if scene.target is None or tool is None:
         return False
     stands = any(thing.stem is None for thing in scene.pushables)
     _, y_g, z_g = scene.frame

@@ -391,7 +391,7 @@ def _harm(
     done = push(s, points, axes, dt, cup, solid, worst, positions, forces, stem_forces, so_far)
     x, p = positions[-1, 0], steps - 1
     end = Pose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
-    missed = done < steps or not inside(x[0], x[1], x[2], end, cup)
+    missed = done < steps or (cup.inner > 0.0 and not inside(x[0], x[1], x[2], end, cup))
     return so_far[0], so_far[1], so_far[2], so_far[3], so_far[4], missed
 
 

@@ -1,17 +1,27 @@
 """Robots: description files, kinematics, body spheres, tools."""
 
+from optipromp.robots.grippers import FingerGripper, Scissor
 from optipromp.robots.library import load_robot, robot_names
+from optipromp.robots.mesh_tool import MeshTool
 from optipromp.robots.model import BodySpheres, Robot
-from optipromp.robots.tools import Cup, FrankaHand, Tool, with_tool, without_tool
+from optipromp.robots.tool_geometry import cover_solids, solids_inertia
+from optipromp.robots.tool_protocol import Solid, Tool
+from optipromp.robots.tools import Cup, FrankaHand, with_tool, without_tool
 
 __all__ = [
     "BodySpheres",
     "Cup",
+    "FingerGripper",
     "FrankaHand",
+    "MeshTool",
     "Robot",
+    "Scissor",
+    "Solid",
     "Tool",
+    "cover_solids",
     "load_robot",
     "robot_names",
+    "solids_inertia",
     "with_tool",
     "without_tool",
 ]

@@ -36,7 +36,10 @@ def cover_mesh(model: UrdfModel, link: str, shape: UrdfGeometry) -> FloatArray:
         raise InvalidRobotError(
             f"{where} spans {extent:g} m and lies beyond 20 m: millimetres? Give it a scale"
         )
-    return np.concatenate([_cover_piece(vertices, piece) for piece in _pieces(vertices, faces)])
+    parts = pieces(vertices, faces)
+    if len(parts) > MAX_PIECES:
+        parts = [faces]
+    return np.concatenate([_cover_piece(vertices, piece) for piece in parts])
 
 
 def _resolve(urdf: Path, name: str, where: str) -> Path:
@@ -73,7 +76,7 @@ def _load(path: Path, where: str) -> tuple[FloatArray, IntArray]:
     return vertices, faces
 
 
-def _pieces(vertices: FloatArray, faces: IntArray) -> list[IntArray]:
+def pieces(vertices: FloatArray, faces: IntArray) -> list[IntArray]:
     """The faces of each connected piece; vertices at one place are one."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -85,15 +88,12 @@ def _pieces(vertices: FloatArray, faces: IntArray) -> list[IntArray]:
     graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(size, size))
     _, label = connected_components(graph, directed=False)
     of_face = label[joined[:, 0]]
-    labels = np.unique(of_face)
-    if len(labels) > MAX_PIECES:
-        return [faces]
-    return [faces[of_face == value] for value in labels]
+    return [faces[of_face == value] for value in np.unique(of_face)]
 
 
 def _cover_piece(vertices: FloatArray, faces: IntArray) -> FloatArray:
     points = vertices[np.unique(faces)]
-    frame = _frame(points)
+    frame = box_axes(points)
     local = vertices @ frame.T
     used = local[np.unique(faces)]
     low, high = used.min(axis=0), used.max(axis=0)
@@ -136,7 +136,7 @@ def _cover_slab(points: FloatArray, most: int) -> FloatArray:
     return grid
 
 
-def _frame(points: FloatArray) -> FloatArray:
+def box_axes(points: FloatArray) -> FloatArray:
     """Rows: axes of the smaller of two boxes around ``points``, along the world's or the principal.
 
     Longest side first.

@@ -11,7 +11,7 @@ from optipromp.robots import kernels
 from optipromp.robots.kernels import Kinematics
 
 if TYPE_CHECKING:
-    from optipromp.robots.tools import Tool
+    from optipromp.robots.tool_protocol import Tool
 
 __all__ = ["BodySpheres", "Kinematics", "Robot"]
 

@@ -1,10 +1,9 @@
-"""The roll of a hand about its tool axis: a hand takes hold only with a finger on either side."""
+"""The roll of fingers about the tool axis: one is to be on either side of the target."""
 
 import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.robots.model import Robot
-from optipromp.robots.tools import FrankaHand
 
 
 def level(robot: Robot, q: FloatArray, normal: FloatArray, *, path: bool = False) -> FloatArray:
@@ -24,12 +23,12 @@ def level(robot: Robot, q: FloatArray, normal: FloatArray, *, path: bool = False
             joint's limits let them.
 
     Returns:
-        (m, n). A copy of ``q`` where the tool is no hand or the last joint does more than roll it;
-        of the rolls within the limits the one nearest to that of ``q``.
+        (m, n). A copy of ``q`` where the tool has no fingers or the last joint does more than roll
+        it; of the rolls within the limits the one nearest to that of ``q``.
     """
     out = np.array(q, dtype=np.float64).reshape(-1, robot.n_joints)
     tool, kin = robot.tool, robot.kinematics
-    if not isinstance(tool, FrankaHand) or not len(out) or not rolls(robot):
+    if tool is None or not tool.fingers or not len(out) or not rolls(robot):
         return out
     _, turns = robot.segment_frames(out)
     hand = turns[:, -1] @ robot.flange_rotation @ tool.rotation

@@ -1,4 +1,4 @@
-"""Tools on the flange: a swallowing cup and the Franka hand; each is a few covering spheres.
+"""Tools on the flange: the swallowing cup, the Franka hand, and how any tool is mounted.
 
 The boxes of the Franka hand follow the public description of it (franka_description), as remembered
 and not checked against the file: a palm 204 mm wide, 63 mm thick and 66 mm to its front, and
@@ -6,19 +6,33 @@ fingers whose rubber tips are 17.5 mm high, 15 mm wide and 18.5 mm long, 80 mm a
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
 from optipromp.arrays import BoolArray, FloatArray, IntArray, frozen
-from optipromp.errors import InvalidRequestError
+from optipromp.errors import InvalidRequestError, InvalidSceneError
+from optipromp.geometry.shapes import Box, Cylinder
 from optipromp.robots.cup_cover import NECK_RADIUS, cover_cup
+from optipromp.robots.grippers import FingerGripper, Scissor, between
+from optipromp.robots.mesh_tool import MeshTool
 from optipromp.robots.model import BodySpheres, Robot
 from optipromp.robots.self_collision import candidate_pairs, drop_always_touching
 from optipromp.robots.spheres import cover_capsule
+from optipromp.robots.tool_protocol import (
+    LARGEST,
+    Part,
+    Solid,
+    Tool,
+    check_length,
+    check_tool,
+    quaternion,
+)
 
 TOOL_LINK = "tool"
-WALL = 0.002  # [m] of a cup that states no opening
+WALL = 0.002  # [m] of a cup that states no opening, and of its floor
 PALM = 0.0316, 0.02  # [m] of the Franka hand: half of its thickness, middle before the flange
 PALM_HALF = 0.102, 0.0459  # [m] half of its width, half of its length
 FINGERS = 0.0584  # [m] before the flange, where the fingers begin
@@ -28,7 +42,7 @@ FINGER = {  # boxes of an open finger: x, y, z of the centre, three half edges [
     "pad": (0.0, 0.00758, 0.04525, 0.00875, 0.0076, 0.00925, 0.0),
 }
 PADS = FINGER["pad"]
-LARGEST = 5.0  # [m] a tool dimension beyond it is taken for millimetres
+WALLS = 16  # flat pieces of a cup's wall
 
 
 @dataclass(frozen=True)
@@ -44,6 +58,7 @@ class Cup:
         InvalidRequestError: a parameter out of its range, named with its value.
     """
 
+    fingers: ClassVar[bool] = False
     radius: float
     height: float = 0.05
     length: float = 0.10
@@ -51,12 +66,22 @@ class Cup:
     opening: float | None = None
 
     def __post_init__(self) -> None:
-        _check("cup", "radius", self.radius, 0.0, LARGEST, open_below=True)
-        _check("cup", "height", self.height, 0.0, LARGEST, open_below=True)
-        _check("cup", "length", self.length, 0.0, LARGEST)
-        _check("cup", "depth", self.depth, 0.0, self.height)
+        check_length("cup", "radius", self.radius, 0.0, LARGEST, open_below=True)
+        check_length("cup", "height", self.height, 0.0, LARGEST, open_below=True)
+        check_length("cup", "length", self.length, 0.0, LARGEST)
+        check_length("cup", "depth", self.depth, 0.0, self.height)
         if self.opening is not None:
-            _check("cup", "opening", self.opening, 0.0, 2.0 * self.radius, open_below=True)
+            check_length("cup", "opening", self.opening, 0.0, 2.0 * self.radius, open_below=True)
+
+    @property
+    def point(self) -> FloatArray:
+        """(3,) the tool point in the flange frame [m]."""
+        return np.array([0.0, 0.0, self.reach])
+
+    @property
+    def rotation(self) -> FloatArray:
+        """(3, 3) the tool axes: those of the flange."""
+        return np.eye(3)
 
     @property
     def reach(self) -> float:
@@ -103,6 +128,43 @@ class Cup:
             box(base, rim, -outer, -inner),
         )  # fmt: skip
 
+    @property
+    def _inner(self) -> float:
+        """Radius of the mouth as it is built [m]."""
+        if self.opening is not None:
+            return min(self.opening / 2.0, self.radius - 1e-4)
+        return max(self.radius - WALL, 0.5 * self.radius)
+
+    def solids(self) -> tuple[Solid, ...]:
+        """Neck, floor and a ring of flat walls."""
+        floor, wall = min(WALL, self.height / 4.0), self.radius - self._inner
+        wide = 2.0 * (self.radius * np.tan(np.pi / WALLS))
+        middle, aside = self.length + 0.5 * self.height, self._inner + wall / 2.0
+        out = []
+        if self.length > 0.0:
+            neck = Cylinder(min(NECK_RADIUS, self.radius), self.length)
+            out.append(Solid("neck", neck, np.array([0.0, 0.0, self.length / 2.0]), part="neck"))
+        at = np.array([0.0, 0.0, self.length + floor / 2.0])
+        out.append(Solid("floor", Cylinder(self.radius, floor), at, part="mouth"))
+        for k in range(WALLS):
+            angle = 2.0 * np.pi * k / WALLS
+            at = np.array([aside * np.cos(angle), aside * np.sin(angle), middle])
+            turned = float(np.cos(angle / 2.0)), 0.0, 0.0, float(np.sin(angle / 2.0))
+            out.append(Solid(f"wall:{k}", Box((wall, wide, self.height)), at, turned, "mouth"))
+        return tuple(out)
+
+    def holds(self, points: FloatArray) -> BoolArray:
+        """Within the inner radius, below the rim, above the floor; points (R, 3)."""
+        x, y, z = points.T
+        within = np.hypot(x, y) < self._inner
+        return np.asarray(within & (z < self.depth) & (z > self.depth - self.height))
+
+    def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
+        """Of a tube: all of the mass is in the wall."""
+        across = 0.5 * self.radius**2 + self.height**2 / 12.0
+        middle = np.array([0.0, 0.0, self.length + 0.5 * self.height])
+        return middle, mass * np.diag([across, across, self.radius**2])
+
 
 @dataclass(frozen=True)
 class FrankaHand:
@@ -116,12 +178,15 @@ class FrankaHand:
     hand itself: a palm and two fingers, see :meth:`boxes` and :meth:`outline`.
     """
 
+    fingers: ClassVar[bool] = True
     reach: float = 0.1034
     gripper_radius: float = 0.04  # half of the 0.08 m between the open fingers
 
     def __post_init__(self) -> None:
-        _check("franka_hand", "reach", self.reach, 0.0, LARGEST, open_below=True)
-        _check("franka_hand", "gripper_radius", self.gripper_radius, 0.0, LARGEST, open_below=True)
+        check_length("franka_hand", "reach", self.reach, 0.0, LARGEST, open_below=True)
+        check_length(
+            "franka_hand", "gripper_radius", self.gripper_radius, 0.0, LARGEST, open_below=True
+        )
 
     def spheres(self) -> FloatArray:
         """Spheres (k, 4) over both capsules, in the flange frame [m]."""
@@ -132,6 +197,11 @@ class FrankaHand:
             middle = np.array([0.0, 0.0, height])
             covers.append(cover_capsule(middle - half, middle + half, radius, bulge=0.006))
         return np.concatenate(covers)
+
+    @property
+    def point(self) -> FloatArray:
+        """(3,) the tool point in the flange frame [m]."""
+        return np.array([0.0, 0.0, self.reach])
 
     @property
     def rotation(self) -> FloatArray:
@@ -193,8 +263,57 @@ class FrankaHand:
                 out.append(part if sign > 0 else part[::-1])
         return tuple(out)
 
+    def solids(self) -> tuple[Solid, ...]:
+        """The :meth:`boxes`."""
+        turned, out = self.rotation, []
+        for name, center, half, turn in self.boxes():
+            c, s = np.cos(turn), np.sin(turn)
+            about = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+            w, x, y, z = quaternion(turned @ about).tolist()
+            a, b, c = (2.0 * half).tolist()
+            part: Part = "palm" if name == "palm" else "finger"
+            out.append(
+                Solid(f"hand:{name}", Box((a, b, c)), turned @ center, (w, x, y, z), part)
+            )  # fmt: skip
+        return tuple(out)
 
-Tool = Cup | FrankaHand
+    def holds(self, points: FloatArray) -> BoolArray:
+        """Between the open fingers, where closing them takes hold; points (R, 3).
+
+        That is: across, between the pads; in height, no farther from their middle than the pads are
+        high; along the hand, from the palm to the finger tips.
+        """
+        ends = self.front - self.reach, self.tip - self.reach
+        return between(points, self.gripper_radius, PADS[3], ends)
+
+    def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
+        """As if all of the mass was in the palm."""
+        turned, (_, middle, half, _) = self.rotation, self.boxes()[0]
+        a, b, c = (half**2).tolist()
+        own = np.diag(mass / 3.0 * np.array([b + c, a + c, a + b]))
+        return turned @ middle, turned @ own @ turned.T
+
+
+TOOLS: dict[str, type[Tool]] = {
+    "cup": Cup, "franka_hand": FrankaHand, "finger_gripper": FingerGripper, "scissor": Scissor,
+    "mesh": MeshTool,
+}  # fmt: skip
+"""Kinds of tool by the name that scene files have for them."""
+
+
+def make_tool(kind: str, parameters: Mapping[str, Any]) -> Tool:
+    """A tool of one of the :data:`TOOLS` from its parameters.
+
+    Raises:
+        InvalidSceneError: another kind.
+        InvalidRequestError: parameters that make no tool.
+    """
+    if kind not in TOOLS:
+        raise InvalidSceneError(f"tool.kind is {kind!r}; valid are {', '.join(TOOLS)}")
+    try:
+        return TOOLS[kind](**parameters)
+    except TypeError as error:  # a parameter that the kind does not have, or lacks
+        raise InvalidRequestError(f"tool {kind}: {error}") from None
 
 
 def with_tool(robot: Robot, tool: Tool) -> Robot:
@@ -203,9 +322,15 @@ def with_tool(robot: Robot, tool: Tool) -> Robot:
     The tool is a new last link, "tool": distal, at rest relative to the last link and a neighbour
     of the one before; the spheres of other links are kept from it.
 
+    Args:
+        robot: with or without a tool.
+        tool: one of :data:`TOOLS`, or of any class with the members of :class:`Tool`.
+
     Raises:
-        InvalidRequestError: the robot has a link of its own named "tool".
+        InvalidRequestError: the robot has a link of its own named "tool"; ``tool`` lacks members,
+            or its numbers contradict one another.
     """
+    check_tool(tool)
     bare = without_tool(robot)
     if TOOL_LINK in bare.link_names:
         raise InvalidRequestError(
@@ -225,7 +350,8 @@ def with_tool(robot: Robot, tool: Tool) -> Robot:
         bare,
         spheres=spheres,
         link_names=(*bare.link_names, TOOL_LINK),
-        tool_point=frozen(translation + tool.reach * rotation[:, 2]),
+        tool_point=frozen(translation + rotation @ tool.point),
+        tool_axis=frozen(rotation @ tool.rotation[:, 2]),
         gripper_radius=float(tool.gripper_radius),
         tool=tool,
     )
@@ -248,23 +374,7 @@ def without_tool(robot: Robot) -> Robot:
         link_names=robot.link_names[:-1],
         self_pairs=frozen(pairs, np.int64),
         tool_point=robot.flange_translation,
+        tool_axis=frozen(robot.flange_rotation[:, 2]),
         gripper_radius=0.0,
         tool=None,
-    )
-
-
-def _check(
-    tool: str, field: str, value: float, low: float, high: float, open_below: bool = False
-) -> None:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if (
-        number
-        and math.isfinite(value)
-        and low <= value <= high
-        and not (open_below and value <= low)
-    ):
-        return
-    bracket = "(" if open_below else "["
-    raise InvalidRequestError(
-        f"tool {tool}: {field} is {value!r}; it must be in {bracket}{low:g}, {high:g}] metres"
     )

@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 
 from optipromp.arrays import FloatArray
-from optipromp.errors import InvalidSceneError
+from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.files import write_atomically
 from optipromp.geometry.shapes import (
     Box,
@@ -27,6 +27,7 @@ from optipromp.geometry.shapes import (
     Shape,
     Sphere,
 )
+from optipromp.robots.tools import make_tool
 from optipromp.scenes.documents import read_document
 from optipromp.scenes.rotations import from_quaternion, to_quaternion
 from optipromp.scenes.scene import (
@@ -40,7 +41,7 @@ from optipromp.scenes.scene import (
     ToolSpec,
     suggest,
 )
-from optipromp.scenes.schema import ObjectModel, SceneModel, ShapeModel, parse
+from optipromp.scenes.schema import MeshToolModel, ObjectModel, SceneModel, ShapeModel, parse
 
 _FARTHEST = 20.0  # [m] positions beyond are taken for millimetres ...
 _BEYOND_MILLIMETRES = 5_000.0  # [m] ... unless no robot is that large even in millimetres
@@ -116,7 +117,7 @@ def _build(document: object, source: str, base_dir: Path | None) -> Scene:
             name=model.name,
             robot=model.robot,
             objects=tuple(objects),
-            tool=_tool(model, scale),
+            tool=_tool(model, scale, base_dir),
             start=None if model.start is None else np.array(model.start),
             approach=_approach(model, scale),
             goal=_goal(model, scale),
@@ -218,11 +219,40 @@ def _check_target_key(model: SceneModel, objects: list[SceneObject]) -> None:
         )
 
 
-def _tool(model: SceneModel, scale: float) -> ToolSpec | None:
+def _tool(model: SceneModel, scale: float, base_dir: Path | None) -> ToolSpec | None:
+    """The tool, tried whether it can be made; of a mesh the files, read."""
     if model.tool is None:
         return None
-    given = model.tool.model_dump(exclude={"kind"}, exclude_none=True)
-    return ToolSpec(model.tool.kind, {name: scale * value for name, value in given.items()})
+    given = model.tool.given
+    if isinstance(model.tool, MeshToolModel):
+        from optipromp.geometry.loading import load_mesh
+
+        files = given.pop("parts", None) or [given.pop("file")]
+        unit = given.pop("scale")
+        meshes = tuple(load_mesh((base_dir or Path()) / file, unit) for file in files)
+        axis = {"tool_axis": tuple(given.pop("tool_axis"))} if "tool_axis" in given else {}
+        point = tuple(scale * value for value in given.pop("tool_point"))
+        fixed = {"meshes": meshes, "tool_point": point, **axis}
+    else:
+        fixed = {"turn": given.pop("turn")} if "turn" in given else {}
+    spec = ToolSpec(model.tool.kind, {**fixed, **{k: scale * v for k, v in given.items()}})
+    try:
+        make_tool(spec.kind, spec.parameters)
+    except InvalidRequestError as error:
+        raise InvalidSceneError(error.message) from None
+    return spec
+
+
+def _tool_to_dict(tool: ToolSpec, base_dir: Path | None) -> dict[str, Any]:
+    out: dict[str, Any] = {"kind": tool.kind, **tool.parameters}
+    meshes = out.pop("meshes", ())
+    out |= {name: list(value) for name, value in out.items() if isinstance(value, tuple)}
+    if meshes:
+        shapes = [_shape_to_dict(mesh, base_dir)["mesh"] for mesh in meshes]
+        files = [shape["file"] for shape in shapes]
+        out |= {"file": files[0]} if len(files) == 1 else {"parts": files}
+        out |= {"scale": meshes[0].scale} if meshes[0].scale != 1.0 else {}
+    return out
 
 
 def _approach(model: SceneModel, scale: float) -> Approach:
@@ -254,7 +284,7 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
     """
     document: dict[str, Any] = {"format": 1, "name": scene.name, "robot": _robot(scene, base_dir)}
     if scene.tool is not None:
-        document["tool"] = {"kind": scene.tool.kind, **scene.tool.parameters}
+        document["tool"] = _tool_to_dict(scene.tool, base_dir)
     if scene.start is not None:
         document["start"] = scene.start.tolist()
     if scene.target is not None:

@@ -225,13 +225,17 @@ class PoseGoal:
 
 @dataclass(frozen=True)
 class ToolSpec:
-    """The tool a scene asks for: ``kind`` and those ``parameters`` it states [m]."""
+    """The tool a scene asks for: ``kind`` and those ``parameters`` of its class that it states.
+
+    Kinds are those of :data:`optipromp.robots.tools.TOOLS`; lengths are metres.
+    """
 
     kind: str
-    parameters: Mapping[str, float] = field(default_factory=dict)
+    parameters: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "parameters", dict(self.parameters))
+        hashable = {k: tuple(v) if isinstance(v, list) else v for k, v in self.parameters.items()}
+        object.__setattr__(self, "parameters", hashable)
 
 
 @dataclass(frozen=True, eq=False)

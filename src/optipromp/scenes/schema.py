@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from optipromp.errors import InvalidSceneError
+from optipromp.robots.tools import TOOLS
 from optipromp.scenes.scene import Role, suggest
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -163,24 +164,97 @@ class GoalModel(_Model):
         return self
 
 
-class ToolModel(_Model):
-    """The tool on the flange."""
+class _ToolModel(_Model):
+    """The tool on the flange; what it states is given to the class of its kind."""
 
-    kind: Literal["cup", "franka_hand"]
-    radius: Positive | None = None
+    kind: Text
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        own = [name for name in cls.model_fields if name != "kind"]
+        for key in data:
+            if key not in cls.model_fields:
+                which = suggest(key, own) if own else "it takes none"
+                raise _refuse(f"{key} is no parameter of {data['kind']}: {which}")
+        return data
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The parameters that are stated."""
+        return self.model_dump(exclude={"kind"}, exclude_none=True)
+
+
+class CupModel(_ToolModel):
+    """See :class:`optipromp.robots.tools.Cup`."""
+
+    kind: Literal["cup"]
+    radius: Positive
     height: Positive | None = None
     length: NotNegative | None = None
     depth: NotNegative | None = None
     opening: Positive | None = None
 
+
+class FrankaHandModel(_ToolModel):
+    """See :class:`optipromp.robots.tools.FrankaHand`."""
+
+    kind: Literal["franka_hand"]
+
+
+class FingerGripperModel(_ToolModel):
+    """See :class:`optipromp.robots.grippers.FingerGripper`."""
+
+    kind: Literal["finger_gripper"]
+    opening: Positive
+    finger_length: Positive | None = None
+    finger_width: Positive | None = None
+    finger_thickness: Positive | None = None
+    palm_length: Positive | None = None
+    palm_width: Positive | None = None
+    palm_thickness: Positive | None = None
+    depth: NotNegative | None = None
+    turn: Number | None = None
+
+
+class ScissorModel(_ToolModel):
+    """See :class:`optipromp.robots.grippers.Scissor`."""
+
+    kind: Literal["scissor"]
+    opening: Positive
+    blade_length: Positive | None = None
+    blade_width: Positive | None = None
+    blade_thickness: Positive | None = None
+    body_length: Positive | None = None
+    body_width: Positive | None = None
+    body_thickness: Positive | None = None
+    depth: NotNegative | None = None
+    turn: Number | None = None
+
+
+class MeshToolModel(_ToolModel):
+    """See :class:`optipromp.robots.mesh_tool.MeshTool`; ``scale`` is of the mesh files."""
+
+    kind: Literal["mesh"]
+    file: Text | None = None
+    parts: Annotated[list[Text], Field(min_length=1)] | None = None
+    scale: Positive = 1.0
+    tool_point: Vector
+    tool_axis: Vector | None = None
+    opening: Positive | None = None
+    height: Positive | None = None
+
     @model_validator(mode="after")
-    def _fits_kind(self) -> ToolModel:
-        given = list(self.model_dump(exclude={"kind"}, exclude_none=True))
-        if self.kind == "cup" and self.radius is None:
-            raise _refuse("radius is missing: a cup needs its radius [m]")
-        if self.kind == "franka_hand" and given:
-            raise _refuse(f"{given[0]} is no parameter of franka_hand: it takes none")
+    def _one_form(self) -> MeshToolModel:
+        if (self.file is None) == (self.parts is None):
+            raise _refuse("must have exactly one of file, parts")
         return self
+
+
+ToolModel = Annotated[
+    CupModel | FrankaHandModel | FingerGripperModel | ScissorModel | MeshToolModel,
+    Field(discriminator="kind"),
+]
 
 
 class OptionsModel(_Model):
@@ -227,7 +301,9 @@ def parse(document: Any, source: str) -> SceneModel:
 
 def _describe(error: ErrorDetails) -> str:
     path = ""
-    for step in error["loc"]:
+    for n, step in enumerate(error["loc"]):
+        if n == 1 and error["loc"][0] == "tool":
+            continue  # the kind of the tool, which is no key
         path += f"[{step}]" if isinstance(step, int) else f".{step}" if path else str(step)
     value = error["input"]
     context = error.get("ctx", {})
@@ -250,7 +326,12 @@ def _describe(error: ErrorDetails) -> str:
         "string_too_short": "must not be empty",
         "list_type": "must be a list",
         "dict_type": "must be a mapping",
+        "model_attributes_type": "must be a mapping with kind and parameters",
     }.get(kind)
+    if kind == "union_tag_not_found":
+        return f"{path}.kind is missing: valid are {', '.join(TOOLS)}"
+    if kind == "union_tag_invalid":
+        return f"{path}.kind is {_short(value['kind'])}: {suggest(value['kind'], TOOLS)}"
     if kind == "literal_error":
         words = str(context["expected"]).replace(" or ", ", ").split(",")
         wanted = suggest(value, [word.strip().strip("'") for word in words])

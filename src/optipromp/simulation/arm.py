@@ -7,20 +7,20 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray, frozen
 from optipromp.robots.model import Robot
-from optipromp.robots.tools import TOOL_LINK, Cup, FrankaHand
+from optipromp.robots.tool_protocol import Part, quaternion
+from optipromp.robots.tools import TOOL_LINK
 from optipromp.simulation.engine import engine
 from optipromp.simulation.entities import Entity, layers
-from optipromp.simulation.hand import add_hand
 from optipromp.simulation.parameters import SimulationParameters
-from optipromp.simulation.solids import quaternion
+from optipromp.simulation.solids import add_shape
 
-WALLS = 16  # flat pieces of a cup's wall
-NECK_RADIUS = 0.01
 LEAST_MASS, LEAST_INERTIA = 0.05, 1e-5  # of a link without spheres [kg], [kg m²]
 ARM_COLOUR = (0.78, 0.79, 0.80, 1.0)
 BASE_COLOUR = (0.55, 0.57, 0.60, 1.0)
-CUP_COLOUR = (0.15, 0.55, 0.75, 0.55)
-NECK_COLOUR = (0.25, 0.30, 0.35, 1.0)
+COLOURS: dict[Part, tuple[float, float, float, float]] = {  # of the solids of a tool
+    "mouth": (0.15, 0.55, 0.75, 0.55), "neck": (0.25, 0.30, 0.35, 1.0),
+    "palm": (0.90, 0.90, 0.91, 1.0), "finger": (0.30, 0.32, 0.35, 1.0),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ def add_robot(spec: Any, robot: Robot, parameters: SimulationParameters, first: 
         _set_inertia(body, robot, s, given, parameters.robot.link_density)
         _add_spheres(body, robot, s, parameters, first)
     if robot.tool is not None:
-        _add_tool(body, robot, parameters, first + robot.link_names.index(TOOL_LINK))
+        _add_tool(spec, body, robot, parameters, first + robot.link_names.index(TOOL_LINK))
 
 
 def _surface(parameters: SimulationParameters, friction: float, entity: int) -> dict[str, Any]:
@@ -119,8 +119,7 @@ def _add_spheres(
 ) -> None:
     mujoco = engine()
     spheres = robot.spheres
-    shaped = isinstance(robot.tool, Cup | FrankaHand)
-    tool = robot.link_names.index(TOOL_LINK) if shaped else -1
+    tool = -1 if robot.tool is None else robot.link_names.index(TOOL_LINK)
     for b in np.flatnonzero((spheres.segment == segment) & (spheres.link != tool)):
         link = int(spheres.link[b])
         body.add_geom(
@@ -157,56 +156,20 @@ def _explicit(body: Any, mass: float, middle: FloatArray, inertia: FloatArray) -
     body.fullinertia = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
 
 
-def _add_tool(body: Any, robot: Robot, parameters: SimulationParameters, entity: int) -> None:
-    """The tool as a body of its own on the flange; a cup as neck, floor and a ring of walls."""
-    mujoco = engine()
-    tool, mass = robot.tool, parameters.robot.tool_mass
+def _add_tool(
+    spec: Any, body: Any, robot: Robot, parameters: SimulationParameters, entity: int
+) -> None:
+    """The tool as a body of its own on the flange, made of its solids."""
+    tool, given = robot.tool, parameters.robot
+    assert tool is not None
     held = body.add_body(
         name="tool", pos=robot.flange_translation, quat=quaternion(robot.flange_rotation)
     )
-    if isinstance(tool, FrankaHand):
-        add_hand(
-            held, tool, parameters.robot.hand_mass,
-            **layers("tool"), **_surface(parameters, parameters.robot.tool_friction, entity),
+    mass = given.hand_mass if tool.fingers else given.tool_mass
+    _explicit(held, mass, *tool.inertia(mass))
+    surface = {**layers("tool"), **_surface(parameters, given.tool_friction, entity)}
+    for solid in tool.solids():
+        add_shape(
+            spec, held, solid.shape, f"tool:{solid.name}", np.eye(3), solid.position,
+            quat=solid.orientation, rgba=COLOURS[solid.part], **surface,
         )  # fmt: skip
-        return
-    if not isinstance(tool, Cup):
-        # its spheres were added with the last segment's
-        _explicit(held, mass, np.array([0.0, 0.0, 0.05]), mass * 0.04**2 * np.eye(3))
-        return
-    radius, height, length = tool.radius, tool.height, tool.length
-    middle = np.array([0.0, 0.0, length + 0.5 * height])
-    across = 0.5 * radius**2 + height**2 / 12.0
-    _explicit(held, mass, middle, mass * np.diag([across, across, radius**2]))
-    surface = _surface(parameters, parameters.robot.tool_friction, entity)
-    surface = {**layers("tool"), **surface, "rgba": CUP_COLOUR}
-    inner = cup_inner_radius(tool, parameters)
-    wall = radius - inner
-    if length > 0.0:
-        held.add_geom(
-            name="neck", type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-            size=[min(NECK_RADIUS, radius), length / 2.0, 0.0], pos=[0.0, 0.0, length / 2.0],
-            **{**surface, "rgba": NECK_COLOUR},
-        )  # fmt: skip
-    floor = min(parameters.robot.wall, height / 4.0)
-    held.add_geom(
-        name="floor", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[radius, floor / 2.0, 0.0],
-        pos=[0.0, 0.0, length + floor / 2.0], **surface,
-    )  # fmt: skip
-    for k in range(WALLS):
-        angle = 2.0 * np.pi * k / WALLS
-        x, y = np.cos(angle), np.sin(angle)
-        held.add_geom(
-            name=f"wall:{k}", type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=[wall / 2.0, radius * np.tan(np.pi / WALLS), height / 2.0],
-            pos=[(inner + wall / 2.0) * x, (inner + wall / 2.0) * y, middle[2]],
-            quat=[np.cos(angle / 2.0), 0.0, 0.0, np.sin(angle / 2.0)],
-            **surface,
-        )  # fmt: skip
-
-
-def cup_inner_radius(tool: Cup, parameters: SimulationParameters) -> float:
-    """Inner radius of the mouth [m]: half the opening, or a thin wall's."""
-    if tool.opening is not None:
-        return min(tool.opening / 2.0, tool.radius - 1e-4)
-    return max(tool.radius - parameters.robot.wall, 0.5 * tool.radius)

@@ -55,6 +55,7 @@ def simulate(
     plan_or_trajectory: Plan | Trajectory,
     scene: Scene | None = None,
     *,
+    robot: Robot | None = None,
     parameters: SimulationParameters | None = None,
     seed: int = 0,
     record_rate: float = 100.0,
@@ -65,6 +66,7 @@ def simulate(
         plan_or_trajectory: what to execute, whatever its status.
         scene: the world as it truly is; None: the scene that was planned for. Give another scene
             to see what errors of detection do.
+        robot: with its tool; None: that of the plan, or of the scene of a bare trajectory.
         parameters: physical numbers, controller, thresholds.
         seed: of everything random. The same input and seed give the same run to the last bit.
         record_rate: of the rollout's records [Hz].
@@ -81,14 +83,14 @@ def simulate(
     parameters = parameters or SimulationParameters()
     if isinstance(plan_or_trajectory, Plan):
         trajectory = plan_or_trajectory.trajectory
-        scene = scene or plan_or_trajectory.scene
+        scene, robot = scene or plan_or_trajectory.scene, robot or plan_or_trajectory.robot
     else:
         trajectory = plan_or_trajectory
     if scene is None:
         raise InvalidRequestError("a bare trajectory needs the scene it is to be executed in")
     if not (np.isfinite(record_rate) and record_rate > 0):
         raise InvalidRequestError(f"record_rate is {record_rate}; it must be above 0 [Hz]")
-    robot = resolve(scene).robot
+    robot = robot or resolve(scene).robot
     if trajectory.joint_names != robot.joint_names:
         raise InvalidRequestError(
             f"the trajectory moves {', '.join(trajectory.joint_names)}; {robot.name} has "

@@ -8,11 +8,12 @@ import numpy as np
 from optipromp.arrays import FloatArray, frozen
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry.shapes import Capsule, Cylinder, Sphere
+from optipromp.robots.tool_protocol import quaternion
 from optipromp.scenes.scene import SceneObject, Stem, suggest
 from optipromp.simulation.engine import engine
 from optipromp.simulation.entities import layers
 from optipromp.simulation.parameters import SimulationParameters, StemParameters
-from optipromp.simulation.solids import add_shape, quaternion, volume
+from optipromp.simulation.solids import add_shape, volume
 
 PHYSICAL = ("mass", "density", "friction", "stem_stiffness", "abscission_force")
 RIPE = (0.80, 0.08, 0.10, 1.0)

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 
 from optipromp.arrays import BoolArray, FloatArray
-from optipromp.robots.tools import Cup, FrankaHand
-from optipromp.simulation.arm import cup_inner_radius
 from optipromp.simulation.contacts import ContactLog
-from optipromp.simulation.hand import between_fingers
 from optipromp.simulation.rollout import Rollout
 from optipromp.simulation.world import World
+
+BARE = 0.02  # [m] from the tool point of an arm without a tool at which a thing counts as picked
 
 
 class Cause(StrEnum):
@@ -55,12 +54,12 @@ class Outcome:
     """The judgement of a run.
 
     Attributes:
-        success: the target alone is in the tool (a cup's mouth, or between a hand's fingers) and
-            nothing was harmed.
+        success: the target alone is where the tool takes hold (a cup's mouth, or between fingers)
+            and nothing was harmed; of a tool that takes hold of nothing, nothing was harmed.
         cause: a :class:`Cause` where it failed, else None.
         message: in words.
         picked: the target's centre is inside the tool at the end and stays there; None for a scene
-            without a target.
+            without a target, and a tool that takes hold of nothing.
         swallowed_others: other fruits whose centre is inside the tool at the end.
         entered: other fruits whose centre was inside the tool at any time.
         peak_force: largest force on each target and pushable, by id [N].
@@ -128,9 +127,7 @@ class Outcome:
 
 
 def inside_tool(world: World, rollout: Rollout, centers: FloatArray) -> BoolArray:
-    """Whether centres are inside the tool: in a cup's mouth, or between a hand's fingers.
-
-    For a tool that the twin does not know, near the tool point.
+    """Whether centres are where the tool takes hold; without a tool, near the tool point.
 
     Args:
         world: whose tool it is.
@@ -140,34 +137,22 @@ def inside_tool(world: World, rollout: Rollout, centers: FloatArray) -> BoolArra
     Returns:
         (R,).
     """
-    robot, axis = world.robot, rollout.tool_axis
-    away = centers - rollout.tool_point
+    robot, away = world.robot, centers - rollout.tool_point
     tool = robot.tool
-    if isinstance(tool, Cup):
-        along = np.einsum("ri,ri->r", away, axis)
-        across = np.linalg.norm(away - along[:, None] * axis, axis=1)
-        margin = world.parameters.thresholds.inside_margin
-        inner = cup_inner_radius(tool, world.parameters)
-        mouth, floor = tool.depth - margin, tool.depth - tool.height
-        inside: BoolArray = (across < inner) & (along < mouth) & (along > floor)
-        return inside
-    if isinstance(tool, FrankaHand):
-        _, turns = robot.segment_frames(rollout.q)
-        hand = turns[:, -1] @ robot.flange_rotation @ tool.rotation
-        return between_fingers(tool, np.einsum("rij,ri->rj", hand, away))
-    reach = robot.gripper_radius or 0.02
-    near: BoolArray = np.linalg.norm(away, axis=1) < reach
-    return near
+    if tool is None:
+        return np.asarray(np.linalg.norm(away, axis=1) < BARE)
+    _, turns = robot.segment_frames(rollout.q)
+    local = np.einsum("rij,ri->rj", turns[:, -1] @ robot.flange_rotation @ tool.rotation, away)
+    below = np.array([0.0, 0.0, world.parameters.thresholds.inside_margin])
+    return tool.holds(local) & tool.holds(local + below)
 
 
 def inside_words(world: World) -> str:
     """Where a picked thing is, in words."""
-    match world.robot.tool:
-        case Cup():
-            return "in the cup"
-        case FrankaHand():
-            return "between the fingers"
-    return "at the tool point"
+    tool = world.robot.tool
+    if tool is None:
+        return "at the tool point"
+    return "between the fingers" if tool.fingers else "in the cup"
 
 
 def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
@@ -202,13 +187,14 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
         stem_force[fruit.id] = float(log.peak[fruit.stem_entity, robot].max())
         if log.hard[fruit.stem_entity, robot].max() > limits.stem_time:
             caught.append(fruit.id)
-    picked = swallowed_at = displacement = None
-    if target is not None:
+    picked = swallowed_at = None
+    displacement = None if target is None else float(moved[target].max())
+    tool = world.robot.tool
+    if target is not None and (tool is None or tool.mouth[0] > 0.0):
         mine = inside[target]
         late = rollout.times >= rollout.times[-1] - limits.rest_time - 1e-9
         picked = bool(mine[late].all())
         outside = np.flatnonzero(~mine)
-        displacement = float(moved[target].max())
         if mine[-1]:
             entered = int(outside[-1]) + 1 if len(outside) else 0
             swallowed_at = float(rollout.times[entered])
@@ -246,7 +232,7 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
         message = "; ".join(words for _, words in failures)
         return replace(facts, cause=failures[0][0], message=message)
     words = f"the target alone is {inside_words(world)}, nothing was harmed"
-    if target is None:
+    if picked is None:
         words = "the motion was executed, nothing was harmed"
     return replace(facts, success=True, message=words)
 

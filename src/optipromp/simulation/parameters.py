@@ -155,8 +155,12 @@ class RobotParameters(Checked):
     link_density: float = _parameter(
         800.0, "kg/m^3", "guess", "links of other robots: the volume of their body spheres"
     )
-    tool_mass: float = _parameter(0.35, "kg", "guess", "printed cup with its neck")
-    hand_mass: float = _parameter(0.73, "kg", "reported", "of the Franka hand; not traced")
+    tool_mass: float = _parameter(
+        0.35, "kg", "guess", "of a tool without fingers: printed cup with its neck"
+    )
+    hand_mass: float = _parameter(
+        0.73, "kg", "reported", "of a tool with fingers: the Franka hand's; not traced"
+    )
     armature: float = _parameter(
         0.1, "kg m^2 or kg", "guess", "rotor inertia seen behind the gear, as in Panda models"
     )
@@ -166,7 +170,6 @@ class RobotParameters(Checked):
     joint_damping: float = _parameter(
         0.5, "N m s/rad or N s/m", "guess", "viscous friction that the controller does not know of"
     )
-    wall: float = _parameter(0.002, "m", "choice", "of a cup whose scene gives no opening")
     tool_friction: float = _parameter(0.35, "1", "guess", "printed plastics")
 
 

@@ -15,18 +15,12 @@ from optipromp.geometry.shapes import (
     PointCloudShape,
     Shape,
     Sphere,
+    is_convex,
+    mesh_volume,
 )
+from optipromp.robots.tool_protocol import quaternion
 
 MOST_PARTS = 3000  # geoms of one mesh or point cloud
-CONVEX = 0.02  # share of its hull's volume that a mesh may lack and still count as convex
-
-
-def quaternion(rotation: FloatArray) -> FloatArray:
-    """Unit quaternion wxyz of a rotation matrix (3, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(rotation).as_quat()
-    return np.array([w, x, y, z])
 
 
 def volume(shape: Shape) -> float:
@@ -41,8 +35,7 @@ def volume(shape: Shape) -> float:
         case Capsule(radius, length):
             return np.pi * radius**2 * length + 4.0 / 3.0 * np.pi * radius**3
         case MeshShape():
-            a, b, c = (shape.vertices[shape.faces[:, i]] for i in range(3))
-            return float(abs(np.einsum("ij,ij->i", a, np.cross(b, c)).sum()) / 6.0)
+            return mesh_volume(shape)
         case PointCloudShape():
             return float(np.prod(np.ptp(shape.points, axis=0) + 2.0 * shape.radius))
         case HalfSpace():
@@ -83,7 +76,7 @@ def add_shape(
             return [add(kinds.mjGEOM_CAPSULE, [radius, length / 2.0, 0.0])]
         case HalfSpace():
             return [add(kinds.mjGEOM_PLANE, [2.0, 2.0, 0.1])]
-        case MeshShape() if _convex(shape):
+        case MeshShape() if is_convex(shape):
             spec.add_mesh(
                 name=f"mesh:{name}",
                 uservert=shape.vertices.ravel().tolist(),
@@ -105,13 +98,6 @@ def add_shape(
                 out.append(add(kinds.mjGEOM_SPHERE, ball, name=f"{name}:{i}", pos=at))
             return out
     raise InvalidSceneError(f"unknown shape {type(shape).__name__}")
-
-
-def _convex(shape: MeshShape) -> bool:
-    from scipy.spatial import ConvexHull
-
-    hull = float(ConvexHull(shape.vertices).volume)
-    return volume(shape) > (1.0 - CONVEX) * hull
 
 
 def _filling(shape: MeshShape) -> list[tuple[FloatArray, FloatArray]]:

@@ -5,13 +5,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import ConvexHull
-from scipy.spatial.transform import Rotation
 
 from optipromp.arrays import FloatArray
-from optipromp.geometry.shapes import Box, HalfSpace
+from optipromp.geometry.shapes import HalfSpace
 from optipromp.planning.task import resolve
 from optipromp.pushing.path import evenly, length
-from optipromp.robots.tools import Cup, FrankaHand
 from optipromp.viewer import drawn, solids
 from optipromp.viewer.drawn import COLOURS, OPTIMISED, PUSHABLES, STILL, Moment, Motion, Placed
 from optipromp.viewer.picture import Camera, Picture
@@ -41,7 +39,7 @@ def reach_figure(plan: "Plan") -> "Figure":
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    task = resolve(plan.scene)
+    task = resolve(plan.scene, plan.robot)
     now = drawn.moment(plan, task)
     objects = drawn.placed(plan, task, now)
     views = _close_views(plan)
@@ -136,26 +134,22 @@ def _close(camera: Camera, plan: "Plan", objects: Sequence[Placed], now: Moment)
 
 
 def tool_faces(robot: "Robot", q: FloatArray) -> FloatArray:
-    """Faces (F, 4, 3) of the tool at a configuration (n,): of one not known here, its spheres."""
-    tool, (point, axis) = robot.tool, robot.tool_pose(q)
-    if isinstance(tool, Cup):
-        floor = point - (tool.height - tool.depth) * axis
-        return solids.cup(floor, axis, tool.radius, tool.height)
-    if isinstance(tool, FrankaHand):
-        origins, rotations = robot.segment_frames(q)
-        flange = origins[-1] + rotations[-1] @ robot.flange_translation
-        turned = rotations[-1] @ robot.flange_rotation @ tool.rotation
-        parts = [
+    """Faces (F, 4, 3) of the tool at a configuration (n,); without a tool, of the last link."""
+    if robot.tool is None:
+        cover, centers = robot.spheres, robot.sphere_centers(q)
+        last = np.flatnonzero(cover.link == cover.link.max())
+        return np.concatenate([solids.sphere(centers[k], cover.radius[k], 12) for k in last])
+    origins, rotations = robot.segment_frames(q)
+    flange = origins[-1] + rotations[-1] @ robot.flange_translation
+    turned = rotations[-1] @ robot.flange_rotation
+    return np.concatenate(
+        [
             solids.shape_faces(
-                Box(tuple(2.0 * half)), flange + turned @ middle,
-                turned @ Rotation.from_rotvec([turn, 0.0, 0.0]).as_matrix(),
+                solid.shape, flange + turned @ solid.position, turned @ solid.rotation
             )
-            for _, middle, half, turn in tool.boxes()
-        ]  # fmt: skip
-        return np.concatenate(parts)
-    cover, centers = robot.spheres, robot.sphere_centers(q)
-    last = np.flatnonzero(cover.link == cover.link.max())
-    return np.concatenate([solids.sphere(centers[k], cover.radius[k], 12) for k in last])
+            for solid in robot.tool.solids()
+        ]
+    )
 
 
 def _add_object(picture: Picture, placed: Placed, alpha: float) -> None:
@@ -182,9 +176,7 @@ def _add_arm(picture: Picture, robot: "Robot", q: FloatArray) -> None:
     picture.add(solids.tube(bones, slender), ARM)
     for joint in bones[1:-1]:
         picture.add(solids.sphere(joint, 1.3 * slender), ARM)
-    faces = tool_faces(robot, q)
-    picture.add(solids.tube(np.stack([bones[-1], faces[0, 0]]), 0.3 * slender), ARM)
-    picture.add(faces, ARM)
+    picture.add(tool_faces(robot, q), ARM)
 
 
 def _focus(plan: "Plan") -> FloatArray:

@@ -53,13 +53,6 @@ def tube(points: FloatArray, radius: float, around: int = 16) -> FloatArray:
     return np.concatenate(parts)
 
 
-def cup(base: FloatArray, axis: FloatArray, radius: float, height: float) -> FloatArray:
-    """Faces of an open cup: a floor at ``base`` and a thin wall of ``height`` along ``axis``."""
-    profile = np.array([[0.0, 0.0], [radius, 0.0], [radius, 0.5 * height], [radius, height]])
-    outside = _revolve(profile, 28) @ frame_along(axis).T + base
-    return np.concatenate([outside, outside[:, ::-1]])  # the inside is seen through the mouth
-
-
 def frame_along(axis: FloatArray) -> FloatArray:
     """A rotation (3, 3) whose third column is the unit vector ``axis``."""
     helper = np.eye(3)[int(np.argmin(np.abs(axis)))]

@@ -16,7 +16,8 @@ from optipromp.robots.cup_cover import NECK_RADIUS
 from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
 from optipromp.robots.roll import level, rolls
-from optipromp.robots.tools import Cup, FrankaHand, with_tool
+from optipromp.robots.tool_protocol import Tool
+from optipromp.robots.tools import WALL, make_tool, with_tool
 from optipromp.scenes.scene import Scene, SceneObject
 
 STARTS = 200  # of the inverse kinematics
@@ -33,8 +34,7 @@ def equipped(scene: Scene) -> Robot:
     robot, tool = _bare(scene.robot), scene.tool
     if tool is None:
         return robot
-    kinds: dict[str, type[Cup] | type[FrankaHand]] = {"cup": Cup, "franka_hand": FrankaHand}
-    return with_tool(robot, kinds[tool.kind](**dict(tool.parameters)))
+    return with_tool(robot, make_tool(tool.kind, tool.parameters))
 
 
 def unsolvable(scene: Scene) -> str | None:
@@ -52,7 +52,9 @@ def unsolvable(scene: Scene) -> str | None:
     goals = ik.solve(robot, target.position, scene.frame[2], starts=STARTS, distinct=0.05).joints
     if not len(goals):
         return "target out of reach"
-    if isinstance(robot.tool, FrankaHand) and rolls(robot):  # fingers on either side of the target
+    if (
+        robot.tool is not None and robot.tool.fingers and rolls(robot)
+    ):  # fingers on either side of the target
         turned = level(robot, goals, scene.frame[0])
     else:
         turned = rolled(robot, goals)
@@ -61,26 +63,28 @@ def unsolvable(scene: Scene) -> str | None:
     return None
 
 
-def _rooted_in_tool(scene: Scene, item: SceneObject, tool: Cup | FrankaHand | None) -> bool:
-    """Whether the cup must go through a stem's root, which does not yield.
+def _rooted_in_tool(scene: Scene, item: SceneObject, tool: Tool | None) -> bool:
+    """Whether a cup must go through a stem's root, which does not yield; false of fingers.
 
     The root is in the cup or its neck at the goal; or in what every way of the cup to the goal
     sweeps: from where the mouth takes in the target's lowest point the cup can only rise, off the
-    approach line by no more than the target leaves room for in the mouth.
+    approach line by no more than the target leaves room for in the mouth. A wall as thin as
+    :data:`WALL` counts as none there.
     """
     target = scene.target
-    if item.stem is None or not isinstance(tool, Cup) or target is None:
+    if item.stem is None or tool is None or tool.fingers or target is None:
         return False
     up = scene.frame[2]
     off = item.stem.points[-1] - target.position
     height = float(off @ up)
     aside = float(np.linalg.norm(off - height * up))
-    rim, base, flange = tool.depth, tool.depth - tool.height, -tool.reach
-    inner = tool.radius if tool.opening is None else tool.opening / 2.0
-    sure = tool.radius - max(inner - target.radius, 0.0)
+    rim, base, flange = tool.depth, tool.front - tool.reach, -tool.reach
+    inner, outer = tool.mouth
+    inner = outer if outer - inner < WALL + 1e-9 else inner
+    sure = outer - max(inner - target.radius, 0.0)
     rise = tool.depth + target.radius
     for radius, low, high in (
-        (tool.radius, base, rim), (NECK_RADIUS, flange, base), (sure, base - rise, rim)
+        (outer, base, rim), (NECK_RADIUS, flange, base), (sure, base - rise, rim)
     ):  # fmt: skip
         beyond = max(low - height, height - high, 0.0)
         if np.hypot(max(aside - radius, 0.0), beyond) < item.stem.radius:

@@ -1,0 +1,245 @@
+"""Tools with two straight fingers or blades on a body, open on the way to the target."""
+
+import functools
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from optipromp.arrays import BoolArray, FloatArray, frozen
+from optipromp.errors import InvalidRequestError
+from optipromp.geometry.shapes import Box
+from optipromp.robots.tool_geometry import cover_solids, solids_inertia
+from optipromp.robots.tool_protocol import LARGEST, Part, Solid, check_length
+
+Size = tuple[float, float, float]
+
+
+class TwoFingers(ABC):
+    """Two boxes, the fingers, on a box, the body; what grippers of this kind have in common.
+
+    The body stands on the flange and is centred there. Fingers stand side by side on the body.
+    """
+
+    fingers: ClassVar[bool] = True
+
+    @property
+    @abstractmethod
+    def _frame(self) -> tuple[float, float, float]:
+        """Opening [m], depth [m] and turn about flange z [rad]."""
+
+    @property
+    @abstractmethod
+    def _finger(self) -> Size:
+        """Size of a finger across the opening, along it, and along the tool axis [m]."""
+
+    @property
+    @abstractmethod
+    def _body(self) -> Size:
+        """Size of the body, likewise [m]."""
+
+    @property
+    def point(self) -> FloatArray:
+        """(3,) the tool point in the flange frame [m]."""
+        return np.array([0.0, 0.0, self.reach])
+
+    @property
+    def rotation(self) -> FloatArray:
+        """(3, 3) the tool axes in the flange frame, as columns; it opens along y."""
+        c, s = math.cos(self._frame[2]), math.sin(self._frame[2])
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+    @property
+    def reach(self) -> float:
+        """Height of the tool point over the flange [m]."""
+        return self.tip - self._frame[1]
+
+    @property
+    def front(self) -> float:
+        """Height of the front of the body over the flange [m]."""
+        return self._body[2]
+
+    @property
+    def tip(self) -> float:
+        """Height of the finger tips over the flange [m]."""
+        return self._body[2] + self._finger[2]
+
+    @property
+    def gripper_radius(self) -> float:
+        """Half of what is between the open fingers [m]."""
+        return self.mouth[0]
+
+    @property
+    def mouth(self) -> tuple[float, float]:
+        """Half of what is between the open fingers, and half of what is between their backs [m]."""
+        half = 0.5 * self._frame[0]
+        return half, half + self._finger[1]
+
+    def spheres(self) -> FloatArray:
+        """Spheres (k, 4) over body and fingers, in the flange frame [m]."""
+        return _covered(self)
+
+    def outline(self) -> tuple[FloatArray, ...]:
+        """Body and fingers seen along the tool's x: three rectangles; see :class:`Tool`."""
+        flange, front, tip = -self.reach, self.front - self.reach, self.tip - self.reach
+        (inner, outer), wide = self.mouth, 0.5 * self._body[1]
+        sides = (
+            (flange, front, -wide, wide), (front, tip, inner, outer), (front, tip, -outer, -inner),
+        )  # fmt: skip
+        return tuple(np.array([[a, c], [b, c], [b, d], [a, d]]) for a, b, c, d in sides)
+
+    def solids(self) -> tuple[Solid, ...]:
+        """The body and two fingers."""
+        half = 0.5 * self._frame[2]
+        turned = math.cos(half), 0.0, 0.0, math.sin(half)
+        aside = 0.5 * (self.mouth[0] + self.mouth[1])
+        boxes: tuple[tuple[str, Size, float, float, Part], ...] = (
+            ("palm", self._body, 0.0, 0.5 * self._body[2], "palm"),
+            ("left finger", self._finger, aside, 0.5 * (self.front + self.tip), "finger"),
+            ("right finger", self._finger, -aside, 0.5 * (self.front + self.tip), "finger"),
+        )
+        return tuple(
+            Solid(name, Box(size), self.rotation @ [0.0, y, z], turned, part)
+            for name, size, y, z, part in boxes
+        )
+
+    def holds(self, points: FloatArray) -> BoolArray:
+        """Between the fingers and within their width, from body to tips; points (R, 3)."""
+        ends = self.front - self.reach, self.tip - self.reach
+        return between(points, self.mouth[0], 0.5 * self._finger[0], ends)
+
+    def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
+        """Of body and fingers, of one density."""
+        return solids_inertia(self.solids(), mass)
+
+
+@dataclass(frozen=True)
+class FingerGripper(TwoFingers):
+    """A gripper with two parallel fingers, open. Metres.
+
+    Body and fingers are boxes. *Length* is along the tool axis, *width* of the palm and
+    *thickness* of a finger along the opening, *thickness* of the palm and *width* of a finger
+    across both. The gripper takes hold of what has its centre between the fingers, within their
+    width. The tool point is ``depth`` behind the finger tips.
+
+    Args:
+        opening: between the open fingers.
+        finger_length: of a finger.
+        finger_width: of a finger, across the opening.
+        finger_thickness: of a finger, along the opening.
+        palm_length: of the body, from the flange.
+        palm_width: of the body, along the opening.
+        palm_thickness: of the body, across the opening.
+        depth: how far the finger tips are beyond the tool point.
+        turn: of the gripper about flange z; at 0 it opens along flange y [rad].
+
+    Raises:
+        InvalidRequestError: a parameter out of its range, named with its value.
+    """
+
+    opening: float
+    finger_length: float = 0.05
+    finger_width: float = 0.02
+    finger_thickness: float = 0.01
+    palm_length: float = 0.08
+    palm_width: float = 0.10
+    palm_thickness: float = 0.05
+    depth: float = 0.01
+    turn: float = 0.0
+
+    def __post_init__(self) -> None:
+        lengths = ("palm_length", "palm_width", "palm_thickness")
+        _check(self, "finger_gripper", "finger", lengths, self.palm_width, self.turn)
+
+    @property
+    def _frame(self) -> tuple[float, float, float]:
+        return self.opening, self.depth, self.turn
+
+    @property
+    def _finger(self) -> Size:
+        return self.finger_width, self.finger_thickness, self.finger_length
+
+    @property
+    def _body(self) -> Size:
+        return self.palm_thickness, self.palm_width, self.palm_length
+
+
+@dataclass(frozen=True)
+class Scissor(TwoFingers):
+    """Two thin blades on a body, open, that close on a stem or a fruit from both sides. Metres.
+
+    Blades and body are boxes, named and measured as the fingers and the palm of
+    :class:`FingerGripper`. The scissor takes hold of what has its centre between the blades,
+    within their width: of a fruit where the target is a fruit. To cut a stem, give the scene a
+    goal on the stem in place of a target; the simulation then says what the way there harms, and
+    not whether the stem is cut.
+
+    Args:
+        opening: between the open blades.
+        blade_length: of a blade.
+        blade_width: of a blade, across the opening.
+        blade_thickness: of a blade, along the opening.
+        body_length: of the body, from the flange.
+        body_width: of the body, along the opening.
+        body_thickness: of the body, across the opening.
+        depth: how far the blade tips are beyond the tool point.
+        turn: of the scissor about flange z; at 0 it opens along flange y [rad].
+
+    Raises:
+        InvalidRequestError: a parameter out of its range, named with its value.
+    """
+
+    opening: float
+    blade_length: float = 0.05
+    blade_width: float = 0.012
+    blade_thickness: float = 0.002
+    body_length: float = 0.10
+    body_width: float = 0.06
+    body_thickness: float = 0.03
+    depth: float = 0.015
+    turn: float = 0.0
+
+    def __post_init__(self) -> None:
+        lengths = ("body_length", "body_width", "body_thickness")
+        _check(self, "scissor", "blade", lengths, self.body_width, self.turn)
+
+    @property
+    def _frame(self) -> tuple[float, float, float]:
+        return self.opening, self.depth, self.turn
+
+    @property
+    def _finger(self) -> Size:
+        return self.blade_width, self.blade_thickness, self.blade_length
+
+    @property
+    def _body(self) -> Size:
+        return self.body_thickness, self.body_width, self.body_length
+
+
+def between(
+    points: FloatArray, half: float, half_width: float, ends: tuple[float, float]
+) -> BoolArray:
+    """Whether points (R, 3) in tool axes are between two fingers: across, in width, along them."""
+    x, y, z = points.T
+    across = (np.abs(y) < half) & (np.abs(x) <= half_width)
+    return np.asarray(across & (z > ends[0]) & (z <= ends[1]))
+
+
+@functools.lru_cache(maxsize=32)
+def _covered(tool: TwoFingers) -> FloatArray:
+    return frozen(cover_solids(tool.solids()))
+
+
+def _check(
+    tool: TwoFingers, kind: str, finger: str, body: tuple[str, ...], widest: float, turn: float
+) -> None:
+    """Refuse sizes that make no gripper; the fingers stand on a body of width ``widest``."""
+    for field in (*(f"{finger}_{part}" for part in ("length", "width", "thickness")), *body):
+        check_length(kind, field, getattr(tool, field), 0.0, LARGEST, open_below=True)
+    opening, depth, _ = tool._frame
+    check_length(kind, "opening", opening, 0.0, widest, open_below=True)
+    check_length(kind, "depth", depth, 0.0, tool._finger[2])
+    if isinstance(turn, bool) or not (isinstance(turn, int | float) and math.isfinite(turn)):
+        raise InvalidRequestError(f"tool {kind}: turn is {turn!r}; it must be a number [rad]")
