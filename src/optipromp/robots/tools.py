@@ -20,7 +20,6 @@ from optipromp.robots.grippers import FingerGripper, Scissor, between
 from optipromp.robots.mesh_tool import MeshTool
 from optipromp.robots.model import BodySpheres, Robot
 from optipromp.robots.self_collision import candidate_pairs, drop_always_touching
-from optipromp.robots.spheres import cover_capsule
 from optipromp.robots.tool_protocol import (
     LARGEST,
     Part,
@@ -42,6 +41,11 @@ FINGER = {  # boxes of an open finger: x, y, z of the centre, three half edges [
     "pad": (0.0, 0.00758, 0.04525, 0.00875, 0.0076, 0.00925, 0.0),
 }
 PADS = FINGER["pad"]
+HAND_SPHERES = (  # y, z, radius [m]: five of the palm, then the finger at y > 0 from its own frame
+    (0.0, 0.036, 0.0378), (0.024, 0.008, 0.043), (0.068, 0.004, 0.04),
+    (0.04, 0.04, 0.0369), (0.076, 0.04, 0.0359),
+    (0.012, 0.016, 0.025), (0.008, 0.036, 0.0212),
+)  # fmt: skip; made by scripts/fit_cover.py from the meshes of franka_description
 WALLS = 16  # flat pieces of a cup's wall
 
 
@@ -168,14 +172,12 @@ class Cup:
 
 @dataclass(frozen=True)
 class FrankaHand:
-    """The Franka hand with its fingers: two capsules along its y, 0.1 m between sphere centres.
+    """The Franka hand, open. It is mounted turned by -45 degrees about flange z, as Franka does.
 
-    Radius 0.04 at flange z 0.04 (the hand) and 0.02 at 0.10 (the fingers). The hand is mounted
-    turned by -45 degrees about flange z, as Franka mounts it. The tool point lies between the
-    finger tips, 0.1034 beyond the flange.
-
-    The capsules are what keeps away from static things. What pushes and what takes hold is the open
-    hand itself: a palm and two fingers, see :meth:`boxes` and :meth:`outline`.
+    The tool point lies between the finger tips, 0.1034 beyond the flange. The cover spheres keep
+    away from static things; they contain every point of the maker's collision meshes and reach at
+    most 15 mm beyond them. What pushes and what takes hold is the hand itself: a palm and two
+    fingers, see :meth:`boxes` and :meth:`outline`.
     """
 
     fingers: ClassVar[bool] = True
@@ -189,14 +191,11 @@ class FrankaHand:
         )
 
     def spheres(self) -> FloatArray:
-        """Spheres (k, 4) over both capsules, in the flange frame [m]."""
-        c = math.sqrt(0.5)
-        half = 0.05 * np.array([c, c, 0.0])  # the hand's y, turned by -45 degrees about z
-        covers = []
-        for height, radius in ((0.04, 0.04), (0.10, 0.02)):
-            middle = np.array([0.0, 0.0, height])
-            covers.append(cover_capsule(middle - half, middle + half, radius, bulge=0.006))
-        return np.concatenate(covers)
+        """Spheres (k, 4) over palm and fingers, in the flange frame [m]."""
+        half = np.array(HAND_SPHERES)
+        half[5:, :2] += [self.gripper_radius, FINGERS]
+        y, z, radius = np.vstack([half, half[half[:, 0] > 0.0] * [-1.0, 1.0, 1.0]]).T
+        return np.column_stack([np.outer(y, self.rotation[:2, 1]), z, radius])
 
     @property
     def point(self) -> FloatArray:
