@@ -11,8 +11,9 @@ from optipromp.geometry.shapes import Box
 from optipromp.pushing import swinging
 from optipromp.pushing.bending import Stems
 from optipromp.pushing.cup import Cup, cup_distance
+from optipromp.pushing.equilibrium import CONTACT
 from optipromp.pushing.harm import Harm
-from optipromp.pushing.swinging import CONTACT, harm, push
+from optipromp.pushing.swinging import harm, push
 
 NOTHING = pack([])
 

@@ -7,13 +7,11 @@ loop asks for stays in registers.
 import math
 from typing import NamedTuple
 
-from numba import njit
+from optipromp.compiled import inner
 
 NECK_LOOKED_AT = 0.03  # [m] under the cup that stems are kept off the neck
 ABOVE = 1.0  # [m]
 BARELY = 0.003  # [m] under the rim at which a fruit counts as inside
-
-_jit = njit(cache=True, error_model="numpy", nogil=True)
 
 
 class Cup(NamedTuple):
@@ -38,7 +36,7 @@ class Pose(NamedTuple):
     w: float
 
 
-@_jit
+@inner
 def _box(
     rho: float, h: float, low: float, high: float, bottom: float, top: float
 ) -> tuple[float, float, float]:
@@ -54,7 +52,7 @@ def _box(
     return qy, 0.0, sy
 
 
-@_jit
+@inner
 def cup_distance(rho: float, h: float, cup: Cup) -> tuple[float, float, float]:
     """Signed distance to wall, floor and neck in the half-plane, with d/drho and d/dh."""
     best, g0, g1 = _box(rho, h, cup.inner, cup.outer, cup.base, cup.rim)
@@ -67,7 +65,7 @@ def cup_distance(rho: float, h: float, cup: Cup) -> tuple[float, float, float]:
     return best, g0, g1
 
 
-@_jit
+@inner
 def in_cup(x: float, y: float, z: float, at: Pose) -> tuple[float, float, float, float, float]:
     """Height of a point over the tool point, its distance from the axis, and the way from there."""
     x, y, z = x - at.x, y - at.y, z - at.z
@@ -76,7 +74,7 @@ def in_cup(x: float, y: float, z: float, at: Pose) -> tuple[float, float, float,
     return h, math.sqrt(x * x + y * y + z * z), x, y, z
 
 
-@_jit
+@inner
 def fruit_gap(
     x: float, y: float, z: float, radius: float, at: Pose, cup: Cup
 ) -> tuple[float, float, float, float]:
@@ -87,7 +85,7 @@ def fruit_gap(
     return d - radius, out * x + g1 * at.u, out * y + g1 * at.v, out * z + g1 * at.w
 
 
-@_jit
+@inner
 def stem_gap(
     x: float, y: float, z: float, radius: float, within: bool, at: Pose, cup: Cup
 ) -> tuple[float, float, float, float]:
@@ -109,7 +107,7 @@ def stem_gap(
     return gap, out * x, out * y, out * z
 
 
-@_jit
+@inner
 def inside(x: float, y: float, z: float, at: Pose, cup: Cup) -> bool:
     """Whether a fruit with its centre there counts as inside."""
     h, rho, _, _, _ = in_cup(x, y, z, at)

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from numba import njit
+from optipromp.compiled import inner
 
 STEM_BEARS, TARGET_BEARS, FRUIT_BEARS = 2.0, 5.0, 30.0  # [N] on a stem, the target, another fruit
 BRIEFLY = 0.03  # [s] that another fruit may be inside the cup
@@ -30,7 +30,7 @@ class Harm(NamedTuple):
     missed: bool
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def score_of(
     stem: float, fruit: float, target: float, inside: float, pinched: float, missed: bool
 ) -> float:

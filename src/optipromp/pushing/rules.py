@@ -19,9 +19,9 @@ from itertools import islice, product
 from typing import Literal, get_args
 
 import numpy as np
-from numba import njit
 
 from optipromp.arrays import FloatArray
+from optipromp.compiled import inner, kernel
 from optipromp.errors import InvalidRequestError
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene, SceneObject
@@ -284,7 +284,7 @@ def path_past(
     return np.asarray(goal + local[:, :2] @ lateral + local[:, 2:] * up)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _corners(levels, windows, heights, flat, directions, offsets, farthest, corners):  # type: ignore[no-untyped-def]
     """Corners (k, 3) after the first, in place, where windows begin and end; returns their number.
 
@@ -309,7 +309,7 @@ def _corners(levels, windows, heights, flat, directions, offsets, farthest, corn
             _aside(flat, directions, offsets, inside, farthest, p)
             apart = max(abs(p[0] - last[0]), abs(p[1] - last[1]))
             if not has_last or apart > SAME:
-                last[:] = p
+                last[0], last[1] = p[0], p[1]
                 corners[count, 0], corners[count, 1], corners[count, 2] = p[0], p[1], levels[i]
                 count += 1
                 corners[count, 0], corners[count, 1] = p[0], p[1]
@@ -319,7 +319,7 @@ def _corners(levels, windows, heights, flat, directions, offsets, farthest, corn
     return count
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _aside(flat, directions, offsets, active, farthest, p):  # type: ignore[no-untyped-def]
     """``p`` (2,): the point nearest to the approach line that is aside of all ``active`` (N,).
 
@@ -327,7 +327,7 @@ def _aside(flat, directions, offsets, active, farthest, p):  # type: ignore[no-u
     ask for opposite sides, the point would flee to where their half-planes meet; a compromise is
     nearer.
     """
-    p[:] = 0.0
+    p[0] = p[1] = 0.0
     for _ in range(SWEEPS):
         x, y = p[0], p[1]
         for k in range(flat.shape[0]):
@@ -340,6 +340,7 @@ def _aside(flat, directions, offsets, active, farthest, p):  # type: ignore[no-u
                 p[1] += short * dy
                 away = math.sqrt(p[0] * p[0] + p[1] * p[1])
                 if away > farthest:
-                    p *= farthest / away
+                    p[0] *= farthest / away
+                    p[1] *= farthest / away
         if p[0] == x and p[1] == y:
             break

@@ -8,9 +8,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from optipromp.arrays import FloatArray
+from optipromp.compiled import kernel
 from optipromp.pushing.flat import Shapes, clear
 from optipromp.pushing.quasi_static import pushed
 
@@ -45,7 +45,7 @@ class Bench(NamedTuple):
     edge: float
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def stepped(corners, step):  # type: ignore[no-untyped-def]
     """Poses (T, 3) along a way (k, 2) in equal steps, at most ``step``; the hand does not turn."""
     total = 0.0
@@ -67,7 +67,7 @@ def stepped(corners, step):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def cost(bench, corners, states, slips, limit):  # type: ignore[no-untyped-def]
     """Mean cost of a way over trials, or infinity where it is sure to be more than ``limit``.
 
