@@ -211,7 +211,7 @@ def test_a_short_blow_is_no_lasting_force() -> None:
     points = np.tile(far, (steps, 1))
     points[4] = near  # one step only
     _, forces, _ = led(s, points)
-    assert (forces[:, 0] > 0.0).sum() < swinging.HELD
+    assert (forces[:, 0] > 0.0).sum() < swinging.LASTING
     assert foreseen(s, points).target == 0.0
     points[4:] = near
     assert foreseen(s, points).target > 0.0

@@ -25,9 +25,9 @@ from optipromp.geometry.obstacles import Obstacles
 from optipromp.pushing.bending import Stems
 from optipromp.pushing.cup import NECK_LOOKED_AT, Cup, Pose
 from optipromp.pushing.deflected import level, place
+from optipromp.pushing.parameters import PUSH
 
-WALLS = 0.08  # [m] gap of a fruit to what stands firm up to which that is listed
-WANDERED = 0.04  # [m] that a fruit moves until it is listed again
+LISTED, WANDERED = PUSH.swing.listed, PUSH.swing.wandered
 
 
 class Fruits(NamedTuple):
@@ -115,7 +115,7 @@ def list_firm(
     center: FloatArray, radius: FloatArray, firm: IntArray, listed_at: FloatArray,
     on_fruit: IntArray, solid: Obstacles,
 ) -> None:  # fmt: skip
-    """Obstacles within :data:`WALLS` of each fruit that has moved since, into ``firm``."""
+    """Obstacles within :data:`LISTED` of each fruit that has moved since, into ``firm``."""
     before = 3 * (len(center) - 1) + 1
     for i in range(len(center)):
         x, y, z = center[i, 0], center[i, 1], center[i, 2]
@@ -126,7 +126,7 @@ def list_firm(
         on_fruit[i] = before
         for k in range(firm.shape[1]):
             gap, _, _, _ = distance_and_gradient(solid, k, x, y, z)
-            if gap - radius[i] < WALLS:
+            if gap - radius[i] < LISTED:
                 firm[i, on_fruit[i] - before] = k
                 on_fruit[i] += 1
 

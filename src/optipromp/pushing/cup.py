@@ -8,10 +8,10 @@ import math
 from typing import NamedTuple
 
 from optipromp.compiled import inner
+from optipromp.pushing.parameters import PUSH
 
-NECK_LOOKED_AT = 0.03  # [m] under the cup that stems are kept off the neck
-ABOVE = 1.0  # [m]
-BARELY = 0.003  # [m] under the rim at which a fruit counts as inside
+NECK_LOOKED_AT, BARELY = PUSH.swing.neck, PUSH.swing.barely
+ABOVE = 1.0  # [m] added to the gap of what is over the rim: it touches nothing
 
 
 class Cup(NamedTuple):

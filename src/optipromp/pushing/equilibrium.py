@@ -22,13 +22,11 @@ from optipromp.pushing.bending import Stems
 from optipromp.pushing.contacts import Contacts, Fruits, between
 from optipromp.pushing.cup import ABOVE, Cup, Pose, fruit_gap, in_cup, stem_gap
 from optipromp.pushing.deflected import LOADS, begin, place, press, shortened
+from optipromp.pushing.parameters import PUSH
 
-CONTACT = 3000.0  # [N/m]
-FRICTION = 0.15  # of the cup on fruits
-STUCK = 3e-4  # [m] of slip in a step up to which a fruit counts as stuck to the cup
-FARTHEST = 0.004  # [m] that a loaded point moves in one iteration
-CLOSE = 0.016  # [m] gap up to which a contact is looked at within a step
-AS_FAR = 0.5  # share of the last iteration's change whose reverse is taken by half
+CONTACT, CLOSE = PUSH.swing.stiffness, PUSH.swing.close
+RUBBING, STUCK = PUSH.swing.friction, PUSH.swing.stuck
+FARTHEST, REVERSAL = PUSH.swing.farthest, PUSH.swing.reversal
 
 
 class Descent(NamedTuple):
@@ -155,7 +153,7 @@ def relax(
                     _rub(
                         axes, shape, shortening, u, i, x0 - began[i, 0] - way.x,
                         x1 - began[i, 1] - way.y, x2 - began[i, 2] - way.z, n0, n1, n2,
-                        FRICTION * earlier[i], j, v, gradient, inverse,
+                        RUBBING * earlier[i], j, v, gradient, inverse,
                     )  # fmt: skip
         forces[p, i] = largest
         stem_forces[p, i] = math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
@@ -206,7 +204,7 @@ def _step(
         before += last[i, a] ** 2
     for a in range(LOADS):
         far = max(far, math.hypot(step[a], step[LOADS + a]))
-    if back > AS_FAR * before:
+    if back > REVERSAL * before:
         eased[i] *= 0.5
     scale: float = min(eased[i], FARTHEST / max(far, 1e-12))
     for a in range(2 * LOADS):

@@ -8,9 +8,10 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray
 from optipromp.compiled import inner, kernel
+from optipromp.pushing.parameters import PUSH
 
 CORNERS = 8  # of a polygon at most
-FLAT = 1e-3  # [m] within which corners of a polygon are pressed together
+FLAT = PUSH.plane.flat
 
 
 class Shapes(NamedTuple):

@@ -13,10 +13,9 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, frozen
 from optipromp.compiled import inner, kernel
+from optipromp.pushing.parameters import PUSH
 
-APART = 1e-9  # [m] between corners that are two
-STEP = 0.001  # [m] between the points of a path; fine beside the 2 mm that an arm follows it within
-ROUNDING = 0.01  # [m] width of each moving average: a corner of 30 degrees is cut by 1 mm
+STEP, ROUNDING = PUSH.rule.point_step, PUSH.rule.rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +104,7 @@ def along(corners: FloatArray, values: FloatArray, count: int) -> FloatArray:
     for k in range(1, len(corners)):
         step = _step(corners, k)
         far += step
-        if step > APART:
+        if step > 1e-9:  # else they are one
             last += 1
             at[last], kept[last] = far, k
     out = np.empty((count, values.shape[1]))

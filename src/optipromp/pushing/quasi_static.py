@@ -23,14 +23,13 @@ import numpy as np
 from optipromp.arrays import FloatArray, IntArray
 from optipromp.compiled import inner, kernel
 from optipromp.pushing.flat import CORNERS, Shapes, bounds, contact, outside, placed
+from optipromp.pushing.parameters import PUSH
 
-SETTLED = 4e-4  # [m] of overlap that is none
-SWEEPS = 25  # over the contacts, in a step
-JAMMED = 4e-3  # [m] of overlap left after these at which something gives way that must not
-AHEAD = 0.02  # [m] less apart than this are near: looked at until something moves a third of it
+NO_OVERLAP, SWEEPS = PUSH.plane.settled, PUSH.plane.sweeps
+JAMMED, AHEAD = PUSH.plane.jammed, PUSH.plane.ahead
 
 
-class Result(NamedTuple):
+class Pushed(NamedTuple):
     """What a push did.
 
     Attributes:
@@ -59,7 +58,7 @@ def push(
     walls: Shapes,
     slip: float,
     most: float = np.inf,
-) -> Result:
+) -> Pushed:
     """Move the tool along a path and see where things go.
 
     Args:
@@ -79,7 +78,7 @@ def push(
         np.ascontiguousarray(path, dtype=np.float64), tool, things, end, 1.0 / friction, lever**2,
         walls, slip, most, np.inf, report,
     )  # fmt: skip
-    return Result(end, float(report[0]), float(report[1]), float(report[2]))
+    return Pushed(end, float(report[0]), float(report[1]), float(report[2]))
 
 
 @inner
@@ -293,7 +292,7 @@ def pushed(  # type: ignore[no-untyped-def]
                 things, state, before, yields, lever2, bodies, pairs, n, last, count + parts,
                 (u, v, du, dv, dturn), slip, hit, press,
             )  # fmt: skip
-            if worst < SETTLED:
+            if worst < NO_OVERLAP:
                 break
         report[1] = max(report[1], worst)
         if moved > 1e-6:

@@ -15,12 +15,11 @@ from optipromp.pushing.cup import Cup, Pose, in_cup, inside
 from optipromp.pushing.deflected import LOADS, freely, place
 from optipromp.pushing.equilibrium import CLOSE, Descent, relax
 from optipromp.pushing.harm import Harm, score_of
+from optipromp.pushing.parameters import PUSH
 
-ITERATIONS = 6
-SETTLED = 1e-4  # [m] change of the deflections that ends the iterations
-LIVELY = 0.9  # share of its speed that a fruit keeps from step to step
-HELD = 5  # steps over which a force must last
-STIRRED = 0.007  # [m] that fruits move in a step until what is close is looked for again
+ITERATIONS, SETTLED = PUSH.swing.iterations, PUSH.swing.settled
+KEPT_SPEED, STIRRED = PUSH.swing.kept_speed, PUSH.swing.stirred
+LASTING = PUSH.harm.lasting
 
 
 @kernel
@@ -116,7 +115,7 @@ def _advance(
         for k in range(3):
             f.began[i, k] = f.center[i, k]
         for a in range(2 * LOADS):
-            f.ahead[i, a] = f.u[i, a] + LIVELY * (f.u[i, a] - f.before[i, a])
+            f.ahead[i, a] = f.u[i, a] + KEPT_SPEED * (f.u[i, a] - f.before[i, a])
             f.before[i, a] = f.u[i, a]
             d.last[i, a] = 0.0
         f.earlier[i], d.eased[i] = f.pressed[i], 1.0
@@ -154,8 +153,8 @@ def _take(
     pressed against what stands firm.
     """
     for i in range(len(f.up)):
-        lasting = lasting_on_fruit = np.inf if p >= HELD - 1 else 0.0
-        for q in range(max(p - HELD + 1, 0), p + 1):
+        lasting = lasting_on_fruit = np.inf if p >= LASTING - 1 else 0.0
+        for q in range(max(p - LASTING + 1, 0), p + 1):
             lasting = min(lasting, stem_forces[q, i])
             lasting_on_fruit = min(lasting_on_fruit, forces[q, i])
         so_far[0] = max(so_far[0], lasting)
@@ -176,7 +175,7 @@ def harm(
 ) -> Harm:
     """What the cup, led along a path (see :func:`push`), does to the fruits; the first is wanted.
 
-    A force lasts as long as it does not fall for :data:`HELD` steps.
+    A force lasts as long as it does not fall for :data:`LASTING` steps.
     """
     positions, forces, stem_forces = _room(s, points)
     so_far = np.zeros(5)
@@ -204,7 +203,7 @@ def led(
     """
     positions, forces, stem_forces = _room(s, points)
     push(s, points, axes, dt, cup, solid, np.inf, positions, forces, stem_forces, np.zeros(5))
-    held = np.lib.stride_tricks.sliding_window_view(stem_forces, min(HELD, len(points)), axis=0)
+    held = np.lib.stride_tricks.sliding_window_view(stem_forces, min(LASTING, len(points)), axis=0)
     within = np.array(
         [
             [inside(x[0], x[1], x[2], Pose(*point, *axis), cup) for x in places]
