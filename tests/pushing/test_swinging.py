@@ -10,7 +10,7 @@ from optipromp.geometry.obstacles import Obstacles, pack
 from optipromp.geometry.shapes import Box
 from optipromp.pushing import swinging
 from optipromp.pushing.bending import Stems
-from optipromp.pushing.cup import Cup, cup_distance
+from optipromp.pushing.cup import Mouth, cup_distance
 from optipromp.pushing.equilibrium import CONTACT
 from optipromp.pushing.harm import Harm
 from optipromp.pushing.swinging import harm, push
@@ -22,7 +22,7 @@ def led(
     stems: Stems,
     points: np.ndarray,
     axis: np.ndarray = UP,
-    cup: Cup = CUP,
+    cup: Mouth = CUP,
     solid: Obstacles = NOTHING,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions (P, N, 3), forces (P, N) on fruits and on stems."""

@@ -14,7 +14,7 @@ NECK_LOOKED_AT, BARELY = PUSH.swing.neck, PUSH.swing.barely
 ABOVE = 1.0  # [m] added to the gap of what is over the rim: it touches nothing
 
 
-class Cup(NamedTuple):
+class Mouth(NamedTuple):
     """A cup about its axis, heights over the tool point [m]."""
 
     inner: float
@@ -53,7 +53,7 @@ def _box(
 
 
 @inner
-def cup_distance(rho: float, h: float, cup: Cup) -> tuple[float, float, float]:
+def cup_distance(rho: float, h: float, cup: Mouth) -> tuple[float, float, float]:
     """Signed distance to wall, floor and neck in the half-plane, with d/drho and d/dh."""
     best, g0, g1 = _box(rho, h, cup.inner, cup.outer, cup.base, cup.rim)
     d, e0, e1 = _box(rho, h, -cup.outer, cup.outer, cup.base, cup.base + cup.floor)
@@ -76,7 +76,7 @@ def in_cup(x: float, y: float, z: float, at: Pose) -> tuple[float, float, float,
 
 @inner
 def fruit_gap(
-    x: float, y: float, z: float, radius: float, at: Pose, cup: Cup
+    x: float, y: float, z: float, radius: float, at: Pose, cup: Mouth
 ) -> tuple[float, float, float, float]:
     """Gap of a fruit to the cup, and the direction it is pushed in."""
     h, rho, x, y, z = in_cup(x, y, z, at)
@@ -87,7 +87,7 @@ def fruit_gap(
 
 @inner
 def stem_gap(
-    x: float, y: float, z: float, radius: float, within: bool, at: Pose, cup: Cup
+    x: float, y: float, z: float, radius: float, within: bool, at: Pose, cup: Mouth
 ) -> tuple[float, float, float, float]:
     """Gap of a piece of stem to wall or neck, on the side of the wall where its fruit is.
 
@@ -108,7 +108,7 @@ def stem_gap(
 
 
 @inner
-def inside(x: float, y: float, z: float, at: Pose, cup: Cup) -> bool:
+def inside(x: float, y: float, z: float, at: Pose, cup: Mouth) -> bool:
     """Whether a fruit with its centre there counts as inside."""
     h, rho, _, _, _ = in_cup(x, y, z, at)
     return rho < cup.inner and cup.base < h < cup.rim - BARELY

@@ -15,7 +15,7 @@ from optipromp.arrays import FloatArray, frozen
 from optipromp.geometry import distances
 from optipromp.geometry.obstacles import Obstacles, near
 from optipromp.pushing.bending import Stems, moved, stems
-from optipromp.pushing.cup import Cup as Mouth
+from optipromp.pushing.cup import Mouth
 from optipromp.pushing.harm import BRIEFLY, Harm, score_of
 from optipromp.pushing.model import Moved, PushModel, Round, Schedule
 from optipromp.pushing.parameters import PUSH

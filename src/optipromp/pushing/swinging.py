@@ -11,7 +11,7 @@ from optipromp.compiled import inner, kernel
 from optipromp.geometry.obstacles import Obstacles
 from optipromp.pushing.bending import Stems
 from optipromp.pushing.contacts import Contacts, Fruits, list_firm, list_pieces, overlapping
-from optipromp.pushing.cup import Cup, Pose, in_cup, inside
+from optipromp.pushing.cup import Mouth, Pose, in_cup, inside
 from optipromp.pushing.deflected import LOADS, freely, place
 from optipromp.pushing.equilibrium import CLOSE, Descent, relax
 from optipromp.pushing.harm import Harm, score_of
@@ -24,7 +24,7 @@ LASTING = PUSH.harm.lasting
 
 @kernel
 def push(
-    s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Cup, solid: Obstacles,
+    s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth, solid: Obstacles,
     worst: float, positions: FloatArray, forces: FloatArray, stem_forces: FloatArray,
     so_far: FloatArray,
 ) -> int:  # fmt: skip
@@ -95,7 +95,7 @@ def _hang(s: Stems, f: Fruits, c: Contacts, d: Descent, dt: float) -> None:
 
 
 @inner
-def _untouched(s: Stems, f: Fruits, at: Pose, cup: Cup) -> bool:
+def _untouched(s: Stems, f: Fruits, at: Pose, cup: Mouth) -> bool:
     """Whether nothing has moved, and the rim is below all fruits and roots."""
     for i in range(len(s.root)):
         h, _, _, _, _ = in_cup(f.center[i, 0], f.center[i, 1], f.center[i, 2], at)
@@ -107,7 +107,7 @@ def _untouched(s: Stems, f: Fruits, at: Pose, cup: Cup) -> bool:
 
 @inner
 def _advance(
-    s: Stems, f: Fruits, c: Contacts, d: Descent, at: Pose, way: Pose, cup: Cup,
+    s: Stems, f: Fruits, c: Contacts, d: Descent, at: Pose, way: Pose, cup: Mouth,
     solid: Obstacles, dt: float, p: int, forces: FloatArray, stem_forces: FloatArray,
 ) -> None:  # fmt: skip
     """Step p: the fruits swing on, then come to their equilibrium with the cup where it is."""
@@ -144,7 +144,7 @@ def _note(f: Fruits, p: int, positions: FloatArray) -> None:
 
 @inner
 def _take(
-    f: Fruits, at: Pose, cup: Cup, dt: float, p: int, forces: FloatArray,
+    f: Fruits, at: Pose, cup: Mouth, dt: float, p: int, forces: FloatArray,
     stem_forces: FloatArray, spell: IntArray, pinched: IntArray, so_far: FloatArray,
 ) -> None:  # fmt: skip
     """What harm was done up to step p, into ``so_far`` (5,).
@@ -171,7 +171,7 @@ def _take(
 
 
 def harm(
-    s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Cup, solid: Obstacles
+    s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth, solid: Obstacles
 ) -> Harm:
     """What the cup, led along a path (see :func:`push`), does to the fruits; the first is wanted.
 
@@ -193,7 +193,7 @@ def _room(s: Stems, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatAr
 
 
 def led(
-    s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Cup, solid: Obstacles
+    s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth, solid: Obstacles
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Where the cup, led along a path (see :func:`push`), brings the fruits, and how hard.
 
@@ -215,7 +215,7 @@ def led(
 
 @kernel
 def mean_score(
-    s: Stems, count: int, draws: int, points: FloatArray, axes: FloatArray, dt: float, cup: Cup,
+    s: Stems, count: int, draws: int, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth,
     solid: Obstacles, hopeless: float, worst: float,
 ) -> float:  # fmt: skip
     """Mean score of a path over several ways that the same fruits may hang.
