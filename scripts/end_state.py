@@ -11,6 +11,7 @@ from pathlib import Path
 
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "optipromp"
 CORE = ("judging", "optimization", "pushing", "planning")
+KERNELS = ("kernel", "inner", "inlined")  # decorators of optipromp.compiled
 ENTRY, BOX = "planning/plan.py", "geometry/distances.py"  # from ``plan`` to the distance of a box
 
 
@@ -59,7 +60,7 @@ class File:
         return [
             (
                 (node.end_lineno or 0) - node.lineno + 1, f"{name_of(self.path)}.{node.name}",
-                any("jit" in ast.unparse(d) for d in node.decorator_list),
+                any(d in KERNELS or "jit" in d for d in map(ast.unparse, node.decorator_list)),
             )
             for node in ast.walk(self.tree)
             if isinstance(node, ast.FunctionDef)

@@ -12,7 +12,7 @@ import numpy as np
 
 from optipromp.errors import Code, InvalidRequestError, InvalidSceneError, OptiPrompError
 from optipromp.files import json_text, write_atomically
-from optipromp.judging import Contact, Metrics
+from optipromp.judging import Metrics, Overlap
 from optipromp.planning import Plan, Term
 from optipromp.planning.result import Stage, ViaPoint
 from optipromp.planning.task import resolve
@@ -90,7 +90,7 @@ def load_plan(path: Path | str) -> Plan:
             metrics=Metrics(**document["metrics"]),
             terms={name: Term(**_tuples(term)) for name, term in document["terms"].items()},
             stages=tuple(Stage(**_tuples(stage)) for stage in document["stages"]),
-            contacts=tuple(Contact(**contact) for contact in document["contacts"]),
+            contacts=tuple(Overlap(**contact) for contact in document["contacts"]),
             time=document["time"],
             first=document["first"],
             via=tuple(ViaPoint(v["name"], np.array(v["position"])) for v in document["via"]),

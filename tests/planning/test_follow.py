@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from optipromp.errors import Code
 from optipromp.planning import Plan, goals, plan
 from optipromp.planning.follow import (
-    STATIONS,
-    TRACKED,
+    FOLLOW,
     Start,
     braked,
     branches,
@@ -73,7 +72,7 @@ def test_the_tool_is_on_its_path_with_the_axis_of_the_approach(which: str) -> No
     points, axes = task.robot.tool_pose(on_path)
     fine = start.path.at(np.linspace(0.0, 1.0, 20_000))
     away = np.linalg.norm(points[:, None] - fine[None], axis=2).min(axis=1)
-    assert away.max() < TRACKED == 1e-4
+    assert away.max() < FOLLOW.tracked == 1e-4
     assert (axes @ task.goal.axis).min() > np.cos(1e-3)
     # it begins where the path does, and goes on without turning back
     np.testing.assert_allclose(points[0], start.path.points[0], atol=1e-4)
@@ -130,7 +129,7 @@ def test_the_conditioned_primitive_passes_its_stations_within_millimetres(which:
     assert isinstance(task.goal, PoseGoal)
     assert start.path is not None
     promp = learnt(task, None)
-    share = np.linspace(0.0, 1.0, STATIONS)
+    share = np.linspace(0.0, 1.0, FOLLOW.stations)
     z0 = start.waypoints.phases[start.waypoints.first]
     phases = z0 + (1.0 - z0) * share
     goal = start.followed[-1]
@@ -181,7 +180,7 @@ def test_demonstrations_shape_the_posture_of_the_approach(
     np.testing.assert_array_equal(other.followed[-1], own.followed[-1])
     low = own.waypoints.first
     points = [task.robot.tool_pose(s.followed[low:])[0] for s in (own, other)]
-    assert np.linalg.norm(points[0] - points[1], axis=1).max() < 2.0 * TRACKED
+    assert np.linalg.norm(points[0] - points[1], axis=1).max() < 2.0 * FOLLOW.tracked
     late = int(0.4 * len(own.followed))
     assert np.abs(own.followed[late:] - other.followed[late:]).max() > 0.05
 

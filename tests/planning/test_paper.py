@@ -18,7 +18,7 @@ from optipromp.geometry import Box
 from optipromp.optimization.evaluation import Evaluation
 from optipromp.planning import Plan, PlanOptions, plan
 from optipromp.planning.paper_options import PaperOptions
-from optipromp.planning.paper_problem import Rows
+from optipromp.planning.paper_problem import ConstraintRows
 from optipromp.planning.task import resolve
 from optipromp.scenes import Scene, load_scene
 
@@ -165,7 +165,7 @@ def test_rows_push_as_their_penalty_falls(seed: int, count: int) -> None:
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     at = rng.integers(0, 6, count)
     middle = rng.normal(0.3, 0.3, count)
-    rows = Rows(1.0, at, axes, middle - 0.05, middle + 0.05)
+    rows = ConstraintRows(1.0, at, axes, middle - 0.05, middle + 0.05)
 
     def value(x: FloatArray) -> float:
         e.move_to(x)
@@ -176,7 +176,7 @@ def test_rows_push_as_their_penalty_falls(seed: int, count: int) -> None:
     step = 1e-6 * rng.normal(size=q.shape)
     difference = value(q + step) - value(q - step)
     np.testing.assert_allclose(difference, 2.0 * np.sum(gradient * step), atol=1e-9, rtol=1e-4)
-    wide = Rows(1.0, at, axes, np.full(count, -9.0), np.full(count, 9.0))
+    wide = ConstraintRows(1.0, at, axes, np.full(count, -9.0), np.full(count, 9.0))
     e.move_to(q)
     assert wide.add(e, 2.0) == 0.0
     assert not e.force.any()

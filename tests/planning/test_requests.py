@@ -99,12 +99,12 @@ def test_more_fruits_than_can_be_tried_are_passed_as_the_rule_says(three: Scene)
 
     close = [
         hanging(f"close-{i}", target.position - [0.002 * (i % 6), 0.002 * (i // 6), 0.1])
-        for i in range(hanging_model.MOST + 1)
+        for i in range(hanging_model.HANGING.most + 1)
     ]
     task = resolve(three)
     assert push_model(task, END) is not None
     crowded = resolve(replace(three, objects=(*three.objects, *close)))
-    assert len(crowded.neighbours) > hanging_model.MOST
+    assert len(crowded.neighbours) > hanging_model.HANGING.most
     assert push_model(crowded, END) is None
     result = plan(crowded.scene, options=PlanOptions(iterations=0))
     assert result.prediction is None

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from optipromp.pushing.bending import Stems, bent
-from optipromp.pushing.cup import Cup
+from optipromp.pushing.cup import Mouth
 
-CUP = Cup(inner=0.023, outer=0.025, base=-0.03, rim=0.02, floor=0.002, neck=0.01)
+CUP = Mouth(inner=0.023, outer=0.025, base=-0.03, rim=0.02, floor=0.002, neck=0.01)
 UP = np.array([0.0, 0.0, 1.0])
 DT = 0.04  # [s]
 TARGET = np.array([0.4, 0.1, 0.9])

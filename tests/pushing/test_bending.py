@@ -9,7 +9,16 @@ from hypothesis import strategies as st
 
 from optipromp.geometry import Sphere
 from optipromp.pushing import bending
-from optipromp.pushing.bending import DENSITY, ELEMENTS, GRAVITY, LOADED, Stems, bent, moved, stems
+from optipromp.pushing.bending import (
+    ELEMENTS,
+    FRUIT_DENSITY,
+    GRAVITY,
+    LOADED,
+    Stems,
+    bent,
+    moved,
+    stems,
+)
 from optipromp.scenes import SceneObject, Stem
 
 THIN = bending.MODULUS * np.pi / 64.0 * bending.DIAMETER**4  # EI of a stem that hangs plumb [N m²]
@@ -48,7 +57,7 @@ def hanging(length: float, radius: float, lean: float, azimuth: float = 0.0) -> 
     way = np.array([np.sin(lean) * np.cos(azimuth), np.sin(lean) * np.sin(azimuth), -np.cos(lean)])
     root = np.array([[0.3, -0.2, 1.1]])
     one = bent(root, root + length * way, np.array([radius]), np.array([0.0015]))
-    weight = DENSITY * 4.0 / 3.0 * np.pi * radius**3 * GRAVITY
+    weight = FRUIT_DENSITY * 4.0 / 3.0 * np.pi * radius**3 * GRAVITY
     # what carries the moment m g sinθ (L - s) with no more than the turn it may have grown by
     grown = weight * np.sin(lean) * length**2 / (2.0 * bending.GROWN_TURN)
     return one, Beam(length, max(THIN, grown), weight * np.cos(lean))
@@ -142,7 +151,7 @@ def test_the_fruit_itself_does_not_bend() -> None:
     length = 0.04
     light = 1e-9  # [kg/m³]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bending, "DENSITY", light)
+        patch.setattr(bending, "FRUIT_DENSITY", light)
         one = bent(
             np.zeros((1, 3)), np.array([[0.0, 0.0, -length]]), np.array([0.02]), np.array([0.001])
         )
@@ -186,7 +195,7 @@ def test_stems_of_a_scene() -> None:
     np.testing.assert_array_equal(both.radius, [0.015, 0.018])
     np.testing.assert_array_equal(both.thickness, [0.002, 0.003])
     np.testing.assert_allclose(both.length, [np.hypot(0.05, 0.2), 0.2 * np.sqrt(3.0)])
-    np.testing.assert_allclose(both.mass, DENSITY * 4.0 / 3.0 * np.pi * both.radius**3)
+    np.testing.assert_allclose(both.mass, FRUIT_DENSITY * 4.0 / 3.0 * np.pi * both.radius**3)
     fruits = both.root + both.length[:, None] * both.axes[:, 2]
     np.testing.assert_allclose(fruits, [thing.position for thing in things], atol=1e-12)
     assert len(stems([]).root) == 0

@@ -5,16 +5,16 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from optipromp.pushing.cup import Cup, cup_distance
+from optipromp.pushing.cup import Mouth, cup_distance
 
 CUPS = st.builds(
-    lambda inner, wall, base, rim, neck: Cup(inner, inner + wall, base, rim, 0.002, neck * inner),
+    lambda inner, wall, base, rim, neck: Mouth(inner, inner + wall, base, rim, 0.002, neck * inner),
     st.floats(0.015, 0.04), st.floats(0.001, 0.01), st.floats(-0.06, -0.02), st.floats(0.0, 0.03),
     st.floats(0.2, 0.8),
 )  # fmt: skip
 
 
-def outline(cup: Cup, spacing: float = 2e-4) -> np.ndarray:
+def outline(cup: Mouth, spacing: float = 2e-4) -> np.ndarray:
     """Points on the edges of wall, floor and neck, in the half-plane and mirrored."""
     boxes = (
         (cup.inner, cup.outer, cup.base, cup.rim),
@@ -30,7 +30,7 @@ def outline(cup: Cup, spacing: float = 2e-4) -> np.ndarray:
     return np.vstack(edges)
 
 
-def solid(cup: Cup, rho: float, h: float) -> bool:
+def solid(cup: Mouth, rho: float, h: float) -> bool:
     wall = cup.inner <= rho <= cup.outer and cup.base <= h <= cup.rim
     floor = rho <= cup.outer and cup.base <= h <= cup.base + cup.floor
     return wall or floor or (rho <= cup.neck and h <= cup.base)
@@ -38,7 +38,7 @@ def solid(cup: Cup, rho: float, h: float) -> bool:
 
 @settings(max_examples=200, deadline=None)
 @given(CUPS, st.floats(0.0, 0.1), st.floats(-0.15, 0.1))
-def test_the_distance_to_the_cup_is_that_to_its_outline(cup: Cup, rho: float, h: float) -> None:
+def test_the_distance_to_the_cup_is_that_to_its_outline(cup: Mouth, rho: float, h: float) -> None:
     d = cup_distance(rho, h, cup)[0]
     if solid(cup, rho, h):
         assert d <= 1e-15
@@ -51,7 +51,7 @@ def test_the_distance_to_the_cup_is_that_to_its_outline(cup: Cup, rho: float, h:
 
 @settings(max_examples=200, deadline=None)
 @given(CUPS, st.floats(0.0, 0.1), st.floats(-0.15, 0.1))
-def test_its_gradient_is_that_of_finite_differences(cup: Cup, rho: float, h: float) -> None:
+def test_its_gradient_is_that_of_finite_differences(cup: Mouth, rho: float, h: float) -> None:
     eps = 1e-7
     d, *gradient = cup_distance(rho, h, cup)
     assume(abs(d) > 1e-4)

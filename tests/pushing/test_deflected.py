@@ -10,7 +10,7 @@ from tests.pushing.fruits import CUP, DT, TARGET, UP, hung
 from optipromp.pushing.bending import Stems
 from optipromp.pushing.cup import Pose, fruit_gap, stem_gap
 from optipromp.pushing.deflected import begin, freely, place, press, shortened
-from optipromp.pushing.swinging import CONTACT
+from optipromp.pushing.equilibrium import CONTACT
 
 
 def energy(s: Stems, u: np.ndarray, ahead: np.ndarray, inertia: float, share: float, point: Any,

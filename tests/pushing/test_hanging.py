@@ -9,16 +9,13 @@ from tests.pushing.fruits import TARGET, UP
 
 from optipromp.geometry import Box, Sphere
 from optipromp.pushing.hanging import (
-    CLEARANCES,
-    DETECTED_STATES,
-    HOPELESS,
-    MOST,
-    STATES,
+    HANGING,
     Hanging,
     applies,
 )
 from optipromp.pushing.harm import Harm, score_of
 from optipromp.pushing.model import search
+from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import ToolPath, through
 from optipromp.pushing.rules import neighbours, rule_paths
 from optipromp.robots.library import load_robot
@@ -84,7 +81,7 @@ def test_what_is_not_touched_is_not_harmed() -> None:
 
 def test_a_fruit_on_the_way_is_swallowed_and_named() -> None:
     a = model(UNDER, fruit("n2", (0.07, 0.0, -0.05), LEANING))
-    assert harm(a, STRAIGHT) == HOPELESS
+    assert harm(a, STRAIGHT) == PUSH.harm.hopeless
     prediction = a.predict(*judged(STRAIGHT))
     assert prediction.harmful
     assert (prediction.object, prediction.cause) == ("n1", "is swallowed")
@@ -94,7 +91,7 @@ def test_a_fruit_on_the_way_is_swallowed_and_named() -> None:
 def test_a_missed_target_is_named() -> None:
     a = model(BESIDE)
     for short in (led((0, 0, -0.25), (0, 0, -0.03)), led((-0.05, 0, -0.25), (-0.05, 0, 0))):
-        assert harm(a, short) == HOPELESS
+        assert harm(a, short) == PUSH.harm.hopeless
         assert a.cause(*judged(short)) == ("ripe", "is not inside at the end")
 
 
@@ -114,7 +111,7 @@ def test_a_fruit_pressed_against_a_wall_is_named_and_without_the_wall_is_not_har
     aside = led((0, 0, -0.25), (0, 0, -0.04), (0.02, 0, -0.04), (0, 0, -0.04), (0, 0, 0))
     free, walled = model(near), model(near, wall)
     assert harm(free, aside, free.states) < 0.1
-    assert harm(walled, aside) == HOPELESS
+    assert harm(walled, aside) == PUSH.harm.hopeless
     name, cause = walled.cause(*judged(aside))
     assert name == "n1"
     assert cause.startswith("is pinched for 0.")
@@ -154,7 +151,7 @@ def test_a_score_of_nothing_and_of_what_ends_all_hope() -> None:
     assert score_of(*nothing._replace(fruit=30.0)) == pytest.approx(1.0)
     assert score_of(*nothing._replace(pinched=0.2)) == pytest.approx(1.0)
     for lost in (nothing._replace(missed=True), nothing._replace(inside=1.0)):
-        assert score_of(*lost) > HOPELESS
+        assert score_of(*lost) > PUSH.harm.hopeless
     for name in ("stem", "fruit", "target", "pinched"):
         values = [score_of(*nothing._replace(**{name: f})) for f in np.linspace(0, 50, 20)]
         assert (np.diff(values) >= 0.0).all()
@@ -169,7 +166,7 @@ def test_states_are_sampled_round_the_perceived_one() -> None:
     fruits = (UNDER, fruit("n2", (-0.02, 0.01, -0.14), LEANING))
     known = model(*fruits)
     seen = model(*(detected(thing, deviation) for thing in fruits))
-    assert (known.states, seen.states) == (STATES, DETECTED_STATES)
+    assert (known.states, seen.states) == (HANGING.states, HANGING.detected_states)
     places = np.array([thing.position for thing in known.fruits])
     turns = []
     for a in (known, seen):
@@ -202,7 +199,7 @@ def test_a_path_is_judged_on_as_many_states_as_are_asked_for() -> None:
     root[few * a.count :] += [0.5, 0.0, 0.0]  # in the other states all hang elsewhere
     a.stems = a.stems._replace(root=root)
     assert harm(a, STRAIGHT, few) == before
-    missed = HOPELESS * (1.0 - few / a.states)
+    missed = PUSH.harm.hopeless * (1.0 - few / a.states)
     assert harm(a, STRAIGHT, a.states) == pytest.approx(missed, abs=0.1)
 
 
@@ -218,7 +215,7 @@ def test_candidates_begin_at_the_camera_and_end_at_the_target() -> None:
         np.testing.assert_allclose(path.points[[0, -1]], [CAMERA, TARGET], atol=1e-12)
         off = path.points - TARGET
         widest = np.linalg.norm(off[:, :2], axis=1).max()
-        assert widest < 0.03 + CUP.radius + CLEARANCES[1] * 0.015
+        assert widest < 0.03 + CUP.radius + HANGING.clearance_most * 0.015
         assert a.aside(x, path) >= 0.0
 
 
@@ -241,7 +238,7 @@ def test_a_path_of_no_harm_is_found_past_a_fruit_on_the_way() -> None:
     assert harms[-1] < a.good
     path = found[-1][0]
     assert a.harm(*judged(path), a.states) < a.good
-    assert harm(a, STRAIGHT, a.states) == HOPELESS
+    assert harm(a, STRAIGHT, a.states) == PUSH.harm.hopeless
 
 
 def test_a_path_along_a_wall_is_raised_by_what_it_lacks_in_clearance() -> None:
@@ -279,7 +276,7 @@ def test_it_applies_to_a_mouth_for_a_target_that_hangs() -> None:
     assert applies(known, FrankaHand(), near)
     assert not applies(known, None, near)
     assert not applies(scene(), CUP, ())
-    assert not applies(known, CUP, near * (MOST + 1))
+    assert not applies(known, CUP, near * (HANGING.most + 1))
     standing = replace(UNDER, stem=None)
     assert applies(scene(standing), CUP, (standing,))  # it knows the target, which hangs
     stemless = replace(known, objects=(replace(RIPE, stem=None), UNDER))
@@ -293,8 +290,8 @@ def test_the_model_knows_fruits_that_are_no_neighbours_too() -> None:
     assert [thing.id for thing in a.neighbours] == ["n1"]
     assert [thing.id for thing in a.fruits] == ["ripe", "n1", "beside"]
     into = led((0, 0, -0.25), (0.09, 0, -0.11), (0.09, 0, -0.05))
-    assert harm(a, into) == HOPELESS
+    assert harm(a, into) == PUSH.harm.hopeless
     around = [fruit(f"far-{i}", (0.2 + 0.002 * i, 0.1, 0.1)) for i in range(40)]
     many = model(UNDER, *around[::-1])
-    assert many.count == 1 + MOST
-    assert [t.id for t in many.fruits[2:]] == [t.id for t in around[: MOST - 1]]
+    assert many.count == 1 + HANGING.most
+    assert [t.id for t in many.fruits[2:]] == [t.id for t in around[: HANGING.most - 1]]

@@ -15,10 +15,7 @@ from optipromp.geometry import Sphere
 from optipromp.pushing import drift_choices, neighbours, pushes
 from optipromp.pushing.path import evenly, length
 from optipromp.pushing.rules import (
-    MOST_CHOICES,
-    RELEASE,
-    ROOM_TO_TURN,
-    UNDER,
+    RULE,
     passing_windows,
     path_past,
 )
@@ -163,15 +160,15 @@ def test_combinations_are_all_there_and_capped() -> None:
     sides = {tuple(c.directions[:, 1]) for c in choices}
     assert sides == {(-1.0, a, b) for a in (-1.0, 1.0) for b in (-1.0, 1.0)}
     many = drift_choices(scene(*things), things)
-    assert len(many) == MOST_CHOICES
-    assert len({tuple(c.directions[:, 1]) for c in many}) == MOST_CHOICES
+    assert len(many) == RULE.most_choices
+    assert len({tuple(c.directions[:, 1]) for c in many}) == RULE.most_choices
 
 
 def test_many_undecided_neighbours_take_no_time() -> None:
     """2⁴⁰ combinations are not made to keep eight of them."""
     things = [fruit(str(i), (0.0, 0.001, -0.004 * (i + 1))) for i in range(40)]
     began = time.perf_counter()
-    assert len(drift_choices(scene(*things), things)) == MOST_CHOICES
+    assert len(drift_choices(scene(*things), things)) == RULE.most_choices
     assert time.perf_counter() - began < 1.0
 
 
@@ -211,15 +208,15 @@ def test_the_papers_window_is_the_fruits_own_extent() -> None:
 
 def test_the_rim_meets_a_fruit_earlier_by_its_depth() -> None:
     ((low, high),) = windows_of([fruit("n", (0.0, 0.0, -0.1))], LEFT)
-    assert low == pytest.approx(-0.035 - UNDER)
+    assert low == pytest.approx(-0.035 - RULE.under)
     assert high == pytest.approx(0.015)  # far below the target nothing cuts it short
 
 
 def test_the_window_ends_in_time_to_take_in_the_target() -> None:
     ((_, high),) = windows_of([fruit("n", (0.0, 0.0, -0.06))], LEFT)
-    assert high == pytest.approx(0.06 - 0.02 - 0.015 - ROOM_TO_TURN)
+    assert high == pytest.approx(0.06 - 0.02 - 0.015 - RULE.room_to_turn)
     ((_, high),) = windows_of([fruit("n", (0.0, 0.0, -0.03))], LEFT)
-    assert high == pytest.approx(-0.02 + RELEASE * 0.015)  # but not before the rim is past
+    assert high == pytest.approx(-0.02 + RULE.release * 0.015)  # but not before the rim is past
 
 
 def test_the_window_ends_in_time_to_turn_to_another_side() -> None:
@@ -227,7 +224,7 @@ def test_the_window_ends_in_time_to_turn_to_another_side() -> None:
     alike = windows_of([low, high], LEFT, LEFT)
     assert alike[0, 1] == pytest.approx(0.015)
     opposed = windows_of([low, high], LEFT, RIGHT)
-    assert opposed[0, 1] == pytest.approx(0.06 - 0.02 - 0.015 - UNDER - ROOM_TO_TURN)
+    assert opposed[0, 1] == pytest.approx(0.06 - 0.02 - 0.015 - RULE.under - RULE.room_to_turn)
 
 
 # --- I-ProMP -----------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from optipromp.pushing.flat import FLAT, shapes
-from optipromp.pushing.quasi_static import AHEAD, SETTLED, push
+from optipromp.pushing.quasi_static import AHEAD, NO_OVERLAP, push
 from optipromp.robots.tools import FrankaHand
 
 SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
@@ -39,7 +39,7 @@ def test_what_is_not_touched_stays():
 @pytest.mark.parametrize("thing", [0.02, SQUARE])
 def test_a_push_through_the_centre_goes_straight(thing):
     result = pushed(line((-0.1, 0.0), (0.05, 0.0)), [thing], [(0.0, 0.0)])
-    np.testing.assert_allclose(result.state, [[0.07, 0.0, 0.0]], atol=2 * SETTLED)
+    np.testing.assert_allclose(result.state, [[0.07, 0.0, 0.0]], atol=2 * NO_OVERLAP)
 
 
 def test_a_push_beside_the_centre_turns_a_box_away():
@@ -48,7 +48,7 @@ def test_a_push_beside_the_centre_turns_a_box_away():
     result = pushed(path, [SQUARE], [(0.0, 0.0)], tool=finger)
     u, v, turn = result.state[0]
     assert turn < -0.2  # pushed above its centre along +u it turns clockwise
-    assert 0.0 < u < 0.02 + SETTLED
+    assert 0.0 < u < 0.02 + NO_OVERLAP
     assert v < 0.01
     mirrored = pushed(path * [1, -1, 1], [SQUARE], [(0.0, 0.0)], tool=finger)
     np.testing.assert_allclose(mirrored.state[0], [u, -v, -turn], atol=2e-3)
@@ -79,7 +79,7 @@ def test_friction_at_the_contact_drags_along():
 def test_a_row_moves_together_and_its_friction_adds_up():
     row = [(0.0, 0.0), (0.04, 0.0), (0.08, 0.0)]
     result = pushed(line((-0.1, 0.0), (0.02, 0.0)), [0.02] * 3, row, friction=[1.0, 2.0, 3.0])
-    np.testing.assert_allclose(result.state[:, 0], [0.04, 0.08, 0.12], atol=6 * SETTLED)
+    np.testing.assert_allclose(result.state[:, 0], [0.04, 0.08, 0.12], atol=6 * NO_OVERLAP)
     assert result.force >= 0.8 * 6.0
 
 
@@ -121,7 +121,7 @@ def test_nothing_ends_inside_anything(seed):
         for j in range(i):
             gap = np.linalg.norm(at[i] - at[j]) - radii[i] - radii[j]
             if np.linalg.norm(np.array(centers[i]) - centers[j]) > radii[i] + radii[j]:
-                assert gap > -max(result.jam, SETTLED) - FLAT
+                assert gap > -max(result.jam, NO_OVERLAP) - FLAT
 
 
 def test_a_disc_goes_round_the_corner_of_a_pad():
@@ -136,7 +136,7 @@ def test_a_disc_goes_round_the_corner_of_a_pad():
             np.full(1, radius), NONE, 0.4,
         )  # fmt: skip
         off = result.state[0, :2] - (path[count - 1, :2] + corner)
-        assert np.linalg.norm(off) == pytest.approx(radius, abs=2.0 * SETTLED), count
+        assert np.linalg.norm(off) == pytest.approx(radius, abs=2.0 * NO_OVERLAP), count
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
@@ -155,4 +155,4 @@ def test_what_comes_near_later_is_met_too():
     row = [(0.02, 0.0), (0.06 + gap, 0.0)]
     result = pushed(line((-0.05, 0.0), (0.02 + gap, 0.0)), [0.02, 0.02], row)
     at = 0.02 + gap + 0.02
-    np.testing.assert_allclose(result.state[:, 0], [at, at + 0.04], atol=4 * SETTLED)
+    np.testing.assert_allclose(result.state[:, 0], [at, at + 0.04], atol=4 * NO_OVERLAP)

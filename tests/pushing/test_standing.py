@@ -10,7 +10,7 @@ import pytest
 from optipromp.geometry.shapes import Box, Cylinder
 from optipromp.pushing.model import Round, search
 from optipromp.pushing.path import ToolPath, through
-from optipromp.pushing.standing import LOW, MOST, SAMPLES, UNSURE, Standing, applies, plane
+from optipromp.pushing.standing import STANDING, Standing, applies, plane
 from optipromp.robots.tools import Cup, FrankaHand
 from optipromp.scenes.generate import generate, perceived
 from optipromp.scenes.scene import Approach, Scene, SceneObject, Stem
@@ -136,11 +136,11 @@ def test_states_are_sampled_round_the_perceived_one() -> None:
     model = Standing(scene, HAND)
     np.testing.assert_allclose(model.board.deviation, 0.006)
     places = model._places
-    assert places.shape == (1 + SAMPLES, len(model.board.state), 3)
+    assert places.shape == (1 + STANDING.samples, len(model.board.state), 3)
     np.testing.assert_array_equal(places[0], model.board.state)
     off = places[1:, :, :2] - places[0, :, :2]
     assert 0.8 < off.std() / 0.006 < 1.2
-    np.testing.assert_array_equal(places[1:, :, 2], np.tile(places[0, :, 2], (SAMPLES, 1)))
+    np.testing.assert_array_equal(places[1:, :, 2], np.tile(places[0, :, 2], (STANDING.samples, 1)))
     assert model._slips[0] == 0.4
     assert 0.16 <= model._slips.min() < model._slips.max() <= 0.56
     np.testing.assert_array_equal(Standing(scene, HAND)._places, places)
@@ -172,7 +172,7 @@ def test_a_pack_on_the_line_goes_aside_and_the_target_stays() -> None:
     assert best.harm == model.harm(*judged(best), model.states)
     np.testing.assert_allclose(best.points[-1], TARGET, atol=1e-12)
     # low until it is there: the hand's cover spheres just over the board
-    low = TARGET[2] - 0.06 + HAND.spheres()[:, 3].max() + LOW
+    low = TARGET[2] - 0.06 + HAND.spheres()[:, 3].max() + STANDING.low
     assert low < TARGET[2]
     np.testing.assert_allclose(best.points[0, 2], low, atol=1e-9)
     assert (best.points[:, 2] >= low - 1e-9).all()
@@ -253,8 +253,10 @@ def test_what_stands_far_away_is_not_on_the_plane() -> None:
         for i in range(300)
     ]
     crowded = plane(shelf(*near[::-1]), HAND)
-    assert len(crowded.state) == 1 + MOST
-    np.testing.assert_allclose(np.sort(crowded.state[1:, 1]), 0.1 + 0.002 * np.arange(MOST))
+    assert len(crowded.state) == 1 + STANDING.most
+    np.testing.assert_allclose(
+        np.sort(crowded.state[1:, 1]), 0.1 + 0.002 * np.arange(STANDING.most)
+    )
 
 
 def test_the_plane_is_what_stands_there() -> None:
@@ -268,7 +270,7 @@ def test_the_plane_is_what_stands_there() -> None:
     assert board.entry < -0.15 - (HAND.tip - HAND.reach)
     weight = 600.0 * 9.81 * 0.04 * 0.06 * 0.14
     assert board.friction[1] == pytest.approx(0.4 * weight)
-    assert board.deviation.tolist() == [UNSURE] * 2
+    assert board.deviation.tolist() == [STANDING.unsure] * 2
 
 
 def test_the_outline_holds_the_boxes() -> None:

@@ -10,9 +10,10 @@ from optipromp.geometry.obstacles import Obstacles, pack
 from optipromp.geometry.shapes import Box
 from optipromp.pushing import swinging
 from optipromp.pushing.bending import Stems
-from optipromp.pushing.cup import Cup, cup_distance
+from optipromp.pushing.cup import Mouth, cup_distance
+from optipromp.pushing.equilibrium import CONTACT
 from optipromp.pushing.harm import Harm
-from optipromp.pushing.swinging import CONTACT, harm, push
+from optipromp.pushing.swinging import harm, push
 
 NOTHING = pack([])
 
@@ -21,7 +22,7 @@ def led(
     stems: Stems,
     points: np.ndarray,
     axis: np.ndarray = UP,
-    cup: Cup = CUP,
+    cup: Mouth = CUP,
     solid: Obstacles = NOTHING,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions (P, N, 3), forces (P, N) on fruits and on stems."""
@@ -210,7 +211,7 @@ def test_a_short_blow_is_no_lasting_force() -> None:
     points = np.tile(far, (steps, 1))
     points[4] = near  # one step only
     _, forces, _ = led(s, points)
-    assert (forces[:, 0] > 0.0).sum() < swinging.HELD
+    assert (forces[:, 0] > 0.0).sum() < swinging.LASTING
     assert foreseen(s, points).target == 0.0
     points[4:] = near
     assert foreseen(s, points).target > 0.0

@@ -23,7 +23,7 @@ from optipromp.cli.plan import leave, read_primitive
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from optipromp.experiments.scenarios import Row
+    from optipromp.experiments.scenarios import ScenarioRow
 
 
 @command()
@@ -81,7 +81,7 @@ SHORT = {
 """Statuses as the table has room for them; the lines below it say more."""
 
 
-def table_one(rows: Sequence["Row"]) -> "Table":
+def table_one(rows: Sequence["ScenarioRow"]) -> "Table":
     """Table I of the paper, ours beside it, with what the paper verifies of each figure."""
     ids = ("n1", "n2")
     title = "Table I: the paper's figures | ours, millimetres, + where the paper's test holds"
@@ -104,7 +104,7 @@ def table_one(rows: Sequence["Row"]) -> "Table":
     return table
 
 
-def reductions(rows: Sequence["Row"]) -> "Table":
+def reductions(rows: Sequence["ScenarioRow"]) -> "Table":
     """How far each stage's cost falls with the paper's strategy, beside the paper."""
     title = "Cost before ÷ after a stage / iterations; no factors of a plan that is not valid"
     columns = ("scenario", "plan", "cost", "paper", "as many", "stage's end", "final plan")

@@ -1,7 +1,7 @@
 """The planners of a study: ours, and those it is measured against.
 
 ``straight`` and ``chomp`` are built from the library's own parts and returned, as every planner's
-answer here, as an :class:`Attempt` that the simulator can execute.
+answer here, as an :class:`Answer` that the simulator can execute.
 """
 
 import time
@@ -30,7 +30,7 @@ FOLLOWED = 1e-5  # [m] largest error of a followed tool point
 
 
 @dataclass(frozen=True, eq=False)
-class Attempt:
+class Answer:
     """A planner's answer to a scene.
 
     Attributes:
@@ -52,7 +52,7 @@ class Attempt:
 
 def attempt(
     scene: Scene, planner: StudyPlanner, *, seed: int = 0, options: PlanOptions | None = None
-) -> Attempt:
+) -> Answer:
     """Plan a scene with any planner of a study.
 
     - ``straight``: to the camera point, then straight along the approach, no fruit considered.
@@ -78,14 +78,14 @@ def attempt(
     if planner != "chomp":
         made = plan(scene, planner=planner, seed=seed, options=options)
         moves = bool(np.ptp(made.trajectory.positions, axis=0).max() > 0.0)
-        return Attempt(
+        return Answer(
             planner, made.status, made.message, made.trajectory if moves else None,
             time.perf_counter() - began, made.prediction.harm if made.prediction else None,
         )  # fmt: skip
     made = plan(as_obstacles(scene), planner="opti-promp", seed=seed, options=options)
     seconds = time.perf_counter() - began
     if made.status not in (Code.SUCCESS, Code.INVALID_PLAN):
-        return Attempt(planner, made.status, made.message, made.trajectory, seconds)
+        return Answer(planner, made.status, made.message, made.trajectory, seconds)
     task = resolve(scene)
     return _judged(planner, task, gently(task, made.trajectory, options), seconds)
 
@@ -110,7 +110,7 @@ def as_obstacles(scene: Scene) -> Scene:
     return replace(scene, objects=objects)
 
 
-def straight(scene: Scene, options: PlanOptions | None = None) -> Attempt:
+def straight(scene: Scene, options: PlanOptions | None = None) -> Answer:
     """The tool to the camera point, a stop, and straight along the approach to the target.
 
     Both parts follow a line of the tool point by inverse kinematics from the start, each with the
@@ -123,7 +123,7 @@ def straight(scene: Scene, options: PlanOptions | None = None) -> Attempt:
     parts = _parts(setup)
     if parts is None:
         away = "no configuration follows the approach line to the target"
-        return Attempt("straight", Code.GOAL_UNREACHABLE, away, None, time.perf_counter() - began)
+        return Answer("straight", Code.GOAL_UNREACHABLE, away, None, time.perf_counter() - began)
     robot = setup.robot
     q = np.vstack([parts[0], parts[1][1:]])
     q[1:] = level(robot, q, setup.scene.frame[0], path=True)[1:]
@@ -132,10 +132,10 @@ def straight(scene: Scene, options: PlanOptions | None = None) -> Attempt:
     return _judged("straight", setup, trajectory, time.perf_counter() - began)
 
 
-def _judged(planner: StudyPlanner, task: Task, trajectory: Trajectory, seconds: float) -> Attempt:
+def _judged(planner: StudyPlanner, task: Task, trajectory: Trajectory, seconds: float) -> Answer:
     found = verdict(task, trajectory)
     harm = found.prediction.harm if found.prediction else None
-    return Attempt(planner, found.status, found.message, trajectory, seconds, harm)
+    return Answer(planner, found.status, found.message, trajectory, seconds, harm)
 
 
 def _parts(setup: Task) -> tuple[FloatArray, FloatArray] | None:

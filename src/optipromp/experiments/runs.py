@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from optipromp.errors import Code, OptiPrompError
-from optipromp.experiments.baselines import Attempt, StudyPlanner, attempt
+from optipromp.experiments.baselines import Answer, StudyPlanner, attempt
 from optipromp.scenes.generate import Preset, generate, generate_with_report, perceived
 from optipromp.scenes.scene import Scene
 
@@ -163,7 +163,7 @@ def run_scene(
     return rows
 
 
-def _executed(made: Attempt, scene: Scene, seed: int, only_valid: bool) -> dict[str, Any]:
+def _executed(made: Answer, scene: Scene, seed: int, only_valid: bool) -> dict[str, Any]:
     """What became of a plan in the true scene, as values of a row."""
     values: dict[str, Any] = {
         "plan_status": str(made.status), "plan_time": made.seconds, "predicted_harm": made.harm,

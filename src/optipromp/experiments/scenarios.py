@@ -113,7 +113,7 @@ class Reduction:
 
 
 @dataclass(frozen=True)
-class Row:
+class ScenarioRow:
     """A case and the plan it led to."""
 
     case: Case
@@ -226,7 +226,7 @@ def run_scenarios(
     seed: int = 0,
     demonstrations: "str | Path | ProMP | None" = None,
     progress: Callable[[str], None] | None = None,
-) -> tuple[Row, ...]:
+) -> tuple[ScenarioRow, ...]:
     """Run every case of the paper's scenarios I to IV.
 
     Args:
@@ -244,7 +244,7 @@ def run_scenarios(
             demonstrations=demonstrations if panda else None,
             options=PlanOptions(**case.options), progress=progress,
         )  # fmt: skip
-        rows.append(Row(case, made))
+        rows.append(ScenarioRow(case, made))
     return tuple(rows)
 
 

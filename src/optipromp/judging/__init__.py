@@ -1,6 +1,6 @@
 """The judge: what a trajectory really does, by code that shares nothing with what planned it."""
 
-from optipromp.judging.clearance import Contact, clearances, pushed_away, swept
+from optipromp.judging.clearance import Overlap, clearances, pushed_away, swept
 from optipromp.judging.kinematics import centers, fine_positions
 from optipromp.judging.validator import (
     AXIS_TOLERANCE,
@@ -15,9 +15,9 @@ from optipromp.judging.validator import (
 __all__ = [
     "AXIS_TOLERANCE",
     "GOAL_TOLERANCE",
-    "Contact",
     "Judgement",
     "Metrics",
+    "Overlap",
     "Violation",
     "centers",
     "clearances",

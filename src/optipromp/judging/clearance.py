@@ -32,7 +32,7 @@ from optipromp.scenes.scene import Scene, SceneObject
 
 
 @dataclass(frozen=True)
-class Contact:
+class Overlap:
     """A link that touches what it must not: an object or another link, how deep [m]."""
 
     link: str
@@ -46,7 +46,7 @@ class Contact:
 
 def clearances(
     scene: Scene, robot: Robot, q: FloatArray
-) -> tuple[dict[str, float | None], list[Contact]]:
+) -> tuple[dict[str, float | None], list[Overlap]]:
     """Smallest distances [m] over configurations ``q`` (M, n), and what touches and must not.
 
     Contacts count with static objects for every sphere, with avoid objects and pushables for B_d
@@ -59,7 +59,7 @@ def clearances(
 
 def swept(
     scene: Scene, robot: Robot, q: FloatArray
-) -> tuple[dict[str, float | None], list[Contact], FloatArray, FloatArray]:
+) -> tuple[dict[str, float | None], list[Overlap], FloatArray, FloatArray]:
     """:func:`clearances`, and tool point [m] and tool axis (M, 3) at every configuration."""
     body = body_of(robot)
     objects, rest = objects_of(scene)
@@ -76,14 +76,14 @@ def swept(
     met = np.flatnonzero(depth < 0.0)
     met = met[np.argsort(objects.rows[met])]
     contacts = [
-        Contact(name(deepest[k]), item.id, item.role, -float(depth[k]))
+        Overlap(name(deepest[k]), item.id, item.role, -float(depth[k]))
         for k, item in zip(met.tolist(), scene.things(objects.rows[met]), strict=True)
     ]
     if rest:
         contacts += _other_shapes(rest, robot, q, closest, core)
     if apart[0] < 0.0:
         pair = name(apart[1]), name(apart[2])
-        contacts.append(Contact(*pair, "the robot itself", -float(apart[0])))
+        contacts.append(Overlap(*pair, "the robot itself", -float(apart[0])))
     distances = {
         "M_c": core[0],
         "clearance_static": closest[STATIC],
@@ -98,7 +98,7 @@ def swept(
 
 def _other_shapes(
     items: Sequence[SceneObject], robot: Robot, q: FloatArray, closest: FloatArray, core: FloatArray
-) -> list[Contact]:
+) -> list[Overlap]:
     """Contacts with meshes and point clouds; updates ``closest`` and ``core``."""
     spheres, radius = centers(robot, q), np.array(robot.spheres.radius)
     distal, contacts = np.array(robot.spheres.distal), []
@@ -118,15 +118,15 @@ def _other_shapes(
             closest[row] = min(closest[row], d)
             if row != AVOID_BY_TOOL and d < 0.0:
                 link = str(robot.link_names[robot.spheres.link[own[sphere]]])
-                contacts.append(Contact(link, item.id, item.role, -d))
+                contacts.append(Overlap(link, item.id, item.role, -d))
         if role != PUSHABLE and len(radius):  # their core is their surface
             core[0] = min(core[0], nearest(item, spheres, np.zeros_like(radius), core[0])[0])
     return contacts
 
 
 def pushed_away(
-    scene: Scene, robot: Robot, q: FloatArray, contacts: Sequence[Contact]
-) -> tuple[list[Contact], list[str]]:
+    scene: Scene, robot: Robot, q: FloatArray, contacts: Sequence[Overlap]
+) -> tuple[list[Overlap], list[str]]:
     """Contacts without those with what the tool has pushed away by then, and a note on each.
 
     A pushable on no stem stays where it was pushed to. Once the tool has been inside the place

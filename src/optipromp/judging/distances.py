@@ -13,9 +13,9 @@ from numba import njit
 
 from optipromp.arrays import FloatArray, IntArray, lengths
 from optipromp.geometry import shapes
+from optipromp.geometry.obstacles import BOX, CAPSULE, CYLINDER, HALF_SPACE, SPHERE
 from optipromp.scenes.scene import Scene, SceneObject
 
-SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE = 0, 1, 2, 3, 4
 STATIC, AVOID, AVOID_BY_TOOL, PUSHABLE = 0, 1, 2, 3  # roles, and rows of the smallest distances
 ROLES = {"static": STATIC, "avoid": AVOID, "pushable": PUSHABLE}
 BLOCK = 4  # objects in a block; of 4, 8, 16 and 32 the fastest among 1,000 obstacles

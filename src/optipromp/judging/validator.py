@@ -16,7 +16,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, lengths
 from optipromp.judging import kinematics
-from optipromp.judging.clearance import Contact, pushed_away, swept
+from optipromp.judging.clearance import Overlap, pushed_away, swept
 from optipromp.judging.passing import passing
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene
@@ -119,7 +119,7 @@ class Judgement:
 
     metrics: Metrics
     violations: tuple[Violation, ...]
-    contacts: tuple[Contact, ...]
+    contacts: tuple[Overlap, ...]
     notes: tuple[str, ...] = ()
 
     @property

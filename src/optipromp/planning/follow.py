@@ -17,22 +17,12 @@ from functools import lru_cache
 import numpy as np
 
 from optipromp.arrays import FloatArray, frozen
+from optipromp.planning.parameters import FOLLOW, WAYPOINT
 from optipromp.promp.model import ProMP
 from optipromp.pushing.path import ToolPath
 from optipromp.robots import ik
 from optipromp.robots.model import Robot
 from optipromp.robots.roll import level
-
-STATIONS = 8  # points of the path that the primitive is conditioned on
-LINEARISATIONS = 4  # of the forward kinematics; the last changes a joint by some 1e-3 rad
-POSTURE_STEP = 0.5  # [rad] that a joint may move at a station in one of them
-STATION_DEVIATION = 2e-3  # [m], and [rad] over AXIS_LEVER, to which the primitive is held there
-AXIS_LEVER = 0.3  # [m] weighs the tool axis against the tool point
-TRACKED = 1e-4  # [m] largest error of a followed tool point
-TOOL_STEP, TOOL_TIME = 0.005, 0.17  # [m] and [s] of the tool between waypoints on the path, at most
-BRAKING = 0.3  # share of the approach's time in which the tool comes to rest
-PEAK = 1.9  # largest over mean speed of a smooth reach (minimum jerk: 1.875)
-FEWEST, FEWEST_REACH, MOST = 60, 25, 600  # waypoints
 
 
 @dataclass(frozen=True)
@@ -104,12 +94,12 @@ def branches(
         max_step: no joint moves much more between waypoints [rad or m].
         count: of waypoints; None: as many as that asks for.
     """
-    points = path.at(np.linspace(1.0, 0.0, STATIONS))
-    axes = np.tile(axis, (STATIONS, 1))
+    points = path.at(np.linspace(1.0, 0.0, FOLLOW.stations))
+    axes = np.tile(axis, (FOLLOW.stations, 1))
     found = []
     for goal in goals:
         back, errors = ik.track(robot, points, axes, goal)
-        if errors.max() < TRACKED:
+        if errors.max() < FOLLOW.tracked:
             stations = back[::-1]
             waypoints = _waypoints(start, stations, path, max_step, count)
             found.append(Branch(goal, stations, waypoints))
@@ -121,11 +111,19 @@ def _waypoints(
 ) -> Waypoints:
     """Waypoints such that no joint moves much over the step, before the path and on it alike."""
     step = 0.8 * max_step
-    reach = max(PEAK * float(np.abs(stations[0] - start).max()) / step, FEWEST_REACH)
+    reach = max(
+        WAYPOINT.peak * float(np.abs(stations[0] - start).max()) / step, WAYPOINT.fewest_reach
+    )
     turn = float(np.abs(np.diff(stations, axis=0)).max(axis=1).sum())
-    slowed = 1.0 / (1.0 - 0.5 * BRAKING)
-    approach = slowed * max(turn / step, path.length / min(TOOL_STEP, TOOL_TIME * path.speed), 40.0)
-    total = count or min(max(FEWEST, 10 * int(np.ceil((reach + approach) / 10))), MOST)
+    slowed = 1.0 / (1.0 - 0.5 * WAYPOINT.braking)
+    approach = slowed * max(
+        turn / step,
+        path.length / min(WAYPOINT.tool_step, WAYPOINT.tool_time * path.speed),
+        WAYPOINT.fewest_approach,
+    )
+    total = count or min(
+        max(WAYPOINT.fewest, 10 * int(np.ceil((reach + approach) / 10))), WAYPOINT.most
+    )
     first = int(np.clip(round(reach / (reach + approach) * (total - 1)), 1, total - 2))
     return Waypoints(total, first)
 
@@ -135,9 +133,11 @@ def braked(share: FloatArray) -> FloatArray:
 
     Constant speed, then to rest with a continuous acceleration.
     """
-    late = np.maximum(share - (1.0 - BRAKING), 0.0) / BRAKING
-    gone = np.minimum(share, 1.0 - BRAKING) + BRAKING * (late - late**3 + 0.5 * late**4)
-    return np.asarray(gone / (1.0 - 0.5 * BRAKING))
+    late = np.maximum(share - (1.0 - WAYPOINT.braking), 0.0) / WAYPOINT.braking
+    gone = np.minimum(share, 1.0 - WAYPOINT.braking) + WAYPOINT.braking * (
+        late - late**3 + 0.5 * late**4
+    )
+    return np.asarray(gone / (1.0 - 0.5 * WAYPOINT.braking))
 
 
 def follow(
@@ -165,7 +165,7 @@ def follow(
     """
     waypoints, first = branch.waypoints, branch.waypoints.first
     z = waypoints.phases
-    share = np.linspace(0.0, 1.0, STATIONS)
+    share = np.linspace(0.0, 1.0, FOLLOW.stations)
     station_phases = z[first] + (1.0 - z[first]) * _time_of(share)
     weights = conditioned(
         robot, promp, start, branch.goal, path.at(share), axis, branch.stations, station_phases
@@ -174,7 +174,7 @@ def follow(
     q[0], q[-1] = start, branch.goal
     points = path.at(braked((z[first:] - z[first]) / (1.0 - z[first])))
     on_path, errors = ik.each(robot, points, np.tile(axis, (len(points), 1)), q[first:])
-    if errors.max() > TRACKED:
+    if errors.max() > FOLLOW.tracked:
         return None
     on_path[-1] = branch.goal
     on_path = level(robot, on_path[::-1], normal, path=True)[::-1]
@@ -229,13 +229,13 @@ def conditioned(
     rows = np.zeros((ends + 6 * stations, len(mean)))
     rows[:ends, :ends] = np.eye(ends)
     wanted = np.concatenate([start, goal, np.zeros(2 * n), np.zeros(6 * stations)])
-    noise = np.full(len(rows), STATION_DEVIATION**2)
+    noise = np.full(len(rows), FOLLOW.station_deviation**2)
     noise[:ends] = 1e-10
     q = np.array(near[:-1])
-    for _ in range(LINEARISATIONS):
+    for _ in range(FOLLOW.linearisations):
         point, pointing, jp, ja = robot.tool_map(q)
-        jacobian = np.concatenate([jp, AXIS_LEVER * ja], axis=1)
-        off = np.concatenate([points[:-1] - point, AXIS_LEVER * (axis - pointing)], axis=1)
+        jacobian = np.concatenate([jp, FOLLOW.axis_lever * ja], axis=1)
+        off = np.concatenate([points[:-1] - point, FOLLOW.axis_lever * (axis - pointing)], axis=1)
         for s in range(stations):
             low, at = ends + 6 * s, ends + n * s
             rows[low : low + 6, at : at + n] = jacobian[s]
@@ -245,7 +245,7 @@ def conditioned(
         total.flat[:: len(total) + 1] += noise
         force = np.linalg.solve(total, wanted - rows @ mean)
         there = (mean + spread.T @ force)[ends:].reshape(stations, n)
-        step = np.clip(there - q, -POSTURE_STEP, POSTURE_STEP)
+        step = np.clip(there - q, -FOLLOW.posture_step, FOLLOW.posture_step)
         q = np.clip(q + step, robot.lower, robot.upper)
     return np.asarray(promp.mean + (cross @ (rows.T @ force)).reshape(promp.mean.shape))
 

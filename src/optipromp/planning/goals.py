@@ -8,18 +8,11 @@ from optipromp import judging
 from optipromp.arrays import FloatArray
 from optipromp.optimization.costs.obstacles import self_overlap
 from optipromp.optimization.evaluation import Evaluation
+from optipromp.planning.parameters import GOAL
 from optipromp.planning.task import Task
 from optipromp.robots import ik
 from optipromp.robots.roll import level
 from optipromp.scenes.scene import JointGoal, PoseGoal
-
-FEW_STARTS, STARTS, MORE_STARTS, MANY_STARTS = 12, 24, 48, 320  # of the inverse kinematics
-ENOUGH = 6  # free configurations to choose among
-SPARE = 3  # fewer free ones are reason to look for more
-ROOM = 0.06  # [m] beyond which more clearance is not better
-SELF_MARGIN = 0.01  # [m]
-NEAREST_ERROR = 1e-6  # [m] of a goal that is followed to
-NEAREST_MARGIN = 0.05  # [rad or m] that it keeps from the joint limits
 
 
 def clearance(task: Task, q: FloatArray) -> FloatArray:
@@ -27,22 +20,22 @@ def clearance(task: Task, q: FloatArray) -> FloatArray:
     e = Evaluation(task.robot, task.body, len(q), 1.0)
     e.move_to(q)
     around = task.surroundings
-    e.static.measure(e, around.static, len(around.static.kind), ROOM)
-    e.dynamic.measure(e, around.dynamic, around.shared, ROOM)
+    e.static.measure(e, around.static, len(around.static.kind), GOAL.room)
+    e.dynamic.measure(e, around.dynamic, around.shared, GOAL.room)
     proximal = ~np.asarray(task.body.distal)
     room = np.minimum(
-        e.static.distance.min(axis=1, initial=ROOM),
-        e.dynamic.distance[:, proximal].min(axis=1, initial=ROOM),
+        e.static.distance.min(axis=1, initial=GOAL.room),
+        e.dynamic.distance[:, proximal].min(axis=1, initial=GOAL.room),
     )
-    overlap = 2.0 * self_overlap(e, SELF_MARGIN)
-    apart = np.minimum(room, SELF_MARGIN - np.sqrt(overlap))
+    overlap = 2.0 * self_overlap(e, GOAL.self_margin)
+    apart = np.minimum(room, GOAL.self_margin - np.sqrt(overlap))
     return np.asarray(np.where(overlap > 0.0, apart, room))
 
 
-def find(task: Task, seed: int, starts: int = STARTS) -> FloatArray:
+def find(task: Task, seed: int, starts: int = GOAL.starts) -> FloatArray:
     """Goal configurations (m, n), best first; empty where there is none.
 
-    With :data:`MANY_STARTS`, solutions that are closer to one another are kept.
+    With ``GOAL.many_starts``, solutions that are closer to one another are kept.
     """
     if isinstance(task.goal, JointGoal):
         return task.goal.joints[None]
@@ -54,7 +47,7 @@ def find(task: Task, seed: int, starts: int = STARTS) -> FloatArray:
         seed=seed,
         near=task.start[None],
         rest=task.start,
-        distinct=0.1 if starts >= MANY_STARTS else 0.25,
+        distinct=0.1 if starts >= GOAL.many_starts else 0.25,
         clearance=lambda q: clearance(task, level(task.robot, q, task.scene.frame[0])),
     )
     return level(task.robot, solutions.joints, task.scene.frame[0])
@@ -72,10 +65,10 @@ def nearest(task: Task, begin: FloatArray) -> FloatArray | None:
     before = task.camera - approach.camera_distance * task.scene.frame[2]
     way, axes = np.array([before, task.goal.position]), np.array([task.goal.axis] * 2)
     found, errors = ik.track(robot, way, axes, begin)
-    if errors.max() > NEAREST_ERROR:
+    if errors.max() > GOAL.nearest_error:
         return None
     goal = level(robot, found[1:], task.scene.frame[0])
-    if np.minimum(goal - robot.lower, robot.upper - goal).min() < NEAREST_MARGIN:
+    if np.minimum(goal - robot.lower, robot.upper - goal).min() < GOAL.nearest_margin:
         return None
     _, touching = judging.clearances(task.scene, robot, goal)
     return None if touching else goal
@@ -83,7 +76,7 @@ def nearest(task: Task, begin: FloatArray) -> FloatArray | None:
 
 def free(task: Task, goals: FloatArray) -> tuple[FloatArray, str]:
     """The best goal configurations that touch nothing, and what the first other one touches."""
-    best = goals[:ENOUGH]
+    best = goals[: GOAL.enough]
     if len(best) and not judging.clearances(task.scene, task.robot, best)[1]:
         return best, ""
     kept, blocked = [], ""
@@ -91,7 +84,7 @@ def free(task: Task, goals: FloatArray) -> tuple[FloatArray, str]:
         _, touching = judging.clearances(task.scene, task.robot, goal[None])
         if not touching:
             kept.append(i)
-            if len(kept) == ENOUGH:
+            if len(kept) == GOAL.enough:
                 break
         elif not blocked:
             blocked = "; ".join(map(str, touching))
@@ -101,7 +94,7 @@ def free(task: Task, goals: FloatArray) -> tuple[FloatArray, str]:
 def choose(
     task: Task,
     seed: int,
-    starts: int = STARTS,
+    starts: int = GOAL.starts,
     begin: FloatArray | None = None,
     deadline: float = np.inf,
 ) -> tuple[FloatArray, bool, str]:
@@ -115,7 +108,7 @@ def choose(
         deadline: of ``time.perf_counter()``, from when on those that were found first must do.
 
     Returns:
-        (m, n) configurations, at most :data:`ENOUGH` where they are free; whether they touch
+        (m, n) configurations, at most ``GOAL.enough`` where they are free; whether they touch
         nothing; and, where none does, or none exists, why.
     """
     only = None if begin is None else nearest(task, begin)
@@ -125,23 +118,23 @@ def choose(
     kept, blocked = free(task, goals)
     late = len(goals) > 0 and time.perf_counter() > deadline
     if (
-        len(kept) < SPARE
+        len(kept) < GOAL.spare
         and not late
-        and (starts >= STARTS or not len(goals))
+        and (starts >= GOAL.starts or not len(goals))
         and isinstance(task.goal, PoseGoal)
     ):
-        goals = find(task, seed, MORE_STARTS)
+        goals = find(task, seed, GOAL.more_starts)
         kept, blocked = free(task, goals)
     if not len(goals):
         return goals, False, unreachable(task)
     late = time.perf_counter() > deadline
     if not len(kept) and not late and isinstance(task.goal, PoseGoal):
-        goals = find(task, seed, MANY_STARTS)
+        goals = find(task, seed, GOAL.many_starts)
         kept, blocked = free(task, goals)
     if len(kept):
         return kept, True, ""
     return (
-        goals[:ENOUGH],
+        goals[: GOAL.enough],
         False,
         f"every one of {len(goals)} configurations found at the goal touches: {blocked}",
     )

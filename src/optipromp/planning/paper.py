@@ -8,10 +8,10 @@ Minimise :math:`\alpha_1F_s+\alpha_2F_d+\alpha_3F_p+\alpha_4F_v` from a conditio
 3. the tool within a tolerance of its initial points along x_g and z_g; y_g is free;
 4. joint limits.
 
-Constraints 1 to 3 are rows, each linear in one tool point (:class:`Rows`). Both strategies build
-them alike (:func:`pose`). ``joint`` solves for everything at once (Gauss-Newton, the rows as
-penalties). ``sequential`` runs one stage for the push (SciPy's trust-constr, the rows as
-constraints) and one for collision and velocity (L-BFGS-B): the push first between side clusters
+Constraints 1 to 3 are rows, each linear in one tool point (:class:`ConstraintRows`). Both
+strategies build them alike (:func:`pose`). ``joint`` solves for everything at once (Gauss-Newton,
+the rows as penalties). ``sequential`` runs one stage for the push (SciPy's trust-constr, the rows
+as constraints) and one for collision and velocity (L-BFGS-B): the push first between side clusters
 (scenario III), the collision first beside static objects (scenario IV).
 """
 
@@ -37,24 +37,14 @@ from optipromp.optimization.costs.tool import GoalCost
 from optipromp.planning.functionals import functionals
 from optipromp.planning.options import PlanOptions, Strategy
 from optipromp.planning.paper_problem import Posed, posed_problems
-from optipromp.planning.primitive import SPEED
-from optipromp.planning.result import Outcome, Stage
-from optipromp.planning.solve import FIRM, KEPT, MUST, WISH
+from optipromp.planning.parameters import PAPER, SOLVE
+from optipromp.planning.result import Planned, Stage
 from optipromp.planning.task import Task
 from optipromp.planning.timing import timed
 from optipromp.promp.model import ProMP
+from optipromp.pushing.parameters import PUSH
 from optipromp.scenes.scene import JointGoal, PoseGoal
 from optipromp.trajectory import Trajectory
-
-STIFFNESS = 1e5  # [1/m²] of constraints 1 to 3; at 1e4 scenario III lacks 0.5 mm of constraint 1
-CONTROL_POINTS = 18  # of the spline by which the sequential strategy moves the trajectory
-UNIT = 0.01  # [rad, m] of SciPy's variables and rows: both are of that size
-BARRIER = 0.03  # first barrier parameter of trust-constr and its tolerance, of an objective of 1
-EVERY = 4  # waypoints between those where trust-constr holds constraint 3: the spline is smooth
-HOLD = 1e2  # [1/m²] of constraints 1 to 3 in a collision stage after the push; at 1 they lack 9 mm
-PUSH_ITERATIONS = (10, 15)  # of the paper's scenarios III (push first) and IV (push last)
-COLLISION_ITERATIONS = (3, 15)  # of its scenarios IV (collision first) and III (last)
-HELD = 60  # iterations of a collision stage that holds constraints 1 to 3; 15 leave contacts
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +73,7 @@ def solve(
     strategy: Strategy,
     goals: FloatArray,
     deadline: float,
-) -> Outcome:
+) -> Planned:
     """Plan as the paper does, to one goal configuration after the other until a plan is valid.
 
     Of the choices of sides, where stems leave some, the valid plan of least objective is kept. The
@@ -126,7 +116,7 @@ def solve(
     times[strategy] = time.perf_counter() - began
     posed = best.posed
     initial = _timed(posed, posed.initial)
-    return Outcome(
+    return Planned(
         initial, initial, best.trajectory, posed.waypoints.first, stages, bool(stages), times,
         best.judgement,
     )  # fmt: skip
@@ -136,7 +126,9 @@ def _timed(posed: Posed, q: FloatArray) -> Trajectory:
     """Waypoints (T, n) as a trajectory, slow from t_1 on where there is something to push."""
     task, options = posed.task, posed.options
     slow = q[posed.waypoints.first :] if task.neighbours else None
-    return timed(task.robot, q, options.duration, slow, options.approach_speed or SPEED)
+    return timed(
+        task.robot, q, options.duration, slow, options.approach_speed or PUSH.hanging.speed
+    )
 
 
 def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
@@ -194,16 +186,16 @@ def _joint(posed: Posed, deadline: float) -> Solved:
     proximal = ~np.asarray(task.body.distal)
     margin = np.minimum(options.limit_margin, 0.25 * (robot.upper - robot.lower))
     constraints: list[Cost] = [
-        LimitCost(MUST, robot.lower + margin, robot.upper - margin),
-        StepCost(FIRM, np.full(robot.n_joints, options.max_step)),
-        ClearanceCost("clearance", "static", 2 * KEPT, options.static_clearance),
-        ClearanceCost("avoid", "dynamic", FIRM, options.avoid_clearance, proximal),
-        ClearanceCost("tool avoid", "dynamic", WISH, 0.0, ~proximal),
-        SelfCost(FIRM, options.self_clearance),
-        posed.rows(STIFFNESS),
+        LimitCost(SOLVE.must, robot.lower + margin, robot.upper - margin),
+        StepCost(SOLVE.firm, np.full(robot.n_joints, options.max_step)),
+        ClearanceCost("clearance", "static", 2 * SOLVE.kept, options.static_clearance),
+        ClearanceCost("avoid", "dynamic", SOLVE.firm, options.avoid_clearance, proximal),
+        ClearanceCost("tool avoid", "dynamic", SOLVE.wish, 0.0, ~proximal),
+        SelfCost(SOLVE.firm, options.self_clearance),
+        posed.rows(PAPER.stiffness),
     ]
     if isinstance(task.goal, PoseGoal):
-        constraints.append(GoalCost(MUST, task.goal.position, task.goal.axis))
+        constraints.append(GoalCost(SOLVE.must, task.goal.position, task.goal.axis))
     terms = [*posed.functionals(), SmoothnessCost(options.smoothness), *options.costs]
     problem = posed.problem(terms, constraints, ends=isinstance(task.goal, JointGoal))
     result = gauss_newton.solve(problem, posed.initial, _schedule(options.iterations), deadline)
@@ -234,12 +226,14 @@ def _staged(posed: Posed, radius: float, deadline: float) -> Solved:
     order = ("collision", "push") if posed.task.scene.static else ("push", "collision")
     for place, name in enumerate(order):
         if name == "push" and posed.drift.ids:
-            limit = options.iterations or PUSH_ITERATIONS[place]
+            limit = options.iterations or PAPER.push_iterations[place]
             q, stage = _push(posed, q, radius, limit, deadline)
             stages.append(stage)
         elif name == "collision":
             hold = options.constraints == "paper" and place == 1
-            limit = options.iterations or (HELD if hold else COLLISION_ITERATIONS[place])
+            limit = options.iterations or (
+                PAPER.held_iterations if hold else PAPER.collision_iterations[place]
+            )
             q, stage = _collision(posed, q, limit, deadline, hold)
             stages.append(stage)
     return _judged(posed, q, stages)
@@ -248,8 +242,8 @@ def _staged(posed: Posed, radius: float, deadline: float) -> Solved:
 class Spline:
     """Trajectories q + Bc about one trajectory (T, n): what the sequential strategy varies.
 
-    B are cubic B-splines over the waypoints, times :data:`UNIT`, without the two that move an end:
-    start and goal stay, the change is smooth, and, since the splines are a partition of unity,
+    B are cubic B-splines over the waypoints, times ``PAPER.unit``, without the two that move an
+    end: start and goal stay, the change is smooth, and, since the splines are a partition of unity,
     bounds on c keep every waypoint inside the joint limits.
     """
 
@@ -257,15 +251,17 @@ class Spline:
         self, posed: Posed, q: FloatArray, names: Sequence[str], held: Sequence[Cost] = ()
     ) -> None:
         robot = posed.task.robot
-        grid = np.concatenate([[0.0] * 3, np.linspace(0.0, 1.0, CONTROL_POINTS - 2), [1.0] * 3])
+        grid = np.concatenate(
+            [[0.0] * 3, np.linspace(0.0, 1.0, PAPER.control_points - 2), [1.0] * 3]
+        )
         design = BSpline.design_matrix(np.linspace(0.0, 1.0, len(q)), grid, 3).toarray()
-        self.basis = np.ascontiguousarray(UNIT * design[:, 1:-1])
+        self.basis = np.ascontiguousarray(PAPER.unit * design[:, 1:-1])
         self.q, self.shape = q, (self.basis.shape[1], q.shape[1])
         moved = (self.basis > 0.0)[:, :, None]
         low = np.where(moved, (robot.lower - q)[:, None, :], -np.inf).max(axis=0)
         high = np.where(moved, (robot.upper - q)[:, None, :], np.inf).min(axis=0)
         self.bounds = optimize.Bounds(
-            np.minimum(low, 0.0).ravel() / UNIT, np.maximum(high, 0.0).ravel() / UNIT
+            np.minimum(low, 0.0).ravel() / PAPER.unit, np.maximum(high, 0.0).ravel() / PAPER.unit
         )
         terms = [term for term in posed.functionals() if term.name in names]
         self.problem = posed.problem(terms, held, ends=True)
@@ -303,7 +299,7 @@ def _collision(
     posed: Posed, q: FloatArray, limit: int, deadline: float, hold: bool
 ) -> tuple[FloatArray, Stage]:
     """α1 F_s + α2 F_d + α4 F_v by L-BFGS-B, from ``q`` (T, n)."""
-    held = [posed.rows(HOLD)] if hold else []
+    held = [posed.rows(PAPER.hold)] if hold else []
     spline = Spline(posed, q, ("static", "avoid", "velocity"), held)
 
     def record(c: FloatArray) -> None:
@@ -322,15 +318,19 @@ def _push(
     posed: Posed, q: FloatArray, radius: float, limit: int, deadline: float
 ) -> tuple[FloatArray, Stage]:
     """F_p by trust-constr under constraints 1 to 4, from ``q`` (T, n)."""
-    spline, rows, robot = Spline(posed, q, ("push",)), posed.rows(every=EVERY), posed.task.robot
+    spline, rows, robot = (
+        Spline(posed, q, ("push",)),
+        posed.rows(every=PAPER.every),
+        posed.task.robot,
+    )
 
     def values(c: FloatArray) -> FloatArray:
         points, _ = robot.tool_pose(spline.at(c))
-        return np.asarray(np.einsum("mi,mi->m", points[rows.at], rows.axes) / UNIT)
+        return np.asarray(np.einsum("mi,mi->m", points[rows.at], rows.axes) / PAPER.unit)
 
     def jacobian(c: FloatArray) -> FloatArray:
         points, _ = robot.tool_jacobian(spline.at(c))
-        of_joints = np.einsum("mi,min->mn", rows.axes, points[rows.at]) / UNIT
+        of_joints = np.einsum("mi,min->mn", rows.axes, points[rows.at]) / PAPER.unit
         full = np.einsum("mk,mn->mkn", spline.basis[rows.at], of_joints)
         return np.asarray(full.reshape(len(rows.at), -1))
 
@@ -339,7 +339,7 @@ def _push(
         return time.perf_counter() > deadline
 
     constraint = optimize.NonlinearConstraint(
-        values, rows.lower / UNIT, rows.upper / UNIT, jac=jacobian, hess=optimize.BFGS()
+        values, rows.lower / PAPER.unit, rows.upper / PAPER.unit, jac=jacobian, hess=optimize.BFGS()
     )
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="delta_grad == 0.0", category=UserWarning)
@@ -347,8 +347,9 @@ def _push(
             spline.objective, spline.zero(), jac=True, method="trust-constr",
             hess=optimize.BFGS(), bounds=spline.bounds, constraints=[constraint],
             callback=record, options={
-                "maxiter": limit, "initial_tr_radius": radius / UNIT,
-                "initial_barrier_parameter": BARRIER, "initial_barrier_tolerance": BARRIER,
+                "maxiter": limit, "initial_tr_radius": radius / PAPER.unit,
+                "initial_barrier_parameter": PAPER.barrier,
+                "initial_barrier_tolerance": PAPER.barrier,
             },
         )  # fmt: skip
     return spline.at(result.x), spline.stage("push", "trust-constr", str(result.message), radius)

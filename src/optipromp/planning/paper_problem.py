@@ -1,7 +1,7 @@
 """The paper's problem (method §5) on one goal configuration and one choice of sides.
 
-Constraints 1 to 3 are rows, each linear in one tool point (:class:`Rows`), the same for both
-strategies of :mod:`optipromp.planning.paper`.
+Constraints 1 to 3 are rows, each linear in one tool point (:class:`ConstraintRows`), the same
+for both strategies of :mod:`optipromp.planning.paper`.
 """
 
 import math
@@ -17,18 +17,14 @@ from optipromp.optimization.problem import Problem
 from optipromp.planning.follow import Waypoints
 from optipromp.planning.functionals import functionals
 from optipromp.planning.options import PlanOptions, Strategy
-from optipromp.planning.primitive import LEVER_ARM, led_through, on_branch, via_points
+from optipromp.planning.parameters import PAPER, PRIMITIVE, WAYPOINT
+from optipromp.planning.primitive import led_through, on_branch, via_points
 from optipromp.planning.task import Task
 from optipromp.promp.model import ProMP
 from optipromp.pushing.rules import Drift, detection_variance, drift_choices
 
-MARGIN = 1e-3  # [m] asked for beyond constraint 1, as much as penalties and barriers give way
-TOOL_STEP = 0.005  # [m] of the tool point between waypoints of the approach
-PEAK = 1.9  # largest over mean speed of a smooth reach
-FEWEST, MOST = 60, 600  # waypoints
 
-
-class Rows(Cost):
+class ConstraintRows(Cost):
     """Constraints 1 to 3 as rows ``lower ≤ axis·fk(ξ_t) ≤ upper``, each at one waypoint.
 
     As a term: the one-sided quadratic penalty ½ Σ weight·(what is missing)².
@@ -93,7 +89,7 @@ class Posed:
         wanted = self.options.paper.drift_offset
         return self.task.robot.gripper_radius if wanted is None else wanted
 
-    def rows(self, weight: float = 0.0, every: int = 1) -> Rows:
+    def rows(self, weight: float = 0.0, every: int = 1) -> ConstraintRows:
         """Constraints 1 to 3; 3 at every so many waypoints.
 
         A waypoint counts as in the window of a pushable where its initial height is, within the
@@ -107,7 +103,7 @@ class Posed:
         ):
             height = (self.points[free] - center) @ frame[2]
             at = free[(height >= low - paper.corridor) & (height <= high + paper.corridor)]
-            least = np.full(len(at), float(center @ direction) + self.offset + MARGIN)
+            least = np.full(len(at), float(center @ direction) + self.offset + PAPER.margin)
             rows.append((at, direction, least, np.full(len(at), np.inf)))
         for axis in frame[[0, 2] if paper.drift == "paper" else [2]]:
             at = free[::every]
@@ -115,7 +111,7 @@ class Posed:
             rows.append((at, axis, middle - paper.corridor, middle + paper.corridor))
         at, lower, upper = (np.concatenate([row[k] for row in rows]) for k in (0, 2, 3))
         axes = np.concatenate([np.tile(axis, (len(at), 1)) for at, axis, _, _ in rows])
-        return Rows(weight, at, axes, lower, upper)
+        return ConstraintRows(weight, at, axes, lower, upper)
 
     def functionals(self) -> list[Cost]:
         """F_s, F_d, F_p and F_v with their weights, in the strategy's own forms."""
@@ -155,7 +151,7 @@ def posed_problems(
             continue
         variances = via.deviations**2
         variances[1:-1] += [detection_variance(thing) for thing in task.neighbours]
-        branches.append((branch, variances / LEVER_ARM**2))
+        branches.append((branch, variances / PRIMITIVE.lever_arm**2))
     branches.sort(key=lambda branch: spaced(task, options, branch[0]).count)
     for values, variances in branches:
         waypoints = spaced(task, options, values)
@@ -176,14 +172,19 @@ def spaced(task: Task, options: PlanOptions, values: FloatArray) -> Waypoints:
     ``values`` (m, n) are the configurations the motion is led through after the start.
     """
     step = 0.8 * options.max_step
-    reach = PEAK * float(np.max(np.abs(values[0] - task.start))) / step
+    reach = WAYPOINT.peak * float(np.max(np.abs(values[0] - task.start))) / step
     if len(values) == 1:
-        count = options.waypoints or min(max(FEWEST, math.ceil(reach) + 1), MOST)
+        count = options.waypoints or min(max(WAYPOINT.fewest, math.ceil(reach) + 1), WAYPOINT.most)
         return Waypoints.at_phase(count, options.paper.camera_phase or 0.5)
     tools = task.robot.tool_pose(values)[0]
     path = float(np.linalg.norm(np.diff(tools, axis=0), axis=1).sum())
     moved = float(np.abs(np.diff(values, axis=0)).max(axis=1).sum())
-    reach, approach = max(reach, 25.0), max(1.6 * moved / step, 40.0, path / TOOL_STEP)
-    count = options.waypoints or min(max(FEWEST, 10 * math.ceil((reach + approach) / 10)), MOST)
+    reach, approach = (
+        max(reach, float(WAYPOINT.fewest_reach)),
+        max(1.6 * moved / step, WAYPOINT.fewest_approach, path / WAYPOINT.tool_step),
+    )
+    count = options.waypoints or min(
+        max(WAYPOINT.fewest, 10 * math.ceil((reach + approach) / 10)), WAYPOINT.most
+    )
     phase = min(max(0.2, reach / (reach + approach)), 0.75)
     return Waypoints.at_phase(count, options.paper.camera_phase or phase)

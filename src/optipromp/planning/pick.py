@@ -8,15 +8,17 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.planning.follow import Start, Waypoints, branches, follow
 from optipromp.planning.options import PlanOptions
+from optipromp.planning.parameters import WAYPOINT
 from optipromp.planning.prediction import push_model, pushed_aside, tool_motion
 from optipromp.planning.primitive import led_through
-from optipromp.planning.result import Outcome, Stage
+from optipromp.planning.result import Planned, Stage
 from optipromp.planning.solve import Attempt, Solver
 from optipromp.planning.task import Task
 from optipromp.promp.conditioning import condition
 from optipromp.promp.model import ProMP
 from optipromp.promp.points import JointPoint
 from optipromp.pushing.model import Prediction, PushModel, search
+from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import ToolPath, through
 from optipromp.pushing.rules import rule_paths
 from optipromp.scenes.scene import PoseGoal
@@ -26,8 +28,8 @@ INVALID = 2.5  # harm added where the trajectory is not valid; less than a swall
 GOALS = 3  # goal configurations that a path is followed to
 TRIES = 6  # paths that are followed while no trajectory is valid
 SAMPLE_ROUNDS = 4  # of samples of the primitive, where no goal is reached validly
-RULE_SPEED = 0.1  # [m/s] of the tool along a path that the rule gives
-FEWEST, PEAK = 60, 1.9  # waypoints of a free reach; its largest over its mean speed
+RULE_SPEED = PUSH.hanging.speed  # of the tool along a path that the rule gives
+FEWEST, PEAK = WAYPOINT.fewest, WAYPOINT.peak
 
 
 def pick(
@@ -37,7 +39,7 @@ def pick(
     goals: FloatArray,
     seed: int,
     deadline: float,
-) -> Outcome:
+) -> Planned:
     """The valid trajectory of least predicted harm, or the one that comes nearest to valid.
 
     Args:
@@ -75,7 +77,7 @@ def _of(model: PushModel, task: Task, attempt: Attempt) -> Prediction:
     return model.predict(*tool_motion(task.robot, q))
 
 
-def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> Outcome:
+def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> Planned:
     """The outcome of the attempt that was kept."""
     start, made = attempt.start, attempt.trajectory
     history = attempt.history
@@ -84,7 +86,7 @@ def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> 
     primitive, followed = (
         Trajectory(q, made.dt, made.joint_names) for q in (start.primitive, start.followed)
     )
-    return Outcome(
+    return Planned(
         primitive, followed, made, start.waypoints.first, (stage,) if optimised else (), optimised,
         {"joint": seconds}, attempt.judgement, prediction,
     )  # fmt: skip

@@ -15,10 +15,11 @@ from optipromp import judging
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.planning import functionals, goals, primitive
 from optipromp.planning.options import Planner, PlanOptions, Strategy
+from optipromp.planning.parameters import GOAL
 from optipromp.planning.pick import pick
 from optipromp.planning.prediction import pushed_aside
 from optipromp.planning.primitive import PAPER_BASIS, learnt
-from optipromp.planning.result import Outcome, Plan, Term, Terms
+from optipromp.planning.result import Plan, Planned, Term, Terms
 from optipromp.planning.task import Task, resolve
 from optipromp.planning.verdict import Verdict, predicted
 from optipromp.promp.model import ProMP
@@ -134,7 +135,7 @@ def _plan(
     clock = {"setup": time.perf_counter() - began}
     deadline = began + options.timeout
 
-    def finish(outcome: Outcome, status: Code | None = None, message: str = "") -> Plan:
+    def finish(outcome: Planned, status: Code | None = None, message: str = "") -> Plan:
         start = time.perf_counter()
         prediction = outcome.prediction or predicted(task, outcome.trajectory, outcome.first)
         verdict = outcome.judgement or judging.judge(
@@ -169,7 +170,7 @@ def _plan(
     before = time.perf_counter()
     hasty = planner != "opti-promp" or before > deadline
     chosen, is_free, reason = goals.choose(
-        pushed_aside(task) if default else task, seed, goals.FEW_STARTS if hasty else goals.STARTS,
+        pushed_aside(task) if default else task, seed, GOAL.few_starts if hasty else GOAL.starts,
         primitive.end(promp) if planner != "opti-promp" else None, deadline,
     )  # fmt: skip
     clock["inverse kinematics"] = time.perf_counter() - before
@@ -189,7 +190,7 @@ def _plan(
 
 
 def _status(
-    found: Verdict, outcome: Outcome, options: PlanOptions, deadline: float
+    found: Verdict, outcome: Planned, options: PlanOptions, deadline: float
 ) -> tuple[Code, str]:
     """Status and message; time may have run out before anything was made of the start."""
     late = time.perf_counter() > deadline
@@ -207,7 +208,7 @@ def _status(
 
 
 def _terms(
-    task: Task, options: PlanOptions, outcome: Outcome, paper: bool, strategy: Strategy
+    task: Task, options: PlanOptions, outcome: Planned, paper: bool, strategy: Strategy
 ) -> dict[str, Term]:
     """Each functional at the three trajectories, and over the stage that optimises it."""
 
@@ -227,7 +228,7 @@ def _terms(
     return out
 
 
-def _stay(task: Task) -> Outcome:
+def _stay(task: Task) -> Planned:
     """A trajectory that does not move."""
     still = Trajectory(np.tile(task.start, (3, 1)), 0.1, task.robot.joint_names)
-    return Outcome(still, still, still, 1, (), False, {})
+    return Planned(still, still, still, 1, (), False, {})

@@ -12,7 +12,8 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, frozen
 from optipromp.planning.options import Planner, PlanOptions
-from optipromp.planning.result import Outcome, ViaPoint
+from optipromp.planning.parameters import FOLLOW, PRIMITIVE, WAYPOINT
+from optipromp.planning.result import Planned, ViaPoint
 from optipromp.planning.task import Task
 from optipromp.planning.timing import timed
 from optipromp.promp.basis import Basis
@@ -21,6 +22,7 @@ from optipromp.promp.demonstrations import load_demonstrations
 from optipromp.promp.learning import fit
 from optipromp.promp.model import ProMP
 from optipromp.pushing.interactive import pushes
+from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.rules import detection_variance
 from optipromp.robots import ik
 from optipromp.robots.model import Robot
@@ -29,14 +31,6 @@ from optipromp.scenes.scene import PoseGoal
 
 BASIS = Basis(count=14, width=2.0, outside=1)
 PAPER_BASIS = Basis(count=5, width=4.0, outside=1)
-ACCELERATION = 40.0  # [rad per unit of phase²] deviation of the prior's acceleration
-SPREAD = 3.0  # [rad] deviation of the prior's position
-PAUSED = 0.1  # [rad per unit of phase] deviation from standing still
-LEVER_ARM = 0.4  # [m] turns a standard deviation of the tool point into one of the joints
-CAMERA_PHASE = 0.5
-SPEED = 0.1  # [m/s] of the tool after the camera point, among fruits
-WAYPOINTS = 150
-TRACKED = 1e-5  # [m] largest error of a followed task point
 
 
 @functools.lru_cache(maxsize=8)
@@ -46,8 +40,8 @@ def _prior_covariance(basis: Basis) -> FloatArray:
     acceleration, position = basis.second_derivative(z), basis.matrix(z)
     ends = basis.derivative(np.array([0.0, 1.0]))
     precision = (
-        acceleration.T @ acceleration / (len(z) * ACCELERATION**2)
-        + position.T @ position / (len(z) * SPREAD**2)
+        acceleration.T @ acceleration / (len(z) * PRIMITIVE.acceleration**2)
+        + position.T @ position / (len(z) * PRIMITIVE.position**2)
         + ends.T @ ends / 0.05**2
     )
     return np.asarray(np.linalg.inv(precision), dtype=np.float64)
@@ -159,7 +153,7 @@ def via_points(
 def on_branch(task: Task, via: ViaPoints, goal: FloatArray) -> FloatArray | None:
     """Configurations (m, n) at the via points, followed back from ``goal``; None: out of reach."""
     back, errors = ik.track(task.robot, via.positions[-2::-1], via.axes[-2::-1], goal)
-    if len(errors) and errors.max() > TRACKED:
+    if len(errors) and errors.max() > FOLLOW.task_tracked:
         return None
     behind = level(task.robot, np.vstack([goal, back]), task.scene.frame[0], path=True)
     return behind[::-1]
@@ -189,7 +183,7 @@ def led_through(
     targets = [start[None], values]
     if pause is not None:
         places.append((pause, 1))
-        spread.append(PAUSED**2)
+        spread.append(PRIMITIVE.paused**2)
         targets.insert(1, np.zeros((1, len(start))))
     places += [(phase, 0) for phase in phases.tolist()]
     spread += variances.tolist()
@@ -212,7 +206,7 @@ def plan_primitive(
     goals: FloatArray,
     planner: Planner,
     seed: int,
-) -> Outcome:
+) -> Planned:
     """Condition the ProMP on the planner's points, on the branch nearest to the ProMP's own end.
 
     ``promp`` passes start, camera point (unless the scene or the options leave it out) and target;
@@ -222,7 +216,7 @@ def plan_primitive(
     began = time.perf_counter()
     goal = goals[int(np.argmin(np.linalg.norm(goals - end(promp), axis=1)))]
     paper = options.paper
-    phase = paper.camera_phase or CAMERA_PHASE
+    phase = paper.camera_phase or PRIMITIVE.camera_phase
     camera = paper.camera_point
     if camera is None:
         camera = task.scene.options.get("camera_point", True)
@@ -247,17 +241,19 @@ def plan_primitive(
         branch = on_branch(task, via, goal)
         if branch is not None:
             met = (*map(ViaPoint, names, via.positions), *met)
-    count = options.waypoints or WAYPOINTS
+    count = options.waypoints or WAYPOINT.primitive
     if branch is None:
         last, exact = np.array([1.0]), np.zeros(1)
         q = led_through(promp, task.start, last, goal[None], exact, count)
     else:
-        spread = (via.deviations / LEVER_ARM) ** 2
-        spread[1:-1] += np.array(variances) / LEVER_ARM**2
+        spread = (via.deviations / PRIMITIVE.lever_arm) ** 2
+        spread[1:-1] += np.array(variances) / PRIMITIVE.lever_arm**2
         q = led_through(promp, task.start, via.phases, branch, spread, count, phase)
         q[-1] = goal
     first = math.ceil(phase * (count - 1))
     slow = q[first:] if task.neighbours else None
-    trajectory = timed(task.robot, q, options.duration, slow, options.approach_speed or SPEED)
+    trajectory = timed(
+        task.robot, q, options.duration, slow, options.approach_speed or PUSH.hanging.speed
+    )
     seconds = time.perf_counter() - began
-    return Outcome(trajectory, trajectory, trajectory, first, (), True, {planner: seconds}, via=met)
+    return Planned(trajectory, trajectory, trajectory, first, (), True, {planner: seconds}, via=met)

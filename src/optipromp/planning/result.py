@@ -6,7 +6,7 @@ from typing import Any
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import Code
-from optipromp.judging import Contact, Judgement, Metrics
+from optipromp.judging import Judgement, Metrics, Overlap
 from optipromp.planning.options import Planner, Strategy
 from optipromp.pushing.model import Prediction
 from optipromp.robots.model import Robot
@@ -48,7 +48,7 @@ class ViaPoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class Planned:
     """Three trajectories, what was done between them, and the judge's word where it was heard.
 
     Attributes:
@@ -165,7 +165,7 @@ class Plan:
     metrics: Metrics
     terms: Mapping[str, Term]
     stages: tuple[Stage, ...]
-    contacts: tuple[Contact, ...]
+    contacts: tuple[Overlap, ...]
     time: Mapping[str, float] = field(default_factory=dict)
     first: int = 0
     via: tuple[ViaPoint, ...] = ()

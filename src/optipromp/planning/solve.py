@@ -21,23 +21,11 @@ from optipromp.optimization.evaluation import Evaluation
 from optipromp.optimization.problem import Problem
 from optipromp.planning.follow import Start
 from optipromp.planning.options import PlanOptions
+from optipromp.planning.parameters import SOLVE
 from optipromp.planning.task import Task
 from optipromp.planning.timing import timed
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene
 from optipromp.trajectory import Trajectory
-
-# Stiffness of the constraints [1/m² or 1/rad²], in the order of priority of method §5.
-MUST = 1e6  # joint limits, obstacles that are touched, the goal
-FIRM = 1e5  # clearance of the arm from what it must avoid and from itself, joint steps
-KEPT = 1e4  # clearance from static objects, the path
-WISH = 1e3  # the tool's clearance from what it must avoid, the level of a hand
-LEAN = 1e2  # the tilt of the tool on the path
-
-TOUCH_MARGIN = 1e-3  # [m] under which clearance outranks the goal
-UPRIGHT = np.deg2rad(2.0)  # [rad] tilt of the tool allowed on the path
-WITHIN = 3e-3  # of the stiffness of the path's tolerance, within it
-SAFETY = 0.01  # [m] ε of F_s and F_d
-FAR_DAMPING, FAR_TOLERANCE = 1e-2, 1e-2  # of the solver, for a start that breaks constraints
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +92,7 @@ class Solver:
                 problem, start.followed, schedule, self.deadline, stages, value
             )
         else:
-            schedule = replace(schedule, damping=FAR_DAMPING, tolerance=FAR_TOLERANCE)
+            schedule = replace(schedule, damping=SOLVE.far_damping, tolerance=SOLVE.far_tolerance)
             result = gauss_newton.solve(problem, start.followed, schedule, self.deadline)
         history = (value.costs, *result.history[1:])
         return self._judged(start, result.q, result.value.merit, history, result.message)
@@ -129,34 +117,34 @@ def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation
     proximal = ~np.asarray(task.body.distal)
     margin = np.minimum(options.limit_margin, 0.25 * (robot.upper - robot.lower))
     costs: list[Cost] = [
-        ObstacleCost("static", 1.0, SAFETY, "sum"),
-        ObstacleCost("avoid", 1.0, SAFETY, "sum"),
+        ObstacleCost("static", 1.0, SOLVE.safety, "sum"),
+        ObstacleCost("avoid", 1.0, SOLVE.safety, "sum"),
         SmoothnessCost(options.smoothness),
         *options.costs,
     ]
     constraints: list[Cost] = [
-        LimitCost(MUST, robot.lower + margin, robot.upper - margin),
-        StepCost(FIRM, np.full(robot.n_joints, options.max_step)),
-        ClearanceCost("touch", "static", MUST, TOUCH_MARGIN),
-        ClearanceCost("clearance", "static", 2 * KEPT, options.static_clearance),
-        ClearanceCost("avoid", "dynamic", FIRM, options.avoid_clearance, proximal),
-        ClearanceCost("tool avoid", "dynamic", WISH, 0.0, ~proximal),
-        SelfCost(FIRM, options.self_clearance),
+        LimitCost(SOLVE.must, robot.lower + margin, robot.upper - margin),
+        StepCost(SOLVE.firm, np.full(robot.n_joints, options.max_step)),
+        ClearanceCost("touch", "static", SOLVE.must, SOLVE.touch_margin),
+        ClearanceCost("clearance", "static", 2 * SOLVE.kept, options.static_clearance),
+        ClearanceCost("avoid", "dynamic", SOLVE.firm, options.avoid_clearance, proximal),
+        ClearanceCost("tool avoid", "dynamic", SOLVE.wish, 0.0, ~proximal),
+        SelfCost(SOLVE.firm, options.self_clearance),
     ]
     if isinstance(task.goal, PoseGoal):
-        constraints.append(GoalCost(MUST, task.goal.position, task.goal.axis))
+        constraints.append(GoalCost(SOLVE.must, task.goal.position, task.goal.axis))
     if start.path is not None and isinstance(task.goal, PoseGoal):
         points, _ = robot.tool_pose(start.followed)
         constraints += [
-            CorridorCost(KEPT, points, np.eye(3), options.corridor, first, WITHIN),
-            UprightCost(LEAN, task.goal.axis, UPRIGHT, first),
+            CorridorCost(SOLVE.kept, points, np.eye(3), options.corridor, first, SOLVE.within),
+            UprightCost(SOLVE.lean, task.goal.axis, np.deg2rad(SOLVE.upright), first),
         ]
         if robot.tool is not None and robot.tool.fingers:
             pair = opposite(task)
-            constraints.append(LevelCost(WISH, pair, task.scene.frame[0], first))
+            constraints.append(LevelCost(SOLVE.wish, pair, task.scene.frame[0], first))
     return Problem(
         robot, task.surroundings, costs, constraints, start.waypoints.count,
-        cutoff=max(SAFETY, options.static_clearance, options.avoid_clearance) + 1e-3,
+        cutoff=max(SOLVE.safety, options.static_clearance, options.avoid_clearance) + 1e-3,
         end_fixed=isinstance(task.goal, JointGoal), body=task.body, evaluation=arrays,
     )  # fmt: skip
 

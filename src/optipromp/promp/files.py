@@ -13,7 +13,7 @@ from optipromp.files import write_atomically
 from optipromp.promp.basis import Basis
 from optipromp.promp.model import ProMP
 
-FORMAT = 1
+PROMP_FORMAT = 1
 _KEYS = ("format", "basis", "mean", "covariance", "noise", "joint_names")
 
 
@@ -53,7 +53,7 @@ def save_promp(promp: ProMP, path: Path) -> None:
     write_npz(
         path,
         {
-            "format": np.array(FORMAT),
+            "format": np.array(PROMP_FORMAT),
             "basis": np.array([basis.count, basis.width, basis.outside], dtype=np.float64),
             "mean": promp.mean,
             "covariance": promp.covariance,
@@ -70,8 +70,12 @@ def load_promp(path: Path) -> ProMP:
     if missing:
         raise InvalidRequestError(f"{path} is no ProMP file: it lacks {', '.join(missing)}")
     version = data["format"]
-    if version.shape != () or not np.issubdtype(version.dtype, np.integer) or version != FORMAT:
-        raise InvalidRequestError(f"{path}: format {version} is unknown; this reads {FORMAT}")
+    if (
+        version.shape != ()
+        or not np.issubdtype(version.dtype, np.integer)
+        or version != PROMP_FORMAT
+    ):
+        raise InvalidRequestError(f"{path}: format {version} is unknown; this reads {PROMP_FORMAT}")
     try:
         numbers = np.asarray(data["basis"], dtype=np.float64)
         if numbers.shape != (3,) or not np.isfinite(numbers).all():

@@ -10,9 +10,9 @@ with the tension T of the fruit's weight. It is solved once on a fine grid for l
 condensation, Guyan 1965): w = W u with energy ½ uᵀ K u, in each of two directions across the stem.
 A deflected stem draws its fruit up by ½∫w'² ds = ½ uᵀ S u.
 
-Nobody sees how stiff a stem is. It is taken to be as stiff as green peduncles are (a guess of
-:data:`MODULUS` and :data:`DIAMETER`), or, where it leans, as stiff as it must be to carry its fruit
-there without having bent by more than :data:`GROWN_TURN`.
+Nobody sees how stiff a stem is. It is taken to be as stiff as green peduncles are (a guess,
+:class:`BeamParameters`), or, where it leans, as stiff as it must be to carry its fruit there
+without having bent by more than the turn that it grew with.
 """
 
 from collections.abc import Sequence
@@ -22,17 +22,13 @@ import numpy as np
 from scipy.linalg.lapack import dpbsv
 
 from optipromp.arrays import FloatArray, frozen, lengths
+from optipromp.pushing.parameters import PUSH
 from optipromp.scenes.scene import SceneObject
 
-LOADED = (5 / 12, 0.75, 1.0)  # shares of the length, the last one the fruit's centre
-ELEMENTS = 24  # between the points at which a stem's deflection is known
-FINER = 2  # as many more of them when the beam is solved: the fruit's weight turns it sharply
-MODULUS = 5e7  # [Pa]
-DIAMETER = 0.0025  # [m]
-GROWN_TURN = 0.5  # [rad]
-DENSITY = 950.0  # [kg/m³] of a fruit
-GRAVITY = 9.81  # [m/s²]
-STIFF_END = 100.0  # how much stiffer than its stem a fruit is
+LOADED, ELEMENTS, FINER = PUSH.beam.loaded, PUSH.beam.elements, PUSH.beam.finer
+MODULUS, DIAMETER = PUSH.beam.youngs_modulus, PUSH.beam.diameter
+GROWN_TURN, STIFF_END = PUSH.beam.grown_turn, PUSH.beam.stiff_end
+FRUIT_DENSITY, GRAVITY = PUSH.beam.fruit_density, PUSH.beam.gravity
 
 _AT = np.round(np.array(LOADED) * FINER * ELEMENTS).astype(int) - 1  # of the grid's points
 _UNIT = frozen(np.eye(FINER * ELEMENTS)[:, _AT])  # [N] at each of them
@@ -80,7 +76,7 @@ def bent(root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: Flo
     count, n, loaded = len(root), FINER * ELEMENTS, len(LOADED)
     length, axes = _frames(root, fruit)
     along = axes[:, 2]
-    mass = DENSITY * 4.0 / 3.0 * np.pi * radius**3
+    mass = FRUIT_DENSITY * 4.0 / 3.0 * np.pi * radius**3
     lean = np.hypot(along[:, 0], along[:, 1])
     # the moment m g sinθ (L - s) turns the stem by m g sinθ L² / 2EI
     grown = mass * GRAVITY * lean * length**2 / (2.0 * GROWN_TURN)

@@ -7,16 +7,14 @@ loop asks for stays in registers.
 import math
 from typing import NamedTuple
 
-from numba import njit
+from optipromp.compiled import inner
+from optipromp.pushing.parameters import PUSH
 
-NECK_LOOKED_AT = 0.03  # [m] under the cup that stems are kept off the neck
-ABOVE = 1.0  # [m]
-BARELY = 0.003  # [m] under the rim at which a fruit counts as inside
-
-_jit = njit(cache=True, error_model="numpy", nogil=True)
+NECK_LOOKED_AT, BARELY = PUSH.swing.neck, PUSH.swing.barely
+ABOVE = 1.0  # [m] added to the gap of what is over the rim: it touches nothing
 
 
-class Cup(NamedTuple):
+class Mouth(NamedTuple):
     """A cup about its axis, heights over the tool point [m]; solid where inner = -outer."""
 
     inner: float
@@ -38,7 +36,7 @@ class Pose(NamedTuple):
     w: float
 
 
-@_jit
+@inner
 def _box(
     rho: float, h: float, low: float, high: float, bottom: float, top: float
 ) -> tuple[float, float, float]:
@@ -54,8 +52,8 @@ def _box(
     return qy, 0.0, sy
 
 
-@_jit
-def cup_distance(rho: float, h: float, cup: Cup) -> tuple[float, float, float]:
+@inner
+def cup_distance(rho: float, h: float, cup: Mouth) -> tuple[float, float, float]:
     """Signed distance to wall, floor and neck in the half-plane, with d/drho and d/dh."""
     best, g0, g1 = _box(rho, h, cup.inner, cup.outer, cup.base, cup.rim)
     d, e0, e1 = _box(rho, h, -cup.outer, cup.outer, cup.base, cup.base + cup.floor)
@@ -67,7 +65,7 @@ def cup_distance(rho: float, h: float, cup: Cup) -> tuple[float, float, float]:
     return best, g0, g1
 
 
-@_jit
+@inner
 def in_cup(x: float, y: float, z: float, at: Pose) -> tuple[float, float, float, float, float]:
     """Height of a point over the tool point, its distance from the axis, and the way from there."""
     x, y, z = x - at.x, y - at.y, z - at.z
@@ -76,9 +74,9 @@ def in_cup(x: float, y: float, z: float, at: Pose) -> tuple[float, float, float,
     return h, math.sqrt(x * x + y * y + z * z), x, y, z
 
 
-@_jit
+@inner
 def fruit_gap(
-    x: float, y: float, z: float, radius: float, at: Pose, cup: Cup
+    x: float, y: float, z: float, radius: float, at: Pose, cup: Mouth
 ) -> tuple[float, float, float, float]:
     """Gap of a fruit to the cup, and the direction it is pushed in."""
     h, rho, x, y, z = in_cup(x, y, z, at)
@@ -87,9 +85,9 @@ def fruit_gap(
     return d - radius, out * x + g1 * at.u, out * y + g1 * at.v, out * z + g1 * at.w
 
 
-@_jit
+@inner
 def stem_gap(
-    x: float, y: float, z: float, radius: float, within: bool, at: Pose, cup: Cup
+    x: float, y: float, z: float, radius: float, within: bool, at: Pose, cup: Mouth
 ) -> tuple[float, float, float, float]:
     """Gap of a piece of stem to wall or neck, on the side of the wall where its fruit is.
 
@@ -109,8 +107,8 @@ def stem_gap(
     return gap, out * x, out * y, out * z
 
 
-@_jit
-def inside(x: float, y: float, z: float, at: Pose, cup: Cup) -> bool:
+@inner
+def inside(x: float, y: float, z: float, at: Pose, cup: Mouth) -> bool:
     """Whether a fruit with its centre there counts as inside."""
     h, rho, _, _, _ = in_cup(x, y, z, at)
     return rho < cup.inner and cup.base < h < cup.rim - BARELY

@@ -5,17 +5,14 @@ it, then along the second. The arrays of all stems are passed with the index of 
 references, which costs more than what these kernels do.
 """
 
-from numba import njit
-
 from optipromp.arrays import FloatArray
+from optipromp.compiled import inner
 from optipromp.pushing.bending import LOADED
 
 LOADS = len(LOADED)
 
-_jit = njit(cache=True, error_model="numpy", nogil=True)
 
-
-@_jit
+@inner
 def shortened(shortening: FloatArray, u: FloatArray, i: int) -> float:
     """How far a stem's deflections draw its end up [m]."""
     up = 0.0
@@ -26,7 +23,7 @@ def shortened(shortening: FloatArray, u: FloatArray, i: int) -> float:
     return up
 
 
-@_jit
+@inner
 def place(
     root: FloatArray, axes: FloatArray, shape: FloatArray, u: FloatArray, i: int, length: float,
     share: float,
@@ -48,7 +45,7 @@ def place(
     )
 
 
-@_jit
+@inner
 def level(
     root: FloatArray, axes: FloatArray, i: int, length: float, x: float, y: float, z: float
 ) -> float:
@@ -62,7 +59,7 @@ def level(
     return share if 0.0 < share < 1.0 else 0.0
 
 
-@_jit
+@inner
 def freely(compliance: FloatArray, inertia: float, i: int, free: FloatArray) -> None:
     """The inverse (L, L) of stiffness and inertia [N/m] of the fruit, into ``free[i]``."""
     last = LOADS - 1
@@ -73,7 +70,7 @@ def freely(compliance: FloatArray, inertia: float, i: int, free: FloatArray) -> 
             free[i, a, b] = compliance[i, a, b] - both / shared
 
 
-@_jit
+@inner
 def begin(
     stiffness: FloatArray, free: FloatArray, u: FloatArray, ahead: FloatArray, i: int,
     inertia: float, gradient: FloatArray, inverse: FloatArray,
@@ -92,7 +89,7 @@ def begin(
         gradient[a] += inertia * (u[i, a] - ahead[i, a])
 
 
-@_jit
+@inner
 def press(
     axes: FloatArray, shape: FloatArray, shortening: FloatArray, u: FloatArray, i: int,
     share: float, nx: float, ny: float, nz: float, depth: float, spring: float, j: FloatArray,

@@ -5,12 +5,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from optipromp.arrays import FloatArray, IntArray
+from optipromp.compiled import inner, kernel
+from optipromp.pushing.parameters import PUSH
 
 CORNERS = 8  # of a polygon at most
-FLAT = 1e-3  # [m] within which corners of a polygon are pressed together
+FLAT = PUSH.plane.flat
 
 
 class Shapes(NamedTuple):
@@ -50,7 +51,7 @@ def shapes(parts: Sequence[FloatArray | float]) -> Shapes:
     return Shapes(corners, normals, count, radius, box)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def placed(shape, i, u, v, turn, corners, normals, b):  # type: ignore[no-untyped-def]
     """Shape ``i`` at a pose: corners and normals (N, CORNERS, 2) of body ``b``, in place."""
     c, s = math.cos(turn), math.sin(turn)
@@ -61,7 +62,7 @@ def placed(shape, i, u, v, turn, corners, normals, b):  # type: ignore[no-untype
         normals[b, k, 0], normals[b, k, 1] = c * x - s * y, s * x + c * y
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def bounds(corners, count, b, boxes):  # type: ignore[no-untyped-def]
     """The box (4,) along the axes about polygon ``b``, in place of row b of ``boxes`` (N, 4)."""
     low_u = high_u = corners[b, 0, 0]
@@ -73,7 +74,7 @@ def bounds(corners, count, b, boxes):  # type: ignore[no-untyped-def]
     boxes[b, 0], boxes[b, 1], boxes[b, 2], boxes[b, 3] = low_u, low_v, high_u, high_v
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def outside(boxes, b, u, v, radius):  # type: ignore[no-untyped-def]
     """Whether a disc is outside box b of ``boxes`` (N, 4), along the axes."""
     return (
@@ -84,7 +85,7 @@ def outside(boxes, b, u, v, radius):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def beyond(corners, normals, a, k, b, nb):  # type: ignore[no-untyped-def]
     """How far polygon b (nb corners) is beyond side k of polygon a."""
     x, y, nx, ny = corners[a, k, 0], corners[a, k, 1], normals[a, k, 0], normals[a, k, 1]
@@ -94,7 +95,7 @@ def beyond(corners, normals, a, k, b, nb):  # type: ignore[no-untyped-def]
     return least
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def disc_in_polygon(u, v, radius, corners, normals, b, count, hit):  # type: ignore[no-untyped-def]
     """Contact of a disc and polygon b: depth; ``hit`` = normal from polygon to disc, and where."""
     deepest, side = -math.inf, 0
@@ -124,7 +125,7 @@ def disc_in_polygon(u, v, radius, corners, normals, b, count, hit):  # type: ign
     return radius - deepest
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def pressed(corners, normals, a, na, k, b, nb, least, sign, hit):  # type: ignore[no-untyped-def]
     """``hit`` of polygon b on side k of polygon a, beyond which b is by ``least`` (negative)."""
     x, y, nx, ny = corners[a, k, 0], corners[a, k, 1], normals[a, k, 0], normals[a, k, 1]
@@ -142,7 +143,7 @@ def pressed(corners, normals, a, na, k, b, nb, least, sign, hit):  # type: ignor
     hit[2], hit[3] = x + middle * ex, y + middle * ey
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def polygons(corners, normals, a, na, b, nb, last, p, hit):  # type: ignore[no-untyped-def]
     """Depth of polygons a and b (negative: apart); ``hit``: unit normal from a to b, and where.
 
@@ -178,7 +179,7 @@ def polygons(corners, normals, a, na, b, nb, last, p, hit):  # type: ignore[no-u
     return -one
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def contact(  # type: ignore[no-untyped-def]
     corners, normals, size, at, radius, i, j, last, p, hit
 ):
@@ -208,7 +209,7 @@ def room(path: FloatArray, tool: Shapes, walls: Shapes, enough: float = math.inf
     return float(clear(np.ascontiguousarray(path, dtype=np.float64), 1, tool, walls, enough))
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def clear(path, stride, tool, walls, enough):  # type: ignore[no-untyped-def]
     """:func:`room` of every ``stride``-th pose."""
     corners, normals, box = np.empty((2, CORNERS, 2)), np.empty((2, CORNERS, 2)), np.empty((1, 4))

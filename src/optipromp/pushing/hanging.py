@@ -15,9 +15,10 @@ from optipromp.arrays import FloatArray, frozen
 from optipromp.geometry import distances
 from optipromp.geometry.obstacles import Obstacles, near
 from optipromp.pushing.bending import Stems, moved, stems
-from optipromp.pushing.cup import Cup as Mouth
+from optipromp.pushing.cup import Mouth
 from optipromp.pushing.harm import BRIEFLY, Harm, score_of
 from optipromp.pushing.model import Moved, PushModel, Round, Schedule
+from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import STEP, ToolPath, through
 from optipromp.pushing.rules import (
     Drift,
@@ -32,24 +33,8 @@ from optipromp.robots.tool_protocol import Tool
 from optipromp.robots.tools import WALL
 from optipromp.scenes.scene import Scene, SceneObject
 
-EVERY = 3  # points of a path between two steps of the model
-MODEL_SPEED = 0.07  # [m/s] of the tool in the model
-SPEED = 0.1  # [m/s] of the tool among fruits
-HOPELESS = 3.0  # harm from which a state counts no more
-GOOD, DETECTED_GOOD = 0.5, 0.2  # a harm that needs no less, and one of detected fruits
-THRESHOLD = 1.0  # a harm above which a plan is no success; see docs/studies.md
-CAPTURE = 0.005  # [m] below the target at which the rim is to be under it, rounded corners included
-TURNS = np.deg2rad(45.0)  # between directions in which all neighbours are passed alike
-TURNED, CLEARANCE = 1.0, (0.8, 0.3)  # [rad], and radii of a fruit: spread of candidates
-CLEARANCES = 0.4, 1.4  # radii of a fruit: least and most lateral clearance of a candidate
-STATES, DETECTED_STATES, SCREENED_STATES = 3, 25, 7
-SHIFT = 0.003  # [m] standard deviation of a fruit whose scene does not say how well it was seen
-WIDER = 1.5  # times the standard deviation of a detection: it is the unlikely that does harm
-TURN, DETECTED_TURN = np.deg2rad(1.0), np.deg2rad(4.0)  # of a stem, and of one that was detected
-AROUND = 0.4  # [m] about the target within which objects are looked at
-MOST = 24  # fruits beside the target; what they do to one another takes the square of the time
-SLACK = 0.003  # [m] that the cup should keep from static objects
-SOME = 4  # obstacles that it takes longer to sort than to measure
+HANGING = PUSH.hanging
+THRESHOLD = PUSH.harm.threshold
 NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
 
 
@@ -60,7 +45,7 @@ def applies(scene: Scene, tool: Tool | None, neighbours: Sequence[SceneObject]) 
     """
     target = scene.target
     hangs = target is not None and target.stem is not None
-    return hangs and tool is not None and 0 < len(neighbours) <= MOST
+    return hangs and tool is not None and 0 < len(neighbours) <= HANGING.most
 
 
 class Hanging(PushModel):
@@ -75,7 +60,7 @@ class Hanging(PushModel):
         gripper_radius: R_gripper [m].
     """
 
-    speed, threshold = SPEED, THRESHOLD
+    speed, threshold = HANGING.speed, THRESHOLD
 
     def __init__(
         self, scene: Scene, tool: Tool, neighbours: Sequence[SceneObject], camera: FloatArray,
@@ -90,19 +75,23 @@ class Hanging(PushModel):
         inner = inner if inner > 0.0 else -outer  # solid
         self.cup = Mouth(inner, outer, base, tool.depth, WALL, NECK_RADIUS)
         self.static, self.avoid = (
-            near(scene.packed(scene.around(target.position, AROUND, role)), target.position, AROUND)
+            near(
+                scene.packed(scene.around(target.position, HANGING.around, role)),
+                target.position,
+                HANGING.around,
+            )
             for role in ("static", "avoid")
         )
         hanging = [fruit for fruit in self.neighbours if fruit.stem is not None]
         fruits = (target, *hanging, *self._others())
         detected = any(fruit.covariance is not None for fruit in fruits)
         self.fruits, self.count = fruits, len(fruits)
-        self.states = DETECTED_STATES if detected else STATES
-        self.good = DETECTED_GOOD if detected else GOOD
+        self.states = HANGING.detected_states if detected else HANGING.states
+        self.good = PUSH.harm.detected_good if detected else PUSH.harm.good
         self.stems = _sampled(fruits, self.states - 1)
         self.schedule = Schedule(
             rounds=(Round(9, 1), *[Round(12, 1)] * 3), runs=1, kept=6, screened=3,
-            states=min(self.states, SCREENED_STATES), fresh=0.3, lenient=1.6,
+            states=min(self.states, HANGING.screened_states), fresh=0.3, lenient=1.6,
         )  # fmt: skip
 
     def _others(self) -> list[SceneObject]:
@@ -114,26 +103,27 @@ class Hanging(PushModel):
 
         others = [
             thing
-            for thing in scene.things(scene.around(target.position, AROUND, "pushable"))
-            if thing.id not in known and thing.stem is not None and away(thing) < AROUND
+            for thing in scene.things(scene.around(target.position, HANGING.around, "pushable"))
+            if thing.id not in known and thing.stem is not None and away(thing) < HANGING.around
         ]
-        return sorted(others, key=away)[: MOST - len(known)]
+        return sorted(others, key=away)[: HANGING.most - len(known)]
 
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
         """See :class:`PushModel`; the numbers are those of :mod:`optipromp.pushing.harm`."""
-        chosen = np.append(np.arange(0, len(points) - 1, EVERY), len(points) - 1)
+        chosen = np.append(np.arange(0, len(points) - 1, HANGING.every), len(points) - 1)
         return mean_score(
             self.stems, self.count, states, points[chosen], axes[chosen],
-            EVERY * STEP / MODEL_SPEED, self.cup, self.static, HOPELESS, limit,
+            HANGING.every * STEP / HANGING.model_speed, self.cup, self.static, PUSH.harm.hopeless,
+            limit,
         )  # fmt: skip
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """See :class:`PushModel`."""
-        chosen = np.append(np.arange(0, len(points) - 1, EVERY), len(points) - 1)
+        chosen = np.append(np.arange(0, len(points) - 1, HANGING.every), len(points) - 1)
         points, axes = points[chosen], axes[chosen]
-        dt = EVERY * STEP / MODEL_SPEED
+        dt = HANGING.every * STEP / HANGING.model_speed
         states = [self._state(d) for d in range(self.states)]
         harms = [harm(one, points, axes, dt, self.cup, self.static) for one in states]
         worst = int(np.argmax([score_of(*found) for found in harms]))
@@ -160,8 +150,8 @@ class Hanging(PushModel):
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`."""
-        chosen = np.append(np.arange(0, len(points) - 1, EVERY), len(points) - 1)
-        dt = EVERY * STEP / MODEL_SPEED
+        chosen = np.append(np.arange(0, len(points) - 1, HANGING.every), len(points) - 1)
+        dt = HANGING.every * STEP / HANGING.model_speed
         seen = self._state(0)
         positions, *_ = led(seen, points[chosen], axes[chosen], dt, self.cup, self.static)
         return Moved(tuple(fruit.id for fruit in self.fruits), positions[-1], np.zeros(self.count))
@@ -182,9 +172,10 @@ class Hanging(PushModel):
         radii = np.array([fruit.radius for fruit in self.neighbours])
         corners = path_past(
             drift, self.gripper_radius + clearances * radii, self.target.position,
-            self.scene.frame, self.camera, max(self.cup.rim + self.target.radius + CAPTURE, 0.0),
+            self.scene.frame, self.camera,
+            max(self.cup.rim + self.target.radius + HANGING.capture, 0.0),
         )  # fmt: skip
-        return through(corners, SPEED)
+        return through(corners, HANGING.speed)
 
     def aside(self, x: FloatArray, path: ToolPath) -> float:
         """Half the relative detour, and a part for a cup that comes too near obstacles."""
@@ -194,13 +185,19 @@ class Hanging(PushModel):
     def first(self) -> FloatArray:
         """The rule's directions, and all neighbours passed alike in each of eight."""
         rule, _ = self.spread(0)
-        angles = np.repeat(np.arange(0.0, 2.0 * np.pi - 1e-9, TURNS)[:, None], len(rule) // 2, 1)
-        alike = np.hstack([angles, np.full_like(angles, CLEARANCE[0])])
+        angles = np.repeat(
+            np.arange(0.0, 2.0 * np.pi - 1e-9, np.deg2rad(HANGING.apart))[:, None],
+            len(rule) // 2,
+            1,
+        )
+        alike = np.hstack([angles, np.full_like(angles, HANGING.clearance)])
         return np.vstack([rule, alike])
 
     def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
         """About the rule's directions."""
-        return self._rule, np.repeat([TURNED, CLEARANCE[1]], len(self.neighbours))
+        return self._rule, np.repeat(
+            [HANGING.turned, HANGING.clearance_spread], len(self.neighbours)
+        )
 
     @cached_property
     def _rule(self) -> FloatArray:
@@ -210,21 +207,23 @@ class Hanging(PushModel):
             gripper_radius=self.gripper_radius,
         )[0]  # fmt: skip
         angles = np.arctan2(drift.directions @ y_g, drift.directions @ x_g)
-        return np.concatenate([angles, np.full(len(angles), CLEARANCE[0])])
+        return np.concatenate([angles, np.full(len(angles), HANGING.clearance)])
 
     def _split(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Directions (N, 3) and lateral clearances (N,) [radii] of a candidate."""
         x_g, y_g, _ = self.scene.frame
         angles, clearances = np.split(x, 2)
         directions = np.cos(angles)[:, None] * x_g + np.sin(angles)[:, None] * y_g
-        return directions, np.clip(clearances, *CLEARANCES)
+        return directions, np.clip(clearances, HANGING.clearance_least, HANGING.clearance_most)
 
     def _too_near(self, points: FloatArray) -> float:
         """How far the cup, led upright through ``points``, comes too near to obstacles [4 mm]."""
         heights = np.array([self.cup.base, 0.5 * (self.cup.base + self.cup.rim), self.cup.rim])
-        where = (points[:: 2 * EVERY, None] + heights[:, None] * self.scene.frame[2]).reshape(-1, 3)
+        where = (
+            points[:: 2 * HANGING.every, None] + heights[:, None] * self.scene.frame[2]
+        ).reshape(-1, 3)
         worst = 0.0
-        for obstacles, slack in ((self.static, SLACK), (self.avoid, 0.0)):
+        for obstacles, slack in ((self.static, HANGING.slack), (self.avoid, 0.0)):
             close = _close(obstacles, where, self.cup.outer + slack)
             if len(close.kind):
                 away = distances(close, where)[0].min(axis=1).reshape(-1, 3).min(axis=1)
@@ -236,7 +235,7 @@ class Hanging(PushModel):
 
 def _close(obstacles: Obstacles, where: FloatArray, reach: float) -> Obstacles:
     """The obstacles that come within ``reach`` of points (m, 3)."""
-    if len(obstacles.kind) <= SOME:
+    if len(obstacles.kind) <= 4:  # it takes longer to sort them than to measure
         return obstacles
     middle = 0.5 * (where.min(axis=0) + where.max(axis=0))
     return near(obstacles, middle, float(np.linalg.norm(where - middle, axis=1).max()) + reach)
@@ -246,9 +245,10 @@ def _sampled(fruits: Sequence[SceneObject], samples: int) -> Stems:
     """The fruits as they were perceived, and ``samples`` times as they may hang."""
     seen = stems(fruits)
     sure = [fruit.covariance is None for fruit in fruits]
-    spread = [SHIFT if known else WIDER * np.sqrt(detection_variance(fruit))
+    spread = [HANGING.shift if known else HANGING.wider * np.sqrt(detection_variance(fruit))
               for known, fruit in zip(sure, fruits, strict=True)]  # fmt: skip
-    turn = np.array([TURN if known else DETECTED_TURN for known in sure]) * seen.length
+    degrees = [HANGING.turn if known else HANGING.detected_turn for known in sure]
+    turn = np.deg2rad(degrees) * seen.length
     shifted, swung = _normal((samples, len(fruits), 3))
     shift = np.reshape(spread, (-1, 1)) * shifted
     swing = turn[:, None] * swung * [1.0, 1.0, 0.0]

@@ -2,12 +2,13 @@
 
 from typing import NamedTuple
 
-from numba import njit
+from optipromp.compiled import inner
+from optipromp.pushing.parameters import PUSH
 
-STEM_BEARS, TARGET_BEARS, FRUIT_BEARS = 2.0, 5.0, 30.0  # [N] on a stem, the target, another fruit
-BRIEFLY = 0.03  # [s] that another fruit may be inside the cup
-SUDDEN = 14.0  # [N] momentarily on a fruit, up to which the model's force says nothing
-PINCHED = 0.2  # [s]
+STEM_BEARS, TARGET_BEARS = PUSH.harm.stem_force, PUSH.harm.target_force
+FRUIT_BEARS, SUDDEN = PUSH.harm.fruit_force, PUSH.harm.sudden_force
+BRIEFLY, PINCHED = PUSH.harm.inside_time, PUSH.harm.pinched_time
+LOST = PUSH.harm.swallowed
 
 
 class Harm(NamedTuple):
@@ -30,7 +31,7 @@ class Harm(NamedTuple):
     missed: bool
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def score_of(
     stem: float, fruit: float, target: float, inside: float, pinched: float, missed: bool
 ) -> float:
@@ -39,9 +40,10 @@ def score_of(
     Each part is 1 where a force reaches what a fruit bears, or where a fruit is pinched for
     :data:`PINCHED` (the model lets a pinched fruit slip out more easily than the simulation).
     A momentary force up to :data:`SUDDEN` counts nothing: runs that go well in the simulation have
-    it in the model too, one in ten above 8 N. A swallowed neighbour or a missed target adds 5.
+    it in the model too, one in ten above 8 N. A swallowed neighbour or a missed target
+    adds :data:`LOST`.
     """
-    lost = 5.0 * (inside > BRIEFLY) + 5.0 * missed
+    lost = LOST * (inside > BRIEFLY) + LOST * missed
     crushed = max(fruit - SUDDEN, 0.0) / (FRUIT_BEARS - SUDDEN)
     pressed = stem / STEM_BEARS + crushed + target / TARGET_BEARS
     return pressed + pinched / PINCHED + lost

@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
 from optipromp.arrays import FloatArray, frozen
+from optipromp.compiled import inner, kernel
+from optipromp.pushing.parameters import PUSH
 
-APART = 1e-9  # [m] between corners that are two
-STEP = 0.001  # [m] between the points of a path; fine beside the 2 mm that an arm follows it within
-ROUNDING = 0.01  # [m] width of each moving average: a corner of 30 degrees is cut by 1 mm
+STEP, ROUNDING = PUSH.rule.point_step, PUSH.rule.rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,38 +50,39 @@ def through(
     return ToolPath(frozen(rounded(np.ascontiguousarray(corners), STEP, ROUNDING)), speed, harm)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def rounded(corners: FloatArray, step: float, width: float) -> FloatArray:
     """Points (P, 3) about ``step`` apart on the polyline ``corners`` (k, 3), averaged twice.
 
     Each average runs over ``width`` [m] of the arc, less towards the ends: these stay in place.
     """
-    total = 0.0
+    total = length(corners)
+    count = max(2, math.ceil(total / step) + 1)
+    points, sums = np.empty((count, 3)), np.zeros((count + 1, 3))
+    gone, i, half = 0.0, 1, int(0.5 * width / step)
+    for m in range(3):
+        points[0, m], points[count - 1, m] = corners[0, m], corners[len(corners) - 1, m]
     for k in range(1, len(corners)):
-        total += np.sqrt(np.sum((corners[k] - corners[k - 1]) ** 2))
-    count = max(2, int(np.ceil(total / step)) + 1)
-    points = np.empty((count, 3))
-    points[0], points[count - 1] = corners[0], corners[-1]
-    gone, i = 0.0, 1
-    for k in range(1, len(corners)):
-        piece = np.sqrt(np.sum((corners[k] - corners[k - 1]) ** 2))
+        piece = _step(corners, k)
         while i < count - 1 and i * total / (count - 1) <= gone + piece:
             share = (i * total / (count - 1) - gone) / piece
-            points[i] = corners[k - 1] + share * (corners[k] - corners[k - 1])
+            for m in range(3):
+                low, high = corners[k - 1, m], corners[k, m]
+                points[i, m] = low + share * (high - low)
             i += 1
         gone += piece
-    half = int(0.5 * width / step)
     for _ in range(2):
-        sums = np.zeros((count + 1, 3))
         for i in range(count):
-            sums[i + 1] = sums[i] + points[i]
+            for m in range(3):
+                sums[i + 1, m] = sums[i, m] + points[i, m]
         for i in range(count):
             h = min(half, i, count - 1 - i)
-            points[i] = (sums[i + h + 1] - sums[i - h]) / (2 * h + 1)
+            for m in range(3):
+                points[i, m] = (sums[i + h + 1, m] - sums[i - h, m]) / (2 * h + 1)
     return points
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def length(corners: FloatArray) -> float:
     """Length of a path through ``corners`` (k, 3) [m]."""
     far = 0.0
@@ -96,7 +96,7 @@ def evenly(corners: FloatArray, count: int) -> FloatArray:
     return along(corners, corners, count)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def along(corners: FloatArray, values: FloatArray, count: int) -> FloatArray:
     """``values`` (k, m) of the corners (k, 3), at ``count`` places evenly along the path."""
     at, kept, last = np.zeros(len(corners)), np.zeros(len(corners), dtype=np.int64), 0
@@ -104,7 +104,7 @@ def along(corners: FloatArray, values: FloatArray, count: int) -> FloatArray:
     for k in range(1, len(corners)):
         step = _step(corners, k)
         far += step
-        if step > APART:
+        if step > 1e-9:  # else they are one
             last += 1
             at[last], kept[last] = far, k
     out = np.empty((count, values.shape[1]))
@@ -124,7 +124,7 @@ def along(corners: FloatArray, values: FloatArray, count: int) -> FloatArray:
     return out
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _step(corners: FloatArray, k: int) -> float:
     x = corners[k, 0] - corners[k - 1, 0]
     y = corners[k, 1] - corners[k - 1, 1]

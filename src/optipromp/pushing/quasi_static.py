@@ -19,18 +19,17 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, IntArray
+from optipromp.compiled import inner, kernel
 from optipromp.pushing.flat import CORNERS, Shapes, bounds, contact, outside, placed
+from optipromp.pushing.parameters import PUSH
 
-SETTLED = 4e-4  # [m] of overlap that is none
-SWEEPS = 25  # over the contacts, in a step
-JAMMED = 4e-3  # [m] of overlap left after these at which something gives way that must not
-AHEAD = 0.02  # [m] less apart than this are near: looked at until something moves a third of it
+NO_OVERLAP, SWEEPS = PUSH.plane.settled, PUSH.plane.sweeps
+JAMMED, AHEAD = PUSH.plane.jammed, PUSH.plane.ahead
 
 
-class Result(NamedTuple):
+class Pushed(NamedTuple):
     """What a push did.
 
     Attributes:
@@ -59,7 +58,7 @@ def push(
     walls: Shapes,
     slip: float,
     most: float = np.inf,
-) -> Result:
+) -> Pushed:
     """Move the tool along a path and see where things go.
 
     Args:
@@ -79,10 +78,10 @@ def push(
         np.ascontiguousarray(path, dtype=np.float64), tool, things, end, 1.0 / friction, lever**2,
         walls, slip, most, np.inf, report,
     )  # fmt: skip
-    return Result(end, float(report[0]), float(report[1]), float(report[2]))
+    return Pushed(end, float(report[0]), float(report[1]), float(report[2]))
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _resolve(  # type: ignore[no-untyped-def]
     state, before, yields, lever2, i, j, hit, depth, slip, away_u, away_v, press
 ):
@@ -124,7 +123,7 @@ def _resolve(  # type: ignore[no-untyped-def]
         state[i, 2] -= yields[i] * (normal * normal_a + tangent * tangent_a) / lever2[i]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _follow(things, state, b, at, corners, normals):  # type: ignore[no-untyped-def]
     """The outline of thing b where its state says, in place."""
     at[b, 0], at[b, 1] = state[b, 0], state[b, 1]
@@ -132,7 +131,7 @@ def _follow(things, state, b, at, corners, normals):  # type: ignore[no-untyped-
         placed(things, b, state[b, 0], state[b, 1], state[b, 2], corners, normals, b)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _near(at, radius, boxes, count, parts, pairs):  # type: ignore[no-untyped-def]
     """Pairs (P, 2) of a body and a thing less than AHEAD apart, in place; returns how many.
 
@@ -158,7 +157,100 @@ def _near(at, radius, boxes, count, parts, pairs):  # type: ignore[no-untyped-de
     return n
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+class _Bodies(NamedTuple):
+    """The things, then the parts of the tool, then the walls: N outlines in place.
+
+    Attributes:
+        corners, normals: (N, CORNERS, 2) of polygons.
+        size: (N,) how many corners, 0 for a disc; ``radius`` (N,) [m].
+        at: (N, 2) centres [m]; ``boxes`` (N, 4) about tool and walls.
+    """
+
+    corners: FloatArray
+    normals: FloatArray
+    size: IntArray
+    radius: FloatArray
+    at: FloatArray
+    boxes: FloatArray
+
+
+@inner
+def _outlines(things, tool, walls, state, bodies):  # type: ignore[no-untyped-def]
+    """Fill ``bodies``, the things where they stand; the tool is placed by :func:`_lead`."""
+    count, parts = state.shape[0], tool.size.shape[0]
+    for b in range(count):
+        bodies.size[b], bodies.radius[b] = things.size[b], things.radius[b]
+        _follow(things, state, b, bodies.at, bodies.corners, bodies.normals)
+    for h in range(parts):
+        bodies.size[count + h], bodies.radius[count + h] = tool.size[h], tool.radius[h]
+    for w in range(walls.size.shape[0]):
+        b = count + parts + w
+        bodies.size[b], bodies.radius[b] = walls.size[w], walls.radius[w]
+        for k in range(4):
+            bodies.boxes[b, k] = walls.box[w, k]
+        for k in range(CORNERS):
+            for c in range(2):
+                bodies.corners[b, k, c] = walls.corners[w, k, c]
+                bodies.normals[b, k, c] = walls.normals[w, k, c]
+
+
+@inner
+def _lead(tool, count, bodies, u, v, turn, du, dv, anew):  # type: ignore[no-untyped-def]
+    """Bring the tool's parts to a pose; by shifting them (du, dv) where they need not turn."""
+    corners, boxes = bodies.corners, bodies.boxes
+    for h in range(count, count + tool.size.shape[0]):
+        bodies.at[h, 0], bodies.at[h, 1] = u, v
+        if anew:
+            placed(tool, h - count, u, v, turn, corners, bodies.normals, h)
+            bounds(corners, bodies.size[h], h, boxes)
+            continue
+        for k in range(bodies.size[h]):
+            corners[h, k, 0] += du
+            corners[h, k, 1] += dv
+        boxes[h, 0], boxes[h, 2] = boxes[h, 0] + du, boxes[h, 2] + du
+        boxes[h, 1], boxes[h, 3] = boxes[h, 1] + dv, boxes[h, 3] + dv
+
+
+@inner
+def _sweep(  # type: ignore[no-untyped-def]
+    things, state, before, yields, lever2, bodies, pairs, n, last, tool_end, step, slip, hit, press
+):
+    """Resolve the contacts of n near pairs in turn; returns the largest overlap that was met [m].
+
+    ``tool_end`` is the number of things and parts of the tool, ``step`` the tool's pose (u, v) and
+    by how much it moved (du, dv, turn).
+    """
+    corners, normals, size, radius = bodies.corners, bodies.normals, bodies.size, bodies.radius
+    at, boxes, count = bodies.at, bodies.boxes, state.shape[0]
+    u, v, du, dv, dturn = step
+    worst = 0.0
+    for p in range(n):
+        i, j = pairs[p, 0], pairs[p, 1]
+        if i < count:
+            reach = radius[i] + radius[j]
+            su, sv = at[j, 0] - at[i, 0], at[j, 1] - at[i, 1]
+            if su * su + sv * sv > reach * reach:
+                continue
+        elif outside(boxes, i, at[j, 0], at[j, 1], radius[j]):
+            continue
+        depth = contact(corners, normals, size, at, radius, i, j, last, p, hit)
+        if depth <= 0.0:
+            continue
+        worst = max(worst, depth)
+        away_u = away_v = 0.0
+        if count <= i < tool_end:
+            away_u, away_v = du - dturn * (hit[3] - v), dv + dturn * (hit[2] - u)
+        yielding = i if i < count else -1
+        _resolve(
+            state, before, yields, lever2, yielding, j, hit, depth, slip, away_u, away_v, press
+        )
+        _follow(things, state, j, at, corners, normals)
+        if yielding >= 0:
+            _follow(things, state, yielding, at, corners, normals)
+    return worst
+
+
+@kernel
 def pushed(  # type: ignore[no-untyped-def]
     path, tool, things, state, yields, lever2, walls, slip, most, hardest, report
 ):
@@ -168,80 +260,46 @@ def pushed(  # type: ignore[no-untyped-def]
     """
     first_u, first_v = state[0, 0], state[0, 1]
     count, parts = state.shape[0], tool.size.shape[0]
-    bodies = count + parts + walls.size.shape[0]
-    corners, normals = np.empty((bodies, CORNERS, 2)), np.empty((bodies, CORNERS, 2))
-    size, radius = np.empty(bodies, dtype=np.int64), np.empty(bodies)
-    at, boxes = np.zeros((bodies, 2)), np.empty((bodies, 4))
-    pairs = np.empty((count * bodies, 2), dtype=np.int64)
-    last = np.zeros(count * bodies, dtype=np.int64)
+    total = count + parts + walls.size.shape[0]
+    bodies = _Bodies(
+        np.empty((total, CORNERS, 2)), np.empty((total, CORNERS, 2)),
+        np.empty(total, dtype=np.int64), np.empty(total), np.zeros((total, 2)),
+        np.empty((total, 4)),
+    )  # fmt: skip
+    pairs = np.empty((count * total, 2), dtype=np.int64)
+    last = np.zeros(count * total, dtype=np.int64)
     before, seen, hit, press = state.copy(), state.copy(), np.empty(4), np.zeros(count)
-    for b in range(count):
-        size[b], radius[b] = things.size[b], things.radius[b]
-        _follow(things, state, b, at, corners, normals)
-    for h in range(parts):
-        size[count + h], radius[count + h] = tool.size[h], tool.radius[h]
-    for w in range(walls.size.shape[0]):
-        b = count + parts + w
-        size[b], radius[b], boxes[b] = walls.size[w], walls.radius[w], walls.box[w]
-        corners[b], normals[b] = walls.corners[w], walls.normals[w]
+    _outlines(things, tool, walls, state, bodies)
     n, gone, shifted = -1, 0.0, 0.0
-    report[:] = 0.0
+    report[0] = report[1] = report[2] = 0.0
     for t in range(path.shape[0]):
         u, v, turn = path[t, 0], path[t, 1], path[t, 2]
         past = max(t - 1, 0)
         du, dv, dturn = u - path[past, 0], v - path[past, 1], turn - path[past, 2]
         moved = math.sqrt(du * du + dv * dv)
-        for h in range(count, count + parts):
-            at[h, 0], at[h, 1] = u, v
-            if t == 0 or dturn != 0.0:
-                placed(tool, h - count, u, v, turn, corners, normals, h)
-                bounds(corners, size[h], h, boxes)
-                continue
-            for k in range(size[h]):
-                corners[h, k, 0] += du
-                corners[h, k, 1] += dv
-            boxes[h, 0], boxes[h, 2] = boxes[h, 0] + du, boxes[h, 2] + du
-            boxes[h, 1], boxes[h, 3] = boxes[h, 1] + dv, boxes[h, 3] + dv
+        _lead(tool, count, bodies, u, v, turn, du, dv, t == 0 or dturn != 0.0)
         gone += moved
         if n < 0 or dturn != 0.0 or max(gone, shifted) > 0.35 * AHEAD:
-            n = _near(at, radius, boxes, count, parts, pairs)
+            n = _near(bodies.at, bodies.radius, bodies.boxes, count, parts, pairs)
             gone = shifted = 0.0
             last[:n] = 0
-            seen[:] = state
-        before[:] = state
+            _copy(state, seen)
+        _copy(state, before)
         press[:] = 0.0
         worst = 0.0
         for _ in range(SWEEPS):
-            worst = 0.0
-            for p in range(n):
-                i, j = pairs[p, 0], pairs[p, 1]
-                if i < count:
-                    reach = radius[i] + radius[j]
-                    su, sv = at[j, 0] - at[i, 0], at[j, 1] - at[i, 1]
-                    if su * su + sv * sv > reach * reach:
-                        continue
-                elif outside(boxes, i, at[j, 0], at[j, 1], radius[j]):
-                    continue
-                depth = contact(corners, normals, size, at, radius, i, j, last, p, hit)
-                if depth <= 0.0:
-                    continue
-                worst = max(worst, depth)
-                away_u = away_v = 0.0
-                if count <= i < count + parts:
-                    away_u, away_v = du - dturn * (hit[3] - v), dv + dturn * (hit[2] - u)
-                yielding = i if i < count else -1
-                _resolve(
-                    state, before, yields, lever2, yielding, j, hit, depth, slip, away_u, away_v,
-                    press,
-                )  # fmt: skip
-                _follow(things, state, j, at, corners, normals)
-                if yielding >= 0:
-                    _follow(things, state, yielding, at, corners, normals)
-            if worst < SETTLED:
+            worst = _sweep(
+                things, state, before, yields, lever2, bodies, pairs, n, last, count + parts,
+                (u, v, du, dv, dturn), slip, hit, press,
+            )  # fmt: skip
+            if worst < NO_OVERLAP:
                 break
         report[1] = max(report[1], worst)
         if moved > 1e-6:
-            report[0] = max(report[0], press.max() / moved)
+            hardest_now = 0.0
+            for b in range(count):
+                hardest_now = max(hardest_now, press[b])
+            report[0] = max(report[0], hardest_now / moved)
         report[2] = (t + 1.0) / path.shape[0]
         off = math.sqrt((state[0, 0] - first_u) ** 2 + (state[0, 1] - first_v) ** 2)
         if worst > JAMMED or off > most or report[0] > hardest:
@@ -249,3 +307,11 @@ def pushed(  # type: ignore[no-untyped-def]
         for b in range(count):
             step = max(abs(state[b, 0] - seen[b, 0]), abs(state[b, 1] - seen[b, 1]))
             shifted = max(shifted, step)
+
+
+@inner
+def _copy(state, out):  # type: ignore[no-untyped-def]
+    """Copy poses (B, 3)."""
+    for b in range(state.shape[0]):
+        for k in range(3):
+            out[b, k] = state[b, k]

@@ -19,39 +19,26 @@ from itertools import islice, product
 from typing import Literal, get_args
 
 import numpy as np
-from numba import njit
 
 from optipromp.arrays import FloatArray
+from optipromp.compiled import inner, kernel
 from optipromp.errors import InvalidRequestError
+from optipromp.pushing.parameters import PUSH
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene, SceneObject
 
 DriftRule = Literal["shortest", "lateral-plane", "paper"]
 Window = Literal["rim", "paper"]
-RELEASE = 0.5  # radii past a pushable's centre at which the rim may come back
-UNDER = 0.006  # [m] that a rim, tilted a little, stays under a fruit it crosses beneath
-ROOM_TO_TURN = 0.02  # [m] of height to go from one side to another
-ALIKE = 0.7  # cosine from which two directions are one
-LEAST_INCLINATION = np.deg2rad(1.0)
-UPRIGHT = np.deg2rad(4.0)  # a stem that leans less stands in no side's way
-WIDEST_TURN = np.deg2rad(60.0)  # from straight away from the stem
-CENTRED = 0.5  # gripper radii from the approach line within which a fruit gives no direction
-MOST_CHOICES = 8
-CLEARANCE = 0.8  # radii of a pushable, how much farther than R_gripper the rule's path passes it
-SEARCH_RADIUS = 0.2  # [m]
-PLANE_FACTOR = 1.5  # D_plane = PLANE_FACTOR · R_gripper
-UNSURE = 2.0  # deviations of a detection by which a pushable may be farther from the approach line
-LEVEL = 0.001  # [m] between the heights that are looked at
-SWEEPS = 40
-SAME = 2e-6  # [m] between points that are one
+RULE = PUSH.rule
+RULE_SWEEPS = RULE.sweeps
 
 
 def neighbours(
     scene: Scene,
     gripper_radius: float,
     *,
-    search_radius: float = SEARCH_RADIUS,
-    plane_factor: float = PLANE_FACTOR,
+    search_radius: float = RULE.search_radius,
+    plane_factor: float = RULE.plane_factor,
 ) -> tuple[SceneObject, ...]:
     """Pushables before the target along z_g and near the approach line, first met first.
 
@@ -62,7 +49,7 @@ def neighbours(
         plane_factor: D_plane in gripper radii, the largest distance from the approach line.
 
     Where target or pushable carry a covariance, the largest distance from the approach line grows
-    by :data:`UNSURE` standard deviations of their distance.
+    by two standard deviations of their distance.
 
     Returns:
         The neighbours by position along z_g; ties by nearness to the target.
@@ -78,7 +65,7 @@ def neighbours(
         aside = math.hypot(off @ x_g, off @ y_g)
         distance = math.hypot(*off)
         doubt = math.sqrt(detection_variance(target) + detection_variance(thing))
-        wide = plane_factor * gripper_radius + UNSURE * doubt
+        wide = plane_factor * gripper_radius + RULE.unsure * doubt
         if along < 0.0 and distance <= search_radius and aside <= wide:
             found.append((along, distance, thing.id, thing))
     return tuple(thing for *_, thing in sorted(found, key=lambda f: f[:3]))
@@ -114,7 +101,7 @@ def stem_side(
         return None
     x_g, y_g, _ = scene.frame
     stem = thing.stem.vector
-    least = np.sin(LEAST_INCLINATION) * float(np.linalg.norm(stem))
+    least = np.sin(np.deg2rad(RULE.least_inclination)) * float(np.linalg.norm(stem))
     if rule == "paper":
         share = float(y_g @ stem)
         return None if abs(share) < least else np.asarray(-np.sign(share) * y_g)
@@ -126,12 +113,12 @@ def stem_side(
     off = scene.target.position - thing.position
     inwards = (x_g @ off) * x_g + (y_g @ off) * y_g
     distance = float(np.linalg.norm(inwards))
-    if distance <= max(CENTRED * gripper_radius, 1e-6):
+    if distance <= max(RULE.centred * gripper_radius, 1e-6):
         return away
     inwards = inwards / distance
-    if away is None or length < np.sin(UPRIGHT) * float(np.linalg.norm(stem)):
+    if away is None or length < np.sin(np.deg2rad(RULE.upright)) * float(np.linalg.norm(stem)):
         return np.asarray(inwards)
-    return _towards(away, inwards, WIDEST_TURN)
+    return _towards(away, inwards, float(np.deg2rad(RULE.widest_turn)))
 
 
 def _towards(start: FloatArray, goal: FloatArray, most: float) -> FloatArray:
@@ -168,17 +155,17 @@ def passing_windows(
     up = scene.frame[2]
     heights = np.array([thing.position @ up for thing in things])
     capture = float(scene.target.position @ up) - depth - scene.target.radius
-    wanted = [capture - ROOM_TO_TURN]
+    wanted = [capture - RULE.room_to_turn]
     out = np.empty((len(things), 2))
     for n in range(len(things) - 1, -1, -1):
-        released = -depth + RELEASE * radii[n]
+        released = -depth + RULE.release * radii[n]
         elsewhere = [
-            heights[m] - depth - radii[m] - UNDER - ROOM_TO_TURN
+            heights[m] - depth - radii[m] - RULE.under - RULE.room_to_turn
             for m in range(n + 1, len(things))
-            if float(directions[m] @ directions[n]) < ALIKE
+            if float(directions[m] @ directions[n]) < RULE.alike
         ]
         free = min([*wanted, *elsewhere]) - heights[n]
-        out[n] = -depth - radii[n] - UNDER, min(radii[n], max(free, released))
+        out[n] = -depth - radii[n] - RULE.under, min(radii[n], max(free, released))
     return out
 
 
@@ -191,7 +178,7 @@ def drift_choices(
     depth: float = 0.0,
     gripper_radius: float = 0.0,
 ) -> tuple[Drift, ...]:
-    """Every combination of sides the tool may pass ``things`` on, at most :data:`MOST_CHOICES`.
+    """Every combination of sides the tool may pass ``things`` on, at most eight.
 
     A stem that leans decides its side; a vertical one, or none, leaves both ways along y_g open.
     The first choice leaves the approach line least. ``window`` and ``depth``: see
@@ -216,7 +203,7 @@ def drift_choices(
         away = float(y_g @ (scene.target.position - thing.position))
         first = 1.0 if away >= 0.0 else -1.0
         options.append([first * y_g, -first * y_g])
-    chosen = islice(product(*options), MOST_CHOICES)
+    chosen = islice(product(*options), RULE.most_choices)
     return tuple(
         Drift(
             tuple(thing.id for thing in things),
@@ -237,8 +224,8 @@ def rule_paths(
     radii = np.array([thing.radius for thing in things])
     return [
         path_past(
-            drift, robot.gripper_radius + CLEARANCE * radii, scene.target.position, scene.frame,
-            camera, max(depth + scene.target.radius, 0.0),
+            drift, robot.gripper_radius + PUSH.hanging.clearance * radii, scene.target.position,
+            scene.frame, camera, max(depth + scene.target.radius, 0.0),
         )
         for drift in drift_choices(
             scene, things, "shortest", depth=depth, gripper_radius=robot.gripper_radius
@@ -269,7 +256,7 @@ def path_past(
     heights, flat = centers @ up, centers @ lateral.T
     directions = drift.directions @ lateral.T
     bottom = float((camera - goal) @ up)
-    levels = np.arange(bottom, -capture, LEVEL)
+    levels = np.arange(bottom, -capture, RULE.level)
     local = np.empty((2 * len(levels) + 3, 3))
     local[0, :2], local[0, 2] = (camera - goal) @ lateral.T, bottom
     aside = flat + offsets[:, None] * directions
@@ -284,7 +271,7 @@ def path_past(
     return np.asarray(goal + local[:, :2] @ lateral + local[:, 2:] * up)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _corners(levels, windows, heights, flat, directions, offsets, farthest, corners):  # type: ignore[no-untyped-def]
     """Corners (k, 3) after the first, in place, where windows begin and end; returns their number.
 
@@ -308,8 +295,8 @@ def _corners(levels, windows, heights, flat, directions, offsets, farthest, corn
         if not (has_last and same):
             _aside(flat, directions, offsets, inside, farthest, p)
             apart = max(abs(p[0] - last[0]), abs(p[1] - last[1]))
-            if not has_last or apart > SAME:
-                last[:] = p
+            if not has_last or apart > 2e-6:  # [m]: not the same point
+                last[0], last[1] = p[0], p[1]
                 corners[count, 0], corners[count, 1], corners[count, 2] = p[0], p[1], levels[i]
                 count += 1
                 corners[count, 0], corners[count, 1] = p[0], p[1]
@@ -319,7 +306,7 @@ def _corners(levels, windows, heights, flat, directions, offsets, farthest, corn
     return count
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _aside(flat, directions, offsets, active, farthest, p):  # type: ignore[no-untyped-def]
     """``p`` (2,): the point nearest to the approach line that is aside of all ``active`` (N,).
 
@@ -327,8 +314,8 @@ def _aside(flat, directions, offsets, active, farthest, p):  # type: ignore[no-u
     ask for opposite sides, the point would flee to where their half-planes meet; a compromise is
     nearer.
     """
-    p[:] = 0.0
-    for _ in range(SWEEPS):
+    p[0] = p[1] = 0.0
+    for _ in range(RULE_SWEEPS):
         x, y = p[0], p[1]
         for k in range(flat.shape[0]):
             if not active[k]:
@@ -340,6 +327,7 @@ def _aside(flat, directions, offsets, active, farthest, p):  # type: ignore[no-u
                 p[1] += short * dy
                 away = math.sqrt(p[0] * p[0] + p[1] * p[1])
                 if away > farthest:
-                    p *= farthest / away
+                    p[0] *= farthest / away
+                    p[1] *= farthest / away
         if p[0] == x and p[1] == y:
             break

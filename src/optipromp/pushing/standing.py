@@ -14,14 +14,16 @@ from optipromp.arrays import FloatArray
 from optipromp.geometry.shapes import Box, Cylinder
 from optipromp.pushing.flat import Shapes, clear, shapes
 from optipromp.pushing.model import Moved, PushModel, Round, Schedule
+from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import STEP, ToolPath, through
-from optipromp.pushing.quasi_static import JAMMED, Result, push
+from optipromp.pushing.quasi_static import JAMMED, Pushed, push
 from optipromp.pushing.trials import (
     BACK,
+    BEHIND,
+    BEYOND,
     HEAVY,
-    INSIDE,
     LIGHT,
-    STILL,
+    MOVED,
     TIGHT,
     WIDE,
     Bench,
@@ -31,28 +33,11 @@ from optipromp.pushing.trials import (
 from optipromp.robots.tool_protocol import Tool
 from optipromp.scenes.scene import Scene, SceneObject
 
-EVERY = 4  # points of a path between two steps of the model
-SPEED = 0.015  # [m/s] of the tool: packs are pushed, not knocked
-SIDEWAYS = 0.12  # [m] the path leads aside at most
-CORNERS = (3, 4)  # of a path, besides its ends: in the first run of the search, and after it
-SPREAD = (0.05, 0.06)  # [m] of a corner along u and v
-SAMPLES = 30  # states besides the perceived one
-GOOD = 1.2  # a harm that needs no less
-THRESHOLD = 4.0  # a harm above which a plan is no success; see docs/studies.md
-SLIPPERY = 0.4, 1.4  # the friction in the states, in that which is taken for granted
+STANDING = PUSH.standing
 SCHEDULE = Schedule(
     rounds=(Round(300, 1), *[Round(150, 1)] * 4, *[Round(50, 4)] * 3), runs=5, kept=20, screened=3,
-    states=1 + SAMPLES, fresh=0.0, lenient=1.09,
+    states=1 + STANDING.samples, fresh=0.0, lenient=1.09,
 )  # fmt: skip
-GRAVITY, FRICTION, DENSITY = 9.81, 0.4, 600.0  # what the planner takes for granted of packs
-UPRIGHT = np.cos(np.deg2rad(5.0))
-LEVEL = np.sin(np.deg2rad(5.0))
-BEFORE = 0.025  # [m] before everything, where the tool point enters
-LOW = 0.006  # [m] over the board that the hand's cover spheres go, so that packs do not topple
-TOUCHING = 0.01  # [m] between the target and the board that it stands on
-AROUND = 1.0  # [m] about the target within which things are looked at
-MOST = 100  # pushables that are; every trial asks each of them for every other
-UNSURE = 0.006  # [m] deviation of a thing that the scene states no covariance of
 
 
 class Standing(PushModel):
@@ -65,7 +50,13 @@ class Standing(PushModel):
         seed: of the sampled states.
     """
 
-    speed, good, threshold, states, schedule = SPEED, GOOD, THRESHOLD, 1 + SAMPLES, SCHEDULE
+    speed, good, threshold, states, schedule = (
+        STANDING.speed,
+        STANDING.good,
+        STANDING.threshold,
+        1 + STANDING.samples,
+        SCHEDULE,
+    )
 
     def __init__(
         self, scene: Scene, tool: Tool, behind: Sequence[FloatArray] = (), seed: int = 0
@@ -79,21 +70,23 @@ class Standing(PushModel):
         self.bench = self.board.bench(tool, behind)
         rng = np.random.default_rng(seed)
         self._places = np.tile(self.board.state, (self.states, 1, 1))
-        errors = rng.standard_normal((SAMPLES, len(self.board.state), 2))
+        errors = rng.standard_normal((STANDING.samples, len(self.board.state), 2))
         self._places[1:, :, :2] += self.board.deviation[:, None] * errors
-        self._slips = FRICTION * np.append(1.0, rng.uniform(*SLIPPERY, SAMPLES))
+        self._slips = PUSH.plane.friction * np.append(
+            1.0, rng.uniform(STANDING.slippery_least, STANDING.slippery_most, STANDING.samples)
+        )
 
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
         """See :class:`PushModel`; the costs are those of :mod:`optipromp.pushing.trials`."""
-        chosen = np.append(np.arange(0, len(points) - 1, EVERY), len(points) - 1)
+        chosen = np.append(np.arange(0, len(points) - 1, STANDING.every), len(points) - 1)
         flat = np.ascontiguousarray((points[chosen] - self.target) @ self.frame[[2, 1]].T)
         return float(cost(self.bench, flat, self._places[:states], self._slips[:states], limit))
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """See :class:`PushModel`."""
-        chosen = np.append(np.arange(0, len(points) - 1, EVERY), len(points) - 1)
+        chosen = np.append(np.arange(0, len(points) - 1, STANDING.every), len(points) - 1)
         flat = np.ascontiguousarray((points[chosen] - self.target) @ self.frame[[2, 1]].T)
         one = [
             float(cost(self.bench, flat, self._places[n : n + 1], self._slips[n : n + 1], np.inf))
@@ -101,7 +94,7 @@ class Standing(PushModel):
         ]
         worst = int(np.argmax(one))
         before, bench = self._places[worst], self.bench
-        path = stepped(flat, EVERY * STEP)
+        path = stepped(flat, STANDING.every * STEP)
         end = self._end(path, worst)
         palm, tip, half = bench.mouth
         u, v = end.state[1:, 0], end.state[1:, 1]
@@ -118,12 +111,12 @@ class Standing(PushModel):
         room = clear(path, 5, bench.hand, bench.walls, WIDE) if len(bench.walls.size) else WIDE
         deep = max(0.0, float(end.state[0, 0]) - 0.4 * tip)
         costs = (  # as of trials.cost
-            ((deep / 0.002) ** 2, self.names[0],
+            ((deep / BEYOND) ** 2, self.names[0],
              f"is {1e3 * end.state[0, 0]:.0f} mm beyond the tool point at the end"),
-            ((moved[0] / STILL) ** 2, self.names[0], f"is pushed by {1e3 * moved[0]:.0f} mm"),
+            ((moved[0] / MOVED) ** 2, self.names[0], f"is pushed by {1e3 * moved[0]:.0f} mm"),
             ((max(0.0, end.force - LIGHT) / HEAVY) ** 2, self.names[int(np.argmax(moved))],
              f"is pushed with {end.force:.0f} N"),
-            ((max(0.0, INSIDE - behind) / BACK) ** 2, self.names[over],
+            ((max(0.0, BEHIND - behind) / BACK) ** 2, self.names[over],
              f"ends {1e3 * behind:.0f} mm behind the front of the board"),
             (((WIDE - room) / TIGHT) ** 2, "",
              f"the hand comes within {1e3 * max(room, 0.0):.0f} mm of a wall"),
@@ -134,11 +127,11 @@ class Standing(PushModel):
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`."""
         flat = np.ascontiguousarray((points - self.target) @ self.frame[[2, 1]].T)
-        end = self._end(stepped(flat, EVERY * STEP), 0)
+        end = self._end(stepped(flat, STANDING.every * STEP), 0)
         shift = (end.state - self._places[0])[:, :2] @ self.frame[[2, 1]]
         return Moved(tuple(self.names), self._seen + shift, end.state[:, 2])
 
-    def _end(self, path: FloatArray, state: int) -> Result:
+    def _end(self, path: FloatArray, state: int) -> Pushed:
         """What the hand, led along poses (T, 3), does to one of the states."""
         bench = self.bench
         return push(
@@ -151,11 +144,11 @@ class Standing(PushModel):
         entry, drop = self.board.entry, self.board.drop
         corners = np.vstack([[entry, x[0]], x[1:].reshape(-1, 2), [0.0, 0.0]])
         corners[:, 0] = np.clip(corners[:, 0], entry, 0.0)
-        corners[:, 1] = np.clip(corners[:, 1], -SIDEWAYS, SIDEWAYS)
+        corners[:, 1] = np.clip(corners[:, 1], -STANDING.sideways, STANDING.sideways)
         low = np.column_stack([corners, np.full(len(corners), drop)])
         if drop != 0.0:  # up, where it ends
             low = np.vstack([low, [0.0, 0.0, 0.0]])
-        return through(self.target + low @ self.frame[[2, 1, 0]], SPEED)
+        return through(self.target + low @ self.frame[[2, 1, 0]], STANDING.speed)
 
     def aside(self, x: FloatArray, path: ToolPath) -> float:
         """Nothing: the costs know of walls and length."""
@@ -167,10 +160,12 @@ class Standing(PushModel):
 
     def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
         """About the straight line from the entry."""
-        corners = CORNERS[min(run, 1)]
+        corners = STANDING.first_corners if run == 0 else STANDING.corners
         shares = np.linspace(1.0, 0.0, corners + 2)[1:-1]
         line = np.ravel([[share * self.board.entry, 0.0] for share in shares])
-        return np.append(0.0, line), np.append(SPREAD[1], np.tile(SPREAD, corners))
+        return np.append(0.0, line), np.append(
+            STANDING.spread_aside, np.tile([STANDING.spread_along, STANDING.spread_aside], corners)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +210,9 @@ def applies(scene: Scene, tool: Tool | None) -> bool:
         return False
     stands = any(thing.stem is None for thing in scene.pushables)
     _, y_g, z_g = scene.frame
-    return stands and bool(max(abs(float(z_g[2])), abs(float(y_g[2]))) < LEVEL)
+    return stands and bool(
+        max(abs(float(z_g[2])), abs(float(y_g[2]))) < np.sin(np.deg2rad(STANDING.tilt))
+    )
 
 
 def plane(scene: Scene, tool: Tool) -> Plane:
@@ -227,11 +224,11 @@ def plane(scene: Scene, tool: Tool) -> Plane:
     flat = np.array([frame[[2, 1]] @ (thing.position - target.position) for thing in standing])
     tall = np.array([2.0 * _half_height(thing, frame) for thing in standing])
     walls, edge, drop = [], -np.inf, 0.0
-    thick = float(tool.spheres()[:, 3].max()) + LOW
+    thick = float(tool.spheres()[:, 3].max()) + STANDING.low
     bottom = _half_height(target, frame)
     level = np.abs((scene.positions - target.position) @ frame[0]) - scene.bounds
-    around = scene.around(target.position, AROUND, "static")
-    for thing in scene.things(around[level[around] < bottom + TOUCHING]):
+    around = scene.around(target.position, STANDING.around, "static")
+    for thing in scene.things(around[level[around] < bottom + STANDING.touching]):
         if not isinstance(thing.shape, Box):
             continue
         height = float(frame[0] @ (thing.position - target.position))
@@ -241,7 +238,7 @@ def plane(scene: Scene, tool: Tool) -> Plane:
         at = part + frame[[2, 1]] @ (thing.position - target.position)
         if abs(height) < half:
             walls.append(at)
-        elif abs(abs(height) - half - bottom) < TOUCHING and _covers(at):
+        elif abs(abs(height) - half - bottom) < STANDING.touching and _covers(at):
             edge = max(edge, float(at[:, 0].min()))
             drop = np.sign(height) * max(0.0, abs(height) - half - thick)
     things = shapes(list(parts))
@@ -251,25 +248,26 @@ def plane(scene: Scene, tool: Tool) -> Plane:
     return Plane(
         things, np.column_stack([flat, np.zeros(len(flat))]),
         np.array([_deviation(thing) for thing in standing]),
-        FRICTION * DENSITY * GRAVITY * np.array(area) * tall, np.array(lever), shapes(walls), edge,
-        begin - BEFORE - (tool.tip - tool.reach), float(drop),
+        PUSH.plane.friction * PUSH.plane.density * PUSH.beam.gravity * np.array(area) * tall,
+        np.array(lever), shapes(walls), edge,
+        begin - STANDING.before - (tool.tip - tool.reach), float(drop),
     )  # fmt: skip
 
 
 def _packs(scene: Scene, target: SceneObject) -> tuple[SceneObject, ...]:
     """The pushables that stand around the target, in file order; the nearest of too many."""
-    rows = scene.around(target.position, AROUND, "pushable")
+    rows = scene.around(target.position, STANDING.around, "pushable")
     rows = rows[[thing.stem is None for thing in scene.things(rows)]]
-    if len(rows) > MOST:
+    if len(rows) > STANDING.most:
         away = np.linalg.norm(scene.positions[rows] - target.position, axis=1)
-        rows = np.sort(rows[np.argsort(away, kind="stable")[:MOST]])
+        rows = np.sort(rows[np.argsort(away, kind="stable")[: STANDING.most]])
     return scene.things(rows)
 
 
 def _deviation(thing: SceneObject) -> float:
     if thing.covariance is None:
-        return UNSURE
-    return max(UNSURE, float(np.sqrt(np.max(np.diag(thing.covariance)))))
+        return STANDING.unsure
+    return max(STANDING.unsure, float(np.sqrt(np.max(np.diag(thing.covariance)))))
 
 
 def _half_height(thing: SceneObject, frame: FloatArray) -> float:
@@ -289,7 +287,9 @@ def _footprint(thing: SceneObject, frame: FloatArray) -> tuple[FloatArray | floa
     0.81 of half its diagonal.
     """
     shape = thing.shape
-    if isinstance(shape, Cylinder) and abs(float(thing.rotation[:, 2] @ frame[0])) > UPRIGHT:
+    if isinstance(shape, Cylinder) and abs(float(thing.rotation[:, 2] @ frame[0])) > np.cos(
+        np.deg2rad(STANDING.tilt)
+    ):
         return shape.radius, np.pi * shape.radius**2, shape.radius
     if isinstance(shape, Box):
         signs = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)])

@@ -8,20 +8,19 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from optipromp.arrays import FloatArray
+from optipromp.compiled import kernel
 from optipromp.pushing.flat import Shapes, clear
+from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.quasi_static import pushed
 
-STEP = 0.004  # [m] of the model
-FAR = 0.03  # [m] that the target may move before a trial is given up
-WORST = 25.0  # a trial that fails costs this, and more the earlier it does
-STILL = 0.008  # [m] that the target moves for a cost of 1
-LIGHT, HEAVY = 3.0, 2.5  # [N] of force that costs nothing, and beyond it for a cost of 1
-WIDE, TIGHT = 0.016, 0.004  # [m] to a wall that cost nothing, and less than these for a cost of 1
-INSIDE, BACK = 0.01, 0.005  # [m] behind the board's edge: as above
-TAKEN = 10.0  # cost of another thing between the fingers
+MODEL_STEP = PUSH.pack.step
+FAR, WORST, MOVED = PUSH.pack.far, PUSH.pack.worst, PUSH.pack.moved
+LIGHT, HEAVY = PUSH.pack.light, PUSH.pack.heavy
+WIDE, TIGHT = PUSH.pack.wide, PUSH.pack.tight
+BEHIND, BACK = PUSH.pack.behind, PUSH.pack.back
+BEYOND, JAM, TAKEN = PUSH.pack.beyond, PUSH.pack.jam, PUSH.pack.taken
 
 
 class Bench(NamedTuple):
@@ -45,7 +44,7 @@ class Bench(NamedTuple):
     edge: float
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def stepped(corners, step):  # type: ignore[no-untyped-def]
     """Poses (T, 3) along a way (k, 2) in equal steps, at most ``step``; the hand does not turn."""
     total = 0.0
@@ -67,7 +66,7 @@ def stepped(corners, step):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def cost(bench, corners, states, slips, limit):  # type: ignore[no-untyped-def]
     """Mean cost of a way over trials, or infinity where it is sure to be more than ``limit``.
 
@@ -80,7 +79,7 @@ def cost(bench, corners, states, slips, limit):  # type: ignore[no-untyped-def]
         slips: (N,) coefficients of friction between things, and with the tool.
         limit: a mean cost.
     """
-    path = stepped(corners, STEP)
+    path = stepped(corners, MODEL_STEP)
     always = 0.001 * path.shape[0]
     if len(bench.walls.size):
         near = max(0.0, WIDE - clear(path, 5, bench.hand, bench.walls, WIDE))
@@ -103,13 +102,13 @@ def cost(bench, corners, states, slips, limit):  # type: ignore[no-untyped-def]
             total += WORST * (2.0 - done)
             continue
         moved_u, moved_v = end[0, 0] - states[n, 0, 0], end[0, 1] - states[n, 0, 1]
-        one = (moved_u * moved_u + moved_v * moved_v) / (STILL * STILL)
-        one += (max(0.0, end[0, 0] - 0.4 * tip) / 0.002) ** 2
-        one += (jam / 0.002) ** 2 + (max(0.0, force - LIGHT) / HEAVY) ** 2
+        one = (moved_u * moved_u + moved_v * moved_v) / (MOVED * MOVED)
+        one += (max(0.0, end[0, 0] - 0.4 * tip) / BEYOND) ** 2
+        one += (jam / JAM) ** 2 + (max(0.0, force - LIGHT) / HEAVY) ** 2
         for b in range(1, len(end)):
             u, v = end[b, 0], end[b, 1]
             if palm < u < tip and abs(v) < half:
                 one += TAKEN
-            one += (max(0.0, bench.edge + INSIDE - u) / BACK) ** 2
+            one += (max(0.0, bench.edge + BEHIND - u) / BACK) ** 2
         total += min(one, 2.0 * WORST)
     return always + total / trials

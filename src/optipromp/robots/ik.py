@@ -22,8 +22,8 @@ from optipromp.robots.kernels import PRISMATIC, chain_frames, tool_rows
 from optipromp.robots.model import Robot
 
 AXIS_LENGTH = 0.3  # [m] lever that weighs an axis error against a position error
-POSITION_TOLERANCE = 1e-6  # [m]
-AXIS_TOLERANCE = 1e-6  # [rad]
+POSITION_SOLVED = 1e-6  # [m]
+AXIS_SOLVED = 1e-6  # [rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,7 +285,7 @@ def solve(
         AXIS_LENGTH**2 if axis is not None else 0.0, lower, upper, center, weight, iterations,
         q, position_error, axis_error,
     )  # fmt: skip
-    good = (position_error < POSITION_TOLERANCE) & (axis_error < AXIS_TOLERANCE)
+    good = (position_error < POSITION_SOLVED) & (axis_error < AXIS_SOLVED)
     rested = robot.home if rest is None else rest
     turning = _turning(robot)
     q = _at_rest(robot, q[good], rested, axis is not None)

@@ -8,15 +8,15 @@ import numpy as np
 from optipromp.arrays import FloatArray, IntArray, frozen
 from optipromp.robots.model import Robot
 
-SAMPLES = 200
+SAMPLED_POSTURES = 200
 _CHUNK = 1_000_000
 
 
 def with_self_pairs(robot: Robot, allowed: Collection[tuple[str, str]] = ()) -> Robot:
     """The robot with its self-collision pairs: spheres of links two or more joints apart.
 
-    Left out are the pairs of links in ``allowed``, and those that overlap at every one of SAMPLES
-    random configurations (fixed seed): covers that always meet tell nothing.
+    Left out are the pairs of links in ``allowed``, and those that overlap at every one of
+    SAMPLED_POSTURES random configurations (fixed seed): covers that always meet tell nothing.
     """
     pairs = candidate_pairs(robot, allowed)
     return replace(robot, self_pairs=frozen(drop_always_touching(robot, pairs), np.int64))
@@ -46,7 +46,7 @@ def drop_always_touching(robot: Robot, pairs: IntArray) -> IntArray:
     rng = np.random.default_rng(0)
     low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
     high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
-    samples = rng.uniform(low, high, size=(SAMPLES, robot.n_joints))
+    samples = rng.uniform(low, high, size=(SAMPLED_POSTURES, robot.n_joints))
     link = robot.spheres.link
     code = link[pairs[:, 0]] * len(robot.link_names) + link[pairs[:, 1]]
     kept = np.arange(len(pairs))  # pairs of links that have touched in every sample so far

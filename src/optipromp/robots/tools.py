@@ -42,9 +42,13 @@ FINGER = {  # boxes of an open finger: x, y, z of the centre, three half edges [
 }
 PADS = FINGER["pad"]
 HAND_SPHERES = (  # y, z, radius [m]: five of the palm, then the finger at y > 0 from its own frame
-    (0.0, 0.036, 0.0378), (0.024, 0.008, 0.043), (0.068, 0.004, 0.04),
-    (0.04, 0.04, 0.0369), (0.076, 0.04, 0.0359),
-    (0.012, 0.016, 0.025), (0.008, 0.036, 0.0212),
+    (0.0, 0.036, 0.0378),
+    (0.024, 0.008, 0.043),
+    (0.068, 0.004, 0.04),
+    (0.04, 0.04, 0.0369),
+    (0.076, 0.04, 0.0359),
+    (0.012, 0.016, 0.025),
+    (0.008, 0.036, 0.0212),
 )  # fmt: skip; made by scripts/fit_cover.py from the meshes of franka_description
 WALLS = 16  # flat pieces of a cup's wall
 

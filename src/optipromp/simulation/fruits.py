@@ -33,7 +33,7 @@ WELD_IMPEDANCE = [
 
 
 @dataclass(frozen=True, eq=False)
-class Hanging:
+class BuiltFruit:
     """A fruit as it was built; what is needed to find it in the model and to hold it up.
 
     Attributes:
@@ -85,7 +85,7 @@ def add_fruit(
     *,
     key: str | None = None,
     kind: str | None = None,
-) -> Hanging:
+) -> BuiltFruit:
     """Add a target or pushable: free, and where it has a stem, welded to the end of it."""
     mujoco = engine()
     check_physical(thing)
@@ -119,7 +119,7 @@ def add_fruit(
         geom.mass = mass / len(geoms)
     if thing.stem is None:
         none = frozen(np.zeros((0, 3)))
-        return Hanging(thing.id, key, mass, none, none, none, np.inf)
+        return BuiltFruit(thing.id, key, mass, none, none, none, np.inf)
     nodes = _nodes(thing, thing.stem, parameters)
     pieces = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
     p, gravity = parameters.stem, parameters.engine.gravity
@@ -138,7 +138,7 @@ def add_fruit(
     for k in range(len(nodes) - 1):
         spec.add_exclude(bodyname1=f"fruit:{key}", bodyname2=f"stem:{key}:{k}")
     force = thing.physical.get("abscission_force", parameters.stem.abscission_force)
-    return Hanging(
+    return BuiltFruit(
         thing.id, key, mass, frozen(nodes), frozen(grown), frozen(bare), force, kind is None
     )
 

@@ -1,64 +1,34 @@
 """Every physical number of the simulation: its unit, its default and where it comes from.
 
-Each field carries ``unit``, ``source`` and ``kind`` as metadata (:func:`catalogue` lists them):
-
-- ``measured``: by the people the source names;
-- ``reported``: a size that the harvesting literature gives again and again; we did not trace it to
-  one measurement;
-- ``published``: a manufacturer's or a model author's figure;
-- ``guess``: ours, of a plausible size; vary it before you rely on it;
-- ``choice``: of the simulation or the judge, not of nature.
+The groups have the form of :mod:`optipromp.parameters`; :func:`catalogue` lists them. What the push
+model has too is taken from there.
 """
 
+import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any, Literal
-
-import numpy as np
+from dataclasses import dataclass, field
+from typing import Literal
 
 from optipromp.errors import InvalidRequestError
-
-Kind = Literal["measured", "reported", "published", "guess", "choice"]
-
-
-def _parameter(default: Any, unit: str, kind: Kind, source: str) -> Any:
-    metadata = {"unit": unit, "kind": kind, "source": source}
-    if isinstance(default, dict):
-        return field(default_factory=lambda: dict(default), metadata=metadata)
-    return field(default=default, metadata=metadata)
-
-
-@dataclass(frozen=True)
-class Checked:
-    """Refuses numbers that are not finite or below zero (infinite where the unit allows)."""
-
-    def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                continue
-            unlimited = "or inf" in item.metadata.get("unit", "")
-            if not (np.isfinite(value) or (unlimited and value == np.inf)) or value < 0:
-                raise InvalidRequestError(
-                    f"{type(self).__name__}.{item.name} is {value}; it must be finite and not "
-                    f"negative [{item.metadata.get('unit', '')}]"
-                )
+from optipromp.parameters import Checked, Parameter, parameter
+from optipromp.parameters import catalogue as listed
+from optipromp.pushing.parameters import PUSH
 
 
 @dataclass(frozen=True)
 class FruitParameters(Checked):
     """Fruits: things with role target or pushable."""
 
-    density: float = _parameter(
-        950.0, "kg/m^3", "reported",
+    density: float = parameter(
+        PUSH.beam.fruit_density, "kg/m^3", "reported",
         "strawberries float barely; density reported as 0.9-1.0 g/cm^3. A sphere of radius 15 mm "
         "weighs 13 g, one of 20 mm 32 g: the 10-30 g of commercial fruit",
     )  # fmt: skip
-    friction: float = _parameter(
+    friction: float = parameter(
         0.4, "1", "guess", "fruit skin on plastics is reported between 0.2 and 0.6"
     )
-    rolling_friction: float = _parameter(1e-4, "m", "guess", "of things without a stem")
-    contact_time: float = _parameter(
+    rolling_friction: float = parameter(1e-4, "m", "guess", "of things without a stem")
+    contact_time: float = parameter(
         0.006, "s", "guess", "time constant of the contact: flesh gives about a millimetre at 10 N"
     )
 
@@ -67,41 +37,41 @@ class FruitParameters(Checked):
 class StemParameters(Checked):
     """Stems: peduncles as chains of capsules with elastic ball joints."""
 
-    diameter: float = _parameter(
-        0.0025, "m", "reported",
+    diameter: float = parameter(
+        PUSH.beam.diameter, "m", "reported",
         "strawberry peduncles are 2-3 mm thick; of the elastic beam (what collides has the scene's "
         "stem radius)",
     )  # fmt: skip
-    youngs_modulus: float = _parameter(
-        50e6, "Pa", "guess",
+    youngs_modulus: float = parameter(
+        PUSH.beam.youngs_modulus, "Pa", "guess",
         "green herbaceous stems and peduncles are reported between some 10 and some 100 MPa",
     )  # fmt: skip
-    density: float = _parameter(1000.0, "kg/m^3", "guess", "turgid green tissue: mostly water")
-    grown_turn: float = _parameter(
-        0.5, "rad", "guess",
+    density: float = parameter(1000.0, "kg/m^3", "guess", "turgid green tissue: mostly water")
+    grown_turn: float = parameter(
+        PUSH.beam.grown_turn, "rad", "guess",
         "how far a stem turns, root to tip, once nothing hangs on it. A stem that its scene shows "
         "off the vertical holds its fruit there; where the modulus alone would need more turn than "
         "this to have grown in, the stem is taken to be as stiff as this turn implies",
     )  # fmt: skip
-    damping_time: float = _parameter(
+    damping_time: float = parameter(
         0.06, "s", "guess",
         "joint damping over joint stiffness (Kelvin-Voigt): swings die within about a second",
     )  # fmt: skip
-    swing_damping: float = _parameter(
+    swing_damping: float = parameter(
         2e-4, "N m s/rad", "guess", "of the joint at the root: leaves and neighbours brake a swing"
     )
-    segment_length: float = _parameter(
+    segment_length: float = parameter(
         0.025, "m", "choice", "wanted length of one capsule of the chain"
     )
-    least_segments: int = _parameter(3, "1", "choice", "of the shortest stem")
-    most_segments: int = _parameter(10, "1", "choice", "of the longest stem")
-    armature: float = _parameter(
+    least_segments: int = parameter(3, "1", "choice", "of the shortest stem")
+    most_segments: int = parameter(10, "1", "choice", "of the longest stem")
+    armature: float = parameter(
         2e-6, "kg m^2", "choice",
         "inertia added to each joint so that a step of a millisecond resolves it; the fruit on "
         "50 mm of stem has 20 times as much",
     )  # fmt: skip
-    friction: float = _parameter(0.3, "1", "guess", "green stem on plastics")
-    abscission_force: float = _parameter(
+    friction: float = parameter(0.3, "1", "guess", "green stem on plastics")
+    abscission_force: float = parameter(
         5.0, "N", "reported",
         "pull along the stem that tears the fruit off; harvesting papers report a few newtons, "
         "less for ripe fruit and for pulls across the stem",
@@ -109,38 +79,40 @@ class StemParameters(Checked):
 
     def bending_stiffness(self) -> float:
         """EI of a round beam, E π d⁴ / 64 [N m²]."""
-        return self.youngs_modulus * np.pi * self.diameter**4 / 64.0
+        return self.youngs_modulus * math.pi * self.diameter**4 / 64.0
 
 
 @dataclass(frozen=True)
 class ThingParameters(Checked):
     """Things without stems (cans and boxes on a shelf), static things and neighbouring clusters."""
 
-    density: float = _parameter(
-        600.0,
+    density: float = parameter(
+        PUSH.plane.density,
         "kg/m^3",
         "guess",
         "of pushables without a stem that state no mass: part-filled packs",
     )
-    friction: float = _parameter(0.4, "1", "guess", "packs on a shelf, tool on packs and shelf")
-    contact_time: float = _parameter(0.004, "s", "choice", "time constant of hard contacts")
-    avoid_as: Literal["soft", "fruits"] = _parameter(
+    friction: float = parameter(
+        PUSH.plane.friction, "1", "guess", "packs on a shelf, tool on packs and shelf"
+    )
+    contact_time: float = parameter(0.004, "s", "choice", "time constant of hard contacts")
+    avoid_as: Literal["soft", "fruits"] = parameter(
         "soft", "", "choice",
         "a neighbouring cluster is a solid that yields (soft) or a real cluster of fruits on stems "
         "within the scene's shape (fruits)",
     )  # fmt: skip
-    cluster_stiffness: float = _parameter(
+    cluster_stiffness: float = parameter(
         200.0, "1/s^2", "guess", "of a soft cluster, per mass of what presses it"
     )
-    cluster_fruits: int = _parameter(6, "1", "guess", "fruits of a real neighbouring cluster")
-    cluster_stem: float = _parameter(0.15, "m", "guess", "length of the stems of a real cluster")
+    cluster_fruits: int = parameter(6, "1", "guess", "fruits of a real neighbouring cluster")
+    cluster_stem: float = parameter(0.15, "m", "guess", "length of the stems of a real cluster")
 
 
 @dataclass(frozen=True)
 class RobotParameters(Checked):
     """The arm; arrays by built-in robot's name, links in the order of the moving segments."""
 
-    masses: Mapping[str, tuple[float, ...]] = _parameter(
+    masses: Mapping[str, tuple[float, ...]] = parameter(
         {
             "panda": (4.970684, 0.646926, 3.228604, 3.587895, 1.225946, 1.666555, 0.735522),
             "scara": (12.0, 3.0, 2.0),
@@ -148,83 +120,83 @@ class RobotParameters(Checked):
         "kg", "measured",
         "panda: identified by Gaz et al. 2019 (10.1109/LRA.2019.2931248); scara: a guess",
     )  # fmt: skip
-    torques: Mapping[str, tuple[float, ...]] = _parameter(
+    torques: Mapping[str, tuple[float, ...]] = parameter(
         {"panda": (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0), "scara": (400.0, 60.0, 40.0)},
         "N m or N", "published", "panda: manufacturer's data; scara: a guess",
     )  # fmt: skip
-    link_density: float = _parameter(
+    link_density: float = parameter(
         800.0, "kg/m^3", "guess", "links of other robots: the volume of their body spheres"
     )
-    tool_mass: float = _parameter(
+    tool_mass: float = parameter(
         0.35, "kg", "guess", "of a tool without fingers: printed cup with its neck"
     )
-    hand_mass: float = _parameter(
+    hand_mass: float = parameter(
         0.73, "kg", "reported", "of a tool with fingers: the Franka hand's; not traced"
     )
-    armature: float = _parameter(
+    armature: float = parameter(
         0.1, "kg m^2 or kg", "guess", "rotor inertia seen behind the gear, as in Panda models"
     )
-    joint_friction: float = _parameter(
+    joint_friction: float = parameter(
         0.2, "N m or N", "guess", "dry friction that the controller does not know of"
     )
-    joint_damping: float = _parameter(
+    joint_damping: float = parameter(
         0.5, "N m s/rad or N s/m", "guess", "viscous friction that the controller does not know of"
     )
-    tool_friction: float = _parameter(0.35, "1", "guess", "printed plastics")
+    tool_friction: float = parameter(0.35, "1", "guess", "printed plastics")
 
 
 @dataclass(frozen=True)
 class ControlParameters(Checked):
     """Timing of the reference and the joint controller (computed torque)."""
 
-    speed: float = _parameter(
+    speed: float = parameter(
         0.5, "1", "choice",
         "share of the velocity limits that the reference uses (of acceleration its square, of jerk "
         "its cube); a slower plan stays as slow as it is. Harvesting arms run below their limits",
     )  # fmt: skip
-    frequency: float = _parameter(40.0, "rad/s", "guess", "of the closed joint loop")
-    damping_ratio: float = _parameter(1.0, "1", "choice", "critically damped")
-    rate: float = _parameter(1000.0, "Hz", "published", "of the Panda's control interface")
-    hold: float = _parameter(0.5, "s", "choice", "standing still at the end before judging")
+    frequency: float = parameter(40.0, "rad/s", "guess", "of the closed joint loop")
+    damping_ratio: float = parameter(1.0, "1", "choice", "critically damped")
+    rate: float = parameter(1000.0, "Hz", "published", "of the Panda's control interface")
+    hold: float = parameter(0.5, "s", "choice", "standing still at the end before judging")
 
 
 @dataclass(frozen=True)
 class EngineParameters(Checked):
     """Of MuJoCo."""
 
-    timestep: float = _parameter(0.001, "s", "choice", "of the integrator (implicitfast)")
-    gravity: float = _parameter(9.81, "m/s^2", "choice", "standard")
-    settle: float = _parameter(0.0, "s", "choice", "of simulation before the motion begins")
-    iterations: int = _parameter(30, "1", "choice", "most of the Newton solver a step")
+    timestep: float = parameter(0.001, "s", "choice", "of the integrator (implicitfast)")
+    gravity: float = parameter(PUSH.beam.gravity, "m/s^2", "choice", "standard")
+    settle: float = parameter(0.0, "s", "choice", "of simulation before the motion begins")
+    iterations: int = parameter(30, "1", "choice", "most of the Newton solver a step")
 
 
 @dataclass(frozen=True)
 class Thresholds(Checked):
     """When a run counts as a success; each failure names the first that it broke."""
 
-    static_force: float = _parameter(
+    static_force: float = parameter(
         0.5, "N", "choice", "any harder touch of a static thing fails the run"
     )
-    avoid_force: float = _parameter(
+    avoid_force: float = parameter(
         0.5, "N", "choice", "harder touch of a neighbouring cluster by an arm link but the last"
     )
-    stem_force: float = _parameter(
-        2.0, "N", "choice", "a stem pressed harder by arm or tool counts as caught"
+    stem_force: float = parameter(
+        PUSH.harm.stem_force, "N", "choice", "a stem pressed harder by arm or tool counts as caught"
     )
-    stem_time: float = _parameter(0.05, "s", "choice", "and for longer than this")
-    fruit_force: float = _parameter(
+    stem_time: float = parameter(0.05, "s", "choice", "and for longer than this")
+    fruit_force: float = parameter(
         10.0,
         "N",
         "reported",
         "harvesting papers keep the grip below about 10 N so as not to bruise",
     )
-    inside_margin: float = _parameter(
+    inside_margin: float = parameter(
         0.0, "m", "choice", "how far below the rim the target's centre must be"
     )
-    tracking_error: float = _parameter(
+    tracking_error: float = parameter(
         0.02, "m", "choice", "of the tool point; beyond it the arm was stopped by something"
     )
-    rest_time: float = _parameter(
+    rest_time: float = parameter(
         0.3, "s", "choice",
         "how long, up to the end, the target must have been in the tool without a break; it may "
         "still swing on its stem there",
@@ -264,26 +236,6 @@ class SimulationParameters:
             )
 
 
-@dataclass(frozen=True)
-class Entry:
-    """One parameter as :func:`catalogue` lists it."""
-
-    name: str
-    value: Any
-    unit: str
-    kind: Kind
-    source: str
-
-
-def catalogue(parameters: SimulationParameters | None = None) -> Iterator[Entry]:
+def catalogue(parameters: SimulationParameters | None = None) -> Iterator[Parameter]:
     """Every parameter by its dotted name, with unit, kind and source."""
-    parameters = parameters or SimulationParameters()
-    for group in fields(parameters):
-        branch = getattr(parameters, group.name)
-        assert is_dataclass(branch)
-        for item in fields(branch):
-            meta = item.metadata
-            yield Entry(
-                f"{group.name}.{item.name}", getattr(branch, item.name),
-                meta["unit"], meta["kind"], meta["source"],
-            )  # fmt: skip
+    return listed(parameters or SimulationParameters())

@@ -11,7 +11,7 @@ from optipromp.simulation.contacts import ContactLog
 from optipromp.simulation.engine import engine
 from optipromp.simulation.kernels import is_sound
 from optipromp.simulation.reference import Reference
-from optipromp.simulation.stems import Stems
+from optipromp.simulation.stems import StemWatch
 from optipromp.simulation.world import World
 
 
@@ -92,7 +92,7 @@ class Execution:
         self.model, self.data = world.model, world.data(motion.q[0])
         p = world.parameters
         self.log = ContactLog(world, p.thresholds.stem_force)
-        self.stems = Stems(world)
+        self.stems = StemWatch(world)
         self.step = p.engine.timestep
         self.every = max(round(1.0 / (record_rate * self.step)), 1)
         self.tick = max(round(1.0 / (p.control.rate * self.step)), 1)

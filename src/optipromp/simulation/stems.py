@@ -11,7 +11,7 @@ from optipromp.simulation.world import Fruit, World
 _SIGN = -1.0  # of a pull up the stem in the rows of MuJoCo's weld
 
 
-class Stems:
+class StemWatch:
     """The stems that hold, how hard each was pulled, and those that gave way.
 
     Attributes:

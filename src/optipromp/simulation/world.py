@@ -12,7 +12,7 @@ from optipromp.scenes.scene import Scene, SceneObject, Stem
 from optipromp.simulation.arm import Drives, add_robot, drives, link_entities
 from optipromp.simulation.engine import engine
 from optipromp.simulation.entities import Entity, layers
-from optipromp.simulation.fruits import Hanging, add_fruit, check_physical
+from optipromp.simulation.fruits import BuiltFruit, add_fruit, check_physical
 from optipromp.simulation.parameters import SimulationParameters
 from optipromp.simulation.solids import add_shape
 
@@ -20,7 +20,7 @@ STATIC_COLOUR = (0.62, 0.60, 0.57, 1.0)
 AVOID_COLOUR = (0.35, 0.60, 0.30, 0.35)
 SKY = (0.95, 0.97, 0.98), (0.72, 0.80, 0.84)
 PICTURE = 1280, 960  # largest off-screen picture
-FRUIT_RADIUS = 0.015  # [m] of a real neighbouring cluster
+CLUSTER_FRUIT_RADIUS = 0.015  # [m] of a real neighbouring cluster
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class Fruit:
 
     id: str
     role: str
-    built: Hanging
+    built: BuiltFruit
     entity: int
     stem_entity: int
     body: int
@@ -132,7 +132,7 @@ class _Draft:
     ) -> None:
         self.scene, self.robot, self.parameters = scene, robot, parameters
         self.entities: list[Entity] = list(link_entities(robot))
-        self.fruits: list[tuple[SceneObject, Hanging, int, int]] = []
+        self.fruits: list[tuple[SceneObject, BuiltFruit, int, int]] = []
         self.spec = self._options()
         add_robot(self.spec, robot, parameters, 0)
         for thing in scene.objects:
@@ -214,7 +214,7 @@ class _Draft:
         p = self.parameters.thing
         entity = self._entity("avoid", thing.id)
         count = int(p.cluster_fruits)
-        reach = max(thing.radius - FRUIT_RADIUS, 0.0)
+        reach = max(thing.radius - CLUSTER_FRUIT_RADIUS, 0.0)
         golden = np.pi * (3.0 - np.sqrt(5.0))
         turn = rng.uniform(0.0, 2.0 * np.pi)
         for k in range(count):
@@ -228,7 +228,7 @@ class _Draft:
             fruit = SceneObject(
                 thing.id,
                 "pushable",
-                Sphere(FRUIT_RADIUS),
+                Sphere(CLUSTER_FRUIT_RADIUS),
                 center,
                 stem=Stem(np.array([center, root])),
             )
@@ -283,7 +283,7 @@ class _Draft:
         )  # fmt: skip
 
     def _located(
-        self, model: Any, thing: SceneObject, built: Hanging, entity: int, stem: int
+        self, model: Any, thing: SceneObject, built: BuiltFruit, entity: int, stem: int
     ) -> Fruit:
         body = model.body(f"fruit:{built.key}").id
         free = model.joint(f"free:{built.key}")

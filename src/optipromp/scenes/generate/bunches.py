@@ -11,12 +11,12 @@ from optipromp.scenes.scene import STEM_RADIUS, Approach, Scene, SceneObject, St
 GutterSide = Literal["+x", "-x", "+y", "-y", "above"]
 GUTTER_SIDES: tuple[GutterSide, ...] = get_args(GutterSide)
 
-READY = (1.42, 1.10, -1.26, -2.42, -1.69, 1.02, 0.8)
+BELOW_BUNCH = (1.42, 1.10, -1.26, -2.42, -1.69, 1.02, 0.8)
 """Panda with the tool upright at (0.45, 0, 0.50), as in scenarios 3 and 4 [rad]."""
 
 TARGET_LOW, TARGET_HIGH = (0.40, -0.06, 0.85), (0.50, 0.06, 0.93)
 GRIPPER_RADIUS = (0.02, 0.03)
-FRUIT_RADIUS = (0.015, 0.020)
+FRUIT_RADII = (0.015, 0.020)
 MOUTH_CLEARANCE = 0.004  # [m] between the target and the cup's outer wall, at the least
 BEFORE = (0.03, 0.15)  # [m] of a pushable before the target, centre to centre
 STEM_LENGTH = (0.10, 0.30)
@@ -57,22 +57,22 @@ def draw(
             roof = float(box.position[2] - 0.5 * box.shape.size[2])  # type: ignore[union-attr]
     if sides:
         objects += [_neighbour("left", target, 1.0, rng), _neighbour("right", target, -1.0, rng)]
-    largest = min(FRUIT_RADIUS[1], gripper - MOUTH_CLEARANCE)
-    radius = float(rng.uniform(FRUIT_RADIUS[0], largest))
+    largest = min(FRUIT_RADII[1], gripper - MOUTH_CLEARANCE)
+    radius = float(rng.uniform(FRUIT_RADII[0], largest))
     # what hangs under a gutter that is nearer than the shortest stem hangs on the gutter
     ripe = SceneObject("ripe", "target", Sphere(radius), target, stem=_stem(target, rng, roof))
     fruits = [ripe]
     for i in range(count):
         offset = np.array([*rng.uniform(-gripper, gripper, 2), -rng.uniform(*BEFORE)])
         position = target + offset
-        shape = Sphere(float(rng.uniform(*FRUIT_RADIUS)))
+        shape = Sphere(float(rng.uniform(*FRUIT_RADII)))
         stem = _stem(position, rng)
         fruits.append(SceneObject(f"n{i + 1}", "pushable", shape, position, stem=stem))
     return Scene(
         name=name,
         robot="panda",
         tool=ToolSpec("cup", {"radius": gripper, "height": 0.05, "length": 0.10}),
-        start=np.array(READY),
+        start=np.array(BELOW_BUNCH),
         objects=(*fruits, *objects),
         approach=Approach(),
     )

@@ -9,10 +9,10 @@ from optipromp.geometry.shapes import Box, Cylinder
 from optipromp.scenes.generate.checks import OverlapError
 from optipromp.scenes.scene import Approach, Scene, SceneObject, ToolSpec
 
-READY = (-0.4001, -1.3608, 0.5859, -2.9529, 2.3117, 2.8412, -0.9618)
+BEFORE_SHELF = (-0.4001, -1.3608, 0.5859, -2.9529, 2.3117, 2.8412, -0.9618)
 """Panda with the hand level at (0.34, 0, 0.50), fingers side by side [rad]."""
 
-TARGET_LOW, TARGET_HIGH = (0.64, -0.04), (0.72, 0.04)  # [m] x and y
+PACK_LOW, PACK_HIGH = (0.64, -0.04), (0.72, 0.04)  # [m] x and y
 BOARD = (0.42, 0.48)  # [m] height of the board's upper side
 DEPTH = 0.12, 0.18  # [m] of the target behind the front edge
 # The tool point of a hand is 0.21 m before the wrist (link 6 of a Panda, 53 mm in radius), and a
@@ -26,7 +26,7 @@ THICK = 0.02  # [m] boards and walls
 ASIDE = 0.10  # [m] packs stand this far beside the target's line at most
 TARGET_RADIUS, TARGET_HEIGHT = (0.022, 0.030), (0.11, 0.15)
 CAN_RADIUS, PACK_EDGE, PACK_HEIGHT = (0.025, 0.033), (0.04, 0.07), (0.09, 0.16)
-TRIES = 200  # places tried for a pack before the shelf is drawn again
+PLACES_TRIED = 200  # places tried for a pack before the shelf is drawn again
 GAP = 1e-3  # [m] between packs, and from packs to walls
 
 
@@ -84,7 +84,7 @@ def draw(name: str, count: int, rng: np.random.Generator) -> Scene:
         OverlapError: no place was left for a pack.
     """
     board = float(rng.uniform(*BOARD))
-    at = rng.uniform(TARGET_LOW, TARGET_HIGH)
+    at = rng.uniform(PACK_LOW, PACK_HIGH)
     front, back = float(at[0] - rng.uniform(*DEPTH)), float(at[0] + rng.uniform(*BEHIND))
     middle = float(at[1] + rng.uniform(-SHIFT, SHIFT))
     width, headroom = float(rng.uniform(*WIDTH)), float(rng.uniform(*HEADROOM))
@@ -112,7 +112,7 @@ def draw(name: str, count: int, rng: np.random.Generator) -> Scene:
         name=name,
         robot="panda",
         tool=ToolSpec("franka_hand"),
-        start=np.array(READY),
+        start=np.array(BEFORE_SHELF),
         objects=(target, *packs, *_shelf(front, back, middle, width, board, headroom)),
         approach=Approach(np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])),
     )
@@ -129,7 +129,7 @@ def _place(
     can = bool(rng.integers(2))
     radius, yaw = float(rng.uniform(*CAN_RADIUS)), float(rng.uniform(0.0, np.pi))
     half = 0.5 * rng.uniform(*PACK_EDGE, 2)
-    for _ in range(TRIES):
+    for _ in range(PLACES_TRIED):
         center = np.array([rng.uniform(low[0], target[0]), target[1] + rng.uniform(-ASIDE, ASIDE)])
         if can:
             place = Footprint(center, radius)

@@ -1,0 +1,214 @@
+r"""Where stems and the fruits on them come to within a step of the cup.
+
+Each fruit takes the deflections u of its stem (:mod:`optipromp.pushing.bending`) that minimise
+
+.. math:: \tfrac12 u^T K u + \tfrac{m}{2\,dt^2}\|u_L - \hat u_L\|^2
+          + \tfrac{k_c}{2}\sum_j \max(0, -g_j(u))^2
+
+by Gauss-Newton steps from where they were: the stem's energy, the fruit's inertia (an implicit
+Euler step; :math:`\hat u_L` is where it would swing to by itself) and its contacts with their gaps
+g (:mod:`optipromp.pushing.contacts`). The cup rubs on fruits: Coulomb's friction as a spring
+against the slip of the step, as stiff as the contact force allows.
+"""
+
+import math
+from typing import NamedTuple
+
+from optipromp.arrays import FloatArray
+from optipromp.compiled import inlined, inner
+from optipromp.geometry.distances import distance_and_gradient
+from optipromp.geometry.obstacles import Obstacles
+from optipromp.pushing.bending import Stems
+from optipromp.pushing.contacts import Contacts, Fruits, between
+from optipromp.pushing.cup import ABOVE, Mouth, Pose, fruit_gap, in_cup, stem_gap
+from optipromp.pushing.deflected import LOADS, begin, place, press, shortened
+from optipromp.pushing.parameters import PUSH
+
+CONTACT, CLOSE = PUSH.swing.stiffness, PUSH.swing.close
+RUBBING, STUCK = PUSH.swing.friction, PUSH.swing.stuck
+FARTHEST, REVERSAL = PUSH.swing.farthest, PUSH.swing.reversal
+
+
+class Descent(NamedTuple):
+    """Gauss-Newton on the energy of one stem after the other.
+
+    Attributes:
+        free: (N, L, L) inverse of stiffness and inertia of each stem [m/N].
+        gradient: (2L,) of the energy of one [N]; ``inverse`` (2L, 2L) of its Hessian [m/N].
+        j, v: (2L,) see :func:`optipromp.pushing.deflected.press`.
+        eased: (N,) share of a step that is taken; ``last`` (N, 2L) the last step [m].
+    """
+
+    free: FloatArray
+    gradient: FloatArray
+    inverse: FloatArray
+    j: FloatArray
+    v: FloatArray
+    eased: FloatArray
+    last: FloatArray
+
+
+@inlined
+def relax(
+    s: Stems, f: Fruits, c: Contacts, d: Descent, at: Pose, way: Pose, cup: Mouth,
+    solid: Obstacles, dt: float, look: bool, p: int, forces: FloatArray, stem_forces: FloatArray,
+) -> tuple[float, bool]:  # fmt: skip
+    """One Gauss-Newton step of every fruit that is touched.
+
+    Args:
+        s: the N stems.
+        f: where they are, in and out.
+        c: their contacts, in and out.
+        d: the iteration so far, in and out.
+        at: of the cup; ``way``: how far it was led in this step [m].
+        cup: its shape.
+        solid: what stands firm.
+        dt: of the step [s].
+        look: whether all contacts are looked at, not only those known to be close.
+        p: number of the step.
+        forces: (P, N) out, largest contact force on each fruit in each step [N].
+        stem_forces: (P, N) out, of the cup on each stem [N].
+
+    Returns:
+        The largest change of a deflection [m], and whether a fruit was touched for the first time.
+    """
+    root, axes, shape, shortening, stiffness = s.root, s.axes, s.shape, s.shortening, s.stiffness
+    length, radii, thickness, mass = s.length, s.radius, s.thickness, s.mass
+    u, ahead, up, center, began = f.u, f.ahead, f.up, f.center, f.began
+    resting, pressed, earlier, firmly = f.resting, f.pressed, f.earlier, f.firmly
+    overlap, firm, on_fruits, on_all = c.overlap, c.firm, c.on_fruit, c.on_all
+    top, bottom, first, close, number, shares = c.top, c.bottom, c.first, c.close, c.number, c.share
+    free, gradient, inverse, j, v, eased, taken = (
+        d.free, d.gradient, d.inverse, d.j, d.v, d.eased, d.last
+    )  # fmt: skip
+    n, others = shape.shape[1] - 1, 3 * (len(length) - 1)
+    moved, woken = 0.0, False
+    for i in range(len(length)):
+        radius, on_fruit = radii[i], on_fruits[i]
+        x0, x1, x2 = center[i, 0], center[i, 1], center[i, 2]
+        begun, inertia = not resting[i], mass[i] / (dt * dt)
+        if begun:
+            begin(stiffness, free, u, ahead, i, inertia, gradient, inverse)
+        pressed[i], firmly[i] = 0.0, False
+        largest = t0 = t1 = t2 = 0.0
+        last = 1.0 - radius / length[i]
+        h, rho, _, _, _ = in_cup(x0, x1, x2, at)
+        within = h > cup.base and rho < cup.inner
+        looked_at = on_all[i] if look else close[i]
+        if look:
+            close[i] = 0
+        clear = 0  # contacts before this one cannot be close
+        for k in range(looked_at):
+            what = k if look else number[i, k]
+            share = 1.0
+            if what == 0:
+                gap, n0, n1, n2 = fruit_gap(x0, x1, x2, radius, at, cup)
+            elif what <= others:
+                gap, n0, n1, n2, share = between(
+                    root, axes, shape, length, radii, thickness, u, up, center, resting, overlap,
+                    i, what,
+                )  # fmt: skip
+            elif what < on_fruit:
+                if resting[i] and p > 0:
+                    continue
+                wall = firm[i, what - others - 1]
+                gap, n0, n1, n2 = distance_and_gradient(solid, wall, x0, x1, x2)
+                gap -= radius
+            else:
+                share = shares[i, k]
+                if look:
+                    piece = what - on_fruit - 2
+                    share = (first[i] + piece) / n
+                    if piece < 0:
+                        share = top[i] if piece == -2 else bottom[i]
+                if look and (share == 0.0 or share > last or k < clear):
+                    continue
+                y0, y1, y2 = place(root, axes, shape, u, i, length[i] - up[i], share)
+                gap, n0, n1, n2 = stem_gap(y0, y1, y2, thickness[i], within, at, cup)
+                if look and what >= on_fruit + 2:
+                    away = gap - cup.outer + cup.neck if gap < ABOVE else gap - ABOVE
+                    clear = k + int((away - CLOSE) * n / length[i])
+            if look and gap < CLOSE:
+                number[i, close[i]], shares[i, close[i]] = what, share
+                close[i] += 1
+            if gap >= 0.0:
+                continue
+            if not begun:
+                begun, woken, resting[i] = True, True, False
+                begin(stiffness, free, u, ahead, i, inertia, gradient, inverse)
+            hard = -gap * CONTACT
+            press(
+                axes, shape, shortening, u, i, share, n0, n1, n2, -gap, CONTACT, j, v,
+                gradient, inverse,
+            )  # fmt: skip
+            if what >= on_fruit:
+                t0, t1, t2 = t0 + hard * n0, t1 + hard * n1, t2 + hard * n2
+            elif share == 1.0:
+                largest = max(largest, hard)
+            if others < what < on_fruit:
+                firmly[i] = True
+            if what == 0:
+                pressed[i] = hard
+                if earlier[i] != 0.0:
+                    _rub(
+                        axes, shape, shortening, u, i, x0 - began[i, 0] - way.x,
+                        x1 - began[i, 1] - way.y, x2 - began[i, 2] - way.z, n0, n1, n2,
+                        RUBBING * earlier[i], j, v, gradient, inverse,
+                    )  # fmt: skip
+        forces[p, i] = largest
+        stem_forces[p, i] = math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
+        if begun:
+            far = _step(shortening, u, up, i, inverse, gradient, eased, taken, v)
+            moved = max(moved, far)
+            y0, y1, y2 = place(root, axes, shape, u, i, length[i] - up[i], 1.0)
+            center[i, 0], center[i, 1], center[i, 2] = y0, y1, y2
+    return moved, woken
+
+
+@inner
+def _rub(
+    axes: FloatArray, shape: FloatArray, shortening: FloatArray, u: FloatArray, i: int, x: float,
+    y: float, z: float, n0: float, n1: float, n2: float, most: float, j: FloatArray,
+    v: FloatArray, gradient: FloatArray, inverse: FloatArray,
+) -> None:  # fmt: skip
+    """The cup rubs on fruit i with at most ``most`` [N], against its way (x, y, z) along the cup.
+
+    What of the way is along the contact's direction (n0, n1, n2) does not rub.
+    """
+    along = x * n0 + y * n1 + z * n2
+    x, y, z = x - along * n0, y - along * n1, z - along * n2
+    slip = math.sqrt(x * x + y * y + z * z)
+    if slip > 1e-7:
+        press(
+            axes, shape, shortening, u, i, 1.0, -x / slip, -y / slip, -z / slip, slip,
+            most / max(slip, STUCK), j, v, gradient, inverse,
+        )  # fmt: skip
+
+
+@inner
+def _step(
+    shortening: FloatArray, u: FloatArray, up: FloatArray, i: int, inverse: FloatArray,
+    gradient: FloatArray, eased: FloatArray, last: FloatArray, step: FloatArray,
+) -> float:  # fmt: skip
+    """Step stem i to the minimum of the quadratic model; the largest change of a deflection [m].
+
+    No loaded point moves farther than :data:`FARTHEST`. A step back as long as the last one would
+    go on for ever; it is halved, and those after it.
+    """
+    far = back = before = 0.0
+    for a in range(2 * LOADS):
+        step[a] = 0.0
+        for b in range(2 * LOADS):
+            step[a] += inverse[a, b] * gradient[b]
+        back -= step[a] * last[i, a]
+        before += last[i, a] ** 2
+    for a in range(LOADS):
+        far = max(far, math.hypot(step[a], step[LOADS + a]))
+    if back > REVERSAL * before:
+        eased[i] *= 0.5
+    scale: float = min(eased[i], FARTHEST / max(far, 1e-12))
+    for a in range(2 * LOADS):
+        last[i, a] = scale * step[a]
+        u[i, a] -= last[i, a]
+    up[i] = shortened(shortening, u, i)
+    return far * scale
