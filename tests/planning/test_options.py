@@ -12,11 +12,12 @@ from tests.planning.builders import END, block
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.geometry import Sphere
 from optipromp.optimization.costs.joints import VelocityCost
-from optipromp.planning import PaperOptions, Plan, PlanOptions, plan
+from optipromp.planning import PaperOptions, Plan, PlanOptions, judge, plan
 from optipromp.planning.task import resolve
 from optipromp.pushing.path import through
 from optipromp.pushing.rules import rule_paths
 from optipromp.scenes import JointGoal, Scene, load_scene
+from optipromp.trajectory import Trajectory
 
 NAN, INF = float("nan"), float("inf")
 Planned = Callable[..., Plan]
@@ -166,7 +167,7 @@ def acceleration(result: Plan) -> float:
 
 
 def test_a_smoother_plan_accelerates_less(planned: Planned) -> None:
-    values = [acceleration(planned("scenario-3", smoothness=w)) for w in (0.0, 1e-4, 1e-3)]
+    values = [acceleration(planned("scenario-3", smoothness=w)) for w in (0.0, 1e-4, 1e-2)]
     assert values[1] < 0.9 * values[0]
     assert values[2] < 0.9 * values[1]
 
@@ -176,17 +177,21 @@ def test_a_smoother_plan_accelerates_less(planned: Planned) -> None:
 
 @cache
 def grazed(role: Any) -> Scene:
-    """A reach in free space, with a ball 8 mm beside the elbow on its way."""
+    """A reach in free space, with a ball 8 mm beside the wrist on its way, far from both ends."""
     free = replace(load_scene("scenario-3"), objects=(), goal=JointGoal(END))
     made = plan(free)
     robot, q = made.robot, made.trajectory.positions
-    k = len(q) // 2
-    i = int(np.flatnonzero(np.asarray(robot.spheres.link) == 5)[0])
-    before, at, after = (robot.sphere_centers(q[j])[i] for j in (k - 1, k, k + 1))
-    aside = np.cross(after - before, [0.0, 0.0, 1.0])
-    aside /= np.linalg.norm(aside)
-    ball = block(role, Sphere(0.03), at + (robot.spheres.radius[i] + 0.038) * aside)
-    return replace(free, objects=(ball,))
+    k, (low, high) = len(q) // 2, np.searchsorted(robot.spheres.link, [5, 7])
+    for i in range(low, high):
+        before, at, after = (robot.sphere_centers(q[j])[i] for j in (k - 1, k, k + 1))
+        aside = np.cross(before - after, [0.0, 0.0, 1.0])
+        aside /= np.linalg.norm(aside)
+        ball = block(role, Sphere(0.03), at + (robot.spheres.radius[i] + 0.038) * aside)
+        scene = replace(free, objects=(ball,))
+        ends = [judge(scene, Trajectory(q[[j, j]], made.trajectory.dt)).metrics for j in (0, -1)]
+        if all(getattr(end, f"clearance_{role}") > 0.05 for end in ends):
+            return scene
+    raise AssertionError("no such ball")
 
 
 @pytest.mark.parametrize("role", ["static", "avoid"])
@@ -227,13 +232,13 @@ def test_links_keep_the_clearance_from_one_another_that_is_asked_for() -> None:
 
 def test_the_margin_to_the_limits_is_kept(planned: Planned) -> None:
     near = []
-    for margin in (0.01, 0.55, 0.6):
+    for margin in (0.01, 0.65, 0.7):
         result = planned("scenario-3", limit_margin=margin)
         assert result.success
         q, robot = result.trajectory.positions, result.robot
         near.append(float(np.minimum(q - robot.lower, robot.upper - q).min()))
         assert near[-1] > margin - 1e-3
-    assert near[0] < 0.55
+    assert near[0] < 0.65
 
 
 def off_path(result: Plan) -> float:
