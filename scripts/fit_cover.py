@@ -28,7 +28,7 @@ from optipromp.robots import load_robot
 EXCESS = 0.0159  # [m] on the grid; measured exactly it is at most 15 mm
 VOXEL = 0.002  # [m] of the grid on which distances are measured
 SPACING = 0.004  # [m] between candidate centres
-INTO = 0.008  # [m] beyond link 6 up to which link 7 counts as filling
+INTO = 0.006  # [m] beyond link 6 up to which link 7 counts as filling
 MARGIN = 0.0005  # [m] by which a point must lie inside its sphere
 SAMPLE = 0.008  # [m] longest edge of the subdivided surface whose points are covered
 TURNS = 16  # angles of a joint at which the neighbour is looked at

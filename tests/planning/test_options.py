@@ -187,7 +187,8 @@ def grazed(role: Any) -> Scene:
         aside /= np.linalg.norm(aside)
         ball = block(role, Sphere(0.03), at + (robot.spheres.radius[i] + 0.038) * aside)
         scene = replace(free, objects=(ball,))
-        ends = [judge(scene, replace(made.trajectory, positions=q[[j, j]])).metrics for j in (0, -1)]
+        still = (replace(made.trajectory, positions=q[[j, j, j]]) for j in (0, -1))
+        ends = [judge(scene, one).judgement.metrics for one in still]
         if all(getattr(end, f"clearance_{role}") > 0.05 for end in ends):
             return scene
     raise AssertionError("no such ball")
