@@ -23,6 +23,7 @@ from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
 from optipromp.robots.tools import Cup, with_tool
 
+
 SOURCE = Path(__file__).parent / "cpp" / "evaluation.cpp"
 FLAGS = ("-O3", "-march=native", "-std=c++17")
 WEIGHTS = (1.0, 1.0, 1.0, 0.01, 100.0)  # static, avoid, push, velocity, self
@@ -34,8 +35,8 @@ END = np.array([0.1, -0.35, 0.05, -1.5, 0.1, 0.1, 0.8])  # the cup folded toward
 Posed = tuple[Shape, FloatArray, FloatArray]
 
 
-def panda_of_sixty() -> Robot:
-    """The Panda with a cup whose cover brings the body spheres to 60."""
+def panda_with_cup() -> Robot:
+    """The Panda with a small cup on a long neck: 86 body spheres."""
     return with_tool(load_robot("panda"), Cup(0.03, length=0.12))
 
 

@@ -28,7 +28,8 @@ from optipromp.robots import load_robot
 EXCESS = 0.0159  # [m] on the grid; measured exactly it is at most 15 mm
 VOXEL = 0.002  # [m] of the grid on which distances are measured
 SPACING = 0.004  # [m] between candidate centres
-INTO = 0.006  # [m] beyond link 6 up to which link 7 counts as filling
+WIDE_6 = 0.056  # [m] about that axis
+RIM_6 = 0.035  # [m] along the axis of joint 7 from where link 7 covers the end of link 6
 MARGIN = 0.0005  # [m] by which a point must lie inside its sphere
 SAMPLE = 0.008  # [m] longest edge of the subdivided surface whose points are covered
 TURNS = 16  # angles of a joint at which the neighbour is looked at
@@ -85,6 +86,25 @@ def filled(links: dict[str, Link], name: str, points: np.ndarray, margin: float)
     return out
 
 
+def end_of_six(links: dict[str, Link]) -> np.ndarray:
+    """Points (m, 3) in link 7's frame, at every angle, of the end of link 6 that it turns in."""
+    place, base = ROBOT.kinematics.translation[6], ROBOT.kinematics.rotation[6]
+    points = (links["link6"].surface - place) @ base
+    end = points[(points[:, 2] > RIM_6) & (np.hypot(points[:, 0], points[:, 1]) < WIDE_6)]
+    angles = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+    return np.concatenate([end @ turned(angle).T for angle in angles])
+
+
+def in_seven(seven: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Which points (m, 3) of link 6 are in the spheres (k, 4) of link 7 at every angle."""
+    place, base = ROBOT.kinematics.translation[6], ROBOT.kinematics.rotation[6]
+    seen, inside = (points - place) @ base, np.ones(len(points), dtype=bool)
+    for angle in np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False):
+        away = np.linalg.norm((seen @ turned(angle))[:, None] - seven[:, :3], axis=2)
+        inside &= (away < seven[:, 3] - MARGIN).any(axis=1)
+    return inside
+
+
 def candidates(links: dict[str, Link], name: str) -> tuple[np.ndarray, np.ndarray]:
     """Centres (m, 3) and the largest radii (m,) that reach at most EXCESS beyond the arm [m]."""
     link = links[name]
@@ -99,9 +119,8 @@ def candidates(links: dict[str, Link], name: str) -> tuple[np.ndarray, np.ndarra
     beyond = link.beyond(points)
     solid = beyond <= 0.0
     near = np.flatnonzero(~solid & (beyond < pad))
-    if name == "link6":  # link 7 may push what link 6 must keep from
-        near = near[beyond[near] < INTO]
-    solid[near] = filled(links, name, points[near], 0.0)
+    if name != "link6":  # link 7 may push what link 6 must keep from
+        solid[near] = filled(links, name, points[near], 0.0)
     away = distance_transform_edt(~solid.reshape(grid.shape[:3]), sampling=VOXEL)
     allowed = away <= EXCESS
     if name == "link0":
@@ -142,7 +161,7 @@ def main() -> None:
     """Print the spheres of the links asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("meshes", type=Path)
-    names = [*(f"link{i}" for i in range(8)), "hand", "finger"]
+    names = ["link7", *(f"link{i}" for i in range(7)), "hand", "finger"]
     parser.add_argument("--links", default=",".join(names))
     options = parser.parse_args()
     links = {name: Link(options.meshes, name) for name in names}
@@ -152,7 +171,13 @@ def main() -> None:
         points = points[~filled(links, name, points, 1e-3)]
         if name == "link0":
             points = points[points[:, 2] > RIM]
+        if name == "link7":
+            points = np.concatenate([points, end_of_six(links)])
+        if name == "link6":
+            points = points[~in_seven(seven, points)]
         found = cover(points, *candidates(links, name))
+        if name == "link7":
+            seven = found
         found = found[np.lexsort(found[:, :3].T)]
         print(f", {len(points)} points, {time.perf_counter() - start:.0f} s")
         print(f"  {name}:  # {len(found)} spheres")

@@ -9,7 +9,7 @@ from statistics import median as middle
 
 import numpy as np
 
-from benchmarks.evaluation import Case, far_obstacles, near_obstacles, panda_of_sixty, reach
+from benchmarks.evaluation import Case, far_obstacles, near_obstacles, panda_with_cup, reach
 from benchmarks.registry import (
     RATIO,
     SUITE,
@@ -76,7 +76,7 @@ def chain(joints: int, folder: Path) -> Robot:
 @SUITE.benchmark("growth", metrics())
 def growth(context: Context) -> Values:
     """One evaluation, and whole plans, as the problem grows."""
-    robot, rounds = panda_of_sixty(), context.repeats(40)
+    robot, rounds = panda_with_cup(), context.repeats(40)
     knots = {n: Case(robot, n, near_obstacles(robot, reach(n), 13)) for n in KNOTS}
     near = near_obstacles(robot, reach(100), 10)
     around = {n: Case(robot, 100, near + far_obstacles(robot, reach(100), n - 10), cells=True)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from benchmarks.evaluation import Case, Program, near_obstacles, panda_of_sixty, reach
+from benchmarks.evaluation import Case, Program, near_obstacles, panda_with_cup, reach
 from benchmarks.registry import RATIO, SUITE, Context, Measured, Metric, Value, Values
 from benchmarks.timing import BATCH, in_turn, median, paired_ratio
 
@@ -13,7 +13,7 @@ PARTS = ("kinematics", "distances", "terms", "self-collision", "pull back")
 
 def metrics() -> list[Metric]:
     """Whole evaluations, then their parts."""
-    about = "Panda, 60 body spheres, 13 primitive obstacles, 100 knots, double precision"
+    about = "Panda, 86 body spheres, 13 primitive obstacles, 100 knots, double precision"
     ratio = "median of the quotients of batches run in turn"
     out = [
         Metric("evaluation/optipromp/time", "µs", about=about),
@@ -34,7 +34,7 @@ def metrics() -> list[Metric]:
 @SUITE.benchmark("evaluation", metrics(), timeout=300)
 def evaluation(context: Context) -> Values:
     """One evaluation as the solver makes it, and the C++ program on the same data."""
-    robot = panda_of_sixty()
+    robot = panda_with_cup()
     case = Case(robot, KNOTS, near_obstacles(robot, reach(KNOTS), OBSTACLES))
     out: dict[str, Value] = {}
     with Program(case) as program:

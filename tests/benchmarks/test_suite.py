@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.evaluation import Case, Program, near_obstacles, panda_of_sixty, reach
+from benchmarks.evaluation import Case, Program, near_obstacles, panda_with_cup, reach
 from benchmarks.registry import SUITE, Context
 from benchmarks.run import apart, load_suite
 from benchmarks.timing import in_turn, percentile
@@ -37,8 +37,8 @@ def test_a_child_that_dies_is_a_row(monkeypatch: pytest.MonkeyPatch, tmp_path: P
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="no g++")
 def test_the_cpp_program_agrees_with_our_kernels() -> None:
-    robot = panda_of_sixty()
-    assert len(robot.spheres.radius) == 60
+    robot = panda_with_cup()
+    assert len(robot.spheres.radius) == 86
     case = Case(robot, 24, near_obstacles(robot, reach(24), 13))
     value = case.problem.evaluate(case.q)
     weighted = sum(t.weight * value.costs[t.name] for t in case.problem.costs)

@@ -14,7 +14,7 @@ from optipromp.optimization.gauss_newton import GaussNewtonOptions, solve
 from optipromp.optimization.problem import Problem, Surroundings, Value
 
 NOTHING = Surroundings(pack([]), pack([]), 0)
-ONE_STAGE = GaussNewtonOptions(stages=(1.0,), iterations=(30,), tolerance=1e-12)
+ONE_STAGE = GaussNewtonOptions(stages=(1.0,), iterations=(100,), tolerance=1e-12)
 
 
 def to_goal(panda: Any, goal: np.ndarray, around: Surroundings = NOTHING) -> Problem:

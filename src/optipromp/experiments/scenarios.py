@@ -214,9 +214,12 @@ CASES: tuple[Case, ...] = (
     *(
         Case(f"paper-{number}", f"scenario-{number}",
              f"{title}, with the hand, start and distances of the paper", _OPTI, "sequential",
-             _HARMS, published, as_paper=True,
+             told, published, as_paper=True,
              options={"constraints": "paper", "paper": PaperOptions(drift_offset=0.01)})
-        for number, title, published in ((3, "side clusters", _III), (4, "table-top", _IV))
+        for number, title, told, published in (
+            (3, "side clusters", _FAILS, _III),  # the arm itself does not fit between them
+            (4, "table-top", _HARMS, _IV),
+        )
     ),
 )  # fmt: skip
 

@@ -42,10 +42,7 @@ class Obstacles(NamedTuple):
     """
 
     kind: IntArray
-    """(K,) one of if TYPE_CHECKING:
-    from optipromp.geometry.grids import DistanceGrid
-
-SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID."""
+    """(K,) one of SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID."""
     position: FloatArray
     """(K, 3) [m]."""
     rotation: FloatArray
