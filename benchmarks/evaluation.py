@@ -23,7 +23,6 @@ from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
 from optipromp.robots.tools import Cup, with_tool
 
-
 SOURCE = Path(__file__).parent / "cpp" / "evaluation.cpp"
 FLAGS = ("-O3", "-march=native", "-std=c++17")
 WEIGHTS = (1.0, 1.0, 1.0, 0.01, 100.0)  # static, avoid, push, velocity, self

@@ -165,6 +165,7 @@ def main() -> None:
     parser.add_argument("--links", default=",".join(names))
     options = parser.parse_args()
     links = {name: Link(options.meshes, name) for name in names}
+    seven = np.zeros((0, 4))  # the spheres of link 7, where they are fitted before link 6
     for name in options.links.split(","):
         start = time.perf_counter()
         points = links[name].surface
