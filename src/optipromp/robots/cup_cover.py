@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, IntArray
 from optipromp.robots.spheres import cover_capsule
 
 NECK_RADIUS = 0.01
@@ -62,8 +62,11 @@ def cover_cup(radius: float, inner: float, height: float, length: float) -> Floa
 
 def _stack(radius: float, height: float, bulge: float) -> list[tuple[float, _Band]]:
     """Heights and bands that cover the wall from the rim (z = height) to the base (z = 0)."""
-    count, ring, size, half = _bands(radius, bulge)
     step = height / _STEPS
+    count, ring, size, half = _bands(radius, bulge)
+    lowest = np.ceil((size - half - height - bulge - 1e-12) / step)  # minus the steps to the rim
+    kept = _undominated(count + 1e-3 * size, lowest, np.ceil(2.0 * half / step - 1e-9))
+    count, ring, size, half = count[kept], ring[kept], size[kept], half[kept]
     advance, below_rim, price = 2.0 * half / step, size - half, 1e-3 * size
     cost, choice = np.zeros(_STEPS + 1), np.zeros(_STEPS + 1, dtype=int)
     after = np.zeros((_STEPS + 1, len(count)), dtype=int)
@@ -83,6 +86,15 @@ def _stack(radius: float, height: float, bulge: float) -> list[tuple[float, _Ban
         rows.append((middle if after[i, k] == 0 else top - band.half_height, band))
         i = int(after[i, k])
     return rows
+
+
+def _undominated(cost: FloatArray, below_rim: FloatArray, steps: FloatArray) -> IntArray:
+    """Bands (m,) that no other beats: as many steps, as near to the rim, and cheaper."""
+    order = np.lexsort((cost, below_rim, steps))
+    price = (cost - 2.0 * cost.max() * steps)[order]  # those of more steps begin a new minimum
+    least = np.minimum.accumulate(price)
+    cheaper = np.append(True, price[1:] < least[:-1])
+    return np.sort(order[cheaper])
 
 
 def _bands(radius: float, bulge: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

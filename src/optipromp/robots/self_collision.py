@@ -28,15 +28,10 @@ def candidate_pairs(robot: Robot, allowed: Collection[tuple[str, str]] = ()) -> 
     index = {name: i for i, name in enumerate(robot.link_names)}
     names = len(index)
     codes = {min(index[a], index[b]) * names + max(index[a], index[b]) for a, b in allowed}
-    barred = np.array(sorted(codes), dtype=np.int64)
-    found = [np.zeros((0, 2), dtype=np.int64)]
-    for i in range(len(segment)):
-        others = np.flatnonzero(np.abs(segment[i + 1 :] - segment[i]) >= 2) + i + 1
-        if len(barred):
-            code = np.minimum(link[others], link[i]) * names + np.maximum(link[others], link[i])
-            others = others[~np.isin(code, barred)]
-        found.append(np.column_stack([np.full(len(others), i), others]))
-    return np.concatenate(found)
+    first, second = np.nonzero(np.triu(np.abs(segment[:, None] - segment) >= 2, 1))
+    code = np.minimum(link[first], link[second]) * names + np.maximum(link[first], link[second])
+    free = ~np.isin(code, list(codes))
+    return np.column_stack([first[free], second[free]])
 
 
 def drop_always_touching(robot: Robot, pairs: IntArray) -> IntArray:
