@@ -87,7 +87,9 @@ def _levers(robot: Robot, local: FloatArray, near: int, far: int) -> FloatArray:
     without bound before a prismatic joint.
     """
     kin, out = robot.kinematics, np.zeros(robot.n_segments)
-    aside, length = np.cross(local, kin.axis[far]), lengths(local).max()
+    (x, y, z), (a, b, c) = local.T, kin.axis[far]
+    aside = np.column_stack([y * c - z * b, z * a - x * c, x * b - y * a])
+    length = lengths(local).max()
     for s in range(far, near, -1):
         lever = lengths(aside).max() if s == far else length
         out[s] = 1.0 if kin.kind[s] == 1 else lever
