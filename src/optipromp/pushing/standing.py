@@ -35,8 +35,8 @@ from optipromp.scenes.scene import Scene, SceneObject
 
 STANDING = PUSH.standing
 SCHEDULE = Schedule(
-    rounds=(Round(300, 1), *[Round(150, 1)] * 4, *[Round(50, 4)] * 3), runs=5, kept=20, screened=3,
-    states=1 + STANDING.samples, fresh=0.0, lenient=1.09,
+    rounds=(Round(150, 1), *[Round(75, 1)] * 4, *[Round(25, 4)] * 3), runs=3, kept=20, screened=3,
+    states=1 + STANDING.samples, fresh=0.0, lenient=1.12,
 )  # fmt: skip
 
 
