@@ -171,7 +171,7 @@ def test_three_joints_cannot_and_the_plan_says_so(name: str, planned: Planned) -
 
 @pytest.mark.parametrize("name", ["scenario-3", "scenario-4"])
 def test_a_success_stays_one_when_judged_again(name: str, planned: Planned) -> None:
-    """At four times the knots, along the same path."""
+    """At four times the waypoints, along the same path."""
     result = planned(name)
     q = result.trajectory.positions
     z = np.linspace(0.0, len(q) - 1.0, 4 * (len(q) - 1) + 1)

@@ -243,7 +243,7 @@ def test_what_stands_far_away_is_not_on_the_plane() -> None:
         replace(one, id=f"far-{i}", position=TARGET + [1.5 + 0.01 * i, rng.normal(), z])
         for i, z in enumerate(heights)
     ]
-    walls = [replace(thing, id=f"{thing.id}-wall", role="static") for thing in far]
+    walls = [replace(obj, id=f"{obj.id}-wall", role="static") for obj in far]
     alone, among = (plane(shelf(one, *more), HAND) for more in ((), (*far, *walls)))
     np.testing.assert_array_equal(among.state, alone.state)
     assert len(among.walls.size) == len(alone.walls.size) == 1
@@ -262,8 +262,8 @@ def test_what_stands_far_away_is_not_on_the_plane() -> None:
 def test_the_plane_is_what_stands_there() -> None:
     board = plane(shelf(pack((-0.1, 0.03), (0.04, 0.06, 0.14))), HAND)
     np.testing.assert_allclose(board.state, [[0, 0, 0], [-0.1, 0.03, 0]], atol=1e-12)
-    assert board.things.size.tolist() == [0, 4]
-    np.testing.assert_allclose(board.things.box[1], [-0.02, -0.03, 0.02, 0.03])
+    assert board.objects.size.tolist() == [0, 4]
+    np.testing.assert_allclose(board.objects.box[1], [-0.02, -0.03, 0.02, 0.03])
     assert board.walls.size.tolist() == [4]
     np.testing.assert_allclose(board.walls.box[0], [-0.15, 0.30, 0.15, 0.32])
     assert board.edge == pytest.approx(-0.15)

@@ -49,7 +49,9 @@ def distance(body: object, point: np.ndarray) -> float:
     """From a point to a convex body [m]; below 0 inside."""
     dot, result = coal.Sphere(1e-9), coal.DistanceResult()
     there = coal.Transform3s(np.eye(3), point)
-    return float(coal.distance(body, coal.Transform3s(), dot, there, coal.DistanceRequest(), result))
+    return float(
+        coal.distance(body, coal.Transform3s(), dot, there, coal.DistanceRequest(), result)
+    )
 
 
 def directions(count: int) -> np.ndarray:

@@ -147,7 +147,7 @@ def _plan(item: str) -> dict[str, Any]:
         "scene": plan.scene.name,
         "planner": plan.planner,
         "strategy": plan.strategy,
-        "waypoints": plan.trajectory.n_knots,
+        "waypoints": plan.trajectory.n_waypoints,
         "duration": plan.trajectory.duration,
     }
 

@@ -28,7 +28,7 @@ def generate(
 ) -> int:
     """Draw random scenes and write them as scene files.
 
-    The same seed gives the same scene. Scenes that are impossible (things inside one another) or
+    The same seed gives the same scene. Scenes that are impossible (objects inside one another) or
     that no arm could solve (target out of reach or inside the gutter, every goal configuration in
     collision) are drawn again; how many, and why, is told.
 

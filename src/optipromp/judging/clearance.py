@@ -1,6 +1,6 @@
 """What a robot in motion comes near to, and what it touches.
 
-Every configuration is looked at by conservative advancement: the distance of two things shrinks by
+Every configuration is looked at by conservative advancement: the distance of two objects shrinks by
 no more than they move, so what is too far to matter is measured again only once the robot has moved
 by as much as it is too far. The figures are those of measuring everything everywhere.
 """
@@ -77,7 +77,7 @@ def swept(
     met = met[np.argsort(objects.rows[met])]
     contacts = [
         Overlap(name(deepest[k]), item.id, item.role, -float(depth[k]))
-        for k, item in zip(met.tolist(), scene.things(objects.rows[met]), strict=True)
+        for k, item in zip(met.tolist(), scene.objects_at(objects.rows[met]), strict=True)
     ]
     if rest:
         contacts += _other_shapes(rest, robot, q, closest, core)
@@ -139,7 +139,7 @@ def pushed_away(
     objects, _ = objects_of(scene)
     loose = {
         item.id: k
-        for k, item in enumerate(scene.things(objects.rows))
+        for k, item in enumerate(scene.objects_at(objects.rows))
         if item.id in met and item.stem is None
     }
     spheres, radius = centers(robot, q), np.array(robot.spheres.radius)

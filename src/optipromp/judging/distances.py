@@ -58,7 +58,7 @@ def objects_of(scene: Scene) -> tuple[Objects, tuple[SceneObject, ...]]:
         rows, kind[rows], role, position, scene.rotations[rows], size[rows], bound, ends, middle,
         np.maximum.reduceat(reach, start),
     )  # fmt: skip
-    return objects, scene.things(rest)
+    return objects, scene.objects_at(rest)
 
 
 def measured(of: Sequence[Any]) -> tuple[IntArray, FloatArray, FloatArray]:

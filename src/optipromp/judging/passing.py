@@ -93,36 +93,36 @@ def passing(scene: Scene, tips: FloatArray, rims: FloatArray, gripper_radius: fl
         tips, rims: (T, 3) tool point and centre of the rim at the waypoints [m].
         gripper_radius: R_gripper [m].
     """
-    things = pushables_of(scene, gripper_radius)
-    if not things.ids:
+    objects = pushables_of(scene, gripper_radius)
+    if not objects.ids:
         return Passing({}, {}, {}, {}, [])
-    (_, lateral, up), places = scene.frame, things.places
-    knot, tip = last_passages(tips, places, up)
-    rim_knot, rim = last_passages(rims, places, up)
-    closely_under = things.under < float((rims[-1] - tips[-1]) @ up)
-    tip_asked, rim_asked = (things.in_the_way | (lengths(at) < things.reach) for at in (tip, rim))
-    tip_asked &= knot >= 0
-    by_tip, by_rim = (np.einsum("ki,ki->k", at, things.flat) for at in (tip, rim))
-    bad_rim = (rim_knot >= 0) & rim_asked & (by_rim > 0.0)
+    (_, lateral, up), places = scene.frame, objects.places
+    waypoint, tip = last_passages(tips, places, up)
+    rim_waypoint, rim = last_passages(rims, places, up)
+    closely_under = objects.under < float((rims[-1] - tips[-1]) @ up)
+    tip_asked, rim_asked = (objects.in_the_way | (lengths(at) < objects.reach) for at in (tip, rim))
+    tip_asked &= waypoint >= 0
+    by_tip, by_rim = (np.einsum("ki,ki->k", at, objects.flat) for at in (tip, rim))
+    bad_rim = (rim_waypoint >= 0) & rim_asked & (by_rim > 0.0)
     bad_tip = tip_asked & ~closely_under & (by_tip > 0.0)
     wrong = []
-    for k in np.flatnonzero(things.leans & (bad_rim | bad_tip)).tolist():
-        at, by = (rim_knot, by_rim) if bad_rim[k] else (knot, by_tip)
-        wrong.append((things.ids[k], int(at[k]), float(by[k] / math.hypot(*things.flat[k]))))
+    for k in np.flatnonzero(objects.leans & (bad_rim | bad_tip)).tolist():
+        at, by = (rim_waypoint, by_rim) if bad_rim[k] else (waypoint, by_tip)
+        wrong.append((objects.ids[k], int(at[k]), float(by[k] / math.hypot(*objects.flat[k]))))
 
     m_p = tip @ lateral
-    side = np.where(things.side == 0.0, np.sign(m_p), things.side)
+    side = np.where(objects.side == 0.0, np.sign(m_p), objects.side)
     least, gap = np.full(len(places), np.inf), np.full(len(places), np.inf)
-    stems = places, things.radii, things.points, things.start
+    stems = places, objects.radii, objects.points, objects.start
     window(
-        np.array(tips), np.flatnonzero(tip_asked), knot, side, np.array(lateral), np.array(up),
+        np.array(tips), np.flatnonzero(tip_asked), waypoint, side, np.array(lateral), np.array(up),
         stems, least, gap,
     )  # fmt: skip
     return Passing(
-        _known(things.ids, m_p, knot >= 0),
-        dict(things.projection),
-        _known(things.ids, np.maximum(gripper_radius - least, 0.0), tip_asked),
-        _known(things.ids, gap, tip_asked & things.hangs),
+        _known(objects.ids, m_p, waypoint >= 0),
+        dict(objects.projection),
+        _known(objects.ids, np.maximum(gripper_radius - least, 0.0), tip_asked),
+        _known(objects.ids, gap, tip_asked & objects.hangs),
         wrong,
     )
 
@@ -142,13 +142,13 @@ def last_passages(
         (K,) its waypoint nearest the crossing, -1 where there is none, and (K, 3) that waypoint
         from the place, without its height [m]; zero where there is none.
     """
-    knot, at = np.full(len(places), -1), np.zeros((len(places), 3))
-    _last_passages(np.array(path), np.array(places), np.array(up), knot, at)
-    return knot, at
+    waypoint, at = np.full(len(places), -1), np.zeros((len(places), 3))
+    _last_passages(np.array(path), np.array(places), np.array(up), waypoint, at)
+    return waypoint, at
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _last_passages(path, places, up, knot, at):  # type: ignore[no-untyped-def]
+def _last_passages(path, places, up, waypoint, at):  # type: ignore[no-untyped-def]
     """:func:`last_passages` in place; what is above or below the whole path is not looked at."""
     heights = path[:, 0] * up[0] + path[:, 1] * up[1] + path[:, 2] * up[2]
     lowest, highest = heights.min() - 1e-9, heights.max() + 1e-9
@@ -161,11 +161,11 @@ def _last_passages(path, places, up, knot, at):  # type: ignore[no-untyped-def]
         for before in range(path.shape[0] - 2, -1, -1):
             height = _over(path[before], p, up)
             if np.sign(height) != np.sign(after):
-                knot[k], off = before, height
+                waypoint[k], off = before, height
                 if abs(after) < abs(height):
-                    knot[k], off = before + 1, after
+                    waypoint[k], off = before + 1, after
                 for i in range(3):
-                    at[k, i] = path[knot[k], i] - p[i] - off * up[i]
+                    at[k, i] = path[waypoint[k], i] - p[i] - off * up[i]
                 break
             after = height
 
@@ -178,13 +178,13 @@ def _over(point, place, up):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def window(path, rows, knot, side, lateral, up, stems, least, gap):  # type: ignore[no-untyped-def]
+def window(path, rows, waypoint, side, lateral, up, stems, least, gap):  # type: ignore[no-untyped-def]
     """The paper's constraints 1 and 2 over the passing windows, in place.
 
     Args:
         path: (T, 3) tool point at the waypoints [m].
         rows: which of the pushables are asked.
-        knot: (K,) waypoint of the passage, which belongs to the window of each.
+        waypoint: (K,) waypoint of the passage, which belongs to the window of each.
         side: (K,) s_n.
         lateral, up: (3,) y_g and z_g.
         stems: ``places``, ``radii``, ``points`` and ``start`` of :class:`Pushables`.
@@ -196,7 +196,7 @@ def window(path, rows, knot, side, lateral, up, stems, least, gap):  # type: ign
     for k in rows:
         p, end = places[k], np.empty(3)
         for t in range(path.shape[0]):
-            if abs(_over(path[t], p, up)) > radii[k] and t != knot[k]:
+            if abs(_over(path[t], p, up)) > radii[k] and t != waypoint[k]:
                 continue
             least[k] = min(least[k], side[k] * _over(path[t], p, lateral))
             away = 0.0

@@ -164,7 +164,7 @@ def judge(
     violations = [Violation("contact", str(c), c.link, None, c.depth, "m") for c in contacts]
     if not complete:
         most = kinematics.MOST_CHECKS
-        text = f"it moves too far to be checked between its knots ({most} times)"
+        text = f"it moves too far to be checked between its waypoints ({most} times)"
         violations.append(Violation("unchecked", text))
     violations += [*missed, *(astray if stem_side else []), *broken]
     notes += [] if stem_side else map(str, astray)

@@ -90,22 +90,22 @@ class Evaluation:
     chooses every body sphere.
     """
 
-    def __init__(self, robot: Robot, body: BodyPoints, n_knots: int, dt: float) -> None:
+    def __init__(self, robot: Robot, body: BodyPoints, n_waypoints: int, dt: float) -> None:
         n, segments, spheres = robot.n_joints, robot.n_segments, body.tool
         self.robot, self.body, self.dt = robot, body, dt
         self.tool = body.tool
-        self.q = np.zeros((n_knots, n))
-        self.origins = np.empty((n_knots, segments, 3))
-        self.rotations = np.empty((n_knots, segments, 3, 3))
-        self.axes = np.empty((n_knots, segments, 3))
-        self.points = np.empty((n_knots, len(body), 3))
-        self.force = np.zeros((n_knots, spheres + 2, 3))
-        self.stiffness = np.zeros((n_knots, spheres + 2, 6))
-        self.joint_gradient = np.zeros((n_knots, n))
-        self.band = np.zeros((n_knots, 3, n))
+        self.q = np.zeros((n_waypoints, n))
+        self.origins = np.empty((n_waypoints, segments, 3))
+        self.rotations = np.empty((n_waypoints, segments, 3, 3))
+        self.axes = np.empty((n_waypoints, segments, 3))
+        self.points = np.empty((n_waypoints, len(body), 3))
+        self.force = np.zeros((n_waypoints, spheres + 2, 3))
+        self.stiffness = np.zeros((n_waypoints, spheres + 2, 6))
+        self.joint_gradient = np.zeros((n_waypoints, n))
+        self.band = np.zeros((n_waypoints, 3, n))
         self.every = np.ones(spheres, dtype=np.bool_)
-        self.static = Field(n_knots, spheres)
-        self.dynamic = Field(n_knots, spheres)
+        self.static = Field(n_waypoints, spheres)
+        self.dynamic = Field(n_waypoints, spheres)
 
     def move_to(self, q: FloatArray) -> None:
         """Kinematics of the trajectory ``q`` (T, n); what costs add to is cleared."""
@@ -151,9 +151,9 @@ class Evaluation:
 class Field:
     """Distance from each body sphere to the nearest obstacle of a role, with its normal."""
 
-    def __init__(self, n_knots: int, n_spheres: int) -> None:
-        self.distance = np.zeros((n_knots, n_spheres))
-        self.normal = np.zeros((n_knots, n_spheres, 3))
+    def __init__(self, n_waypoints: int, n_spheres: int) -> None:
+        self.distance = np.zeros((n_waypoints, n_spheres))
+        self.normal = np.zeros((n_waypoints, n_spheres, 3))
 
     def measure(self, e: Evaluation, obstacles: Obstacles, shared: int, cutoff: float) -> None:
         """Fill the field from the evaluation's points; see :func:`kernels.clearance_field`."""

@@ -1,12 +1,12 @@
 r"""Gauss-Newton on the penalised problem, in the covariant metric.
 
-Each step solves :math:`(H + \nu A)\,\delta = -g`, with H the Gauss-Newton curvature of all costs
-and penalties (block-banded over the knots), A the finite-difference metric of CHOMP (so that a step
-is smooth wherever the costs do not say otherwise) and ν a Levenberg-Marquardt damping. The
-penalties stiffen in a few stages.
+Each step solves :math:`(H + \nu A)\,\delta = -g`. H is the Gauss-Newton curvature of all costs
+and penalties; it is block-banded over the waypoints. A is the finite-difference metric of CHOMP; it
+keeps a step smooth where the costs say nothing. ν is a Levenberg-Marquardt damping. The penalties
+stiffen in a few stages.
 
-A start whose penalties are small beside its cost begins at the last stage: on softer ones it would
-only lose what it has.
+A start whose penalties are small beside its cost begins at the last stage: softer penalties would
+let it drift into what it already avoids.
 """
 
 import time
@@ -77,7 +77,7 @@ def solve(
 
     Args:
         problem: what to minimise.
-        q: initial trajectory; its fixed knots stay as they are.
+        q: initial trajectory; its fixed waypoints stay as they are.
         options: see :class:`GaussNewtonOptions`.
         deadline: ``time.perf_counter()`` after which it stops with what it has.
         stages: which of the penalty stages to run (for solving many starts a stage at a time).

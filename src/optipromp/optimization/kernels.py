@@ -100,8 +100,8 @@ def add_stiffness(kin, segment, points, stiffness, origins, axes, band, first, o
     The point stiffnesses of each segment are gathered as 6×6 spatial stiffnesses about the world
     origin and summed down the chain, as forces are; then
     :math:`H_{ij} = s_i^\top K_{\max(i,j)} s_j` with the joints' twists s. ``out``
-    ((bandwidth+1), N) is LAPACK's lower banded form for the knots ``first`` … ``first + N/n − 1``;
-    ``band`` (T, 3, n) couples a knot with itself, the next and the one after.
+    ((bandwidth+1), N) is LAPACK's lower banded form for waypoints ``first`` … ``first + N/n − 1``.
+    ``band`` (T, 3, n) couples a waypoint with itself, the next and the one after.
     """
     n, n_segments, n_points = band.shape[2], kin.kind.shape[0], stiffness.shape[1]
     spatial, twist = np.empty((n_segments, 6, 6)), np.empty((n_segments, 6))

@@ -16,7 +16,7 @@ from optipromp.scenes.scene import JointGoal, PoseGoal
 
 
 def clearance(task: Task, q: FloatArray) -> FloatArray:
-    """Room (m,) of configurations ``q`` (m, n) to static things, and of B_d to the others [m]."""
+    """Room (m,) of configurations ``q`` (m, n) to static objects, and of B_d to the others [m]."""
     e = Evaluation(task.robot, task.body, len(q), 1.0)
     e.move_to(q)
     around = task.surroundings

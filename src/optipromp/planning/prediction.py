@@ -67,8 +67,8 @@ def wrist(task: Task, goal: FloatArray) -> list[FloatArray]:
     assert isinstance(task.goal, PoseGoal)
     local = (robot.sphere_centers(goal) - task.goal.position) @ scene.frame.T
     radius, link = np.asarray(robot.spheres.radius), np.asarray(robot.spheres.link)
-    packs = [(thing.position - task.goal.position) @ scene.frame[0] for thing in scene.pushables]
-    tall = max(thing.radius for thing in scene.pushables)
+    packs = [(obj.position - task.goal.position) @ scene.frame[0] for obj in scene.pushables]
+    tall = max(obj.radius for obj in scene.pushables)
     level_with = (local[:, 0] + radius > min(packs) - tall) & (
         local[:, 0] - radius < max(packs) + tall
     )

@@ -168,7 +168,7 @@ def led_through(
     count: int,
     pause: float | None = None,
 ) -> FloatArray:
-    """Mean (T, n), at ``count`` knots, of ``promp`` led through configurations, with exact ends.
+    """Mean (T, n) of ``promp`` at ``count`` waypoints, conditioned on configurations.
 
     Args:
         promp: what is conditioned.
@@ -176,7 +176,7 @@ def led_through(
         phases: (m,) of the configurations.
         values: (m, n).
         variances: (m,) [rad²] of each; 0 is exact.
-        count: knots.
+        count: waypoints.
         pause: a phase at which the arm stands still.
     """
     places, spread = [(0.0, 0)], [0.0]
@@ -228,15 +228,15 @@ def plan_primitive(
         if planner == "i-promp":
             deviation = paper.direction_deviation
             rng = np.random.default_rng(seed) if deviation > 0.0 else None
-            things = task.neighbours
-            for push, thing in zip(
-                pushes(task.scene, things, task.robot.gripper_radius, rng, deviation),
-                things,
+            objects = task.neighbours
+            for push, obj in zip(
+                pushes(task.scene, objects, task.robot.gripper_radius, rng, deviation),
+                objects,
                 strict=True,
             ):
                 names += [push.id, f"{push.id} pushed"]
                 positions += [push.position, push.pushed]
-                variances += [detection_variance(thing)] * 2
+                variances += [detection_variance(obj)] * 2
         via = via_points(task, positions, phase, paper.via_deviation)
         branch = on_branch(task, via, goal)
         if branch is not None:

@@ -61,13 +61,13 @@ class Stems(NamedTuple):
     shortening: FloatArray
 
 
-def stems(things: Sequence[SceneObject]) -> Stems:
+def stems(objects: Sequence[SceneObject]) -> Stems:
     """The stems of fruits that hang; each is taken to be straight from its root to the fruit."""
     return bent(
-        np.array([t.stem.points[-1] for t in things if t.stem is not None]).reshape(-1, 3),
-        np.array([t.position for t in things]).reshape(-1, 3),
-        np.array([t.radius for t in things]),
-        np.array([t.stem.radius for t in things if t.stem is not None]),
+        np.array([t.stem.points[-1] for t in objects if t.stem is not None]).reshape(-1, 3),
+        np.array([t.position for t in objects]).reshape(-1, 3),
+        np.array([t.radius for t in objects]),
+        np.array([t.stem.radius for t in objects if t.stem is not None]),
     )
 
 

@@ -98,13 +98,13 @@ class Hanging(PushModel):
         """Fruits that are not in the way, but that a tool on a long way round may meet."""
         scene, target, known = self.scene, self.target, {fruit.id for fruit in self.neighbours}
 
-        def away(thing: SceneObject) -> float:
-            return math.dist(thing.position, target.position)
+        def away(obj: SceneObject) -> float:
+            return math.dist(obj.position, target.position)
 
         others = [
-            thing
-            for thing in scene.things(scene.around(target.position, HANGING.around, "pushable"))
-            if thing.id not in known and thing.stem is not None and away(thing) < HANGING.around
+            obj
+            for obj in scene.objects_at(scene.around(target.position, HANGING.around, "pushable"))
+            if obj.id not in known and obj.stem is not None and away(obj) < HANGING.around
         ]
         return sorted(others, key=away)[: HANGING.most - len(known)]
 

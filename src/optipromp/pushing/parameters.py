@@ -204,7 +204,7 @@ class PackParameters(Checked):
         0.002, "m", "choice", "of the target past 0.4 of the fingers' reach for a cost of 1"
     )
     jam: float = parameter(0.002, "m", "choice", "of overlap for a cost of 1")
-    taken: float = parameter(10.0, "1", "choice", "cost of another thing between the fingers")
+    taken: float = parameter(10.0, "1", "choice", "cost of another object between the fingers")
 
 
 @dataclass(frozen=True)

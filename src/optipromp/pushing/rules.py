@@ -59,21 +59,21 @@ def neighbours(
         return ()
     x_g, y_g, z_g = scene.frame
     found = []
-    for thing in scene.things(scene.around(target.position, search_radius, "pushable")):
-        off = thing.position - target.position
+    for obj in scene.objects_at(scene.around(target.position, search_radius, "pushable")):
+        off = obj.position - target.position
         along = float(off @ z_g)
         aside = math.hypot(off @ x_g, off @ y_g)
         distance = math.hypot(*off)
-        doubt = math.sqrt(detection_variance(target) + detection_variance(thing))
+        doubt = math.sqrt(detection_variance(target) + detection_variance(obj))
         wide = plane_factor * gripper_radius + RULE.unsure * doubt
         if along < 0.0 and distance <= search_radius and aside <= wide:
-            found.append((along, distance, thing.id, thing))
-    return tuple(thing for *_, thing in sorted(found, key=lambda f: f[:3]))
+            found.append((along, distance, obj.id, obj))
+    return tuple(obj for *_, obj in sorted(found, key=lambda f: f[:3]))
 
 
-def detection_variance(thing: SceneObject) -> float:
+def detection_variance(obj: SceneObject) -> float:
     """Mean variance of an object's detected position [m²]; 0 where the scene gives none."""
-    return 0.0 if thing.covariance is None else float(np.trace(thing.covariance)) / 3.0
+    return 0.0 if obj.covariance is None else float(np.trace(obj.covariance)) / 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,13 +94,13 @@ class Drift:
 
 
 def stem_side(
-    scene: Scene, thing: SceneObject, rule: DriftRule, gripper_radius: float
+    scene: Scene, obj: SceneObject, rule: DriftRule, gripper_radius: float
 ) -> FloatArray | None:
-    """Direction (3,) away from the stem of ``thing``, or None where its stem gives no side."""
-    if thing.stem is None:
+    """Direction (3,) away from the stem of ``obj``, or None where its stem gives no side."""
+    if obj.stem is None:
         return None
     x_g, y_g, _ = scene.frame
-    stem = thing.stem.vector
+    stem = obj.stem.vector
     least = np.sin(np.deg2rad(RULE.least_inclination)) * float(np.linalg.norm(stem))
     if rule == "paper":
         share = float(y_g @ stem)
@@ -110,7 +110,7 @@ def stem_side(
     away = None if length < least else -flat / length
     if rule == "lateral-plane" or scene.target is None:
         return away
-    off = scene.target.position - thing.position
+    off = scene.target.position - obj.position
     inwards = (x_g @ off) * x_g + (y_g @ off) * y_g
     distance = float(np.linalg.norm(inwards))
     if distance <= max(RULE.centred * gripper_radius, 1e-6):
@@ -135,7 +135,7 @@ def _towards(start: FloatArray, goal: FloatArray, most: float) -> FloatArray:
 
 def passing_windows(
     scene: Scene,
-    things: Sequence[SceneObject],
+    objects: Sequence[SceneObject],
     directions: Sequence[FloatArray],
     window: Window,
     depth: float,
@@ -149,19 +149,19 @@ def passing_windows(
     target, or where the next pushable asks for another direction. Then it ends as soon as the rim
     is safely past the centre.
     """
-    radii = np.array([thing.radius for thing in things])
+    radii = np.array([obj.radius for obj in objects])
     if window == "paper" or scene.target is None:
         return np.stack([-radii, radii], axis=1).reshape(-1, 2)
     up = scene.frame[2]
-    heights = np.array([thing.position @ up for thing in things])
+    heights = np.array([obj.position @ up for obj in objects])
     capture = float(scene.target.position @ up) - depth - scene.target.radius
     wanted = [capture - RULE.room_to_turn]
-    out = np.empty((len(things), 2))
-    for n in range(len(things) - 1, -1, -1):
+    out = np.empty((len(objects), 2))
+    for n in range(len(objects) - 1, -1, -1):
         released = -depth + RULE.release * radii[n]
         elsewhere = [
             heights[m] - depth - radii[m] - RULE.under - RULE.room_to_turn
-            for m in range(n + 1, len(things))
+            for m in range(n + 1, len(objects))
             if float(directions[m] @ directions[n]) < RULE.alike
         ]
         free = min([*wanted, *elsewhere]) - heights[n]
@@ -171,14 +171,14 @@ def passing_windows(
 
 def drift_choices(
     scene: Scene,
-    things: Sequence[SceneObject],
+    objects: Sequence[SceneObject],
     rule: DriftRule = "lateral-plane",
     *,
     window: Window = "rim",
     depth: float = 0.0,
     gripper_radius: float = 0.0,
 ) -> tuple[Drift, ...]:
-    """Every combination of sides the tool may pass ``things`` on, at most eight.
+    """Every combination of sides the tool may pass ``objects`` on, at most eight.
 
     A stem that leans decides its side; a vertical one, or none, leaves both ways along y_g open.
     The first choice leaves the approach line least. ``window`` and ``depth``: see
@@ -192,43 +192,43 @@ def drift_choices(
     if rule not in get_args(DriftRule):
         raise InvalidRequestError(f"drift is {rule!r}; use one of {', '.join(get_args(DriftRule))}")
     y_g = scene.frame[1]
-    centers = np.array([thing.position for thing in things]).reshape(-1, 3)
+    centers = np.array([obj.position for obj in objects]).reshape(-1, 3)
     options: list[list[FloatArray]] = []
-    for thing in things:
-        side = stem_side(scene, thing, rule, gripper_radius)
+    for obj in objects:
+        side = stem_side(scene, obj, rule, gripper_radius)
         if side is not None:
             options.append([side])
             continue
-        assert scene.target is not None  # things are neighbours of a target
-        away = float(y_g @ (scene.target.position - thing.position))
+        assert scene.target is not None  # objects are neighbours of a target
+        away = float(y_g @ (scene.target.position - obj.position))
         first = 1.0 if away >= 0.0 else -1.0
         options.append([first * y_g, -first * y_g])
     chosen = islice(product(*options), RULE.most_choices)
     return tuple(
         Drift(
-            tuple(thing.id for thing in things),
+            tuple(obj.id for obj in objects),
             centers,
             np.array(directions).reshape(-1, 3),
-            passing_windows(scene, things, directions, window, depth),
+            passing_windows(scene, objects, directions, window, depth),
         )
         for directions in chosen
     )
 
 
 def rule_paths(
-    scene: Scene, things: Sequence[SceneObject], robot: Robot, camera: FloatArray
+    scene: Scene, objects: Sequence[SceneObject], robot: Robot, camera: FloatArray
 ) -> list[FloatArray]:
     """Corners (k, 3) of the path from ``camera`` (3,) past neighbours, for each choice of sides."""
     assert scene.target is not None
     depth = 0.0 if robot.tool is None else robot.tool.depth
-    radii = np.array([thing.radius for thing in things])
+    radii = np.array([obj.radius for obj in objects])
     return [
         path_past(
             drift, robot.gripper_radius + PUSH.hanging.clearance * radii, scene.target.position,
             scene.frame, camera, max(depth + scene.target.radius, 0.0),
         )
         for drift in drift_choices(
-            scene, things, "shortest", depth=depth, gripper_radius=robot.gripper_radius
+            scene, objects, "shortest", depth=depth, gripper_radius=robot.gripper_radius
         )
     ]  # fmt: skip
 
@@ -310,7 +310,7 @@ def _corners(levels, windows, heights, flat, directions, offsets, farthest, corn
 def _aside(flat, directions, offsets, active, farthest, p):  # type: ignore[no-untyped-def]
     """``p`` (2,): the point nearest to the approach line that is aside of all ``active`` (N,).
 
-    By cyclic projection, in place. None is farther from the line than ``farthest``: where things
+    By cyclic projection, in place. None is farther from the line than ``farthest``: where objects
     ask for opposite sides, the point would flee to where their half-planes meet; a compromise is
     nearer.
     """

@@ -27,15 +27,15 @@ class Bench(NamedTuple):
     """What stands around the target, seen along x_g, in (u, v) along z_g and y_g from the target.
 
     Attributes:
-        things: the target first, then the pushables.
+        objects: the target first, then the pushables.
         yields, lever2: (B,) see :func:`optipromp.pushing.quasi_static.pushed`.
-        walls: static things at the target's height.
+        walls: static objects at the target's height.
         hand: the outline of the hand, and of what follows it.
         mouth: (3,) u of palm and finger tips, and half of what is between the fingers [m].
-        edge: u of the board's front, behind which things must stay [m].
+        edge: u of the board's front, behind which objects must stay [m].
     """
 
-    things: Shapes
+    objects: Shapes
     yields: FloatArray
     lever2: FloatArray
     walls: Shapes
@@ -75,8 +75,8 @@ def cost(bench, corners, states, slips, limit):  # type: ignore[no-untyped-def]
     Args:
         bench: what stands there.
         corners: (k, 2) of the way.
-        states: (N, B, 3) where things stand in each trial.
-        slips: (N,) coefficients of friction between things, and with the tool.
+        states: (N, B, 3) where objects stand in each trial.
+        slips: (N,) coefficients of friction between objects, and with the tool.
         limit: a mean cost.
     """
     path = stepped(corners, MODEL_STEP)
@@ -94,7 +94,7 @@ def cost(bench, corners, states, slips, limit):  # type: ignore[no-untyped-def]
             return math.inf
         end = states[n].copy()
         pushed(
-            path, bench.hand, bench.things, end, bench.yields, bench.lever2, bench.walls,
+            path, bench.hand, bench.objects, end, bench.yields, bench.lever2, bench.walls,
             slips[n], FAR, min(hardest, LIGHT + HEAVY * math.sqrt(left)), report,
         )  # fmt: skip
         force, jam, done = report

@@ -179,7 +179,7 @@ class FrankaHand:
     """The Franka hand, open. It is mounted turned by -45 degrees about flange z, as Franka does.
 
     The tool point lies between the finger tips, 0.1034 beyond the flange. The cover spheres keep
-    away from static things; they contain every point of the maker's collision meshes and reach at
+    away from static objects; they contain every point of the maker's collision meshes and reach at
     most 15 mm beyond them. What pushes and what takes hold is the hand itself: a palm and two
     fingers, see :meth:`boxes` and :meth:`outline`.
     """

@@ -298,7 +298,7 @@ class Scene:
 
     @cached_property
     def _by_role(self) -> Mapping[str, tuple[SceneObject, ...]]:
-        return {role: self.things(rows) for role, rows in self._rows.items()}
+        return {role: self.objects_at(rows) for role, rows in self._rows.items()}
 
     @property
     def target(self) -> SceneObject | None:
@@ -355,7 +355,7 @@ class Scene:
         off = self.positions[rows] - center
         return np.asarray(rows[lengths(off) - self.bounds[rows] <= reach + _ROUNDING])
 
-    def things(self, rows: IntArray) -> tuple[SceneObject, ...]:
+    def objects_at(self, rows: IntArray) -> tuple[SceneObject, ...]:
         """Some of the ``objects``, by their places (K,)."""
         objects = self.objects
         return tuple([objects[k] for k in rows.tolist()])
@@ -382,7 +382,7 @@ class Scene:
         ``reach`` and ``within``: see :func:`optipromp.geometry.obstacles.pack`.
         """
         kind, size, bound = self._measures
-        shapes = [thing.shape for thing in self.things(rows)]
+        shapes = [obj.shape for obj in self.objects_at(rows)]
         return packed(
             shapes, self.positions[rows], self.rotations[rows],
             (kind[rows], size[rows], bound[rows]), reach=reach, within=within,

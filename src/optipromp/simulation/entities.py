@@ -9,7 +9,7 @@ EntityKind = Literal["link", "tool", "fruit", "thing", "stem", "static", "avoid"
 
 @dataclass(frozen=True)
 class Entity:
-    """A thing that contacts are counted for: a robot link, the tool, a fruit, its stem, an object.
+    """What contacts are counted for: a robot link, the tool, a fruit, its stem, an object.
 
     Attributes:
         kind: of it.

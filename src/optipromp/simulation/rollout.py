@@ -17,7 +17,7 @@ from optipromp.simulation.world import World
 
 @dataclass(frozen=True, eq=False)
 class Rollout:
-    """What happened, R records at a fixed rate, F fruits and things (targets and pushables).
+    """What happened, R records at a fixed rate, F fruits and objects (targets and pushables).
 
     Attributes:
         times: (R,) [s].
@@ -26,7 +26,7 @@ class Rollout:
         tool_point: (R, 3) [m], ``tool_axis`` (R, 3).
         fruit_ids: F ids; ``fruit_positions`` (R, F, 3) [m].
         attached: (R, F) whether each still hangs on its stem (False for what never did).
-        fruit_force: (R, F) largest force of one other thing on each since the last record [N].
+        fruit_force: (R, F) largest force of one other object on each since the last record [N].
         stem_force: (R, F) the same of arm or tool on its stem [N].
         states: (R, nq) MuJoCo's generalised positions, for pictures.
         motion: when the reference ends and the hold begins [s].

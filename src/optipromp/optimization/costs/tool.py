@@ -209,7 +209,7 @@ def push_quadratic(points, tool, goal, frame, axis_weights, dt, first, scale, fo
 def push_reciprocal(points, tool, goal, lateral, softening, first, scale, force, _stiffness):  # type: ignore[no-untyped-def]
     """The authors' Σ_t 1/|y_g·(fk − X_g)|, finite near zero: Σ_t (y² + softening²)^(-1/2).
 
-    The last knot is left out: it is at the target, where the cost is without bound and without use.
+    The last waypoint is left out: it is at the target, where the cost has no bound and no use.
     """
     total = 0.0
     for t in range(first, points.shape[0] - 1):
