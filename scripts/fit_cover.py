@@ -25,10 +25,10 @@ from scipy.spatial import ConvexHull
 
 from optipromp.robots import load_robot
 
-EXCESS = 0.016  # [m] on the grid; measured exactly it is at most 15 mm
+EXCESS = 0.0159  # [m] on the grid; measured exactly it is at most 15 mm
 VOXEL = 0.002  # [m] of the grid on which distances are measured
 SPACING = 0.004  # [m] between candidate centres
-INTO = 0.008  # [m] beyond link 6 up to which link 7 counts as filling
+INTO = 0.006  # [m] beyond link 6 up to which link 7 counts as filling
 MARGIN = 0.0005  # [m] by which a point must lie inside its sphere
 SAMPLE = 0.008  # [m] longest edge of the subdivided surface whose points are covered
 TURNS = 16  # angles of a joint at which the neighbour is looked at
@@ -41,9 +41,6 @@ class Link:
 
     def __init__(self, folder: Path, name: str) -> None:
         mesh = trimesh.load(folder / f"{name}.stl", force="mesh")
-        if name == "hand":  # left and right alike, as its cover is
-            mirrored = np.concatenate([mesh.vertices, mesh.vertices * [1.0, -1.0, 1.0]])
-            mesh = trimesh.convex.convex_hull(mirrored)
         faces = np.unique(ConvexHull(mesh.vertices).equations.round(9), axis=0)
         self.normals, self.offsets, self.bounds = faces[:, :3], -faces[:, 3], mesh.bounds
         mesh.merge_vertices()
@@ -116,21 +113,18 @@ def candidates(links: dict[str, Link], name: str) -> tuple[np.ndarray, np.ndarra
     return centers[large], radius[large]
 
 
-def cover(
-    points: np.ndarray, centers: np.ndarray, radius: np.ndarray, price: np.ndarray
-) -> np.ndarray:
-    """The candidate spheres of least price, (k, 4), that contain all points."""
+def cover(points: np.ndarray, centers: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """The fewest of the candidate spheres, (k, 4), that contain all points."""
     rng = np.random.default_rng(0)
     asked = rng.choice(len(points), min(400, len(points)), replace=False)
     while True:
         within = np.linalg.norm(points[asked, None] - centers, axis=2) <= radius - MARGIN
         if not within.any(axis=1).all():
             raise SystemExit(f"no candidate contains {points[asked][~within.any(axis=1)][:3]}")
-        told = np.vstack([np.packbits(within, axis=0), price.astype(np.uint8)])
-        _, first = np.unique(told.T, axis=0, return_index=True)
+        _, first = np.unique(np.packbits(within, axis=0).T, axis=0, return_index=True)
         columns = within[:, first]
         result = milp(
-            price[first], integrality=np.ones(len(first)), bounds=Bounds(0, 1),
+            np.ones(len(first)), integrality=np.ones(len(first)), bounds=Bounds(0, 1),
             constraints=LinearConstraint(columns.astype(float), 1.0, np.inf),
             options={"time_limit": SECONDS},
         )  # fmt: skip
@@ -158,15 +152,7 @@ def main() -> None:
         points = points[~filled(links, name, points, 1e-3)]
         if name == "link0":
             points = points[points[:, 2] > RIM]
-        centers, radius = candidates(links, name)
-        price = np.ones(len(radius))
-        if name == "hand":  # one half is fitted, the other is its mirror image
-            points, half = points[points[:, 1] > -1e-9], centers[:, 1] > -1e-9
-            centers, radius = centers[half], radius[half]
-            price = 1.0 + (centers[:, 1] > 1e-9)
-        found = cover(points, centers, radius, price)
-        if name == "hand":
-            found = np.vstack([found, found[found[:, 1] > 1e-9] * [1.0, -1.0, 1.0, 1.0]])
+        found = cover(points, *candidates(links, name))
         found = found[np.lexsort(found[:, :3].T)]
         print(f", {len(points)} points, {time.perf_counter() - start:.0f} s")
         print(f"  {name}:  # {len(found)} spheres")

@@ -208,10 +208,10 @@ def printed(*tables: Any) -> str:
 
 def test_the_table_of_scenarios_fits_eighty_columns() -> None:
     from optipromp.cli.scenarios import reductions, table_one
-    from optipromp.experiments.scenarios import CASES, Row
+    from optipromp.experiments.scenarios import CASES, ScenarioRow
 
     rows = [
-        Row(case, plan(case.scene, strategy=case.strategy))
+        ScenarioRow(case, plan(case.scene, strategy=case.strategy))
         for case in CASES
         if case.key in ("3-joint", "3-sequential")
     ]
@@ -224,13 +224,13 @@ def test_the_table_of_scenarios_fits_eighty_columns() -> None:
 def test_no_cost_of_an_invalid_plan_is_said_to_have_fallen() -> None:
     """A plan that enters the table-top may lower its push as much as it likes."""
     from optipromp.cli.scenarios import SHORT, reductions, table_one
-    from optipromp.experiments.scenarios import CASES, Row
+    from optipromp.experiments.scenarios import CASES, ScenarioRow
     from optipromp.planning import PlanOptions
     from optipromp.planning.paper_options import PaperOptions
 
     case = next(case for case in CASES if case.key == "4-sequential")
     options = PlanOptions(constraints="paper", paper=PaperOptions(drift_offset=0.9), timeout=1.0)
-    row = Row(case, plan(case.scene, strategy="sequential", options=options))
+    row = ScenarioRow(case, plan(case.scene, strategy="sequential", options=options))
     assert not row.plan.success
     assert {item.valid for item in row.reductions} == {False}
     lines = [line for line in printed(reductions([row])).splitlines() if "4-seq" in line]
@@ -243,7 +243,7 @@ def test_no_cost_of_an_invalid_plan_is_said_to_have_fallen() -> None:
 
 def test_m_c_over_joint_origins_is_to_the_core() -> None:
     """Of a ball its centre, of a bar its long axis; wider than over spheres, their centres too."""
-    from optipromp.experiments.scenarios import CASES, Row, core_distances
+    from optipromp.experiments.scenarios import CASES, ScenarioRow, core_distances
     from optipromp.scenes import load_scene
 
     three, four = load_scene("scenario-3"), load_scene("scenario-4")
@@ -255,7 +255,7 @@ def test_m_c_over_joint_origins_is_to_the_core() -> None:
         core_distances(ball, ball.position + off), np.linalg.norm(off, axis=1)
     )
     case = next(case for case in CASES if case.key == "4-joint")
-    row = Row(case, plan(four))
+    row = ScenarioRow(case, plan(four))
     tools = row.plan.robot.tool_pose(row.plan.trajectory.positions)[0]
     assert row.M_c_joints <= core_distances(bar, tools).min()
 

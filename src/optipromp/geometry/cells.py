@@ -4,9 +4,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from optipromp.arrays import FloatArray, IntArray
+from optipromp.compiled import kernel
 
 FEWEST = 24  # obstacles; with fewer, testing them all is as fast
 _EDGE = 0.12  # [m]
@@ -64,7 +64,7 @@ def make_cells(position: FloatArray, bound: FloatArray, reach: float, half: floa
     return _read_only(reach, half, 1.0 / edge, count, start, member)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _fill(position, bound, reach, half, edge, count, start, member, write):  # type: ignore[no-untyped-def]
     """Count the obstacles of cell i in ``start[i + 1]``, or write them from ``start[i]`` on."""
     low, high = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
@@ -96,13 +96,13 @@ def _fill(position, bound, reach, half, edge, count, start, member, write):  # t
                         start[cell + 1] += 1
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _outside(x, low, edge):  # type: ignore[no-untyped-def]
     """How far x is outside of [low, low + edge], less a hair so that rounding loses nothing."""
     return max(max(low - x, x - low - edge) - 1e-9, 0.0)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def cell_at(cells, x, y, z):  # type: ignore[no-untyped-def]
     """Index of the list of a place."""
     n = cells.along

@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from optipromp.arrays import FloatArray
+from optipromp.compiled import inlined, inner
 from optipromp.errors import InvalidRequestError
 from optipromp.geometry.obstacles import BOX, CAPSULE, CYLINDER, HALF_SPACE, SPHERE, Obstacles
 
@@ -23,7 +23,7 @@ GRID_PADDING = 3
 _TINY = 1e-300  # squared lengths up to here count as 0: their roots cannot be divided by safely
 
 
-@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+@inlined
 def signed_distance(
     obstacles: Obstacles, k: int, x0: float, x1: float, x2: float, gradient: FloatArray
 ) -> float:
@@ -44,7 +44,7 @@ def signed_distance(
     return distance
 
 
-@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+@inlined
 def distance_and_gradient(
     obstacles: Obstacles, k: int, x0: float, x1: float, x2: float
 ) -> tuple[float, float, float, float]:
@@ -87,7 +87,7 @@ def distance_and_gradient(
     )
 
 
-@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+@inlined
 def farther_than(
     obstacles: Obstacles, k: int, x0: float, x1: float, x2: float, reach: float
 ) -> bool:
@@ -102,7 +102,7 @@ def farther_than(
     return bool(limit < 0.0 or d0 * d0 + d1 * d1 + d2 * d2 > limit * limit)
 
 
-@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+@inlined
 def _box(
     l0: float, l1: float, l2: float, h0: float, h1: float, h2: float
 ) -> tuple[float, float, float, float]:
@@ -127,7 +127,7 @@ def _box(
     return e2, 0.0, 0.0, s2
 
 
-@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+@inlined
 def _capsule(
     l0: float, l1: float, l2: float, radius: float, half: float
 ) -> tuple[float, float, float, float]:
@@ -140,7 +140,7 @@ def _capsule(
     return -radius, 1.0, 0.0, 0.0
 
 
-@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+@inlined
 def _cylinder(
     l0: float, l1: float, l2: float, radius: float, half: float
 ) -> tuple[float, float, float, float]:
@@ -165,7 +165,7 @@ def _cylinder(
     return axial, 0.0, 0.0, side
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _grid(
     obstacles: Obstacles, g: int, l0: float, l1: float, l2: float
 ) -> tuple[float, float, float, float]:
@@ -252,7 +252,7 @@ def _grid(
     )
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _distances(
     obstacles: Obstacles, points: FloatArray, distance: FloatArray, gradient: FloatArray
 ) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from optipromp.arrays import FloatArray, IntArray
+from optipromp.compiled import kernel
 
 _NODES = 4  # along an edge of a block
 _CELL = 3.0  # [steps of the grid] along an edge of a cell
@@ -52,7 +53,7 @@ def _in_cells(points: FloatArray, origin: FloatArray, edge: float) -> tuple[IntA
     return np.append(first, len(points)), points[order]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _fill(px, py, pz, start, low, high, origin, step, near, slack, values):  # type: ignore[no-untyped-def]
     """:func:`to_nearest` of points cell by cell, whose boxes are ``low`` … ``high`` (C, 3)."""
     n0, n1, n2 = values.shape
@@ -89,7 +90,7 @@ def _fill(px, py, pz, start, low, high, origin, step, near, slack, values):  # t
                             )
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _nearest(px, py, pz, start, low, high, cells, x, y, z, near, slack):  # type: ignore[no-untyped-def]
     """Distance of a place to the nearest point in ``cells``, those first that are near."""
     squared = ask = np.inf
@@ -104,7 +105,7 @@ def _nearest(px, py, pz, start, low, high, cells, x, y, z, near, slack):  # type
     return distance if distance < near else max(near, distance / (1.0 + slack))
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _to_box(low, high, x, y, z):  # type: ignore[no-untyped-def]
     """Squared distance of a place to a box."""
     dx = max(low[0] - x, x - high[0], 0.0)

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from optipromp.arrays import FloatArray
+from optipromp.compiled import kernel
 
 _BLOCK = 4  # nodes along the edge of a block that shares one list of candidate triangles
 _TINY = 1e-300
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _segment_squared(
     p0: float, p1: float, p2: float, a: FloatArray, e0: float, e1: float, e2: float
 ) -> float:
@@ -31,7 +31,7 @@ def _segment_squared(
     return float(d0 * d0 + d1 * d1 + d2 * d2)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def triangle_squared(p0: float, p1: float, p2: float, corners: FloatArray) -> float:
     """Squared distance from p to the triangle with ``corners`` (3, 3), degenerate ones included.
 
@@ -67,7 +67,7 @@ def triangle_squared(p0: float, p1: float, p2: float, corners: FloatArray) -> fl
     return float(min(best, _segment_squared(p0, p1, p2, corners[1], v0 - u0, v1 - u1, v2 - u2)))
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def winding_number(p0: float, p1: float, p2: float, triangles: FloatArray) -> float:
     """Generalised winding number of a triangle soup (F, 3, 3) about p: sum of solid angles / 4π.
 
@@ -98,7 +98,7 @@ def winding_number(p0: float, p1: float, p2: float, triangles: FloatArray) -> fl
     return total / (4.0 * math.pi)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _fill_distances(
     triangles: FloatArray,
     centers: FloatArray,
@@ -162,7 +162,7 @@ def _fill_distances(
                             values[j0, j1, j2] = root
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _sign_distances(
     triangles: FloatArray, origin: FloatArray, spacing: float, values: FloatArray
 ) -> None:

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from optipromp.arrays import FloatArray
+from optipromp.compiled import inlined, inner, kernel
 from optipromp.judging.distances import (
     AVOID,
     AVOID_BY_TOOL,
@@ -162,7 +162,7 @@ def pushed_away(
     return kept, notes
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def entered_first(objects, k, spheres, radius, distal):  # type: ignore[no-untyped-def]
     """How deep [m] the arm gets into object ``k`` where no tool has been as deep before.
 
@@ -192,7 +192,7 @@ def entered_first(objects, k, spheres, radius, distal):  # type: ignore[no-untyp
     return depth, deepest
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart):  # type: ignore[no-untyped-def]
     """Closest approaches over configurations ``q`` (M, n) by conservative advancement, in place.
 
@@ -311,7 +311,7 @@ def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart
             wait_pairs = min(wait_pairs, most + wait_pair[g] - moved)
 
 
-@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+@inlined
 def _move(body, q, begin, before, turns, origins, middles, travel):  # type: ignore[no-untyped-def]
     """Move the segments and the links' middles to ``q``; the largest step it adds to ``travel``.
 
@@ -339,7 +339,7 @@ def _move(body, q, begin, before, turns, origins, middles, travel):  # type: ign
     return largest
 
 
-@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+@inlined
 def _wanted(role, closest, core):  # type: ignore[no-untyped-def]
     """From which distance [m] on objects of a role change no figure."""
     if role == STATIC:
@@ -349,7 +349,7 @@ def _wanted(role, closest, core):  # type: ignore[no-untyped-def]
     return max(closest[PUSHABLE], 0.0)
 
 
-@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+@inlined
 def _to_block(objects, c, middles, reach):  # type: ignore[no-untyped-def]
     """Distance [m] from block ``c`` to the nearest of the balls about ``middles`` (L, 3)."""
     gap = math.inf
@@ -358,7 +358,7 @@ def _to_block(objects, c, middles, reach):  # type: ignore[no-untyped-def]
     return gap - objects.block_bound[c]
 
 
-@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+@inlined
 def _nearest_pair(body, group, spheres, middles, apart):  # type: ignore[no-untyped-def]
     """The distance [m] between two links; ``apart`` where it is the least so far."""
     second = body.groups[group, 1]
@@ -383,7 +383,7 @@ def _nearest_pair(body, group, spheres, middles, apart):  # type: ignore[no-unty
     return gap
 
 
-@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+@inlined
 def _place_link(body, turns, origins, link, spheres):  # type: ignore[no-untyped-def]
     """World centres of one link's spheres, in place."""
     for b in range(body.start[link], body.start[link + 1]):

@@ -9,9 +9,9 @@ from math import hypot, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from optipromp.arrays import FloatArray, IntArray, lengths
+from optipromp.compiled import inlined, inner
 from optipromp.geometry import shapes
 from optipromp.geometry.obstacles import BOX, CAPSULE, CYLINDER, HALF_SPACE, SPHERE
 from optipromp.scenes.scene import Scene, SceneObject
@@ -103,7 +103,7 @@ def neighbours(role: IntArray, position: FloatArray, bound: FloatArray) -> IntAr
     return np.argsort(key, kind="stable")
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def to_surface(kind, a, b, c, x, y, z):  # type: ignore[no-untyped-def]
     """Signed distance [m] of a point, in the shape's own frame, to a shape of sizes a, b, c."""
     if kind == SPHERE:
@@ -121,7 +121,7 @@ def to_surface(kind, a, b, c, x, y, z):  # type: ignore[no-untyped-def]
     return z
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def to_core(kind, a, b, c, x, y, z):  # type: ignore[no-untyped-def]
     """Distance [m] of a point to the paper's core: a sphere's centre, the long axis of a bar."""
     if kind == HALF_SPACE:
@@ -138,7 +138,7 @@ def to_core(kind, a, b, c, x, y, z):  # type: ignore[no-untyped-def]
     return sqrt(x * x + y * y + z * z)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def inside(r, p, k, points, i):  # type: ignore[no-untyped-def]
     """World point ``i`` of ``points`` in frame ``k``: rotations ``r`` (K, 3, 3), origins ``p``."""
     x, y, z = points[i, 0] - p[k, 0], points[i, 1] - p[k, 1], points[i, 2] - p[k, 2]
@@ -149,7 +149,7 @@ def inside(r, p, k, points, i):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+@inlined
 def apart_by(a, i, b, j):  # type: ignore[no-untyped-def]
     """Distance [m] between point ``i`` of ``a`` (A, 3) and point ``j`` of ``b`` (B, 3)."""
     x, y, z = a[i, 0] - b[j, 0], a[i, 1] - b[j, 1], a[i, 2] - b[j, 2]

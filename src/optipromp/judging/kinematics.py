@@ -9,9 +9,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from optipromp.arrays import BoolArray, FloatArray, IntArray, lengths
+from optipromp.compiled import inlined, inner, kernel
 from optipromp.robots.model import Robot
 from optipromp.scenes.rotations import to_quaternion
 
@@ -143,7 +143,7 @@ def _cut(positions: FloatArray, parts: FloatArray) -> tuple[FloatArray, IntArray
     return fine, waypoints, total <= MOST_CHECKS
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def turned(w, x, y, z, vx, vy, vz):  # type: ignore[no-untyped-def]
     """The vector (vx, vy, vz) turned by the unit quaternion (w, x, y, z)."""
     tx, ty, tz = 2 * (y * vz - z * vy), 2 * (z * vx - x * vz), 2 * (x * vy - y * vx)
@@ -154,7 +154,7 @@ def turned(w, x, y, z, vx, vy, vz):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def composed(a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def]
     """Product of the quaternions (a, b, c, d) and (e, f, g, h)."""
     return (
@@ -165,7 +165,7 @@ def composed(a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+@inlined
 def segments(body, q, turns, origins):  # type: ignore[no-untyped-def]
     """Rotations (S, 3, 3) and origins (S, 3) [m] of the segments at ``q`` (n,), in place."""
     w, x, y, z = 1.0, 0.0, 0.0, 0.0
@@ -192,7 +192,7 @@ def segments(body, q, turns, origins):  # type: ignore[no-untyped-def]
         origins[s, 0], origins[s, 1], origins[s, 2] = ox, oy, oz
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def carried(turns, origins, s, local, b):  # type: ignore[no-untyped-def]
     """World position of point ``b`` of ``local`` (B, 3), which segment ``s`` carries (-1: none)."""
     x, y, z = local[b, 0], local[b, 1], local[b, 2]
@@ -205,7 +205,7 @@ def carried(turns, origins, s, local, b):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def place(body, q, out):  # type: ignore[no-untyped-def]
     """World centres (M, B, 3) of the spheres at configurations ``q`` (M, n), in place."""
     n_segments = body.driver.shape[0]
@@ -217,7 +217,7 @@ def place(body, q, out):  # type: ignore[no-untyped-def]
             out[m, b, 0], out[m, b, 1], out[m, b, 2] = x, y, z
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def divisions(body, q, parts):  # type: ignore[no-untyped-def]
     """Into how many ``parts`` (T-1,) each interval is cut so that no sphere moves half its radius.
 
@@ -238,7 +238,7 @@ def divisions(body, q, parts):  # type: ignore[no-untyped-def]
         parts[t] = max(1.0, math.ceil(1.1 * 2.0 * math.sqrt(worst)))
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def cut(q, waypoints, fine):  # type: ignore[no-untyped-def]
     """``fine`` (M, n): straight between the rows of ``q`` (T, n), which stand at ``waypoints``."""
     for t in range(q.shape[0] - 1):
@@ -246,4 +246,5 @@ def cut(q, waypoints, fine):  # type: ignore[no-untyped-def]
         for i in range(count):
             for j in range(q.shape[1]):
                 fine[waypoints[t] + i, j] = q[t, j] + i / count * (q[t + 1, j] - q[t, j])
-    fine[-1] = q[-1]
+    for j in range(q.shape[1]):
+        fine[fine.shape[0] - 1, j] = q[q.shape[0] - 1, j]

@@ -8,9 +8,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from optipromp.arrays import BoolArray, FloatArray, IntArray, joined, lengths
+from optipromp.compiled import inner, kernel
 from optipromp.scenes.scene import Scene
 
 DECIDED = np.sin(np.deg2rad(1.0))  # a choice: less of a stem's length aside is no side
@@ -147,11 +147,13 @@ def last_passages(
     return waypoint, at
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _last_passages(path, places, up, waypoint, at):  # type: ignore[no-untyped-def]
     """:func:`last_passages` in place; what is above or below the whole path is not looked at."""
-    heights = path[:, 0] * up[0] + path[:, 1] * up[1] + path[:, 2] * up[2]
-    lowest, highest = heights.min() - 1e-9, heights.max() + 1e-9
+    lowest, highest = math.inf, -math.inf
+    for t in range(path.shape[0]):
+        height = path[t, 0] * up[0] + path[t, 1] * up[1] + path[t, 2] * up[2]
+        lowest, highest = min(lowest, height - 1e-9), max(highest, height + 1e-9)
     for k in range(places.shape[0]):
         p = places[k]
         level = p[0] * up[0] + p[1] * up[1] + p[2] * up[2]
@@ -170,14 +172,14 @@ def _last_passages(path, places, up, waypoint, at):  # type: ignore[no-untyped-d
             after = height
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _over(point, place, up):  # type: ignore[no-untyped-def]
     """Component along ``up`` of a point seen from a place [m]."""
     x, y, z = point[0] - place[0], point[1] - place[1], point[2] - place[2]
     return x * up[0] + y * up[1] + z * up[2]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def window(path, rows, waypoint, side, lateral, up, stems, least, gap):  # type: ignore[no-untyped-def]
     """The paper's constraints 1 and 2 over the passing windows, in place.
 
@@ -209,7 +211,7 @@ def window(path, rows, waypoint, side, lateral, up, stems, least, gap):  # type:
                 gap[k] = min(gap[k], between(path[t], end, points[j], points[j + 1]))
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def between(a, b, c, d):  # type: ignore[no-untyped-def]
     """Distance [m] between the segments from a to b and from c to d (Ericson 2005, 5.1.9)."""
     uu = vv = uv = uw = vw = s = squared = 0.0

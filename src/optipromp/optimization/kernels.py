@@ -9,14 +9,14 @@ forces by :func:`optipromp.robots.kernels.pull_back`, the stiffnesses by :func:`
 """
 
 import numpy as np
-from numba import njit
 
+from optipromp.compiled import inner, kernel
 from optipromp.geometry.cells import cell_at
 from optipromp.geometry.distances import distance_and_gradient
 from optipromp.robots.kernels import PRISMATIC
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def add_along(force, stiffness, push, k, x, y, z):  # type: ignore[no-untyped-def]
     """Add ``push``·n to a point's ``force`` (3,) and ``k``·n nᵀ to its ``stiffness`` (6,)."""
     force[0] += push * x
@@ -30,7 +30,7 @@ def add_along(force, stiffness, push, k, x, y, z):  # type: ignore[no-untyped-de
     stiffness[5] += k * y * z
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def clearance_field(  # type: ignore[no-untyped-def]
     points, radius, link_start, link_bound, link_distal, obstacles, shared, cutoff, distance, normal
 ):
@@ -62,7 +62,7 @@ def clearance_field(  # type: ignore[no-untyped-def]
                         normal[t, b, 0], normal[t, b, 1], normal[t, b, 2] = nx, ny, nz
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def clearance_in_cells(  # type: ignore[no-untyped-def]
     points, radius, link_start, link_distal, obstacles, shared, cutoff, distance, normal
 ):
@@ -93,7 +93,7 @@ def clearance_in_cells(  # type: ignore[no-untyped-def]
                         normal[t, b, 0], normal[t, b, 1], normal[t, b, 2] = nx, ny, nz
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def add_stiffness(kin, segment, points, stiffness, origins, axes, band, first, out):  # type: ignore[no-untyped-def]
     r"""The banded Gauss-Newton matrix :math:`\sum_b J_b^\top C_b J_b` plus the joint-space bands.
 

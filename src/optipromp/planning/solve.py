@@ -150,14 +150,21 @@ def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation
 
 
 def opposite(task: Task) -> tuple[int, int]:
-    """The outermost two spheres of a tool with fingers on either side, which are to stand level."""
+    """Two spheres of a tool with fingers, one on either side, which are to stand level.
+
+    The two that are farthest apart along the opening, and alike otherwise.
+    """
     robot = task.robot
     assert robot.tool is not None
     mine = np.flatnonzero(robot.spheres.link == len(robot.link_names) - 1)
     opens = robot.flange_rotation @ robot.tool.rotation[:, 1]
-    along = robot.spheres.center[mine] @ opens
+    center = robot.spheres.center[mine]
+    between = center - center[:, None]
+    along = between @ opens
+    aside = np.linalg.norm(between - along[..., None] * opens, axis=-1)
+    low, high = np.unravel_index(np.argmax(along - 10.0 * aside), along.shape)
     first = task.body.tool - len(mine)  # the tool's spheres come last
-    return first + int(np.argmin(along)), first + int(np.argmax(along))
+    return first + int(low), first + int(high)
 
 
 def _schedule(options: PlanOptions) -> gauss_newton.GaussNewtonOptions:

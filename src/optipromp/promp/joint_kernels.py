@@ -7,9 +7,9 @@ Shapes: n joints of K weights, nK = d; P points, nP = r rows.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from optipromp.arrays import FloatArray
+from optipromp.compiled import kernel
 
 
 class Factor(NamedTuple):
@@ -41,7 +41,7 @@ def joint_factor(
     return Factor(*_joint_factor(prior, joints, values, noise, tolerance))
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _joint_factor(
     prior: FloatArray, joints: int, values: FloatArray, noise: FloatArray, tolerance: float
 ) -> tuple[bool, FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -80,7 +80,7 @@ def _joint_factor(
     return definite, cross, total, lower, scale
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def joint_mean(
     factor: Factor, mean: FloatArray, values: FloatArray, target: FloatArray
 ) -> FloatArray:
@@ -110,7 +110,7 @@ def joint_mean(
     return weights
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def joint_covariance(
     factor: Factor, prior: FloatArray, values: FloatArray, noise: FloatArray
 ) -> FloatArray:
@@ -149,7 +149,7 @@ def joint_covariance(
     return kept
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def along_rows(matrix: FloatArray, values: FloatArray, count: int) -> FloatArray:
     """M Hᵀ (m, r) for M (m, d)."""
     points, joints = values.shape[0], matrix.shape[1] // count
@@ -164,7 +164,7 @@ def along_rows(matrix: FloatArray, values: FloatArray, count: int) -> FloatArray
     return out
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def substitute(lower: FloatArray, scale: FloatArray, right: FloatArray) -> None:
     """Solve S x = b in place for b (r, m), with D S D = L Lᵀ and D = diag(scale)."""
     rows, columns = right.shape
@@ -189,7 +189,7 @@ def substitute(lower: FloatArray, scale: FloatArray, right: FloatArray) -> None:
             right[i, c] *= scale[i]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _solve_one(lower: FloatArray, scale: FloatArray, right: FloatArray) -> None:
     """:func:`substitute` for one right-hand side (r,), along the rows of L both ways."""
     rows = right.shape[0]

@@ -14,9 +14,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from optipromp.arrays import BoolArray, FloatArray, frozen
+from optipromp.compiled import inner, kernel
 from optipromp.errors import InvalidRequestError
 from optipromp.robots.kernels import PRISMATIC, chain_frames, tool_rows
 from optipromp.robots.model import Robot
@@ -44,7 +44,7 @@ class Solutions:
         return len(self.joints)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def cholesky_solve(a, b):  # type: ignore[no-untyped-def]
     """Solve ``a x = b`` in place, ``a`` (n, n) symmetric positive definite; x in ``b``."""
     n = b.shape[0]
@@ -69,7 +69,7 @@ def cholesky_solve(a, b):  # type: ignore[no-untyped-def]
         b[i] = s / a[i, i]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def apart_from_earlier(q, turning, distinct):  # type: ignore[no-untyped-def]
     """Which of ``q`` (m, n) differ in a joint by more than ``distinct`` from all kept before them.
 
@@ -93,7 +93,7 @@ def apart_from_earlier(q, turning, distinct):  # type: ignore[no-untyped-def]
     return kept
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def descend(  # type: ignore[no-untyped-def]
     kin, tool_point, tool_axis, position, axis, axis_weight, lower, upper, center, weight,
     iterations, q, position_error, axis_error,
@@ -162,7 +162,7 @@ def descend(  # type: ignore[no-untyped-def]
                 q[m, i] = min(upper[i], max(lower[i], q[m, i] + shrink * step[i]))
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def follow(  # type: ignore[no-untyped-def]
     kin, tool_point, tool_axis, positions, axes, axis_weight, lower, upper, iterations, q, errors
 ):
@@ -182,7 +182,7 @@ def follow(  # type: ignore[no-untyped-def]
         errors[i] = position_error[0] + np.sqrt(axis_weight) * axis_error[0]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def project(  # type: ignore[no-untyped-def]
     kin, tool_point, tool_axis, positions, axes, axis_weight, lower, upper, iterations, q, errors
 ):

@@ -18,9 +18,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from optipromp.arrays import FloatArray, IntArray
+from optipromp.compiled import inner, kernel
 
 REVOLUTE = 0
 PRISMATIC = 1
@@ -38,7 +38,7 @@ class Kinematics(NamedTuple):
     offset: FloatArray  # (S,) 0 unless mimic [rad or m]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def chain_frames(kin, q, origins, rotations, axes):  # type: ignore[no-untyped-def]
     """Frames of every segment at one configuration.
 
@@ -97,14 +97,14 @@ def chain_frames(kin, q, origins, rotations, axes):  # type: ignore[no-untyped-d
         rotations[s, 2, 0], rotations[s, 2, 1], rotations[s, 2, 2] = r20, r21, r22
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def frames(kin, q, origins, rotations, axes):  # type: ignore[no-untyped-def]
     """Frames of every segment at T configurations: ``q`` (T, n), outputs (T, S, …), in place."""
     for t in range(q.shape[0]):
         chain_frames(kin, q[t], origins[t], rotations[t], axes[t])
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def carried_points(segment, local, origins, rotations, out):  # type: ignore[no-untyped-def]
     """World positions of points carried by segments.
 
@@ -125,7 +125,7 @@ def carried_points(segment, local, origins, rotations, out):  # type: ignore[no-
             out[t, b, 2] = o[2] + r[2, 0] * x + r[2, 1] * y + r[2, 2] * z
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def tool_at(origins, rotations, tool_point, tool_axis, point, direction):  # type: ignore[no-untyped-def]
     """Tool point and axis (3,) at one configuration, from the frames of its segments, in place."""
     o, r = origins[-1], rotations[-1]
@@ -136,7 +136,7 @@ def tool_at(origins, rotations, tool_point, tool_axis, point, direction):  # typ
         direction[i] = r[i, 0] * tool_axis[0] + r[i, 1] * tool_axis[1] + r[i, 2] * tool_axis[2]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def tool_poses(kin, q, tool_point, tool_axis, points, directions):  # type: ignore[no-untyped-def]
     """Tool point and axis at M configurations: ``q`` (M, n) → (M, 3), (M, 3), in place."""
     n_segments = kin.kind.shape[0]
@@ -148,7 +148,7 @@ def tool_poses(kin, q, tool_point, tool_axis, points, directions):  # type: igno
         tool_at(origins, rotations, tool_point, tool_axis, points[m], directions[m])
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def tool_rows(kin, origins, axes, point, direction, jp, ja):  # type: ignore[no-untyped-def]
     """Jacobians of tool point ``jp`` (3, n) and tool axis ``ja`` (3, n) at one configuration."""
     jp[:] = 0.0
@@ -171,7 +171,7 @@ def tool_rows(kin, origins, axes, point, direction, jp, ja):  # type: ignore[no-
         ja[2, j] += k * (wx * direction[1] - wy * direction[0])
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def tool_jacobians(kin, q, tool_point, tool_axis, points, directions, jp, ja):  # type: ignore[no-untyped-def]
     """Tool point, axis and their Jacobians at M configurations, ``jp`` and ``ja`` (M, 3, n)."""
     n_segments = kin.kind.shape[0]
@@ -184,7 +184,7 @@ def tool_jacobians(kin, q, tool_point, tool_axis, points, directions, jp, ja):  
         tool_rows(kin, origins, axes, points[m], directions[m], jp[m], ja[m])
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def pull_back(kin, segment, points, forces, origins, axes, out):  # type: ignore[no-untyped-def]
     r"""Generalised forces :math:`\sum_b J_b^\top f_b` at T configurations, added to ``out`` (T, n).
 

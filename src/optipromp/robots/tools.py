@@ -41,15 +41,15 @@ FINGER = {  # boxes of an open finger: x, y, z of the centre, three half edges [
     "pad": (0.0, 0.00758, 0.04525, 0.00875, 0.0076, 0.00925, 0.0),
 }
 PADS = FINGER["pad"]
-HAND_SPHERES = (  # y, z, radius [m]: five of the palm, then the finger at y > 0 from its own frame
-    (0.0, 0.036, 0.0378),
-    (0.024, 0.008, 0.043),
-    (0.068, 0.004, 0.04),
-    (0.04, 0.04, 0.0369),
-    (0.076, 0.04, 0.0359),
-    (0.012, 0.016, 0.025),
-    (0.008, 0.036, 0.0212),
-)  # fmt: skip; made by scripts/fit_cover.py from the meshes of franka_description
+# y, z, radius [m] in the axes of the hand, and of a finger in its own: the fewest spheres that
+# contain every point of the maker's meshes (scripts/fit_cover.py), and reach 15 mm beyond them at most.
+PALM_SPHERES = (
+    (-0.064, -0.004, 0.0312), (-0.08, 0.004, 0.0328), (-0.02, 0.008, 0.0423),
+    (0.028, 0.012, 0.041), (0.068, 0.016, 0.039), (-0.016, 0.036, 0.0378),
+    (-0.052, 0.04, 0.0369), (-0.076, 0.044, 0.0348), (0.024, 0.044, 0.035),
+    (0.072, 0.044, 0.035),
+)  # fmt: skip
+FINGER_SPHERES = (0.012, 0.016, 0.025), (0.008, 0.036, 0.0212)
 WALLS = 16  # flat pieces of a cup's wall
 
 
@@ -196,9 +196,8 @@ class FrankaHand:
 
     def spheres(self) -> FloatArray:
         """Spheres (k, 4) over palm and fingers, in the flange frame [m]."""
-        half = np.array(HAND_SPHERES)
-        half[5:, :2] += [self.gripper_radius, FINGERS]
-        y, z, radius = np.vstack([half, half[half[:, 0] > 0.0] * [-1.0, 1.0, 1.0]]).T
+        left = np.array(FINGER_SPHERES) + [self.gripper_radius, FINGERS, 0.0]
+        y, z, radius = np.concatenate([PALM_SPHERES, left, left * [-1.0, 1.0, 1.0]]).T
         return np.column_stack([np.outer(y, self.rotation[:2, 1]), z, radius])
 
     @property

@@ -3,10 +3,11 @@
 import math
 
 import numpy as np
-from numba import njit
+
+from optipromp.compiled import kernel
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def is_sound(warnings, positions, velocities):  # type: ignore[no-untyped-def]
     """Whether there is no warning, and every number is one."""
     for count in warnings:
@@ -19,7 +20,7 @@ def is_sound(warnings, positions, velocities):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def note_pulls(pulls, limits, largest):  # type: ignore[no-untyped-def]
     """Raise ``largest`` to ``pulls``, all (W,), in place; whether one is above its limit."""
     beyond = False
@@ -31,7 +32,7 @@ def note_pulls(pulls, limits, largest):  # type: ignore[no-untyped-def]
     return beyond
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def contact_forces(geoms, addresses, frames, forces, owners):  # type: ignore[no-untyped-def]
     """Pairs of owners that touch (K, 2), the smaller first, and the force between them (K,) [N].
 
@@ -68,7 +69,7 @@ def contact_forces(geoms, addresses, frames, forces, owners):  # type: ignore[no
     return pairs[:count], strengths
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def log_contacts(  # type: ignore[no-untyped-def]
     geoms, addresses, frames, forces, owners, log, step, now, timestep, threshold
 ):

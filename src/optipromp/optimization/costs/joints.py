@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from optipromp.arrays import FloatArray
+from optipromp.compiled import inner
 from optipromp.optimization.costs.base import Cost
 from optipromp.optimization.evaluation import Evaluation
 
@@ -24,7 +24,7 @@ class LimitCost(Cost):
         return e.in_joints(limit_penalty, scale, self.lower, self.upper)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def limit_penalty(q, lower, upper, scale, gradient, band):  # type: ignore[no-untyped-def]
     """½ Σ (excess over the joint limits)²."""
     total = 0.0
@@ -63,7 +63,7 @@ class VelocityCost(Cost):
         return k * e.in_joints(step_penalty, k * scale, np.zeros(e.q.shape[1]))
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def step_penalty(q, largest, scale, gradient, band):  # type: ignore[no-untyped-def]
     """½ Σ max(0, |q_{t+1} − q_t| − largest)²."""
     total = 0.0
@@ -94,7 +94,7 @@ class SmoothnessCost(Cost):
         return e.in_joints(smoothness, scale, e.dt)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def smoothness(q, dt, scale, gradient, band):  # type: ignore[no-untyped-def]
     """½ ∫ ‖ξ̈‖² dt, the trajectory at rest before its first and after its last waypoint."""
     n_waypoints, total, k = q.shape[0], 0.0, scale / dt**3

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numba import njit
 
 from optipromp.arrays import BoolArray, FloatArray
+from optipromp.compiled import inner
 from optipromp.errors import InvalidRequestError
 from optipromp.optimization.costs.base import Cost
 from optipromp.optimization.evaluation import Evaluation
@@ -44,7 +44,7 @@ class ObstacleCost(Cost):
         )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def chomp_cost(d, epsilon):  # type: ignore[no-untyped-def]
     """The CHOMP cost c(D), and its derivative, with the safety distance ``epsilon``."""
     if d >= epsilon:
@@ -54,7 +54,7 @@ def chomp_cost(d, epsilon):  # type: ignore[no-untyped-def]
     return 0.5 * epsilon - d, -1.0
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def velocity(points, before, after, b, span):  # type: ignore[no-untyped-def]
     """Velocity of a point between two waypoints, and its length."""
     x = (points[after, b, 0] - points[before, b, 0]) / span
@@ -63,7 +63,7 @@ def velocity(points, before, after, b, span):  # type: ignore[no-untyped-def]
     return x, y, z, math.sqrt(x * x + y * y + z * z)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def obstacle_functional(  # type: ignore[no-untyped-def]
     points, _tool, distance, normal, epsilon, dt, use_max, scale, force, stiffness
 ):
@@ -122,7 +122,7 @@ class ClearanceCost(Cost):
         )
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def clearance_penalty(  # type: ignore[no-untyped-def]
     _points, _tool, distance, normal, margin, chosen, scale, force, stiffness
 ):
@@ -163,7 +163,7 @@ def self_overlap(e: Evaluation, margin: float, scale: float = 0.0) -> FloatArray
     return out
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def self_penalty(points, radius, groups, pairs, link_bound, margin, scale, force, stiffness, out):  # type: ignore[no-untyped-def]
     """:func:`self_overlap`; adds to ``out`` (T,).
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numba import njit
 
 from optipromp.arrays import FloatArray
+from optipromp.compiled import inner
 from optipromp.errors import InvalidRequestError
 from optipromp.optimization.costs.base import Cost
 from optipromp.optimization.evaluation import LEVER, Evaluation
@@ -35,7 +35,7 @@ class GoalCost(Cost):
         return e.at_points(goal_penalty, scale, self.position, LEVER * axis, turned)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def goal_penalty(points, tool, position, to_tip, turned, scale, force, stiffness):  # type: ignore[no-untyped-def]
     """½ ‖fk − position‖², and where it is ``turned`` ½ ‖tip − fk − to_tip‖², at the end."""
     t, total = points.shape[0] - 1, 0.0
@@ -67,7 +67,7 @@ class UprightCost(Cost):
         return e.at_points(axis_penalty, scale, LEVER, self.axis, self.tolerance, self.first)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def axis_penalty(points, tool, lever, axis, tolerance, first, scale, force, stiffness):  # type: ignore[no-untyped-def]
     """½ Σ max(0, ‖a − axis‖ − tolerance)², a the tool axis; both are unit vectors."""
     total = 0.0
@@ -135,7 +135,7 @@ class CorridorCost(Cost):
         )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def corridor_penalty(  # type: ignore[no-untyped-def]
     points, tool, reference, axes, tolerance, within, first, scale, force, stiffness
 ):
@@ -189,7 +189,7 @@ class PushCost(Cost):
         )
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def push_quadratic(points, tool, goal, frame, axis_weights, dt, first, scale, force, stiffness):  # type: ignore[no-untyped-def]
     """F_p = ∫_{t1}^{T} Σ_a w_a (frame_a·(fk − X_g))² dt by the trapezoid rule."""
     total, last = 0.0, points.shape[0] - 1
@@ -205,7 +205,7 @@ def push_quadratic(points, tool, goal, frame, axis_weights, dt, first, scale, fo
     return total
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def push_reciprocal(points, tool, goal, lateral, softening, first, scale, force, _stiffness):  # type: ignore[no-untyped-def]
     """The authors' Σ_t 1/|y_g·(fk − X_g)|, finite near zero: Σ_t (y² + softening²)^(-1/2).
 
