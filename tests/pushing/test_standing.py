@@ -134,7 +134,7 @@ def test_above_the_limit_a_harm_is_above_it_and_below_it_exact() -> None:
 def test_states_are_sampled_round_the_perceived_one() -> None:
     scene = perceived(generate("shelf", 1), np.random.default_rng(0), 0.006, 0.0)
     model = Standing(scene, HAND)
-    np.testing.assert_allclose(model.board.deviation, 0.006)
+    np.testing.assert_allclose(model.board.spread, 0.006)
     places = model._places
     assert places.shape == (1 + STANDING.samples, len(model.board.state), 3)
     np.testing.assert_array_equal(places[0], model.board.state)
@@ -270,7 +270,7 @@ def test_the_plane_is_what_stands_there() -> None:
     assert board.entry < -0.15 - (HAND.tip - HAND.reach)
     weight = 600.0 * 9.81 * 0.04 * 0.06 * 0.14
     assert board.friction[1] == pytest.approx(0.4 * weight)
-    assert board.deviation.tolist() == [STANDING.unsure] * 2
+    assert board.spread.tolist() == [STANDING.unsure] * 2
 
 
 def test_the_outline_holds_the_boxes() -> None:

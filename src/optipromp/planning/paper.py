@@ -39,6 +39,7 @@ from optipromp.planning.options import PlanOptions, Strategy
 from optipromp.planning.paper_problem import Posed, posed_problems
 from optipromp.planning.parameters import PAPER, SOLVE
 from optipromp.planning.result import Planned, Stage
+from optipromp.planning.solve import schedule
 from optipromp.planning.task import Task
 from optipromp.planning.timing import timed
 from optipromp.promp.model import ProMP
@@ -49,9 +50,9 @@ from optipromp.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """A posed problem, the trajectory it led to, and the judge's word on it.
+    """A posed problem, the trajectory that solves it, and its judgement.
 
-    ``objective`` is Σ α·F with the quadratic F_p, by which valid plans are compared.
+    ``objective`` is Σ α·F with the quadratic F_p; valid plans are compared by it.
     """
 
     posed: Posed
@@ -62,7 +63,7 @@ class Solved:
 
     @property
     def rank(self) -> tuple[bool, float]:
-        """Less is better."""
+        """Sort key: valid before invalid, then by the objective."""
         return bool(self.judgement.violations), self.objective
 
 
@@ -132,7 +133,7 @@ def _timed(posed: Posed, q: FloatArray) -> Trajectory:
 
 
 def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
-    """The trajectory ``q`` (T, n) as the judge sees it, and constraint 1 where it must hold."""
+    """Judge ``q`` (T, n); with ``constraints: paper`` also by constraints 1 and 2."""
     task, options = posed.task, posed.options
     trajectory = _timed(posed, q)
     judgement = judging.judge(task.scene, task.robot, trajectory, task.start)
@@ -158,7 +159,7 @@ def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
 
 
 def drift_shortfalls(posed: Posed, q: FloatArray) -> dict[str, float]:
-    """By pushable: what is missing [m] of constraint 1 at the worst waypoint of its window.
+    """By pushable: lack [m] of constraint 1 at the worst waypoint of its window.
 
     Tool points come from the judge's own kinematics. Not positive where the constraint holds.
     """
@@ -198,26 +199,18 @@ def _joint(posed: Posed, deadline: float) -> Solved:
         constraints.append(GoalCost(SOLVE.must, task.goal.position, task.goal.axis))
     terms = [*posed.functionals(), SmoothnessCost(options.smoothness), *options.costs]
     problem = posed.problem(terms, constraints, ends=isinstance(task.goal, JointGoal))
-    result = gauss_newton.solve(problem, posed.initial, _schedule(options.iterations), deadline)
+    result = gauss_newton.solve(problem, posed.initial, schedule(options), deadline)
     seconds = time.perf_counter() - began
     names = tuple(term.name for term in terms)
     stage = Stage("joint", "gauss-newton", names, result.history, seconds, result.message)
     return _judged(posed, result.q, [stage])
 
 
-def _schedule(iterations: int | None) -> gauss_newton.GaussNewtonOptions:
-    """The solver's own schedule, or so many ``iterations`` over its two stages."""
-    if iterations is None:
-        return gauss_newton.GaussNewtonOptions()
-    half = iterations // 2
-    return gauss_newton.GaussNewtonOptions(iterations=(half, iterations - half))
-
-
 def _staged(posed: Posed, radius: float, deadline: float) -> Solved:
     """Push and collision, one after the other, the push from trust ``radius`` [rad].
 
-    With ``constraints: paper`` a collision stage after the push holds constraints 1 to 3, as
-    penalties beside its bounds; without, as the authors', it may undo a drift.
+    With ``constraints: paper``, a collision stage after the push holds constraints 1 to 3 as
+    penalties. Without, as in the authors' planner, it may undo a part of the drift.
     """
     options, q = posed.options, posed.initial
     stages: list[Stage] = []
@@ -289,7 +282,7 @@ class Spline:
         self.history.append(self.problem.evaluate(self.at(c)).costs)
 
     def stage(self, name: str, solver: str, message: str, radius: float | None = None) -> Stage:
-        """What there is to say of the stage."""
+        """The record of the stage."""
         names = tuple(term.name for term in self.problem.costs)
         seconds = time.perf_counter() - self.began
         return Stage(name, solver, names, tuple(self.history), seconds, message, radius)

@@ -1,4 +1,4 @@
-"""Movement primitives: learnt, conditioned, and the two planners that do no more than that."""
+"""Movement primitives: learnt, conditioned; and the planners ``promp`` and ``i-promp``."""
 
 import functools
 import math
@@ -48,10 +48,9 @@ def _prior_covariance(basis: Basis) -> FloatArray:
 
 
 def smooth_prior(robot: Robot, basis: Basis = BASIS) -> ProMP:
-    """A ProMP that knows no task, only that motions are smooth and rest at both ends.
+    """A ProMP of smooth motions that rest at both ends; it knows no task.
 
-    What an arm without demonstrations is planned with, and what widens a learnt ProMP where its
-    demonstrations say nothing.
+    It stands in for the ProMP of an arm without demonstrations, and it widens a learnt ProMP.
     """
     n = robot.n_joints
     covariance = np.kron(np.eye(n), _prior_covariance(basis))
@@ -63,9 +62,8 @@ def smooth_prior(robot: Robot, basis: Basis = BASIS) -> ProMP:
 def widened(promp: ProMP, robot: Robot, share: float = 0.01) -> ProMP:
     """``promp`` with ``share`` of the smooth prior's covariance added.
 
-    A ProMP learnt from few or alike demonstrations can be conditioned far from them only by
-    extrapolating its sample covariance; with the prior added, what they do not explain is
-    interpolated smoothly instead.
+    A ProMP of few or similar demonstrations has a sample covariance that extrapolates badly. With
+    the prior added, conditioning far from the demonstrations interpolates smoothly.
     """
     promp = promp.for_joints(robot.joint_names)
     prior = smooth_prior(robot, promp.basis)
@@ -89,7 +87,7 @@ def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis =
         demonstrations: a learnt ProMP, demonstrations to learn from (``.npz`` of a ProMP or of
             demonstrations, CSV, a folder of CSVs), or None for the robot's built-in ones (a smooth
             prior where it has none).
-        basis: used where something is learnt.
+        basis: of a ProMP that is learnt here.
 
     Raises:
         InvalidDemonstrationError: a file that cannot be used; joints of other names.
@@ -125,7 +123,7 @@ class ViaPoints:
         positions: (m, 3) of the tool point [m].
         axes: (m, 3) of the tool axis.
         phases: (m,), the first at t_1, the last at 1.
-        deviations: (m,) [m] how closely the ProMP is held to them.
+        deviations: (m,) standard deviation with which the ProMP is held to them [m].
     """
 
     positions: FloatArray
@@ -189,7 +187,7 @@ def led_through(
     spread += variances.tolist()
     mean = conditioned_mean(promp, tuple(places), np.concatenate(targets), tuple(spread))
     out = promp.basis.evaluate(count) @ mean.T
-    out[0], out[-1] = start, values[-1]  # a conditioned ProMP meets them to rounding
+    out[0], out[-1] = start, values[-1]  # a conditioned ProMP meets them up to rounding
     return np.asarray(out)
 
 

@@ -1,4 +1,4 @@
-"""How long a trajectory takes."""
+"""The duration of a trajectory."""
 
 from optipromp.arrays import FloatArray, lengths
 from optipromp.robots.model import Robot
@@ -8,10 +8,10 @@ from optipromp.trajectory import Trajectory, shortest_dt
 def timed(
     robot: Robot, q: FloatArray, duration: float | None, slow: FloatArray | None, speed: float
 ) -> Trajectory:
-    """Waypoints (T, n) as a trajectory of a given duration [s], or the shortest there may be.
+    """Waypoints (T, n) as a trajectory of a given duration [s], or of the shortest possible one.
 
-    The shortest keeps the limits of velocity and acceleration. Along the configurations ``slow``
-    (m, n), where there are any, the tool keeps to ``speed`` [m/s].
+    The shortest duration keeps the limits of velocity and acceleration. Along the configurations
+    ``slow`` (m, n), if given, it also keeps the tool below ``speed`` [m/s].
     """
     if duration is not None:
         return Trajectory(q, duration / (len(q) - 1), robot.joint_names)

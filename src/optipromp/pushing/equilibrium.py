@@ -1,14 +1,14 @@
-r"""Where stems and the fruits on them come to within a step of the cup.
+r"""The equilibrium of stems and their fruits after one step of the cup.
 
 Each fruit takes the deflections u of its stem (:mod:`optipromp.pushing.bending`) that minimise
 
 .. math:: \tfrac12 u^T K u + \tfrac{m}{2\,dt^2}\|u_L - \hat u_L\|^2
           + \tfrac{k_c}{2}\sum_j \max(0, -g_j(u))^2
 
-by Gauss-Newton steps from where they were: the stem's energy, the fruit's inertia (an implicit
-Euler step; :math:`\hat u_L` is where it would swing to by itself) and its contacts with their gaps
-g (:mod:`optipromp.pushing.contacts`). The cup rubs on fruits: Coulomb's friction as a spring
-against the slip of the step, as stiff as the contact force allows.
+by Gauss-Newton steps from the last equilibrium. The terms are the stem's energy, the fruit's
+inertia (an implicit Euler step; :math:`\hat u_L` is where the fruit would swing to by itself) and
+the contacts with their gaps g (:mod:`optipromp.pushing.contacts`). The cup rubs on fruits: Coulomb
+friction is a spring against the slip of the step, as stiff as the contact force allows.
 """
 
 import math

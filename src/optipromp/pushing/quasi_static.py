@@ -1,18 +1,18 @@
-r"""Objects on a plane that a tool ploughs through: a quasi-static forward model.
+r"""Planar pushing: a quasi-static model of objects on a plane that a tool pushes.
 
-Slow pushes have no inertia: where the tool moves into objects, they move by what friction with the
-plane makes cheapest. With the limit surface of each object taken as an ellipsoid, the velocities
-:math:`(v_b, ω_b)` under a push are those that minimise
+Slow pushes have no inertia: the objects move so that friction with the plane does the least work.
+With an ellipsoid as the limit surface of each object, a push leads to the velocities
+:math:`(v_b, ω_b)` that minimise
 
 .. math:: \tfrac12\sum_b f_b\,(\lVert v_b\rVert^2 + ρ_b^2 ω_b^2)
 
-subject to nothing entering anything, :math:`f_b = μ m_b g` being the sliding friction of object b
-and :math:`ρ_b` its friction moment over its friction. The model takes steps of a few millimetres
-and projects on the contacts in turn (position-based dynamics); where surfaces would slip along one
-another the contact carries at most the share μ of its normal part, as Coulomb has it.
+where no two bodies overlap. :math:`f_b = μ m_b g` is the sliding friction of object b and
+:math:`ρ_b` its friction moment over its friction. The model takes steps of a few millimetres and
+resolves the contacts in turn (position-based dynamics). Along a slipping contact it applies at most
+the share μ of the normal part (Coulomb friction).
 
 Objects are discs or convex polygons in coordinates (u, v): along the approach and along y_g. The
-tool is a set of convex polygons that goes where it is told; walls are convex polygons that stand.
+tool is a set of convex polygons that moves along a given path. Walls are convex polygons at rest.
 """
 
 import math
@@ -30,15 +30,15 @@ JAMMED, AHEAD = PUSH.plane.jammed, PUSH.plane.ahead
 
 
 class Pushed(NamedTuple):
-    """What a push did.
+    """The result of a push.
 
     Attributes:
-        state: (B, 3) where objects end: u, v [m], turn [rad].
+        state: (B, 3) final poses of the objects: u, v [m], turn [rad].
         force: estimate of the largest force on an object in one step [N]: the multipliers of its
-            contacts over the step of the tool. Where objects slide freely it is about the friction
-            that is pushed along; where they wedge or jam it grows without bound.
-        jam: largest overlap that could not be resolved: something is pressed against a wall [m].
-        done: share of the way after which it was stopped: 1, or less where something jammed or
+            contacts over the step of the tool. For objects that slide freely it is about the
+            friction of all that is pushed. For objects that jam it grows without bound.
+        jam: largest overlap that could not be resolved: an object is pressed against a wall [m].
+        done: share of the path after which the push ended: 1, or less where an object jammed or
             the first object moved farther than it may.
     """
 
@@ -59,16 +59,16 @@ def push(
     slip: float,
     most: float = np.inf,
 ) -> Pushed:
-    """Move the tool along a path and see where objects go.
+    """Move the tool along a path, and the objects before it.
 
     Args:
         path: (T, 3) of the tool point: u, v [m] and turn [rad], in steps of 1 to 5 mm.
         tool: its parts, about the tool point.
         objects: B of them, about their centres.
-        state: (B, 3) where they stand.
+        state: (B, 3) their poses: u, v [m], turn [rad].
         friction: (B,) sliding friction of each [N].
         lever: (B,) friction moment of each over its friction [m].
-        walls: what stands, in place.
+        walls: bodies at rest, in place.
         slip: coefficient of friction between objects, and with the tool.
         most: how far the first object may move before the push is stopped [m].
     """
@@ -85,7 +85,7 @@ def push(
 def _resolve(  # type: ignore[no-untyped-def]
     state, before, yields, lever2, i, j, hit, depth, slip, away_u, away_v, press
 ):
-    """Move i (−1: what does not yield, and moved by ``away`` at the contact) and j apart."""
+    """Move i and j apart. i = −1: a body that does not yield, moved by ``away`` at the contact."""
     nx, ny, px, py = hit[0], hit[1], hit[2], hit[3]
     tx, ty = -ny, nx
     bx, by = px - state[j, 0], py - state[j, 1]
@@ -125,7 +125,7 @@ def _resolve(  # type: ignore[no-untyped-def]
 
 @inner
 def _follow(objects, state, b, at, corners, normals):  # type: ignore[no-untyped-def]
-    """The outline of object b where its state says, in place."""
+    """Place the outline of object b at its state."""
     at[b, 0], at[b, 1] = state[b, 0], state[b, 1]
     if objects.size[b]:
         placed(objects, b, state[b, 0], state[b, 1], state[b, 2], corners, normals, b)
@@ -135,8 +135,8 @@ def _follow(objects, state, b, at, corners, normals):  # type: ignore[no-untyped
 def _near(at, radius, boxes, count, parts, pairs):  # type: ignore[no-untyped-def]
     """Pairs (P, 2) of a body and an object less than AHEAD apart, in place; returns how many.
 
-    Bodies are the objects, the parts of the tool, the walls, in this order; each object meets the
-    tool first, then objects before it, then walls.
+    Bodies are the objects, the parts of the tool and the walls, in this order. Each object is
+    paired with the tool first, then with the objects before it, then with walls.
     """
     n = 0
     for j in range(count):
@@ -196,7 +196,7 @@ def _outlines(objects, tool, walls, state, bodies):  # type: ignore[no-untyped-d
 
 @inner
 def _lead(tool, count, bodies, u, v, turn, du, dv, anew):  # type: ignore[no-untyped-def]
-    """Bring the tool's parts to a pose; by shifting them (du, dv) where they need not turn."""
+    """Bring the tool's parts to a pose; without a turn they are shifted by (du, dv)."""
     corners, boxes = bodies.corners, bodies.boxes
     for h in range(count, count + tool.size.shape[0]):
         bodies.at[h, 0], bodies.at[h, 1] = u, v
@@ -217,8 +217,8 @@ def _sweep(  # type: ignore[no-untyped-def]
 ):
     """Resolve the contacts of n near pairs in turn; returns the largest overlap that was met [m].
 
-    ``tool_end`` is the number of objects and parts of the tool, ``step`` the tool's pose (u, v) and
-    by how much it moved (du, dv, turn).
+    ``tool_end`` is the number of objects and parts of the tool. ``step`` holds the tool's position
+    (u, v) and its motion (du, dv, turn).
     """
     corners, normals, size, radius = bodies.corners, bodies.normals, bodies.size, bodies.radius
     at, boxes, count = bodies.at, bodies.boxes, state.shape[0]

@@ -1,15 +1,15 @@
-r"""The rules of the method: which pushables stand in the way, and on which side the tool passes.
+r"""The rules of the method: which pushables are in the way, and on which side the tool passes.
 
 Neighbours are the pushables before the target and near the approach line (method §4). The tool
 passes each on the side away from its stem (method §5, constraints 1 and 2):
 :math:`d_n\cdot(fk-X_n)\ge R_{gripper}` with a unit vector :math:`d_n` of the lateral plane. The
 paper's rule takes :math:`d_n=\pm y_g` with the sign of :math:`-y_g\cdot S_n`; the general one
-takes :math:`d_n` against the lateral part of the stem. ``shortest`` takes the way that leads least
-far from the approach line among those that keep well clear of the stem: a tool that passes beside a
-fruit, at right angles to the lean of its stem, comes no nearer to the stem than to the fruit.
+takes :math:`d_n` against the lateral part of the stem. ``shortest`` takes the direction that keeps
+the tool nearest to the approach line, among those well clear of the stem. A tool that passes a
+fruit at right angles to the lean of its stem comes no nearer to the stem than to the fruit.
 
-:func:`path_past` is the path that such choices ask for: at every height the point nearest to the
-approach line that is aside of each pushable whose window it is in.
+:func:`path_past` gives the path of such a choice: at every height the point nearest to the approach
+line that keeps its distance from each pushable whose window contains the height.
 """
 
 import math
@@ -48,8 +48,8 @@ def neighbours(
         search_radius: how far from the target a neighbour may be [m].
         plane_factor: D_plane in gripper radii, the largest distance from the approach line.
 
-    Where target or pushable carry a covariance, the largest distance from the approach line grows
-    by two standard deviations of their distance.
+    Where the target or a pushable has a covariance, the largest distance from the approach line
+    grows by two standard deviations of their distance.
 
     Returns:
         The neighbours by position along z_g; ties by nearness to the target.
@@ -84,7 +84,8 @@ class Drift:
         ids: neighbours, first met first.
         centers: (N, 3) their centres [m].
         directions: (N, 3) unit vectors of the lateral plane.
-        windows: (N, 2) from where to where, along z_g from the centre, the tool point passes [m].
+        windows: (N, 2) first and last height of the tool point as it passes, along z_g from the
+            centre [m].
     """
 
     ids: tuple[str, ...]
@@ -96,7 +97,7 @@ class Drift:
 def stem_side(
     scene: Scene, obj: SceneObject, rule: DriftRule, gripper_radius: float
 ) -> FloatArray | None:
-    """Direction (3,) away from the stem of ``obj``, or None where its stem gives no side."""
+    """Direction (3,) away from the stem of ``obj``; None where its stem decides no side."""
     if obj.stem is None:
         return None
     x_g, y_g, _ = scene.frame
@@ -142,12 +143,11 @@ def passing_windows(
 ) -> FloatArray:
     """Heights (N, 2) of the tool point over each pushable between which its drift holds [m].
 
-    The paper's window is the pushable's own extent about its centre. What decides whether a fruit
-    ends inside or outside the mouth is the rim, ``depth`` [m] above the tool point: it must be
-    aside before it reaches the pushable, so the ``rim`` window begins lower, by the depth. It ends
-    where the paper's does, unless the tool is wanted elsewhere by then: where the rim takes in the
-    target, or where the next pushable asks for another direction. Then it ends as soon as the rim
-    is safely past the centre.
+    The ``paper`` window is the pushable's own extent about its centre. The rim, ``depth`` [m] above
+    the tool point, decides whether a fruit ends inside the mouth. It must be aside before it
+    reaches the pushable, so the ``rim`` window begins lower by the depth. It ends where the paper's
+    window ends, with two exceptions: the rim takes in the target, or the next pushable asks for
+    another direction. Then it ends as soon as the rim is safely past the centre.
     """
     radii = np.array([obj.radius for obj in objects])
     if window == "paper" or scene.target is None:
@@ -180,9 +180,9 @@ def drift_choices(
 ) -> tuple[Drift, ...]:
     """Every combination of sides the tool may pass ``objects`` on, at most eight.
 
-    A stem that leans decides its side; a vertical one, or none, leaves both ways along y_g open.
-    The first choice leaves the approach line least. ``window`` and ``depth``: see
-    :func:`passing_windows`. ``gripper_radius`` [m]: what ``shortest`` measures distances by.
+    A stem that leans decides the side. With a vertical stem, or none, both sides along y_g are
+    possible. The first choice stays nearest to the approach line. ``window`` and ``depth``: see
+    :func:`passing_windows`. ``gripper_radius`` [m]: unit of length of the rule ``shortest``.
 
     Raises:
         InvalidRequestError: an unknown rule or window.
@@ -249,7 +249,7 @@ def path_past(
         goal: (3,) where the tool point ends.
         frame: (3, 3) rows x_g, y_g, z_g.
         camera: (3,) where the path begins.
-        capture: how far below the goal the tool must be on the approach line [m].
+        capture: depth below the goal from which the path is on the approach line [m].
     """
     lateral, up = frame[:2], frame[2]
     centers = drift.centers - goal
@@ -275,8 +275,8 @@ def path_past(
 def _corners(levels, windows, heights, flat, directions, offsets, farthest, corners):  # type: ignore[no-untyped-def]
     """Corners (k, 3) after the first, in place, where windows begin and end; returns their number.
 
-    ``levels`` (L,) are the heights that are looked at, ``heights`` (N,) and ``flat`` (N, 2) those
-    of the neighbours and where they are aside of the approach line.
+    ``levels`` (L,) are the candidate heights of corners. ``heights`` (N,) and ``flat`` (N, 2) are
+    the positions of the neighbours along the approach line and aside of it.
     """
     n = heights.shape[0]
     inside, before = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
@@ -302,7 +302,7 @@ def _corners(levels, windows, heights, flat, directions, offsets, farthest, corn
                 corners[count, 0], corners[count, 1] = p[0], p[1]
                 count += 1
                 has_last = True
-        corners[count - 1, 2] = levels[i]  # as far as it goes on like this
+        corners[count - 1, 2] = levels[i]  # the last level with this point
     return count
 
 
@@ -310,9 +310,8 @@ def _corners(levels, windows, heights, flat, directions, offsets, farthest, corn
 def _aside(flat, directions, offsets, active, farthest, p):  # type: ignore[no-untyped-def]
     """``p`` (2,): the point nearest to the approach line that is aside of all ``active`` (N,).
 
-    By cyclic projection, in place. None is farther from the line than ``farthest``: where objects
-    ask for opposite sides, the point would flee to where their half-planes meet; a compromise is
-    nearer.
+    By cyclic projection, in place. The point is at most ``farthest`` from the line: where objects
+    ask for opposite sides, their half-planes meet far away, and a compromise is taken instead.
     """
     p[0] = p[1] = 0.0
     for _ in range(RULE_SWEEPS):

@@ -1,8 +1,8 @@
-"""Objects that stand on a board before a tool: the model of the push, and the paths through them.
+"""The push model of objects that stand on a board, and its candidate paths.
 
 A candidate path is a polyline in the plane of the board, in (u, v) along z_g and y_g from the
-target. An object in the way has to go to one side, there has to be room for it there, and where the
-target stands close by it must not be pushed along: that is found by trying.
+target. Trials in the model tell whether an object in the way finds room at the side, and whether
+the target stays where it is.
 """
 
 from collections.abc import Sequence
@@ -71,23 +71,26 @@ class Standing(PushModel):
         rng = np.random.default_rng(seed)
         self._places = np.tile(self.board.state, (self.states, 1, 1))
         errors = rng.standard_normal((STANDING.samples, len(self.board.state), 2))
-        self._places[1:, :, :2] += self.board.deviation[:, None] * errors
+        self._places[1:, :, :2] += self.board.spread[:, None] * errors
         self._slips = PUSH.plane.friction * np.append(
             1.0, rng.uniform(STANDING.slippery_least, STANDING.slippery_most, STANDING.samples)
         )
+
+    def _corners(self, points: FloatArray) -> FloatArray:
+        """Every few of the points (P, 3), and the last, in (u, v)."""
+        chosen = np.append(np.arange(0, len(points) - 1, STANDING.every), len(points) - 1)
+        return np.ascontiguousarray((points[chosen] - self.target) @ self.frame[[2, 1]].T)
 
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
         """See :class:`PushModel`; the costs are those of :mod:`optipromp.pushing.trials`."""
-        chosen = np.append(np.arange(0, len(points) - 1, STANDING.every), len(points) - 1)
-        flat = np.ascontiguousarray((points[chosen] - self.target) @ self.frame[[2, 1]].T)
+        flat = self._corners(points)
         return float(cost(self.bench, flat, self._places[:states], self._slips[:states], limit))
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """See :class:`PushModel`."""
-        chosen = np.append(np.arange(0, len(points) - 1, STANDING.every), len(points) - 1)
-        flat = np.ascontiguousarray((points[chosen] - self.target) @ self.frame[[2, 1]].T)
+        flat = self._corners(points)
         one = [
             float(cost(self.bench, flat, self._places[n : n + 1], self._slips[n : n + 1], np.inf))
             for n in range(self.states)
@@ -175,17 +178,17 @@ class Plane:
     Attributes:
         objects: the target first, then the pushables.
         state: (B, 3) where they stand: u, v [m], turn [rad].
-        deviation: (B,) of their detected positions [m].
+        spread: (B,) standard deviation of their detected positions [m].
         friction, lever: (B,) see :func:`optipromp.pushing.quasi_static.push`.
         walls: static objects at the target's height.
         edge: u of the board's front, behind which objects must stay [m].
-        entry: u of the tool point where the way begins [m].
+        entry: u of the tool point where a path begins [m].
         drop: along x_g, how far lower than the target's middle the hand goes until it is there [m].
     """
 
     objects: Shapes
     state: FloatArray
-    deviation: FloatArray
+    spread: FloatArray
     friction: FloatArray
     lever: FloatArray
     walls: Shapes
@@ -247,7 +250,7 @@ def plane(scene: Scene, tool: Tool) -> Plane:
         begin = min(begin, edge)
     return Plane(
         objects, np.column_stack([flat, np.zeros(len(flat))]),
-        np.array([_deviation(obj) for obj in standing]),
+        np.array([_spread(obj) for obj in standing]),
         PUSH.plane.friction * PUSH.plane.density * PUSH.beam.gravity * np.array(area) * tall,
         np.array(lever), shapes(walls), edge,
         begin - STANDING.before - (tool.tip - tool.reach), float(drop),
@@ -264,7 +267,7 @@ def _packs(scene: Scene, target: SceneObject) -> tuple[SceneObject, ...]:
     return scene.objects_at(rows)
 
 
-def _deviation(obj: SceneObject) -> float:
+def _spread(obj: SceneObject) -> float:
     if obj.covariance is None:
         return STANDING.unsure
     return max(STANDING.unsure, float(np.sqrt(np.max(np.diag(obj.covariance)))))

@@ -42,7 +42,7 @@ FINGER = {  # boxes of an open finger: x, y, z of the centre, three half edges [
 }
 PADS = FINGER["pad"]
 # y, z, radius [m] in the axes of the hand, and of a finger in its own: the fewest spheres that
-# contain every point of the maker's meshes (scripts/fit_cover.py), and reach 15 mm beyond them at most.
+# contain every point of the maker's meshes and reach at most 15 mm beyond (scripts/fit_cover.py).
 PALM_SPHERES = (
     (-0.064, -0.004, 0.0312), (-0.08, 0.004, 0.0328), (-0.02, 0.008, 0.0423),
     (0.028, 0.012, 0.041), (0.068, 0.016, 0.039), (-0.016, 0.036, 0.0378),
