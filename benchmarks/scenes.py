@@ -9,7 +9,7 @@ from optipromp.scenes.generate import Preset, generate
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene, SceneObject, Stem
 
-DEVIATION = 0.005  # [m] of every fruit's centre
+DEVIATION = 0.005  # [m] standard deviation of every fruit's centre
 GENERATED: tuple[Preset, ...] = ("cluster", "side-clusters", "table-top", "mixed")
 SEEDS = 5
 

@@ -1,4 +1,4 @@
-"""One evaluation of a trajectory: kinematics once, then every cost reads and adds."""
+"""One evaluation of a trajectory: kinematics run once; then every cost adds its gradient."""
 
 from collections.abc import Callable
 from typing import Any
@@ -82,11 +82,11 @@ def _grouped_pairs(
 class Evaluation:
     """Arrays of one evaluation at T waypoints, made once and overwritten by each evaluation.
 
-    What costs read: ``q`` (T, n), ``dt``, ``points`` (T, P, 3) in the order of :class:`BodyPoints`,
-    ``tool`` (index of the tool point), ``static`` and ``dynamic`` fields. What costs add to:
-    ``force`` (T, B+2, 3), the gradient with respect to points; ``stiffness`` (T, B+2, 6), a
-    positive semi-definite curvature there; ``joint_gradient`` (T, n) and its curvature ``band`` (T,
-    3, n). A cost may leave curvature out: the solver's metric takes its place. ``every`` (B,)
+    Costs read ``q`` (T, n), ``dt``, ``points`` (T, P, 3) in the order of :class:`BodyPoints`,
+    ``tool`` (index of the tool point), and the fields ``static`` and ``dynamic``. Costs add to
+    ``force`` (T, B+2, 3), the gradient with respect to points; to ``stiffness`` (T, B+2, 6), a
+    positive semi-definite curvature at points; to ``joint_gradient`` (T, n), and to its curvature
+    ``band`` (T, 3, n). Curvature is optional: the solver's metric takes its place. ``every`` (B,)
     chooses every body sphere.
     """
 
@@ -108,7 +108,7 @@ class Evaluation:
         self.dynamic = Field(n_waypoints, spheres)
 
     def move_to(self, q: FloatArray) -> None:
-        """Kinematics of the trajectory ``q`` (T, n); what costs add to is cleared."""
+        """Run the kinematics of the trajectory ``q`` (T, n), and clear what costs add to."""
         self.q[:] = q
         robot_kernels.frames(self.robot.kinematics, self.q, self.origins, self.rotations, self.axes)
         robot_kernels.carried_points(
@@ -137,7 +137,7 @@ class Evaluation:
         return float(kernel(self.q, *settings, scale, self.joint_gradient, self.band))
 
     def gradient(self) -> FloatArray:
-        """What the costs added, pulled back to the joints (T, n)."""
+        """Sum of the costs' gradients, pulled back to the joints (T, n)."""
         out = self.joint_gradient.copy()
         robot_kernels.pull_back(
             self.robot.kinematics,

@@ -14,7 +14,7 @@ from optipromp.optimization.costs.joints import smoothness
 from optipromp.optimization.evaluation import BodyPoints, Evaluation
 from optipromp.robots.model import Robot
 
-ANCHOR = 1e3  # how much of ∫‖δ‖² dt the metric adds to ∫‖δ̈‖² dt, so that slow bends cost too
+ANCHOR = 1e3  # weight of ∫‖δ‖² dt beside ∫‖δ̈‖² dt in the metric, so that slow bends cost too
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Surroundings:
     """Obstacles by role, ready for the kernels.
 
     Attributes:
-        static: what every body sphere keeps away from.
+        static: obstacles of every body sphere.
         dynamic: avoid objects first, then pushables; those from index ``shared`` on concern only
             B_d (all links but the last one and the tool).
         shared: number of avoid objects.

@@ -31,19 +31,17 @@ from optipromp.arrays import FloatArray
 from optipromp.judging import Judgement, Violation
 from optipromp.optimization import gauss_newton
 from optipromp.optimization.costs import Cost
-from optipromp.optimization.costs.joints import LimitCost, SmoothnessCost, StepCost
-from optipromp.optimization.costs.obstacles import ClearanceCost, SelfCost
+from optipromp.optimization.costs.joints import SmoothnessCost
 from optipromp.optimization.costs.tool import GoalCost
 from optipromp.planning.functionals import functionals
 from optipromp.planning.options import PlanOptions, Strategy
 from optipromp.planning.paper_problem import Posed, posed_problems
 from optipromp.planning.parameters import PAPER, SOLVE
 from optipromp.planning.result import Planned, Stage
-from optipromp.planning.solve import schedule
+from optipromp.planning.solve import limits_and_clearances, schedule
 from optipromp.planning.task import Task
-from optipromp.planning.timing import timed
+from optipromp.planning.timing import timed_past
 from optipromp.promp.model import ProMP
-from optipromp.pushing.parameters import PUSH
 from optipromp.scenes.scene import JointGoal, PoseGoal
 from optipromp.trajectory import Trajectory
 
@@ -116,26 +114,17 @@ def solve(
     times = {stage.name: stage.seconds for stage in stages}
     times[strategy] = time.perf_counter() - began
     posed = best.posed
-    initial = _timed(posed, posed.initial)
+    initial = timed_past(task, options, posed.initial, posed.waypoints.first)
     return Planned(
         initial, initial, best.trajectory, posed.waypoints.first, stages, bool(stages), times,
         best.judgement,
     )  # fmt: skip
 
 
-def _timed(posed: Posed, q: FloatArray) -> Trajectory:
-    """Waypoints (T, n) as a trajectory, slow from t_1 on where there is something to push."""
-    task, options = posed.task, posed.options
-    slow = q[posed.waypoints.first :] if task.neighbours else None
-    return timed(
-        task.robot, q, options.duration, slow, options.approach_speed or PUSH.hanging.speed
-    )
-
-
 def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
     """Judge ``q`` (T, n); with ``constraints: paper`` also by constraints 1 and 2."""
     task, options = posed.task, posed.options
-    trajectory = _timed(posed, q)
+    trajectory = timed_past(task, options, q, posed.waypoints.first)
     judgement = judging.judge(task.scene, task.robot, trajectory, task.start)
     if options.constraints == "paper":
         missing = [
@@ -180,21 +169,10 @@ def drift_shortfalls(posed: Posed, q: FloatArray) -> dict[str, float]:
 def _joint(posed: Posed, deadline: float) -> Solved:
     """All functionals and constraints in one Gauss-Newton solve, from the conditioned ProMP."""
     options, task = posed.options, posed.task
-    robot = task.robot
     if options.iterations == 0:
         return _judged(posed, posed.initial, ())
     began = time.perf_counter()
-    proximal = ~np.asarray(task.body.distal)
-    margin = np.minimum(options.limit_margin, 0.25 * (robot.upper - robot.lower))
-    constraints: list[Cost] = [
-        LimitCost(SOLVE.must, robot.lower + margin, robot.upper - margin),
-        StepCost(SOLVE.firm, np.full(robot.n_joints, options.max_step)),
-        ClearanceCost("clearance", "static", 2 * SOLVE.kept, options.static_clearance),
-        ClearanceCost("avoid", "dynamic", SOLVE.firm, options.avoid_clearance, proximal),
-        ClearanceCost("tool avoid", "dynamic", SOLVE.wish, 0.0, ~proximal),
-        SelfCost(SOLVE.firm, options.self_clearance),
-        posed.rows(PAPER.stiffness),
-    ]
+    constraints = [*limits_and_clearances(task, options), posed.rows(PAPER.stiffness)]
     if isinstance(task.goal, PoseGoal):
         constraints.append(GoalCost(SOLVE.must, task.goal.position, task.goal.axis))
     terms = [*posed.functionals(), SmoothnessCost(options.smoothness), *options.costs]

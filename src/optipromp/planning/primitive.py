@@ -15,14 +15,13 @@ from optipromp.planning.options import Planner, PlanOptions
 from optipromp.planning.parameters import FOLLOW, PRIMITIVE, WAYPOINT
 from optipromp.planning.result import Planned, ViaPoint
 from optipromp.planning.task import Task
-from optipromp.planning.timing import timed
+from optipromp.planning.timing import timed_past
 from optipromp.promp.basis import Basis
 from optipromp.promp.conditioning import conditioned_mean
 from optipromp.promp.demonstrations import load_demonstrations
 from optipromp.promp.learning import fit
 from optipromp.promp.model import ProMP
 from optipromp.pushing.interactive import pushes
-from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.rules import detection_variance
 from optipromp.robots import ik
 from optipromp.robots.model import Robot
@@ -249,9 +248,6 @@ def plan_primitive(
         q = led_through(promp, task.start, via.phases, branch, spread, count, phase)
         q[-1] = goal
     first = math.ceil(phase * (count - 1))
-    slow = q[first:] if task.neighbours else None
-    trajectory = timed(
-        task.robot, q, options.duration, slow, options.approach_speed or PUSH.hanging.speed
-    )
+    trajectory = timed_past(task, options, q, first)
     seconds = time.perf_counter() - began
     return Planned(trajectory, trajectory, trajectory, first, (), True, {planner: seconds}, via=met)

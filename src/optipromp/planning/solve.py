@@ -114,23 +114,14 @@ class Solver:
 def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation) -> Problem:
     """The problem of a start: obstacles, smoothness, limits, the user's costs, the tool path."""
     robot, first = task.robot, start.waypoints.first
-    proximal = ~np.asarray(task.body.distal)
-    margin = np.minimum(options.limit_margin, 0.25 * (robot.upper - robot.lower))
     costs: list[Cost] = [
         ObstacleCost("static", 1.0, SOLVE.safety, "sum"),
         ObstacleCost("avoid", 1.0, SOLVE.safety, "sum"),
         SmoothnessCost(options.smoothness),
         *options.costs,
     ]
-    constraints: list[Cost] = [
-        LimitCost(SOLVE.must, robot.lower + margin, robot.upper - margin),
-        StepCost(SOLVE.firm, np.full(robot.n_joints, options.max_step)),
-        ClearanceCost("touch", "static", SOLVE.must, SOLVE.touch_margin),
-        ClearanceCost("clearance", "static", 2 * SOLVE.kept, options.static_clearance),
-        ClearanceCost("avoid", "dynamic", SOLVE.firm, options.avoid_clearance, proximal),
-        ClearanceCost("tool avoid", "dynamic", SOLVE.wish, 0.0, ~proximal),
-        SelfCost(SOLVE.firm, options.self_clearance),
-    ]
+    touch = ClearanceCost("touch", "static", SOLVE.must, SOLVE.touch_margin)
+    constraints = limits_and_clearances(task, options, touch)
     if isinstance(task.goal, PoseGoal):
         constraints.append(GoalCost(SOLVE.must, task.goal.position, task.goal.axis))
     if start.path is not None and isinstance(task.goal, PoseGoal):
@@ -147,6 +138,21 @@ def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation
         cutoff=max(SOLVE.safety, options.static_clearance, options.avoid_clearance) + 1e-3,
         end_fixed=isinstance(task.goal, JointGoal), body=task.body, evaluation=arrays,
     )  # fmt: skip
+
+
+def limits_and_clearances(task: Task, options: PlanOptions, *further: Cost) -> list[Cost]:
+    """Constraints of every problem of a task: joint limits, steps, ``further`` ones, clearances."""
+    robot, proximal = task.robot, ~np.asarray(task.body.distal)
+    margin = np.minimum(options.limit_margin, 0.25 * (robot.upper - robot.lower))
+    return [
+        LimitCost(SOLVE.must, robot.lower + margin, robot.upper - margin),
+        StepCost(SOLVE.firm, np.full(robot.n_joints, options.max_step)),
+        *further,
+        ClearanceCost("clearance", "static", 2 * SOLVE.kept, options.static_clearance),
+        ClearanceCost("avoid", "dynamic", SOLVE.firm, options.avoid_clearance, proximal),
+        ClearanceCost("tool avoid", "dynamic", SOLVE.wish, 0.0, ~proximal),
+        SelfCost(SOLVE.firm, options.self_clearance),
+    ]
 
 
 def opposite(task: Task) -> tuple[int, int]:

@@ -1,6 +1,9 @@
 """The duration of a trajectory."""
 
 from optipromp.arrays import FloatArray, lengths
+from optipromp.planning.options import PlanOptions
+from optipromp.planning.task import Task
+from optipromp.pushing.parameters import PUSH
 from optipromp.robots.model import Robot
 from optipromp.trajectory import Trajectory, shortest_dt
 
@@ -20,3 +23,10 @@ def timed(
         points, _ = robot.tool_pose(slow)
         dt = max(dt, float(lengths(points[1:] - points[:-1]).max(initial=0.0)) / speed)
     return Trajectory(q, dt, robot.joint_names)
+
+
+def timed_past(task: Task, options: PlanOptions, q: FloatArray, first: int) -> Trajectory:
+    """Waypoints (T, n) as a trajectory, slow from ``first`` on where there are neighbours."""
+    slow = q[first:] if task.neighbours else None
+    speed = options.approach_speed or PUSH.hanging.speed
+    return timed(task.robot, q, options.duration, slow, speed)

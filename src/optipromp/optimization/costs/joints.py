@@ -53,7 +53,7 @@ class StepCost(Cost):
 
 @dataclass(frozen=True, eq=False)
 class VelocityCost(Cost):
-    r""":math:`F_v=\int\dot\xi^\top\dot\xi\,dt`: a penalty on steps that leaves none free."""
+    r""":math:`F_v=\int\dot\xi^\top\dot\xi\,dt`: a penalty on every step."""
 
     weight: float
     name = "velocity"

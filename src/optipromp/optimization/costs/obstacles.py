@@ -103,7 +103,7 @@ def obstacle_functional(  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True, eq=False)
 class ClearanceCost(Cost):
-    """Body spheres keep ``margin`` [m] from static objects, or from those to avoid and to push.
+    """Body spheres keep ``margin`` [m] from static objects, or from objects to avoid and to push.
 
     ``mask`` (B,) chooses the spheres; None: all.
     """
@@ -198,6 +198,6 @@ def self_penalty(points, radius, groups, pairs, link_bound, margin, scale, force
                 if apart < 1e-9:
                     continue
                 x, y, z = x / apart, y / apart, z / apart
-                # each as if the other stood: twice the stiffness bounds the pair's curvature
+                # twice the stiffness on each sphere bounds the curvature of the pair
                 add_along(force[t, i], stiffness[t, i], -scale * short, 2.0 * scale, x, y, z)
                 add_along(force[t, j], stiffness[t, j], scale * short, 2.0 * scale, x, y, z)

@@ -106,7 +106,7 @@ class LevelCost(Cost):
         pull = scale * off[:, None] * n
         e.force[self.first :, a] += pull
         e.force[self.first :, b] -= pull
-        # each as if the other stood twice as stiff against it: no less than the pair's curvature
+        # twice the stiffness on each sphere bounds the curvature of the pair
         outer = np.array([n[0] ** 2, n[1] ** 2, n[2] ** 2, n[0] * n[1], n[0] * n[2], n[1] * n[2]])
         e.stiffness[self.first :, [a, b]] += 2.0 * scale * outer
         return 0.5 * float(off @ off)
@@ -116,8 +116,8 @@ class LevelCost(Cost):
 class CorridorCost(Cost):
     """Constraint 3: the tool stays within ``tolerance`` of ``reference`` (T, 3) along ``axes``.
 
-    Inside the corridor there is no force, but a curvature of ``within`` times that of its walls:
-    without it a solver would step far through the walls before it meets them.
+    Inside the corridor there is no force, but a curvature of ``within`` times that of its walls.
+    Without this curvature, a solver would step far through the walls.
     """
 
     weight: float
