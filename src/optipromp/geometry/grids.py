@@ -185,9 +185,9 @@ def check_closed(mesh: MeshShape) -> None:
 def _open_edges(faces: IntArray) -> int:
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     edges = edges[edges[:, 0] != edges[:, 1]]
-    way = np.where(edges[:, 0] < edges[:, 1], 1, -1)
+    sense = np.where(edges[:, 0] < edges[:, 1], 1, -1)
     inverse = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
-    return int(np.count_nonzero(np.bincount(inverse, weights=way)))
+    return int(np.count_nonzero(np.bincount(inverse, weights=sense)))
 
 
 def _surface_samples(triangles: FloatArray) -> FloatArray:

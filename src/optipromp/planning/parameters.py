@@ -103,16 +103,10 @@ class PrimitiveParameters(Checked):
     )
     position: float = parameter(3.0, "rad", "choice", "standard deviation of the prior's position")
     paused: float = parameter(
-        0.1,
-        "rad",
-        "choice",
-        "per unit of phase: standard deviation of the velocity where the arm pauses",
+        0.1, "rad", "choice", "per unit of phase: standard deviation of the velocity at a pause"
     )
     lever_arm: float = parameter(
-        0.4,
-        "m",
-        "guess",
-        "quotient of a standard deviation of the tool point and one of the joints",
+        0.4, "m", "guess", "standard deviation of the tool point over that of the joints"
     )
     camera_phase: float = parameter(0.5, "1", "choice", "at which the camera point is passed")
 
@@ -129,7 +123,7 @@ class PaperParameters(Checked):
         1e2,
         "1/m^2",
         "measured",
-        "of them in a collision stage after the push; at 1, 9 mm of constraint 1 are lacking",
+        "of them in a collision stage after the push; 1 leaves a lack of 9 mm",
     )
     margin: float = parameter(
         1e-3, "m", "choice", "added to constraint 1: penalties and barriers yield by as much"

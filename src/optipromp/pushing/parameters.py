@@ -49,26 +49,19 @@ class SwingParameters(Checked):
 
     stiffness: float = parameter(3000.0, "N/m", "choice", "of a contact: 10 N press 3 mm")
     friction: float = parameter(
-        0.15, "1", "guess",
-        "of the cup on fruits; the simulation has 0.35 for the tool, 0.4 for fruits",
-    )  # fmt: skip
+        0.15, "1", "guess", "of the cup on fruits; in the simulation tool 0.35, fruits 0.4"
+    )
     stuck: float = parameter(
         3e-4, "m", "choice", "largest slip in a step of a fruit that sticks to the cup"
     )
     iterations: int = parameter(
-        6,
-        "1",
-        "measured",
-        "in a step; 24 runs: median error 4.5 mm; 4.7 mm with 12, 5.0 mm with 30",
+        6, "1", "measured", "per step; 24 runs: median error 4.5 mm; with 12 4.7, with 30 5.0 mm"
     )
     settled: float = parameter(
         1e-4, "m", "choice", "largest change of a deflection that ends the iterations"
     )
     farthest: float = parameter(
-        0.004,
-        "m",
-        "measured",
-        "largest motion of a point in an iteration; with 8 mm the error is 6.7 mm, not 4.5",
+        0.004, "m", "measured", "of a point in an iteration; with 8 mm the error is 6.7, not 4.5 mm"
     )
     reversal: float = parameter(
         0.5, "1", "choice", "a step back of more than this share of the last one is halved"
@@ -80,17 +73,11 @@ class SwingParameters(Checked):
         0.016, "m", "choice", "largest gap of a contact that is looked at within a step"
     )
     stirred: float = parameter(
-        0.007,
-        "m",
-        "choice",
-        "motion of fruits in a step after which close contacts are looked up again",
+        0.007, "m", "choice", "motion in a step after which contacts are looked up again"
     )
     listed: float = parameter(0.08, "m", "choice", "largest gap of a static object that is listed")
     wandered: float = parameter(
-        0.04,
-        "m",
-        "choice",
-        "motion of a fruit after which static objects are listed again: half that gap",
+        0.04, "m", "choice", "motion of a fruit after which they are listed again: half that gap"
     )
     neck: float = parameter(
         0.03, "m", "choice", "length of the neck, from the cup down, that stems are kept off"
@@ -109,13 +96,11 @@ class HarmParameters(Checked):
     )
     target_force: float = parameter(5.0, "N", "guess", "lasting force that the target bears")
     fruit_force: float = parameter(
-        30.0, "N", "guess",
-        "momentary force that another fruit bears; the simulation's limit is 10 N",
-    )  # fmt: skip
+        30.0, "N", "guess", "momentary, that another fruit bears; in the simulation 10 N"
+    )
     sudden_force: float = parameter(
-        14.0, "N", "measured",
-        "momentary force that counts nothing: one in ten runs that go well has more than 8 N",
-    )  # fmt: skip
+        14.0, "N", "measured", "momentary, that counts nothing: a tenth of good runs have over 8 N"
+    )
     inside_time: float = parameter(
         0.03, "s", "choice", "longest that another fruit may be inside the cup"
     )
@@ -159,31 +144,21 @@ class HangingParameters(Checked):
         0.003, "m", "guess", "standard deviation of a position without covariance in the scene"
     )
     wider: float = parameter(
-        1.5, "1", "choice",
-        "factor on the standard deviation of a detection: unlikely errors do the harm",
-    )  # fmt: skip
+        1.5, "1", "choice", "factor on standard deviations: unlikely errors do the harm"
+    )
     turn: float = parameter(1.0, "deg", "guess", "standard deviation of a stem's direction")
     detected_turn: float = parameter(4.0, "deg", "guess", "the same of a detected stem")
     around: float = parameter(
         0.4, "m", "choice", "largest distance from the target of a known fruit"
     )
     most: int = parameter(
-        24,
-        "1",
-        "choice",
-        "largest number of fruits beside the target: their contacts grow with its square",
+        24, "1", "choice", "fruits beside the target: contacts grow with their square"
     )
     capture: float = parameter(
-        0.005,
-        "m",
-        "choice",
-        "depth below the target from which the rounded path is on the approach line",
+        0.005, "m", "choice", "from this far below the target a path is on the approach line"
     )
     apart: float = parameter(
-        45.0,
-        "deg",
-        "choice",
-        "between directions of the first candidates, which pass all neighbours alike",
+        45.0, "deg", "choice", "between first candidates, which pass all neighbours alike"
     )
     turned: float = parameter(
         1.0, "rad", "choice", "standard deviation of a candidate's directions"
@@ -211,10 +186,7 @@ class PlaneParameters(Checked):
         4e-3, "m", "choice", "largest overlap after these; more means that an object jams"
     )
     ahead: float = parameter(
-        0.02,
-        "m",
-        "choice",
-        "bodies less apart are near; looked up again after a motion of a third of it",
+        0.02, "m", "choice", "gap of near bodies; listed again after a motion of a third of it"
     )
     flat: float = parameter(
         1e-3, "m", "choice", "corners of a polygon that are level to this are pressed together"
@@ -254,10 +226,7 @@ class StandingParameters(Checked):
 
     every: int = parameter(4, "1", "choice", "points of a path in a step of the model")
     speed: float = parameter(
-        0.015,
-        "m/s",
-        "measured",
-        "of the tool, so as not to knock packs; 18 mm/s press a tenth harder",
+        0.015, "m/s", "measured", "slow, so as not to knock packs; 18 mm/s press a tenth harder"
     )
     sideways: float = parameter(0.12, "m", "choice", "largest distance of a path to the side")
     first_corners: int = parameter(3, "1", "choice", "of a path in the first run of the search")
@@ -286,10 +255,7 @@ class StandingParameters(Checked):
         0.025, "m", "choice", "distance before all packs at which a path begins"
     )
     low: float = parameter(
-        0.006,
-        "m",
-        "choice",
-        "height of the hand's spheres over the board: low, so that packs do not topple",
+        0.006, "m", "choice", "of the hand's spheres over the board: packs pushed low do not topple"
     )
     touching: float = parameter(0.01, "m", "choice", "largest gap between the target and its board")
     around: float = parameter(
@@ -309,10 +275,7 @@ class RuleParameters(Checked):
         1.5, "gripper radii", "published", "D_plane, from the approach line; method, section 4"
     )
     unsure: float = parameter(
-        2.0,
-        "1",
-        "measured",
-        "standard deviations of a detection by which a neighbour may be farther out",
+        2.0, "1", "measured", "standard deviations by which a detected neighbour may be farther out"
     )
     least_inclination: float = parameter(1.0, "deg", "choice", "of a stem that decides the side")
     upright: float = parameter(
@@ -322,22 +285,13 @@ class RuleParameters(Checked):
         60.0, "deg", "choice", "largest, from the direction away from the stem"
     )
     centred: float = parameter(
-        0.5,
-        "gripper radii",
-        "choice",
-        "distance from the approach line below which a fruit gives no direction",
+        0.5, "gripper radii", "choice", "a fruit nearer to the approach line gives no direction"
     )
     release: float = parameter(
-        0.5,
-        "fruit radii",
-        "choice",
-        "distance past a pushable's centre from which the rim may come back",
+        0.5, "fruit radii", "choice", "from this far past a pushable's centre the rim may come back"
     )
     under: float = parameter(
-        0.006,
-        "m",
-        "choice",
-        "distance that a slightly tilted rim stays below a fruit it crosses beneath",
+        0.006, "m", "choice", "that a slightly tilted rim stays below a fruit it crosses beneath"
     )
     room_to_turn: float = parameter(0.02, "m", "choice", "height in which the tool changes sides")
     alike: float = parameter(0.7, "1", "choice", "cosine from which two directions are one")
@@ -345,16 +299,13 @@ class RuleParameters(Checked):
     level: float = parameter(0.001, "m", "choice", "between the heights that are looked at")
     sweeps: int = parameter(40, "1", "choice", "over the half-planes at a height")
     rounding: float = parameter(
-        0.01,
-        "m",
-        "choice",
-        "width of each moving average over a path; it cuts a corner of 30 degrees by 1 mm",
+        0.01, "m", "choice", "width of each moving average; it cuts a corner of 30 degrees by 1 mm"
     )
     point_step: float = parameter(
         0.001,
         "m",
         "choice",
-        "between a path's points; less than the 2 mm within which an arm keeps to it",
+        "of a path's points; less than the 2 mm within which an arm keeps to it",
     )
 
 

@@ -1,7 +1,7 @@
 """What a cup does to fruits on stems, predicted step by step along the tool's path.
 
 At every step all fruits come to the equilibrium of their stems, their inertia and their contacts
-(:mod:`optipromp.pushing.equilibrium`). What harm is done on the way is kept.
+(:mod:`optipromp.pushing.equilibrium`). The harm on the path is recorded.
 """
 
 import numpy as np
@@ -74,8 +74,8 @@ def push(
             continue
         q = max(p - 1, 0)
         x, y, z = at.x - points[q, 0], at.y - points[q, 1], at.z - points[q, 2]
-        way = Pose(x, y, z, 0.0, 0.0, 0.0)
-        _advance(s, f, c, d, at, way, cup, solid, dt, p, forces, stem_forces)
+        shift = Pose(x, y, z, 0.0, 0.0, 0.0)
+        _advance(s, f, c, d, at, shift, cup, solid, dt, p, forces, stem_forces)
         _note(f, p, positions)
         _take(f, at, cup, dt, p, forces, stem_forces, spell, pinched, so_far)
         if score_of(so_far[0], so_far[1], so_far[2], so_far[3], so_far[4], False) > worst:
@@ -107,7 +107,7 @@ def _untouched(s: Stems, f: Fruits, at: Pose, cup: Mouth) -> bool:
 
 @inner
 def _advance(
-    s: Stems, f: Fruits, c: Contacts, d: Descent, at: Pose, way: Pose, cup: Mouth,
+    s: Stems, f: Fruits, c: Contacts, d: Descent, at: Pose, shift: Pose, cup: Mouth,
     solid: Obstacles, dt: float, p: int, forces: FloatArray, stem_forces: FloatArray,
 ) -> None:  # fmt: skip
     """Step p: the fruits swing on, then come to their equilibrium with the cup where it is."""
@@ -127,7 +127,7 @@ def _advance(
         if look:
             stirred = 0.0
         moved, woken = relax(
-            s, f, c, d, at, way, cup, solid, dt, look, p, forces, stem_forces
+            s, f, c, d, at, shift, cup, solid, dt, look, p, forces, stem_forces
         )  # fmt: skip
         stirred += np.inf if woken else moved
         if moved < SETTLED:

@@ -1,4 +1,4 @@
-"""``simulate``: the one way in."""
+"""``simulate``: the entry point of the simulation."""
 
 import time
 from dataclasses import dataclass

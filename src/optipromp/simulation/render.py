@@ -41,7 +41,7 @@ def frames(run: Run, times: FloatArray, view: View | None = None) -> Iterator[Pi
     """Pictures of a run at ``times`` [s], each the record before it.
 
     Raises:
-        InvalidRequestError: MuJoCo is not installed, or finds no way to draw off screen.
+        InvalidRequestError: MuJoCo is not installed, or cannot draw off screen.
     """
     view = view or View()
     mujoco = engine()

@@ -92,7 +92,7 @@ def motions(plan: "Plan") -> tuple[Motion, ...]:
 
 
 def moment(plan: "Plan", task: Task) -> Moment:
-    """As the tool passes the last fruit on a stem in its way; without any, the end."""
+    """as the tool passes the last fruit on a stem that is in the way; without any, the end."""
     q, hanging = plan.trajectory.positions, [t for t in task.neighbours if t.stem]
     if _still(plan):
         return Moment(0, 0.0, "the arm stays at its start")

@@ -55,8 +55,8 @@ def generate_with_report(preset: Preset, seed: int) -> tuple[Scene, GenerationRe
 
     - ``cluster``: 1 to 4 pushables 0.03 to 0.15 before the target along the approach (upwards),
       offset by up to R_gripper along each lateral direction; stems 0.10 to 0.30 long, inclined by
-      up to 25 degrees in any direction; R_gripper 0.02 to 0.03; fruits of 30 to 40 mm, the target smaller
-      where the cup asks for it.
+      up to 25 degrees in any direction; R_gripper 0.02 to 0.03; fruits of 30 to 40 mm, the target
+      smaller where the cup asks for it.
     - ``side-clusters``: also a neighbouring cluster on either side, 0.12 to 0.25 away.
     - ``table-top``: a cluster, and a gutter 0.03 to 0.08 from the target's centre on any side but
       the approach.
