@@ -1,4 +1,4 @@
-"""The one currency of the library: joint positions at uniformly spaced waypoints."""
+"""Trajectories: joint positions at uniformly spaced waypoints."""
 
 import math
 from dataclasses import dataclass

@@ -135,7 +135,7 @@ def test_passing_holds_in_any_frame(gantry: Robot) -> None:
 
 
 def test_the_side_of_a_stem_may_be_a_note(gantry: Robot) -> None:
-    """Where pushes were foreseen it is told and makes nothing invalid; all else is judged alike."""
+    """Where pushes were predicted it is a note, not a violation; all else is judged alike."""
     fruit = FRUIT
     height = np.linspace(0.2, 0.75, 56)
     path = np.column_stack([np.full(56, 0.01), np.full(56, 0.06), height])

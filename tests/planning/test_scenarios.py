@@ -65,7 +65,7 @@ def assert_is_clear(result: Plan) -> None:
 
 
 def assert_the_message_names_the_side(result: Plan) -> None:
-    """Passing on the side of a stem is a remark: no fault where pushes are foreseen."""
+    """Passing on the side of a stem is a remark: no fault where pushes are predicted."""
     judged = judging.judge(result.scene, result.robot, result.trajectory, stem_side=False)
     assert judged.violations == ()
     strict = judging.judge(result.scene, result.robot, result.trajectory)

@@ -86,7 +86,7 @@ def test_the_order_in_the_file_does_not_matter() -> None:
 
 
 def test_what_was_detected_may_hang_nearer_than_it_was_seen() -> None:
-    """Two deviations of the distance from target to pushable are added to D_plane."""
+    """Two standard deviations of the distance from target to pushable are added to D_plane."""
     beside = scene(fruit("n", (0.08, 0, -0.1)))
     deviation = 0.005
     doubtful = replace(
@@ -329,12 +329,12 @@ def test_uncertain_directions_follow_the_generator() -> None:
         rng = np.random.default_rng(seed)
         return np.array([pushes(s, [obj], R, rng, deviation)[0].direction for _ in range(400)])
 
-    drawn = directions(0, 0.3)
-    np.testing.assert_array_equal(drawn, directions(0, 0.3))
-    angles = np.arctan2(-drawn[:, 0], drawn[:, 1])
+    sampled = directions(0, 0.3)
+    np.testing.assert_array_equal(sampled, directions(0, 0.3))
+    angles = np.arctan2(-sampled[:, 0], sampled[:, 1])
     assert np.std(angles) == pytest.approx(0.3, rel=0.15)
     assert np.mean(angles) == pytest.approx(0.0, abs=0.06)
-    np.testing.assert_allclose(drawn[:, 2], 0.0, atol=1e-12)
+    np.testing.assert_allclose(sampled[:, 2], 0.0, atol=1e-12)
     sure = directions(1, 0.0)
     assert (sure == sure[0]).all()
     assert pushes(s, [obj], R)[0].direction[1] == 1.0

@@ -330,10 +330,10 @@ def test_scenes_with_a_root_in_the_tool_are_drawn_again_and_counted() -> None:
     )) == ROOTED  # fmt: skip
     found = {seed: generate_with_report("cluster", seed) for seed in range(30)}
     assert sum(report.reasons.get(ROOTED, 0) for _, report in found.values()) > 0
-    for drawn, report in found.values():
+    for sampled, report in found.values():
         assert report.redraws == sum(report.reasons.values())
-        tool = equipped(drawn).tool
-        assert not any(_rooted_in_tool(drawn, obj, tool) for obj in drawn.pushables)
+        tool = equipped(sampled).tool
+        assert not any(_rooted_in_tool(sampled, obj, tool) for obj in sampled.pushables)
 
 
 def test_perceived_moves_what_is_detected_and_nothing_else() -> None:
