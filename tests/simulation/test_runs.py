@@ -128,7 +128,7 @@ def test_an_unstable_run_is_told_as_such(bench):
 
 
 def test_neighbouring_clusters_of_real_fruits(plans, bench):
-    parameters = bench.parameters(obj={"avoid_as": "fruits"})
+    parameters = bench.parameters(thing={"avoid_as": "fruits"})
     world = build(plans["scenario-3"].scene, plans["scenario-3"].robot, parameters, 3)
     assert len(world.fruits) == 3 + 2 * 6
     assert len(world.shown) == 3
@@ -181,7 +181,7 @@ def test_wrong_requests_are_refused(bench, plans):
     with pytest.raises(InvalidRequestError, match=r"StemParameters\.diameter is -1"):
         bench.parameters(stem={"diameter": -1.0})
     with pytest.raises(InvalidRequestError, match="avoid_as"):
-        bench.parameters(obj={"avoid_as": "glass"})
+        bench.parameters(thing={"avoid_as": "glass"})
 
 
 def test_without_mujoco_the_error_says_what_to_install(bench, monkeypatch):

@@ -1,7 +1,7 @@
 """Every physical number of the simulation: its unit, its default and where it comes from.
 
-The groups have the form of :mod:`optipromp.parameters`; :func:`catalogue` lists them. What the push
-model has too is taken from there.
+The groups have the form of :mod:`optipromp.parameters`; :func:`catalogue` lists them. Numbers that
+the push models have too are taken from there.
 """
 
 import math
@@ -162,7 +162,7 @@ class ControlParameters(Checked):
 
 @dataclass(frozen=True)
 class EngineParameters(Checked):
-    """Of MuJoCo."""
+    """Settings of MuJoCo."""
 
     timestep: float = parameter(0.001, "s", "choice", "of the integrator (implicitfast)")
     gravity: float = parameter(PUSH.beam.gravity, "m/s^2", "choice", "standard")
@@ -172,7 +172,7 @@ class EngineParameters(Checked):
 
 @dataclass(frozen=True)
 class Thresholds(Checked):
-    """When a run counts as a success; each failure names the first that it broke."""
+    """Limits of a success; a failure names the first limit that it exceeds."""
 
     static_force: float = parameter(
         0.5, "N", "choice", "any harder touch of a static object fails the run"
@@ -205,7 +205,7 @@ class Thresholds(Checked):
 
 @dataclass(frozen=True)
 class SimulationParameters:
-    """All of them."""
+    """All numbers of the simulation."""
 
     fruit: FruitParameters = field(default_factory=FruitParameters)
     stem: StemParameters = field(default_factory=StemParameters)

@@ -11,7 +11,7 @@ from optipromp.trajectory import Trajectory
 
 RAMPS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8)  # shares of the plan's duration that are tried
 SAMPLES = 8  # per waypoint, to find the largest derivatives
-MARGIN = 3e-3  # below the limits, for what lies between the samples
+MARGIN = 3e-3  # share below the limits, for peaks between the samples
 
 
 @dataclass(frozen=True, eq=False)

@@ -102,7 +102,7 @@ def build(
     names it. The robot collides with everything.
 
     Args:
-        scene: what there is.
+        scene: robot and objects.
         robot: whose frame is the world's.
         parameters: physical numbers.
         seed: of the fruits of real neighbouring clusters.
