@@ -43,7 +43,7 @@ def parser() -> argparse.ArgumentParser:
     add = out.add_argument
     add("--only", metavar="NAME", nargs="+", default=[], help="benchmarks or metrics, by pattern")
     add("--list", action="store_true", help="list benchmarks and metrics, measure nothing")
-    add("--quick", action="store_true", help="a tenth of the repeats, to try things out")
+    add("--quick", action="store_true", help="a tenth of the repeats, to try it out")
     add("--json", action="store_true", help="print the results as JSON, not as tables")
     add("--out", metavar="FILE", type=Path, help="write the results as JSON")
     add("--markdown", metavar="FILE", type=Path, help="write the tables, or renew them in a page")

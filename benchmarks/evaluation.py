@@ -39,9 +39,9 @@ def panda_with_cup() -> Robot:
     return with_tool(load_robot("panda"), Cup(0.03, length=0.12))
 
 
-def reach(knots: int, joints: int = 7) -> FloatArray:
+def reach(waypoints: int, joints: int = 7) -> FloatArray:
     """A smooth reach (T, n) of the Panda, or of a chain with more joints or fewer."""
-    z = np.linspace(0.0, 1.0, knots)[:, None]
+    z = np.linspace(0.0, 1.0, waypoints)[:, None]
     share = z**3 * (10.0 - 15.0 * z + 6.0 * z**2)
     begin, end = np.resize(START, joints), np.resize(END, joints)
     return np.asarray(begin + share * (end - begin))
@@ -62,11 +62,13 @@ def near_obstacles(robot: Robot, q: FloatArray, count: int, seed: int = 3) -> li
     moving = np.flatnonzero(np.asarray(robot.spheres.segment) >= 2)
     out: list[Posed] = []
     for i, shape in enumerate(shapes(count)):
-        knot = int((i + 0.5) / count * len(q))
+        waypoint = int((i + 0.5) / count * len(q))
         sphere = int(rng.choice(moving))
         away = rng.normal(size=3)
         gap = radius[sphere] + 0.6 * bounding_radius(shape) + rng.uniform(0.0, 0.04)
-        out.append((shape, swept[knot, sphere] + gap * away / np.linalg.norm(away), _rotation(rng)))
+        out.append(
+            (shape, swept[waypoint, sphere] + gap * away / np.linalg.norm(away), _rotation(rng))
+        )
     return out
 
 
@@ -99,9 +101,9 @@ class Case:
     """
 
     def __init__(
-        self, robot: Robot, knots: int, obstacles: Sequence[Posed], cells: bool = False
+        self, robot: Robot, waypoints: int, obstacles: Sequence[Posed], cells: bool = False
     ) -> None:
-        self.robot, self.q = robot, reach(knots, robot.n_joints)
+        self.robot, self.q = robot, reach(waypoints, robot.n_joints)
         asked = CUTOFF + float(BodyPoints(robot).largest) + 1e-3 if cells else 0.0
         static, dynamic = (
             pack(list(obstacles[k::2]), reach=asked, within=arm_reach(robot) + 0.1) for k in (0, 1)
@@ -109,7 +111,7 @@ class Case:
         self.surroundings = Surroundings(static, dynamic, (len(dynamic.kind) + 1) // 2)
         self.goal, _ = robot.tool_pose(self.q[-1])
         self.goal = self.goal + [0.02, -0.01, 0.05]
-        self.frame, self.first = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]), knots // 2
+        self.frame, self.first = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]), waypoints // 2
         costs = [
             ObstacleCost("static", WEIGHTS[0], EPSILON, "sum"),
             ObstacleCost("avoid", WEIGHTS[1], EPSILON, "sum"),
@@ -117,7 +119,7 @@ class Case:
             VelocityCost(WEIGHTS[3]),
         ]
         self.problem = Problem(
-            robot, self.surroundings, costs, [SelfCost(WEIGHTS[4], SELF_MARGIN)], knots,
+            robot, self.surroundings, costs, [SelfCost(WEIGHTS[4], SELF_MARGIN)], waypoints,
             cutoff=CUTOFF, body=BodyPoints(robot),
         )  # fmt: skip
 

@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 Direction = Literal["lower", "higher"]
 Status = Literal["ok", "failed", "not available"]
-RATIO = "×"  # the unit of a quotient of two things measured in the same run: what the gate compares
+RATIO = "×"  # unit of the ratio of two figures measured in the same run: what the gate compares
 
 
 @dataclass(frozen=True)

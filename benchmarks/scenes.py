@@ -9,7 +9,7 @@ from optipromp.scenes.generate import Preset, generate
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene, SceneObject, Stem
 
-DEVIATION = 0.005  # [m] of every fruit's centre
+DEVIATION = 0.005  # [m] standard deviation of every fruit's centre
 GENERATED: tuple[Preset, ...] = ("cluster", "side-clusters", "table-top", "mixed")
 SEEDS = 5
 
@@ -18,19 +18,19 @@ def perturbed(scene: Scene, rng: np.random.Generator) -> Scene:
     """The scene with its fruits moved by N(0, 5 mm); the roots of their stems stay."""
     hanging = ("target", "pushable")
     objects = tuple(
-        _moved(thing, rng.normal(0.0, DEVIATION, 3)) if thing.role in hanging else thing
-        for thing in scene.objects
+        _moved(obj, rng.normal(0.0, DEVIATION, 3)) if obj.role in hanging else obj
+        for obj in scene.objects
     )
     return replace(scene, objects=objects)
 
 
-def _moved(thing: SceneObject, by: FloatArray) -> SceneObject:
-    stem = thing.stem
+def _moved(obj: SceneObject, by: FloatArray) -> SceneObject:
+    stem = obj.stem
     if stem is not None:
         points = np.array(stem.points)
         points[0] += by
         stem = Stem(points, stem.radius)
-    return replace(thing, position=thing.position + by, stem=stem)
+    return replace(obj, position=obj.position + by, stem=stem)
 
 
 def many(name: str, count: int, seed: int = 0) -> list[Scene]:

@@ -17,7 +17,7 @@ scene = load_scene("scenario-3")
 result = plan(scene, seed=0)
 
 print(f"{scene.name}: {result.status} {result.message}")
-print(f"{result.trajectory.n_knots} knots over {result.trajectory.duration:.2f} s")
+print(f"{result.trajectory.n_waypoints} waypoints over {result.trajectory.duration:.2f} s")
 print(f"at the target: {1e3 * result.metrics.goal_error:.3f} mm off")
 for fruit, offset in result.metrics.M_p.items():
     if offset is not None:
@@ -26,7 +26,9 @@ for fruit, offset in result.metrics.M_p.items():
 with tempfile.TemporaryDirectory() as folder:
     names = write_plan(result, Path(folder))
     again = load_plan(folder)
-print(f"wrote {', '.join(names)}; read back: {again.status}, {again.trajectory.n_knots} knots")
+print(
+    f"wrote {', '.join(names)}; read back: {again.status}, {again.trajectory.n_waypoints} waypoints"
+)
 
 if not result.success:
     raise SystemExit(1)

@@ -54,20 +54,20 @@ def largest_error(problem: Problem, q: FloatArray, step: float = 1e-6) -> float:
     """Largest difference between the problem's gradient and central differences."""
     problem.evaluate(q)
     gradient, worst = problem.gradient(), 0.0
-    for knot in range(problem.first, problem.last + 1, 5):
+    for waypoint in range(problem.first, problem.last + 1, 5):
         for joint in range(q.shape[1]):
             change = np.zeros_like(q)
-            change[knot, joint] = step
+            change[waypoint, joint] = step
             slope = problem.evaluate(q + change).merit - problem.evaluate(q - change).merit
-            worst = max(worst, abs(slope / (2.0 * step) - gradient[knot, joint]))
+            worst = max(worst, abs(slope / (2.0 * step) - gradient[waypoint, joint]))
     return worst
 
 
 robot = with_tool(load_robot("panda"), Cup(radius=0.03))
 start = robot.home
 goal = start + np.array([0.9, 0.3, 0.0, 0.2, 0.0, 0.1, 0.0])
-knots = 40
-straight = start + np.linspace(0.0, 1.0, knots)[:, None] * (goal - start)
+waypoints = 40
+straight = start + np.linspace(0.0, 1.0, waypoints)[:, None] * (goal - start)
 nothing = pack([])
 highest = float(robot.tool_pose(straight)[0][:, 2].max())
 costs = [
@@ -80,7 +80,7 @@ problem = Problem(
     Surroundings(nothing, nothing, 0),
     costs,
     [],
-    knots,
+    waypoints,
     cutoff=0.02,
     end_fixed=True,
 )
@@ -101,7 +101,7 @@ if not result.history[-1]["ceiling"] < 0.1 * result.history[0]["ceiling"]:
 # In a plan: the joint strategy minimises it with its own costs.
 alone = plan("scenario-4")
 start, end = alone.trajectory.positions[0], alone.trajectory.positions[-1]
-line = np.linspace(start, end, alone.trajectory.n_knots)
+line = np.linspace(start, end, alone.trajectory.n_waypoints)
 options = PlanOptions(waypoints=len(line), costs=(Posture(0.1, line),))
 with_posture = plan("scenario-4", options=options)
 for name, result in (("alone", alone), ("with the posture", with_posture)):

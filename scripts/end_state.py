@@ -100,7 +100,7 @@ def circles(graph: dict[str, set[str]]) -> list[str]:
 
 
 def hops(graph: dict[str, set[str]], begin: str, end: str) -> int:
-    """Files on the shortest way of imports from one module to another, both included."""
+    """Files on the shortest path of imports from one module to another, both included."""
     level, count, seen = {begin}, 1, {begin}
     while level and end not in level:
         level = set().union(*(graph.get(m, set()) for m in level)) - seen
@@ -127,7 +127,7 @@ def main() -> int:
             values[name].add(value)
     twice = sorted(name for name, where in owners.items() if len(where) > 1 and name[0] != "_")
     torn = sorted(name for name, many in values.items() if len(many) > 1)
-    way = hops(graph, name_of(SOURCE / ENTRY), name_of(SOURCE / BOX))
+    path = hops(graph, name_of(SOURCE / ENTRY), name_of(SOURCE / BOX))
     rows = [
         ("lines of src", sum(f.lines for f in files), 19_000, ""),
         ("lines of the core", sum(f.lines for f in core), 5_350, ", ".join(CORE)),
@@ -135,7 +135,7 @@ def main() -> int:
         ("numeric constants of the core", sum(len(f.constants) for f in core), 40, ""),
         ("longest function", plain[0], 80, plain[1]),
         ("longest kernel", kernel[0], 130, kernel[1]),
-        ("files from plan to the distance of a box", way, 8, ""),
+        ("files from plan to the distance of a box", path, 8, ""),
         ("files in circles of imports", len(circles(graph)), 0, " ".join(circles(graph))),
         ("class names of two files", len(twice), 0, " ".join(twice)),
         ("constant names of two values", len(torn), 0, " ".join(torn)),

@@ -8,12 +8,12 @@ from optipromp.pushing.parameters import PUSH
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "push-parameters.md"
 HEAD = """# Numbers of the push models
 
-Every tuned number of the models, of the method's rules and of the paths that are tried. They cannot
-be set: the kernels are compiled with them. *Measured*: on generated scenes, see
-[decisions](decisions.md). *Reported*: a size that the harvesting literature gives again and again.
+Every tuned number of the models, of the method's rules and of the candidate paths. The numbers
+cannot be set: the kernels are compiled with them. *Measured*: on generated scenes, see
+[decisions](decisions.md). *Reported*: a size that the harvesting literature gives often.
 *Published*: the method's. *Guess*: ours, of a plausible size. *Choice*: of the model, not of
-nature. `optipromp.pushing.parameters.PUSH` holds them, and the simulation takes from there what it
-has too.
+nature. `optipromp.pushing.parameters.PUSH` holds the numbers. The simulation takes from there the
+numbers that it shares with the models.
 
 | number | value | unit | kind | |
 |---|---|---|---|---|

@@ -13,13 +13,13 @@ from optipromp.trajectory import Trajectory, shortest_dt
 NAMES = ("a", "b")
 
 
-def line(knots: int = 5) -> np.ndarray:
-    return np.linspace([0.0, 1.0], [1.0, -1.0], knots)
+def line(waypoints: int = 5) -> np.ndarray:
+    return np.linspace([0.0, 1.0], [1.0, -1.0], waypoints)
 
 
 def test_what_it_says_of_itself() -> None:
     trajectory = Trajectory(line(), 0.25, NAMES)
-    assert trajectory.n_knots == 5
+    assert trajectory.n_waypoints == 5
     assert trajectory.duration == 1.0
     np.testing.assert_allclose(trajectory.times, [0.0, 0.25, 0.5, 0.75, 1.0])
     np.testing.assert_allclose(trajectory.velocities, np.tile([1.0, -2.0], (4, 1)))
@@ -54,9 +54,9 @@ def test_it_keeps_a_copy_and_nobody_can_write_to_it() -> None:
 @pytest.mark.parametrize(
     ("positions", "dt", "names", "message"),
     [
-        (line(2), 0.1, NAMES, "at least 3 knots"),
-        (np.zeros((0, 2)), 0.1, NAMES, "at least 3 knots"),
-        (np.zeros(6), 0.1, NAMES, "at least 3 knots"),
+        (line(2), 0.1, NAMES, "at least 3 waypoints"),
+        (np.zeros((0, 2)), 0.1, NAMES, "at least 3 waypoints"),
+        (np.zeros(6), 0.1, NAMES, "at least 3 waypoints"),
         (line(), 0.1, ("a",), "1 joint names for 2 columns"),
         (line(), 0.0, NAMES, "dt is 0"),
         (line(), -0.1, NAMES, "dt is -0.1"),
@@ -74,7 +74,7 @@ def test_refusals(positions: Any, dt: float, names: Any, message: str) -> None:
 def test_a_value_that_is_not_finite_is_named(bad: float) -> None:
     q = line()
     q[3, 1] = bad
-    with pytest.raises(InvalidRequestError, match="knot 3, joint 1"):
+    with pytest.raises(InvalidRequestError, match="waypoint 3, joint 1"):
         Trajectory(q, 0.1, NAMES)
 
 

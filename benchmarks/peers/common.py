@@ -13,7 +13,7 @@ from optipromp.planning.task import Task
 from optipromp.scenes.scene import Scene
 from optipromp.trajectory import Trajectory, shortest_dt
 
-STEP = 0.045  # [rad or m] between the knots of a timed path, as ours has
+STEP = 0.045  # [rad or m] between the waypoints of a timed path, as ours has
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ def timed(setup: Task, path: FloatArray) -> Trajectory:
 
 
 def at_limits(setup: Task, q: FloatArray) -> Trajectory:
-    """Knots (T, n) as a trajectory at the shortest spacing that the limits allow."""
+    """Waypoints (T, n) as a trajectory at the shortest spacing that the limits allow."""
     robot = setup.robot
     dt = shortest_dt(q, robot.velocity, robot.acceleration)
     return Trajectory(q, dt, robot.joint_names)
@@ -61,9 +61,9 @@ def at_limits(setup: Task, q: FloatArray) -> Trajectory:
 class Checker:
     """Our collision checker for one configuration, on the kernels of the planning loop.
 
-    What must not touch is what the judge asks: everything and static things, all links but the last
-    and the tool (B_d) and the rest, links that are not neighbours. With ``fruits`` the last link
-    and the tool may not touch pushables either.
+    What must not touch is what the judge asks: any part of the robot and static objects; B_d (all
+    links but the last and the tool) and the other objects; links that are not neighbours. With
+    ``fruits`` the last link and the tool may not touch pushables either.
     """
 
     def __init__(self, setup: Task, fruits: bool) -> None:

@@ -46,13 +46,13 @@ def tool_rotation(robot: Robot) -> FloatArray:
     return np.stack([x, np.cross(z, x), z], axis=1)
 
 
-def urdf(robot: Robot, things: Sequence[SceneObject] = ()) -> str:
+def urdf(robot: Robot, objects: Sequence[SceneObject] = ()) -> str:
     """A chain of revolute joints; every link with spheres hangs on its segment by a fixed joint.
 
-    ``things`` are links fixed to the base, so that an SRDF can say what they may touch.
+    ``objects`` are links fixed to the base, so that an SRDF can say what they may touch.
 
     Raises:
-        ValueError: a prismatic or mimic joint, or a thing that URDF has no shape for.
+        ValueError: a prismatic or mimic joint, or an object that URDF has no shape for.
     """
     kin = robot.kinematics
     if kin.kind.any() or not np.array_equal(kin.dof, np.arange(len(kin.kind))):
@@ -88,28 +88,28 @@ def urdf(robot: Robot, things: Sequence[SceneObject] = ()) -> str:
     last = f"segment{len(kin.kind) - 1}"
     parts += [_link(TIP)]
     parts.append(_joint("hold_tip", "fixed", last, TIP, robot.tool_point, tool_rotation(robot)))
-    for thing in things:
-        name = thing_name(thing)
+    for obj in objects:
+        name = object_name(obj)
         parts += [
-            _link(name, shape=_shape(thing)),
-            _joint(f"hold_{name}", "fixed", BASE, name, thing.position, thing.rotation),
+            _link(name, shape=_shape(obj)),
+            _joint(f"hold_{name}", "fixed", BASE, name, obj.position, obj.rotation),
         ]
     body = "\n".join(parts)
     return f'<?xml version="1.0"?>\n<robot name="{robot.name}">\n{body}\n</robot>\n'
 
 
-def srdf(robot: Robot, things: Sequence[SceneObject] = (), extra: str = "") -> str:
+def srdf(robot: Robot, objects: Sequence[SceneObject] = (), extra: str = "") -> str:
     """Which pairs of links are not checked; ``extra`` goes in as it is.
 
     What only B_d keeps away from (avoid objects and pushables) is not checked with the last link
-    and the tool, nor any thing with another or with what does not move.
+    and the tool, nor any object with another or with what does not move.
     """
     pairs = exempt_pairs(robot)
-    names = [thing_name(thing) for thing in things]
+    names = [object_name(obj) for obj in objects]
     fixed = np.unique(np.asarray(robot.spheres.link)[np.asarray(robot.spheres.segment) < 0])
-    for i, thing in enumerate(things):
+    for i, obj in enumerate(objects):
         free = [*names[i + 1 :], *(robot.link_names[k] for k in fixed)]
-        if thing.role != "static":
+        if obj.role != "static":
             free += distal_links(robot)
         pairs += [(names[i], other) for other in free]
     lines = [f'<disable_collisions link1="{a}" link2="{b}" reason="Adjacent"/>' for a, b in pairs]
@@ -120,16 +120,16 @@ def srdf(robot: Robot, things: Sequence[SceneObject] = (), extra: str = "") -> s
 
 def obstacles(scene: Scene) -> list[SceneObject]:
     """Everything in the scene but the target."""
-    return [thing for thing in scene.objects if thing.role != "target"]
+    return [obj for obj in scene.objects if obj.role != "target"]
 
 
-def thing_name(thing: SceneObject) -> str:
-    """Name of a thing's link."""
-    return f"thing_{thing.id}"
+def object_name(obj: SceneObject) -> str:
+    """Name of an object's link."""
+    return f"object_{obj.id}"
 
 
-def _shape(thing: SceneObject) -> str:
-    match thing.shape:
+def _shape(obj: SceneObject) -> str:
+    match obj.shape:
         case Sphere(radius):
             inner = f'<sphere radius="{radius:.9g}"/>'
         case Box(size):
@@ -137,7 +137,7 @@ def _shape(thing: SceneObject) -> str:
         case Cylinder(radius, length):
             inner = f'<cylinder radius="{radius:.9g}" length="{length:.9g}"/>'
         case _:
-            raise ValueError(f"{thing.id}: URDF has no {type(thing.shape).__name__}")
+            raise ValueError(f"{obj.id}: URDF has no {type(obj.shape).__name__}")
     return f"<collision><geometry>{inner}</geometry></collision>"
 
 

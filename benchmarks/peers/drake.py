@@ -54,24 +54,24 @@ class _World:
         self.plant, scene_graph = drake.AddMultibodyPlantSceneGraph(builder, time_step=0.0)
         drake.Parser(self.plant).AddModelsFromString(urdf(setup.robot), "urdf")
         self.plant.WeldFrames(self.plant.world_frame(), self.plant.GetFrameByName("base"))
-        things: dict[str, list[Any]] = {"static": [], "avoid": [], "pushable": []}
-        for thing in setup.scene.objects:
-            if thing.role == "target":
+        objects: dict[str, list[Any]] = {"static": [], "avoid": [], "pushable": []}
+        for obj in setup.scene.objects:
+            if obj.role == "target":
                 continue
-            pose = drake.RigidTransform(drake.RotationMatrix(thing.rotation), thing.position)
+            pose = drake.RigidTransform(drake.RotationMatrix(obj.rotation), obj.position)
             geometry = self.plant.RegisterCollisionGeometry(
-                self.plant.world_body(), pose, _shape(drake, thing.shape), thing.id,
+                self.plant.world_body(), pose, _shape(drake, obj.shape), obj.id,
                 drake.CoulombFriction(),
             )  # fmt: skip
-            things[thing.role].append(geometry)
-        self._filter(drake, setup, scene_graph, things)
+            objects[obj.role].append(geometry)
+        self._filter(drake, setup, scene_graph, objects)
         self.plant.Finalize()
         self.diagram = builder.Build()
         self.root = self.diagram.CreateDefaultContext()
         self.context = self.plant.GetMyMutableContextFromRoot(self.root)
 
     def _filter(
-        self, drake: Any, setup: Task, scene_graph: Any, things: dict[str, list[Any]]
+        self, drake: Any, setup: Task, scene_graph: Any, objects: dict[str, list[Any]]
     ) -> None:
         robot = setup.robot
 
@@ -85,7 +85,7 @@ class _World:
         for a, b in exempt_pairs(robot):
             declared = apart().ExcludeBetween(geometries([link[a]]), geometries([link[b]]))
             manager.Apply(declared)
-        soft = drake.GeometrySet(things["avoid"] + things["pushable"])
+        soft = drake.GeometrySet(objects["avoid"] + objects["pushable"])
         tool = geometries([link[name] for name in distal_links(robot)])
         manager.Apply(apart().ExcludeBetween(tool, soft))
 

@@ -52,11 +52,11 @@ def rrt_connect() -> Planner:
         ours = time.perf_counter() - began
         if not len(goals):
             return Answer(None, "no goal configuration")
-        robot, things = setup.robot, obstacles(scene)
+        robot, objects = setup.robot, obstacles(scene)
         with tempfile.TemporaryDirectory() as folder:
             model, meaning = Path(folder) / "robot.urdf", Path(folder) / "robot.srdf"
-            model.write_text(urdf(robot, things), encoding="utf-8")
-            meaning.write_text(srdf(robot, things), encoding="utf-8")
+            model.write_text(urdf(robot, objects), encoding="utf-8")
+            meaning.write_text(srdf(robot, objects), encoding="utf-8")
             found = _answer(worker, {
                 "urdf": str(model), "srdf": str(meaning), "tip": TIP, "seed": seed,
                 "velocity": robot.velocity.tolist(), "acceleration": robot.acceleration.tolist(),

@@ -67,13 +67,13 @@ def trajopt() -> Planner:
 
 
 def _environment(package: Any, scene: Scene, setup: Task, contacts: str) -> Any:
-    things = obstacles(scene)
+    objects = obstacles(scene)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "contacts.yaml"
         path.write_text(contacts, encoding="utf-8")
         extra = f'<contact_managers_plugin_config filename="file://{path}"/>'
         environment = package.tesseract_environment.Environment()
-        texts = urdf(setup.robot, things), srdf(setup.robot, things, extra)
+        texts = urdf(setup.robot, objects), srdf(setup.robot, objects, extra)
         locator = package.tesseract_common.GeneralResourceLocator()
         if not environment.init(*texts, locator):
             raise RuntimeError("the environment did not start")

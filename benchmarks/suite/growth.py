@@ -1,4 +1,4 @@
-"""How cost grows: with knots, joints, obstacles and the points of a cloud."""
+"""How cost grows: with waypoints, joints, obstacles and the points of a cloud."""
 
 import functools
 import os
@@ -32,8 +32,8 @@ from optipromp.robots.model import Robot
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene, SceneObject
 
-KNOTS, JOINTS, OBSTACLES = (50, 100, 200, 400), (4, 7, 10, 14), (10, 100, 1000)
-LINEAR = {"knots": "400 knots by 100, per knot", "joints": "14 joints by 7, per joint"}
+WAYPOINTS, JOINTS, OBSTACLES = (50, 100, 200, 400), (4, 7, 10, 14), (10, 100, 1000)
+LINEAR = {"waypoints": "400 waypoints by 100, per waypoint", "joints": "14 joints by 7, per joint"}
 CROWD, MEASURED = "1000 obstacles by 10", ("evaluation", "whole plan")
 LINK = 0.12  # [m]
 CLOUD = 100_000
@@ -41,7 +41,7 @@ CLOUD = 100_000
 
 def metrics() -> list[Metric]:
     """One evaluation at every size, and the quotients of sizes."""
-    out = [Metric(f"growth/{n} knots/evaluation", "µs") for n in KNOTS]
+    out = [Metric(f"growth/{n} waypoints/evaluation", "µs") for n in WAYPOINTS]
     out += [Metric(f"growth/{n} joints/evaluation", "µs") for n in JOINTS]
     out += [Metric(f"growth/{n} obstacles/evaluation", "µs") for n in OBSTACLES]
     out += [Metric(f"growth/{n} obstacles/whole plan", "ms") for n in OBSTACLES]
@@ -77,7 +77,7 @@ def chain(joints: int, folder: Path) -> Robot:
 def growth(context: Context) -> Values:
     """One evaluation, and whole plans, as the problem grows."""
     robot, rounds = panda_with_cup(), context.repeats(40)
-    knots = {n: Case(robot, n, near_obstacles(robot, reach(n), 13)) for n in KNOTS}
+    waypoints = {n: Case(robot, n, near_obstacles(robot, reach(n), 13)) for n in WAYPOINTS}
     near = near_obstacles(robot, reach(100), 10)
     around = {n: Case(robot, 100, near + far_obstacles(robot, reach(100), n - 10), cells=True)
               for n in OBSTACLES}  # fmt: skip
@@ -85,7 +85,7 @@ def growth(context: Context) -> Values:
         arms = {n: chain(n, Path(folder)) for n in JOINTS}
     joints = {n: Case(arm, 100, near_obstacles(arm, reach(100, n), 13)) for n, arm in arms.items()}
     out: dict[str, Value] = {}
-    for what, cases in (("knots", knots), ("joints", joints), ("obstacles", around)):
+    for what, cases in (("waypoints", waypoints), ("joints", joints), ("obstacles", around)):
         times = in_turn({str(n): case for n, case in cases.items()}, rounds)
         for n, case in cases.items():
             spheres = {"spheres": len(case.robot.spheres.radius)}
@@ -100,7 +100,7 @@ def growth(context: Context) -> Values:
 
 
 def _plans(context: Context) -> dict[str, Value]:
-    """Whole plans of scenario-4 among things that stand well away from the arm's way."""
+    """Whole plans of scenario-4 among objects that stand well away from the arm's way."""
     warm_up()
     base = load_scene("scenario-4")
     robot = resolve(base).robot
@@ -124,7 +124,7 @@ def _plans(context: Context) -> dict[str, Value]:
 
 
 def _crowded(base: Scene, robot: Robot, swept: FloatArray, count: int) -> Scene:
-    own = sum(thing.role != "target" for thing in base.objects)
+    own = sum(obj.role != "target" for obj in base.objects)
     more = [
         SceneObject(f"far-{i}", "static", shape, at, turn)
         for i, (shape, at, turn) in enumerate(far_obstacles(robot, swept, count - own))
@@ -141,7 +141,7 @@ CLOUDS = [
 
 @SUITE.benchmark("point-cloud", CLOUDS)
 def point_cloud(context: Context) -> Values:
-    """A cloud of a table with things on it, made ready for the distance kernels."""
+    """A cloud of a table with objects on it, made ready for the distance kernels."""
     times, work = [], []
     with tempfile.TemporaryDirectory() as folder:
         os.environ["OPTIPROMP_CACHE"] = folder

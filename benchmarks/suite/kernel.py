@@ -6,14 +6,14 @@ from benchmarks.evaluation import Case, Program, near_obstacles, panda_with_cup,
 from benchmarks.registry import RATIO, SUITE, Context, Measured, Metric, Value, Values
 from benchmarks.timing import BATCH, in_turn, median, paired_ratio
 
-KNOTS, OBSTACLES = 100, 13
+WAYPOINTS, OBSTACLES = 100, 13
 AGREEMENT = 1e-9
 PARTS = ("kinematics", "distances", "terms", "self-collision", "pull back")
 
 
 def metrics() -> list[Metric]:
     """Whole evaluations, then their parts."""
-    about = "Panda, 86 body spheres, 13 primitive obstacles, 100 knots, double precision"
+    about = "Panda, 86 body spheres, 13 primitive obstacles, 100 waypoints, double precision"
     ratio = "median of the quotients of batches run in turn"
     out = [
         Metric("evaluation/optipromp/time", "µs", about=about),
@@ -35,7 +35,7 @@ def metrics() -> list[Metric]:
 def evaluation(context: Context) -> Values:
     """One evaluation as the solver makes it, and the C++ program on the same data."""
     robot = panda_with_cup()
-    case = Case(robot, KNOTS, near_obstacles(robot, reach(KNOTS), OBSTACLES))
+    case = Case(robot, WAYPOINTS, near_obstacles(robot, reach(WAYPOINTS), OBSTACLES))
     out: dict[str, Value] = {}
     with Program(case) as program:
         off = program.difference(case)
@@ -62,12 +62,12 @@ def evaluation(context: Context) -> Values:
     for part, seconds in zip(PARTS, parts, strict=True):
         out[f"evaluation parts/{part}/C++"] = 1e6 * seconds
     small = Case(robot, 3, near_obstacles(robot, reach(3), OBSTACLES))
-    timed = in_turn({**_parts(case), "few knots": small}, context.repeats(40))
+    timed = in_turn({**_parts(case), "few waypoints": small}, context.repeats(40))
     seconds_of = {name: median(values) for name, values in timed.items()}
     for part in PARTS:
         out[f"evaluation parts/{part}/optipromp"] = 1e6 * seconds_of[part]
-    # what a hundred knots cost but for three of them: the rest is paid once a call
-    work = (seconds_of["all"] - seconds_of["few knots"]) * KNOTS / (KNOTS - 3)
+    # what a hundred waypoints cost but for three of them: the rest is paid once a call
+    work = (seconds_of["all"] - seconds_of["few waypoints"]) * WAYPOINTS / (WAYPOINTS - 3)
     out["evaluation parts/calls from Python/optipromp"] = Measured(
         1e6 * (seconds_of["all"] - work), {"within the parts above": True}
     )

@@ -80,7 +80,7 @@ class Score:
     faults: Counter[str] = field(default_factory=Counter)
 
     def add(self, planner: Planner, scene: Scene, seed: int) -> None:
-        """Plan, and have the answer judged between its knots too."""
+        """Plan, and have the answer judged between its waypoints too."""
         passed = []
         for _ in range(TURNS):
             began = time.perf_counter()

@@ -32,7 +32,7 @@ def joined(arrays: Sequence[Any]) -> FloatArray:
 
 
 def all_finite(array: FloatArray) -> bool:
-    """Whether every value is; the sum of squares tells in half the time, unless it overflows."""
+    """Whether every value is finite; the sum of squares tells it in half the time."""
     return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
 
 

@@ -1,8 +1,8 @@
 """Work on all cores: one pool of processes, for ``plan_many`` and for studies.
 
-Nothing heavy is imported here, so that a process chooses its number of threads before it loads
-what would start them. Threads would not do in place of processes: a plan is hundreds of short
-kernels with Python between them, and two threads then take as long as one.
+No heavy module is imported here, so that a process sets its number of threads before a library
+starts them. Threads cannot take the place of processes: a plan is hundreds of short kernels with
+Python between them, and two threads take as long as one.
 """
 
 import functools

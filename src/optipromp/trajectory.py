@@ -1,4 +1,4 @@
-"""The one currency of the library: joint positions at uniformly spaced waypoints."""
+"""Trajectories: joint positions at uniformly spaced waypoints."""
 
 import math
 from dataclasses import dataclass
@@ -31,34 +31,36 @@ class Trajectory:
         positions = frozen(self.positions)
         if positions.ndim != 2 or positions.shape[0] < 3:
             raise InvalidRequestError(
-                f"a trajectory needs at least 3 knots as (T, n); got shape {positions.shape}"
+                f"a trajectory needs at least 3 waypoints as (T, n); got shape {positions.shape}"
             )
         if positions.shape[1] != len(self.joint_names):
             raise InvalidRequestError(
                 f"{len(self.joint_names)} joint names for {positions.shape[1]} columns"
             )
         if not np.isfinite(positions).all():
-            knot, joint = (int(i) for i in np.argwhere(~np.isfinite(positions))[0])
-            raise InvalidRequestError(f"position at knot {knot}, joint {joint} is not finite")
+            waypoint, joint = (int(i) for i in np.argwhere(~np.isfinite(positions))[0])
+            raise InvalidRequestError(
+                f"position at waypoint {waypoint}, joint {joint} is not finite"
+            )
         if not (np.isfinite(self.dt) and self.dt > 0):
             raise InvalidRequestError(f"dt is {self.dt}; it must be positive [s]")
         object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "joint_names", tuple(self.joint_names))
 
     @property
-    def n_knots(self) -> int:
+    def n_waypoints(self) -> int:
         """T, the number of waypoints."""
         return int(self.positions.shape[0])
 
     @property
     def duration(self) -> float:
         """Time from the first waypoint to the last [s]."""
-        return self.dt * (self.n_knots - 1)
+        return self.dt * (self.n_waypoints - 1)
 
     @property
     def times(self) -> FloatArray:
         """Time of each waypoint (T,) [s]."""
-        return np.asarray(np.arange(self.n_knots) * self.dt, dtype=np.float64)
+        return np.asarray(np.arange(self.n_waypoints) * self.dt, dtype=np.float64)
 
     @property
     def velocities(self) -> FloatArray:
@@ -77,7 +79,7 @@ class Trajectory:
 
 
 def shortest_dt(positions: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> float:
-    """The smallest knot spacing at which velocity and acceleration limits hold.
+    """The smallest waypoint spacing at which velocity and acceleration limits hold.
 
     Args:
         positions: (T, n).
@@ -94,6 +96,6 @@ def shortest_dt(positions: FloatArray, velocity: FloatArray, acceleration: Float
 
 
 def _steps(positions: FloatArray) -> FloatArray:
-    """From each knot to the next (T+1, n), at rest before the first and after the last."""
+    """From each waypoint to the next (T+1, n), at rest before the first and after the last."""
     still = np.zeros_like(positions[:1])
     return np.concatenate([still, positions[1:] - positions[:-1], still])

@@ -74,7 +74,7 @@ def test_planners_and_strategies_are_those_of_the_library() -> None:
     ("item", "kind"),
     [("panda", "robot"), ("scara", "robot"), ("scenario-1", "scene"), ("scenario-4", "scene")],
 )
-def test_check_tells_the_kind_of_built_in_things(item: str, kind: str) -> None:
+def test_check_tells_the_kind_of_built_in_objects(item: str, kind: str) -> None:
     result = runner.invoke(app, ["check", item, "--json"])
     document = json.loads(result.stdout)
     assert result.exit_code == 0, result.stderr

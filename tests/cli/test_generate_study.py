@@ -19,7 +19,7 @@ def test_generate_writes_scenes_and_tells_of_redraws(tmp_path: Path) -> None:
         ["generate", "--preset", "mixed", "--seed", "3", "--count", "2", "--out", str(tmp_path)],
     )
     assert result.exit_code == 0
-    assert "drawn again" in result.stdout
+    assert "sampled again" in result.stdout
     assert sorted(p.name for p in tmp_path.iterdir()) == ["mixed-3.yaml", "mixed-4.yaml"]
     assert load_scene(tmp_path / "mixed-4.yaml").name == "mixed-4"
 

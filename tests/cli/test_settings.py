@@ -140,5 +140,5 @@ def test_wrong_settings_end_with_two_and_one_line(pair: str, said: str) -> None:
 
 
 def test_there_is_no_other_name_for_a_setting() -> None:
-    assert call("scenario-3", "--knots", "60")[0] == 2
+    assert call("scenario-3", "--waypoints", "60")[0] == 2
     assert call("scenario-3", "--max-step", "0.03")[0] == 2

@@ -64,7 +64,7 @@ def test_chomp_sees_obstacles_where_others_see_pushables() -> None:
     scene = generate("cluster", 3)
     copy = as_obstacles(scene)
     assert not copy.pushables
-    assert {thing.id for thing in copy.avoid} == {thing.id for thing in scene.pushables}
+    assert {obj.id for obj in copy.avoid} == {obj.id for obj in scene.pushables}
     assert copy.target is scene.target
 
 

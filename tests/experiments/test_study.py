@@ -212,12 +212,12 @@ def test_results_are_written(quick, tmp_path: Path) -> None:
 
 def test_a_run_that_breaks_off_is_a_row_too(monkeypatch) -> None:
     def broken(*_: object, **__: object) -> None:
-        raise ZeroDivisionError("of all things")
+        raise ZeroDivisionError("of all objects")
 
     monkeypatch.setattr(runs, "attempt", broken)
     (row,) = runs.run_scene("cluster", 0, ("straight",), 0.0, 0.0, "x")
     assert (row.success, row.cause) == (False, "error")
-    assert "of all things" in row.message
+    assert "of all objects" in row.message
 
 
 def test_plans_that_are_refused_are_not_executed_where_so_asked() -> None:

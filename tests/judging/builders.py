@@ -12,7 +12,7 @@ UP = np.array([0.0, 0.0, 1.0])
 TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
 
 
-def thing(role: Any, shape: Any, at: Any, turn: Any = None, name: str = "thing") -> SceneObject:
+def obj(role: Any, shape: Any, at: Any, turn: Any = None, name: str = "object") -> SceneObject:
     return SceneObject(
         name, role, shape, np.asarray(at, float), np.eye(3) if turn is None else turn
     )

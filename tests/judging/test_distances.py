@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.judging.builders import TURN, UP, thing, to
+from tests.judging.builders import TURN, UP, obj, to
 
 from optipromp import judging
 from optipromp.geometry import Box, Capsule, Cylinder, HalfSpace, MeshShape, PointCloudShape, Sphere
@@ -89,7 +89,7 @@ def test_centers_are_in_the_robots_own_order(panda: Robot, scara: Robot, gantry:
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_clearances_are_coals(name: str, panda: Robot) -> None:
-    """The nearest sphere to each role's thing, over a few configurations, sphere by sphere."""
+    """The nearest sphere to each role's object, over a few configurations, sphere by sphere."""
     coal = pytest.importorskip("coal")
     rng = np.random.default_rng(2)
     shape = coals(SHAPES[name])
@@ -116,8 +116,8 @@ def test_clearances_are_coals(name: str, panda: Robot) -> None:
             ("pushable", "clearance_pushable", ~distal),
         ):
             if role == "pushable" and name == "half-space":
-                continue  # no such thing
-            scene = to(JointGoal(q), thing(role, SHAPES[name], at, TURN))
+                continue  # no such object
+            scene = to(JointGoal(q), obj(role, SHAPES[name], at, TURN))
             found, contacts = judging.clearances(scene, panda, q[None])
             value = found[key]
             assert value is not None
@@ -127,7 +127,7 @@ def test_clearances_are_coals(name: str, panda: Robot) -> None:
             else:
                 assert value < 1e-3
             if clear:
-                assert not [c for c in contacts if c.other == "thing"]
+                assert not [c for c in contacts if c.other == "object"]
 
 
 @pytest.mark.parametrize("role", ["static", "avoid", "pushable"])
@@ -136,8 +136,7 @@ def test_a_mesh_of_a_box_is_the_box(role: str, panda: Robot) -> None:
     for seed, at in enumerate(([0.4, 0.1, 0.5], [0.3, -0.4, 0.2], [0.9, 0.3, 0.8])):
         q = samples(panda, 3, seed=seed)
         scenes = [
-            to(JointGoal(q[0]), thing(role, shape, at, TURN))
-            for shape in (Box(size), box_mesh(size))
+            to(JointGoal(q[0]), obj(role, shape, at, TURN)) for shape in (Box(size), box_mesh(size))
         ]
         (box, touch), (mesh, touched) = (judging.clearances(s, panda, q) for s in scenes)
         for key in box.keys() - {"M_c"}:
@@ -152,10 +151,8 @@ def test_a_point_cloud_is_its_points(panda: Robot) -> None:
     points = rng.uniform(-0.2, 0.2, (40, 3))
     q = samples(panda, 2)
     at = np.array([0.5, 0.1, 0.6])
-    cloud = to(JointGoal(q[0]), thing("static", PointCloudShape(points, 0.02), at, TURN))
-    balls = [
-        thing("static", Sphere(0.02), at + TURN @ p, name=str(i)) for i, p in enumerate(points)
-    ]
+    cloud = to(JointGoal(q[0]), obj("static", PointCloudShape(points, 0.02), at, TURN))
+    balls = [obj("static", Sphere(0.02), at + TURN @ p, name=str(i)) for i, p in enumerate(points)]
     one, _ = judging.clearances(cloud, panda, q)
     many, _ = judging.clearances(to(JointGoal(q[0]), *balls), panda, q)
     assert one["clearance_static"] == pytest.approx(many["clearance_static"], abs=1e-12)
@@ -164,7 +161,7 @@ def test_a_point_cloud_is_its_points(panda: Robot) -> None:
 
 
 def test_m_c_is_the_distance_to_the_core(gantry: Robot) -> None:
-    """By hand: the ball of y is the lowest thing, 0.5 under the joints."""
+    """By hand: the ball of y is the lowest object, 0.5 under the joints."""
     q = np.zeros((1, 3))
     low = np.array([0.0, 0.0, -0.5])
     rows = [
@@ -179,22 +176,22 @@ def test_m_c_is_the_distance_to_the_core(gantry: Robot) -> None:
     for shape, at, turn, expected in rows:
         for role in ("static", "avoid"):
             found, _ = judging.clearances(
-                to(JointGoal(q[0]), thing(role, shape, at, turn)), gantry, q
+                to(JointGoal(q[0]), obj(role, shape, at, turn)), gantry, q
             )
             assert found["M_c"] == pytest.approx(expected), (shape, role)
     pushed, _ = judging.clearances(
-        to(JointGoal(q[0]), thing("pushable", Sphere(0.1), low)), gantry, q
+        to(JointGoal(q[0]), obj("pushable", Sphere(0.1), low)), gantry, q
     )
     assert pushed["M_c"] is None
 
 
 def test_m_c_of_a_mesh_is_not_hidden_by_a_nearer_surface(gantry: Robot) -> None:
-    """The big ball is nearer to its thing's surface, the small one's centre nearer to the mesh."""
+    """The big ball is nearer to its object's surface, the small one's centre nearer to the mesh."""
     q = np.zeros((1, 3))
     low = np.array([0.0, 0.0, -0.5])  # of radius 0.02
     top = gantry.sphere_centers(q[0])[np.asarray(gantry.spheres.distal)].max(axis=0)[2]
-    ball_ = thing("static", Sphere(0.3), low - [0.0, 0.0, 0.325], name="ball")  # 5 mm off
-    mesh = thing("static", box_mesh((0.2, 0.2, 0.2)), [0.0, 0.0, top + 0.13], name="mesh")
+    ball_ = obj("static", Sphere(0.3), low - [0.0, 0.0, 0.325], name="ball")  # 5 mm off
+    mesh = obj("static", box_mesh((0.2, 0.2, 0.2)), [0.0, 0.0, top + 0.13], name="mesh")
     found, _ = judging.clearances(to(JointGoal(q[0]), ball_, mesh), gantry, q)
     alone, _ = judging.clearances(to(JointGoal(q[0]), mesh), gantry, q)
     assert found["clearance_static"] == pytest.approx(0.005)

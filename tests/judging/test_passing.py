@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
-from tests.judging.builders import moving, thing, to
+from tests.judging.builders import moving, obj, to
 
 from optipromp import judging
 from optipromp.geometry import Sphere
@@ -35,7 +35,7 @@ def passing(
     hung = None if stem is None else Stem(np.array([fruit, fruit + np.asarray(stem)]))
     scene = to(
         None,
-        thing("target", Sphere(0.015), TARGET, name="ripe"),
+        obj("target", Sphere(0.015), TARGET, name="ripe"),
         SceneObject("n", "pushable", Sphere(0.015), np.asarray(fruit), stem=hung),
     )
     # the ball of the y carriage hangs 0.5 under the fruit's height, out of the way
@@ -88,7 +88,7 @@ def test_the_last_passage_counts(gantry: Robot) -> None:
     path[-1] = TARGET
     scene = to(
         None,
-        thing("target", Sphere(0.015), TARGET, name="ripe"),
+        obj("target", Sphere(0.015), TARGET, name="ripe"),
         SceneObject(
             "n", "pushable", Sphere(0.015), FRUIT, stem=Stem(np.array([FRUIT, [0, 0.05, 0.8]]))
         ),
@@ -120,7 +120,7 @@ def test_passing_holds_in_any_frame(gantry: Robot) -> None:
     scene = Scene(
         "s", "robot",
         (
-            thing("target", Sphere(0.015), target, name="ripe"),
+            obj("target", Sphere(0.015), target, name="ripe"),
             SceneObject(
                 "n", "pushable", Sphere(0.015), fruit,
                 stem=Stem(np.array([fruit, fruit + [0.0, 0.1, 0.05]])),
@@ -135,14 +135,14 @@ def test_passing_holds_in_any_frame(gantry: Robot) -> None:
 
 
 def test_the_side_of_a_stem_may_be_a_note(gantry: Robot) -> None:
-    """Where pushes were foreseen it is told and makes nothing invalid; all else is judged alike."""
+    """Where pushes were predicted it is a note, not a violation; all else is judged alike."""
     fruit = FRUIT
     height = np.linspace(0.2, 0.75, 56)
     path = np.column_stack([np.full(56, 0.01), np.full(56, 0.06), height])
     path[-1] = TARGET
     scene = to(
         None,
-        thing("target", Sphere(0.015), TARGET, name="ripe"),
+        obj("target", Sphere(0.015), TARGET, name="ripe"),
         SceneObject(
             "n", "pushable", Sphere(0.015), fruit,
             stem=Stem(np.array([fruit, fruit + [0.0, 0.05, 0.2]])),
@@ -228,7 +228,7 @@ def test_the_papers_constraints_as_a_check(gantry: Robot) -> None:
         hung = SceneObject(
             "n", "pushable", Sphere(0.015), FRUIT, stem=Stem(FRUIT + [np.zeros(3), stem])
         )
-        scene = to(None, thing("target", Sphere(0.015), TARGET, name="ripe"), hung)
+        scene = to(None, obj("target", Sphere(0.015), TARGET, name="ripe"), hung)
         found = judging.paper_violations(scene, judgement.metrics)
         assert [violation.kind for violation in found] == kinds
         assert all(v.subject == "n" and " n" in str(v) for v in found)
@@ -267,7 +267,7 @@ def test_constraints_1_and_2_are_those_of_every_waypoint(seed: int, pieces: int)
     stem = fruit + np.vstack([np.zeros(3), rng.normal(0.0, 0.05, (pieces, 3)).cumsum(axis=0)])
     hung = SceneObject("n", "pushable", Sphere(radius), fruit, stem=Stem(stem))
     scene = Scene(
-        "s", "robot", (thing("target", Sphere(0.02), target, name="ripe"), hung), approach=approach
+        "s", "robot", (obj("target", Sphere(0.02), target, name="ripe"), hung), approach=approach
     )
     steps = np.linspace(-0.2, 0.0, 60)
     aside = np.cumsum(rng.normal(0.0, 0.004, (60, 2)), axis=0)

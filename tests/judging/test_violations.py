@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.judging.builders import UP, moving, thing, to
+from tests.judging.builders import UP, moving, obj, to
 
 from optipromp import judging
 from optipromp.geometry import Sphere
@@ -14,8 +14,8 @@ from optipromp.scenes import JointGoal, PoseGoal, Scene
 from optipromp.trajectory import Trajectory
 
 
-def reach(gantry: Robot, end: Any = (0.4, 0.0, 0.0), knots: int = 9) -> Trajectory:
-    return moving(gantry, np.linspace(np.zeros(3), end, knots))
+def reach(gantry: Robot, end: Any = (0.4, 0.0, 0.0), waypoints: int = 9) -> Trajectory:
+    return moving(gantry, np.linspace(np.zeros(3), end, waypoints))
 
 
 def violations(scene: Scene, robot: Robot, trajectory: Trajectory, **more: Any) -> str:
@@ -89,7 +89,7 @@ def test_goal_of_the_tool(gantry: Robot) -> None:
     for off, fine in ((0.9e-3, True), (1.1e-3, False)):
         for goal in (
             to(PoseGoal(tip + [0.0, 0.0, off], UP)),
-            to(None, thing("target", Sphere(0.015), tip + [0.0, off, 0.0])),
+            to(None, obj("target", Sphere(0.015), tip + [0.0, off, 0.0])),
         ):
             judgement = judging.judge(goal, gantry, reach(gantry))
             assert judgement.metrics.goal_error == pytest.approx(off)
@@ -127,8 +127,8 @@ def test_self_collision(panda: Robot) -> None:
 def test_who_may_touch_what(role: str, by_arm: bool, by_tool: bool, gantry: Robot) -> None:
     """B_d keeps off everything; the last link and the tool may brush what hangs."""
     end = np.array([0.4, 0.0, 0.0])
-    on_arm = thing(role, Sphere(0.05), [0.2, 0.0, -0.5])
-    on_tool = thing(role, Sphere(0.05), [0.2, 0.0, 0.1])
+    on_arm = obj(role, Sphere(0.05), [0.2, 0.0, -0.5])
+    on_tool = obj(role, Sphere(0.05), [0.2, 0.0, 0.1])
     for obstacle, fault in ((on_arm, by_arm), (on_tool, by_tool)):
         judgement = judging.judge(to(JointGoal(end), obstacle), gantry, reach(gantry))
         assert bool(judgement.contacts) == fault
@@ -141,8 +141,8 @@ def test_who_may_touch_what(role: str, by_arm: bool, by_tool: bool, gantry: Robo
     }
     assert getattr(m, key[role]) == pytest.approx(-0.07, abs=0.01)
     (contact,) = judging.judge(to(JointGoal(end), on_arm), gantry, reach(gantry)).contacts
-    assert (contact.link, contact.other, contact.role) == ("y", "thing", role)
-    assert str(contact).startswith(f"y enters thing ({role}) by ")
+    assert (contact.link, contact.other, contact.role) == ("y", "object", role)
+    assert str(contact).startswith(f"y enters object ({role}) by ")
     if role == "avoid":
         brushed = judging.judge(to(JointGoal(end), on_tool), gantry, reach(gantry)).metrics
         assert brushed.clearance_avoid_tool is not None
@@ -150,10 +150,8 @@ def test_who_may_touch_what(role: str, by_arm: bool, by_tool: bool, gantry: Robo
 
 
 def test_every_contact_is_named(gantry: Robot) -> None:
-    things = [
-        thing("static", Sphere(0.03), [0.1 * i, 0.0, -0.5], name=f"s{i}") for i in range(1, 4)
-    ]
-    judgement = judging.judge(to(JointGoal(np.array([0.4, 0, 0])), *things), gantry, reach(gantry))
+    objects = [obj("static", Sphere(0.03), [0.1 * i, 0.0, -0.5], name=f"s{i}") for i in range(1, 4)]
+    judgement = judging.judge(to(JointGoal(np.array([0.4, 0, 0])), *objects), gantry, reach(gantry))
     assert [c.other for c in judgement.contacts] == ["s1", "s2", "s3"]
 
 
@@ -161,7 +159,7 @@ def test_a_violation_is_data_too(gantry: Robot) -> None:
     """What kind, what about, where first and by how much; as text it is a sentence."""
     q = np.linspace([0.0, 0.0, 0.0], [0.4, 0.0, 0.0], 9)
     q[4:6, 2] = -2.1, -2.25
-    wall = thing("static", Sphere(0.05), [0.2, 0.0, -0.5], name="wall")
+    wall = obj("static", Sphere(0.05), [0.2, 0.0, -0.5], name="wall")
     goal = to(JointGoal(q[-1] + [0.0, 0.01, 0.0]), wall)
     judgement = judging.judge(goal, gantry, moving(gantry, q, dt=0.5), q[0] + 0.1)
     found = {v.kind: v for v in judgement.violations}

@@ -14,7 +14,7 @@ from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
 from optipromp.robots.tools import Cup, with_tool
 
-KNOTS = 8
+WAYPOINTS = 8
 EMPTY = pack([])
 
 
@@ -60,14 +60,14 @@ class Case:
     def __repr__(self) -> str:
         return f"Case({self.name})"
 
-    def near_body(self, knot: int, index: int, away: float) -> np.ndarray:
-        """A point beside a body sphere's centre at a knot, ``away`` from it [m]."""
+    def near_body(self, waypoint: int, index: int, away: float) -> np.ndarray:
+        """A point beside a body sphere's centre at a waypoint, ``away`` from it [m]."""
         off = np.random.default_rng(index).normal(size=3)
-        center = self.robot.sphere_centers(self.q[knot])[index]
+        center = self.robot.sphere_centers(self.q[waypoint])[index]
         return np.asarray(center + away * off / np.linalg.norm(off))
 
     def surroundings(self) -> Surroundings:
-        """Static and avoid things and a pushable, each close to or in the body at some knot."""
+        """Static, avoid and pushable objects, each close to or in the body at some waypoint."""
         radius = np.asarray(self.robot.spheres.radius)
         proximal = np.flatnonzero(
             ~np.asarray(self.robot.spheres.distal) & (np.asarray(self.robot.spheres.segment) >= 1)
@@ -90,16 +90,16 @@ class Case:
         cutoff: float = 0.08,
         end_fixed: bool = False,
     ) -> Problem:
-        """A problem over the case's knots, in its own surroundings by default."""
+        """A problem over the case's waypoints, in its own surroundings by default."""
         around = self.surroundings() if surroundings is None else surroundings
         return Problem(
             self.robot, around, terms, constraints, len(self.q), cutoff=cutoff, end_fixed=end_fixed
         )
 
 
-def smooth(rng: np.random.Generator, begin: np.ndarray, size: float, knots: int) -> np.ndarray:
+def smooth(rng: np.random.Generator, begin: np.ndarray, size: float, waypoints: int) -> np.ndarray:
     """A trajectory without special structure (T, n), well inside any step limit."""
-    z = np.linspace(0.0, 1.0, knots)[:, None]
+    z = np.linspace(0.0, 1.0, waypoints)[:, None]
     a, b, c = rng.normal(0.0, size, (3, len(begin)))
     return np.asarray(begin + a * z + b * np.sin(2.5 * z) + c * np.cos(3.1 * z) * z)
 
@@ -121,19 +121,19 @@ def case(request: pytest.FixtureRequest, robots: dict[str, Robot]) -> Case:
     robot = robots[request.param]
     rng = np.random.default_rng(5)
     size = np.where(np.isfinite(robot.upper - robot.lower), 0.12 * (robot.upper - robot.lower), 0.4)
-    return Case(request.param, robot, smooth(rng, robot.home + 0.05, 0.5 * size, KNOTS))
+    return Case(request.param, robot, smooth(rng, robot.home + 0.05, 0.5 * size, WAYPOINTS))
 
 
 @pytest.fixture(scope="session")
 def panda(robots: dict[str, Robot]) -> Case:
     robot = robots["panda"]
     rng = np.random.default_rng(7)
-    return Case("panda", robot, smooth(rng, robot.home, np.full(7, 0.25), KNOTS))
+    return Case("panda", robot, smooth(rng, robot.home, np.full(7, 0.25), WAYPOINTS))
 
 
 @pytest.fixture(scope="session")
 def check_gradient() -> Callable[[Problem, np.ndarray], None]:
-    """The gradient of the merit equals central differences at every free knot and joint."""
+    """The gradient of the merit equals central differences at every free waypoint and joint."""
 
     def check(problem: Problem, q: np.ndarray, step: float = 1e-6) -> None:
         problem.evaluate(q)

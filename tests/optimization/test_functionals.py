@@ -60,14 +60,14 @@ def test_gradient_tends_to_the_functional_gradient(reduction: str, panda: Any) -
     center = tip + [0.06, -0.10, 0.09]
     around = Surroundings(pack([(Sphere(radius), center, np.eye(3))]), EMPTY, 0)
     errors, flat, sizes = [], [], []
-    for knots in (41, 81, 161, 321):
-        z = np.linspace(0.0, 1.0, knots)
+    for waypoints in (41, 81, 161, 321):
+        z = np.linspace(0.0, 1.0, waypoints)
         q = reach(panda, z)
         term = ObstacleCost("static", 1.0, epsilon, reduction)  # type: ignore[arg-type]
-        problem = Problem(panda.robot, around, [term], (), knots, cutoff=0.3)
+        problem = Problem(panda.robot, around, [term], (), waypoints, cutoff=0.3)
         problem.evaluate(q)
-        gradient = problem.gradient() * (knots - 1)
-        inner = np.arange(3, knots - 3)
+        gradient = problem.gradient() * (waypoints - 1)
+        inner = np.arange(3, waypoints - 3)
         which = None
         if reduction == "max":  # compare where one sphere stays the largest: F jumps there not
             body = np.asarray(panda.robot.spheres.radius)
@@ -80,7 +80,7 @@ def test_gradient_tends_to_the_functional_gradient(reduction: str, panda: Any) -
             same = [t for t in inner if len(set(best[t - 2 : t + 3])) == 1]
             inner = np.array(same)
             which = best[inner]
-            assert len(inner) > 0.35 * knots
+            assert len(inner) > 0.35 * waypoints
         arguments = panda, z[inner], center, radius, epsilon, which
         expected = chomp_gradient(*arguments)
         errors.append(np.linalg.norm(gradient[inner] - expected) / np.linalg.norm(expected))

@@ -110,7 +110,7 @@ def test_a_goal_out_of_reach_ends_finite_and_inside_the_limits(panda: Any) -> No
 
 
 @pytest.mark.parametrize("end_fixed", [False, True])
-def test_three_knots_are_enough(panda: Any, end_fixed: bool) -> None:
+def test_three_waypoints_are_enough(panda: Any, end_fixed: bool) -> None:
     q = panda.q[:3]
     kept = [GoalCost(1.0, np.array([0.4, 0.1, 0.5]), None)]
     problem = Problem(

@@ -75,8 +75,8 @@ def dense_curvature(problem: Any, q: np.ndarray) -> np.ndarray:
     problem.evaluate(q)
     e, n = problem.evaluation, q.shape[1]
     stiffness, band, points = e.stiffness.copy(), e.band.copy(), e.tool + 2
-    knots = range(problem.first, problem.last + 1)
-    size = len(knots) * n
+    waypoints = range(problem.first, problem.last + 1)
+    size = len(waypoints) * n
     full = np.zeros((size, size))
     step = 1e-6
     jacobians = np.empty((*e.points[:, :points].shape, n))
@@ -87,14 +87,14 @@ def dense_curvature(problem: Any, q: np.ndarray) -> np.ndarray:
             moved.append(e.points[:, :points].copy())
         jacobians[..., j] = (moved[1] - moved[0]) / (2.0 * step)
     jacobians[:, -1] -= jacobians[:, -2]  # the tip's curvature is about the tool point
-    for u, t in enumerate(knots):
+    for u, t in enumerate(waypoints):
         at = slice(u * n, (u + 1) * n)
         for b in range(points):
             xx, yy, zz, xy, xz, yz = stiffness[t, b]
             c = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
             full[at, at] += jacobians[t, b].T @ c @ jacobians[t, b]
         for distance in range(3):
-            if u + distance < len(knots):
+            if u + distance < len(waypoints):
                 ahead = slice((u + distance) * n, (u + distance + 1) * n)
                 block = np.diag(band[t, distance])
                 full[ahead, at] += block

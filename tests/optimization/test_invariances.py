@@ -31,7 +31,7 @@ def values_of(problem: Problem, q: np.ndarray) -> np.ndarray:
 
 
 def workspace_problem(panda: Any, turn: np.ndarray, order: Any = slice(None)) -> Problem:
-    """Terms and constraints of the workspace, all things turned about the base's axis."""
+    """Terms and constraints of the workspace, all objects turned about the base's axis."""
     shapes = [
         (Sphere(0.05), panda.near_body(3, 50, 0.1), np.eye(3)),
         (Box((0.1, 0.05, 0.2)), panda.near_body(5, 70, 0.12), about_z(0.4)),
@@ -90,8 +90,8 @@ def test_one_more_obstacle_never_lowers_a_cost(
     extra = (Sphere(radius), np.array([x, y, z]), np.eye(3))
     shape = (Sphere(0.05), panda.near_body(3, 50, 0.1), np.eye(3))
     values = []
-    for things in ([shape], [shape, extra]):
-        around = Surroundings(pack(things), base.dynamic, base.shared)
+    for objects in ([shape], [shape, extra]):
+        around = Surroundings(pack(objects), base.dynamic, base.shared)
         for reduction in ("sum", "max"):
             terms = [ObstacleCost("static", 1.0, 0.05, reduction)]  # type: ignore[arg-type]
             kept = [ClearanceCost("touch", "static", 5.0, 0.02)]

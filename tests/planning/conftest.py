@@ -61,21 +61,21 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def hung(thing: SceneObject, position: np.ndarray, root: np.ndarray) -> SceneObject:
+def hung(obj: SceneObject, position: np.ndarray, root: np.ndarray) -> SceneObject:
     """A fruit at another place, its straight stem to another root."""
-    return replace(thing, position=position, stem=Stem(np.array([position, root])))
+    return replace(obj, position=position, stem=Stem(np.array([position, root])))
 
 
 def noisy(scene: Scene, seed: int, deviation: float = 0.005) -> Scene:
     """Every fruit moved by N(0, deviation), still hanging from its root."""
     rng = np.random.default_rng(seed)
     objects = []
-    for thing in scene.objects:
-        if thing.stem is None:
-            objects.append(thing)
+    for obj in scene.objects:
+        if obj.stem is None:
+            objects.append(obj)
         else:
             off = rng.normal(0.0, deviation, 3)
-            objects.append(hung(thing, thing.position + off, thing.stem.root))
+            objects.append(hung(obj, obj.position + off, obj.stem.root))
     return replace(scene, objects=tuple(objects))
 
 
@@ -83,11 +83,11 @@ def moved(scene: Scene, seed: int, reach: float = 0.04) -> Scene:
     """The whole cluster elsewhere: every object moved alike, by up to ``reach`` along each axis."""
     off = np.random.default_rng(seed).uniform(-reach, reach, 3)
     objects = []
-    for thing in scene.objects:
-        if thing.stem is None:
-            objects.append(replace(thing, position=thing.position + off))
+    for obj in scene.objects:
+        if obj.stem is None:
+            objects.append(replace(obj, position=obj.position + off))
         else:
-            objects.append(hung(thing, thing.position + off, thing.stem.root + off))
+            objects.append(hung(obj, obj.position + off, obj.stem.root + off))
     return replace(scene, objects=tuple(objects))
 
 

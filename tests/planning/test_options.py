@@ -91,7 +91,7 @@ def test_options_cannot_be_changed() -> None:
 def test_waypoints_and_duration_are_what_was_asked_for(planned: Planned) -> None:
     for planner in ("promp", "i-promp", "opti-promp"):
         result = planned("scenario-3", planner, waypoints=77, duration=8.0)
-        assert result.trajectory.n_knots == result.followed.n_knots == 77
+        assert result.trajectory.n_waypoints == result.followed.n_waypoints == 77
         assert result.trajectory.duration == pytest.approx(8.0)
         assert result.metrics.duration == pytest.approx(8.0)
 
@@ -154,7 +154,7 @@ def test_steps_are_kept(planned: Planned) -> None:
     """By more waypoints, or, where their number is given, by a more even motion."""
     free, fine = planned("scenario-3"), planned("scenario-3", max_step=0.015)
     assert fine.metrics.max_step <= 0.015 < free.metrics.max_step
-    assert fine.trajectory.n_knots > free.trajectory.n_knots
+    assert fine.trajectory.n_waypoints > free.trajectory.n_waypoints
     few, even = (planned("scenario-3", waypoints=70, max_step=step) for step in (0.045, 0.03))
     assert even.metrics.max_step <= 0.03 < few.metrics.max_step
 
@@ -326,9 +326,9 @@ def test_the_camera_phase_divides_the_motion() -> None:
     for phase in (0.4, 0.7):
         result = papers("promp", camera_phase=phase)
         tools = result.robot.tool_pose(result.trajectory.positions)[0]
-        knot = round(phase * (len(tools) - 1))
+        waypoint = round(phase * (len(tools) - 1))
         lowest = min(o.position[2] for o in result.scene.pushables) - 0.015
-        np.testing.assert_allclose(tools[knot], [0.45, 0.0, lowest - 0.1], atol=2e-3)
+        np.testing.assert_allclose(tools[waypoint], [0.45, 0.0, lowest - 0.1], atol=2e-3)
 
 
 def test_a_smaller_deviation_leads_the_tool_nearer_to_the_pushables() -> None:

@@ -58,11 +58,11 @@ def aside(result: Plan) -> dict[str, FloatArray]:
     """s_n·y_g·(fk − X_n) at every waypoint of each pushable's window [m]."""
     tools = tool_points(result.trajectory.positions)
     out = {}
-    for thing in result.scene.pushables:
-        off = tools - thing.position
+    for obj in result.scene.pushables:
+        off = tools - obj.position
         within = np.abs(off[:, 2]) <= FRUIT
         assert within.sum() >= 3
-        out[thing.id] = SIDE[thing.id] * off[within, 1]
+        out[obj.id] = SIDE[obj.id] * off[within, 1]
     return out
 
 
@@ -80,8 +80,8 @@ def test_constraint_1_holds_at_every_waypoint_of_the_window(
 ) -> None:
     result = planned(name, strategy=strategy, constraints="paper")
     assert result.status in VALID, result.message
-    for thing, offsets in aside(result).items():
-        assert offsets.min() >= R_GRIPPER, thing
+    for obj, offsets in aside(result).items():
+        assert offsets.min() >= R_GRIPPER, obj
     assert result.metrics.goal_error <= 1e-3
     assert result.metrics.limit_violation == 0.0
     assert result.contacts == ()
@@ -94,10 +94,10 @@ def test_the_start_caps_nothing_and_y_g_is_free(name: str, planned: Planned) -> 
     """The conditioned ProMP passes through the fruits; x_g and z_g stay, y_g moves by 5 cm."""
     result = planned(name, constraints="paper")
     before, after = (tool_points(t.positions) for t in (result.initial, result.trajectory))
-    for thing in result.scene.pushables:
-        off = before - thing.position
+    for obj in result.scene.pushables:
+        off = before - obj.position
         assert np.abs(off[np.abs(off[:, 2]) <= FRUIT, 1]).max() < 0.02
-    lowest = min(thing.position[2] for thing in result.scene.pushables)
+    lowest = min(obj.position[2] for obj in result.scene.pushables)
     approach = before[:, 2] > lowest - FRUIT
     moved = np.abs(after - before)[approach]
     corridor = PaperOptions().corridor + 5e-4
@@ -217,10 +217,10 @@ def test_the_sequential_strategy_is_valid_and_passes_as_the_paper_does(
     result = planned(name, strategy="sequential")
     assert result.status in VALID, result.message
     assert [(s.name, s.solver) for s in result.stages] == ORDER[name]
-    for thing, paper in PAPER_M_P[name].items():
-        offset = result.metrics.M_p[thing]
+    for obj, paper in PAPER_M_P[name].items():
+        offset = result.metrics.M_p[obj]
         assert offset is not None
-        assert np.sign(offset) == np.sign(paper) == SIDE[thing]
+        assert np.sign(offset) == np.sign(paper) == SIDE[obj]
         assert abs(paper) <= abs(offset) <= 0.1
     tools = tool_points(result.trajectory.positions)
     assert np.abs(tools[tools[:, 2] > 0.72, 1]).max() <= 0.1
@@ -267,8 +267,8 @@ def test_the_collision_stage_leaves_no_collision_cost(planned: Planned) -> None:
     assert avoid.history[0] > 0.0
     assert avoid.final <= avoid.history[0] / 9.5
     assert held.terms["avoid"].final < held.terms["avoid"].history[0]
-    for thing in SIDE:
-        assert abs(free.metrics.M_p[thing] or 0.0) < abs(held.metrics.M_p[thing] or 0.0)
+    for obj in SIDE:
+        assert abs(free.metrics.M_p[obj] or 0.0) < abs(held.metrics.M_p[obj] or 0.0)
 
 
 def test_the_sequential_strategy_heeds_its_deadline(three: Scene) -> None:

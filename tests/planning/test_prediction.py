@@ -134,8 +134,8 @@ def test_a_cup_meets_fruits_that_hang_and_a_hand_packs_that_stand(three: Scene) 
         return push_model(task, task.start)
 
     def stemless(role: str) -> Scene:
-        things = [replace(t, stem=None) if t.role == role else t for t in three.objects]
-        return replace(three, objects=tuple(things))
+        objects = [replace(t, stem=None) if t.role == role else t for t in three.objects]
+        return replace(three, objects=tuple(objects))
 
     assert known(stemless("target")) is None
     assert isinstance(known(stemless("pushable")), Hanging)  # it knows the target, which hangs
@@ -222,7 +222,7 @@ def test_the_timeout_holds(which: Any, budget: float) -> None:
     assert result.success or result.status in (
         Code.TIMEOUT, Code.INVALID_PLAN, Code.HARM_PREDICTED,
     )  # fmt: skip
-    assert result.trajectory.n_knots > 3
+    assert result.trajectory.n_waypoints > 3
 
 
 def test_detected_fruits_are_searched_for_a_safer_path() -> None:

@@ -45,7 +45,7 @@ def test_time_runs_out(obstructed: Scene) -> None:
     assert not result.success
     assert "time ran out" in result.message
     assert "block" in result.message
-    assert result.trajectory.n_knots > 3
+    assert result.trajectory.n_waypoints > 3
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)

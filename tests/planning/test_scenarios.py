@@ -65,7 +65,7 @@ def assert_is_clear(result: Plan) -> None:
 
 
 def assert_the_message_names_the_side(result: Plan) -> None:
-    """Passing on the side of a stem is a remark: no fault where pushes are foreseen."""
+    """Passing on the side of a stem is a remark: no fault where pushes are predicted."""
     judged = judging.judge(result.scene, result.robot, result.trajectory, stem_side=False)
     assert judged.violations == ()
     strict = judging.judge(result.scene, result.robot, result.trajectory)
@@ -171,7 +171,7 @@ def test_three_joints_cannot_and_the_plan_says_so(name: str, planned: Planned) -
 
 @pytest.mark.parametrize("name", ["scenario-3", "scenario-4"])
 def test_a_success_stays_one_when_judged_again(name: str, planned: Planned) -> None:
-    """At four times the knots, along the same path."""
+    """At four times the waypoints, along the same path."""
     result = planned(name)
     q = result.trajectory.positions
     z = np.linspace(0.0, len(q) - 1.0, 4 * (len(q) - 1) + 1)

@@ -66,8 +66,8 @@ def test_samples_have_the_moments(make_promp: Make) -> None:
 
 
 def test_samples_are_seeded(make_promp: Make) -> None:
-    draws = [make_promp(4).sample(np.random.default_rng(7), 3, 5) for _ in range(2)]
-    np.testing.assert_array_equal(draws[0], draws[1])
+    samples = [make_promp(4).sample(np.random.default_rng(7), 3, 5) for _ in range(2)]
+    np.testing.assert_array_equal(samples[0], samples[1])
     assert make_promp(4).sample(np.random.default_rng(0), 0, 5).shape == (0, 5, 3)
 
 

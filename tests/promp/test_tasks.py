@@ -24,11 +24,11 @@ def pose(promp: ProMP, arm: TaskMap, phase: float) -> tuple[np.ndarray, np.ndarr
 
 
 def reachable(promp: ProMP, arm: TaskMap, seed: int, spread: float) -> list[TaskPoint]:
-    """Poses that one draw from a wider prior takes, so that all can be met together."""
+    """Poses that one sample of a wider prior takes, so that all can be met together."""
     wide = promp.with_weights(promp.mean, spread**2 * promp.covariance)
     z = [0.3, 0.6, 1.0]
-    draw = wide.sample(np.random.default_rng(seed), 1, z)[0]
-    point, axis, _, _ = arm(draw)
+    sample = wide.sample(np.random.default_rng(seed), 1, z)[0]
+    point, axis, _, _ = arm(sample)
     return [TaskPoint(p, x, a) for p, x, a in zip(z, point, axis, strict=True)]
 
 

@@ -183,24 +183,24 @@ def test_stems_of_a_scene() -> None:
     """Root last, fruit first; what does not hang has no place among them."""
     fruit = np.array([0.4, 0.1, 0.9])
     points = np.array([fruit, fruit + [0.01, 0.0, 0.1], fruit + [0.05, 0.0, 0.2]])
-    things = [
+    objects = [
         SceneObject("a", "target", Sphere(0.015), fruit, stem=Stem(points, 0.002)),
         SceneObject(
             "b", "pushable", Sphere(0.018), fruit - 0.1,
             stem=Stem(np.array([fruit - 0.1, fruit + 0.1]), 0.003),
         ),
     ]  # fmt: skip
-    both = stems(things)
+    both = stems(objects)
     np.testing.assert_array_equal(both.root, [points[-1], fruit + 0.1])
     np.testing.assert_array_equal(both.radius, [0.015, 0.018])
     np.testing.assert_array_equal(both.thickness, [0.002, 0.003])
     np.testing.assert_allclose(both.length, [np.hypot(0.05, 0.2), 0.2 * np.sqrt(3.0)])
     np.testing.assert_allclose(both.mass, FRUIT_DENSITY * 4.0 / 3.0 * np.pi * both.radius**3)
     fruits = both.root + both.length[:, None] * both.axes[:, 2]
-    np.testing.assert_allclose(fruits, [thing.position for thing in things], atol=1e-12)
+    np.testing.assert_allclose(fruits, [obj.position for obj in objects], atol=1e-12)
     assert len(stems([]).root) == 0
     # each as if it were alone
-    alone = stems(things[1:])
+    alone = stems(objects[1:])
     for name in Stems._fields:
         np.testing.assert_array_equal(getattr(both, name)[1:], getattr(alone, name))
 

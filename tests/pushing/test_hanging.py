@@ -64,8 +64,8 @@ def harm(a: Hanging, path: ToolPath, states: int = 1) -> float:
     return a.harm(*judged(path), states)
 
 
-def detected(thing: SceneObject, deviation: float = 0.005) -> SceneObject:
-    return replace(thing, covariance=deviation**2 * np.eye(3))
+def detected(obj: SceneObject, deviation: float = 0.005) -> SceneObject:
+    return replace(obj, covariance=deviation**2 * np.eye(3))
 
 
 # --- harm of known paths -----------------------------------------------------------------------
@@ -165,9 +165,9 @@ def test_states_are_sampled_round_the_perceived_one() -> None:
     deviation = 0.005
     fruits = (UNDER, fruit("n2", (-0.02, 0.01, -0.14), LEANING))
     known = model(*fruits)
-    seen = model(*(detected(thing, deviation) for thing in fruits))
+    seen = model(*(detected(obj, deviation) for obj in fruits))
     assert (known.states, seen.states) == (HANGING.states, HANGING.detected_states)
-    places = np.array([thing.position for thing in known.fruits])
+    places = np.array([obj.position for obj in known.fruits])
     turns = []
     for a in (known, seen):
         s = a.stems
@@ -287,8 +287,8 @@ def test_the_model_knows_fruits_that_are_no_neighbours_too() -> None:
     """A tool that goes a long way round meets what is not near the line; the nearest are known."""
     beside = fruit("beside", (0.09, 0.0, -0.05))
     a = model(UNDER, beside)
-    assert [thing.id for thing in a.neighbours] == ["n1"]
-    assert [thing.id for thing in a.fruits] == ["ripe", "n1", "beside"]
+    assert [obj.id for obj in a.neighbours] == ["n1"]
+    assert [obj.id for obj in a.fruits] == ["ripe", "n1", "beside"]
     into = led((0, 0, -0.25), (0.09, 0, -0.11), (0.09, 0, -0.05))
     assert harm(a, into) == PUSH.harm.hopeless
     around = [fruit(f"far-{i}", (0.2 + 0.002 * i, 0.1, 0.1)) for i in range(40)]

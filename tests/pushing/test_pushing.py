@@ -36,9 +36,9 @@ def fruit(
     return SceneObject(name, role, Sphere(0.015), at, stem=hung)
 
 
-def scene(*things: SceneObject, approach: Approach | None = None) -> Scene:
+def scene(*objects: SceneObject, approach: Approach | None = None) -> Scene:
     ripe = SceneObject("ripe", "target", Sphere(0.015), TARGET)
-    return Scene("s", "panda", (ripe, *things), approach=approach or Approach())
+    return Scene("s", "panda", (ripe, *objects), approach=approach or Approach())
 
 
 APPROACHES = [
@@ -54,7 +54,7 @@ APPROACHES = [
 @pytest.mark.parametrize("approach", APPROACHES)
 def test_neighbours_are_before_the_target_near_the_line_first_met_first(approach: Approach) -> None:
     f = approach.frame
-    things = [
+    objects = [
         fruit("high", (0.0, 0.01, -0.04), frame=f),
         fruit("low", (0.0, 0.0, -0.18), frame=f),
         fruit("tie-far", (0.0, 0.07, -0.1), frame=f),
@@ -65,7 +65,7 @@ def test_neighbours_are_before_the_target_near_the_line_first_met_first(approach
         fruit("off the line", (0.054, 0.054, -0.1), frame=f),
         fruit("avoided", (0.0, 0.0, -0.1), role="avoid", frame=f),
     ]
-    found = neighbours(scene(*things, approach=approach), R)
+    found = neighbours(scene(*objects, approach=approach), R)
     assert [n.id for n in found] == ["low", "tie-near", "tie-far", "high"]
 
 
@@ -80,13 +80,13 @@ def test_the_limits_of_the_search_are_inclusive_and_settable() -> None:
 
 
 def test_the_order_in_the_file_does_not_matter() -> None:
-    things = [fruit(str(i), (0.0, 0.01 * (-1) ** i, -0.03 * (i + 1))) for i in range(5)]
-    ids = [n.id for n in neighbours(scene(*things), R)]
-    assert ids == [n.id for n in neighbours(scene(*things[::-1]), R)] == ["4", "3", "2", "1", "0"]
+    objects = [fruit(str(i), (0.0, 0.01 * (-1) ** i, -0.03 * (i + 1))) for i in range(5)]
+    ids = [n.id for n in neighbours(scene(*objects), R)]
+    assert ids == [n.id for n in neighbours(scene(*objects[::-1]), R)] == ["4", "3", "2", "1", "0"]
 
 
 def test_what_was_detected_may_hang_nearer_than_it_was_seen() -> None:
-    """Two deviations of the distance from target to pushable are added to D_plane."""
+    """Two standard deviations of the distance from target to pushable are added to D_plane."""
     beside = scene(fruit("n", (0.08, 0, -0.1)))
     deviation = 0.005
     doubtful = replace(
@@ -117,20 +117,20 @@ def test_the_paper_drifts_along_y_away_from_the_stem() -> None:
 @pytest.mark.parametrize("approach", APPROACHES)
 def test_the_general_rule_goes_straight_against_the_lateral_part(approach: Approach) -> None:
     f = approach.frame
-    thing = fruit("n", (0.0, 0.0, -0.1), (0.03, -0.04, 0.2), frame=f)
-    s = scene(thing, approach=approach)
-    (general,) = drift_choices(s, [thing], "lateral-plane")
+    obj = fruit("n", (0.0, 0.0, -0.1), (0.03, -0.04, 0.2), frame=f)
+    s = scene(obj, approach=approach)
+    (general,) = drift_choices(s, [obj], "lateral-plane")
     np.testing.assert_allclose(f @ general.directions[0], [-0.6, 0.8, 0.0], atol=1e-12)
-    (paper,) = drift_choices(s, [thing], "paper")
+    (paper,) = drift_choices(s, [obj], "paper")
     np.testing.assert_allclose(f @ paper.directions[0], [0.0, 1.0, 0.0], atol=1e-12)
 
 
 def test_a_stem_that_leans_along_x_only_decides_for_one_rule_alone() -> None:
-    thing = fruit("n", (0.0, 0.0, -0.1), (0.05, 0.0, 0.2))
-    s = scene(thing)
-    (general,) = drift_choices(s, [thing], "lateral-plane")
+    obj = fruit("n", (0.0, 0.0, -0.1), (0.05, 0.0, 0.2))
+    s = scene(obj)
+    (general,) = drift_choices(s, [obj], "lateral-plane")
     np.testing.assert_allclose(general.directions, [[-1.0, 0.0, 0.0]])
-    both = drift_choices(s, [thing], "paper")
+    both = drift_choices(s, [obj], "paper")
     np.testing.assert_allclose([c.directions[0] for c in both], [[0, 1, 0], [0, -1, 0]])
 
 
@@ -139,8 +139,8 @@ def test_a_stem_that_leans_along_x_only_decides_for_one_rule_alone() -> None:
 def test_without_a_lean_both_sides_are_open(rule: Any, stem: Any) -> None:
     """The first choice leaves the approach line least: towards the target's side."""
     for aside, first in ((0.02, -1.0), (-0.02, 1.0)):
-        thing = fruit("n", (0.0, aside, -0.1), stem)
-        choices = drift_choices(scene(thing), [thing], rule)
+        obj = fruit("n", (0.0, aside, -0.1), stem)
+        choices = drift_choices(scene(obj), [obj], rule)
         assert len(choices) == 2
         np.testing.assert_allclose(choices[0].directions, [[0.0, first, 0.0]])
         np.testing.assert_allclose(choices[1].directions, [[0.0, -first, 0.0]])
@@ -149,26 +149,26 @@ def test_without_a_lean_both_sides_are_open(rule: Any, stem: Any) -> None:
 def test_one_degree_decides() -> None:
     for degrees, count in ((0.95, 2), (1.05, 1)):
         lean = np.deg2rad(degrees)
-        thing = fruit("n", (0.0, 0.0, -0.1), (0.0, 0.2 * np.sin(lean), 0.2 * np.cos(lean)))
-        assert len(drift_choices(scene(thing), [thing])) == count
+        obj = fruit("n", (0.0, 0.0, -0.1), (0.0, 0.2 * np.sin(lean), 0.2 * np.cos(lean)))
+        assert len(drift_choices(scene(obj), [obj])) == count
 
 
 def test_combinations_are_all_there_and_capped() -> None:
-    things = [fruit(str(i), (0.0, 0.001, -0.03 * (i + 1))) for i in range(6)]
+    objects = [fruit(str(i), (0.0, 0.001, -0.03 * (i + 1))) for i in range(6)]
     leaning = fruit("stem", (0.0, 0.0, -0.19), (0.0, 0.05, 0.2))
-    choices = drift_choices(scene(*things[:2], leaning), [leaning, *things[:2]])
+    choices = drift_choices(scene(*objects[:2], leaning), [leaning, *objects[:2]])
     sides = {tuple(c.directions[:, 1]) for c in choices}
     assert sides == {(-1.0, a, b) for a in (-1.0, 1.0) for b in (-1.0, 1.0)}
-    many = drift_choices(scene(*things), things)
+    many = drift_choices(scene(*objects), objects)
     assert len(many) == RULE.most_choices
     assert len({tuple(c.directions[:, 1]) for c in many}) == RULE.most_choices
 
 
 def test_many_undecided_neighbours_take_no_time() -> None:
     """2⁴⁰ combinations are not made to keep eight of them."""
-    things = [fruit(str(i), (0.0, 0.001, -0.004 * (i + 1))) for i in range(40)]
+    objects = [fruit(str(i), (0.0, 0.001, -0.004 * (i + 1))) for i in range(40)]
     began = time.perf_counter()
-    assert len(drift_choices(scene(*things), things)) == RULE.most_choices
+    assert len(drift_choices(scene(*objects), objects)) == RULE.most_choices
     assert time.perf_counter() - began < 1.0
 
 
@@ -191,18 +191,18 @@ def test_unknown_rules_are_refused(settings_: Any, message: str) -> None:
         drift_choices(scene(), [], **settings_)
 
 
-def windows_of(things: Sequence[SceneObject], *directions: Sequence[float]) -> np.ndarray:
+def windows_of(objects: Sequence[SceneObject], *directions: Sequence[float]) -> np.ndarray:
     """The rim windows of pushables that the tool passes along ``directions``."""
     wanted = [np.asarray(d, dtype=float) for d in directions]
-    return passing_windows(scene(*things), things, wanted, "rim", 0.02)
+    return passing_windows(scene(*objects), objects, wanted, "rim", 0.02)
 
 
 RIGHT, LEFT = (0.0, -1.0, 0.0), (0.0, 1.0, 0.0)
 
 
 def test_the_papers_window_is_the_fruits_own_extent() -> None:
-    things = [fruit("n", (0.0, 0.0, -0.1))]
-    windows = passing_windows(scene(*things), things, [np.array(LEFT)], "paper", 0.02)
+    objects = [fruit("n", (0.0, 0.0, -0.1))]
+    windows = passing_windows(scene(*objects), objects, [np.array(LEFT)], "paper", 0.02)
     np.testing.assert_allclose(windows, [[-0.015, 0.015]])
 
 
@@ -231,23 +231,23 @@ def test_the_window_ends_in_time_to_turn_to_another_side() -> None:
 
 
 def test_without_a_stem_the_push_is_straight() -> None:
-    thing = fruit("n", (0.0, 0.02, -0.1))
-    (push,) = pushes(scene(thing), [thing], R)
+    obj = fruit("n", (0.0, 0.02, -0.1))
+    (push,) = pushes(scene(obj), [obj], R)
     np.testing.assert_allclose(push.direction, [0.0, 1.0, 0.0])  # away from the target
-    np.testing.assert_allclose(push.pushed, thing.position + [0.0, R, 0.0])
+    np.testing.assert_allclose(push.pushed, obj.position + [0.0, R, 0.0])
     assert (push.id, push.swing) == ("n", 0.0)
 
 
 def test_a_vertical_stem_swings_by_asin_of_the_radius_over_its_length() -> None:
     length = 0.2
-    thing = fruit("n", (0.0, -0.01, -0.1), (0.0, 0.0, length))
-    (push,) = pushes(scene(thing), [thing], R)
+    obj = fruit("n", (0.0, -0.01, -0.1), (0.0, 0.0, length))
+    (push,) = pushes(scene(obj), [obj], R)
     swing = np.arcsin(R / length)
     assert push.swing == pytest.approx(swing)
     expected = [0.0, -length * np.sin(swing), length * (1.0 - np.cos(swing))]
-    np.testing.assert_allclose(push.pushed - thing.position, expected, atol=1e-12)
+    np.testing.assert_allclose(push.pushed - obj.position, expected, atol=1e-12)
     assert abs(expected[1]) == pytest.approx(R)  # it hangs clear of the gripper
-    chord = np.linalg.norm(push.pushed - thing.position)
+    chord = np.linalg.norm(push.pushed - obj.position)
     assert chord == pytest.approx(2.0 * length * np.sin(swing / 2.0))
 
 
@@ -256,16 +256,16 @@ def test_what_a_stem_leans_already_is_taken_off(lean: float, swings: bool) -> No
     """Δθ = asin(R/L) − θ0: θ0 > 0 where the fruit already hangs towards where it is pushed."""
     length = 0.2
     stem = (0.0, -length * np.sin(lean), length * np.cos(lean))
-    thing = fruit("n", (0.0, 0.12, -0.1), stem)
-    (push,) = pushes(scene(thing), [thing], R)
+    obj = fruit("n", (0.0, 0.12, -0.1), stem)
+    (push,) = pushes(scene(obj), [obj], R)
     wanted = np.arcsin(R / length) - lean
     assert push.swing == pytest.approx(max(0.0, wanted))
     assert (push.swing > 0.0) == swings
-    root = thing.position + np.array(stem)
+    root = obj.position + np.array(stem)
     if swings:
         assert push.pushed[1] - root[1] == pytest.approx(R)  # clear of a gripper below the root
     else:
-        np.testing.assert_allclose(push.pushed, thing.position, atol=1e-12)
+        np.testing.assert_allclose(push.pushed, obj.position, atol=1e-12)
 
 
 lean = st.floats(-0.6, 0.6)
@@ -281,19 +281,19 @@ def test_a_pushed_fruit_stays_on_the_arc_of_its_stem(
 ) -> None:
     approach = APPROACHES[turn]
     direction = np.array([x, y, 1.0]) / np.linalg.norm([x, y, 1.0])
-    thing = fruit("n", (*off, -0.1), length * direction, frame=approach.frame)
-    s = scene(thing, approach=approach)
-    (push,) = pushes(s, [thing], radius)
-    assert thing.stem is not None
-    root = thing.stem.root
-    length = float(np.linalg.norm(thing.position - root))
+    obj = fruit("n", (*off, -0.1), length * direction, frame=approach.frame)
+    s = scene(obj, approach=approach)
+    (push,) = pushes(s, [obj], radius)
+    assert obj.stem is not None
+    root = obj.stem.root
+    length = float(np.linalg.norm(obj.position - root))
     assert np.linalg.norm(push.pushed - root) == pytest.approx(length)
     assert np.linalg.norm(push.direction) == pytest.approx(1.0)
-    assert push.direction @ thing.stem.vector == pytest.approx(0.0, abs=1e-12)
+    assert push.direction @ obj.stem.vector == pytest.approx(0.0, abs=1e-12)
     assert 0.0 <= push.swing <= np.pi
-    chord = np.linalg.norm(push.pushed - thing.position)
+    chord = np.linalg.norm(push.pushed - obj.position)
     assert chord == pytest.approx(2.0 * length * np.sin(push.swing / 2.0), abs=1e-12)
-    moved = push.pushed - thing.position
+    moved = push.pushed - obj.position
     assert moved @ push.direction >= -1e-12
 
 
@@ -322,45 +322,45 @@ def test_of_two_tangents_the_one_with_the_larger_share_is_taken() -> None:
 
 
 def test_uncertain_directions_follow_the_generator() -> None:
-    thing = fruit("n", (0.0, 0.02, -0.1), (0.0, 0.0, 0.2))
-    s = scene(thing)
+    obj = fruit("n", (0.0, 0.02, -0.1), (0.0, 0.0, 0.2))
+    s = scene(obj)
 
     def directions(seed: int, deviation: float) -> np.ndarray:
         rng = np.random.default_rng(seed)
-        return np.array([pushes(s, [thing], R, rng, deviation)[0].direction for _ in range(400)])
+        return np.array([pushes(s, [obj], R, rng, deviation)[0].direction for _ in range(400)])
 
-    drawn = directions(0, 0.3)
-    np.testing.assert_array_equal(drawn, directions(0, 0.3))
-    angles = np.arctan2(-drawn[:, 0], drawn[:, 1])
+    sampled = directions(0, 0.3)
+    np.testing.assert_array_equal(sampled, directions(0, 0.3))
+    angles = np.arctan2(-sampled[:, 0], sampled[:, 1])
     assert np.std(angles) == pytest.approx(0.3, rel=0.15)
     assert np.mean(angles) == pytest.approx(0.0, abs=0.06)
-    np.testing.assert_allclose(drawn[:, 2], 0.0, atol=1e-12)
+    np.testing.assert_allclose(sampled[:, 2], 0.0, atol=1e-12)
     sure = directions(1, 0.0)
     assert (sure == sure[0]).all()
-    assert pushes(s, [thing], R)[0].direction[1] == 1.0
+    assert pushes(s, [obj], R)[0].direction[1] == 1.0
 
 
 def test_a_gripper_wider_than_the_stem_is_long_swings_it_level() -> None:
-    thing = fruit("n", (0.0, 0.02, -0.1), (0.0, 0.0, 0.03))
-    (push,) = pushes(scene(thing), [thing], R)
+    obj = fruit("n", (0.0, 0.02, -0.1), (0.0, 0.0, 0.03))
+    (push,) = pushes(scene(obj), [obj], R)
     assert push.swing == pytest.approx(np.pi / 2)
-    np.testing.assert_allclose(push.pushed, thing.position + [0.0, 0.03, 0.03], atol=1e-12)
+    np.testing.assert_allclose(push.pushed, obj.position + [0.0, 0.03, 0.03], atol=1e-12)
 
 
 def test_nothing_in_the_way_is_no_push() -> None:
     assert pushes(scene(), [], R) == ()
-    thing = fruit("n", (0.0, 0.0, -0.1))
-    no_target = Scene("s", "panda", (thing,), goal=PoseGoal(TARGET, np.array([0.0, 0.0, 1.0])))
+    obj = fruit("n", (0.0, 0.0, -0.1))
+    no_target = Scene("s", "panda", (obj,), goal=PoseGoal(TARGET, np.array([0.0, 0.0, 1.0])))
     assert pushes(no_target, [], R) == ()
     with pytest.raises(InvalidRequestError, match="a scene with a target"):
-        pushes(no_target, [thing], R)
+        pushes(no_target, [obj], R)
 
 
 def test_a_bent_stem_swings_about_its_root() -> None:
     at = TARGET + [0.0, 0.02, -0.1]
     stem = Stem(np.array([at, at + [0.0, 0.03, 0.05], at + [0.0, 0.0, 0.2]]))
-    thing = SceneObject("n", "pushable", Sphere(0.015), at, stem=stem)
-    (push,) = pushes(scene(thing), [thing], R)
+    obj = SceneObject("n", "pushable", Sphere(0.015), at, stem=stem)
+    (push,) = pushes(scene(obj), [obj], R)
     assert np.linalg.norm(push.pushed - stem.root) == pytest.approx(0.2)
     assert np.isfinite(push.pushed).all()
 
@@ -369,12 +369,12 @@ def test_a_bent_stem_swings_about_its_root() -> None:
 
 
 def test_the_path_past_them_is_aside_in_every_window_and_ends_at_the_goal() -> None:
-    things = [
+    objects = [
         fruit("n1", (0.01, -0.01, -0.14), (0.0, 0.05, 0.2)),
         fruit("n2", (-0.01, 0.01, -0.07), (0.0, -0.05, 0.2)),
     ]
-    s = scene(*things)
-    (drift,) = drift_choices(s, things, depth=0.02)
+    s = scene(*objects)
+    (drift,) = drift_choices(s, objects, depth=0.02)
     offsets = np.full(2, 0.04)
     camera = TARGET - np.array([0.0, 0.0, 0.25])
     corners = path_past(drift, offsets, TARGET, s.frame, camera, 0.035)

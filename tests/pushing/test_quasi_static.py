@@ -20,13 +20,13 @@ def line(start, end, step=0.002):
     return start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
 
 
-def pushed(path, things, state, walls=NONE, slip=0.4, friction=None, tool=PUSHER, **further):
-    things = shapes(things)
-    count = len(things.size)
+def pushed(path, objects, state, walls=NONE, slip=0.4, friction=None, tool=PUSHER, **further):
+    objects = shapes(objects)
+    count = len(objects.size)
     friction = np.ones(count) if friction is None else np.array(friction)
     state = np.array([[*row, 0.0] if len(row) == 2 else row for row in state], dtype=float)
-    lever = 0.5 * things.radius
-    return push(path, shapes([tool]), things, state, friction, lever, walls, slip, **further)
+    lever = 0.5 * objects.radius
+    return push(path, shapes([tool]), objects, state, friction, lever, walls, slip, **further)
 
 
 def test_what_is_not_touched_stays():
@@ -36,9 +36,9 @@ def test_what_is_not_touched_stays():
     assert result.done == 1.0
 
 
-@pytest.mark.parametrize("thing", [0.02, SQUARE])
-def test_a_push_through_the_centre_goes_straight(thing):
-    result = pushed(line((-0.1, 0.0), (0.05, 0.0)), [thing], [(0.0, 0.0)])
+@pytest.mark.parametrize("obj", [0.02, SQUARE])
+def test_a_push_through_the_centre_goes_straight(obj):
+    result = pushed(line((-0.1, 0.0), (0.05, 0.0)), [obj], [(0.0, 0.0)])
     np.testing.assert_allclose(result.state, [[0.07, 0.0, 0.0]], atol=2 * NO_OVERLAP)
 
 
@@ -91,7 +91,7 @@ def test_a_wall_jams():
     assert result.force > 10.0
 
 
-def test_it_stops_where_the_first_thing_may_go_no_farther():
+def test_it_stops_where_the_first_object_may_go_no_farther():
     result = pushed(line((-0.1, 0.0), (0.05, 0.0)), [0.02], [(0.0, 0.0)], most=0.01)
     assert result.done < 1.0
     assert 0.01 < result.state[0, 0] < 0.013
@@ -150,7 +150,7 @@ def test_nothing_goes_through_a_pad(sign):
 
 
 def test_what_comes_near_later_is_met_too():
-    """Pairs are looked up anew as things move: a far disc is met by one that is pushed to it."""
+    """Pairs are looked up anew as objects move: a far disc is met by one that is pushed to it."""
     gap = 3.0 * AHEAD
     row = [(0.02, 0.0), (0.06 + gap, 0.0)]
     result = pushed(line((-0.05, 0.0), (0.02 + gap, 0.0)), [0.02, 0.02], row)

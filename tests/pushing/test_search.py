@@ -155,10 +155,10 @@ def test_the_search_ends() -> None:
     """It judges no more than the schedule says: each candidate on few states, the best on all."""
     model = Bowl(good=1e-9, runs=2)
     found(model)
-    drawn = sum(step.candidates for step in ROUNDS)
+    sampled = sum(step.candidates for step in ROUNDS)
     again = model.schedule.kept  # where the number of states changes
     screened = model.schedule.screened * len(ROUNDS)
-    assert len(model.asked) <= 2 * (drawn + again + screened)
+    assert len(model.asked) <= 2 * (sampled + again + screened)
 
 
 class Slow(Bowl):

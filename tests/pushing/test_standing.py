@@ -134,7 +134,7 @@ def test_above_the_limit_a_harm_is_above_it_and_below_it_exact() -> None:
 def test_states_are_sampled_round_the_perceived_one() -> None:
     scene = perceived(generate("shelf", 1), np.random.default_rng(0), 0.006, 0.0)
     model = Standing(scene, HAND)
-    np.testing.assert_allclose(model.board.deviation, 0.006)
+    np.testing.assert_allclose(model.board.spread, 0.006)
     places = model._places
     assert places.shape == (1 + STANDING.samples, len(model.board.state), 3)
     np.testing.assert_array_equal(places[0], model.board.state)
@@ -243,7 +243,7 @@ def test_what_stands_far_away_is_not_on_the_plane() -> None:
         replace(one, id=f"far-{i}", position=TARGET + [1.5 + 0.01 * i, rng.normal(), z])
         for i, z in enumerate(heights)
     ]
-    walls = [replace(thing, id=f"{thing.id}-wall", role="static") for thing in far]
+    walls = [replace(obj, id=f"{obj.id}-wall", role="static") for obj in far]
     alone, among = (plane(shelf(one, *more), HAND) for more in ((), (*far, *walls)))
     np.testing.assert_array_equal(among.state, alone.state)
     assert len(among.walls.size) == len(alone.walls.size) == 1
@@ -262,15 +262,15 @@ def test_what_stands_far_away_is_not_on_the_plane() -> None:
 def test_the_plane_is_what_stands_there() -> None:
     board = plane(shelf(pack((-0.1, 0.03), (0.04, 0.06, 0.14))), HAND)
     np.testing.assert_allclose(board.state, [[0, 0, 0], [-0.1, 0.03, 0]], atol=1e-12)
-    assert board.things.size.tolist() == [0, 4]
-    np.testing.assert_allclose(board.things.box[1], [-0.02, -0.03, 0.02, 0.03])
+    assert board.objects.size.tolist() == [0, 4]
+    np.testing.assert_allclose(board.objects.box[1], [-0.02, -0.03, 0.02, 0.03])
     assert board.walls.size.tolist() == [4]
     np.testing.assert_allclose(board.walls.box[0], [-0.15, 0.30, 0.15, 0.32])
     assert board.edge == pytest.approx(-0.15)
     assert board.entry < -0.15 - (HAND.tip - HAND.reach)
     weight = 600.0 * 9.81 * 0.04 * 0.06 * 0.14
     assert board.friction[1] == pytest.approx(0.4 * weight)
-    assert board.deviation.tolist() == [STANDING.unsure] * 2
+    assert board.spread.tolist() == [STANDING.unsure] * 2
 
 
 def test_the_outline_holds_the_boxes() -> None:

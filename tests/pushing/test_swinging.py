@@ -33,7 +33,7 @@ def led(
     return out
 
 
-def foreseen(stems: Stems, points: np.ndarray) -> Harm:
+def predicted(stems: Stems, points: np.ndarray) -> Harm:
     return harm(stems, points, np.tile(UP, (len(points), 1)), DT, CUP, NOTHING)
 
 
@@ -98,20 +98,20 @@ def test_well_beside_a_fruit_nothing_happens() -> None:
     np.testing.assert_allclose(positions[0], TARGET + [[0, 0, 0], [0.07, 0, -0.08]], atol=1e-12)
     assert not forces.any()
     assert not stem_forces.any()
-    h = foreseen(s, points)
+    h = predicted(s, points)
     assert h == Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
 
 
 def test_straight_under_a_neighbour_the_cup_takes_it_in() -> None:
     s = hung(((0, 0, 0), (0, 0, 0.1)), ((0.003, 0, -0.08), (0.0, 0.0, 0.2)))
-    h = foreseen(s, along((0, 0, -0.25), (0, 0, -0.065)))
+    h = predicted(s, along((0, 0, -0.25), (0, 0, -0.065)))
     assert h.inside > 0.1
     assert h.missed  # the cup ends before the target
 
 
 def test_past_it_the_floor_carries_it_up_or_presses_it() -> None:
     s = hung(((0, 0, 0), (0, 0, 0.1)), ((0.003, 0, -0.08), (0.0, 0.0, 0.2)))
-    h = foreseen(s, along((0, 0, -0.25), (0, 0, 0)))
+    h = predicted(s, along((0, 0, -0.25), (0, 0, 0)))
     assert h.inside > 0.1 or h.fruit > 5.0
 
 
@@ -129,7 +129,7 @@ def test_beside_it_the_cup_pushes_it_away(turn: float) -> None:
     swung = (positions[:, 1] - positions[0, 1]) @ way
     assert swung.max() > 0.008
     assert forces[:, 1].max() > 0.0
-    h = foreseen(s, points)
+    h = predicted(s, points)
     assert h.inside == 0.0
     assert not h.missed
     # nothing ends in the wall: as deep as the force needs, and no more
@@ -193,14 +193,14 @@ def test_a_stem_is_pressed_where_the_rim_meets_it() -> None:
     assert stem_forces[-1, 1] > 0.01
     assert forces[-1, 1] == 0.0
     assert positions[-1, 1, 0] < positions[0, 1, 0]
-    assert foreseen(s, points).stem > 1e-3
+    assert predicted(s, points).stem > 1e-3
 
 
 def test_the_target_is_inside_at_the_end_or_missed() -> None:
     s = hung(((0, 0, 0), (0, 0, 0.1)))
-    assert not foreseen(s, along((0, 0, -0.2), (0, 0, 0))).missed
-    assert foreseen(s, along((0, 0, -0.2), (0, 0, -0.03))).missed
-    assert foreseen(s, along((0.05, 0, -0.2), (0.05, 0, 0))).missed
+    assert not predicted(s, along((0, 0, -0.2), (0, 0, 0))).missed
+    assert predicted(s, along((0, 0, -0.2), (0, 0, -0.03))).missed
+    assert predicted(s, along((0.05, 0, -0.2), (0.05, 0, 0))).missed
 
 
 def test_a_short_blow_is_no_lasting_force() -> None:
@@ -212,9 +212,9 @@ def test_a_short_blow_is_no_lasting_force() -> None:
     points[4] = near  # one step only
     _, forces, _ = led(s, points)
     assert (forces[:, 0] > 0.0).sum() < swinging.LASTING
-    assert foreseen(s, points).target == 0.0
+    assert predicted(s, points).target == 0.0
     points[4:] = near
-    assert foreseen(s, points).target > 0.0
+    assert predicted(s, points).target > 0.0
 
 
 @settings(max_examples=25, deadline=None)
@@ -243,7 +243,7 @@ def test_the_same_push_twice_is_the_same_to_the_bit() -> None:
     points = along((0, 0, -0.25), (-0.03, 0, -0.13), (-0.03, 0, -0.06), (0, 0, 0))
     for first, second in zip(led(s, points), led(s, points), strict=True):
         np.testing.assert_array_equal(first, second)
-    assert foreseen(s, points) == foreseen(s, points)
+    assert predicted(s, points) == predicted(s, points)
 
 
 def test_neither_stems_nor_path_are_written_to() -> None:

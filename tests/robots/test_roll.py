@@ -22,13 +22,13 @@ def opening(robot, q):
     return (turns[:, -1] @ robot.flange_rotation @ robot.tool.rotation)[:, :, 1]
 
 
-def drawn(robot, count=200):
+def sampled(robot, count=200):
     rng = np.random.default_rng(3)
     return rng.uniform(robot.lower, robot.upper, (count, robot.n_joints))
 
 
 def test_the_hand_opens_level_and_the_tool_stays(panda):
-    q = drawn(panda)
+    q = sampled(panda)
     out = level(panda, q, DOWN)
     assert np.abs(opening(panda, out) @ DOWN).max() < 1e-9
     assert (panda.lower <= out).all()
@@ -52,7 +52,7 @@ def test_a_path_keeps_its_roll(panda):
 def test_a_cup_and_a_bare_arm_stay_as_they_are():
     panda = load_robot("panda")
     for robot in (panda, with_tool(panda, Cup(0.05))):
-        q = drawn(robot, 5)
+        q = sampled(robot, 5)
         np.testing.assert_array_equal(level(robot, q, DOWN), q)
 
 

@@ -32,7 +32,7 @@ def test_what_is_within_reach_is_around(count: int, seed: int, reach: float) -> 
     made = scene(count, seed)
     center = np.random.default_rng(seed + 1).uniform(-2.0, 2.0, 3)
     for role in ROLES:
-        mine = [k for k, thing in enumerate(made.objects) if thing.role == role]
+        mine = [k for k, obj in enumerate(made.objects) if obj.role == role]
         rows = made.around(center, reach, role).tolist()
         assert set(rows) <= set(mine)
         assert rows == sorted(rows)
@@ -48,16 +48,16 @@ def test_what_is_within_reach_is_around(count: int, seed: int, reach: float) -> 
 @settings(max_examples=50, deadline=None)
 def test_arrays_are_the_objects(count: int, seed: int) -> None:
     made = scene(count, seed)
-    for k, thing in enumerate(made.objects):
-        np.testing.assert_array_equal(made.positions[k], thing.position)
-        np.testing.assert_array_equal(made.rotations[k], thing.rotation)
-        np.testing.assert_allclose(made.bounds[k], thing.radius, rtol=1e-15)
-        assert k in made.rows(thing.role)
+    for k, obj in enumerate(made.objects):
+        np.testing.assert_array_equal(made.positions[k], obj.position)
+        np.testing.assert_array_equal(made.rotations[k], obj.rotation)
+        np.testing.assert_allclose(made.bounds[k], obj.radius, rtol=1e-15)
+        assert k in made.rows(obj.role)
     for array in (made.positions, made.rotations, made.bounds, made.rows("static")):
         assert not array.flags.writeable
     rows = np.random.default_rng(seed).permutation(len(made.objects))
     chosen = [made.objects[k] for k in rows]
     packed = made.packed(rows)
-    plain = pack([(thing.shape, thing.position, thing.rotation) for thing in chosen])
+    plain = pack([(obj.shape, obj.position, obj.rotation) for obj in chosen])
     for a, b in zip(packed[:-1], plain[:-1], strict=True):
         np.testing.assert_array_equal(a, b)

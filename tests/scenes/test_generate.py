@@ -112,7 +112,7 @@ def test_the_gutter_is_as_near_as_drawn(scenes) -> None:
 
 def test_neighbours_stand_on_both_sides(scenes) -> None:
     for scene in of(scenes, "side-clusters", "mixed"):
-        aside = sorted(thing.position[1] - scene.target.position[1] for thing in scene.avoid)
+        aside = sorted(obj.position[1] - scene.target.position[1] for obj in scene.avoid)
         assert len(aside) == 2
         assert 0.12 <= -aside[0] <= 0.25
         assert 0.12 <= aside[1] <= 0.25
@@ -122,7 +122,7 @@ def test_nothing_hangs_inside_anything_else(scenes) -> None:
     """By brute force: points on every stem and fruit against everything else."""
     for scene in of(scenes, *BUNCHES):
         fruits = [scene.target, *scene.pushables]
-        solid = [thing for thing in scene.objects if thing.role in ("static", "avoid")]
+        solid = [obj for obj in scene.objects if obj.role in ("static", "avoid")]
         for one, other in itertools.combinations(fruits, 2):
             assert np.linalg.norm(one.position - other.position) >= one.radius + other.radius
         lines = {
@@ -137,14 +137,12 @@ def test_nothing_hangs_inside_anything_else(scenes) -> None:
                 assert gap >= other.radius + fruit.stem.radius
                 pairs = lines[fruit.id][:, None] - lines[other.id][None]
                 assert np.linalg.norm(pairs, axis=2).min() >= 2 * fruit.stem.radius - 1e-9
-            for thing in solid:
-                local = (
-                    np.vstack([lines[fruit.id], fruit.position]) - thing.position
-                ) @ thing.rotation
-                if isinstance(thing.shape, Sphere):
-                    away = np.linalg.norm(local, axis=1) - thing.shape.radius
+            for obj in solid:
+                local = (np.vstack([lines[fruit.id], fruit.position]) - obj.position) @ obj.rotation
+                if isinstance(obj.shape, Sphere):
+                    away = np.linalg.norm(local, axis=1) - obj.shape.radius
                 else:
-                    over = np.abs(local) - 0.5 * np.array(thing.shape.size)
+                    over = np.abs(local) - 0.5 * np.array(obj.shape.size)
                     away = np.linalg.norm(np.maximum(over, 0), axis=1) + np.minimum(
                         over.max(axis=1), 0
                     )
@@ -154,22 +152,22 @@ def test_nothing_hangs_inside_anything_else(scenes) -> None:
 
 def test_packs_stand_apart_on_their_board_before_the_target(scenes) -> None:
     for scene in of(scenes, "shelf"):
-        board = next(thing for thing in scene.static if thing.id == "board")
+        board = next(obj for obj in scene.static if obj.id == "board")
         top = board.position[2] + 0.5 * board.shape.size[2]
         outlines = []
-        for thing in (scene.target, *scene.pushables):
-            height = thing.shape.size[2] if isinstance(thing.shape, Box) else thing.shape.length
-            assert thing.position[2] - 0.5 * height == pytest.approx(top)
-            if isinstance(thing.shape, Box):
+        for obj in (scene.target, *scene.pushables):
+            height = obj.shape.size[2] if isinstance(obj.shape, Box) else obj.shape.length
+            assert obj.position[2] - 0.5 * height == pytest.approx(top)
+            if isinstance(obj.shape, Box):
                 edge = np.linspace(-1, 1, 41)
                 rim = np.array([p for p in itertools.product(edge, edge) if max(map(abs, p)) == 1])
-                flat = (rim * 0.5 * np.array(thing.shape.size[:2])) @ thing.rotation[:2, :2].T
+                flat = (rim * 0.5 * np.array(obj.shape.size[:2])) @ obj.rotation[:2, :2].T
             else:
                 turn = np.linspace(0, 2 * np.pi, 120)
-                flat = thing.shape.radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-            outlines.append(thing.position[:2] + flat)
+                flat = obj.shape.radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+            outlines.append(obj.position[:2] + flat)
             for wall in scene.static:
-                away, _ = distances(scene.obstacles("static"), thing.position[None])
+                away, _ = distances(scene.obstacles("static"), obj.position[None])
                 assert away.min() > 0, wall.id
         for one, other in itertools.combinations(outlines, 2):
             assert np.linalg.norm(one[:, None] - other[None], axis=2).min() > 0.0
@@ -207,7 +205,7 @@ def test_scenes_that_no_arm_could_solve_are_recognised() -> None:
 
     scene = generate("table-top", 0)
     target, gutter = scene.target, scene.static[0]
-    rest = tuple(thing for thing in scene.objects if thing.role == "pushable")
+    rest = tuple(obj for obj in scene.objects if obj.role == "pushable")
     assert unsolvable(scene) is None
     inside = replace(gutter, position=target.position)
     assert unsolvable(replace(scene, objects=(target, *rest, inside))) is not None
@@ -240,10 +238,10 @@ def rooted(aside: float, height: float, approach: Approach, tool: object = CUP) 
     for way in (x_g, -x_g, y_g, (x_g + y_g) / np.sqrt(2.0)):
         root = target + aside * way + height * up
         fruit = root - 0.2 * up + 0.1 * way
-        thing = SceneObject(
+        obj = SceneObject(
             "n", "pushable", Sphere(0.015), fruit, stem=Stem(np.array([fruit, root]), THIN)
         )
-        found.add(_rooted_in_tool(scene, thing, tool))  # type: ignore[arg-type]
+        found.add(_rooted_in_tool(scene, obj, tool))  # type: ignore[arg-type]
     assert len(found) == 1  # the same on every side
     return found.pop()
 
@@ -324,7 +322,7 @@ def test_scenes_with_a_root_in_the_tool_are_drawn_again_and_counted() -> None:
         fruit.position,
         stem=Stem(np.array([fruit.position, root])),
     )
-    objects = tuple(hung if thing is fruit else thing for thing in scene.objects)
+    objects = tuple(hung if obj is fruit else obj for obj in scene.objects)
     assert unsolvable(scene) is None
     assert unsolvable(Scene(
         scene.name, scene.robot, objects, tool=scene.tool, start=scene.start,
@@ -332,10 +330,10 @@ def test_scenes_with_a_root_in_the_tool_are_drawn_again_and_counted() -> None:
     )) == ROOTED  # fmt: skip
     found = {seed: generate_with_report("cluster", seed) for seed in range(30)}
     assert sum(report.reasons.get(ROOTED, 0) for _, report in found.values()) > 0
-    for drawn, report in found.values():
+    for sampled, report in found.values():
         assert report.redraws == sum(report.reasons.values())
-        tool = equipped(drawn).tool
-        assert not any(_rooted_in_tool(drawn, thing, tool) for thing in drawn.pushables)
+        tool = equipped(sampled).tool
+        assert not any(_rooted_in_tool(sampled, obj, tool) for obj in sampled.pushables)
 
 
 def test_perceived_moves_what_is_detected_and_nothing_else() -> None:

@@ -1,4 +1,4 @@
-"""The Franka hand in the twin: its geometry, what it takes hold of, and a pick off a shelf."""
+"""The Franka hand in the simulation: its geometry, its grip, and a pick off a shelf."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The twin against what is known of hanging, bending, breaking and standing things."""
+"""The simulation against what is known of hanging, bending, breaking and standing objects."""
 
 import numpy as np
 import pytest
@@ -26,15 +26,15 @@ def test_fruits_hang_where_the_scene_has_them(name):
     stay = Trajectory(np.tile(setup.start, (10, 1)), 0.2, names)
     motion = reference(stay, setup.robot, speed=1.0, dt=1e-3)
     rollout, _ = Execution(world, motion, 50.0).run()
-    begin = np.array([thing.position for thing in (scene.target, *scene.pushables)])
+    begin = np.array([obj.position for obj in (scene.target, *scene.pushables)])
     order = [rollout.fruit_ids.index(t.id) for t in (scene.target, *scene.pushables)]
     np.testing.assert_allclose(rollout.fruit_positions[0, order], begin, atol=1e-9)
     drift = np.linalg.norm(rollout.fruit_positions - rollout.fruit_positions[0], axis=2)
     assert rollout.times[-1] > 2.0
     assert drift.max() < 1e-3
-    for thing in (scene.target, *scene.pushables):
-        lean = thing.stem.vector / np.linalg.norm(thing.stem.vector)
-        assert rollout.tension[thing.id] == pytest.approx(WEIGHT * lean[2], rel=0.05)
+    for obj in (scene.target, *scene.pushables):
+        lean = obj.stem.vector / np.linalg.norm(obj.stem.vector)
+        assert rollout.tension[obj.id] == pytest.approx(WEIGHT * lean[2], rel=0.05)
 
 
 @pytest.mark.parametrize("length", [0.10, 0.28])
@@ -129,7 +129,7 @@ def test_a_can_stands_on_its_shelf_and_is_pushed_along_it(bench):
     assert push.outcome.peak_force["can"] > 0.5
 
 
-def test_pressing_a_static_thing_is_a_static_contact(bench):
+def test_pressing_a_static_object_is_a_static_contact(bench):
     wall = SceneObject("wall", "static", Box((0.2, 0.2, 0.02)), np.array([0.0, 0.0, 0.45]))
     scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.6)), wall)
     run = simulate(bench.line((0.0, 0.0, 0.3), (0.0, 0.0, 0.5)), scene)

@@ -40,21 +40,21 @@ def runs(plans):
 @pytest.mark.parametrize("speed", [0.3, 1.0])
 def test_a_reference_keeps_the_limits_and_the_path(plans, name, speed):
     made = plans[name]
-    robot, knots = made.robot, made.trajectory
-    motion = reference(knots, robot, speed=speed, dt=1e-3)
+    robot, waypoints = made.robot, made.trajectory
+    motion = reference(waypoints, robot, speed=speed, dt=1e-3)
     assert motion.use["velocity"] <= speed + 1e-6
     assert motion.use["acceleration"] <= speed**2 + 1e-6
     assert motion.use["jerk"] <= speed**3 * 1.02  # jerk is interpolated where it is looked at
-    np.testing.assert_allclose(motion.q[0], knots.positions[0], atol=1e-9)
-    np.testing.assert_allclose(motion.q[-1], knots.positions[-1], atol=1e-9)
+    np.testing.assert_allclose(motion.q[0], waypoints.positions[0], atol=1e-9)
+    np.testing.assert_allclose(motion.q[-1], waypoints.positions[-1], atol=1e-9)
     np.testing.assert_allclose(motion.velocity[[0, -1]], 0.0, atol=1e-9)
     np.testing.assert_allclose(motion.acceleration[[0, -1]], 0.0, atol=1e-6)
     dt = motion.times[1]
     slope = np.gradient(motion.q, dt, axis=0)[2:-2]
     np.testing.assert_allclose(slope, motion.velocity[2:-2], atol=2e-3)
-    # the path: every knot is passed, and between knots the tool stays on their polyline
+    # the path: every waypoint is passed, and between waypoints the tool stays on their polyline
     points, _ = robot.tool_pose(motion.q)
-    corners, _ = robot.tool_pose(knots.positions)
+    corners, _ = robot.tool_pose(waypoints.positions)
     step = np.diff(corners, axis=0)
     length = np.maximum((step**2).sum(axis=1), 1e-18)
     share = np.einsum("tki,ki->tk", points[:, None] - corners[None, :-1], step) / length
@@ -144,17 +144,17 @@ def tetrahedra():
     return np.vstack([corner, corner + [0.2, 0, 0]]), np.vstack([faces, faces + 4])
 
 
-def test_every_shape_can_be_a_static_thing(bench, tmp_path, monkeypatch):
+def test_every_shape_can_be_a_static_object(bench, tmp_path, monkeypatch):
     monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
     vertices, faces = tetrahedra()
     cloud = np.random.default_rng(0).uniform(-0.1, 0.1, (200, 3))
-    things = [
+    objects = [
         SceneObject("floor", "static", HalfSpace(), np.array([0.0, 0.0, -1.2])),
         SceneObject("hull", "static", MeshShape(vertices[:4], faces[:4]), np.array([0.8, 0, 0])),
         SceneObject("pair", "static", MeshShape(vertices, faces), np.array([0.8, 0.5, 0])),
         SceneObject("cloud", "static", PointCloudShape(cloud, 0.01), np.array([-0.8, 0.0, 0.0])),
     ]
-    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)), *things)
+    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)), *objects)
     world = build(scene, resolve(scene).robot)
     names = [world.model.geom(i).name for i in range(world.model.ngeom)]
     assert sum(name.startswith("static:pair") for name in names) > 10
@@ -164,8 +164,8 @@ def test_every_shape_can_be_a_static_thing(bench, tmp_path, monkeypatch):
 
 
 def test_an_unknown_physical_property_is_refused_by_name(bench):
-    thing = SceneObject("a", "pushable", Sphere(0.02), np.zeros(3), physical={"weight": 1.0})
-    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)), thing)
+    obj = SceneObject("a", "pushable", Sphere(0.02), np.zeros(3), physical={"weight": 1.0})
+    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)), obj)
     with pytest.raises(InvalidSceneError, match="'weight' is unknown: valid are mass"):
         simulate(bench.still(), scene)
 
@@ -218,10 +218,10 @@ def test_a_run_is_written_whole(runs, tmp_path):
         assert list(archive["fruit_ids"]) == ["ripe", "n1", "n2"]
 
 
-def test_a_trajectory_of_three_knots(bench):
+def test_a_trajectory_of_three_waypoints(bench):
     scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)))
-    knots = np.array([[0, 0, 0], [0.05, 0, 0], [0.1, 0, 0.0]])
-    run = simulate(Trajectory(knots, 0.5, ("x", "y", "z")), scene)
+    waypoints = np.array([[0, 0, 0], [0.05, 0, 0], [0.1, 0, 0.0]])
+    run = simulate(Trajectory(waypoints, 0.5, ("x", "y", "z")), scene)
     assert run.outcome.tracking_error < 2e-3
 
 

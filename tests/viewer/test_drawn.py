@@ -53,7 +53,7 @@ def test_without_fruits_in_the_way_the_moment_is_the_end(optimised: Plan) -> Non
     kept = tuple(item for item in optimised.scene.objects if item.role != "pushable")
     free = replace(optimised, scene=replace(optimised.scene, objects=kept))
     now = drawn.moment(free, resolve(free.scene))
-    assert (now.waypoint, now.event) == (free.trajectory.n_knots - 1, "at the goal")
+    assert (now.waypoint, now.event) == (free.trajectory.n_waypoints - 1, "at the goal")
 
 
 def test_pushed_fruits_are_where_the_model_predicts_them(optimised: Plan) -> None:

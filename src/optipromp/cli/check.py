@@ -24,7 +24,7 @@ def check(
 ) -> int:
     """Check a scene, robot, demonstrations or plan, and say what it holds.
 
-    The kind is told by the file; a primitive that learn wrote is known too.
+    The file tells the kind; a primitive that learn wrote is a kind too.
     What is wrong is one line: the code, the file, the field.
 
     [bold]Examples[/bold]
@@ -147,7 +147,7 @@ def _plan(item: str) -> dict[str, Any]:
         "scene": plan.scene.name,
         "planner": plan.planner,
         "strategy": plan.strategy,
-        "waypoints": plan.trajectory.n_knots,
+        "waypoints": plan.trajectory.n_waypoints,
         "duration": plan.trajectory.duration,
     }
 

@@ -26,11 +26,11 @@ def generate(
     count: Annotated[int, typer.Option(min=1, help="How many scenes.")] = 1,
     as_json: AsJson = False,
 ) -> int:
-    """Draw random scenes and write them as scene files.
+    """Sample random scenes and write them as scene files.
 
-    The same seed gives the same scene. Scenes that are impossible (things inside one another) or
+    The same seed gives the same scene. Scenes that are impossible (objects inside one another) or
     that no arm could solve (target out of reach or inside the gutter, every goal configuration in
-    collision) are drawn again; how many, and why, is told.
+    collision) are sampled again; how many, and why, is printed.
 
     [bold]Examples[/bold]
 
@@ -68,5 +68,5 @@ def generate(
     scenes = "scene" if count == 1 else "scenes"
     console.print(f"wrote {count} {scenes} to {out}", markup=False)
     why = "".join(f", {number} {reason}" for reason, number in reasons.most_common())
-    console.print(f"drawn again: {redraws}{why}", markup=False)
+    console.print(f"sampled again: {redraws}{why}", markup=False)
     return OK

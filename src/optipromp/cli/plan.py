@@ -2,9 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from optipromp.cli.console import (
     command,
@@ -16,11 +14,17 @@ from optipromp.cli.console import (
 )
 from optipromp.cli.options import (
     AsJson,
+    ChosenConstraints,
+    ChosenPlanner,
     ChosenStrategy,
-    Constraints,
-    Planner,
+    Duration,
+    Figures,
+    PlanFolder,
     Recorded,
+    SceneOrFolder,
     Seed,
+    Settings,
+    Timeout,
     Workers,
 )
 from optipromp.errors import OptiPrompError
@@ -44,57 +48,17 @@ def failed_plan(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str
 
 @command(failure=failed_plan)
 def plan(
-    scene: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENE|DIR",
-            help="A scene file, a built-in scene's name, or a folder of scene files.",
-        ),
-    ],
-    planner: Annotated[
-        Planner,
-        typer.Option(help="promp: as learnt; i-promp: pushing by geometry; opti-promp: optimised."),
-    ] = "opti-promp",
+    scene: SceneOrFolder,
+    planner: ChosenPlanner = "opti-promp",
     strategy: ChosenStrategy = "joint",
     demonstrations: Recorded = None,
     seed: Seed = 0,
-    duration: Annotated[
-        float | None,
-        typer.Option(
-            metavar="SECONDS", help="Of the motion; the shortest within limits if left out."
-        ),
-    ] = None,
-    constraints: Annotated[
-        Constraints,
-        typer.Option(help="push-model: least predicted harm; paper: the paper's constraints 1-4."),
-    ] = "push-model",
-    setting: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Any other setting, as often as you like; 'optipromp list' names them.",
-        ),
-    ] = None,
-    timeout: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Give up planning after this long.")
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Leave plan.json, trajectory.csv and .npz, and figures; of a folder's scenes, "
-            "in a folder each.",
-        ),
-    ] = None,
-    figures: Annotated[
-        bool | None,
-        typer.Option(
-            "--figures/--no-figures",
-            help="Draw figures into --out; by default for one scene, not for a folder's.",
-            show_default=False,
-        ),
-    ] = None,
+    duration: Duration = None,
+    constraints: ChosenConstraints = "push-model",
+    setting: Settings = None,
+    timeout: Timeout = None,
+    out: PlanFolder = None,
+    figures: Figures = None,
     workers: Workers = None,
     as_json: AsJson = False,
 ) -> int:

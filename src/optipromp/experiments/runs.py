@@ -35,7 +35,7 @@ class Row:
         noise_position: standard deviation of detected positions [m].
         noise_angle: standard deviation of detected stem directions [degrees].
         pushables: how many stand in the scene.
-        redraws: impossible scenes drawn before this one.
+        redraws: impossible scenes sampled before this one.
         plan_status: code of the plan, which knows what was detected only.
         success: what the physics says.
         cause: why not; empty for a success.

@@ -64,7 +64,7 @@ class Case:
         title: what the run shows.
         planner: see :func:`optipromp.planning.plan`.
         strategy: of opti-promp.
-        expected: how the run must end; None where the paper's own way may end either way.
+        expected: how the run must end; None where either end is right.
         published: the paper's figures, where it gives some.
         options: settings that differ from the default.
         start: (n,) in place of the scene's own.

@@ -48,7 +48,7 @@ class Cell:
         unripe_force_90: its 90 % quantile [N].
         plan_time: median wall time of planning [s].
         simulation_time: median wall time of execution [s], over executed runs.
-        redraws: impossible scenes drawn before the scenes of these runs.
+        redraws: impossible scenes sampled before the scenes of these runs.
     """
 
     preset: str

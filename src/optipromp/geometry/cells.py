@@ -1,4 +1,4 @@
-"""The broad phase: which obstacles may matter at a place, looked up in a grid of cells."""
+"""The broad phase: a grid of cells lists the obstacles near a place."""
 
 import math
 from typing import NamedTuple
@@ -29,7 +29,7 @@ class Cells(NamedTuple):
 
 
 def no_cells() -> Cells:
-    """Without cells every obstacle may matter everywhere."""
+    """No cells: every obstacle is near every place."""
     return _read_only(0.0, 0.0, 0.0, 0, np.zeros(2, np.int64), np.zeros(0, np.int32))
 
 

@@ -1,9 +1,9 @@
 """Distance grids of meshes and point clouds, kept on disk under the hash of what they hold.
 
-Between nodes the distance is interpolated, which near something thinner than a cell would let it
-rise above what is true. So a grid is refined where its own surface shows such an error, and what
-is left of the error is subtracted: a grid may hold an obstacle larger than it is, by less than a
-cell, never smaller at the points looked at.
+The distance is interpolated between nodes. Near a part thinner than a cell, the interpolated
+distance can be too large. A grid is therefore refined where samples of the surface show such an
+error, and the remaining error is subtracted. An obstacle in a grid may be larger than the true one
+by less than a cell; at the samples it is never smaller.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _MESH_NODES = 1_500_000
 _CLOUD_NODES = 200_000
 _CLOUD_NEAR = 0.15  # [m] up to which distances to a cloud are exact at the nodes
 _CLOUD_SLACK = 0.1  # of a distance beyond
-_THIN = 0.25  # [cells] an error above this shows something thinner than a cell
+_THIN = 0.25  # [cells] a larger error shows a part thinner than a cell
 _ACROSS = 4  # cells across the shortest side
 _SAMPLES = 4_000
 _KEPT = 32  # grids held in memory
@@ -123,9 +123,9 @@ def mesh_grid(mesh: MeshShape, spacing: float | None = None) -> DistanceGrid:
 def cloud_grid(cloud: PointCloudShape, spacing: float | None = None) -> DistanceGrid:
     """Distance grid of a point cloud: distance to the nearest point less the points' radius.
 
-    From :data:`_CLOUD_NEAR` on it may be up to :data:`_CLOUD_SLACK` of itself less than that: the
-    points of a hollow cloud are all about as far from its middle, so that finding the nearest there
-    means looking at every one.
+    Beyond :data:`_CLOUD_NEAR` the distance may be too small by the share :data:`_CLOUD_SLACK`. All
+    points of a hollow cloud are about equally far from its middle, so an exact distance there would
+    need every point.
 
     Args:
         cloud: N points.
@@ -185,9 +185,9 @@ def check_closed(mesh: MeshShape) -> None:
 def _open_edges(faces: IntArray) -> int:
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     edges = edges[edges[:, 0] != edges[:, 1]]
-    way = np.where(edges[:, 0] < edges[:, 1], 1, -1)
+    sense = np.where(edges[:, 0] < edges[:, 1], 1, -1)
     inverse = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
-    return int(np.count_nonzero(np.bincount(inverse, weights=way)))
+    return int(np.count_nonzero(np.bincount(inverse, weights=sense)))
 
 
 def _surface_samples(triangles: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
 """Distances from the nodes of a grid to the nearest of many points.
 
-Points are put together in cells, nodes in blocks: which cells may hold the nearest point is asked
-once for a block, and a node looks into those only that can still be nearer than what it has found.
+Points are grouped in cells and nodes in blocks. The cells that may hold the nearest point are found
+once for a block. A node looks only into cells that can be nearer than its nearest point so far.
 """
 
 import math

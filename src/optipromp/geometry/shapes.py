@@ -1,6 +1,6 @@
 """Shapes of a scene, each in its own local frame, in metres.
 
-A shape says nothing of where it is: an object of a scene (or an item of
+A shape has no pose: an object of a scene (or an item of
 :func:`optipromp.geometry.obstacles.pack`) adds position and rotation.
 """
 

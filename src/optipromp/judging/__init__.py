@@ -1,4 +1,4 @@
-"""The judge: what a trajectory really does, by code that shares nothing with what planned it."""
+"""The judge: checks any trajectory, with code that shares nothing with the planners."""
 
 from optipromp.judging.clearance import Overlap, clearances, pushed_away, swept
 from optipromp.judging.kinematics import centers, fine_positions

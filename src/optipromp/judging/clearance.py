@@ -1,8 +1,8 @@
-"""What a robot in motion comes near to, and what it touches.
+"""Clearances and contacts of a robot in motion, by conservative advancement.
 
-Every configuration is looked at by conservative advancement: the distance of two things shrinks by
-no more than they move, so what is too far to matter is measured again only once the robot has moved
-by as much as it is too far. The figures are those of measuring everything everywhere.
+The distance of two bodies shrinks by no more than they move. A pair that is too far apart to matter
+is therefore measured again only after the robot has moved by the excess. The figures equal those of
+measuring every pair at every configuration.
 """
 
 import math
@@ -47,7 +47,7 @@ class Overlap:
 def clearances(
     scene: Scene, robot: Robot, q: FloatArray
 ) -> tuple[dict[str, float | None], list[Overlap]]:
-    """Smallest distances [m] over configurations ``q`` (M, n), and what touches and must not.
+    """Smallest distances [m] over configurations ``q`` (M, n), and forbidden contacts.
 
     Contacts count with static objects for every sphere, with avoid objects and pushables for B_d
     (all but the last link and the tool), and between links that are not neighbours. The dictionary
@@ -77,7 +77,7 @@ def swept(
     met = met[np.argsort(objects.rows[met])]
     contacts = [
         Overlap(name(deepest[k]), item.id, item.role, -float(depth[k]))
-        for k, item in zip(met.tolist(), scene.things(objects.rows[met]), strict=True)
+        for k, item in zip(met.tolist(), scene.objects_at(objects.rows[met]), strict=True)
     ]
     if rest:
         contacts += _other_shapes(rest, robot, q, closest, core)
@@ -119,7 +119,7 @@ def _other_shapes(
             if row != AVOID_BY_TOOL and d < 0.0:
                 link = str(robot.link_names[robot.spheres.link[own[sphere]]])
                 contacts.append(Overlap(link, item.id, item.role, -d))
-        if role != PUSHABLE and len(radius):  # their core is their surface
+        if role != PUSHABLE and len(radius):  # the core of such a shape is its surface
             core[0] = min(core[0], nearest(item, spheres, np.zeros_like(radius), core[0])[0])
     return contacts
 
@@ -127,11 +127,11 @@ def _other_shapes(
 def pushed_away(
     scene: Scene, robot: Robot, q: FloatArray, contacts: Sequence[Overlap]
 ) -> tuple[list[Overlap], list[str]]:
-    """Contacts without those with what the tool has pushed away by then, and a note on each.
+    """Contacts without those with objects that the tool had pushed away before; a note on each.
 
-    A pushable on no stem stays where it was pushed to. Once the tool has been inside the place
-    where it stood, to some depth, it has moved by that much at least; an arm link that gets into
-    that place later, and no deeper, finds it empty. Of meshes and point clouds that is not asked.
+    A pushable without a stem stays where it was pushed to. If the tool has been in its first place
+    to some depth, the object has moved by at least that depth. An arm link that enters the place
+    later, and no deeper, finds it empty. Meshes and point clouds are not treated so.
     """
     met = {contact.other for contact in contacts if contact.role == "pushable"}
     if not met:
@@ -139,7 +139,7 @@ def pushed_away(
     objects, _ = objects_of(scene)
     loose = {
         item.id: k
-        for k, item in enumerate(scene.things(objects.rows))
+        for k, item in enumerate(scene.objects_at(objects.rows))
         if item.id in met and item.stem is None
     }
     spheres, radius = centers(robot, q), np.array(robot.spheres.radius)
@@ -164,7 +164,7 @@ def pushed_away(
 
 @inner
 def entered_first(objects, k, spheres, radius, distal):  # type: ignore[no-untyped-def]
-    """How deep [m] the arm gets into object ``k`` where no tool has been as deep before.
+    """Largest depth [m] of the arm in object ``k`` that no tool has reached before.
 
     Args:
         objects: see :class:`optipromp.judging.distances.Objects`.
@@ -196,12 +196,12 @@ def entered_first(objects, k, spheres, radius, distal):  # type: ignore[no-untyp
 def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart):  # type: ignore[no-untyped-def]
     """Closest approaches over configurations ``q`` (M, n) by conservative advancement, in place.
 
-    ``travel`` (L,) holds how far the spheres of each link have moved at most [m], ``farthest`` the
-    sum of the largest of these steps. A link is measured to an object again when its travel reaches
-    ``wait``, an object and a block of objects when ``farthest`` reaches theirs. Two links are
-    measured again when the joints between them have ``turned`` (S,) far enough to bring them
-    together. After the first configuration the last is looked at and then those before it: a motion
-    ends near objects, and what is found near early makes more of the rest too far to matter.
+    ``travel`` (L,) is an upper bound of the motion of each link's spheres [m]; ``farthest`` is the
+    sum of the largest steps of a link. A link and an object are measured again when the link's
+    travel reaches their ``wait``; an object, or a block of objects, when ``farthest`` reaches its
+    own. Two links are measured again when the joints between them have ``turned`` (S,) far enough
+    to bring them together. The order is: the first configuration, the last, then backwards. A
+    motion ends near objects, and small distances found early leave less to measure.
 
     Args:
         body: see :class:`optipromp.judging.kinematics.Body`.
@@ -211,8 +211,8 @@ def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart
         closest: (4,) smallest distances [m]: static, avoid by B_d, avoid by the last link and tool,
             pushable by B_d.
         core: (1,) the paper's M_c [m] over static and avoid objects.
-        depth, deepest: (K,) smallest distance [m] of what must not touch each object, and the
-            sphere; exact where negative.
+        depth, deepest: (K,) smallest distance [m] of the spheres that must not touch each object,
+            and the nearest sphere; exact where negative.
         apart: (3,) smallest distance [m] between links that are not neighbours, and two spheres.
     """
     n_segments, n_links, n_objects = body.driver.shape[0], body.reach.shape[0], objects.kind.size
@@ -341,7 +341,7 @@ def _move(body, q, begin, before, turns, origins, middles, travel):  # type: ign
 
 @inlined
 def _wanted(role, closest, core):  # type: ignore[no-untyped-def]
-    """From which distance [m] on objects of a role change no figure."""
+    """Distance [m] from which on objects of a role change no figure."""
     if role == STATIC:
         return max(closest[STATIC], core[0], 0.0)
     if role == AVOID:
@@ -360,7 +360,7 @@ def _to_block(objects, c, middles, reach):  # type: ignore[no-untyped-def]
 
 @inlined
 def _nearest_pair(body, group, spheres, middles, apart):  # type: ignore[no-untyped-def]
-    """The distance [m] between two links; ``apart`` where it is the least so far."""
+    """The distance [m] between two links; updates ``apart`` where it is the least so far."""
     second = body.groups[group, 1]
     last, skip, gap = -1, False, math.inf
     for i in range(body.groups[group, 2], body.groups[group, 3]):

@@ -23,7 +23,7 @@ CELL = 0.05  # [m] objects in one such cell are neighbours; about the size of a 
 
 
 class Objects(NamedTuple):
-    """K objects of simple shape, in C blocks of one role that are near one another."""
+    """K objects of simple shape, in C blocks of near objects of one role."""
 
     rows: IntArray  # (K,) in the scene's objects
     kind: IntArray  # (K,)
@@ -58,7 +58,7 @@ def objects_of(scene: Scene) -> tuple[Objects, tuple[SceneObject, ...]]:
         rows, kind[rows], role, position, scene.rotations[rows], size[rows], bound, ends, middle,
         np.maximum.reduceat(reach, start),
     )  # fmt: skip
-    return objects, scene.things(rest)
+    return objects, scene.objects_at(rest)
 
 
 def measured(of: Sequence[Any]) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -89,7 +89,7 @@ def measured(of: Sequence[Any]) -> tuple[IntArray, FloatArray, FloatArray]:
 
 
 def neighbours(role: IntArray, position: FloatArray, bound: FloatArray) -> IntArray:
-    """An order (K,) of objects in which neighbours are of one role, about one size, and near.
+    """An order (K,) of objects in which neighbours have one role and similar sizes, and are near.
 
     Near along a Z-order curve through cells of :data:`CELL`.
     """

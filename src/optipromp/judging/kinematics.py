@@ -1,4 +1,4 @@
-"""The judge's kinematics: where a robot is, and how finely its motion must be looked at.
+"""The judge's kinematics, and the refinement of a motion for its checks.
 
 Segment frames are composed as unit quaternions (the planner's kernels multiply matrices).
 """
@@ -15,7 +15,7 @@ from optipromp.compiled import inlined, inner, kernel
 from optipromp.robots.model import Robot
 from optipromp.scenes.rotations import to_quaternion
 
-MOST_CHECKS = 200_000  # configurations of one trajectory: a choice, some 0.5 s of checking
+MOST_CHECKS = 200_000  # configurations of one trajectory: a choice, about 0.5 s of checking
 LARGEST_TURN = 0.2  # [rad or m] summed over the joints: a chord is shorter than its arc by < 1 %
 
 
@@ -81,10 +81,10 @@ def body_of(robot: Robot) -> Body:
 
 
 def _levers(robot: Robot, local: FloatArray, near: int, far: int) -> FloatArray:
-    """How far (S,) spheres on segment ``far`` move about segment ``near``, at most, by a joint.
+    """Largest motion (S,) of spheres on segment ``far`` about ``near``, by unit of each joint.
 
-    ``local`` (k, 3) are their centres. No farther than the chain is long from the joint to them;
-    without bound before a prismatic joint.
+    ``local`` (k, 3) are their centres. The bound is the length of the chain from the joint to the
+    spheres; a prismatic joint in between leaves it infinite.
     """
     kin, out = robot.kinematics, np.zeros(robot.n_segments)
     (x, y, z), (a, b, c) = local.T, kin.axis[far]
@@ -108,11 +108,11 @@ def centers(robot: Robot, q: FloatArray) -> FloatArray:
 
 
 def fine_positions(robot: Robot, positions: FloatArray) -> tuple[FloatArray, bool]:
-    """The trajectory (T, n) refined so that no sphere moves over half its radius between checks.
+    """The trajectory (T, n), refined so that no sphere moves over half its radius between checks.
 
     Returns:
-        (M, n) configurations, the waypoints among them, and whether they are as fine as that: at
-        most :data:`MOST_CHECKS` are made.
+        Configurations (M, n), the waypoints among them, and whether they are fine enough: at most
+        :data:`MOST_CHECKS` are made.
     """
     fine, _, complete = refined(robot, positions)
     return fine, complete
@@ -133,7 +133,7 @@ def refined(robot: Robot, positions: FloatArray) -> tuple[FloatArray, IntArray, 
 
 
 def _cut(positions: FloatArray, parts: FloatArray) -> tuple[FloatArray, IntArray, bool]:
-    """Each interval in as many ``parts`` (T-1,), where the waypoints are, and whether all fit."""
+    """Each interval cut into ``parts`` (T-1,); the waypoints' places; whether all parts fit."""
     total = float(parts.sum())
     if total > MOST_CHECKS:
         parts = np.maximum(1, np.floor(parts * (MOST_CHECKS / total)))
@@ -221,7 +221,7 @@ def place(body, q, out):  # type: ignore[no-untyped-def]
 
 @kernel
 def divisions(body, q, parts):  # type: ignore[no-untyped-def]
-    """Into how many ``parts`` (T-1,) each interval is cut so that no sphere moves half its radius.
+    """Number of ``parts`` (T-1,) of each interval, so that no sphere moves half its radius.
 
     Arcs are taken for 1.1 times their chords: no interval of ``q`` (T, n) may turn a sphere by
     much more than a radian.

@@ -1,6 +1,6 @@
-"""How the tool goes past each pushable: on which side, how far off, and whether it meets a stem.
+"""The passage of the tool past each pushable: its side, its distance, and the stem.
 
-The judge's view: waypoints of the tool go in, figures come out; nothing is shared with the planner.
+A part of the judge: from tool points at waypoints it computes figures, without the planner's code.
 """
 
 import functools
@@ -13,7 +13,7 @@ from optipromp.arrays import BoolArray, FloatArray, IntArray, joined, lengths
 from optipromp.compiled import inner, kernel
 from optipromp.scenes.scene import Scene
 
-DECIDED = np.sin(np.deg2rad(1.0))  # a choice: less of a stem's length aside is no side
+DECIDED = np.sin(np.deg2rad(1.0))  # a choice: a stem that leans aside by less decides no side
 
 ById = dict[str, float | None]
 
@@ -23,13 +23,13 @@ class Passing(NamedTuple):
 
     M_p: ById  # y_g·(fk − X_n) where the tool passes n for the last time
     stem_projection: ById  # y_g·S_n
-    drift_shortfall: ById  # constraint 1: by how much the tool is nearer than the gripper's radius
+    drift_shortfall: ById  # constraint 1: lack of the gripper's radius
     stem_gap: ById  # constraint 2: from the segment between tool and fruit to the stem's line
     wrong: list[tuple[str, int, float]]  # passed on the stem's side: id, waypoint, how far [m]
 
 
 class Pushables(NamedTuple):
-    """K pushables of a scene, as the judge sees them passed."""
+    """K pushables of a scene, for the judgement of their passage."""
 
     ids: list[str]
     places: FloatArray  # (K, 3) X_n [m]
@@ -37,12 +37,12 @@ class Pushables(NamedTuple):
     hangs: BoolArray  # (K,) whether there is a stem
     flat: FloatArray  # (K, 3) S_n, the stem's first piece, without its part along z_g [m]
     leans: BoolArray  # (K,) whether the stem decides on which side to pass
-    side: FloatArray  # (K,) s_n = −sign(y_g·S_n), 0 where the stem gives none
+    side: FloatArray  # (K,) s_n = −sign(y_g·S_n), 0 where the stem decides no side
     points: FloatArray  # (P, 3) of all stems [m]
     start: IntArray  # (K + 1,) where those of each begin
-    reach: FloatArray  # (K,) how near the tool passes those that it may push [m]
+    reach: FloatArray  # (K,) a tool that passes nearer may push it [m]
     in_the_way: BoolArray  # (K,) whether a straight approach would push it (method §4, 1)
-    under: FloatArray  # (K,) how far its top is under the target's bottom along z_g [m]
+    under: FloatArray  # (K,) distance of its top below the target's bottom, along z_g [m]
     projection: ById  # y_g·S_n [m]
 
 
@@ -80,49 +80,50 @@ def pushables_of(scene: Scene, gripper_radius: float) -> Pushables:
 
 
 def passing(scene: Scene, tips: FloatArray, rims: FloatArray, gripper_radius: float) -> Passing:
-    """How a tool goes past the pushables of a scene.
+    """The passage of a tool past the pushables of a scene.
 
-    Neither the tool point nor the rim, which decides where a fruit ends, may pass a pushable on the
-    side of its stem. Of a pushable so close under the target that the rim takes in the one while
-    the tool point passes the other, the rim alone is asked. Constraints 1 and 2 are asked at the
-    waypoints of the passing window, |z_g·(fk − X_n)| <= r_n, and the one nearest the passage; of
-    pushables that the tool passes within two gripper radii or a straight approach would push.
+    Neither the tool point nor the rim may pass a pushable on the side of its stem; the rim decides
+    where a fruit ends. Where a pushable is so close under the target that the rim takes in the
+    target while the tool point passes the pushable, the rim alone counts. Constraints 1 and 2 are
+    evaluated at the waypoints of the passing window, |z_g·(fk − X_n)| <= r_n, and at the waypoint
+    nearest the passage. They concern pushables that the tool passes within two gripper radii, or
+    that a straight approach would push.
 
     Args:
         scene: with the pushables and the frame F_g.
         tips, rims: (T, 3) tool point and centre of the rim at the waypoints [m].
         gripper_radius: R_gripper [m].
     """
-    things = pushables_of(scene, gripper_radius)
-    if not things.ids:
+    objects = pushables_of(scene, gripper_radius)
+    if not objects.ids:
         return Passing({}, {}, {}, {}, [])
-    (_, lateral, up), places = scene.frame, things.places
-    knot, tip = last_passages(tips, places, up)
-    rim_knot, rim = last_passages(rims, places, up)
-    closely_under = things.under < float((rims[-1] - tips[-1]) @ up)
-    tip_asked, rim_asked = (things.in_the_way | (lengths(at) < things.reach) for at in (tip, rim))
-    tip_asked &= knot >= 0
-    by_tip, by_rim = (np.einsum("ki,ki->k", at, things.flat) for at in (tip, rim))
-    bad_rim = (rim_knot >= 0) & rim_asked & (by_rim > 0.0)
+    (_, lateral, up), places = scene.frame, objects.places
+    waypoint, tip = last_passages(tips, places, up)
+    rim_waypoint, rim = last_passages(rims, places, up)
+    closely_under = objects.under < float((rims[-1] - tips[-1]) @ up)
+    tip_asked, rim_asked = (objects.in_the_way | (lengths(at) < objects.reach) for at in (tip, rim))
+    tip_asked &= waypoint >= 0
+    by_tip, by_rim = (np.einsum("ki,ki->k", at, objects.flat) for at in (tip, rim))
+    bad_rim = (rim_waypoint >= 0) & rim_asked & (by_rim > 0.0)
     bad_tip = tip_asked & ~closely_under & (by_tip > 0.0)
     wrong = []
-    for k in np.flatnonzero(things.leans & (bad_rim | bad_tip)).tolist():
-        at, by = (rim_knot, by_rim) if bad_rim[k] else (knot, by_tip)
-        wrong.append((things.ids[k], int(at[k]), float(by[k] / math.hypot(*things.flat[k]))))
+    for k in np.flatnonzero(objects.leans & (bad_rim | bad_tip)).tolist():
+        at, by = (rim_waypoint, by_rim) if bad_rim[k] else (waypoint, by_tip)
+        wrong.append((objects.ids[k], int(at[k]), float(by[k] / math.hypot(*objects.flat[k]))))
 
     m_p = tip @ lateral
-    side = np.where(things.side == 0.0, np.sign(m_p), things.side)
+    side = np.where(objects.side == 0.0, np.sign(m_p), objects.side)
     least, gap = np.full(len(places), np.inf), np.full(len(places), np.inf)
-    stems = places, things.radii, things.points, things.start
+    stems = places, objects.radii, objects.points, objects.start
     window(
-        np.array(tips), np.flatnonzero(tip_asked), knot, side, np.array(lateral), np.array(up),
+        np.array(tips), np.flatnonzero(tip_asked), waypoint, side, np.array(lateral), np.array(up),
         stems, least, gap,
     )  # fmt: skip
     return Passing(
-        _known(things.ids, m_p, knot >= 0),
-        dict(things.projection),
-        _known(things.ids, np.maximum(gripper_radius - least, 0.0), tip_asked),
-        _known(things.ids, gap, tip_asked & things.hangs),
+        _known(objects.ids, m_p, waypoint >= 0),
+        dict(objects.projection),
+        _known(objects.ids, np.maximum(gripper_radius - least, 0.0), tip_asked),
+        _known(objects.ids, gap, tip_asked & objects.hangs),
         wrong,
     )
 
@@ -136,19 +137,19 @@ def _known(ids: list[str], values: FloatArray, known: BoolArray) -> ById:
 def last_passages(
     path: FloatArray, places: FloatArray, up: FloatArray
 ) -> tuple[IntArray, FloatArray]:
-    """Where a path (T, 3) crosses the level planes of ``places`` (K, 3) for the last time.
+    """The last crossings of a path (T, 3) with the level planes of ``places`` (K, 3).
 
     Returns:
-        (K,) its waypoint nearest the crossing, -1 where there is none, and (K, 3) that waypoint
-        from the place, without its height [m]; zero where there is none.
+        The waypoints (K,) nearest the crossings, -1 where there is none; and the offsets (K, 3) of
+        these waypoints from the places, without their heights [m], zero where there is none.
     """
-    knot, at = np.full(len(places), -1), np.zeros((len(places), 3))
-    _last_passages(np.array(path), np.array(places), np.array(up), knot, at)
-    return knot, at
+    waypoint, at = np.full(len(places), -1), np.zeros((len(places), 3))
+    _last_passages(np.array(path), np.array(places), np.array(up), waypoint, at)
+    return waypoint, at
 
 
 @inner
-def _last_passages(path, places, up, knot, at):  # type: ignore[no-untyped-def]
+def _last_passages(path, places, up, waypoint, at):  # type: ignore[no-untyped-def]
     """:func:`last_passages` in place; what is above or below the whole path is not looked at."""
     lowest, highest = math.inf, -math.inf
     for t in range(path.shape[0]):
@@ -163,30 +164,30 @@ def _last_passages(path, places, up, knot, at):  # type: ignore[no-untyped-def]
         for before in range(path.shape[0] - 2, -1, -1):
             height = _over(path[before], p, up)
             if np.sign(height) != np.sign(after):
-                knot[k], off = before, height
+                waypoint[k], off = before, height
                 if abs(after) < abs(height):
-                    knot[k], off = before + 1, after
+                    waypoint[k], off = before + 1, after
                 for i in range(3):
-                    at[k, i] = path[knot[k], i] - p[i] - off * up[i]
+                    at[k, i] = path[waypoint[k], i] - p[i] - off * up[i]
                 break
             after = height
 
 
 @inner
 def _over(point, place, up):  # type: ignore[no-untyped-def]
-    """Component along ``up`` of a point seen from a place [m]."""
+    """Height of a point over a place, along ``up`` [m]."""
     x, y, z = point[0] - place[0], point[1] - place[1], point[2] - place[2]
     return x * up[0] + y * up[1] + z * up[2]
 
 
 @kernel
-def window(path, rows, knot, side, lateral, up, stems, least, gap):  # type: ignore[no-untyped-def]
+def window(path, rows, waypoint, side, lateral, up, stems, least, gap):  # type: ignore[no-untyped-def]
     """The paper's constraints 1 and 2 over the passing windows, in place.
 
     Args:
         path: (T, 3) tool point at the waypoints [m].
-        rows: which of the pushables are asked.
-        knot: (K,) waypoint of the passage, which belongs to the window of each.
+        rows: indices of the pushables that are evaluated.
+        waypoint: (K,) waypoint of the passage, which belongs to the window of each.
         side: (K,) s_n.
         lateral, up: (3,) y_g and z_g.
         stems: ``places``, ``radii``, ``points`` and ``start`` of :class:`Pushables`.
@@ -198,7 +199,7 @@ def window(path, rows, knot, side, lateral, up, stems, least, gap):  # type: ign
     for k in rows:
         p, end = places[k], np.empty(3)
         for t in range(path.shape[0]):
-            if abs(_over(path[t], p, up)) > radii[k] and t != knot[k]:
+            if abs(_over(path[t], p, up)) > radii[k] and t != waypoint[k]:
                 continue
             least[k] = min(least[k], side[k] * _over(path[t], p, lateral))
             away = 0.0

@@ -1,10 +1,9 @@
-"""The judge: what a trajectory really does, by code that shares nothing with the solver.
+"""The judge: checks any trajectory, with code that shares nothing with the planners.
 
-Kinematics and distances are the judge's own (:mod:`.kinematics`, :mod:`.distances`,
-:mod:`.clearance`), and so is how it sees pushables passed (:mod:`.passing`); no kernel of
-``robots``, ``geometry`` or ``optimization`` is used. The trajectory is checked between its
-waypoints too, so finely that no body sphere moves more than half its radius from one check to the
-next (the joints move linearly between waypoints).
+The judge has its own kinematics (:mod:`.kinematics`), distances (:mod:`.distances`,
+:mod:`.clearance`) and rules for passing a pushable (:mod:`.passing`). It uses no kernel of
+``robots``, ``geometry`` or ``optimization``. It checks the trajectory between waypoints too, where
+joints move linearly: no body sphere moves more than half its radius from one check to the next.
 """
 
 import math
@@ -30,20 +29,20 @@ RATIO_TOLERANCE = 1e-6  # share of a velocity or acceleration limit; rounding
 
 @dataclass(frozen=True)
 class Metrics:
-    """Figures of a trajectory (method §6). None where the scene has nothing of the kind.
+    """Figures of a trajectory (method §6). A figure without meaning in the scene is None.
 
     Attributes:
         M_c: smallest distance from a body point to the core of an obstacle [m].
         M_p: by pushable, the lateral offset y_g·(fk − X_n) of the tool as it passes [m].
         stem_projection: by pushable, y_g·S_n of its stem [m].
-        drift_shortfall: by pushable, by how much the tool passes nearer than the gripper's radius
-            on the side away from the stem (constraint 1) [m].
+        drift_shortfall: by pushable, lack of the gripper's radius as the tool passes on the side
+            away from the stem (constraint 1) [m].
         stem_gap: by pushable, smallest distance between the segment from tool to fruit and the
             stem's line (constraint 2) [m].
         clearance_static: smallest distance of a body sphere to a static object [m].
         clearance_avoid: smallest distance of the arm (B_d) to an object to avoid [m].
         clearance_avoid_tool: the same of last link and tool [m].
-        clearance_pushable: smallest distance of the arm (B_d) to where a pushable stood [m].
+        clearance_pushable: smallest distance of the arm (B_d) to a pushable in its first place [m].
         clearance_self: smallest distance between links that are not neighbours [m].
         goal_error: of the tool point at the end [m], or of a goal in joints [rad or m].
         goal_axis_error: of the tool axis at the end [rad].
@@ -90,9 +89,10 @@ class Violation:
         kind: ``contact``, ``unchecked``, ``goal``, ``axis``, ``stem side``, ``limit``,
             ``velocity``, ``acceleration``, ``start``, ``drift`` or ``stem``.
         message: the reason as a sentence, which is also ``str(violation)``.
-        subject: the link, joint or object it is about, if one.
-        waypoint: where it first happens, if at a waypoint.
-        amount: by how much, in ``unit``; of a velocity or acceleration the share of the limit.
+        subject: the link, joint or object that is concerned; empty where there is none.
+        waypoint: the first one concerned; None where there is none.
+        amount: size of the violation, in ``unit``; of a velocity or acceleration its share of the
+            limit.
     """
 
     kind: str
@@ -108,13 +108,13 @@ class Violation:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the judge found.
+    """The judgement of a trajectory.
 
     Attributes:
         metrics: figures of the trajectory.
         violations: every reason why the trajectory is not valid; empty when it is valid.
-        contacts: pairs that touch and must not.
-        notes: remarks that make no trajectory invalid.
+        contacts: pairs that touch but must not.
+        notes: remarks that do not make the trajectory invalid.
     """
 
     metrics: Metrics
@@ -139,14 +139,14 @@ def judge(
     """Judge a trajectory against robot and scene.
 
     Args:
-        scene: what must be reached, pushed, avoided.
+        scene: with the goal and the objects.
         robot: the robot with the scene's tool.
-        trajectory: what is to be executed.
-        start: (n,) where it must begin; None: not checked.
+        trajectory: of the robot.
+        start: (n,) configuration where it must begin; None: not checked.
         stem_side: true: passing a pushable on the side of its stem is a violation; false: a note.
 
     Returns:
-        The judgement. The trajectory is valid if it has no violations.
+        The judgement. The trajectory is valid if there are no violations.
     """
     q = trajectory.positions
     fine, waypoints, complete = kinematics.refined(robot, q)
@@ -164,7 +164,7 @@ def judge(
     violations = [Violation("contact", str(c), c.link, None, c.depth, "m") for c in contacts]
     if not complete:
         most = kinematics.MOST_CHECKS
-        text = f"it moves too far to be checked between its knots ({most} times)"
+        text = f"it moves too far to be checked between waypoints: {most} checks are not enough"
         violations.append(Violation("unchecked", text))
     violations += [*missed, *(astray if stem_side else []), *broken]
     notes += [] if stem_side else map(str, astray)
@@ -183,7 +183,7 @@ def paper_violations(scene: Scene, metrics: Metrics, tolerance: float = 1e-4) ->
     Args:
         scene: for the stems.
         metrics: what the judge measured.
-        tolerance: by how much a pushable may be passed nearer than the gripper's radius [m].
+        tolerance: largest lack of the gripper's radius as a pushable is passed [m].
     """
     out = []
     for item in scene.pushables:
@@ -201,7 +201,7 @@ def paper_violations(scene: Scene, metrics: Metrics, tolerance: float = 1e-4) ->
 def _goal(
     scene: Scene, last: FloatArray, tip: FloatArray, axis: FloatArray, waypoint: int
 ) -> tuple[float, float | None, list[Violation]]:
-    """Distance [m] (or joint distance [rad]) and axis error [rad] at the end, and what is wrong."""
+    """Position error [m] (in joints [rad]), axis error [rad] and violations at the end."""
     if isinstance(scene.goal, JointGoal):
         error = float(np.max(np.abs(last - scene.goal.joints)))
         text = f"the end is {error:.4f} rad from the goal configuration"

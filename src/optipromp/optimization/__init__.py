@@ -1,1 +1,1 @@
-"""Functionals, constraints, the problem they make, and its solvers."""
+"""Costs, constraints, the optimisation problem and its solver."""

@@ -1,4 +1,4 @@
-"""One evaluation of a trajectory: kinematics once, then every cost reads and adds."""
+"""One evaluation of a trajectory: kinematics run once; then every cost adds its gradient."""
 
 from collections.abc import Callable
 from typing import Any
@@ -82,33 +82,33 @@ def _grouped_pairs(
 class Evaluation:
     """Arrays of one evaluation at T waypoints, made once and overwritten by each evaluation.
 
-    What costs read: ``q`` (T, n), ``dt``, ``points`` (T, P, 3) in the order of :class:`BodyPoints`,
-    ``tool`` (index of the tool point), ``static`` and ``dynamic`` fields. What costs add to:
-    ``force`` (T, B+2, 3), the gradient with respect to points; ``stiffness`` (T, B+2, 6), a
-    positive semi-definite curvature there; ``joint_gradient`` (T, n) and its curvature ``band`` (T,
-    3, n). A cost may leave curvature out: the solver's metric takes its place. ``every`` (B,)
+    Costs read ``q`` (T, n), ``dt``, ``points`` (T, P, 3) in the order of :class:`BodyPoints`,
+    ``tool`` (index of the tool point), and the fields ``static`` and ``dynamic``. Costs add to
+    ``force`` (T, B+2, 3), the gradient with respect to points; to ``stiffness`` (T, B+2, 6), a
+    positive semi-definite curvature at points; to ``joint_gradient`` (T, n), and to its curvature
+    ``band`` (T, 3, n). Curvature is optional: the solver's metric takes its place. ``every`` (B,)
     chooses every body sphere.
     """
 
-    def __init__(self, robot: Robot, body: BodyPoints, n_knots: int, dt: float) -> None:
+    def __init__(self, robot: Robot, body: BodyPoints, n_waypoints: int, dt: float) -> None:
         n, segments, spheres = robot.n_joints, robot.n_segments, body.tool
         self.robot, self.body, self.dt = robot, body, dt
         self.tool = body.tool
-        self.q = np.zeros((n_knots, n))
-        self.origins = np.empty((n_knots, segments, 3))
-        self.rotations = np.empty((n_knots, segments, 3, 3))
-        self.axes = np.empty((n_knots, segments, 3))
-        self.points = np.empty((n_knots, len(body), 3))
-        self.force = np.zeros((n_knots, spheres + 2, 3))
-        self.stiffness = np.zeros((n_knots, spheres + 2, 6))
-        self.joint_gradient = np.zeros((n_knots, n))
-        self.band = np.zeros((n_knots, 3, n))
+        self.q = np.zeros((n_waypoints, n))
+        self.origins = np.empty((n_waypoints, segments, 3))
+        self.rotations = np.empty((n_waypoints, segments, 3, 3))
+        self.axes = np.empty((n_waypoints, segments, 3))
+        self.points = np.empty((n_waypoints, len(body), 3))
+        self.force = np.zeros((n_waypoints, spheres + 2, 3))
+        self.stiffness = np.zeros((n_waypoints, spheres + 2, 6))
+        self.joint_gradient = np.zeros((n_waypoints, n))
+        self.band = np.zeros((n_waypoints, 3, n))
         self.every = np.ones(spheres, dtype=np.bool_)
-        self.static = Field(n_knots, spheres)
-        self.dynamic = Field(n_knots, spheres)
+        self.static = Field(n_waypoints, spheres)
+        self.dynamic = Field(n_waypoints, spheres)
 
     def move_to(self, q: FloatArray) -> None:
-        """Kinematics of the trajectory ``q`` (T, n); what costs add to is cleared."""
+        """Run the kinematics of the trajectory ``q`` (T, n), and clear what costs add to."""
         self.q[:] = q
         robot_kernels.frames(self.robot.kinematics, self.q, self.origins, self.rotations, self.axes)
         robot_kernels.carried_points(
@@ -137,7 +137,7 @@ class Evaluation:
         return float(kernel(self.q, *settings, scale, self.joint_gradient, self.band))
 
     def gradient(self) -> FloatArray:
-        """What the costs added, pulled back to the joints (T, n)."""
+        """Sum of the costs' gradients, pulled back to the joints (T, n)."""
         out = self.joint_gradient.copy()
         robot_kernels.pull_back(
             self.robot.kinematics,
@@ -151,9 +151,9 @@ class Evaluation:
 class Field:
     """Distance from each body sphere to the nearest obstacle of a role, with its normal."""
 
-    def __init__(self, n_knots: int, n_spheres: int) -> None:
-        self.distance = np.zeros((n_knots, n_spheres))
-        self.normal = np.zeros((n_knots, n_spheres, 3))
+    def __init__(self, n_waypoints: int, n_spheres: int) -> None:
+        self.distance = np.zeros((n_waypoints, n_spheres))
+        self.normal = np.zeros((n_waypoints, n_spheres, 3))
 
     def measure(self, e: Evaluation, obstacles: Obstacles, shared: int, cutoff: float) -> None:
         """Fill the field from the evaluation's points; see :func:`kernels.clearance_field`."""

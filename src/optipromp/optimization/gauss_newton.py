@@ -1,12 +1,12 @@
 r"""Gauss-Newton on the penalised problem, in the covariant metric.
 
-Each step solves :math:`(H + \nu A)\,\delta = -g`, with H the Gauss-Newton curvature of all costs
-and penalties (block-banded over the knots), A the finite-difference metric of CHOMP (so that a step
-is smooth wherever the costs do not say otherwise) and ν a Levenberg-Marquardt damping. The
-penalties stiffen in a few stages.
+Each step solves :math:`(H + \nu A)\,\delta = -g`. H is the Gauss-Newton curvature of all costs
+and penalties; it is block-banded over the waypoints. A is the finite-difference metric of CHOMP; it
+keeps a step smooth where the costs say nothing. ν is a Levenberg-Marquardt damping. The penalties
+stiffen in a few stages.
 
-A start whose penalties are small beside its cost begins at the last stage: on softer ones it would
-only lose what it has.
+A start whose penalties are small beside its cost begins at the last stage: softer penalties would
+let it drift into what it already avoids.
 """
 
 import time
@@ -30,8 +30,7 @@ class GaussNewtonOptions:
             expected to lower it by more.
         damping: ν at the beginning.
         largest_step: of a joint [rad or m].
-        kept: a start begins at the last stage where its constraints cost at most this share of its
-            other costs.
+        kept: a start begins at the last stage where its penalty is at most this share of its cost.
     """
 
     stages: tuple[float, ...] = (0.02, 1.0)
@@ -42,7 +41,7 @@ class GaussNewtonOptions:
     kept: float = 0.3
 
     def keeps(self, value: Value) -> bool:
-        """Whether the constraints are nearly kept, so that the last stage is enough."""
+        """Whether the constraints are so nearly kept that the last stage is enough."""
         return value.penalty <= self.kept * value.cost
 
 
@@ -77,10 +76,10 @@ def solve(
 
     Args:
         problem: what to minimise.
-        q: initial trajectory; its fixed knots stay as they are.
+        q: initial trajectory; its fixed waypoints stay as they are.
         options: see :class:`GaussNewtonOptions`.
-        deadline: ``time.perf_counter()`` after which it stops with what it has.
-        stages: which of the penalty stages to run (for solving many starts a stage at a time).
+        deadline: value of ``time.perf_counter()`` after which the solver stops.
+        stages: which of the penalty stages to run.
         value: of ``q`` in the first of these stages, if that is the problem's last evaluation.
     """
     q = np.array(q)

@@ -1,11 +1,11 @@
-r"""What costs share: distances to obstacles, a force with its stiffness, the Gauss-Newton matrix.
+r"""Kernels of the costs: distances to obstacles, a force with stiffness, the Gauss-Newton matrix.
 
-Everything that happens in the workspace happens at *points*: the B body spheres, the tool point and
-a second point on the tool axis (the tip). A cost reads point positions, adds its gradient with
-respect to them to ``force`` (T, B+2, 3), and a positive semi-definite curvature to ``stiffness``
-(T, B+2, 6), stored as xx, yy, zz, xy, xz, yz; that of the tip is with respect to its place about
-the tool point, where a cost of the tool's axis lives. One pass pulls both back to the joints: the
-forces by :func:`optipromp.robots.kernels.pull_back`, the stiffnesses by :func:`add_stiffness`.
+Costs in the workspace depend on *points*: the B body spheres, the tool point, and a second point on
+the tool axis (the tip). A cost reads point positions. It adds its gradient with respect to them to
+``force`` (T, B+2, 3) and a positive semi-definite curvature to ``stiffness`` (T, B+2, 6), stored as
+xx, yy, zz, xy, xz, yz. The curvature of the tip is with respect to the vector from the tool point
+to the tip, because costs of the tool's axis depend on this vector. One pass pulls both back to the
+joints: forces by :func:`optipromp.robots.kernels.pull_back`, stiffnesses by :func:`add_stiffness`.
 """
 
 import numpy as np
@@ -68,8 +68,8 @@ def clearance_in_cells(  # type: ignore[no-untyped-def]
 ):
     """:func:`clearance_field` where ``obstacles`` have cells: each sphere meets those of its cell.
 
-    What it costs hardly grows with the number of obstacles. The cells' reach must be ``cutoff`` and
-    the largest radius at least.
+    The time hardly grows with the number of obstacles. The cells' reach must be at least ``cutoff``
+    plus the largest radius.
     """
     cells = obstacles.cells
     distance[:] = cutoff
@@ -100,8 +100,8 @@ def add_stiffness(kin, segment, points, stiffness, origins, axes, band, first, o
     The point stiffnesses of each segment are gathered as 6×6 spatial stiffnesses about the world
     origin and summed down the chain, as forces are; then
     :math:`H_{ij} = s_i^\top K_{\max(i,j)} s_j` with the joints' twists s. ``out``
-    ((bandwidth+1), N) is LAPACK's lower banded form for the knots ``first`` … ``first + N/n − 1``;
-    ``band`` (T, 3, n) couples a knot with itself, the next and the one after.
+    ((bandwidth+1), N) is LAPACK's lower banded form for waypoints ``first`` … ``first + N/n − 1``.
+    ``band`` (T, 3, n) couples a waypoint with itself, the next and the one after.
     """
     n, n_segments, n_points = band.shape[2], kin.kind.shape[0], stiffness.shape[1]
     spatial, twist = np.empty((n_segments, 6, 6)), np.empty((n_segments, 6))

@@ -14,7 +14,7 @@ from optipromp.optimization.costs.joints import smoothness
 from optipromp.optimization.evaluation import BodyPoints, Evaluation
 from optipromp.robots.model import Robot
 
-ANCHOR = 1e3  # how much of ∫‖δ‖² dt the metric adds to ∫‖δ̈‖² dt, so that slow bends cost too
+ANCHOR = 1e3  # weight of ∫‖δ‖² dt beside ∫‖δ̈‖² dt in the metric, so that slow bends cost too
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Surroundings:
     """Obstacles by role, ready for the kernels.
 
     Attributes:
-        static: what every body sphere keeps away from.
+        static: obstacles of every body sphere.
         dynamic: avoid objects first, then pushables; those from index ``shared`` on concern only
             B_d (all links but the last one and the tool).
         shared: number of avoid objects.
@@ -64,24 +64,24 @@ class Problem:
         surroundings: Surroundings,
         costs: Sequence[Cost],
         constraints: Sequence[Cost],
-        n_knots: int,
+        n_waypoints: int,
         *,
         cutoff: float,
         end_fixed: bool = False,
         body: BodyPoints | None = None,
         evaluation: Evaluation | None = None,
     ) -> None:
-        self.robot, self.surroundings, self.n_knots = robot, surroundings, n_knots
+        self.robot, self.surroundings, self.n_waypoints = robot, surroundings, n_waypoints
         self.costs, self.constraints = tuple(costs), tuple(constraints)
         self.cutoff = cutoff
         self.first = 1
-        self.last = n_knots - 2 if end_fixed else n_knots - 1
-        self.dt = 1.0 / (n_knots - 1)
+        self.last = n_waypoints - 2 if end_fixed else n_waypoints - 1
+        self.dt = 1.0 / (n_waypoints - 1)
         body = body or BodyPoints(robot)
-        self.evaluation = evaluation or Evaluation(robot, body, n_knots, self.dt)
+        self.evaluation = evaluation or Evaluation(robot, body, n_waypoints, self.dt)
         n = robot.n_joints
         self.matrix = np.zeros((2 * n + 1, (self.last - self.first + 1) * n))
-        self.metric = _metric(n_knots, n, self.last)
+        self.metric = _metric(n_waypoints, n, self.last)
 
     def evaluate(self, q: FloatArray, penalty_scale: float = 1.0) -> Value:
         """Value at ``q`` (T, n); gradient and curvature stay in ``self.evaluation``."""
@@ -98,14 +98,14 @@ class Problem:
         return Value(cost + penalty_scale * penalty, values, cost, penalty)
 
     def gradient(self) -> FloatArray:
-        """Gradient (T, n) at the last evaluation; zero at the fixed knots."""
+        """Gradient (T, n) at the last evaluation; zero at the fixed waypoints."""
         gradient = self.evaluation.gradient()
         gradient[: self.first] = 0.0
         gradient[self.last + 1 :] = 0.0
         return gradient
 
     def curvature(self) -> FloatArray:
-        """Gauss-Newton matrix of the free knots, in LAPACK's lower banded form ((2n+1), N)."""
+        """Gauss-Newton matrix of the free waypoints, in LAPACK's lower banded form ((2n+1), N)."""
         e = self.evaluation
         kernels.add_stiffness(
             self.robot.kinematics, e.body.segment[: e.tool + 2], e.points, e.stiffness, e.origins,
@@ -115,11 +115,11 @@ class Problem:
 
 
 @functools.lru_cache(maxsize=32)
-def _metric(n_knots: int, n: int, last: int) -> FloatArray:
-    """The covariant metric A of knots 1 … ``last``, banded like :meth:`Problem.curvature`."""
-    dt = 1.0 / (n_knots - 1)
-    band = np.zeros((n_knots, 3, n))
-    smoothness(np.zeros((n_knots, n)), dt, 1.0, np.zeros((n_knots, n)), band)
+def _metric(n_waypoints: int, n: int, last: int) -> FloatArray:
+    """The covariant metric A of waypoints 1 … ``last``, banded like :meth:`Problem.curvature`."""
+    dt = 1.0 / (n_waypoints - 1)
+    band = np.zeros((n_waypoints, 3, n))
+    smoothness(np.zeros((n_waypoints, n)), dt, 1.0, np.zeros((n_waypoints, n)), band)
     metric = np.zeros((2 * n + 1, last * n))
     free = band[1 : last + 1]
     metric[0] = free[:, 0].ravel() + ANCHOR * dt

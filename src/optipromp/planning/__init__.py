@@ -1,4 +1,4 @@
-"""Planning: one way in, for all three planners."""
+"""Planning: ``plan`` with its three planners, ``plan_many`` and ``judge``."""
 
 from optipromp.planning.many import plan_many
 from optipromp.planning.options import PLANNERS, STRATEGIES, Planner, PlanOptions, Strategy

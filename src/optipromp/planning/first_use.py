@@ -1,4 +1,4 @@
-"""Compiling every kernel, before the first plan on a machine."""
+"""Compiles every kernel before the first plan on a machine."""
 
 import math
 import subprocess
@@ -14,8 +14,8 @@ SCENE = "scenario-3"
 def compile_kernels() -> None:
     """Fill Numba's cache.
 
-    The model of pushes takes nearly as long to compile as all the rest; where there is a second
-    core, a process of its own does it.
+    The push model takes nearly as long to compile as all other kernels. Where there is a second
+    core, another process compiles it.
     """
     other = None
     if cores() > 1:
@@ -29,7 +29,7 @@ def compile_kernels() -> None:
         if other is not None:
             other.kill()  # where the wait was interrupted
             other.wait()
-    warm_up()  # whatever is missing still
+    warm_up()  # the kernels that are still missing
 
 
 def compile_push_model() -> None:

@@ -1,4 +1,4 @@
-r"""Following a tool path: the movement primitive, conditioned on the path, then led along it.
+r"""Following a tool path: the primitive is conditioned on the path, then led along it exactly.
 
 The ProMP's weights w ~ N(μ, Σ) are conditioned on the start and the goal configuration (exactly, at
 rest) and on tool points and tool axes of the path at a few *stations*. With rows H, the joints at
@@ -6,9 +6,9 @@ the stations or the Jacobian of the tool there, and noise R,
 
 .. math:: w = \mu + \Sigma H^T (H \Sigma H^T + R)^{-1} (y - H\mu)
 
-is one Gaussian update; it is iterated, since the Jacobian depends on where the arm is. What the
-path leaves free, the arm's posture above all, is as it was demonstrated. Between the stations
-inverse kinematics closes the millimetres that are left.
+is one Gaussian update. It is iterated, because the Jacobian depends on the configuration. The arm's
+posture, which the path leaves free, stays as it was demonstrated. Inverse kinematics then removes
+the remaining millimetres between the tool and the path.
 """
 
 from dataclasses import dataclass
@@ -54,9 +54,9 @@ class Start:
 
     Attributes:
         primitive: (T, n) the conditioned ProMP.
-        followed: (T, n) the same, led along the path.
+        followed: (T, n) the conditioned ProMP, led along the path.
         waypoints: their number, and the first on the path.
-        path: what is followed; None where the tool is free on its way.
+        path: the tool path that is followed; None where there is none.
     """
 
     primitive: FloatArray
@@ -91,8 +91,8 @@ def branches(
         path: of the tool point.
         axis: (3,) of the tool along the path.
         goals: (m, n).
-        max_step: no joint moves much more between waypoints [rad or m].
-        count: of waypoints; None: as many as that asks for.
+        max_step: wanted largest step of a joint between waypoints [rad or m].
+        count: of waypoints; None: as many as ``max_step`` asks for.
     """
     points = path.at(np.linspace(1.0, 0.0, FOLLOW.stations))
     axes = np.tile(axis, (FOLLOW.stations, 1))
@@ -109,7 +109,7 @@ def branches(
 def _waypoints(
     start: FloatArray, stations: FloatArray, path: ToolPath, max_step: float, count: int | None
 ) -> Waypoints:
-    """Waypoints such that no joint moves much over the step, before the path and on it alike."""
+    """Waypoints such that no joint moves much over ``max_step``, before the path and on it."""
     step = 0.8 * max_step
     reach = max(
         WAYPOINT.peak * float(np.abs(stations[0] - start).max()) / step, WAYPOINT.fewest_reach
@@ -129,9 +129,9 @@ def _waypoints(
 
 
 def braked(share: FloatArray) -> FloatArray:
-    """The part (m,) of the path behind the tool at shares (m,) of the approach's time.
+    """Share (m,) of the path that is done at shares (m,) of the approach's time.
 
-    Constant speed, then to rest with a continuous acceleration.
+    The speed is constant, then falls to zero with a continuous acceleration.
     """
     late = np.maximum(share - (1.0 - WAYPOINT.braking), 0.0) / WAYPOINT.braking
     gone = np.minimum(share, 1.0 - WAYPOINT.braking) + WAYPOINT.braking * (
@@ -156,7 +156,8 @@ def follow(
         start: (n,).
         path: of the tool point.
         axis: (3,) of the tool along the path.
-        normal: (3,) across which a hand opens; see :func:`optipromp.robots.roll.level`.
+        normal: (3,) at right angles to the opening of a hand; see
+            :func:`optipromp.robots.roll.level`.
         promp: learnt from demonstrations.
         branch: of :func:`branches`.
 
@@ -183,7 +184,7 @@ def follow(
 
 
 def _lead_in(off: FloatArray, count: int) -> FloatArray:
-    """(count, n) from zero at rest to the offset and its slope at the first of ``off`` (m, n)."""
+    """Offsets (count, n) from zero at rest to the first of ``off`` (m, n), with its slope."""
     u = np.arange(count)[:, None] / count
     slope = (off[1] - off[0]) * count
     return np.asarray(off[0] * u**2 * (3.0 - 2.0 * u) + slope * u**2 * (u - 1.0))
@@ -219,7 +220,7 @@ def conditioned(
         start: (n,) at phase 0; ``goal`` (n,) at phase 1; both at rest.
         points: (S, 3) of the tool point; the last is the goal's.
         axis: (3,) of the tool.
-        near: (S, n) configurations there, from which the arm's posture is improved.
+        near: (S, n) configurations at the stations, where the iteration begins.
         phases: (S,).
     """
     n, stations = promp.n_joints, len(points) - 1
@@ -252,10 +253,10 @@ def conditioned(
 
 @lru_cache(maxsize=16)
 def _prior_at(promp: ProMP, phases: tuple[float, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Bases (P, K) at start, goal, both ends' velocities and the stations, and covariances.
+    """Bases (P, K) at P places, and the prior's covariances there.
 
-    Those (nK, Pn) of the weights with the joints there, and (Pn, Pn) of the joints; by place, then
-    joint.
+    The places are start, goal, the velocities at both, and the stations. The covariances are those
+    of the weights with the joints (nK, Pn) and of the joints (Pn, Pn), by place, then joint.
     """
     n, count = promp.mean.shape
     ends = np.array([0.0, 1.0])

@@ -1,4 +1,4 @@
-"""Goal configurations: found by inverse kinematics, ranked by room, checked by the judge."""
+"""Goal configurations: found by inverse kinematics, ranked by clearance, checked by the judge."""
 
 import time
 
@@ -16,7 +16,10 @@ from optipromp.scenes.scene import JointGoal, PoseGoal
 
 
 def clearance(task: Task, q: FloatArray) -> FloatArray:
-    """Room (m,) of configurations ``q`` (m, n) to static things, and of B_d to the others [m]."""
+    """Clearance (m,) of configurations ``q`` (m, n) that ranks them, at most ``GOAL.room`` [m].
+
+    It is the smallest distance to static objects, of B_d to the others, and between links.
+    """
     e = Evaluation(task.robot, task.body, len(q), 1.0)
     e.move_to(q)
     around = task.surroundings
@@ -35,7 +38,7 @@ def clearance(task: Task, q: FloatArray) -> FloatArray:
 def find(task: Task, seed: int, starts: int = GOAL.starts) -> FloatArray:
     """Goal configurations (m, n), best first; empty where there is none.
 
-    With ``GOAL.many_starts``, solutions that are closer to one another are kept.
+    With ``GOAL.many_starts`` starts, solutions may be closer to one another.
     """
     if isinstance(task.goal, JointGoal):
         return task.goal.joints[None]
@@ -56,15 +59,15 @@ def find(task: Task, seed: int, starts: int = GOAL.starts) -> FloatArray:
 def nearest(task: Task, begin: FloatArray) -> FloatArray | None:
     """The goal configuration (1, n) on the branch of ``begin`` (n,); None where it is not free.
 
-    It is come to as the arm comes to it: along the approach, from as far before the camera point
-    as that is before the lowest fruit.
+    Inverse kinematics follows the approach line to it. The line begins as far before the camera
+    point as the camera point is before the lowest fruit.
     """
     if isinstance(task.goal, JointGoal):
         return None
     robot, approach = task.robot, task.scene.approach
     before = task.camera - approach.camera_distance * task.scene.frame[2]
-    way, axes = np.array([before, task.goal.position]), np.array([task.goal.axis] * 2)
-    found, errors = ik.track(robot, way, axes, begin)
+    line, axes = np.array([before, task.goal.position]), np.array([task.goal.axis] * 2)
+    found, errors = ik.track(robot, line, axes, begin)
     if errors.max() > GOAL.nearest_error:
         return None
     goal = level(robot, found[1:], task.scene.frame[0])
@@ -75,7 +78,7 @@ def nearest(task: Task, begin: FloatArray) -> FloatArray | None:
 
 
 def free(task: Task, goals: FloatArray) -> tuple[FloatArray, str]:
-    """The best goal configurations that touch nothing, and what the first other one touches."""
+    """The best goal configurations that touch nothing, and the contacts of the first that does."""
     best = goals[: GOAL.enough]
     if len(best) and not judging.clearances(task.scene, task.robot, best)[1]:
         return best, ""
@@ -98,18 +101,19 @@ def choose(
     begin: FloatArray | None = None,
     deadline: float = np.inf,
 ) -> tuple[FloatArray, bool, str]:
-    """Goal configurations to plan to, whether they are free, and a word where they are not.
+    """Goal configurations to plan to, whether they are free, and why not.
 
     Args:
         task: scene and robot.
         seed: of the random starts.
         starts: how many of them.
-        begin: (n,) where one configuration is enough, and is looked for from here before all.
-        deadline: of ``time.perf_counter()``, from when on those that were found first must do.
+        begin: (n,) where one goal configuration is enough: the one on the branch of this
+            configuration is tried first.
+        deadline: of ``time.perf_counter()``, after which no further starts are tried.
 
     Returns:
-        (m, n) configurations, at most ``GOAL.enough`` where they are free; whether they touch
-        nothing; and, where none does, or none exists, why.
+        Configurations (m, n), at most ``GOAL.enough`` where they are free; whether they touch
+        nothing; and the reason where all of them touch an object or none exists.
     """
     only = None if begin is None else nearest(task, begin)
     if only is not None:

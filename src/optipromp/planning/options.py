@@ -1,4 +1,4 @@
-"""What a planner may be told."""
+"""The settings of a plan."""
 
 from dataclasses import dataclass, field, fields
 from typing import Literal, get_args

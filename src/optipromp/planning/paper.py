@@ -31,27 +31,26 @@ from optipromp.arrays import FloatArray
 from optipromp.judging import Judgement, Violation
 from optipromp.optimization import gauss_newton
 from optipromp.optimization.costs import Cost
-from optipromp.optimization.costs.joints import LimitCost, SmoothnessCost, StepCost
-from optipromp.optimization.costs.obstacles import ClearanceCost, SelfCost
+from optipromp.optimization.costs.joints import SmoothnessCost
 from optipromp.optimization.costs.tool import GoalCost
 from optipromp.planning.functionals import functionals
 from optipromp.planning.options import PlanOptions, Strategy
 from optipromp.planning.paper_problem import Posed, posed_problems
 from optipromp.planning.parameters import PAPER, SOLVE
 from optipromp.planning.result import Planned, Stage
+from optipromp.planning.solve import limits_and_clearances, schedule
 from optipromp.planning.task import Task
-from optipromp.planning.timing import timed
+from optipromp.planning.timing import timed_past
 from optipromp.promp.model import ProMP
-from optipromp.pushing.parameters import PUSH
 from optipromp.scenes.scene import JointGoal, PoseGoal
 from optipromp.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """A posed problem, the trajectory it led to, and the judge's word on it.
+    """A posed problem, the trajectory that solves it, and its judgement.
 
-    ``objective`` is Σ α·F with the quadratic F_p, by which valid plans are compared.
+    ``objective`` is Σ α·F with the quadratic F_p; valid plans are compared by it.
     """
 
     posed: Posed
@@ -62,7 +61,7 @@ class Solved:
 
     @property
     def rank(self) -> tuple[bool, float]:
-        """Less is better."""
+        """Sort key: valid before invalid, then by the objective."""
         return bool(self.judgement.violations), self.objective
 
 
@@ -115,26 +114,17 @@ def solve(
     times = {stage.name: stage.seconds for stage in stages}
     times[strategy] = time.perf_counter() - began
     posed = best.posed
-    initial = _timed(posed, posed.initial)
+    initial = timed_past(task, options, posed.initial, posed.waypoints.first)
     return Planned(
         initial, initial, best.trajectory, posed.waypoints.first, stages, bool(stages), times,
         best.judgement,
     )  # fmt: skip
 
 
-def _timed(posed: Posed, q: FloatArray) -> Trajectory:
-    """Waypoints (T, n) as a trajectory, slow from t_1 on where there is something to push."""
-    task, options = posed.task, posed.options
-    slow = q[posed.waypoints.first :] if task.neighbours else None
-    return timed(
-        task.robot, q, options.duration, slow, options.approach_speed or PUSH.hanging.speed
-    )
-
-
 def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
-    """The trajectory ``q`` (T, n) as the judge sees it, and constraint 1 where it must hold."""
+    """Judge ``q`` (T, n); with ``constraints: paper`` also by constraints 1 and 2."""
     task, options = posed.task, posed.options
-    trajectory = _timed(posed, q)
+    trajectory = timed_past(task, options, q, posed.waypoints.first)
     judgement = judging.judge(task.scene, task.robot, trajectory, task.start)
     if options.constraints == "paper":
         missing = [
@@ -158,7 +148,7 @@ def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
 
 
 def drift_shortfalls(posed: Posed, q: FloatArray) -> dict[str, float]:
-    """By pushable: what is missing [m] of constraint 1 at the worst waypoint of its window.
+    """By pushable: lack [m] of constraint 1 at the worst waypoint of its window.
 
     Tool points come from the judge's own kinematics. Not positive where the constraint holds.
     """
@@ -179,45 +169,26 @@ def drift_shortfalls(posed: Posed, q: FloatArray) -> dict[str, float]:
 def _joint(posed: Posed, deadline: float) -> Solved:
     """All functionals and constraints in one Gauss-Newton solve, from the conditioned ProMP."""
     options, task = posed.options, posed.task
-    robot = task.robot
     if options.iterations == 0:
         return _judged(posed, posed.initial, ())
     began = time.perf_counter()
-    proximal = ~np.asarray(task.body.distal)
-    margin = np.minimum(options.limit_margin, 0.25 * (robot.upper - robot.lower))
-    constraints: list[Cost] = [
-        LimitCost(SOLVE.must, robot.lower + margin, robot.upper - margin),
-        StepCost(SOLVE.firm, np.full(robot.n_joints, options.max_step)),
-        ClearanceCost("clearance", "static", 2 * SOLVE.kept, options.static_clearance),
-        ClearanceCost("avoid", "dynamic", SOLVE.firm, options.avoid_clearance, proximal),
-        ClearanceCost("tool avoid", "dynamic", SOLVE.wish, 0.0, ~proximal),
-        SelfCost(SOLVE.firm, options.self_clearance),
-        posed.rows(PAPER.stiffness),
-    ]
+    constraints = [*limits_and_clearances(task, options), posed.rows(PAPER.stiffness)]
     if isinstance(task.goal, PoseGoal):
         constraints.append(GoalCost(SOLVE.must, task.goal.position, task.goal.axis))
     terms = [*posed.functionals(), SmoothnessCost(options.smoothness), *options.costs]
     problem = posed.problem(terms, constraints, ends=isinstance(task.goal, JointGoal))
-    result = gauss_newton.solve(problem, posed.initial, _schedule(options.iterations), deadline)
+    result = gauss_newton.solve(problem, posed.initial, schedule(options), deadline)
     seconds = time.perf_counter() - began
     names = tuple(term.name for term in terms)
     stage = Stage("joint", "gauss-newton", names, result.history, seconds, result.message)
     return _judged(posed, result.q, [stage])
 
 
-def _schedule(iterations: int | None) -> gauss_newton.GaussNewtonOptions:
-    """The solver's own schedule, or so many ``iterations`` over its two stages."""
-    if iterations is None:
-        return gauss_newton.GaussNewtonOptions()
-    half = iterations // 2
-    return gauss_newton.GaussNewtonOptions(iterations=(half, iterations - half))
-
-
 def _staged(posed: Posed, radius: float, deadline: float) -> Solved:
     """Push and collision, one after the other, the push from trust ``radius`` [rad].
 
-    With ``constraints: paper`` a collision stage after the push holds constraints 1 to 3, as
-    penalties beside its bounds; without, as the authors', it may undo a drift.
+    With ``constraints: paper``, a collision stage after the push holds constraints 1 to 3 as
+    penalties. Without, as in the authors' planner, it may undo a part of the drift.
     """
     options, q = posed.options, posed.initial
     stages: list[Stage] = []
@@ -289,7 +260,7 @@ class Spline:
         self.history.append(self.problem.evaluate(self.at(c)).costs)
 
     def stage(self, name: str, solver: str, message: str, radius: float | None = None) -> Stage:
-        """What there is to say of the stage."""
+        """The record of the stage."""
         names = tuple(term.name for term in self.problem.costs)
         seconds = time.perf_counter() - self.began
         return Stage(name, solver, names, tuple(self.history), seconds, message, radius)

@@ -14,7 +14,7 @@ PaperDrift = Literal["paper", "lateral-plane"]
 
 @dataclass(frozen=True)
 class PaperOptions:
-    r"""What the paper leaves open. Defaults are the paper's values, or those of its authors.
+    r"""Settings that the paper leaves open. Defaults are the paper's, or its authors'.
 
     Attributes:
         alphas: α1 … α4, the weights of F_s, F_d, F_p and F_v.

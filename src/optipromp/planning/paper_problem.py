@@ -139,7 +139,7 @@ def posed_problems(
 
     The configuration whose motion takes fewest waypoints comes first.
     """
-    positions = [thing.position for thing in task.neighbours]
+    positions = [obj.position for obj in task.neighbours]
     branches: list[tuple[FloatArray, FloatArray]] = []
     for goal in goals:
         branch = None
@@ -150,7 +150,7 @@ def posed_problems(
             branches.append((goal[None], np.zeros(1)))
             continue
         variances = via.deviations**2
-        variances[1:-1] += [detection_variance(thing) for thing in task.neighbours]
+        variances[1:-1] += [detection_variance(obj) for obj in task.neighbours]
         branches.append((branch, variances / PRIMITIVE.lever_arm**2))
     branches.sort(key=lambda branch: spaced(task, options, branch[0]).count)
     for values, variances in branches:

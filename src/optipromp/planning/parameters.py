@@ -9,19 +9,19 @@ from optipromp.parameters import Checked, parameter
 class WaypointParameters(Checked):
     """How many waypoints a reach has, and how they are spread along it."""
 
-    fewest: int = parameter(60, "1", "choice", "of a trajectory")
-    fewest_reach: int = parameter(25, "1", "choice", "before the path begins")
-    fewest_approach: float = parameter(40.0, "1", "choice", "on the path")
-    most: int = parameter(600, "1", "choice", "of a trajectory")
+    fewest: int = parameter(60, "1", "choice", "least number of a trajectory")
+    fewest_reach: int = parameter(25, "1", "choice", "least number before the path")
+    fewest_approach: float = parameter(40.0, "1", "choice", "least number on the path")
+    most: int = parameter(600, "1", "choice", "largest number of a trajectory")
     peak: float = parameter(
-        1.9, "1", "choice", "largest over mean speed of a smooth reach; minimum jerk: 1.875"
+        1.9, "1", "choice", "ratio of largest to mean speed of a smooth reach; minimum jerk: 1.875"
     )
-    tool_step: float = parameter(0.005, "m", "choice", "of the tool on its path, at most")
-    tool_time: float = parameter(0.17, "s", "choice", "between waypoints on the path, at most")
+    tool_step: float = parameter(0.005, "m", "choice", "largest step of the tool on its path")
+    tool_time: float = parameter(0.17, "s", "choice", "longest time between waypoints on the path")
     braking: float = parameter(
         0.3, "1", "choice", "share of the approach's time in which the tool comes to rest"
     )
-    primitive: int = parameter(150, "1", "choice", "of a primitive's trajectory")
+    primitive: int = parameter(150, "1", "choice", "number of a primitive's trajectory")
 
 
 @dataclass(frozen=True)
@@ -32,31 +32,39 @@ class FollowParameters(Checked):
         8, "1", "choice", "points of the path that the primitive is conditioned on"
     )
     linearisations: int = parameter(
-        4, "1", "measured", "of the kinematics; the last changes a joint by some 1e-3 rad"
+        4, "1", "measured", "of the kinematics; the last one changes a joint by about 1e-3 rad"
     )
-    posture_step: float = parameter(0.5, "rad", "choice", "of a joint at a station in one of them")
+    posture_step: float = parameter(
+        0.5, "rad", "choice", "largest, of a joint at a station in one linearisation"
+    )
     station_deviation: float = parameter(
-        2e-3, "m", "choice", "to which the primitive is held there, as the corridor of the solve"
+        2e-3, "m", "choice", "of the tool point at a station; equal to the corridor of the solve"
     )
     axis_lever: float = parameter(0.3, "m", "choice", "weighs the tool axis against the point")
     tracked: float = parameter(1e-4, "m", "choice", "largest error of a followed tool point")
-    task_tracked: float = parameter(1e-5, "m", "choice", "and of a followed task point")
+    task_tracked: float = parameter(1e-5, "m", "choice", "largest error of a followed task point")
 
 
 @dataclass(frozen=True)
 class GoalParameters(Checked):
     """Goal configurations (``planning/goals.py``)."""
 
-    few_starts: int = parameter(12, "1", "choice", "of the inverse kinematics of a primitive")
-    starts: int = parameter(24, "1", "measured", "enough where there are enough; decisions.md")
-    more_starts: int = parameter(48, "1", "choice", "where fewer than ``spare`` are free")
-    many_starts: int = parameter(320, "1", "choice", "where none is free")
+    few_starts: int = parameter(12, "1", "choice", "of inverse kinematics, for a primitive")
+    starts: int = parameter(24, "1", "measured", "of inverse kinematics, at first; decisions.md")
+    more_starts: int = parameter(48, "1", "choice", "where fewer than ``spare`` solutions are free")
+    many_starts: int = parameter(320, "1", "choice", "where no solution is free")
     enough: int = parameter(6, "1", "choice", "free configurations to choose among")
-    spare: int = parameter(3, "1", "choice", "fewer free ones are reason to look for more")
-    room: float = parameter(0.06, "m", "choice", "beyond which more clearance is not better")
-    self_margin: float = parameter(0.01, "m", "choice", "beyond which more between links is not")
-    nearest_error: float = parameter(1e-6, "m", "choice", "of a goal that is followed to")
-    nearest_margin: float = parameter(0.05, "rad or m", "choice", "its least from joint limits")
+    spare: int = parameter(
+        3, "1", "choice", "with fewer free configurations, more starts are tried"
+    )
+    room: float = parameter(0.06, "m", "choice", "clearance beyond which more is not better")
+    self_margin: float = parameter(0.01, "m", "choice", "the same between links")
+    nearest_error: float = parameter(
+        1e-6, "m", "choice", "largest error of a goal found by following the approach line"
+    )
+    nearest_margin: float = parameter(
+        0.05, "rad or m", "choice", "least distance of that goal from the joint limits"
+    )
 
 
 @dataclass(frozen=True)
@@ -65,21 +73,25 @@ class SolveParameters(Checked):
 
     must: float = parameter(1e6, "1/m^2", "choice", "joint limits, what is touched, the goal")
     firm: float = parameter(
-        1e5, "1/m^2", "choice", "clearance from what to avoid and from itself, joint steps"
+        1e5, "1/m^2", "choice", "clearance from objects to avoid and between links, joint steps"
     )
     kept: float = parameter(1e4, "1/m^2", "choice", "clearance from static objects, the path")
     wish: float = parameter(
-        1e3, "1/m^2", "choice", "the tool's clearance from what to avoid, the level of a hand"
+        1e3, "1/m^2", "choice", "the tool's clearance from objects to avoid, the level of a hand"
     )
     lean: float = parameter(1e2, "1/rad^2", "choice", "the tilt of the tool on the path")
-    touch_margin: float = parameter(1e-3, "m", "choice", "under which clearance beats the goal")
+    touch_margin: float = parameter(
+        1e-3, "m", "choice", "clearance below which contact counts as much as the goal"
+    )
     upright: float = parameter(2.0, "deg", "choice", "tilt of the tool allowed on the path")
-    within: float = parameter(3e-3, "1", "choice", "of the stiffness of the path, within it")
+    within: float = parameter(
+        3e-3, "1", "choice", "curvature inside the corridor, as a share of its walls'"
+    )
     safety: float = parameter(0.01, "m", "published", "epsilon of F_s and F_d; the method")
     far_damping: float = parameter(
-        1e-2, "1", "choice", "first damping for a start that breaks constraints"
+        1e-2, "1", "choice", "first damping where a start breaks constraints"
     )
-    far_tolerance: float = parameter(1e-2, "1", "choice", "gain that ends its stage")
+    far_tolerance: float = parameter(1e-2, "1", "choice", "gain that ends a stage of such a start")
 
 
 @dataclass(frozen=True)
@@ -87,14 +99,14 @@ class PrimitiveParameters(Checked):
     """The built-in prior, and conditioning on task points (``planning/primitive.py``)."""
 
     acceleration: float = parameter(
-        40.0, "rad", "choice", "a unit of phase²: standard deviation of the prior's acceleration"
+        40.0, "rad", "choice", "per unit of phase²: standard deviation of the prior's acceleration"
     )
     position: float = parameter(3.0, "rad", "choice", "standard deviation of the prior's position")
     paused: float = parameter(
-        0.1, "rad", "choice", "a unit of phase: standard deviation from standing still"
+        0.1, "rad", "choice", "per unit of phase: standard deviation of the velocity at a pause"
     )
     lever_arm: float = parameter(
-        0.4, "m", "guess", "turns a standard deviation of the tool point into one of the joints"
+        0.4, "m", "guess", "standard deviation of the tool point over that of the joints"
     )
     camera_phase: float = parameter(0.5, "1", "choice", "at which the camera point is passed")
 
@@ -111,16 +123,16 @@ class PaperParameters(Checked):
         1e2,
         "1/m^2",
         "measured",
-        "of them in a collision stage after the push; at 1 9 mm are lacking",
+        "of them in a collision stage after the push; 1 leaves a lack of 9 mm",
     )
     margin: float = parameter(
-        1e-3, "m", "choice", "beyond constraint 1, as much as penalties and barriers give way"
+        1e-3, "m", "choice", "added to constraint 1: penalties and barriers yield by as much"
     )
     control_points: int = parameter(18, "1", "choice", "of the spline that moves the trajectory")
     unit: float = parameter(0.01, "rad, m", "choice", "of SciPy's variables and rows")
     barrier: float = parameter(0.03, "1", "choice", "first of trust-constr, and its tolerance")
     every: int = parameter(
-        4, "1", "choice", "waypoints between those that hold constraint 3: the spline is smooth"
+        4, "1", "choice", "constraint 3 holds at every fourth waypoint: the spline is smooth"
     )
     push_iterations: tuple[int, int] = parameter(
         (10, 15), "1", "published", "of scenarios III (push first) and IV (push last)"
@@ -129,7 +141,7 @@ class PaperParameters(Checked):
         (3, 15), "1", "published", "of scenarios IV (collision first) and III (last)"
     )
     held_iterations: int = parameter(
-        60, "1", "measured", "of a collision stage that holds constraints; 15 leave contacts"
+        60, "1", "measured", "of a collision stage with constraints; 15 leave contacts"
     )
 
 

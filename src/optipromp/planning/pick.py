@@ -24,10 +24,10 @@ from optipromp.pushing.rules import rule_paths
 from optipromp.scenes.scene import PoseGoal
 from optipromp.trajectory import Trajectory
 
-INVALID = 2.5  # harm added where the trajectory is not valid; less than a swallowed fruit's
-GOALS = 3  # goal configurations that a path is followed to
+INVALID = 2.5  # harm added where the trajectory is not valid; less than that of a swallowed fruit
+GOALS = 3  # goal configurations that a path is followed to, at most
 TRIES = 6  # paths that are followed while no trajectory is valid
-SAMPLE_ROUNDS = 4  # of samples of the primitive, where no goal is reached validly
+SAMPLE_ROUNDS = 4  # rounds of samples of the primitive, where no motion to a goal is valid
 RULE_SPEED = PUSH.hanging.speed  # of the tool along a path that the rule gives
 FEWEST, PEAK = WAYPOINT.fewest, WAYPOINT.peak
 
@@ -40,7 +40,7 @@ def pick(
     seed: int,
     deadline: float,
 ) -> Planned:
-    """The valid trajectory of least predicted harm, or the one that comes nearest to valid.
+    """The valid trajectory of least predicted harm; without a valid one, the best of the others.
 
     Args:
         task: scene and robot.
@@ -78,7 +78,7 @@ def _of(model: PushModel, task: Task, attempt: Attempt) -> Prediction:
 
 
 def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> Planned:
-    """The outcome of the attempt that was kept."""
+    """The outcome of the best attempt."""
     start, made = attempt.start, attempt.trajectory
     history = attempt.history
     stage = Stage("joint", "gauss-newton", tuple(history[0]), history, seconds, attempt.message)
@@ -95,9 +95,9 @@ def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> 
 def tool_paths(
     task: Task, model: PushModel | None, rng: np.random.Generator, deadline: float
 ) -> Iterator[tuple[ToolPath, float]]:
-    """Paths of the tool to the target, and the harm that is good; none where nothing is pushed.
+    """Tool paths to the target, each with the harm that is good; none where nothing is in the way.
 
-    The best in the model of the push, or, where no model knows it, the rule's.
+    The paths come from the search in the push model, or from the rule where there is no model.
     """
     if model is not None:
         assert isinstance(task.goal, PoseGoal)
@@ -108,9 +108,9 @@ def tool_paths(
 
 
 def along(solver: Solver, path: ToolPath, promp: ProMP, goals: FloatArray) -> Attempt | None:
-    """The first valid attempt to follow a path, over the goals it can be followed to.
+    """The first valid attempt to follow a path, over the goals to which it can be followed.
 
-    Where none is valid the best of them; None where the path cannot be followed.
+    Without a valid attempt, the best one. None where the path cannot be followed.
     """
     task, options = solver.task, solver.options
     assert isinstance(task.goal, PoseGoal)

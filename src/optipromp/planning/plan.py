@@ -1,4 +1,4 @@
-"""``plan``: the one way in, for all planners."""
+"""``plan``: the entry point of all planners."""
 
 import contextlib
 import functools
@@ -39,7 +39,7 @@ def _threads() -> tuple[Any, ...]:
 
 @contextlib.contextmanager
 def _one_thread() -> Iterator[None]:
-    """Every matrix here is small: BLAS threads would spend their time waiting for one another."""
+    """Run BLAS on one thread: on small matrices its threads only wait for one another."""
     before = [(library, library.get_num_threads()) for library in _threads()]
     many = [(library, count) for library, count in before if count != 1]
     for library, _ in many:
@@ -108,7 +108,7 @@ def check_planner(planner: str, strategy: str) -> None:
 
 
 def warm_up() -> None:
-    """Compile every kernel, or load it from the cache, so that no plan's time pays for that."""
+    """Compile every kernel, or load it from the cache, before a plan's time counts."""
     len(plan("scenario-3", options=PlanOptions(timeout=math.inf)).terms)  # computed when read
 
 
@@ -192,7 +192,7 @@ def _plan(
 def _status(
     found: Verdict, outcome: Planned, options: PlanOptions, deadline: float
 ) -> tuple[Code, str]:
-    """Status and message; time may have run out before anything was made of the start."""
+    """Status and message of an outcome, from its verdict and the time that is left."""
     late = time.perf_counter() > deadline
     note = "" if outcome.optimised else " (not optimised)"
     wrong = found.judgement.message
@@ -210,7 +210,7 @@ def _status(
 def _terms(
     task: Task, options: PlanOptions, outcome: Planned, paper: bool, strategy: Strategy
 ) -> dict[str, Term]:
-    """Each functional at the three trajectories, and over the stage that optimises it."""
+    """Each functional at the three trajectories, and over the stage that minimises it."""
 
     def values(trajectory: Trajectory) -> dict[str, float]:
         own = paper and strategy == "sequential"

@@ -1,4 +1,4 @@
-"""Which model knows the push of a task, and the tool's motion as a model asks for it."""
+"""The push model of a task, and the motion of the tool as a model takes it."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -15,11 +15,11 @@ from optipromp.pushing.standing import Standing
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import PoseGoal, Scene
 
-AMONG = 0.3  # [m] behind the target within which the arm may meet what stands
+AMONG = 0.3  # [m] behind the target within which the arm may meet objects that stand
 
 
 def push_model(task: Task, goal: FloatArray) -> PushModel | None:
-    """The model that knows what the tool pushes; None where there is none, or nothing to push.
+    """The push model of a task; None where no model applies or nothing is to be pushed.
 
     ``goal`` (n,) is a configuration of the arm at the target.
     """
@@ -44,7 +44,7 @@ def tool_motion(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def pushed_aside(task: Task) -> Task:
-    """The task once the tool has pushed aside what stands: it is in the way of no arm link."""
+    """The task without the objects that stand: the tool pushes them aside before the arm comes."""
     if not isinstance(task.goal, PoseGoal) or not standing.applies(task.scene, task.robot.tool):
         return task
     scene = emptied(task.scene)
@@ -59,16 +59,16 @@ def emptied(scene: Scene) -> Scene:
 
 
 def wrist(task: Task, goal: FloatArray) -> list[FloatArray]:
-    """What of the arm is among the objects as the tool is at the target: a box (4, 2) a link.
+    """The links among the objects while the tool is at the target: one box (4, 2) per link.
 
-    In the coordinates of the tool's outline, for the arm at a goal configuration (n,).
+    The boxes are in the coordinates of the tool's outline, for a goal configuration (n,).
     """
     robot, scene = task.robot, task.scene
     assert isinstance(task.goal, PoseGoal)
     local = (robot.sphere_centers(goal) - task.goal.position) @ scene.frame.T
     radius, link = np.asarray(robot.spheres.radius), np.asarray(robot.spheres.link)
-    packs = [(thing.position - task.goal.position) @ scene.frame[0] for thing in scene.pushables]
-    tall = max(thing.radius for thing in scene.pushables)
+    packs = [(obj.position - task.goal.position) @ scene.frame[0] for obj in scene.pushables]
+    tall = max(obj.radius for obj in scene.pushables)
     level_with = (local[:, 0] + radius > min(packs) - tall) & (
         local[:, 0] - radius < max(packs) + tall
     )

@@ -1,4 +1,4 @@
-"""Movement primitives: learnt, conditioned, and the two planners that do no more than that."""
+"""Movement primitives: learnt, conditioned; and the planners ``promp`` and ``i-promp``."""
 
 import functools
 import math
@@ -15,14 +15,13 @@ from optipromp.planning.options import Planner, PlanOptions
 from optipromp.planning.parameters import FOLLOW, PRIMITIVE, WAYPOINT
 from optipromp.planning.result import Planned, ViaPoint
 from optipromp.planning.task import Task
-from optipromp.planning.timing import timed
+from optipromp.planning.timing import timed_past
 from optipromp.promp.basis import Basis
 from optipromp.promp.conditioning import conditioned_mean
 from optipromp.promp.demonstrations import load_demonstrations
 from optipromp.promp.learning import fit
 from optipromp.promp.model import ProMP
 from optipromp.pushing.interactive import pushes
-from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.rules import detection_variance
 from optipromp.robots import ik
 from optipromp.robots.model import Robot
@@ -48,10 +47,9 @@ def _prior_covariance(basis: Basis) -> FloatArray:
 
 
 def smooth_prior(robot: Robot, basis: Basis = BASIS) -> ProMP:
-    """A ProMP that knows no task, only that motions are smooth and rest at both ends.
+    """A ProMP of smooth motions that rest at both ends; it knows no task.
 
-    What an arm without demonstrations is planned with, and what widens a learnt ProMP where its
-    demonstrations say nothing.
+    It stands in for the ProMP of an arm without demonstrations, and it widens a learnt ProMP.
     """
     n = robot.n_joints
     covariance = np.kron(np.eye(n), _prior_covariance(basis))
@@ -63,9 +61,8 @@ def smooth_prior(robot: Robot, basis: Basis = BASIS) -> ProMP:
 def widened(promp: ProMP, robot: Robot, share: float = 0.01) -> ProMP:
     """``promp`` with ``share`` of the smooth prior's covariance added.
 
-    A ProMP learnt from few or alike demonstrations can be conditioned far from them only by
-    extrapolating its sample covariance; with the prior added, what they do not explain is
-    interpolated smoothly instead.
+    A ProMP of few or similar demonstrations has a sample covariance that extrapolates badly. With
+    the prior added, conditioning far from the demonstrations interpolates smoothly.
     """
     promp = promp.for_joints(robot.joint_names)
     prior = smooth_prior(robot, promp.basis)
@@ -89,7 +86,7 @@ def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis =
         demonstrations: a learnt ProMP, demonstrations to learn from (``.npz`` of a ProMP or of
             demonstrations, CSV, a folder of CSVs), or None for the robot's built-in ones (a smooth
             prior where it has none).
-        basis: used where something is learnt.
+        basis: of a ProMP that is learnt here.
 
     Raises:
         InvalidDemonstrationError: a file that cannot be used; joints of other names.
@@ -125,7 +122,7 @@ class ViaPoints:
         positions: (m, 3) of the tool point [m].
         axes: (m, 3) of the tool axis.
         phases: (m,), the first at t_1, the last at 1.
-        deviations: (m,) [m] how closely the ProMP is held to them.
+        deviations: (m,) standard deviation with which the ProMP is held to them [m].
     """
 
     positions: FloatArray
@@ -168,7 +165,7 @@ def led_through(
     count: int,
     pause: float | None = None,
 ) -> FloatArray:
-    """Mean (T, n), at ``count`` knots, of ``promp`` led through configurations, with exact ends.
+    """Mean (T, n) of ``promp`` at ``count`` waypoints, conditioned on configurations.
 
     Args:
         promp: what is conditioned.
@@ -176,7 +173,7 @@ def led_through(
         phases: (m,) of the configurations.
         values: (m, n).
         variances: (m,) [rad²] of each; 0 is exact.
-        count: knots.
+        count: waypoints.
         pause: a phase at which the arm stands still.
     """
     places, spread = [(0.0, 0)], [0.0]
@@ -189,7 +186,7 @@ def led_through(
     spread += variances.tolist()
     mean = conditioned_mean(promp, tuple(places), np.concatenate(targets), tuple(spread))
     out = promp.basis.evaluate(count) @ mean.T
-    out[0], out[-1] = start, values[-1]  # a conditioned ProMP meets them to rounding
+    out[0], out[-1] = start, values[-1]  # a conditioned ProMP meets them up to rounding
     return np.asarray(out)
 
 
@@ -228,15 +225,15 @@ def plan_primitive(
         if planner == "i-promp":
             deviation = paper.direction_deviation
             rng = np.random.default_rng(seed) if deviation > 0.0 else None
-            things = task.neighbours
-            for push, thing in zip(
-                pushes(task.scene, things, task.robot.gripper_radius, rng, deviation),
-                things,
+            objects = task.neighbours
+            for push, obj in zip(
+                pushes(task.scene, objects, task.robot.gripper_radius, rng, deviation),
+                objects,
                 strict=True,
             ):
                 names += [push.id, f"{push.id} pushed"]
                 positions += [push.position, push.pushed]
-                variances += [detection_variance(thing)] * 2
+                variances += [detection_variance(obj)] * 2
         via = via_points(task, positions, phase, paper.via_deviation)
         branch = on_branch(task, via, goal)
         if branch is not None:
@@ -251,9 +248,6 @@ def plan_primitive(
         q = led_through(promp, task.start, via.phases, branch, spread, count, phase)
         q[-1] = goal
     first = math.ceil(phase * (count - 1))
-    slow = q[first:] if task.neighbours else None
-    trajectory = timed(
-        task.robot, q, options.duration, slow, options.approach_speed or PUSH.hanging.speed
-    )
+    trajectory = timed_past(task, options, q, first)
     seconds = time.perf_counter() - began
     return Planned(trajectory, trajectory, trajectory, first, (), True, {planner: seconds}, via=met)

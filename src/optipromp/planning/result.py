@@ -1,4 +1,4 @@
-"""What a planner comes to: the stages of an optimisation, an outcome, a plan."""
+"""The results of planning: stages of an optimisation, an outcome, a plan."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -49,18 +49,19 @@ class ViaPoint:
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """Three trajectories, what was done between them, and the judge's word where it was heard.
+    """The outcome of a planner: three trajectories, and what was done between them.
 
     Attributes:
         primitive: the conditioned ProMP.
-        followed: the same, led along the tool path; the primitive where there is none.
-        trajectory: the last, optimised.
+        followed: the conditioned ProMP, led along the tool path; without a path, equal to
+            ``primitive``.
+        trajectory: the optimised one.
         first: index of the first waypoint on the approach.
         stages: of the optimisation.
-        optimised: whether there was any.
+        optimised: whether an optimisation took place.
         time: by stage [s].
-        judgement: of the trajectory, if it was judged.
-        prediction: of its push, if that was predicted.
+        judgement: of the trajectory; None where it is not judged yet.
+        prediction: of its push; None where it is not predicted yet.
         via: points of the tool that the primitive was conditioned on, the target last.
     """
 
@@ -96,7 +97,7 @@ class Term:
 
 
 class Terms(Mapping[str, Term]):
-    """Functionals by name, computed when they are first read: few who plan do."""
+    """Functionals by name, computed when they are first read, because few users read them."""
 
     def __init__(self, compute: Callable[[], dict[str, Term]]) -> None:
         self._compute: Callable[[], dict[str, Term]] | None = compute
@@ -125,10 +126,10 @@ class Terms(Mapping[str, Term]):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What a planner returns: a trajectory, what it does, and whether it is a success.
+    """A plan: a trajectory, its metrics, and whether it is a success.
 
-    Three trajectories tell how the plan came about: ``initial`` is the conditioned ProMP,
-    ``followed`` is the ProMP led along the tool path, ``trajectory`` is the optimised one.
+    It keeps three trajectories: ``initial`` is the conditioned ProMP, ``followed`` is the ProMP led
+    along the tool path, ``trajectory`` is the optimised one.
 
     Attributes:
         scene: what was planned for.
@@ -137,7 +138,7 @@ class Plan:
         strategy: of opti-promp.
         seed: of everything random.
         status: ``success`` only if the judge found nothing wrong and no harm is predicted.
-        message: why, in words.
+        message: the reasons for the status.
         trajectory: the best one found, whatever the status.
         initial: the conditioned ProMP.
         followed: the ProMP led along the tool path; equal to ``initial`` where there is no path.
@@ -145,7 +146,7 @@ class Plan:
         metrics: see :class:`optipromp.judging.Metrics`.
         terms: ``static``, ``avoid``, ``push``, ``velocity``; computed when first read.
         stages: optimisation stages in the order they ran.
-        contacts: pairs that touch and must not.
+        contacts: pairs that touch but must not.
         time: ``total`` and per stage [s].
         first: index of the first waypoint on the approach.
         via: points of the tool that ``promp`` and ``i-promp`` conditioned the primitive on.

@@ -1,7 +1,7 @@
-"""The optimisation that the default planner makes of a followed path, and its judgement.
+"""The optimisation of a followed path in the default planner, and the judgement of its result.
 
-Costs: nearness to obstacles (F_s and F_d), joint accelerations, and the user's own. Constraints, as
-stiff penalties: joint limits, clearances, the goal, and the tool on its path.
+Costs: nearness to obstacles (F_s and F_d), joint accelerations, and the user's own costs.
+Constraints, as stiff penalties: joint limits, clearances, the goal, and the tool on its path.
 """
 
 import time
@@ -30,13 +30,13 @@ from optipromp.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """A start and what became of it.
+    """A start and the trajectory that was optimised from it.
 
     Attributes:
-        start: where it began.
-        trajectory: what would be executed.
+        start: of the optimisation.
+        trajectory: the optimised one, with its timing.
         judgement: of the trajectory.
-        merit: the objective there.
+        merit: value of the objective.
         history: value of each cost after each iteration, the start first.
         message: why the solver stopped.
     """
@@ -50,18 +50,18 @@ class Attempt:
 
     @property
     def valid(self) -> bool:
-        """Whether the judge found nothing."""
+        """Whether the judge found no violation."""
         return not self.judgement.violations
 
 
 class Solver:
-    """Solves starts of one task; keeps its arrays from one to the next.
+    """Optimises starts of one task; keeps its arrays from one start to the next.
 
     Args:
         task: scene and robot.
         options: see :class:`PlanOptions`.
         deadline: of ``time.perf_counter()``.
-        scene: that the result is judged in.
+        scene: in which the result is judged.
         stem_side: whether passing a stem on its side is a fault; see :func:`judging.judge`.
     """
 
@@ -78,22 +78,22 @@ class Solver:
 
     def solve(self, start: Start) -> Attempt:
         """Optimise a start and judge the result."""
-        schedule = _schedule(self.options)
+        settings = schedule(self.options)
         task, count = self.task, start.waypoints.count
         if count not in self._arrays:
             self._arrays[count] = Evaluation(task.robot, task.body, count, 1.0 / (count - 1))
         problem = following(task, self.options, start, self._arrays[count])
-        value = problem.evaluate(start.followed, schedule.stages[-1])
+        value = problem.evaluate(start.followed, settings.stages[-1])
         if self.options.iterations == 0 or self.late():
             return self._judged(start, start.followed, value.merit, (value.costs,), "")
-        if schedule.keeps(value):
-            stages = slice(-1, None)
+        if settings.keeps(value):
+            last = slice(-1, None)
             result = gauss_newton.solve(
-                problem, start.followed, schedule, self.deadline, stages, value
+                problem, start.followed, settings, self.deadline, last, value
             )
         else:
-            schedule = replace(schedule, damping=SOLVE.far_damping, tolerance=SOLVE.far_tolerance)
-            result = gauss_newton.solve(problem, start.followed, schedule, self.deadline)
+            settings = replace(settings, damping=SOLVE.far_damping, tolerance=SOLVE.far_tolerance)
+            result = gauss_newton.solve(problem, start.followed, settings, self.deadline)
         history = (value.costs, *result.history[1:])
         return self._judged(start, result.q, result.value.merit, history, result.message)
 
@@ -112,25 +112,16 @@ class Solver:
 
 
 def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation) -> Problem:
-    """Collision, smoothness, limits, the user's costs, and the path where there is one."""
+    """The problem of a start: obstacles, smoothness, limits, the user's costs, the tool path."""
     robot, first = task.robot, start.waypoints.first
-    proximal = ~np.asarray(task.body.distal)
-    margin = np.minimum(options.limit_margin, 0.25 * (robot.upper - robot.lower))
     costs: list[Cost] = [
         ObstacleCost("static", 1.0, SOLVE.safety, "sum"),
         ObstacleCost("avoid", 1.0, SOLVE.safety, "sum"),
         SmoothnessCost(options.smoothness),
         *options.costs,
     ]
-    constraints: list[Cost] = [
-        LimitCost(SOLVE.must, robot.lower + margin, robot.upper - margin),
-        StepCost(SOLVE.firm, np.full(robot.n_joints, options.max_step)),
-        ClearanceCost("touch", "static", SOLVE.must, SOLVE.touch_margin),
-        ClearanceCost("clearance", "static", 2 * SOLVE.kept, options.static_clearance),
-        ClearanceCost("avoid", "dynamic", SOLVE.firm, options.avoid_clearance, proximal),
-        ClearanceCost("tool avoid", "dynamic", SOLVE.wish, 0.0, ~proximal),
-        SelfCost(SOLVE.firm, options.self_clearance),
-    ]
+    touch = ClearanceCost("touch", "static", SOLVE.must, SOLVE.touch_margin)
+    constraints = limits_and_clearances(task, options, touch)
     if isinstance(task.goal, PoseGoal):
         constraints.append(GoalCost(SOLVE.must, task.goal.position, task.goal.axis))
     if start.path is not None and isinstance(task.goal, PoseGoal):
@@ -147,6 +138,21 @@ def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation
         cutoff=max(SOLVE.safety, options.static_clearance, options.avoid_clearance) + 1e-3,
         end_fixed=isinstance(task.goal, JointGoal), body=task.body, evaluation=arrays,
     )  # fmt: skip
+
+
+def limits_and_clearances(task: Task, options: PlanOptions, *further: Cost) -> list[Cost]:
+    """Constraints of every problem of a task: joint limits, steps, ``further`` ones, clearances."""
+    robot, proximal = task.robot, ~np.asarray(task.body.distal)
+    margin = np.minimum(options.limit_margin, 0.25 * (robot.upper - robot.lower))
+    return [
+        LimitCost(SOLVE.must, robot.lower + margin, robot.upper - margin),
+        StepCost(SOLVE.firm, np.full(robot.n_joints, options.max_step)),
+        *further,
+        ClearanceCost("clearance", "static", 2 * SOLVE.kept, options.static_clearance),
+        ClearanceCost("avoid", "dynamic", SOLVE.firm, options.avoid_clearance, proximal),
+        ClearanceCost("tool avoid", "dynamic", SOLVE.wish, 0.0, ~proximal),
+        SelfCost(SOLVE.firm, options.self_clearance),
+    ]
 
 
 def opposite(task: Task) -> tuple[int, int]:
@@ -167,7 +173,8 @@ def opposite(task: Task) -> tuple[int, int]:
     return first + int(low), first + int(high)
 
 
-def _schedule(options: PlanOptions) -> gauss_newton.GaussNewtonOptions:
+def schedule(options: PlanOptions) -> gauss_newton.GaussNewtonOptions:
+    """The solver's own schedule, or ``options.iterations`` divided over its stages."""
     usual = gauss_newton.GaussNewtonOptions()
     if options.iterations is None:
         return usual

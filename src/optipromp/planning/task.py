@@ -1,4 +1,4 @@
-"""From a scene to a task: robot with tool, start, goal, obstacles, and what stands in the way."""
+"""A task: the scene's robot with its tool, start, goal, obstacles and neighbours."""
 
 import functools
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from optipromp.robots.tools import make_tool, with_tool
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
 
 LIMIT_TOLERANCE = 1e-9
-NEAR = 0.065  # [m] obstacles within this of a body sphere are looked up in cells
+NEAR = 0.065  # [m] largest distance of an obstacle from a body sphere that cells list
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Task:
         start: (n,).
         goal: a configuration, or a pose of the tool.
         neighbours: pushables in the way, first met first.
-        standing: the scene that the surroundings are those of.
+        standing: the scene that gives the surroundings.
     """
 
     scene: Scene
@@ -44,12 +44,12 @@ class Task:
 
     @functools.cached_property
     def surroundings(self) -> Surroundings:
-        """Obstacles by role, packed when they are first asked for."""
+        """Obstacles by role, packed when they are first read."""
         return _surroundings(self.standing, self.robot)
 
     @functools.cached_property
     def camera(self) -> FloatArray:
-        """Where the camera looks from (3,): before the goal and the first fruit met."""
+        """Camera point (3,) [m]: before the goal and the lowest fruit."""
         assert isinstance(self.goal, PoseGoal)
         up = self.scene.frame[2]
         heights = [
@@ -72,7 +72,7 @@ def _robot_with_tool(scene: Scene) -> tuple[Robot, BodyPoints]:
     tool = None
     if scene.tool is not None:
         tool = (scene.tool.kind, tuple(sorted(scene.tool.parameters.items())))
-    if scene.robot in robot_names():  # a file may change between plans, a built-in robot does not
+    if scene.robot in robot_names():  # unlike a file, a built-in robot never changes
         return _built_in(scene.robot, tool)
     return _equip(load_robot(scene.robot, scene.base_dir), tool)
 
@@ -96,7 +96,7 @@ def resolve(scene: Scene, robot: Robot | None = None) -> Task:
     """Load the scene's robot and tool and check start and goal against it.
 
     Args:
-        scene: what is to be planned.
+        scene: of the plan.
         robot: with its tool, in place of the scene's robot and tool.
 
     Raises:
@@ -138,7 +138,7 @@ def _within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> None:
 
 @functools.lru_cache(maxsize=32)
 def reach(robot: Robot) -> float:
-    """No point of the robot is ever farther from the base origin than this [m]."""
+    """Largest distance of any point of the robot from the base origin, in any configuration [m]."""
     kin = robot.kinematics
     far = float(np.linalg.norm(kin.translation, axis=1).sum())
     slide = np.maximum(np.abs(robot.lower), np.abs(robot.upper))[kin.dof]

@@ -1,4 +1,4 @@
-"""``judge``: what any trajectory does in a scene, and what its push is expected to do."""
+"""``judge``: the judgement of any trajectory in a scene, and the predicted harm of its push."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,11 +17,11 @@ from optipromp.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """What is to be said of a trajectory.
+    """The judgement of a trajectory and the prediction of its push.
 
     Attributes:
         judgement: metrics and violations, by the independent judge.
-        prediction: of the push; None where no model knows it.
+        prediction: of the push; None where no model applies.
     """
 
     judgement: Judgement
@@ -29,7 +29,7 @@ class Verdict:
 
     @property
     def status(self) -> Code:
-        """``success``, INVALID_PLAN where the judge found something, else HARM_PREDICTED."""
+        """INVALID_PLAN where there are violations, else HARM_PREDICTED or ``success``."""
         if self.judgement.violations:
             return Code.INVALID_PLAN
         harmful = self.prediction is not None and self.prediction.harmful
@@ -49,7 +49,7 @@ class Verdict:
 def judge(
     scene: Scene | str | Path, trajectory: Trajectory, *, robot: Robot | None = None
 ) -> Verdict:
-    """Judge anyone's trajectory in a scene.
+    """Judge a trajectory of any origin in a scene.
 
     Args:
         scene: a scene, a built-in scene's name, or a scene file.
@@ -79,9 +79,9 @@ def verdict(task: Task, trajectory: Trajectory) -> Verdict:
 
 
 def predicted(task: Task, trajectory: Trajectory, first: int = 0) -> Prediction | None:
-    """What the push of a trajectory is expected to do, from waypoint ``first`` on.
+    """The prediction of a trajectory's push from waypoint ``first`` on.
 
-    None where no model knows it, and of a trajectory that does not move.
+    None where no model applies, and for a trajectory that does not move.
     """
     q = trajectory.positions
     model = None if (q == q[0]).all() else push_model(task, q[-1])

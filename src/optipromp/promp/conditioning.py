@@ -74,7 +74,7 @@ def condition(
         iterations: at most so many linearisations, > 0.
         tolerance: within which an exact task point counts as met [m, rad].
         initial: weights (n, K) or (nK,) near which to look; by default the mean, then, should an
-            exact point be missed from there, 24 draws from the prior (always the same).
+            exact point be missed from there, 24 samples of the prior (always the same).
 
     Returns:
         The conditioned ProMP. See :func:`condition_with_report` for how well points were met.
@@ -300,8 +300,8 @@ def _condition_tasks(
         start = _multipliers(promp, weights.reshape(1, n, count), values, spread)[0]
     found = search.solve(start, iterations, tolerance)
     if initial is None and found.missed > tolerance:
-        draws = promp.sample_weights(np.random.default_rng(0), _RESTARTS)
-        for start in _multipliers(promp, draws, values, spread):
+        samples = promp.sample_weights(np.random.default_rng(0), _RESTARTS)
+        for start in _multipliers(promp, samples, values, spread):
             other = search.solve(start, iterations, tolerance)
             found = other if other.missed < found.missed else found
             if found.missed <= tolerance:

@@ -1,7 +1,7 @@
 """Learning a ProMP from partial or unevenly sampled demonstrations."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +24,8 @@ from optipromp.promp.samples import (
     gather,
     given_prior,
 )
+
+Parameters = tuple[FloatArray, FloatArray, FloatArray]  # mean, covariance, noise
 
 
 def fit_em(
@@ -81,38 +83,16 @@ def fit_em(
     samples = gather(demonstrations, joint_names)
     data = _Sums(samples, basis)
     n, count, demos = samples.n_joints, basis.count, len(samples.phases)
-    size = n * count
-    if demos == 1:
-        regularised("one demonstration says nothing about spread; the covariance is the prior's")
-    elif data.identical:
-        regularised(f"the {demos} demonstrations are identical; the covariance is the prior's")
-    cover = data.gram.sum(axis=0).diagonal()
-    if (cover < 1e-3).any():
-        regularised(
-            f"no demonstration shows the movement near phase "
-            f"{basis.centers[int(np.argmin(cover))]:.2f}; the prior completes it"
-        )
-    fixed = None if prior_covariance is None else given_prior(prior_covariance, size)
+    for gap in _gaps(data, basis):
+        regularised(gap)
+    fixed = None if prior_covariance is None else given_prior(prior_covariance, n * count)
     floor = np.repeat(deviation_floor(samples.extent, demos) ** 2, count)
 
-    mean, covariance, noise = _start(data, floor, fixed)
+    current = _start(data, floor, fixed)
     for _ in range(iterations):
-        means, covariances = _expectation(data, mean, covariance, noise)
-        new_mean = means.mean(axis=0)
-        centred = means - new_mean
-        scatter = centred.T @ centred + np.tensordot(data.multiplicity, covariances, axes=1)
-        prior = fixed
-        if prior is None:
-            prior = np.diag(np.maximum(np.diagonal(scatter) / demos, floor))
-        new_covariance = (scatter + strength * prior) / (demos + strength)
-        new_noise = _noise(data, means, covariances)
-        deviation = np.sqrt(np.diagonal(covariance))
-        change = max(
-            float((np.abs(new_mean - mean) / deviation).max()),
-            float(np.abs(np.diagonal(new_covariance) / np.diagonal(covariance) - 1.0).max()),
-            float(np.abs(new_noise / noise - 1.0).max()),
-        )
-        mean, covariance, noise = new_mean, new_covariance, new_noise
+        means, covariances = _expectation(data, *current)
+        new = _maximisation(data, means, covariances, fixed, floor, strength)
+        change, current = _change(current, new), new
         if change < tolerance:
             break
     else:
@@ -122,6 +102,7 @@ def fit_em(
             ConvergenceWarning,
             stacklevel=2,
         )
+    mean, covariance, noise = current
     return ProMP(basis, mean.reshape(n, count), covariance, noise, samples.joint_names)
 
 
@@ -149,9 +130,32 @@ class _Sums:
         self.identical = len(keys) == 1 and apart <= 1e-9 * float(np.abs(self.moment).max())
 
 
-def _start(
-    data: _Sums, floor: FloatArray, fixed: FloatArray | None
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _gaps(data: _Sums, basis: Basis) -> Iterator[str]:
+    """What the demonstrations leave to the prior: their spread, or a stretch of the phase."""
+    demos = len(data.samples.phases)
+    if demos == 1:
+        yield "one demonstration says nothing about spread; the covariance is the prior's"
+    elif data.identical:
+        yield f"the {demos} demonstrations are identical; the covariance is the prior's"
+    cover = data.gram.sum(axis=0).diagonal()
+    if (cover < 1e-3).any():
+        yield (
+            f"no demonstration shows the movement near phase "
+            f"{basis.centers[int(np.argmin(cover))]:.2f}; the prior completes it"
+        )
+
+
+def _change(old: Parameters, new: Parameters) -> float:
+    """Largest change of a mean, in standard deviations, or of a variance, as a share of itself."""
+    variance = np.diagonal(old[1])
+    return max(
+        float((np.abs(new[0] - old[0]) / np.sqrt(variance)).max()),
+        float(np.abs(np.diagonal(new[1]) / variance - 1.0).max()),
+        float(np.abs(new[2] / old[2] - 1.0).max()),
+    )
+
+
+def _start(data: _Sums, floor: FloatArray, fixed: FloatArray | None) -> Parameters:
     """Mean of all samples pooled; the prior, or their spread about it; a tenth of that as noise."""
     gram = data.gram.sum(axis=0)
     gram.flat[:: data.count + 1] += 1e-6 * data.total
@@ -186,6 +190,26 @@ def _expectation(
     force = (gap / noise).transpose(0, 2, 1).reshape(len(gap), -1)
     means = mean + (covariances[data.kind] @ force[..., None])[..., 0]
     return means, covariances
+
+
+def _maximisation(
+    data: _Sums,
+    means: FloatArray,
+    covariances: FloatArray,
+    fixed: FloatArray | None,
+    floor: FloatArray,
+    strength: float,
+) -> Parameters:
+    """The M-step: mean (nK,), covariance (nK, nK) and noise (n,) given the posteriors."""
+    demos = len(means)
+    mean = means.mean(axis=0)
+    centred = means - mean
+    scatter = centred.T @ centred + np.tensordot(data.multiplicity, covariances, axes=1)
+    prior = fixed
+    if prior is None:
+        prior = np.diag(np.maximum(np.diagonal(scatter) / demos, floor))
+    covariance = (scatter + strength * prior) / (demos + strength)
+    return mean, covariance, _noise(data, means, covariances)
 
 
 def _noise(data: _Sums, means: FloatArray, covariances: FloatArray) -> FloatArray:

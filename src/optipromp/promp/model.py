@@ -157,11 +157,11 @@ class ProMP:
         return result
 
     def sample_weights(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """``count`` draws of the weights, (count, n, K)."""
+        """``count`` samples of the weights, (count, n, K)."""
         if count < 0:
             raise InvalidRequestError(f"count of samples must be at least 0, got {count}")
-        draws = rng.standard_normal((count, self.n_weights)) @ self._root.T
-        return (self.weights + draws).reshape(count, *self.mean.shape)
+        offsets = rng.standard_normal((count, self.n_weights)) @ self._root.T
+        return (self.weights + offsets).reshape(count, *self.mean.shape)
 
     def sample(
         self,

@@ -43,7 +43,7 @@ class JointPoint:
 
     @property
     def exact(self) -> bool:
-        """Whether no deviation at all is allowed."""
+        """Whether the point is exact."""
         return self.covariance is None or not np.any(self.covariance)
 
 
@@ -95,7 +95,7 @@ class TaskPoint:
 
     @property
     def exact(self) -> bool:
-        """Whether no deviation at all is allowed of the position."""
+        """Whether the position is exact."""
         return self.covariance is None or not np.any(self.covariance)
 
 

@@ -1,4 +1,4 @@
-"""Planar pushing: which objects are in the way, what the tool does to them, and the path it takes.
+"""Pushing: which objects are in the way, what the tool does to them, and the path of the tool.
 
 Rules give a side to pass each neighbour on. A model of the push predicts the harm of a tool path,
 and one search finds the path of least harm in it.

@@ -1,18 +1,18 @@
-r"""Fruits on bending stems, as few numbers: what the prediction of a push works with.
+r"""Fruits on bending stems, described by few deflections.
 
 A stem is a beam clamped at its root that carries its fruit. Across its axis the deflection w(s)
 follows from the energy
 
 .. math:: \tfrac12\int EI\,{w''}^2\,ds + \tfrac12\int T\,{w'}^2\,ds - \sum_k f_k w(s_k)
 
-with the tension T of the fruit's weight. It is solved once on a fine grid for loads at
-:data:`LOADED` and then known exactly, for such loads, by the deflections u there alone (static
-condensation, Guyan 1965): w = W u with energy ½ uᵀ K u, in each of two directions across the stem.
-A deflected stem draws its fruit up by ½∫w'² ds = ½ uᵀ S u.
+with the tension T of the fruit's weight. The energy is minimised once, on a fine grid, for loads at
+the points :data:`LOADED`. For such loads the deflections u of these points describe the whole stem
+exactly (static condensation, Guyan 1965): w = W u with energy ½ uᵀ K u, in each of two directions
+across the stem. A deflected stem lifts its fruit by ½∫w'² ds = ½ uᵀ S u.
 
-Nobody sees how stiff a stem is. It is taken to be as stiff as green peduncles are (a guess,
-:class:`BeamParameters`), or, where it leans, as stiff as it must be to carry its fruit there
-without having bent by more than the turn that it grew with.
+The stiffness of a stem cannot be seen. It is taken to be that of green peduncles (a guess,
+:class:`BeamParameters`). Where a stem leans, it is at least so stiff that the fruit's weight turns
+it by no more than the turn that it grew with.
 """
 
 from collections.abc import Sequence
@@ -61,18 +61,18 @@ class Stems(NamedTuple):
     shortening: FloatArray
 
 
-def stems(things: Sequence[SceneObject]) -> Stems:
-    """The stems of fruits that hang; each is taken to be straight from its root to the fruit."""
+def stems(objects: Sequence[SceneObject]) -> Stems:
+    """The stems of fruits that hang, as if straight from root to fruit."""
     return bent(
-        np.array([t.stem.points[-1] for t in things if t.stem is not None]).reshape(-1, 3),
-        np.array([t.position for t in things]).reshape(-1, 3),
-        np.array([t.radius for t in things]),
-        np.array([t.stem.radius for t in things if t.stem is not None]),
+        np.array([t.stem.points[-1] for t in objects if t.stem is not None]).reshape(-1, 3),
+        np.array([t.position for t in objects]).reshape(-1, 3),
+        np.array([t.radius for t in objects]),
+        np.array([t.stem.radius for t in objects if t.stem is not None]),
     )
 
 
 def bent(root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: FloatArray) -> Stems:
-    """Stems from roots (N, 3) to fruits (N, 3) of radius (N,), themselves of radius (N,) [m]."""
+    """Stems of radius ``thickness`` (N,), from roots (N, 3) to fruits (N, 3) of radius (N,) [m]."""
     count, n, loaded = len(root), FINER * ELEMENTS, len(LOADED)
     length, axes = _frames(root, fruit)
     along = axes[:, 2]
@@ -108,9 +108,9 @@ def bent(root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: Flo
 
 
 def moved(s: Stems, root: FloatArray, fruit: FloatArray) -> Stems:
-    """The same N stems hung a little otherwise, M times: roots and fruits (M, N, 3) [m].
+    """The same N stems with M sampled roots and fruits (M, N, 3) [m].
 
-    How they bend is kept, as a few per cent of length change little.
+    Their stiffness is kept: a few per cent of length change it little.
     """
     times = len(root)
     length, axes = _frames(root.reshape(-1, 3), fruit.reshape(-1, 3))

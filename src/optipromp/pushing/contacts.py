@@ -1,16 +1,16 @@
-"""Contacts of fruits on stems: with the cup, with one another, and with what stands firm.
+"""Contacts of fruits on stems: with the cup, with one another, and with static objects.
 
 The contacts of fruit i and of its stem are numbered. Among N fruits, with K = 3 (N - 1):
 
 - 0: the fruit and the cup;
 - 1 + 3k, 2 + 3k, 3 + 3k: the fruit and another one, the fruit and the other's stem, the stem and
   the other fruit;
-- K + 1 and on: the fruit and what stands firm near it;
+- K + 1 and on: the fruit and the static objects near it;
 - ``on_fruit[i]`` and on: the stem and the cup, at the rim, at the base, and between at the points
   of the stem's grid.
 
-A contact is a gap [m] (negative: pressed), the direction that it pushes the fruit or the stem in,
-and the share of the stem at which it does so.
+A contact has a gap [m] (negative: pressed), the direction in which it pushes the fruit or the stem,
+and the share of the stem at which it pushes.
 """
 
 import math
@@ -36,11 +36,11 @@ class Fruits(NamedTuple):
     Attributes:
         u: (N, 2L) deflections of the stems [m]; ``before`` those of the last step; ``ahead`` those
             that the fruits would swing to by themselves.
-        up: (N,) how far the deflections draw the fruits up [m].
+        up: (N,) how far the deflections lift the fruits [m].
         center: (N, 3) of the fruits [m]; ``began`` where the step began.
         resting: (N,) whether nothing has touched them yet.
         pressed: (N,) force of the cup on the fruit [N]; ``earlier`` that of the last step.
-        firmly: (N,) whether the fruit is pressed against what stands firm.
+        firmly: (N,) whether the fruit is pressed against a static object.
     """
 
     u: FloatArray
@@ -56,7 +56,7 @@ class Fruits(NamedTuple):
 
 
 class Contacts(NamedTuple):
-    """What of N fruits may touch.
+    """The possible contacts of N fruits.
 
     Attributes:
         overlap: (N, N, 2) see :func:`overlapping`.
@@ -93,7 +93,7 @@ def apart(
 
 @inner
 def overlapping(s: Stems, u: FloatArray, overlap: BoolArray) -> None:
-    """What is in one another at rest (``u`` = 0) and so does not touch, into (N, N, 2).
+    """Which fruits and stems overlap at rest (``u`` = 0) and so do not touch, into (N, N, 2).
 
     ``overlap[i, o, 0]``: fruit i in fruit o; ``overlap[i, o, 1]``: fruit i in stem o.
     """

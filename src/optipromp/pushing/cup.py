@@ -1,7 +1,7 @@
-"""A cup as fruits and stems meet it: its wall, floor and neck, and their gaps to it.
+"""The gaps of fruits and stems to a cup: to its wall, floor and neck.
 
-Points and directions are passed as three numbers each, and returned so: what a kernel's innermost
-loop asks for stays in registers.
+Points and directions are passed and returned as three numbers each, which stay in registers in a
+kernel's innermost loop.
 """
 
 import math
@@ -11,7 +11,7 @@ from optipromp.compiled import inner
 from optipromp.pushing.parameters import PUSH
 
 NECK_LOOKED_AT, BARELY = PUSH.swing.neck, PUSH.swing.barely
-ABOVE = 1.0  # [m] added to the gap of what is over the rim: it touches nothing
+ABOVE = 1.0  # [m] added to the gap of a piece of stem over the rim, which touches nothing
 
 
 class Mouth(NamedTuple):
@@ -67,7 +67,7 @@ def cup_distance(rho: float, h: float, cup: Mouth) -> tuple[float, float, float]
 
 @inner
 def in_cup(x: float, y: float, z: float, at: Pose) -> tuple[float, float, float, float, float]:
-    """Height of a point over the tool point, its distance from the axis, and the way from there."""
+    """Height of a point over the tool point, its distance and its direction from the axis."""
     x, y, z = x - at.x, y - at.y, z - at.z
     h = x * at.u + y * at.v + z * at.w
     x, y, z = x - h * at.u, y - h * at.v, z - h * at.w
@@ -91,7 +91,7 @@ def stem_gap(
 ) -> tuple[float, float, float, float]:
     """Gap of a piece of stem to wall or neck, on the side of the wall where its fruit is.
 
-    A wall is thinner than a stem moves in a step, so the distance is not asked for the side.
+    A stem may move farther in one step than a wall is thick: the distance does not tell the side.
     A piece over the rim touches nothing: its gap is its height there and :data:`ABOVE`.
     """
     h, rho, x, y, z = in_cup(x, y, z, at)

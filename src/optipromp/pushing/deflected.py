@@ -1,8 +1,8 @@
-"""Kernels of one stem among many (:class:`optipromp.pushing.bending.Stems`) that is deflected.
+"""Kernels of one deflected stem of :class:`optipromp.pushing.bending.Stems`.
 
-A stem's deflections ``u[i]`` are (2L,): those of its loaded points along the first direction across
-it, then along the second. The arrays of all stems are passed with the index of one: a slice counts
-references, which costs more than what these kernels do.
+The deflections ``u[i]`` (2L,) are those of the stem's loaded points along the first direction
+across it, then along the second. Kernels take the arrays of all stems and the index of one, because
+a slice would count references, which costs more than these kernels do.
 """
 
 from optipromp.arrays import FloatArray
@@ -14,7 +14,7 @@ LOADS = len(LOADED)
 
 @inner
 def shortened(shortening: FloatArray, u: FloatArray, i: int) -> float:
-    """How far a stem's deflections draw its end up [m]."""
+    """How far a stem's deflections lift its fruit [m]."""
     up = 0.0
     for a in range(LOADS):
         for b in range(LOADS):
@@ -28,7 +28,7 @@ def place(
     root: FloatArray, axes: FloatArray, shape: FloatArray, u: FloatArray, i: int, length: float,
     share: float,
 ) -> tuple[float, float, float]:  # fmt: skip
-    """Where the point at a share of a stem is that is ``length`` from root to fruit."""
+    """Position of the point at a share of a stem whose chord from root to fruit is ``length``."""
     n = shape.shape[1] - 1
     k = min(int(share * n), n - 1)
     t = share * n - k
@@ -49,7 +49,7 @@ def place(
 def level(
     root: FloatArray, axes: FloatArray, i: int, length: float, x: float, y: float, z: float
 ) -> float:
-    """Share of a stem, as it is at rest, that is level with a point; 0 beyond its ends."""
+    """Share of a stem at rest that is level with a point; 0 beyond its ends."""
     d = (
         (x - root[i, 0]) * axes[i, 2, 0]
         + (y - root[i, 1]) * axes[i, 2, 1]

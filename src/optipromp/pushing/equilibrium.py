@@ -1,14 +1,14 @@
-r"""Where stems and the fruits on them come to within a step of the cup.
+r"""The equilibrium of stems and their fruits after one step of the cup.
 
 Each fruit takes the deflections u of its stem (:mod:`optipromp.pushing.bending`) that minimise
 
 .. math:: \tfrac12 u^T K u + \tfrac{m}{2\,dt^2}\|u_L - \hat u_L\|^2
           + \tfrac{k_c}{2}\sum_j \max(0, -g_j(u))^2
 
-by Gauss-Newton steps from where they were: the stem's energy, the fruit's inertia (an implicit
-Euler step; :math:`\hat u_L` is where it would swing to by itself) and its contacts with their gaps
-g (:mod:`optipromp.pushing.contacts`). The cup rubs on fruits: Coulomb's friction as a spring
-against the slip of the step, as stiff as the contact force allows.
+by Gauss-Newton steps from the last equilibrium. The terms are the stem's energy, the fruit's
+inertia (an implicit Euler step; :math:`\hat u_L` is where the fruit would swing to by itself) and
+the contacts with their gaps g (:mod:`optipromp.pushing.contacts`). The cup rubs on fruits: Coulomb
+friction is a spring against the slip of the step, as stiff as the contact force allows.
 """
 
 import math
@@ -50,7 +50,7 @@ class Descent(NamedTuple):
 
 @inlined
 def relax(
-    s: Stems, f: Fruits, c: Contacts, d: Descent, at: Pose, way: Pose, cup: Mouth,
+    s: Stems, f: Fruits, c: Contacts, d: Descent, at: Pose, shift: Pose, cup: Mouth,
     solid: Obstacles, dt: float, look: bool, p: int, forces: FloatArray, stem_forces: FloatArray,
 ) -> tuple[float, bool]:  # fmt: skip
     """One Gauss-Newton step of every fruit that is touched.
@@ -60,7 +60,7 @@ def relax(
         f: where they are, in and out.
         c: their contacts, in and out.
         d: the iteration so far, in and out.
-        at: of the cup; ``way``: how far it was led in this step [m].
+        at: of the cup; ``shift``: its motion in this step [m].
         cup: its shape.
         solid: what stands firm.
         dt: of the step [s].
@@ -151,8 +151,8 @@ def relax(
                 pressed[i] = hard
                 if earlier[i] != 0.0:
                     _rub(
-                        axes, shape, shortening, u, i, x0 - began[i, 0] - way.x,
-                        x1 - began[i, 1] - way.y, x2 - began[i, 2] - way.z, n0, n1, n2,
+                        axes, shape, shortening, u, i, x0 - began[i, 0] - shift.x,
+                        x1 - began[i, 1] - shift.y, x2 - began[i, 2] - shift.z, n0, n1, n2,
                         RUBBING * earlier[i], j, v, gradient, inverse,
                     )  # fmt: skip
         forces[p, i] = largest
@@ -171,9 +171,9 @@ def _rub(
     y: float, z: float, n0: float, n1: float, n2: float, most: float, j: FloatArray,
     v: FloatArray, gradient: FloatArray, inverse: FloatArray,
 ) -> None:  # fmt: skip
-    """The cup rubs on fruit i with at most ``most`` [N], against its way (x, y, z) along the cup.
+    """The cup rubs on fruit i with at most ``most`` [N], against its slip (x, y, z) on it.
 
-    What of the way is along the contact's direction (n0, n1, n2) does not rub.
+    The part of the slip along the contact's direction (n0, n1, n2) does not count.
     """
     along = x * n0 + y * n1 + z * n2
     x, y, z = x - along * n0, y - along * n1, z - along * n2

@@ -1,4 +1,4 @@
-"""Convex shapes on a plane: discs and polygons, how deep they are in one another, and where."""
+"""Convex shapes on a plane, discs and polygons: the depth and the place of their contacts."""
 
 import math
 from collections.abc import Sequence
@@ -147,8 +147,8 @@ def pressed(corners, normals, a, na, k, b, nb, least, sign, hit):  # type: ignor
 def polygons(corners, normals, a, na, b, nb, last, p, hit):  # type: ignore[no-untyped-def]
     """Depth of polygons a and b (negative: apart); ``hit``: unit normal from a to b, and where.
 
-    ``last[p]`` remembers the side that held them apart, which is asked first the next time: of a
-    counted from 0, of b from CORNERS.
+    ``last[p]`` is the side that separated them last, and is tried first: sides of a count from 0,
+    sides of b from CORNERS.
     """
     k = last[p]
     if k < CORNERS:
@@ -203,8 +203,8 @@ def contact(  # type: ignore[no-untyped-def]
 def room(path: FloatArray, tool: Shapes, walls: Shapes, enough: float = math.inf) -> float:
     """Least distance of the tool from the walls along a path (T, 3) [m]; negative inside them.
 
-    By separating axes, so that past a corner it may say less than there is. What is farther than
-    ``enough`` is as good as that.
+    By separating axes: past a corner the result may be less than the distance. A distance beyond
+    ``enough`` may be returned as ``enough``.
     """
     return float(clear(np.ascontiguousarray(path, dtype=np.float64), 1, tool, walls, enough))
 

@@ -1,8 +1,8 @@
-"""Fruits on bending stems before a cup: the model of the push, and the paths past them.
+"""The push model of fruits on bending stems, and its candidate paths.
 
-A candidate path passes each neighbour in a direction of the lateral plane with a lateral clearance
-of its own. The first that is tried is the method's rule (:mod:`optipromp.pushing.rules`), then come
-paths that pass all neighbours alike.
+A candidate path passes each neighbour in some direction of the lateral plane, with some lateral
+clearance. The first candidate is the method's rule (:mod:`optipromp.pushing.rules`). The next ones
+pass all neighbours alike.
 """
 
 import math
@@ -39,9 +39,9 @@ NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
 
 
 def applies(scene: Scene, tool: Tool | None, neighbours: Sequence[SceneObject]) -> bool:
-    """Whether the model knows the push: a tool for a target that hangs, and fruits in the way.
+    """Whether the model applies: there is a tool, the target hangs, and fruits are in the way.
 
-    Not where there are more of them than it can try in the time of a plan.
+    It does not apply to more fruits than it can try in the time of a plan.
     """
     target = scene.target
     hangs = target is not None and target.stem is not None
@@ -53,8 +53,8 @@ class Hanging(PushModel):
 
     Args:
         scene: the scene.
-        tool: modelled as a cup with its mouth; fingers too. One that takes hold of nothing is a
-            solid cylinder, and its harm does not count that the target is not inside.
+        tool: modelled as a cup with the tool's mouth, also where it has fingers. A tool that takes
+            hold of nothing is a solid cylinder, and a missed target does not count as harm.
         neighbours: pushables in the way, first met first.
         camera: (3,) where a path begins [m].
         gripper_radius: R_gripper [m].
@@ -95,23 +95,23 @@ class Hanging(PushModel):
         )  # fmt: skip
 
     def _others(self) -> list[SceneObject]:
-        """Fruits that are not in the way, but that a tool on a long way round may meet."""
+        """Fruits that are not in the way, but that a tool on a detour may meet."""
         scene, target, known = self.scene, self.target, {fruit.id for fruit in self.neighbours}
 
-        def away(thing: SceneObject) -> float:
-            return math.dist(thing.position, target.position)
+        def away(obj: SceneObject) -> float:
+            return math.dist(obj.position, target.position)
 
         others = [
-            thing
-            for thing in scene.things(scene.around(target.position, HANGING.around, "pushable"))
-            if thing.id not in known and thing.stem is not None and away(thing) < HANGING.around
+            obj
+            for obj in scene.objects_at(scene.around(target.position, HANGING.around, "pushable"))
+            if obj.id not in known and obj.stem is not None and away(obj) < HANGING.around
         ]
         return sorted(others, key=away)[: HANGING.most - len(known)]
 
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
-        """See :class:`PushModel`; the numbers are those of :mod:`optipromp.pushing.harm`."""
+        """See :class:`PushModel`; the parts are those of :class:`optipromp.pushing.harm.Harm`."""
         chosen = np.append(np.arange(0, len(points) - 1, HANGING.every), len(points) - 1)
         return mean_score(
             self.stems, self.count, states, points[chosen], axes[chosen],
@@ -134,7 +134,7 @@ class Hanging(PushModel):
             return names[0], "is not inside at the end"
         if found.inside > BRIEFLY:
             return names[int(np.argmax(within[1:])) + 1], "is swallowed"
-        on_fruit[0] = 0.0  # the target's counts for itself
+        on_fruit[0] = 0.0  # the force on the target is a part of its own
         crushed = int(np.argmax(on_fruit))
         parts = (
             ("stem", int(np.argmax(on_stem)), "has its stem pressed by {:.1f} N"),
@@ -178,12 +178,12 @@ class Hanging(PushModel):
         return through(corners, HANGING.speed)
 
     def aside(self, x: FloatArray, path: ToolPath) -> float:
-        """Half the relative detour, and a part for a cup that comes too near obstacles."""
+        """Half the relative detour, plus a penalty for a cup too near to obstacles."""
         straight = math.dist(path.points[-1], path.points[0])
         return 0.5 * (path.length - straight) / straight + self._too_near(path.points)
 
     def first(self) -> FloatArray:
-        """The rule's directions, and all neighbours passed alike in each of eight."""
+        """The rule's directions, then eight directions in which all neighbours are passed alike."""
         rule, _ = self.spread(0)
         angles = np.repeat(
             np.arange(0.0, 2.0 * np.pi - 1e-9, np.deg2rad(HANGING.apart))[:, None],
@@ -217,7 +217,7 @@ class Hanging(PushModel):
         return directions, np.clip(clearances, HANGING.clearance_least, HANGING.clearance_most)
 
     def _too_near(self, points: FloatArray) -> float:
-        """How far the cup, led upright through ``points``, comes too near to obstacles [4 mm]."""
+        """Lack of clearance of the cup, led upright through ``points`` [in units of 4 mm]."""
         heights = np.array([self.cup.base, 0.5 * (self.cup.base + self.cup.rim), self.cup.rim])
         where = (
             points[:: 2 * HANGING.every, None] + heights[:, None] * self.scene.frame[2]
@@ -235,14 +235,14 @@ class Hanging(PushModel):
 
 def _close(obstacles: Obstacles, where: FloatArray, reach: float) -> Obstacles:
     """The obstacles that come within ``reach`` of points (m, 3)."""
-    if len(obstacles.kind) <= 4:  # it takes longer to sort them than to measure
+    if len(obstacles.kind) <= 4:  # sorting them takes longer than measuring
         return obstacles
     middle = 0.5 * (where.min(axis=0) + where.max(axis=0))
     return near(obstacles, middle, float(np.linalg.norm(where - middle, axis=1).max()) + reach)
 
 
 def _sampled(fruits: Sequence[SceneObject], samples: int) -> Stems:
-    """The fruits as they were perceived, and ``samples`` times as they may hang."""
+    """The perceived state of the fruits, then ``samples`` sampled ones."""
     seen = stems(fruits)
     sure = [fruit.covariance is None for fruit in fruits]
     spread = [HANGING.shift if known else HANGING.wider * np.sqrt(detection_variance(fruit))

@@ -1,4 +1,4 @@
-"""What a push is predicted to do, and one number for how bad that is."""
+"""The predicted harm of a push: its parts, and one number for them."""
 
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ LOST = PUSH.harm.swallowed
 
 
 class Harm(NamedTuple):
-    """What is predicted of a path. The first fruit is the target.
+    """The predicted harm of a path. The first fruit is the target.
 
     Attributes:
         stem: largest lasting force of the cup on a stem [N].

@@ -33,7 +33,7 @@ class Push:
 
 def pushes(
     scene: Scene,
-    things: Sequence[SceneObject],
+    objects: Sequence[SceneObject],
     gripper_radius: float,
     rng: np.random.Generator | None = None,
     direction_deviation: float = 0.0,
@@ -42,44 +42,44 @@ def pushes(
 
     Args:
         scene: with a target, where there is something to push.
-        things: neighbours in the order the tool meets them.
+        objects: neighbours in the order the tool meets them.
         gripper_radius: R_gripper [m].
         rng: for uncertain stems; needed where ``direction_deviation`` is above 0.
         direction_deviation: standard deviation of the push direction [rad], about the approach.
 
     Returns:
-        One push per neighbour. Each candidate tangent is a line; it is taken in the sense that the
-        rule asks for: towards the next neighbour, and for the last one away from the target.
+        One push per neighbour. Its direction is along a candidate tangent: towards the next
+        neighbour, and for the last neighbour away from the target.
 
     Raises:
         InvalidRequestError: neighbours to push in a scene without a target.
     """
-    if not things:
+    if not objects:
         return ()
     if scene.target is None:
         raise InvalidRequestError("pushes need a scene with a target: the last goes away from it")
     z_g = scene.frame[2]
     out = []
-    for i, thing in enumerate(things):
-        if i + 1 < len(things):
-            wish = things[i + 1].position - thing.position
+    for i, obj in enumerate(objects):
+        if i + 1 < len(objects):
+            wish = objects[i + 1].position - obj.position
         else:
-            wish = thing.position - scene.target.position
-        direction = max(_tangents(scene, thing), key=lambda line: abs(float(line @ wish)))
+            wish = obj.position - scene.target.position
+        direction = max(_tangents(scene, obj), key=lambda line: abs(float(line @ wish)))
         if direction @ wish < 0.0:
             direction = -direction
         if rng is not None and direction_deviation > 0.0:
             direction = _turned(direction, z_g, float(rng.normal(0.0, direction_deviation)))
-        out.append(_push(scene, thing, direction, gripper_radius))
+        out.append(_push(scene, obj, direction, gripper_radius))
     return tuple(out)
 
 
-def _tangents(scene: Scene, thing: SceneObject) -> tuple[FloatArray, FloatArray]:
+def _tangents(scene: Scene, obj: SceneObject) -> tuple[FloatArray, FloatArray]:
     """The candidate push lines: S × z and S × (S × z); y_g and x_g for a vertical or no stem."""
     x_g, y_g, z_g = scene.frame
-    if thing.stem is None:
+    if obj.stem is None:
         return y_g, x_g
-    stem = thing.stem.vector / math.hypot(*thing.stem.vector)
+    stem = obj.stem.vector / math.hypot(*obj.stem.vector)
     across = _cross(stem, z_g)
     length = math.hypot(*across)
     if length < 1e-6:
@@ -88,13 +88,11 @@ def _tangents(scene: Scene, thing: SceneObject) -> tuple[FloatArray, FloatArray]
     return across, _cross(stem, across)
 
 
-def _push(scene: Scene, thing: SceneObject, direction: FloatArray, gripper_radius: float) -> Push:
-    if thing.stem is None:
-        return Push(
-            thing.id, thing.position, thing.position + gripper_radius * direction, direction, 0.0
-        )
-    root = thing.stem.root
-    arm = thing.position - root
+def _push(scene: Scene, obj: SceneObject, direction: FloatArray, gripper_radius: float) -> Push:
+    if obj.stem is None:
+        return Push(obj.id, obj.position, obj.position + gripper_radius * direction, direction, 0.0)
+    root = obj.stem.root
+    arm = obj.position - root
     length = math.hypot(*arm)
     along = arm / length
     # keep the tangent perpendicular to the stem (it may have been turned, or the stem be bent)
@@ -104,7 +102,7 @@ def _push(scene: Scene, thing: SceneObject, direction: FloatArray, gripper_radiu
     inclined = math.atan2(arm @ _level(tangent, z_g), -(arm @ z_g))
     swing = max(0.0, math.asin(min(1.0, gripper_radius / length)) - inclined)
     pushed = root + length * (math.cos(swing) * along + math.sin(swing) * tangent)
-    return Push(thing.id, thing.position, pushed, tangent, swing)
+    return Push(obj.id, obj.position, pushed, tangent, swing)
 
 
 def _level(tangent: FloatArray, up: FloatArray) -> FloatArray:
@@ -123,6 +121,6 @@ def _turned(vector: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """a × b of two vectors (3,): NumPy's own, made for stacks of them, takes ten times as long."""
+    """a × b of two vectors (3,), ten times as fast as NumPy's product for stacks of vectors."""
     (x, y, z), (u, v, w) = a.tolist(), b.tolist()
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])

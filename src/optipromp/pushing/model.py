@@ -1,12 +1,12 @@
-"""What a planner asks of a model of the push, and one search for the tool path of least harm.
+"""The interface of a push model, and the search for the tool path of least harm.
 
-A model predicts what the tool does to what it pushes along a path, as one number: the *harm*. It
-is 0 where nothing is pressed and 1 where a part of it reaches what a fruit (or a pack) bears. A
-model knows sampled states of the scene: the one that was perceived, and others within the errors of
-detection. The harm of a path is the mean over them.
+A model predicts what the tool does to the objects that it pushes along a path, as one number: the
+*harm*. The harm is 0 where nothing is pressed, and 1 where a force reaches what a fruit or a pack
+bears. A model has several states of the scene: the perceived one, and samples within the errors of
+detection. The harm of a path is the mean over the states.
 
-The search draws candidates, keeps the best on few states, judges these on more (successive
-halving), and draws again about them.
+The search samples candidate paths, keeps those of least harm on few states, tries these on more
+states (successive halving), and samples new candidates near them.
 """
 
 import bisect
@@ -40,10 +40,10 @@ class Schedule:
 
     Attributes:
         rounds: of one run.
-        runs: how often the search begins anew while no path is good, at most.
+        runs: largest number of runs; a further one begins where no path is good.
         kept: number of best candidates, about which the next ones are sampled.
         screened: number of these that are tried on ``states`` states after each round.
-        states: number of states for that; a followed trajectory is judged on all.
+        states: number of states in the search; a followed trajectory is tried on all.
         fresh: share of the candidates that are sampled from the model's own spread.
         lenient: factor on the harm that counts as good, after each round that found no good path.
     """
@@ -142,19 +142,19 @@ class PushModel(ABC):
 
     @abstractmethod
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
-        """Where the tool, led through points (P, 3), brings what was where it was perceived."""
+        """Where the tool, led through points (P, 3), leaves the objects of the perceived state."""
 
     @abstractmethod
     def path(self, x: FloatArray) -> ToolPath:
-        """The path that a candidate's numbers (k,) stand for."""
+        """The path of a candidate (k,)."""
 
     @abstractmethod
     def aside(self, x: FloatArray, path: ToolPath) -> float:
-        """What is added to a candidate's harm: for a detour, for too little room for the tool."""
+        """Penalty added to a candidate's harm: for a detour, for too little room for the tool."""
 
     @abstractmethod
     def first(self) -> FloatArray:
-        """Candidates (m, k) that are tried before any is sampled; may be none."""
+        """Candidates (m, k) that are tried before any is sampled; m may be 0."""
 
     @abstractmethod
     def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
@@ -188,7 +188,7 @@ class Combined(PushModel):
         return total
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
-        """That of the model which predicts most harm."""
+        """The cause of the model that predicts most harm."""
         worst = max(
             self.models,
             key=lambda model: model.harm(points, axes, model.states) / model.threshold,
@@ -196,7 +196,7 @@ class Combined(PushModel):
         return worst.cause(points, axes)
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
-        """As each model predicts it; of an object that several know, the last one's word."""
+        """As each model predicts it; for an object of several models, the last one counts."""
         found = [model.moved(points, axes) for model in self.models]
         names = [name for one in found for name in one.ids]
         rows = list({name: row for row, name in enumerate(names)}.values())
@@ -222,7 +222,7 @@ class Combined(PushModel):
         return self.models[0].spread(run)
 
 
-SURE = 0.5  # times a good harm: less, on few states, makes a candidate worth all of them at once
+SURE = 0.5  # share of a good harm; a candidate of less on few states is tried on all at once
 
 Judged = tuple[float, FloatArray, ToolPath]
 """Harm, numbers and path of a candidate."""
@@ -233,13 +233,13 @@ def search(
 ) -> Iterator[tuple[ToolPath, float]]:
     """Search tool paths of little harm.
 
-    A path comes as soon as it is good, otherwise at the end of a run if it is the best so far. Who
-    asks on after a good path wants another one: the search goes on without it.
+    A path is yielded as soon as it is good, otherwise at the end of a run if it is the best so far.
+    After a good path the search goes on for another one.
 
     Args:
         model: of the push.
         axis: (3,) of the tool along the path.
-        rng: from which candidates are sampled.
+        rng: samples the candidates.
         deadline: value of ``time.perf_counter()`` after which no further candidate is tried.
 
     Yields:
@@ -310,10 +310,11 @@ def _candidates(
     count: int,
     rng: np.random.Generator,
 ) -> FloatArray:
-    """Candidates (count, k): the fresh ones about ``mean``, the others about the best seen.
+    """Sample candidates (count, k): the fresh ones about ``mean``, the others about the best seen.
 
-    About one of the best, drawn at random, with 0.3 of their own standard deviation and 0.05 of
-    the spread (cross-entropy method with a mixture in place of one Gaussian).
+    Each of the others is about one of the best, chosen at random. Its standard deviation is 0.3 of
+    that of the best, plus 0.05 of the spread (cross-entropy method with a mixture in place of one
+    Gaussian).
     """
     noise = rng.standard_normal((count, len(mean)))
     out = mean + spread * noise

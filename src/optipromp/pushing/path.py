@@ -25,7 +25,7 @@ class ToolPath:
     Attributes:
         points: (P, 3) about :data:`STEP` apart, the entry first, the goal last [m].
         speed: largest speed of the tool along it [m/s].
-        harm: predicted by the model in which it was found; 0 for a path of the rule.
+        harm: predicted by the model that gave the path; 0 for a path of the rule.
     """
 
     points: FloatArray
@@ -54,7 +54,7 @@ def through(
 def rounded(corners: FloatArray, step: float, width: float) -> FloatArray:
     """Points (P, 3) about ``step`` apart on the polyline ``corners`` (k, 3), averaged twice.
 
-    Each average runs over ``width`` [m] of the arc, less towards the ends: these stay in place.
+    Each average is over ``width`` [m] of the arc, and less towards the ends, which stay in place.
     """
     total = length(corners)
     count = max(2, math.ceil(total / step) + 1)
@@ -104,7 +104,7 @@ def along(corners: FloatArray, values: FloatArray, count: int) -> FloatArray:
     for k in range(1, len(corners)):
         step = _step(corners, k)
         far += step
-        if step > 1e-9:  # else they are one
+        if step > 1e-9:  # otherwise the two corners are one
             last += 1
             at[last], kept[last] = far, k
     out = np.empty((count, values.shape[1]))

@@ -1,18 +1,18 @@
-r"""Things on a plane that a tool ploughs through: a quasi-static forward model.
+r"""Planar pushing: a quasi-static model of objects on a plane that a tool pushes.
 
-Slow pushes have no inertia: where the tool moves into things, they move by what friction with the
-plane makes cheapest. With the limit surface of each thing taken as an ellipsoid, the velocities
-:math:`(v_b, ω_b)` under a push are those that minimise
+Slow pushes have no inertia: the objects move so that friction with the plane does the least work.
+With an ellipsoid as the limit surface of each object, a push leads to the velocities
+:math:`(v_b, ω_b)` that minimise
 
 .. math:: \tfrac12\sum_b f_b\,(\lVert v_b\rVert^2 + ρ_b^2 ω_b^2)
 
-subject to nothing entering anything, :math:`f_b = μ m_b g` being the sliding friction of thing b
-and :math:`ρ_b` its friction moment over its friction. The model takes steps of a few millimetres
-and projects on the contacts in turn (position-based dynamics); where surfaces would slip along one
-another the contact carries at most the share μ of its normal part, as Coulomb has it.
+where no two bodies overlap. :math:`f_b = μ m_b g` is the sliding friction of object b and
+:math:`ρ_b` its friction moment over its friction. The model takes steps of a few millimetres and
+resolves the contacts in turn (position-based dynamics). Along a slipping contact it applies at most
+the share μ of the normal part (Coulomb friction).
 
-Things are discs or convex polygons in coordinates (u, v): along the approach and along y_g. The
-tool is a set of convex polygons that goes where it is told; walls are convex polygons that stand.
+Objects are discs or convex polygons in coordinates (u, v): along the approach and along y_g. The
+tool is a set of convex polygons that moves along a given path. Walls are convex polygons at rest.
 """
 
 import math
@@ -30,16 +30,16 @@ JAMMED, AHEAD = PUSH.plane.jammed, PUSH.plane.ahead
 
 
 class Pushed(NamedTuple):
-    """What a push did.
+    """The result of a push.
 
     Attributes:
-        state: (B, 3) where things end: u, v [m], turn [rad].
-        force: estimate of the largest force on a thing in one step [N]: the multipliers of its
-            contacts over the step of the tool. Where things slide freely it is about the friction
-            that is pushed along; where they wedge or jam it grows without bound.
-        jam: largest overlap that could not be resolved: something is pressed against a wall [m].
-        done: share of the way after which it was stopped: 1, or less where something jammed or
-            the first thing moved farther than it may.
+        state: (B, 3) final poses of the objects: u, v [m], turn [rad].
+        force: estimate of the largest force on an object in one step [N]: the multipliers of its
+            contacts over the step of the tool. For objects that slide freely it is about the
+            friction of all that is pushed. For objects that jam it grows without bound.
+        jam: largest overlap that could not be resolved: an object is pressed against a wall [m].
+        done: share of the path after which the push ended: 1, or less where an object jammed or
+            the first object moved farther than it may.
     """
 
     state: FloatArray
@@ -51,7 +51,7 @@ class Pushed(NamedTuple):
 def push(
     path: FloatArray,
     tool: Shapes,
-    things: Shapes,
+    objects: Shapes,
     state: FloatArray,
     friction: FloatArray,
     lever: FloatArray,
@@ -59,23 +59,23 @@ def push(
     slip: float,
     most: float = np.inf,
 ) -> Pushed:
-    """Move the tool along a path and see where things go.
+    """Move the tool along a path, and the objects before it.
 
     Args:
         path: (T, 3) of the tool point: u, v [m] and turn [rad], in steps of 1 to 5 mm.
         tool: its parts, about the tool point.
-        things: B of them, about their centres.
-        state: (B, 3) where they stand.
+        objects: B of them, about their centres.
+        state: (B, 3) their poses: u, v [m], turn [rad].
         friction: (B,) sliding friction of each [N].
         lever: (B,) friction moment of each over its friction [m].
-        walls: what stands, in place.
-        slip: coefficient of friction between things, and with the tool.
-        most: how far the first thing may move before the push is stopped [m].
+        walls: bodies at rest, in place.
+        slip: coefficient of friction between objects, and with the tool.
+        most: how far the first object may move before the push is stopped [m].
     """
     end = np.array(state, dtype=np.float64)
     report = np.zeros(3)
     pushed(
-        np.ascontiguousarray(path, dtype=np.float64), tool, things, end, 1.0 / friction, lever**2,
+        np.ascontiguousarray(path, dtype=np.float64), tool, objects, end, 1.0 / friction, lever**2,
         walls, slip, most, np.inf, report,
     )  # fmt: skip
     return Pushed(end, float(report[0]), float(report[1]), float(report[2]))
@@ -85,7 +85,7 @@ def push(
 def _resolve(  # type: ignore[no-untyped-def]
     state, before, yields, lever2, i, j, hit, depth, slip, away_u, away_v, press
 ):
-    """Move i (−1: what does not yield, and moved by ``away`` at the contact) and j apart."""
+    """Move i and j apart. i = −1: a body that does not yield, moved by ``away`` at the contact."""
     nx, ny, px, py = hit[0], hit[1], hit[2], hit[3]
     tx, ty = -ny, nx
     bx, by = px - state[j, 0], py - state[j, 1]
@@ -124,19 +124,19 @@ def _resolve(  # type: ignore[no-untyped-def]
 
 
 @inner
-def _follow(things, state, b, at, corners, normals):  # type: ignore[no-untyped-def]
-    """The outline of thing b where its state says, in place."""
+def _follow(objects, state, b, at, corners, normals):  # type: ignore[no-untyped-def]
+    """Place the outline of object b at its state."""
     at[b, 0], at[b, 1] = state[b, 0], state[b, 1]
-    if things.size[b]:
-        placed(things, b, state[b, 0], state[b, 1], state[b, 2], corners, normals, b)
+    if objects.size[b]:
+        placed(objects, b, state[b, 0], state[b, 1], state[b, 2], corners, normals, b)
 
 
 @inner
 def _near(at, radius, boxes, count, parts, pairs):  # type: ignore[no-untyped-def]
-    """Pairs (P, 2) of a body and a thing less than AHEAD apart, in place; returns how many.
+    """Pairs (P, 2) of a body and an object less than AHEAD apart, in place; returns how many.
 
-    Bodies are the things, the parts of the tool, the walls, in this order; each thing meets the
-    tool first, then things before it, then walls.
+    Bodies are the objects, the parts of the tool and the walls, in this order. Each object is
+    paired with the tool first, then with the objects before it, then with walls.
     """
     n = 0
     for j in range(count):
@@ -158,7 +158,7 @@ def _near(at, radius, boxes, count, parts, pairs):  # type: ignore[no-untyped-de
 
 
 class _Bodies(NamedTuple):
-    """The things, then the parts of the tool, then the walls: N outlines in place.
+    """The objects, then the parts of the tool, then the walls: N outlines in place.
 
     Attributes:
         corners, normals: (N, CORNERS, 2) of polygons.
@@ -175,12 +175,12 @@ class _Bodies(NamedTuple):
 
 
 @inner
-def _outlines(things, tool, walls, state, bodies):  # type: ignore[no-untyped-def]
-    """Fill ``bodies``, the things where they stand; the tool is placed by :func:`_lead`."""
+def _outlines(objects, tool, walls, state, bodies):  # type: ignore[no-untyped-def]
+    """Fill ``bodies``, the objects where they stand; the tool is placed by :func:`_lead`."""
     count, parts = state.shape[0], tool.size.shape[0]
     for b in range(count):
-        bodies.size[b], bodies.radius[b] = things.size[b], things.radius[b]
-        _follow(things, state, b, bodies.at, bodies.corners, bodies.normals)
+        bodies.size[b], bodies.radius[b] = objects.size[b], objects.radius[b]
+        _follow(objects, state, b, bodies.at, bodies.corners, bodies.normals)
     for h in range(parts):
         bodies.size[count + h], bodies.radius[count + h] = tool.size[h], tool.radius[h]
     for w in range(walls.size.shape[0]):
@@ -196,7 +196,7 @@ def _outlines(things, tool, walls, state, bodies):  # type: ignore[no-untyped-de
 
 @inner
 def _lead(tool, count, bodies, u, v, turn, du, dv, anew):  # type: ignore[no-untyped-def]
-    """Bring the tool's parts to a pose; by shifting them (du, dv) where they need not turn."""
+    """Bring the tool's parts to a pose; without a turn they are shifted by (du, dv)."""
     corners, boxes = bodies.corners, bodies.boxes
     for h in range(count, count + tool.size.shape[0]):
         bodies.at[h, 0], bodies.at[h, 1] = u, v
@@ -213,12 +213,12 @@ def _lead(tool, count, bodies, u, v, turn, du, dv, anew):  # type: ignore[no-unt
 
 @inner
 def _sweep(  # type: ignore[no-untyped-def]
-    things, state, before, yields, lever2, bodies, pairs, n, last, tool_end, step, slip, hit, press
+    objects, state, before, yields, lever2, bodies, pairs, n, last, tool_end, step, slip, hit, press
 ):
     """Resolve the contacts of n near pairs in turn; returns the largest overlap that was met [m].
 
-    ``tool_end`` is the number of things and parts of the tool, ``step`` the tool's pose (u, v) and
-    by how much it moved (du, dv, turn).
+    ``tool_end`` is the number of objects and parts of the tool. ``step`` holds the tool's position
+    (u, v) and its motion (du, dv, turn).
     """
     corners, normals, size, radius = bodies.corners, bodies.normals, bodies.size, bodies.radius
     at, boxes, count = bodies.at, bodies.boxes, state.shape[0]
@@ -244,15 +244,15 @@ def _sweep(  # type: ignore[no-untyped-def]
         _resolve(
             state, before, yields, lever2, yielding, j, hit, depth, slip, away_u, away_v, press
         )
-        _follow(things, state, j, at, corners, normals)
+        _follow(objects, state, j, at, corners, normals)
         if yielding >= 0:
-            _follow(things, state, yielding, at, corners, normals)
+            _follow(objects, state, yielding, at, corners, normals)
     return worst
 
 
 @kernel
 def pushed(  # type: ignore[no-untyped-def]
-    path, tool, things, state, yields, lever2, walls, slip, most, hardest, report
+    path, tool, objects, state, yields, lever2, walls, slip, most, hardest, report
 ):
     """:func:`push` in place: ``state`` (B, 3), and ``report`` (3,) of force, jam and share done.
 
@@ -269,7 +269,7 @@ def pushed(  # type: ignore[no-untyped-def]
     pairs = np.empty((count * total, 2), dtype=np.int64)
     last = np.zeros(count * total, dtype=np.int64)
     before, seen, hit, press = state.copy(), state.copy(), np.empty(4), np.zeros(count)
-    _outlines(things, tool, walls, state, bodies)
+    _outlines(objects, tool, walls, state, bodies)
     n, gone, shifted = -1, 0.0, 0.0
     report[0] = report[1] = report[2] = 0.0
     for t in range(path.shape[0]):
@@ -289,7 +289,7 @@ def pushed(  # type: ignore[no-untyped-def]
         worst = 0.0
         for _ in range(SWEEPS):
             worst = _sweep(
-                things, state, before, yields, lever2, bodies, pairs, n, last, count + parts,
+                objects, state, before, yields, lever2, bodies, pairs, n, last, count + parts,
                 (u, v, du, dv, dturn), slip, hit, press,
             )  # fmt: skip
             if worst < NO_OVERLAP:

@@ -1,15 +1,15 @@
-r"""The rules of the method: which pushables stand in the way, and on which side the tool passes.
+r"""The rules of the method: which pushables are in the way, and on which side the tool passes.
 
 Neighbours are the pushables before the target and near the approach line (method §4). The tool
 passes each on the side away from its stem (method §5, constraints 1 and 2):
 :math:`d_n\cdot(fk-X_n)\ge R_{gripper}` with a unit vector :math:`d_n` of the lateral plane. The
 paper's rule takes :math:`d_n=\pm y_g` with the sign of :math:`-y_g\cdot S_n`; the general one
-takes :math:`d_n` against the lateral part of the stem. ``shortest`` takes the way that leads least
-far from the approach line among those that keep well clear of the stem: a tool that passes beside a
-fruit, at right angles to the lean of its stem, comes no nearer to the stem than to the fruit.
+takes :math:`d_n` against the lateral part of the stem. ``shortest`` takes the direction that keeps
+the tool nearest to the approach line, among those well clear of the stem. A tool that passes a
+fruit at right angles to the lean of its stem comes no nearer to the stem than to the fruit.
 
-:func:`path_past` is the path that such choices ask for: at every height the point nearest to the
-approach line that is aside of each pushable whose window it is in.
+:func:`path_past` gives the path of such a choice: at every height the point nearest to the approach
+line that keeps its distance from each pushable whose window contains the height.
 """
 
 import math
@@ -48,8 +48,8 @@ def neighbours(
         search_radius: how far from the target a neighbour may be [m].
         plane_factor: D_plane in gripper radii, the largest distance from the approach line.
 
-    Where target or pushable carry a covariance, the largest distance from the approach line grows
-    by two standard deviations of their distance.
+    Where the target or a pushable has a covariance, the largest distance from the approach line
+    grows by two standard deviations of their distance.
 
     Returns:
         The neighbours by position along z_g; ties by nearness to the target.
@@ -59,21 +59,21 @@ def neighbours(
         return ()
     x_g, y_g, z_g = scene.frame
     found = []
-    for thing in scene.things(scene.around(target.position, search_radius, "pushable")):
-        off = thing.position - target.position
+    for obj in scene.objects_at(scene.around(target.position, search_radius, "pushable")):
+        off = obj.position - target.position
         along = float(off @ z_g)
         aside = math.hypot(off @ x_g, off @ y_g)
         distance = math.hypot(*off)
-        doubt = math.sqrt(detection_variance(target) + detection_variance(thing))
+        doubt = math.sqrt(detection_variance(target) + detection_variance(obj))
         wide = plane_factor * gripper_radius + RULE.unsure * doubt
         if along < 0.0 and distance <= search_radius and aside <= wide:
-            found.append((along, distance, thing.id, thing))
-    return tuple(thing for *_, thing in sorted(found, key=lambda f: f[:3]))
+            found.append((along, distance, obj.id, obj))
+    return tuple(obj for *_, obj in sorted(found, key=lambda f: f[:3]))
 
 
-def detection_variance(thing: SceneObject) -> float:
+def detection_variance(obj: SceneObject) -> float:
     """Mean variance of an object's detected position [m²]; 0 where the scene gives none."""
-    return 0.0 if thing.covariance is None else float(np.trace(thing.covariance)) / 3.0
+    return 0.0 if obj.covariance is None else float(np.trace(obj.covariance)) / 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,8 @@ class Drift:
         ids: neighbours, first met first.
         centers: (N, 3) their centres [m].
         directions: (N, 3) unit vectors of the lateral plane.
-        windows: (N, 2) from where to where, along z_g from the centre, the tool point passes [m].
+        windows: (N, 2) first and last height of the tool point as it passes, along z_g from the
+            centre [m].
     """
 
     ids: tuple[str, ...]
@@ -94,13 +95,13 @@ class Drift:
 
 
 def stem_side(
-    scene: Scene, thing: SceneObject, rule: DriftRule, gripper_radius: float
+    scene: Scene, obj: SceneObject, rule: DriftRule, gripper_radius: float
 ) -> FloatArray | None:
-    """Direction (3,) away from the stem of ``thing``, or None where its stem gives no side."""
-    if thing.stem is None:
+    """Direction (3,) away from the stem of ``obj``; None where its stem decides no side."""
+    if obj.stem is None:
         return None
     x_g, y_g, _ = scene.frame
-    stem = thing.stem.vector
+    stem = obj.stem.vector
     least = np.sin(np.deg2rad(RULE.least_inclination)) * float(np.linalg.norm(stem))
     if rule == "paper":
         share = float(y_g @ stem)
@@ -110,7 +111,7 @@ def stem_side(
     away = None if length < least else -flat / length
     if rule == "lateral-plane" or scene.target is None:
         return away
-    off = scene.target.position - thing.position
+    off = scene.target.position - obj.position
     inwards = (x_g @ off) * x_g + (y_g @ off) * y_g
     distance = float(np.linalg.norm(inwards))
     if distance <= max(RULE.centred * gripper_radius, 1e-6):
@@ -135,33 +136,32 @@ def _towards(start: FloatArray, goal: FloatArray, most: float) -> FloatArray:
 
 def passing_windows(
     scene: Scene,
-    things: Sequence[SceneObject],
+    objects: Sequence[SceneObject],
     directions: Sequence[FloatArray],
     window: Window,
     depth: float,
 ) -> FloatArray:
     """Heights (N, 2) of the tool point over each pushable between which its drift holds [m].
 
-    The paper's window is the pushable's own extent about its centre. What decides whether a fruit
-    ends inside or outside the mouth is the rim, ``depth`` [m] above the tool point: it must be
-    aside before it reaches the pushable, so the ``rim`` window begins lower, by the depth. It ends
-    where the paper's does, unless the tool is wanted elsewhere by then: where the rim takes in the
-    target, or where the next pushable asks for another direction. Then it ends as soon as the rim
-    is safely past the centre.
+    The ``paper`` window is the pushable's own extent about its centre. The rim, ``depth`` [m] above
+    the tool point, decides whether a fruit ends inside the mouth. It must be aside before it
+    reaches the pushable, so the ``rim`` window begins lower by the depth. It ends where the paper's
+    window ends, with two exceptions: the rim takes in the target, or the next pushable asks for
+    another direction. Then it ends as soon as the rim is safely past the centre.
     """
-    radii = np.array([thing.radius for thing in things])
+    radii = np.array([obj.radius for obj in objects])
     if window == "paper" or scene.target is None:
         return np.stack([-radii, radii], axis=1).reshape(-1, 2)
     up = scene.frame[2]
-    heights = np.array([thing.position @ up for thing in things])
+    heights = np.array([obj.position @ up for obj in objects])
     capture = float(scene.target.position @ up) - depth - scene.target.radius
     wanted = [capture - RULE.room_to_turn]
-    out = np.empty((len(things), 2))
-    for n in range(len(things) - 1, -1, -1):
+    out = np.empty((len(objects), 2))
+    for n in range(len(objects) - 1, -1, -1):
         released = -depth + RULE.release * radii[n]
         elsewhere = [
             heights[m] - depth - radii[m] - RULE.under - RULE.room_to_turn
-            for m in range(n + 1, len(things))
+            for m in range(n + 1, len(objects))
             if float(directions[m] @ directions[n]) < RULE.alike
         ]
         free = min([*wanted, *elsewhere]) - heights[n]
@@ -171,18 +171,18 @@ def passing_windows(
 
 def drift_choices(
     scene: Scene,
-    things: Sequence[SceneObject],
+    objects: Sequence[SceneObject],
     rule: DriftRule = "lateral-plane",
     *,
     window: Window = "rim",
     depth: float = 0.0,
     gripper_radius: float = 0.0,
 ) -> tuple[Drift, ...]:
-    """Every combination of sides the tool may pass ``things`` on, at most eight.
+    """Every combination of sides the tool may pass ``objects`` on, at most eight.
 
-    A stem that leans decides its side; a vertical one, or none, leaves both ways along y_g open.
-    The first choice leaves the approach line least. ``window`` and ``depth``: see
-    :func:`passing_windows`. ``gripper_radius`` [m]: what ``shortest`` measures distances by.
+    A stem that leans decides the side. With a vertical stem, or none, both sides along y_g are
+    possible. The first choice stays nearest to the approach line. ``window`` and ``depth``: see
+    :func:`passing_windows`. ``gripper_radius`` [m]: unit of length of the rule ``shortest``.
 
     Raises:
         InvalidRequestError: an unknown rule or window.
@@ -192,43 +192,43 @@ def drift_choices(
     if rule not in get_args(DriftRule):
         raise InvalidRequestError(f"drift is {rule!r}; use one of {', '.join(get_args(DriftRule))}")
     y_g = scene.frame[1]
-    centers = np.array([thing.position for thing in things]).reshape(-1, 3)
+    centers = np.array([obj.position for obj in objects]).reshape(-1, 3)
     options: list[list[FloatArray]] = []
-    for thing in things:
-        side = stem_side(scene, thing, rule, gripper_radius)
+    for obj in objects:
+        side = stem_side(scene, obj, rule, gripper_radius)
         if side is not None:
             options.append([side])
             continue
-        assert scene.target is not None  # things are neighbours of a target
-        away = float(y_g @ (scene.target.position - thing.position))
+        assert scene.target is not None  # objects are neighbours of a target
+        away = float(y_g @ (scene.target.position - obj.position))
         first = 1.0 if away >= 0.0 else -1.0
         options.append([first * y_g, -first * y_g])
     chosen = islice(product(*options), RULE.most_choices)
     return tuple(
         Drift(
-            tuple(thing.id for thing in things),
+            tuple(obj.id for obj in objects),
             centers,
             np.array(directions).reshape(-1, 3),
-            passing_windows(scene, things, directions, window, depth),
+            passing_windows(scene, objects, directions, window, depth),
         )
         for directions in chosen
     )
 
 
 def rule_paths(
-    scene: Scene, things: Sequence[SceneObject], robot: Robot, camera: FloatArray
+    scene: Scene, objects: Sequence[SceneObject], robot: Robot, camera: FloatArray
 ) -> list[FloatArray]:
     """Corners (k, 3) of the path from ``camera`` (3,) past neighbours, for each choice of sides."""
     assert scene.target is not None
     depth = 0.0 if robot.tool is None else robot.tool.depth
-    radii = np.array([thing.radius for thing in things])
+    radii = np.array([obj.radius for obj in objects])
     return [
         path_past(
             drift, robot.gripper_radius + PUSH.hanging.clearance * radii, scene.target.position,
             scene.frame, camera, max(depth + scene.target.radius, 0.0),
         )
         for drift in drift_choices(
-            scene, things, "shortest", depth=depth, gripper_radius=robot.gripper_radius
+            scene, objects, "shortest", depth=depth, gripper_radius=robot.gripper_radius
         )
     ]  # fmt: skip
 
@@ -249,7 +249,7 @@ def path_past(
         goal: (3,) where the tool point ends.
         frame: (3, 3) rows x_g, y_g, z_g.
         camera: (3,) where the path begins.
-        capture: how far below the goal the tool must be on the approach line [m].
+        capture: depth below the goal from which the path is on the approach line [m].
     """
     lateral, up = frame[:2], frame[2]
     centers = drift.centers - goal
@@ -275,8 +275,8 @@ def path_past(
 def _corners(levels, windows, heights, flat, directions, offsets, farthest, corners):  # type: ignore[no-untyped-def]
     """Corners (k, 3) after the first, in place, where windows begin and end; returns their number.
 
-    ``levels`` (L,) are the heights that are looked at, ``heights`` (N,) and ``flat`` (N, 2) those
-    of the neighbours and where they are aside of the approach line.
+    ``levels`` (L,) are the candidate heights of corners. ``heights`` (N,) and ``flat`` (N, 2) are
+    the positions of the neighbours along the approach line and aside of it.
     """
     n = heights.shape[0]
     inside, before = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
@@ -302,7 +302,7 @@ def _corners(levels, windows, heights, flat, directions, offsets, farthest, corn
                 corners[count, 0], corners[count, 1] = p[0], p[1]
                 count += 1
                 has_last = True
-        corners[count - 1, 2] = levels[i]  # as far as it goes on like this
+        corners[count - 1, 2] = levels[i]  # the last level with this point
     return count
 
 
@@ -310,9 +310,8 @@ def _corners(levels, windows, heights, flat, directions, offsets, farthest, corn
 def _aside(flat, directions, offsets, active, farthest, p):  # type: ignore[no-untyped-def]
     """``p`` (2,): the point nearest to the approach line that is aside of all ``active`` (N,).
 
-    By cyclic projection, in place. None is farther from the line than ``farthest``: where things
-    ask for opposite sides, the point would flee to where their half-planes meet; a compromise is
-    nearer.
+    By cyclic projection, in place. The point is at most ``farthest`` from the line: where objects
+    ask for opposite sides, their half-planes meet far away, and a compromise is taken instead.
     """
     p[0] = p[1] = 0.0
     for _ in range(RULE_SWEEPS):

@@ -1,8 +1,8 @@
-"""Objects that stand on a board before a tool: the model of the push, and the paths through them.
+"""The push model of objects that stand on a board, and its candidate paths.
 
 A candidate path is a polyline in the plane of the board, in (u, v) along z_g and y_g from the
-target. An object in the way has to go to one side, there has to be room for it there, and where the
-target stands close by it must not be pushed along: that is found by trying.
+target. Trials in the model tell whether an object in the way finds room at the side, and whether
+the target stays where it is.
 """
 
 from collections.abc import Sequence
@@ -65,29 +65,32 @@ class Standing(PushModel):
         self.target, self.frame = scene.target.position, scene.frame
         self.board = plane(scene, tool)
         seen = (scene.target, *_packs(scene, scene.target))
-        self.names = [thing.id for thing in seen]
-        self._seen = np.array([thing.position for thing in seen])
+        self.names = [obj.id for obj in seen]
+        self._seen = np.array([obj.position for obj in seen])
         self.bench = self.board.bench(tool, behind)
         rng = np.random.default_rng(seed)
         self._places = np.tile(self.board.state, (self.states, 1, 1))
         errors = rng.standard_normal((STANDING.samples, len(self.board.state), 2))
-        self._places[1:, :, :2] += self.board.deviation[:, None] * errors
+        self._places[1:, :, :2] += self.board.spread[:, None] * errors
         self._slips = PUSH.plane.friction * np.append(
             1.0, rng.uniform(STANDING.slippery_least, STANDING.slippery_most, STANDING.samples)
         )
+
+    def _corners(self, points: FloatArray) -> FloatArray:
+        """Every few of the points (P, 3), and the last, in (u, v)."""
+        chosen = np.append(np.arange(0, len(points) - 1, STANDING.every), len(points) - 1)
+        return np.ascontiguousarray((points[chosen] - self.target) @ self.frame[[2, 1]].T)
 
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
         """See :class:`PushModel`; the costs are those of :mod:`optipromp.pushing.trials`."""
-        chosen = np.append(np.arange(0, len(points) - 1, STANDING.every), len(points) - 1)
-        flat = np.ascontiguousarray((points[chosen] - self.target) @ self.frame[[2, 1]].T)
+        flat = self._corners(points)
         return float(cost(self.bench, flat, self._places[:states], self._slips[:states], limit))
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """See :class:`PushModel`."""
-        chosen = np.append(np.arange(0, len(points) - 1, STANDING.every), len(points) - 1)
-        flat = np.ascontiguousarray((points[chosen] - self.target) @ self.frame[[2, 1]].T)
+        flat = self._corners(points)
         one = [
             float(cost(self.bench, flat, self._places[n : n + 1], self._slips[n : n + 1], np.inf))
             for n in range(self.states)
@@ -135,7 +138,7 @@ class Standing(PushModel):
         """What the hand, led along poses (T, 3), does to one of the states."""
         bench = self.bench
         return push(
-            path, bench.hand, bench.things, self._places[state],
+            path, bench.hand, bench.objects, self._places[state],
             1.0 / bench.yields, np.sqrt(bench.lever2), bench.walls, float(self._slips[state]),
         )  # fmt: skip
 
@@ -173,19 +176,19 @@ class Plane:
     """What stands around the target, seen along x_g.
 
     Attributes:
-        things: the target first, then the pushables.
+        objects: the target first, then the pushables.
         state: (B, 3) where they stand: u, v [m], turn [rad].
-        deviation: (B,) of their detected positions [m].
+        spread: (B,) standard deviation of their detected positions [m].
         friction, lever: (B,) see :func:`optipromp.pushing.quasi_static.push`.
-        walls: static things at the target's height.
-        edge: u of the board's front, behind which things must stay [m].
-        entry: u of the tool point where the way begins [m].
+        walls: static objects at the target's height.
+        edge: u of the board's front, behind which objects must stay [m].
+        entry: u of the tool point where a path begins [m].
         drop: along x_g, how far lower than the target's middle the hand goes until it is there [m].
     """
 
-    things: Shapes
+    objects: Shapes
     state: FloatArray
-    deviation: FloatArray
+    spread: FloatArray
     friction: FloatArray
     lever: FloatArray
     walls: Shapes
@@ -200,7 +203,7 @@ class Plane:
             mouth[1:] = np.inf, 0.0
         hand = shapes([*tool.outline(), *behind])
         return Bench(
-            self.things, 1.0 / self.friction, self.lever**2, self.walls, hand, mouth, self.edge
+            self.objects, 1.0 / self.friction, self.lever**2, self.walls, hand, mouth, self.edge
         )
 
 
@@ -208,7 +211,7 @@ def applies(scene: Scene, tool: Tool | None) -> bool:
     """Whether the tool comes to its target on the level, and something stands in the scene."""
     if scene.target is None or tool is None:
         return False
-    stands = any(thing.stem is None for thing in scene.pushables)
+    stands = any(obj.stem is None for obj in scene.pushables)
     _, y_g, z_g = scene.frame
     return stands and bool(
         max(abs(float(z_g[2])), abs(float(y_g[2]))) < np.sin(np.deg2rad(STANDING.tilt))
@@ -220,34 +223,34 @@ def plane(scene: Scene, tool: Tool) -> Plane:
     target, frame = scene.target, scene.frame
     assert target is not None
     standing = (target, *_packs(scene, target))
-    parts, area, lever = zip(*(_footprint(thing, frame) for thing in standing), strict=True)
-    flat = np.array([frame[[2, 1]] @ (thing.position - target.position) for thing in standing])
-    tall = np.array([2.0 * _half_height(thing, frame) for thing in standing])
+    parts, area, lever = zip(*(_footprint(obj, frame) for obj in standing), strict=True)
+    flat = np.array([frame[[2, 1]] @ (obj.position - target.position) for obj in standing])
+    tall = np.array([2.0 * _half_height(obj, frame) for obj in standing])
     walls, edge, drop = [], -np.inf, 0.0
     thick = float(tool.spheres()[:, 3].max()) + STANDING.low
     bottom = _half_height(target, frame)
     level = np.abs((scene.positions - target.position) @ frame[0]) - scene.bounds
     around = scene.around(target.position, STANDING.around, "static")
-    for thing in scene.things(around[level[around] < bottom + STANDING.touching]):
-        if not isinstance(thing.shape, Box):
+    for obj in scene.objects_at(around[level[around] < bottom + STANDING.touching]):
+        if not isinstance(obj.shape, Box):
             continue
-        height = float(frame[0] @ (thing.position - target.position))
-        half = _half_height(thing, frame)
-        part, _, _ = _footprint(thing, frame)
+        height = float(frame[0] @ (obj.position - target.position))
+        half = _half_height(obj, frame)
+        part, _, _ = _footprint(obj, frame)
         assert not isinstance(part, float)
-        at = part + frame[[2, 1]] @ (thing.position - target.position)
+        at = part + frame[[2, 1]] @ (obj.position - target.position)
         if abs(height) < half:
             walls.append(at)
         elif abs(abs(height) - half - bottom) < STANDING.touching and _covers(at):
             edge = max(edge, float(at[:, 0].min()))
             drop = np.sign(height) * max(0.0, abs(height) - half - thick)
-    things = shapes(list(parts))
-    begin = float(np.min(flat[:, 0] - things.radius))
+    objects = shapes(list(parts))
+    begin = float(np.min(flat[:, 0] - objects.radius))
     if np.isfinite(edge):  # there is a board
         begin = min(begin, edge)
     return Plane(
-        things, np.column_stack([flat, np.zeros(len(flat))]),
-        np.array([_deviation(thing) for thing in standing]),
+        objects, np.column_stack([flat, np.zeros(len(flat))]),
+        np.array([_spread(obj) for obj in standing]),
         PUSH.plane.friction * PUSH.plane.density * PUSH.beam.gravity * np.array(area) * tall,
         np.array(lever), shapes(walls), edge,
         begin - STANDING.before - (tool.tip - tool.reach), float(drop),
@@ -257,48 +260,48 @@ def plane(scene: Scene, tool: Tool) -> Plane:
 def _packs(scene: Scene, target: SceneObject) -> tuple[SceneObject, ...]:
     """The pushables that stand around the target, in file order; the nearest of too many."""
     rows = scene.around(target.position, STANDING.around, "pushable")
-    rows = rows[[thing.stem is None for thing in scene.things(rows)]]
+    rows = rows[[obj.stem is None for obj in scene.objects_at(rows)]]
     if len(rows) > STANDING.most:
         away = np.linalg.norm(scene.positions[rows] - target.position, axis=1)
         rows = np.sort(rows[np.argsort(away, kind="stable")[: STANDING.most]])
-    return scene.things(rows)
+    return scene.objects_at(rows)
 
 
-def _deviation(thing: SceneObject) -> float:
-    if thing.covariance is None:
+def _spread(obj: SceneObject) -> float:
+    if obj.covariance is None:
         return STANDING.unsure
-    return max(STANDING.unsure, float(np.sqrt(np.max(np.diag(thing.covariance)))))
+    return max(STANDING.unsure, float(np.sqrt(np.max(np.diag(obj.covariance)))))
 
 
-def _half_height(thing: SceneObject, frame: FloatArray) -> float:
-    up = thing.rotation.T @ frame[0]
-    match thing.shape:
+def _half_height(obj: SceneObject, frame: FloatArray) -> float:
+    up = obj.rotation.T @ frame[0]
+    match obj.shape:
         case Box(size):
             return 0.5 * float(np.abs(up) @ np.array(size))
         case Cylinder(radius, length):
             return 0.5 * length * abs(float(up[2])) + radius * float(np.hypot(up[0], up[1]))
-    return thing.radius
+    return obj.radius
 
 
-def _footprint(thing: SceneObject, frame: FloatArray) -> tuple[FloatArray | float, float, float]:
+def _footprint(obj: SceneObject, frame: FloatArray) -> tuple[FloatArray | float, float, float]:
     """Outline about the centre, its area [m²], and the friction moment over the friction [m].
 
     Cans and packs stand on the rim of their base: a disc's moment is its radius, a rectangle's
     0.81 of half its diagonal.
     """
-    shape = thing.shape
-    if isinstance(shape, Cylinder) and abs(float(thing.rotation[:, 2] @ frame[0])) > np.cos(
+    shape = obj.shape
+    if isinstance(shape, Cylinder) and abs(float(obj.rotation[:, 2] @ frame[0])) > np.cos(
         np.deg2rad(STANDING.tilt)
     ):
         return shape.radius, np.pi * shape.radius**2, shape.radius
     if isinstance(shape, Box):
         signs = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)])
-        corners = (0.5 * signs * np.array(shape.size)) @ thing.rotation.T @ frame[[2, 1]].T
+        corners = (0.5 * signs * np.array(shape.size)) @ obj.rotation.T @ frame[[2, 1]].T
         hull = _hull(corners)
         a, b = hull, np.roll(hull, -1, axis=0)
         area = 0.5 * abs(float(np.sum(a[:, 0] * b[:, 1] - b[:, 0] * a[:, 1])))
         return hull, area, 0.81 * float(np.linalg.norm(hull, axis=1).mean())
-    radius = thing.radius
+    radius = obj.radius
     return radius, np.pi * radius**2, radius
 
 

@@ -1,7 +1,7 @@
 """What a cup does to fruits on stems, predicted step by step along the tool's path.
 
 At every step all fruits come to the equilibrium of their stems, their inertia and their contacts
-(:mod:`optipromp.pushing.equilibrium`). What harm is done on the way is kept.
+(:mod:`optipromp.pushing.equilibrium`). The harm on the path is recorded.
 """
 
 import numpy as np
@@ -35,15 +35,15 @@ def push(
         points: (P, 3) of the tool point; ``axes`` (P, 3) out of the mouth.
         dt: between points [s].
         cup: its shape.
-        solid: what fruits are pressed against; stems grow beside it.
-        worst: a score (:func:`optipromp.pushing.harm.score_of`) beyond which it need not go on.
+        solid: static objects that fruits are pressed against; stems pass through them.
+        worst: a score (:func:`optipromp.pushing.harm.score_of`) beyond which the push ends.
         positions: (P, N, 3) out, of the fruits [m].
         forces: (P, N) out, largest contact force on each fruit [N].
         stem_forces: (P, N) out, of the cup on each stem [N].
         so_far: (5,) in and out, the numbers of :class:`optipromp.pushing.harm.Harm`.
 
     Returns:
-        How many points it was led through.
+        Number of points that the cup was led through.
     """
     count, n, dofs = len(s.root), s.shape.shape[1] - 1, 2 * LOADS
     walls, others = len(solid.kind), 3 * (count - 1)
@@ -74,8 +74,8 @@ def push(
             continue
         q = max(p - 1, 0)
         x, y, z = at.x - points[q, 0], at.y - points[q, 1], at.z - points[q, 2]
-        way = Pose(x, y, z, 0.0, 0.0, 0.0)
-        _advance(s, f, c, d, at, way, cup, solid, dt, p, forces, stem_forces)
+        shift = Pose(x, y, z, 0.0, 0.0, 0.0)
+        _advance(s, f, c, d, at, shift, cup, solid, dt, p, forces, stem_forces)
         _note(f, p, positions)
         _take(f, at, cup, dt, p, forces, stem_forces, spell, pinched, so_far)
         if score_of(so_far[0], so_far[1], so_far[2], so_far[3], so_far[4], False) > worst:
@@ -96,7 +96,7 @@ def _hang(s: Stems, f: Fruits, c: Contacts, d: Descent, dt: float) -> None:
 
 @inner
 def _untouched(s: Stems, f: Fruits, at: Pose, cup: Mouth) -> bool:
-    """Whether nothing has moved, and the rim is below all fruits and roots."""
+    """Whether all fruits rest, and the rim is below all fruits and roots."""
     for i in range(len(s.root)):
         h, _, _, _, _ = in_cup(f.center[i, 0], f.center[i, 1], f.center[i, 2], at)
         above, _, _, _, _ = in_cup(s.root[i, 0], s.root[i, 1], s.root[i, 2], at)
@@ -107,7 +107,7 @@ def _untouched(s: Stems, f: Fruits, at: Pose, cup: Mouth) -> bool:
 
 @inner
 def _advance(
-    s: Stems, f: Fruits, c: Contacts, d: Descent, at: Pose, way: Pose, cup: Mouth,
+    s: Stems, f: Fruits, c: Contacts, d: Descent, at: Pose, shift: Pose, cup: Mouth,
     solid: Obstacles, dt: float, p: int, forces: FloatArray, stem_forces: FloatArray,
 ) -> None:  # fmt: skip
     """Step p: the fruits swing on, then come to their equilibrium with the cup where it is."""
@@ -127,7 +127,7 @@ def _advance(
         if look:
             stirred = 0.0
         moved, woken = relax(
-            s, f, c, d, at, way, cup, solid, dt, look, p, forces, stem_forces
+            s, f, c, d, at, shift, cup, solid, dt, look, p, forces, stem_forces
         )  # fmt: skip
         stirred += np.inf if woken else moved
         if moved < SETTLED:
@@ -147,10 +147,10 @@ def _take(
     f: Fruits, at: Pose, cup: Mouth, dt: float, p: int, forces: FloatArray,
     stem_forces: FloatArray, spell: IntArray, pinched: IntArray, so_far: FloatArray,
 ) -> None:  # fmt: skip
-    """What harm was done up to step p, into ``so_far`` (5,).
+    """The harm up to step p, into ``so_far`` (5,).
 
-    ``spell`` and ``pinched`` (N,) count the steps that each fruit was inside, without a break, and
-    pressed against what stands firm.
+    ``spell`` (N,) counts the steps that each fruit has been inside without a break, ``pinched``
+    (N,) those that the cup has pressed it against a static object.
     """
     for i in range(len(f.up)):
         lasting = lasting_on_fruit = np.inf if p >= LASTING - 1 else 0.0
@@ -173,9 +173,9 @@ def _take(
 def harm(
     s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth, solid: Obstacles
 ) -> Harm:
-    """What the cup, led along a path (see :func:`push`), does to the fruits; the first is wanted.
+    """The harm of the cup, led along a path (see :func:`push`); the first fruit is the target.
 
-    A force lasts as long as it does not fall for :data:`LASTING` steps.
+    A lasting force is the least of :data:`LASTING` steps in a row.
     """
     positions, forces, stem_forces = _room(s, points)
     so_far = np.zeros(5)
@@ -215,32 +215,32 @@ def led(
 
 @kernel
 def mean_score(
-    s: Stems, count: int, draws: int, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth,
+    s: Stems, count: int, samples: int, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth,
     solid: Obstacles, hopeless: float, worst: float,
 ) -> float:  # fmt: skip
-    """Mean score of a path over several ways that the same fruits may hang.
+    """Mean score of a path over sampled states of the same fruits.
 
     Args:
-        s: the stems, one way after the other, ``count`` in each.
+        s: the stems, one state after the other, ``count`` in each.
         count: of fruits.
-        draws: how many ways are looked at.
-        points: see :func:`push`, and so on to ``solid``.
-        hopeless: what one way counts at most; where the first does, the others are not looked at.
-        worst: a mean beyond which the exact one does not matter.
+        samples: number of states.
+        points: see :func:`push`, as for the arguments up to ``solid``.
+        hopeless: largest score of one state; where the first has it, it alone counts.
+        worst: largest mean of interest; where it is exceeded, any number above it may be returned.
     """
     total, steps = 0.0, len(points)
     positions, forces = np.zeros((steps, count, 3)), np.zeros((steps, count))
     stem_forces, h = np.zeros((steps, count)), np.zeros(5)
     p = steps - 1
     end = Pose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
-    for d in range(draws):
+    for d in range(samples):
         low, high = d * count, (d + 1) * count
         one = Stems(
             s.root[low:high], s.axes[low:high], s.length[low:high], s.mass[low:high],
             s.radius[low:high], s.thickness[low:high], s.shape[low:high],
             s.stiffness[low:high], s.compliance[low:high], s.shortening[low:high],
         )  # fmt: skip
-        left = min(worst * draws - total, hopeless)
+        left = min(worst * samples - total, hopeless)
         h[:], forces[:], stem_forces[:] = 0.0, 0.0, 0.0
         done = push(one, points, axes, dt, cup, solid, left, positions, forces, stem_forces, h)
         x, y, z = positions[p, 0, 0], positions[p, 0, 1], positions[p, 0, 2]
@@ -248,6 +248,6 @@ def mean_score(
         total += min(score_of(h[0], h[1], h[2], h[3], h[4], missed), hopeless)
         if d == 0 and total >= hopeless:
             return total
-        if total > worst * draws:
+        if total > worst * samples:
             break
-    return total / draws
+    return total / samples

@@ -1,7 +1,7 @@
-"""What a way of a hand through packs does that it should not: costs of the quasi-static model.
+"""The cost of a hand's path through packs, in the quasi-static model.
 
-A way is tried with everything where it was seen and with everything a little elsewhere. Most ways
-are bad, so a way is given up as soon as it is sure to cost more than is asked for.
+A path is tried in the perceived state and in sampled ones. Most paths are bad, so a trial ends as
+soon as the cost is sure to exceed a limit.
 """
 
 import math
@@ -24,18 +24,18 @@ BEYOND, JAM, TAKEN = PUSH.pack.beyond, PUSH.pack.jam, PUSH.pack.taken
 
 
 class Bench(NamedTuple):
-    """What stands around the target, seen along x_g, in (u, v) along z_g and y_g from the target.
+    """Objects around the target, in (u, v): along z_g and along y_g from the target.
 
     Attributes:
-        things: the target first, then the pushables.
+        objects: the target first, then the pushables.
         yields, lever2: (B,) see :func:`optipromp.pushing.quasi_static.pushed`.
-        walls: static things at the target's height.
-        hand: the outline of the hand, and of what follows it.
-        mouth: (3,) u of palm and finger tips, and half of what is between the fingers [m].
-        edge: u of the board's front, behind which things must stay [m].
+        walls: static objects at the target's height.
+        hand: the outlines of the hand and of the wrist behind it.
+        mouth: (3,) u of palm and finger tips, and half the opening between the fingers [m].
+        edge: u of the board's front, behind which objects must stay [m].
     """
 
-    things: Shapes
+    objects: Shapes
     yields: FloatArray
     lever2: FloatArray
     walls: Shapes
@@ -46,7 +46,7 @@ class Bench(NamedTuple):
 
 @kernel
 def stepped(corners, step):  # type: ignore[no-untyped-def]
-    """Poses (T, 3) along a way (k, 2) in equal steps, at most ``step``; the hand does not turn."""
+    """Poses (T, 3) along a path (k, 2), in equal steps of at most ``step``, without a turn."""
     total = 0.0
     for k in range(1, len(corners)):
         total += math.hypot(corners[k, 0] - corners[k - 1, 0], corners[k, 1] - corners[k - 1, 1])
@@ -68,16 +68,17 @@ def stepped(corners, step):  # type: ignore[no-untyped-def]
 
 @kernel
 def cost(bench, corners, states, slips, limit):  # type: ignore[no-untyped-def]
-    """Mean cost of a way over trials, or infinity where it is sure to be more than ``limit``.
+    """Mean cost of a path over trials, or infinity where it is sure to exceed ``limit``.
 
-    It costs to move the target, to jam, to take in others, to push hard, to come near a wall.
+    A trial costs where the target moves, an object jams, an object ends between the fingers, the
+    force is large, or a wall or the board's edge is near.
 
     Args:
         bench: what stands there.
-        corners: (k, 2) of the way.
-        states: (N, B, 3) where things stand in each trial.
-        slips: (N,) coefficients of friction between things, and with the tool.
-        limit: a mean cost.
+        corners: (k, 2) of the path.
+        states: (N, B, 3) where objects stand in each trial.
+        slips: (N,) coefficients of friction between objects, and with the tool.
+        limit: largest mean cost of interest.
     """
     path = stepped(corners, MODEL_STEP)
     always = 0.001 * path.shape[0]
@@ -94,7 +95,7 @@ def cost(bench, corners, states, slips, limit):  # type: ignore[no-untyped-def]
             return math.inf
         end = states[n].copy()
         pushed(
-            path, bench.hand, bench.things, end, bench.yields, bench.lever2, bench.walls,
+            path, bench.hand, bench.objects, end, bench.yields, bench.lever2, bench.walls,
             slips[n], FAR, min(hardest, LIGHT + HEAVY * math.sqrt(left)), report,
         )  # fmt: skip
         force, jam, done = report

@@ -1,4 +1,4 @@
-"""From a tree of links to one serial chain: fixed joints merged, mimics resolved, branches held."""
+"""The serial chain of a tree of links: fixed joints merged, mimics resolved, branches held."""
 
 import math
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from optipromp.robots.urdf import UrdfJoint, UrdfModel, Vector
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a link is carried: x_segment = rotation @ x_link + translation.
+    """The place of a link on its segment: x_segment = rotation @ x_link + translation.
 
     ``segment`` is -1 for the fixed base. ``driver`` names the off-chain joint, driven by a joint of
     the chain, that moves the link relative to its segment; empty for a link carried rigidly.
@@ -54,7 +54,7 @@ def serial_chain(model: UrdfModel, flange: str | None = None) -> Chain:
     """The chain of ``model`` that ends at link ``flange`` (default: the deepest leaf).
 
     Movable joints off the chain stand at zero, or at the limit nearest to it.
-    Raises InvalidRobotError when there is no such link, no movable joint on the way, or when the
+    Raises InvalidRobotError when there is no such link, no movable joint on the path, or when the
     limits of a mimic joint and of its leader leave nothing in common.
     """
     above = {joint.child: joint for joint in model.joints.values()}

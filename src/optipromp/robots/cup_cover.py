@@ -72,7 +72,7 @@ def _stack(radius: float, height: float, bulge: float) -> list[tuple[float, _Ban
     after = np.zeros((_STEPS + 1, len(count)), dtype=int)
     for i in range(1, _STEPS + 1):
         after[i] = np.maximum(np.ceil(i - advance + 1e-9), 0)
-        # a band must be below the rim, and must get somewhere
+        # a band must be below the rim, and must advance
         fits = (below_rim <= height + bulge - i * step + 1e-12) & (after[i] < i)
         total = np.where(fits, count + cost[np.minimum(after[i], i - 1)] + price, np.inf)
         choice[i] = int(np.argmin(total))
@@ -81,7 +81,7 @@ def _stack(radius: float, height: float, bulge: float) -> list[tuple[float, _Ban
     while i > 0:
         k, top = choice[i], i * step
         band = _Band(int(count[k]), float(ring[k]), float(size[k]), float(half[k]))
-        # at the bottom it may stand higher than it must, which keeps it from behind the base
+        # the lowest band may stand higher than needed, so that it does not reach behind the base
         middle = min(max(top - band.half_height, top / 2.0), height + bulge - band.radius)
         rows.append((middle if after[i, k] == 0 else top - band.half_height, band))
         i = int(after[i, k])
@@ -112,7 +112,7 @@ def _bands(radius: float, bulge: float) -> tuple[FloatArray, FloatArray, FloatAr
 
 
 def _span(band: _Band, offset: float) -> tuple[float, float]:
-    """From which to which radius a band covers a horizontal plane ``offset`` from its height."""
+    """Least and largest radius of a horizontal plane, ``offset`` from a band, that it covers."""
     angle = math.pi / band.count if band.count > 1 else 0.0
     reach = band.radius**2 - offset**2
     across = (band.ring * math.sin(angle)) ** 2
@@ -175,7 +175,7 @@ def _ring(z: float, band: _Band) -> FloatArray:
 def _base(
     radius: float, height: float, bulge: float, rows: list[tuple[float, _Band]]
 ) -> FloatArray:
-    """Spheres over what the bands leave open of the base disc (z = 0)."""
+    """Spheres over the part of the base disc (z = 0) that the bands leave open."""
     edge = _inner_edge(radius, 0.0, rows)
     if edge <= 0.0:
         return np.zeros((0, 4))

@@ -1,4 +1,4 @@
-"""Robot files: our YAML beside a URDF, and the robot that the two make."""
+"""Robot files: a YAML file beside a URDF, and the robot that the two describe."""
 
 from collections.abc import Hashable
 from pathlib import Path
@@ -33,7 +33,7 @@ class CapsuleEntry(BaseModel):
 
 
 class RobotFile(BaseModel):
-    """What a robot file may hold; lists of numbers are in the order of the chain's joints.
+    """The keys of a robot file; lists of numbers are in the order of the chain's joints.
 
     A link that has an entry under ``spheres`` or ``capsules`` (an empty list counts) is covered by
     those; every other link is covered from its URDF geometry.

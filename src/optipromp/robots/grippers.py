@@ -1,4 +1,4 @@
-"""Tools with two straight fingers or blades on a body, open on the way to the target."""
+"""Tools with two straight fingers or blades on a body; they stay open."""
 
 import functools
 import math
@@ -18,7 +18,7 @@ Size = tuple[float, float, float]
 
 
 class TwoFingers(ABC):
-    """Two boxes, the fingers, on a box, the body; what grippers of this kind have in common.
+    """The base class of grippers: two boxes, the fingers, on a box, the body.
 
     The body stands on the flange and is centred there. Fingers stand side by side on the body.
     """
@@ -68,12 +68,12 @@ class TwoFingers(ABC):
 
     @property
     def gripper_radius(self) -> float:
-        """Half of what is between the open fingers [m]."""
+        """Half the opening between the fingers [m]."""
         return self.mouth[0]
 
     @property
     def mouth(self) -> tuple[float, float]:
-        """Half of what is between the open fingers, and half of what is between their backs [m]."""
+        """Half the opening between the fingers, and half the distance of their backs [m]."""
         half = 0.5 * self._frame[0]
         return half, half + self._finger[1]
 
@@ -121,8 +121,8 @@ class FingerGripper(TwoFingers):
 
     Body and fingers are boxes. *Length* is along the tool axis, *width* of the palm and
     *thickness* of a finger along the opening, *thickness* of the palm and *width* of a finger
-    across both. The gripper takes hold of what has its centre between the fingers, within their
-    width. The tool point is ``depth`` behind the finger tips.
+    across both. The gripper takes hold of objects whose centre is between the fingers, within
+    their width. The tool point is ``depth`` behind the finger tips.
 
     Args:
         opening: between the open fingers.
@@ -168,13 +168,12 @@ class FingerGripper(TwoFingers):
 
 @dataclass(frozen=True)
 class Scissor(TwoFingers):
-    """Two thin blades on a body, open, that close on a stem or a fruit from both sides. Metres.
+    """A scissor of two thin open blades on a body. Metres.
 
     Blades and body are boxes, named and measured as the fingers and the palm of
-    :class:`FingerGripper`. The scissor takes hold of what has its centre between the blades,
-    within their width: of a fruit where the target is a fruit. To cut a stem, give the scene a
-    goal on the stem in place of a target; the simulation then says what the way there harms, and
-    not whether the stem is cut.
+    :class:`FingerGripper`. The scissor takes hold of objects whose centre is between the blades,
+    within their width. To cut a stem, give the scene a goal on the stem in place of a target. The
+    simulation then reports the harm of the motion, not whether the stem is cut.
 
     Args:
         opening: between the open blades.

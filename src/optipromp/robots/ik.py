@@ -5,8 +5,8 @@ Many starts run at once. Each is a damped Gauss-Newton descent on
 .. math:: \tfrac12\lVert p^\* - p(q)\rVert^2 + \tfrac12\ell^2\lVert a^\* - a(q)\rVert^2
           + \tfrac12 w\lVert (q - q_c)/(q_{max}-q_{min})\rVert^2
 
-clipped to the joint limits, where the pull to the middle of the limits (or to the start of the
-search) fades out over the iterations, so that the solution is exact and still comfortable.
+clipped to the joint limits. The last term pulls to the middle of the limits, or to the start of the
+search. It fades out over the iterations: the solution is exact and still far from the limits.
 """
 
 import functools
@@ -33,7 +33,7 @@ class Solutions:
     Attributes:
         joints: (m, n) configurations [rad or m].
         margin: (m,) smallest distance to a joint limit [rad or m].
-        clearance: (m,) what the clearance function said [m]; infinite where none was given.
+        clearance: (m,) values of the clearance function [m]; infinite where none was given.
     """
 
     joints: FloatArray
@@ -71,7 +71,7 @@ def cholesky_solve(a, b):  # type: ignore[no-untyped-def]
 
 @kernel
 def apart_from_earlier(q, turning, distinct):  # type: ignore[no-untyped-def]
-    """Which of ``q`` (m, n) differ in a joint by more than ``distinct`` from all kept before them.
+    """Which of ``q`` (m, n) differ in a joint by more than ``distinct`` from all earlier ones kept.
 
     Full turns of ``turning`` joints (n,) do not count.
     """
@@ -170,7 +170,7 @@ def follow(  # type: ignore[no-untyped-def]
 
     ``q`` (m + 1, n); ``errors`` (m,) of the position plus the weighted one of the axis [m].
     """
-    weight = np.zeros(1)  # a Gauss-Newton step is the shortest one: nothing else need hold it near
+    weight = np.zeros(1)  # no pull is needed: a Gauss-Newton step is the shortest one
     position_error, axis_error = np.empty(1), np.empty(1)
     for i in range(positions.shape[0]):
         for j in range(q.shape[1]):
@@ -242,13 +242,13 @@ def solve(
         axis: (3,) unit, world; None leaves the axis free.
         starts: random starts, besides the home configuration and ``near``.
         seed: of the random starts.
-        near: (m, n) further starts, kept close to where they begin.
+        near: (m, n) further starts, whose solutions stay close to them.
         clearance: maps (m, n) configurations to (m,) clearances [m], used to rank.
-        distinct: solutions closer than this (largest joint difference, rad) are one; full turns of
-            a continuous joint do not count, and are taken to be nearest ``rest``.
+        distinct: solutions closer than this (largest joint difference, rad) are one. Full turns of
+            a continuous joint do not count; the turn nearest to ``rest`` is returned.
         limit_margin: keep this far from every finite joint limit [rad or m].
-        rest: (n,) values for joints that move neither tool point nor axis; None: the home
-            configuration. Solutions that differ in such joints only are one.
+        rest: (n,) values of joints that move neither the tool point nor the axis; None: the home
+            configuration. Solutions that differ only in such joints are one.
         iterations: of each descent.
 
     Returns:
@@ -299,13 +299,13 @@ def solve(
 
 @functools.lru_cache(maxsize=32)
 def _uniform(seed: int, shape: tuple[int, int]) -> FloatArray:
-    """Numbers drawn evenly from 0 to 1."""
+    """Samples of the uniform distribution from 0 to 1."""
     return frozen(np.random.default_rng(seed).random(shape))
 
 
 @functools.lru_cache(maxsize=32)
 def _turning(robot: Robot) -> BoolArray:
-    """Joints (n,) of which a full turn is no change: no limits, and mimicked in whole turns."""
+    """Joints (n,) whose full turn changes nothing: without limits, mimicked in whole turns."""
     kin = robot.kinematics
     turning = np.isinf(robot.lower) & np.isinf(robot.upper)
     turning[kin.dof[(kin.kind == PRISMATIC) | (kin.multiplier != np.round(kin.multiplier))]] = False
@@ -335,7 +335,7 @@ def track(
 
     Returns:
         Configurations (m, n) and errors (m,) [m], of the position plus :data:`AXIS_LENGTH` times
-        that of the axis; one above 1e-6 is a miss.
+        that of the axis; an error above 1e-6 is a miss.
     """
     q = np.empty((len(positions) + 1, robot.n_joints))
     q[0] = begin

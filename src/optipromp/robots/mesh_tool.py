@@ -14,7 +14,7 @@ from optipromp.robots.meshes import pieces
 from optipromp.robots.tool_geometry import cover_solids, solids_inertia
 from optipromp.robots.tool_protocol import LARGEST, Part, Solid, check_length
 
-MOST_CORNERS = 8  # of a polygon that the models of the push take
+MOST_CORNERS = 8  # of a polygon in the push models
 MESH_PLAY = 1e-4  # [m] that a piece may reach into the mouth: meshes are of single precision
 Vector = tuple[float, float, float]
 
@@ -23,13 +23,13 @@ Vector = tuple[float, float, float]
 class MeshTool:
     """A tool of the user's own shape: convex pieces in the flange frame. Metres.
 
-    Every connected piece of the meshes must be convex: a mesh that is not is to be cut into convex
-    parts before (CoACD and V-HACD do that). The tool counts as round: its roll is left free, and
-    it pushes with everything that it takes up as it rolls.
+    Every connected piece of the meshes must be convex; CoACD and V-HACD cut a mesh into convex
+    parts. The tool counts as round: its roll is free, and it pushes with the volume that it sweeps
+    as it rolls.
 
     Args:
         meshes: in the flange frame.
-        tool_point: where the centre of a fruit that is taken hold of rests.
+        tool_point: place of the centre of a fruit that the tool holds.
         tool_axis: out of the mouth.
         opening: inner diameter of a round mouth about the tool axis; None: the tool takes hold of
             nothing, and the models of the push treat it as solid.
@@ -131,7 +131,7 @@ class MeshTool:
         return _covered(self)
 
     def outline(self) -> tuple[FloatArray, ...]:
-        """What the pieces take up as the tool rolls about its axis; see :class:`Tool`."""
+        """Outline of the volume that the pieces sweep as the tool rolls; see :class:`Tool`."""
         found: dict[bytes, FloatArray] = {}
         for piece, (low, high, inner, outer) in zip(
             _pieces(self.meshes), self._profile, strict=True

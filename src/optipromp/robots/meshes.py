@@ -110,7 +110,7 @@ def _cover_piece(vertices: FloatArray, faces: IntArray) -> FloatArray:
     covers = []
     for i in range(count):
         inside = used[(used[:, 0] >= cuts[i]) & (used[:, 0] <= cuts[i + 1])]
-        # the slab of the solid lies in the convex hull of these
+        # the convex hull of these points contains the slab of the solid
         slab = np.concatenate([inside, crossings[i], crossings[i + 1]])
         if len(slab):
             covers.append(_cover_slab(slab, max(MAX_SPHERES // count, 2)))
@@ -121,7 +121,7 @@ def _cover_piece(vertices: FloatArray, faces: IntArray) -> FloatArray:
 def _cover_slab(points: FloatArray, most: int) -> FloatArray:
     """Spheres over the convex hull of ``points``: one where that is close, else a grid of ``most``.
 
-    Slabs lie along x: what counts is how far a sphere reaches beyond them in y and z.
+    Slabs lie along x: a sphere is judged by how far it reaches beyond them in y and z.
     """
     low, high = points.min(axis=0), points.max(axis=0)
     middle, size = (low + high) / 2.0, high - low

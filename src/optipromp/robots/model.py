@@ -17,7 +17,7 @@ __all__ = ["BodySpheres", "Kinematics", "Robot"]
 
 
 class BodySpheres(NamedTuple):
-    """Spheres that cover every link and the tool (the body points of the paper, with a radius)."""
+    """Spheres that cover every link and the tool: the paper's body points, with radii."""
 
     segment: IntArray  # (B,) segment that carries the sphere, -1 for the fixed base
     center: FloatArray  # (B, 3) [m] in that segment's moving frame, the world frame for -1

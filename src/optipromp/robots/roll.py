@@ -1,4 +1,4 @@
-"""The roll of fingers about the tool axis: one is to be on either side of the target."""
+"""The roll of a tool with fingers about its axis: the fingers are kept level."""
 
 import numpy as np
 
@@ -19,8 +19,8 @@ def level(robot: Robot, q: FloatArray, normal: FloatArray, *, path: bool = False
         robot: the arm and its tool.
         q: (m, n) configurations [rad or m].
         normal: (3,) unit; x_g of a target frame keeps the fingers side by side on the level.
-        path: whether the configurations follow one another; then so do their rolls, where the
-            joint's limits let them.
+        path: whether the configurations follow one another; then their rolls are continuous, as
+            far as the joint's limits allow.
 
     Returns:
         (m, n). A copy of ``q`` where the tool has no fingers or the last joint does more than roll

@@ -1,4 +1,4 @@
-"""Which spheres of a robot must be kept from one another."""
+"""The pairs of spheres of a robot that must stay apart."""
 
 from collections.abc import Collection
 from dataclasses import replace
@@ -16,7 +16,7 @@ def with_self_pairs(robot: Robot, allowed: Collection[tuple[str, str]] = ()) -> 
     """The robot with its self-collision pairs: spheres of links two or more joints apart.
 
     Left out are the pairs of links in ``allowed``, and those that overlap at every one of
-    SAMPLED_POSTURES random configurations (fixed seed): covers that always meet tell nothing.
+    SAMPLED_POSTURES random configurations (fixed seed): such covers overlap whatever the arm does.
     """
     pairs = candidate_pairs(robot, allowed)
     return replace(robot, self_pairs=frozen(drop_always_touching(robot, pairs), np.int64))

@@ -1,4 +1,4 @@
-"""Spheres that cover a shape: never less than the shape, and little more.
+"""Spheres that cover a shape: all of it, and little more.
 
 A cover is an array (k, 4) of centres and radii [m] in the frame of the shape. ``bulge`` is how far
 the spheres may reach beyond the shape.
@@ -41,7 +41,7 @@ def cover_capsule(start: FloatArray, end: FloatArray, radius: float, bulge: floa
 def cover_box(size: FloatArray, bulge: float, most: int = MAX_SPHERES) -> FloatArray:
     """A grid of spheres, one around each cell, that covers a box of full sizes ``size`` (3,).
 
-    The fewest that reach at most ``bulge`` beyond it, or of ``most`` those that reach least.
+    The fewest spheres that reach at most ``bulge`` beyond it; of at most ``most``, the tightest.
     """
     size = np.asarray(size, float)
     best = (math.inf, _GRIDS[0])
@@ -104,7 +104,7 @@ def _cover(model: UrdfModel, link: str, shape: UrdfGeometry) -> FloatArray:
 
 
 def allowance(half_width: float) -> float:
-    """The bulge that covers of URDF geometry may have [m]: the more of 0.01 and 0.2 half widths."""
+    """Bulge of a cover of URDF geometry [m]: the larger of 0.01 and 0.2 half widths."""
     return max(0.01, 0.2 * half_width)
 
 

@@ -1,4 +1,4 @@
-"""What a tool of one's own needs of its solids: spheres that cover them, and their inertia."""
+"""The spheres that cover a tool's solids, and the inertia of the solids."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ from optipromp.robots.spheres import cover_box
 from optipromp.robots.tool_protocol import Solid
 
 EXCESS = 0.004  # [m] that a sphere may reach beyond a box, as beyond a cup; a choice
-MOST = 60  # spheres of a tool: about as many as an arm has; a choice
+MOST = 60  # spheres of a tool: as many as the Panda has; a choice
 
 
 def cover_solids(solids: Sequence[Solid]) -> FloatArray:
@@ -19,9 +19,9 @@ def cover_solids(solids: Sequence[Solid]) -> FloatArray:
 
     Each solid is cut into cells of a grid over its box, and each cell lies in a sphere; cells that
     a round or pointed solid does not meet are left out. With cells of half edges h, a sphere
-    reaches at most ‖h‖ - min h beyond a box, and 2 ‖h‖ beyond another solid. The finest cells are
-    taken with which the tool has :data:`MOST` spheres at most, or each solid one; at the finest, a
-    sphere reaches :data:`EXCESS` beyond a box.
+    reaches at most ‖h‖ - min h beyond a box, and 2 ‖h‖ beyond another solid. The cells are as fine
+    as :data:`MOST` spheres allow, or one cell per solid; never finer than a reach of
+    :data:`EXCESS` beyond a box.
     """
     excess = EXCESS
     while True:
@@ -78,7 +78,7 @@ def _cover(solid: Solid, excess: float) -> FloatArray:
 
 
 def _beyond(shape: Cylinder | MeshShape, points: FloatArray) -> FloatArray:
-    """By how much (k,) points (k, 3) are at least outside of a convex shape, in its frame [m]."""
+    """Lower bound (k,) of the distance of points (k, 3) from a convex shape, in its frame [m]."""
     if isinstance(shape, Cylinder):
         across, along = np.hypot(points[:, 0], points[:, 1]), np.abs(points[:, 2])
         return np.maximum(across - shape.radius, along - 0.5 * shape.length)

@@ -1,4 +1,4 @@
-"""What the library asks of a tool: the protocol :class:`Tool`, and the solids a tool is made of."""
+"""The protocol of a tool, :class:`Tool`, and the solids that a tool is made of."""
 
 import math
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class Solid:
         shape: a box, a cylinder along its z, or a convex mesh.
         position: (3,) of the shape's own frame [m].
         orientation: of the shape's own frame, a unit quaternion w, x, y, z.
-        part: what it is; pictures colour it so.
+        part: kind of part, which gives its colour in pictures.
     """
 
     name: str
@@ -43,13 +43,13 @@ class Solid:
 
 @runtime_checkable
 class Tool(Protocol):
-    """A tool on the flange, as planners, judge, simulation and pictures see it.
+    """A tool on the flange: the members that planners, judge, simulation and pictures use.
 
     An object of any class with these members can be mounted
     (:func:`optipromp.robots.tools.with_tool`); it must not change from then on. Lengths are metres.
 
     The *tool axes* are x, y and z: z is the tool axis and points out of the mouth; fingers open
-    along y. The *tool point* is where the centre of a fruit that is taken hold of rests.
+    along y. The *tool point* is the place of the centre of a fruit that the tool holds.
     """
 
     @property
@@ -82,11 +82,11 @@ class Tool(Protocol):
 
     @property
     def gripper_radius(self) -> float:
-        """R_gripper: how far the tool axis passes from a fruit's centre."""
+        """R_gripper: distance of the tool axis from the centre of a fruit that it passes."""
 
     @property
     def mouth(self) -> tuple[float, float]:
-        """Inner and outer radius of the mouth, or half of what is between fingers and their backs.
+        """Inner and outer radius of the mouth, or half the distance of fingers and of their backs.
 
         An inner radius of 0: the tool takes hold of nothing. The push models treat it as solid.
         """
@@ -97,26 +97,26 @@ class Tool(Protocol):
     def outline(self) -> tuple[FloatArray, ...]:
         """The tool seen along its x: convex polygons (k, 2), k <= 8, counter-clockwise.
 
-        Columns: along the tool axis and along y, from the tool point. Of a round tool, whose roll
-        is free: what it takes up at any roll.
+        Columns: along the tool axis and along y, from the tool point. A round tool, whose
+        roll is free, gives the outline of the volume that it sweeps as it rolls.
         """
 
     def solids(self) -> tuple[Solid, ...]:
-        """What collides in the simulation, and what pictures show."""
+        """Solids that collide in the simulation and that pictures show."""
 
     def holds(self, points: FloatArray) -> BoolArray:
-        """Whether points (R, 3) are where the tool takes hold; in tool axes from the tool point."""
+        """Whether the tool holds objects at points (R, 3), in tool axes from the tool point."""
 
     def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
         """Centre of a mass [kg] (3,) and inertia about it (3, 3) [kg m²], in the flange frame."""
 
 
 MEMBERS = tuple(name for name in vars(Tool) if not name.startswith("_"))
-AGREE = 1e-6  # [m] by which numbers of a tool may differ that say the same: of rounding
+AGREE = 1e-6  # [m] largest difference of two numbers of a tool that must agree: rounding
 
 
 def check_tool(tool: Tool) -> None:
-    """Refuse what is no tool, and a tool whose numbers contradict one another.
+    """Refuse an object without the members of a tool, and a tool whose numbers disagree.
 
     Raises:
         InvalidRequestError: naming the members, their values and what would be right.

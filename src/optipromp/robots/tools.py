@@ -31,7 +31,7 @@ from optipromp.robots.tool_protocol import (
 )
 
 TOOL_LINK = "tool"
-WALL = 0.002  # [m] of a cup that states no opening, and of its floor
+WALL = 0.002  # [m] thickness of a cup's floor, and of its wall where no opening is given
 PALM = 0.0316, 0.02  # [m] of the Franka hand: half of its thickness, middle before the flange
 PALM_HALF = 0.102, 0.0459  # [m] half of its width, half of its length
 FINGERS = 0.0584  # [m] before the flange, where the fingers begin
@@ -42,7 +42,7 @@ FINGER = {  # boxes of an open finger: x, y, z of the centre, three half edges [
 }
 PADS = FINGER["pad"]
 # y, z, radius [m] in the axes of the hand, and of a finger in its own: the fewest spheres that
-# contain every point of the maker's meshes, and reach at most 15 mm beyond (scripts/fit_cover.py).
+# contain every point of the maker's meshes and reach at most 15 mm beyond (scripts/fit_cover.py).
 PALM_SPHERES = (
     (-0.064, -0.004, 0.0312), (-0.08, 0.004, 0.0328), (-0.02, 0.008, 0.0423),
     (0.028, 0.012, 0.041), (0.068, 0.016, 0.039), (-0.016, 0.036, 0.0378),
@@ -98,7 +98,7 @@ class Cup:
 
     @property
     def gripper_radius(self) -> float:
-        """Outer radius of the cup: how far the tool axis passes from a fruit's centre [m]."""
+        """Outer radius of the cup: distance of the tool axis from a fruit that it passes [m]."""
         return self.radius
 
     def spheres(self) -> FloatArray:
@@ -168,7 +168,7 @@ class Cup:
         return np.asarray(within & (z < self.depth) & (z > self.depth - self.height))
 
     def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
-        """Of a tube: all of the mass is in the wall."""
+        """Inertia of a tube that has all of the mass."""
         across = 0.5 * self.radius**2 + self.height**2 / 12.0
         middle = np.array([0.0, 0.0, self.length + 0.5 * self.height])
         return middle, mass * np.diag([across, across, self.radius**2])
@@ -178,10 +178,9 @@ class Cup:
 class FrankaHand:
     """The Franka hand, open. It is mounted turned by -45 degrees about flange z, as Franka does.
 
-    The tool point lies between the finger tips, 0.1034 beyond the flange. The cover spheres keep
-    away from static things; they contain every point of the maker's collision meshes and reach at
-    most 15 mm beyond them. What pushes and what takes hold is the hand itself: a palm and two
-    fingers, see :meth:`boxes` and :meth:`outline`.
+    The tool point lies between the finger tips, 0.1034 beyond the flange. The body spheres contain
+    every point of the maker's collision meshes and reach at most 15 mm beyond them. The push models
+    and the simulation use a palm and two fingers instead, see :meth:`boxes` and :meth:`outline`.
     """
 
     fingers: ClassVar[bool] = True
@@ -218,7 +217,7 @@ class FrankaHand:
 
     @property
     def mouth(self) -> tuple[float, float]:
-        """Half of what is between the open fingers, and half of what is between their backs [m]."""
+        """Half the opening between the fingers, and half the distance of their backs [m]."""
         mount = FINGER["mount"]
         return self.gripper_radius, self.gripper_radius + mount[1] + mount[4]
 
@@ -282,14 +281,13 @@ class FrankaHand:
     def holds(self, points: FloatArray) -> BoolArray:
         """Between the open fingers, where closing them takes hold; points (R, 3).
 
-        That is: across, between the pads; in height, no farther from their middle than the pads are
-        high; along the hand, from the palm to the finger tips.
+        The limits are the pads across and in height, the palm and the finger tips along the hand.
         """
         ends = self.front - self.reach, self.tip - self.reach
         return between(points, self.gripper_radius, PADS[3], ends)
 
     def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
-        """As if all of the mass was in the palm."""
+        """Inertia of a palm that has all of the mass."""
         turned, (_, middle, half, _) = self.rotation, self.boxes()[0]
         a, b, c = (half**2).tolist()
         own = np.diag(mass / 3.0 * np.array([b + c, a + c, a + b]))

@@ -1,7 +1,7 @@
 """URDF files, read strictly into a plain description: links, joints, geometry.
 
-The reader refuses what it cannot trust (see the errors each function raises) and repairs nothing
-that changes the answer; the only thing it normalises is the length of a joint axis.
+The reader refuses a file that is malformed or ambiguous (see the errors of each function). It
+repairs nothing; it only normalises the length of a joint axis.
 """
 
 import math

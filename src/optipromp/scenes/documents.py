@@ -1,7 +1,7 @@
 """Reading YAML and JSON text into plain values, with none of YAML 1.1's surprises.
 
 Numbers, booleans and null read as in YAML 1.2: ``1e-3`` is a number, ``no`` and ``1:30`` are text.
-Duplicate keys, which both formats' readers pass over in silence, are refused.
+Duplicate keys, which the readers of both formats ignore, are refused.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ def _read_yaml(text: str) -> Any:
 
 
 def _check_aliases(document: Any) -> None:
-    """Refuse a document that holds itself, or aliases that unfold without measure."""
+    """Refuse a document that holds itself, or aliases that unfold without bound."""
     sizes: dict[int, int] = {}
     open_: set[int] = set()
 

@@ -43,8 +43,8 @@ from optipromp.scenes.scene import (
 )
 from optipromp.scenes.schema import MeshToolModel, ObjectModel, SceneModel, ShapeModel, parse
 
-_FARTHEST = 20.0  # [m] positions beyond are taken for millimetres ...
-_BEYOND_MILLIMETRES = 5_000.0  # [m] ... unless no robot is that large even in millimetres
+_FARTHEST = 20.0  # [m] a position beyond is taken for millimetres ...
+_BEYOND_MILLIMETRES = 5_000.0  # [m] ... except where it is too far even in millimetres
 _LARGEST_FRUIT = 1.0  # [m]
 _PRIMITIVES: dict[str, Any] = {
     "sphere": Sphere, "box": Box, "cylinder": Cylinder, "capsule": Capsule, "half_space": HalfSpace,
@@ -191,8 +191,8 @@ def _check_magnitude(item: SceneObject) -> None:
 def _check_distance(name: str, position: FloatArray, *, reachable: bool) -> None:
     """Refuse what looks like millimetres.
 
-    A target farther than any robot could be in millimetres is no slip of units, and left to the
-    planner, which says that it is out of reach.
+    A target that would be out of reach even in millimetres is no mistake of units. The planner
+    reports that it is out of reach.
     """
     distance = math.hypot(*position)
     if distance <= _FARTHEST or (not reachable and distance > _BEYOND_MILLIMETRES):
@@ -220,7 +220,7 @@ def _check_target_key(model: SceneModel, objects: list[SceneObject]) -> None:
 
 
 def _tool(model: SceneModel, scale: float, base_dir: Path | None) -> ToolSpec | None:
-    """The tool, tried whether it can be made; of a mesh the files, read."""
+    """The tool; it is built once to check its parameters, and the files of a mesh are read."""
     if model.tool is None:
         return None
     given = model.tool.given
@@ -297,7 +297,7 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
         document["options"] = dict(scene.options)
     document["objects"] = [_object_to_dict(item, base_dir) for item in scene.objects]
     if any(_looks_like_millimetres(item) for item in scene.objects):
-        document["scale"] = 1.0  # large on purpose: say so, or loading would refuse it
+        document["scale"] = 1.0  # the size is meant: without a scale, loading would refuse it
     return document
 
 

@@ -61,7 +61,7 @@ def _unit(name: str, values: object) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Stem:
-    """What a fruit hangs on.
+    """The stem that a fruit hangs on.
 
     Args:
         points: (k, 3) world positions [m], fruit first, root last, k >= 2.
@@ -112,7 +112,7 @@ class SceneObject:
         shape: in its local frame.
         position: (3,) world position of the local origin [m].
         rotation: (3, 3) local to world.
-        stem: what it hangs on, if anything.
+        stem: that it hangs on, if any.
         covariance: (3, 3) covariance of the detected position [m²], if given.
         physical: further numbers by name (mass, stiffness, ...), for the simulation.
     """
@@ -165,12 +165,12 @@ def _covariance(values: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """How the tool comes to the target.
+    """The direction from which the tool comes to the target.
 
     Args:
         direction: (3,) z_g, along which the tool approaches; any length above 0.
-        lateral: (3,) y_g, along which it drifts; made orthogonal to ``direction``.
-        camera_distance: how far before the lowest fruit the camera looks from [m].
+        lateral: (3,) y_g, along which the tool drifts; made orthogonal to ``direction``.
+        camera_distance: from the camera point to the lowest fruit, along z_g [m].
     """
 
     direction: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
@@ -240,14 +240,14 @@ class ToolSpec:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Robot, objects and what is to be reached.
+    """A scene: robot, objects, and a target or goal.
 
     Args:
         name: of the scene.
         robot: built-in name, or path (relative to ``base_dir``) of a URDF or robot file.
         objects: see :class:`SceneObject`; exactly one ``target``, or none and a ``goal``.
-        tool: the robot's own where None.
-        start: (n,) configuration; the robot's home where None.
+        tool: None: the robot's own.
+        start: (n,) configuration; None: the robot's home.
         approach: the target frame.
         goal: in place of a target.
         options: further settings of the planners.
@@ -298,7 +298,7 @@ class Scene:
 
     @cached_property
     def _by_role(self) -> Mapping[str, tuple[SceneObject, ...]]:
-        return {role: self.things(rows) for role, rows in self._rows.items()}
+        return {role: self.objects_at(rows) for role, rows in self._rows.items()}
 
     @property
     def target(self) -> SceneObject | None:
@@ -322,12 +322,12 @@ class Scene:
 
     @cached_property
     def positions(self) -> FloatArray:
-        """(N, 3) where the objects are [m]."""
+        """Positions (N, 3) of the objects [m]."""
         return joined([item.position for item in self.objects]).reshape(-1, 3)
 
     @cached_property
     def rotations(self) -> FloatArray:
-        """(N, 3, 3) how the objects are turned, local to world."""
+        """Rotations (N, 3, 3) of the objects, local to world."""
         return joined([item.rotation for item in self.objects]).reshape(-1, 3, 3)
 
     @cached_property
@@ -337,17 +337,17 @@ class Scene:
 
     @property
     def bounds(self) -> FloatArray:
-        """(N,) radii of balls about the positions that hold the shapes [m]."""
+        """Radii (N,) of balls about the positions that contain the shapes [m]."""
         return self._measures[2]
 
     def rows(self, role: Role) -> IntArray:
-        """(K,) which of the ``objects`` have a role, in ascending order."""
+        """Indices (K,) of the ``objects`` of a role, in ascending order."""
         return self._rows[role]
 
     def around(self, center: FloatArray, reach: float, role: Role) -> IntArray:
-        """(K,) which of the ``objects`` of a role may come within ``reach`` [m] of a point (3,).
+        """Indices (K,) of the ``objects`` of a role that may be within ``reach`` [m] of a point.
 
-        By their bounding balls, so that it is some more, never fewer.
+        By bounding balls: some objects may be farther away, none is missed.
         """
         rows = self._rows[role]
         if not len(rows):
@@ -355,8 +355,8 @@ class Scene:
         off = self.positions[rows] - center
         return np.asarray(rows[lengths(off) - self.bounds[rows] <= reach + _ROUNDING])
 
-    def things(self, rows: IntArray) -> tuple[SceneObject, ...]:
-        """Some of the ``objects``, by their places (K,)."""
+    def objects_at(self, rows: IntArray) -> tuple[SceneObject, ...]:
+        """The ``objects`` at indices (K,)."""
         objects = self.objects
         return tuple([objects[k] for k in rows.tolist()])
 
@@ -377,12 +377,12 @@ class Scene:
         return self.packed(np.sort(np.concatenate([self._rows[role] for role in wanted])))
 
     def packed(self, rows: IntArray, *, reach: float = 0.0, within: float = 0.0) -> Obstacles:
-        """Some of the ``objects`` by their places (K,), packed for the kernels in that order.
+        """The ``objects`` at indices (K,), packed for the kernels in that order.
 
         ``reach`` and ``within``: see :func:`optipromp.geometry.obstacles.pack`.
         """
         kind, size, bound = self._measures
-        shapes = [thing.shape for thing in self.things(rows)]
+        shapes = [obj.shape for obj in self.objects_at(rows)]
         return packed(
             shapes, self.positions[rows], self.rotations[rows],
             (kind[rows], size[rows], bound[rows]), reach=reach, within=within,

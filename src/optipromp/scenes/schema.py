@@ -1,4 +1,4 @@
-"""What a scene file may say: the pydantic models that stand at the file boundary."""
+"""The schema of a scene file, as pydantic models."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ class GoalModel(_Model):
 
 
 class _ToolModel(_Model):
-    """The tool on the flange; what it states is given to the class of its kind."""
+    """The tool on the flange; the keys that it states are passed to the class of its kind."""
 
     kind: Text
 

@@ -1,4 +1,4 @@
-"""The simulation: a scene as a MuJoCo world, a plan executed in it, and what happened there.
+"""The simulation: a scene as a MuJoCo world, the execution of a plan in it, and its outcome.
 
 Needs the extra ``sim``: ``pip install 'optipromp[sim]'``.
 """

@@ -1,4 +1,4 @@
-"""Who touched whom, how hard and how long."""
+"""Contacts of a run: the entities, the forces and the times."""
 
 from typing import Any
 

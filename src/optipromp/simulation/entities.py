@@ -1,4 +1,4 @@
-"""What can touch what, and who it was."""
+"""The entities whose contacts are counted, and the pairs that can touch."""
 
 from dataclasses import dataclass
 from enum import IntFlag
@@ -9,7 +9,7 @@ EntityKind = Literal["link", "tool", "fruit", "thing", "stem", "static", "avoid"
 
 @dataclass(frozen=True)
 class Entity:
-    """A thing that contacts are counted for: a robot link, the tool, a fruit, its stem, an object.
+    """What contacts are counted for: a robot link, the tool, a fruit, its stem, an object.
 
     Attributes:
         kind: of it.
@@ -40,9 +40,9 @@ class Layer(IntFlag):
 def layers(kind: EntityKind | Literal["foot"]) -> dict[str, int]:
     """``contype`` and ``conaffinity`` of a kind.
 
-    The robot meets everything but itself; fruits meet each other and everything; stems meet robot
-    and fruits, not each other and not what they grow beside. The foot of a can meets only what
-    it stands on.
+    The robot touches everything but itself. Fruits touch everything. Stems touch the robot and
+    fruits, but neither each other nor static objects. The foot of a can touches only the object
+    that it stands on.
     """
     meets_movers = int(Layer.ROBOT | Layer.FRUIT)
     match kind:

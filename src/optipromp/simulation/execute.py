@@ -1,4 +1,4 @@
-"""``simulate``: the one way in."""
+"""``simulate``: the entry point of the simulation."""
 
 import time
 from dataclasses import dataclass
@@ -23,13 +23,13 @@ class Run:
     """A plan, executed.
 
     Attributes:
-        scene: where it was executed.
+        scene: in which the plan was executed.
         robot: with its tool.
         parameters: of the physics.
         seed: of everything random.
-        rollout: what happened.
-        outcome: what that means.
-        seconds: wall time it took, building the world included.
+        rollout: the records of the run.
+        outcome: the judgement of the run.
+        seconds: wall time, building the world included.
     """
 
     scene: Scene
@@ -60,19 +60,19 @@ def simulate(
     seed: int = 0,
     record_rate: float = 100.0,
 ) -> Run:
-    """Execute a plan in the simulation and judge what happened there.
+    """Execute a plan in the simulation and judge the run.
 
     Args:
         plan_or_trajectory: what to execute, whatever its status.
-        scene: the world as it truly is; None: the scene that was planned for. Give another scene
-            to see what errors of detection do.
+        scene: the true scene; None: the scene of the plan. Give another scene to see the effect of
+            detection errors.
         robot: with its tool; None: that of the plan, or of the scene of a bare trajectory.
         parameters: physical numbers, controller, thresholds.
         seed: of everything random. The same input and seed give the same run to the last bit.
         record_rate: of the rollout's records [Hz].
 
     Returns:
-        The run. A run that fails says why in its outcome; only wrong input raises.
+        The run. The outcome of a failed run names the cause; only wrong input raises.
 
     Raises:
         InvalidRequestError: MuJoCo is not installed, no scene for a bare trajectory, joint names

@@ -1,4 +1,4 @@
-"""Fruits on flexible stems, and things that stand on something."""
+"""Fruits on flexible stems, and objects that stand on something."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -62,23 +62,23 @@ class BuiltFruit:
         return len(self.nodes) > 0
 
 
-def check_physical(thing: SceneObject) -> None:
-    """Raise InvalidSceneError for a physical property the twin does not know or cannot use."""
-    for name, value in thing.physical.items():
+def check_physical(obj: SceneObject) -> None:
+    """Raise InvalidSceneError for a physical property that is unknown or has no use."""
+    for name, value in obj.physical.items():
         if name not in PHYSICAL:
             raise InvalidSceneError(
-                f"object {thing.id!r}: physical property {name!r} is unknown: "
+                f"object {obj.id!r}: physical property {name!r} is unknown: "
                 f"{suggest(name, PHYSICAL)}"
             )
         if not (np.isfinite(value) and value > 0):
             raise InvalidSceneError(
-                f"object {thing.id!r}: physical.{name} is {value}: must be above 0"
+                f"object {obj.id!r}: physical.{name} is {value}: must be above 0"
             )
 
 
 def add_fruit(
     spec: Any,
-    thing: SceneObject,
+    obj: SceneObject,
     parameters: SimulationParameters,
     entity: int,
     stem_entity: int,
@@ -88,25 +88,25 @@ def add_fruit(
 ) -> BuiltFruit:
     """Add a target or pushable: free, and where it has a stem, welded to the end of it."""
     mujoco = engine()
-    check_physical(thing)
-    key = thing.id if key is None else key
-    hangs = thing.stem is not None
+    check_physical(obj)
+    key = obj.id if key is None else key
+    hangs = obj.stem is not None
     group = parameters.fruit if hangs else parameters.thing
-    density = thing.physical.get("density", group.density)
-    mass = thing.physical.get("mass", density * volume(thing.shape))
-    friction = thing.physical.get("friction", group.friction)
+    density = obj.physical.get("density", group.density)
+    mass = obj.physical.get("mass", density * volume(obj.shape))
+    friction = obj.physical.get("friction", group.friction)
     body = spec.worldbody.add_body(
-        name=f"fruit:{key}", pos=thing.position, quat=quaternion(thing.rotation)
+        name=f"fruit:{key}", pos=obj.position, quat=quaternion(obj.rotation)
     )
     body.add_freejoint(name=f"free:{key}")
     look: dict[str, Any] = {
-        "rgba": RIPE if thing.role == "target" else UNRIPE,
+        "rgba": RIPE if obj.role == "target" else UNRIPE,
         "friction": [friction, 0.005, parameters.fruit.rolling_friction],
         "condim": 3 if hangs else 6,
         "solref": [group.contact_time, 1.0],
         "userdata": [float(entity)],
     }
-    shape, kind_of = thing.shape, layers("fruit" if hangs else "thing")
+    shape, kind_of = obj.shape, layers("fruit" if hangs else "thing")
     turn, at = np.eye(3), np.zeros(3)
     if not hangs and isinstance(shape, Cylinder) and shape.length > 2.0 * shape.radius + CAN_GAP:
         geoms = add_shape(spec, body, shape, f"fruit:{key}", turn, at, **look, **layers("foot"))
@@ -117,18 +117,18 @@ def add_fruit(
         geoms = add_shape(spec, body, shape, f"fruit:{key}", turn, at, **look, **kind_of)
     for geom in geoms:
         geom.mass = mass / len(geoms)
-    if thing.stem is None:
+    if obj.stem is None:
         none = frozen(np.zeros((0, 3)))
-        return BuiltFruit(thing.id, key, mass, none, none, none, np.inf)
-    nodes = _nodes(thing, thing.stem, parameters)
+        return BuiltFruit(obj.id, key, mass, none, none, none, np.inf)
+    nodes = _nodes(obj, obj.stem, parameters)
     pieces = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
     p, gravity = parameters.stem, parameters.engine.gravity
     stem_masses = p.density * np.pi / 4.0 * p.diameter**2 * pieces
     bare = _holding(nodes, 0.5 * (nodes[:-1] + nodes[1:]), stem_masses, gravity)
-    grown = bare + _holding(nodes, thing.position[None], np.array([mass]), gravity)
-    stiffness = _stiffness(thing, pieces, grown, p)
-    _add_chain(spec, thing.stem, nodes, stiffness, stem_masses, parameters, key, stem_entity)
-    mouth = thing.rotation.T @ (nodes[-1] - thing.position)
+    grown = bare + _holding(nodes, obj.position[None], np.array([mass]), gravity)
+    stiffness = _stiffness(obj, pieces, grown, p)
+    _add_chain(spec, obj.stem, nodes, stiffness, stem_masses, parameters, key, stem_entity)
+    mouth = obj.rotation.T @ (nodes[-1] - obj.position)
     weld = spec.add_equality(
         name=f"weld:{key}", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
         name1=f"stem:{key}:{len(nodes) - 2}", name2=f"fruit:{key}", active=True,
@@ -137,19 +137,19 @@ def add_fruit(
     weld.data = [*mouth, *[0.0] * 7, WELD_LEVER, *[0.0] * (len(weld.data) - 11)]
     for k in range(len(nodes) - 1):
         spec.add_exclude(bodyname1=f"fruit:{key}", bodyname2=f"stem:{key}:{k}")
-    force = thing.physical.get("abscission_force", parameters.stem.abscission_force)
+    force = obj.physical.get("abscission_force", parameters.stem.abscission_force)
     return BuiltFruit(
-        thing.id, key, mass, frozen(nodes), frozen(grown), frozen(bare), force, kind is None
+        obj.id, key, mass, frozen(nodes), frozen(grown), frozen(bare), force, kind is None
     )
 
 
-def _nodes(thing: SceneObject, stem: Stem, parameters: SimulationParameters) -> FloatArray:
+def _nodes(obj: SceneObject, stem: Stem, parameters: SimulationParameters) -> FloatArray:
     """Joints of the chain (N+1, 3): the root first, the fruit's surface last."""
     points = np.array(stem.points)
     first = points[1] - points[0]
     length = float(np.linalg.norm(first))
-    if isinstance(thing.shape, Sphere) and np.linalg.norm(points[0] - thing.position) < 1e-9:
-        points[0] += first * min(thing.radius / length, 0.8)
+    if isinstance(obj.shape, Sphere) and np.linalg.norm(points[0] - obj.position) < 1e-9:
+        points[0] += first * min(obj.radius / length, 0.8)
     points = points[::-1]
     pieces = np.linalg.norm(np.diff(points, axis=0), axis=1)
     p = parameters.stem
@@ -174,15 +174,15 @@ def _bends(pieces: FloatArray) -> FloatArray:
 
 
 def _stiffness(
-    thing: SceneObject, pieces: FloatArray, grown: FloatArray, stem: StemParameters
+    obj: SceneObject, pieces: FloatArray, grown: FloatArray, stem: StemParameters
 ) -> float:
     r"""EI of a stem [N m²]: the object's own, or the modulus's, or what its pose implies.
 
     A stem that holds moments :math:`M_i` at joints that stand for lengths :math:`l_i` turns by
     :math:`\sum_i |M_i| l_i / EI` when they go; that is kept to ``stem.grown_turn``.
     """
-    if "stem_stiffness" in thing.physical:
-        return float(thing.physical["stem_stiffness"])
+    if "stem_stiffness" in obj.physical:
+        return float(obj.physical["stem_stiffness"])
     implied = float(np.linalg.norm(grown, axis=1) @ _bends(pieces)) / max(stem.grown_turn, 1e-6)
     return max(stem.bending_stiffness(), implied)
 

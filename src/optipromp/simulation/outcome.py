@@ -1,4 +1,4 @@
-"""What happened in a run, judged from the simulation alone."""
+"""The judgement of a run, from the simulation alone."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -12,14 +12,14 @@ from optipromp.simulation.contacts import ContactLog
 from optipromp.simulation.rollout import Rollout
 from optipromp.simulation.world import World
 
-BARE = 0.02  # [m] from the tool point of an arm without a tool at which a thing counts as picked
+BARE = 0.02  # [m] from the tool point of an arm without a tool at which an object counts as picked
 
 
 class Cause(StrEnum):
-    """Why a run failed; of several the first in this order."""
+    """The cause of a failed run; of several causes, the first in this order."""
 
-    UNSTABLE = "unstable"  # NaN, or MuJoCo warned
-    STATIC_CONTACT = "static_contact"  # arm or tool pressed a static thing
+    UNSTABLE = "unstable"  # a NaN, or a warning of MuJoCo
+    STATIC_CONTACT = "static_contact"  # arm or tool pressed a static object
     TORN = "torn"  # a fruit came off its stem
     STEM_CAUGHT = "stem_caught"  # a stem was pressed by arm or tool
     SWALLOWED_OTHER = "swallowed_other"  # another fruit is in the cup, or between the fingers
@@ -54,12 +54,12 @@ class Outcome:
     """The judgement of a run.
 
     Attributes:
-        success: the target alone is where the tool takes hold (a cup's mouth, or between fingers)
-            and nothing was harmed; of a tool that takes hold of nothing, nothing was harmed.
+        success: the tool holds the target alone (in a cup's mouth, or between fingers) and nothing
+            was harmed; for a tool that holds nothing, only that nothing was harmed.
         cause: a :class:`Cause` where it failed, else None.
-        message: in words.
+        message: the cause in words.
         picked: the target's centre is inside the tool at the end and stays there; None for a scene
-            without a target, and a tool that takes hold of nothing.
+            without a target, and for a tool that holds nothing.
         swallowed_others: other fruits whose centre is inside the tool at the end.
         entered: other fruits whose centre was inside the tool at any time.
         peak_force: largest force on each target and pushable, by id [N].
@@ -67,22 +67,22 @@ class Outcome:
         stem_caught: fruits whose stem was pressed by arm or tool beyond the thresholds.
         stem_force: largest force of arm or tool on each stem, by the fruit's id [N].
         stem_tension: largest pull along each stem, by the fruit's id [N].
-        static_contacts: of robot links with static things, and of the tool.
-        avoid_contacts: of B_d with avoid things.
-        tool_avoid_contacts: of last link and tool with avoid things: allowed.
+        static_contacts: of robot links with static objects, and of the tool.
+        avoid_contacts: of B_d with avoid objects.
+        tool_avoid_contacts: of last link and tool with avoid objects: allowed.
         arm_fruit_contacts: of B_d with targets and pushables.
-        target_displacement: how far the target had moved when its centre entered the tool, or the
-            farthest it moved where it never entered [m].
+        target_displacement: distance by which the target had moved when its centre entered the
+            tool; the largest one where it never entered [m].
         swallowed_at: when the target's centre entered the tool for the last time [s], or None.
-        displacement: the farthest each target and pushable was from where it began, by id [m].
+        displacement: largest distance of each target and pushable from its first place, by id [m].
         tracking_error: largest distance of the tool point from the reference [m].
         joint_error: largest distance of a joint from the reference [rad or m].
         limit_use: largest share of a limit: ``position`` (of the range), ``velocity``,
             ``acceleration``, ``jerk`` (of the reference) and ``torque``.
-        overlapping: pairs of fruits, stems and things that overlap in the scene, and so could not
+        overlapping: pairs of fruits, stems and objects that overlap in the scene, and so could not
             touch.
         duration: of the motion, without the hold at the end [s].
-        warnings: of MuJoCo, or where a number stopped being one.
+        warnings: of MuJoCo, or the place of a NaN.
         target: id of the target, None for a scene without.
     """
 
@@ -114,7 +114,7 @@ class Outcome:
 
     @property
     def unripe_peak_force(self) -> float:
-        """Largest force on a fruit or thing that was not to be picked [N]."""
+        """Largest force on a fruit or object that was not to be picked [N]."""
         others = (force for id_, force in self.peak_force.items() if id_ != self.target)
         return max(others, default=0.0)
 
@@ -127,12 +127,12 @@ class Outcome:
 
 
 def inside_tool(world: World, rollout: Rollout, centers: FloatArray) -> BoolArray:
-    """Whether centres are where the tool takes hold; without a tool, near the tool point.
+    """Whether the tool holds an object with these centres; without a tool, near the tool point.
 
     Args:
         world: whose tool it is.
         rollout: where the tool was.
-        centers: (R, 3) of a fruit or thing, with the rollout's records.
+        centers: (R, 3) of a fruit or object, with the rollout's records.
 
     Returns:
         (R,).
@@ -148,7 +148,7 @@ def inside_tool(world: World, rollout: Rollout, centers: FloatArray) -> BoolArra
 
 
 def inside_words(world: World) -> str:
-    """Where a picked thing is, in words."""
+    """Where a picked object is, in words."""
     tool = world.robot.tool
     if tool is None:
         return "at the tool point"

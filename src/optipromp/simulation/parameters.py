@@ -1,7 +1,7 @@
 """Every physical number of the simulation: its unit, its default and where it comes from.
 
-The groups have the form of :mod:`optipromp.parameters`; :func:`catalogue` lists them. What the push
-model has too is taken from there.
+The groups have the form of :mod:`optipromp.parameters`; :func:`catalogue` lists them. Numbers that
+the push models have too are taken from there.
 """
 
 import math
@@ -17,7 +17,7 @@ from optipromp.pushing.parameters import PUSH
 
 @dataclass(frozen=True)
 class FruitParameters(Checked):
-    """Fruits: things with role target or pushable."""
+    """Fruits: objects with role target or pushable."""
 
     density: float = parameter(
         PUSH.beam.fruit_density, "kg/m^3", "reported",
@@ -27,7 +27,7 @@ class FruitParameters(Checked):
     friction: float = parameter(
         0.4, "1", "guess", "fruit skin on plastics is reported between 0.2 and 0.6"
     )
-    rolling_friction: float = parameter(1e-4, "m", "guess", "of things without a stem")
+    rolling_friction: float = parameter(1e-4, "m", "guess", "of objects without a stem")
     contact_time: float = parameter(
         0.006, "s", "guess", "time constant of the contact: flesh gives about a millimetre at 10 N"
     )
@@ -84,7 +84,7 @@ class StemParameters(Checked):
 
 @dataclass(frozen=True)
 class ThingParameters(Checked):
-    """Things without stems (cans and boxes on a shelf), static things and neighbouring clusters."""
+    """Objects without stems (cans, boxes on a shelf), static objects, neighbouring clusters."""
 
     density: float = parameter(
         PUSH.plane.density,
@@ -162,7 +162,7 @@ class ControlParameters(Checked):
 
 @dataclass(frozen=True)
 class EngineParameters(Checked):
-    """Of MuJoCo."""
+    """Settings of MuJoCo."""
 
     timestep: float = parameter(0.001, "s", "choice", "of the integrator (implicitfast)")
     gravity: float = parameter(PUSH.beam.gravity, "m/s^2", "choice", "standard")
@@ -172,10 +172,10 @@ class EngineParameters(Checked):
 
 @dataclass(frozen=True)
 class Thresholds(Checked):
-    """When a run counts as a success; each failure names the first that it broke."""
+    """Limits of a success; a failure names the first limit that it exceeds."""
 
     static_force: float = parameter(
-        0.5, "N", "choice", "any harder touch of a static thing fails the run"
+        0.5, "N", "choice", "any harder touch of a static object fails the run"
     )
     avoid_force: float = parameter(
         0.5, "N", "choice", "harder touch of a neighbouring cluster by an arm link but the last"
@@ -205,7 +205,7 @@ class Thresholds(Checked):
 
 @dataclass(frozen=True)
 class SimulationParameters:
-    """All of them."""
+    """All numbers of the simulation."""
 
     fruit: FruitParameters = field(default_factory=FruitParameters)
     stem: StemParameters = field(default_factory=StemParameters)

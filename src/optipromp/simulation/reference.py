@@ -1,4 +1,4 @@
-"""From a plan's knots to a reference in time that keeps velocity, acceleration and jerk limits."""
+"""From a plan's waypoints to a reference that keeps velocity, acceleration and jerk limits."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,8 +10,8 @@ from optipromp.robots.model import Robot
 from optipromp.trajectory import Trajectory
 
 RAMPS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8)  # shares of the plan's duration that are tried
-SAMPLES = 8  # a knot, to find the largest derivatives
-MARGIN = 3e-3  # below the limits, for what lies between the samples
+SAMPLES = 8  # per waypoint, to find the largest derivatives
+MARGIN = 3e-3  # share below the limits, for peaks between the samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +39,8 @@ class Reference:
 def reference(trajectory: Trajectory, robot: Robot, *, speed: float, dt: float) -> Reference:
     r"""Run along the plan's path within shares of the limits.
 
-    The path P(u) is the quintic spline through the knots over the plan's own time u, so that the
-    geometry stays the plan's. The law u(t) starts and ends with a ramp of length τ in which u̇
+    The path P(u) is the quintic spline through the waypoints over the plan's own time u, so that
+    the geometry stays the plan's. The law u(t) starts and ends with a ramp of length τ in which u̇
     rises from 0 to its cruising value by the smoothest quintic step, and cruises in between. For
     each τ of :data:`RAMPS` the cruising speed is the largest at which
 
@@ -50,20 +50,20 @@ def reference(trajectory: Trajectory, robot: Robot, *, speed: float, dt: float) 
     the τ that ends first is taken.
 
     Args:
-        trajectory: (T, n) knots.
+        trajectory: (T, n) waypoints.
         robot: its velocity, acceleration and jerk limits, which may be infinite.
         speed: σ.
         dt: spacing of the reference [s].
     """
     from scipy.interpolate import make_interp_spline
 
-    knots, times = trajectory.positions, trajectory.times
-    order = 5 if len(knots) >= 6 else 2
+    waypoints, times = trajectory.positions, trajectory.times
+    order = 5 if len(waypoints) >= 6 else 2
     ends = None
     if order == 5:
-        none = np.zeros(knots.shape[1])
+        none = np.zeros(waypoints.shape[1])
         ends = ([(3, none), (4, none)], [(3, none), (4, none)])
-    path = make_interp_spline(times, knots, k=order, bc_type=ends)
+    path = make_interp_spline(times, waypoints, k=order, bc_type=ends)
     limits = (speed * robot.velocity, speed**2 * robot.acceleration, speed**3 * robot.jerk)
     best = (np.inf, 1.0, RAMPS[-1])
     for share in RAMPS:
@@ -108,7 +108,7 @@ def _slowest(
 ) -> float:
     """The factor >= 1 by which time must be stretched for the limits to hold."""
     end = trajectory.duration + ramp
-    u = _law(np.linspace(0.0, end, SAMPLES * trajectory.n_knots), trajectory.duration, ramp)
+    u = _law(np.linspace(0.0, end, SAMPLES * trajectory.n_waypoints), trajectory.duration, ramp)
     along = tuple(np.asarray(path(u[0], order)) for order in (1, 2, 3))
     worst = 1.0
     for order, (values, limit) in enumerate(zip(_chain(along, u), limits, strict=True), start=1):

@@ -41,7 +41,7 @@ def frames(run: Run, times: FloatArray, view: View | None = None) -> Iterator[Pi
     """Pictures of a run at ``times`` [s], each the record before it.
 
     Raises:
-        InvalidRequestError: MuJoCo is not installed, or finds no way to draw off screen.
+        InvalidRequestError: MuJoCo is not installed, or cannot draw off screen.
     """
     view = view or View()
     mujoco = engine()
@@ -68,7 +68,7 @@ def frames(run: Run, times: FloatArray, view: View | None = None) -> Iterator[Pi
 
 
 def film(run: Run, view: View | None = None, *, fps: int = 30, slow: float = 1.0) -> bytes:
-    """An MP4 (H.264) of the whole run, ``slow`` times slower than it was.
+    """An MP4 (H.264) of the whole run, ``slow`` times slower.
 
     Raises:
         InvalidRequestError: MuJoCo or PyAV is not installed, or nothing can be drawn.

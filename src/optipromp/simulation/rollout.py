@@ -1,4 +1,4 @@
-"""Execution: a reference, a joint controller, MuJoCo; and what was recorded."""
+"""Execution: a reference, a joint controller, MuJoCo; and the records."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,20 +17,20 @@ from optipromp.simulation.world import World
 
 @dataclass(frozen=True, eq=False)
 class Rollout:
-    """What happened, R records at a fixed rate, F fruits and things (targets and pushables).
+    """The records of a run: R records at a fixed rate, of F targets and pushables.
 
     Attributes:
         times: (R,) [s].
         q, velocity, torque: (R, n) of the independent joints.
-        reference: (R, n) what the controller was told to follow.
+        reference: (R, n) positions that the controller follows.
         tool_point: (R, 3) [m], ``tool_axis`` (R, 3).
         fruit_ids: F ids; ``fruit_positions`` (R, F, 3) [m].
-        attached: (R, F) whether each still hangs on its stem (False for what never did).
-        fruit_force: (R, F) largest force of one other thing on each since the last record [N].
+        attached: (R, F) whether each still hangs on its stem; False without a stem.
+        fruit_force: (R, F) largest force of one other object on each since the last record [N].
         stem_force: (R, F) the same of arm or tool on its stem [N].
         states: (R, nq) MuJoCo's generalised positions, for pictures.
         motion: when the reference ends and the hold begins [s].
-        warnings: of MuJoCo, or where a number stopped being one; not empty means a failed run.
+        warnings: of MuJoCo, or the place of a NaN; not empty means a failed run.
         limit_use: largest share of each limit.
         tension: largest pull along each stem, by id [N].
         torn_at: when each torn fruit came off, by id [s].
@@ -75,10 +75,10 @@ def run(world: World, motion: Reference, record_rate: float) -> tuple[Rollout, C
     """Execute ``motion`` and stand still at its end for ``control.hold``.
 
     The controller is computed torque, :math:`τ = M(q)(q̈_r + ω^2 e + 2ζω ė) + b(q, q̇)`, held between
-    its ticks and cut at the torque limits; it knows the arm's masses and not its dry and viscous
-    friction, nor what it touches.
+    its ticks and cut at the torque limits. It knows the arm's masses, but neither its friction nor
+    its contacts.
 
-    A number that stops being one, or a warning of MuJoCo, ends the run there.
+    A NaN or a warning of MuJoCo ends the run.
     """
     return Execution(world, motion, record_rate).run()
 

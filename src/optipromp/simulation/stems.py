@@ -12,7 +12,7 @@ _SIGN = -1.0  # of a pull up the stem in the rows of MuJoCo's weld
 
 
 class StemWatch:
-    """The stems that hold, how hard each was pulled, and those that gave way.
+    """The stems that hold, how hard each was pulled, and those that broke.
 
     Attributes:
         torn: when each torn fruit came off, by key [s].

@@ -97,18 +97,18 @@ def build(
 ) -> World:
     """Build the world of ``scene`` with ``robot`` (with its tool) in it.
 
-    Things that overlap in the scene (a fruit and the stem of another, in the paper's own scenes)
+    Objects that overlap in the scene (a fruit and the stem of another, in the paper's own scenes)
     would burst apart at the first step; such a pair does not collide, and ``World.overlapping``
     names it. The robot collides with everything.
 
     Args:
-        scene: what there is.
+        scene: robot and objects.
         robot: whose frame is the world's.
         parameters: physical numbers.
         seed: of the fruits of real neighbouring clusters.
 
     Raises:
-        InvalidSceneError: a physical property the twin does not know, a shape it cannot build.
+        InvalidSceneError: a physical property that is unknown, a shape that cannot be built.
         InvalidRequestError: MuJoCo is not installed.
     """
     parameters = parameters or SimulationParameters()
@@ -135,17 +135,17 @@ class _Draft:
         self.fruits: list[tuple[SceneObject, BuiltFruit, int, int]] = []
         self.spec = self._options()
         add_robot(self.spec, robot, parameters, 0)
-        for thing in scene.objects:
-            if thing.role in ("target", "pushable"):
-                self._fruit(thing)
-            elif thing.role == "static":
-                self._static(thing)
+        for obj in scene.objects:
+            if obj.role in ("target", "pushable"):
+                self._fruit(obj)
+            elif obj.role == "static":
+                self._static(obj)
             elif parameters.thing.avoid_as == "soft":
-                self._soft(thing)
+                self._soft(obj)
         if parameters.thing.avoid_as == "fruits":
             rng = np.random.default_rng(seed)
-            for thing in scene.avoid:
-                self._cluster(thing, rng)
+            for obj in scene.avoid:
+                self._cluster(obj, rng)
         self._lights()
 
     def _options(self) -> Any:
@@ -182,39 +182,39 @@ class _Draft:
         self.entities.append(Entity(kind, name))
         return len(self.entities) - 1
 
-    def _fruit(self, thing: SceneObject) -> None:
-        entity = self._entity("fruit" if thing.stem is not None else "thing", thing.id)
-        stem = -1 if thing.stem is None else self._entity("stem", thing.id)
-        built = add_fruit(self.spec, thing, self.parameters, entity, stem)
-        self.fruits.append((thing, built, entity, stem))
+    def _fruit(self, obj: SceneObject) -> None:
+        entity = self._entity("fruit" if obj.stem is not None else "thing", obj.id)
+        stem = -1 if obj.stem is None else self._entity("stem", obj.id)
+        built = add_fruit(self.spec, obj, self.parameters, entity, stem)
+        self.fruits.append((obj, built, entity, stem))
 
-    def _static(self, thing: SceneObject) -> None:
-        check_physical(thing)
+    def _static(self, obj: SceneObject) -> None:
+        check_physical(obj)
         p = self.parameters.thing
-        body = self.spec.worldbody.add_body(name=f"static:{thing.id}")
+        body = self.spec.worldbody.add_body(name=f"static:{obj.id}")
         add_shape(
-            self.spec, body, thing.shape, f"static:{thing.id}", thing.rotation, thing.position,
-            rgba=STATIC_COLOUR, friction=[thing.physical.get("friction", p.friction), 0.005, 1e-4],
+            self.spec, body, obj.shape, f"static:{obj.id}", obj.rotation, obj.position,
+            rgba=STATIC_COLOUR, friction=[obj.physical.get("friction", p.friction), 0.005, 1e-4],
             solref=[p.contact_time, 1.0], condim=3,
-            userdata=[float(self._entity("static", thing.id))], **layers("static"),
+            userdata=[float(self._entity("static", obj.id))], **layers("static"),
         )  # fmt: skip
 
-    def _soft(self, thing: SceneObject) -> None:
+    def _soft(self, obj: SceneObject) -> None:
         k = self.parameters.thing.cluster_stiffness
-        body = self.spec.worldbody.add_body(name=f"avoid:{thing.id}")
+        body = self.spec.worldbody.add_body(name=f"avoid:{obj.id}")
         add_shape(
-            self.spec, body, thing.shape, f"avoid:{thing.id}", thing.rotation, thing.position,
+            self.spec, body, obj.shape, f"avoid:{obj.id}", obj.rotation, obj.position,
             rgba=AVOID_COLOUR, friction=[0.1, 0.005, 1e-4], condim=3, priority=1,
             solref=[-k, -2.0 * np.sqrt(k)],
-            userdata=[float(self._entity("avoid", thing.id))], **layers("avoid"),
+            userdata=[float(self._entity("avoid", obj.id))], **layers("avoid"),
         )  # fmt: skip
 
-    def _cluster(self, thing: SceneObject, rng: np.random.Generator) -> None:
+    def _cluster(self, obj: SceneObject, rng: np.random.Generator) -> None:
         """Fruits within the shape's ball, each on a vertical stem."""
         p = self.parameters.thing
-        entity = self._entity("avoid", thing.id)
+        entity = self._entity("avoid", obj.id)
         count = int(p.cluster_fruits)
-        reach = max(thing.radius - CLUSTER_FRUIT_RADIUS, 0.0)
+        reach = max(obj.radius - CLUSTER_FRUIT_RADIUS, 0.0)
         golden = np.pi * (3.0 - np.sqrt(5.0))
         turn = rng.uniform(0.0, 2.0 * np.pi)
         for k in range(count):
@@ -223,17 +223,17 @@ class _Draft:
             direction = np.array(
                 [flat * np.cos(turn + k * golden), flat * np.sin(turn + k * golden), z]
             )
-            center = thing.position + reach * direction
+            center = obj.position + reach * direction
             root = center + np.array([0.0, 0.0, p.cluster_stem + reach * (1.0 - z)])
             fruit = SceneObject(
-                thing.id,
+                obj.id,
                 "pushable",
                 Sphere(CLUSTER_FRUIT_RADIUS),
                 center,
                 stem=Stem(np.array([center, root])),
             )
             built = add_fruit(
-                self.spec, fruit, self.parameters, entity, entity, key=f"{thing.id}:{k}",
+                self.spec, fruit, self.parameters, entity, entity, key=f"{obj.id}:{k}",
                 kind="avoid",
             )  # fmt: skip
             self.fruits.append((fruit, built, entity, entity))
@@ -283,7 +283,7 @@ class _Draft:
         )  # fmt: skip
 
     def _located(
-        self, model: Any, thing: SceneObject, built: BuiltFruit, entity: int, stem: int
+        self, model: Any, obj: SceneObject, built: BuiltFruit, entity: int, stem: int
     ) -> Fruit:
         body = model.body(f"fruit:{built.key}").id
         free = model.joint(f"free:{built.key}")
@@ -297,7 +297,7 @@ class _Draft:
             along = built.nodes[-2] - built.nodes[-1]
             along = along / np.linalg.norm(along)
         return Fruit(
-            built.id, thing.role, built, entity, stem, body, int(free.qposadr[0]),
+            built.id, obj.role, built, entity, stem, body, int(free.qposadr[0]),
             int(free.dofadr[0]), weld, dofs, last, frozen(along),
         )  # fmt: skip
 

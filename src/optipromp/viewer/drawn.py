@@ -1,4 +1,4 @@
-"""What the pictures of a plan show: its trajectories by name, one moment, and what stands where."""
+"""The content of a plan's pictures: trajectories by name, one moment, and the objects then."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -92,7 +92,7 @@ def motions(plan: "Plan") -> tuple[Motion, ...]:
 
 
 def moment(plan: "Plan", task: Task) -> Moment:
-    """As the tool passes the last fruit on a stem in its way; without any, the end."""
+    """The moment at which the tool passes the last fruit in the way; without any, the end."""
     q, hanging = plan.trajectory.positions, [t for t in task.neighbours if t.stem]
     if _still(plan):
         return Moment(0, 0.0, "the arm stays at its start")

@@ -1,7 +1,7 @@
 """A small painter: shaded faces, lines and dots of a 3-D scene on matplotlib axes.
 
-matplotlib's own 3-D axes sort whole objects, not faces, so that things in front vanish behind
-things at the back. Here every face goes into one list, sorted by depth.
+matplotlib's own 3-D axes sort whole objects, not faces, so that objects in front vanish behind
+objects at the back. Here every face goes into one list, sorted by depth.
 """
 
 from dataclasses import dataclass, field
@@ -57,7 +57,7 @@ class Camera:
 
 @dataclass
 class Picture:
-    """Collects what is to be seen; :meth:`draw` paints it, far things first."""
+    """Collects what is to be seen; :meth:`draw` paints it, far objects first."""
 
     camera: Camera
     _corners: list[FloatArray] = field(default_factory=list)

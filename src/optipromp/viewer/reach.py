@@ -187,7 +187,7 @@ def _focus(plan: "Plan") -> FloatArray:
 
 
 def _hidden(view: Camera, plan: "Plan", focus: FloatArray) -> float:
-    """How far static things stand before the focus, seen from the camera [m]."""
+    """How far static objects stand before the focus, seen from the camera [m]."""
     nearer = [
         float(view.axes[2] @ (item.position - focus))
         for item in plan.scene.static

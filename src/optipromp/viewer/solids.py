@@ -1,4 +1,4 @@
-"""Things of a scene as shaded faces, for a picture.
+"""Objects of a scene as shaded faces, for a picture.
 
 A solid is an array of quadrilaterals (F, 4, 3) in the world frame [m], corners anticlockwise seen
 from outside; a triangle repeats its last corner.

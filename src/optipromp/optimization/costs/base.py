@@ -7,7 +7,7 @@ from optipromp.optimization.evaluation import Evaluation
 
 
 class Cost(ABC):
-    """A cost of a trajectory: something to be small, or a penalty that is zero where it is kept.
+    """A cost of a trajectory: a quantity to minimise, or a penalty that is zero where it is kept.
 
     A subclass is a dataclass, or calls ``super().__init__(name, weight)``.
 
@@ -38,6 +38,7 @@ class Cost(ABC):
     def add(self, e: Evaluation, scale: float) -> float:
         """Return the value, without weight, and add ``scale`` times its gradient to ``e``.
 
-        The gradient goes where the cost lives, to joints or points; curvature likewise, if known.
-        ``scale`` is the weight; of a constraint it is the weight times the stage of the penalty.
+        The gradient is with respect to joints or to points, whichever the cost depends on. A known
+        curvature is added too. ``scale`` is the weight; for a constraint, the weight times the
+        stage of the penalty.
         """

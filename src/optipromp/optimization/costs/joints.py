@@ -53,7 +53,7 @@ class StepCost(Cost):
 
 @dataclass(frozen=True, eq=False)
 class VelocityCost(Cost):
-    r""":math:`F_v=\int\dot\xi^\top\dot\xi\,dt`: a penalty on steps that leaves none free."""
+    r""":math:`F_v=\int\dot\xi^\top\dot\xi\,dt`: a penalty on every step."""
 
     weight: float
     name = "velocity"
@@ -97,9 +97,9 @@ class SmoothnessCost(Cost):
 @inner
 def smoothness(q, dt, scale, gradient, band):  # type: ignore[no-untyped-def]
     """½ ∫ ‖ξ̈‖² dt, the trajectory at rest before its first and after its last waypoint."""
-    n_knots, total, k = q.shape[0], 0.0, scale / dt**3
-    for t in range(n_knots):
-        before, after = max(t - 1, 0), min(t + 1, n_knots - 1)
+    n_waypoints, total, k = q.shape[0], 0.0, scale / dt**3
+    for t in range(n_waypoints):
+        before, after = max(t - 1, 0), min(t + 1, n_waypoints - 1)
         rows = ((before, 1.0), (t, -2.0), (after, 1.0))
         for j in range(q.shape[1]):
             e = q[before, j] - 2.0 * q[t, j] + q[after, j]

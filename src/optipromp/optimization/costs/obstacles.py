@@ -56,7 +56,7 @@ def chomp_cost(d, epsilon):  # type: ignore[no-untyped-def]
 
 @inner
 def velocity(points, before, after, b, span):  # type: ignore[no-untyped-def]
-    """Velocity of a point between two knots, and its length."""
+    """Velocity of a point between two waypoints, and its length."""
     x = (points[after, b, 0] - points[before, b, 0]) / span
     y = (points[after, b, 1] - points[before, b, 1]) / span
     z = (points[after, b, 2] - points[before, b, 2]) / span
@@ -72,10 +72,10 @@ def obstacle_functional(  # type: ignore[no-untyped-def]
     The gradient is that of the discrete sum, so it agrees with finite differences at any T, and
     tends to the functional gradient as T grows.
     """
-    n_knots, total = distance.shape[0], 0.0
-    for t in range(n_knots):
-        w = dt * (0.5 if t == 0 or t == n_knots - 1 else 1.0)
-        before, after = max(t - 1, 0), min(t + 1, n_knots - 1)
+    n_waypoints, total = distance.shape[0], 0.0
+    for t in range(n_waypoints):
+        w = dt * (0.5 if t == 0 or t == n_waypoints - 1 else 1.0)
+        before, after = max(t - 1, 0), min(t + 1, n_waypoints - 1)
         span = (after - before) * dt
         best, chosen = 0.0, -1
         if use_max:
@@ -103,7 +103,7 @@ def obstacle_functional(  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True, eq=False)
 class ClearanceCost(Cost):
-    """Body spheres keep ``margin`` [m] from static objects, or from those to avoid and to push.
+    """Body spheres keep ``margin`` [m] from static objects, or from objects to avoid and to push.
 
     ``mask`` (B,) chooses the spheres; None: all.
     """
@@ -151,7 +151,7 @@ class SelfCost(Cost):
 
 
 def self_overlap(e: Evaluation, margin: float, scale: float = 0.0) -> FloatArray:
-    """½ Σ max(0, margin − D)² of each knot (T,), over the pairs of spheres that must keep apart.
+    """½ Σ max(0, margin − D)² of each waypoint (T,), over pairs of spheres that must keep apart.
 
     Adds ``scale`` times its gradient.
     """
@@ -198,6 +198,6 @@ def self_penalty(points, radius, groups, pairs, link_bound, margin, scale, force
                 if apart < 1e-9:
                     continue
                 x, y, z = x / apart, y / apart, z / apart
-                # each as if the other stood: twice the stiffness bounds the pair's curvature
+                # twice the stiffness on each sphere bounds the curvature of the pair
                 add_along(force[t, i], stiffness[t, i], -scale * short, 2.0 * scale, x, y, z)
                 add_along(force[t, j], stiffness[t, j], scale * short, 2.0 * scale, x, y, z)

@@ -106,7 +106,7 @@ class LevelCost(Cost):
         pull = scale * off[:, None] * n
         e.force[self.first :, a] += pull
         e.force[self.first :, b] -= pull
-        # each as if the other stood twice as stiff against it: no less than the pair's curvature
+        # twice the stiffness on each sphere bounds the curvature of the pair
         outer = np.array([n[0] ** 2, n[1] ** 2, n[2] ** 2, n[0] * n[1], n[0] * n[2], n[1] * n[2]])
         e.stiffness[self.first :, [a, b]] += 2.0 * scale * outer
         return 0.5 * float(off @ off)
@@ -116,8 +116,8 @@ class LevelCost(Cost):
 class CorridorCost(Cost):
     """Constraint 3: the tool stays within ``tolerance`` of ``reference`` (T, 3) along ``axes``.
 
-    Inside the corridor there is no force, but a curvature of ``within`` times that of its walls:
-    without it a solver would step far through the walls before it meets them.
+    Inside the corridor there is no force, but a curvature of ``within`` times that of its walls.
+    Without this curvature, a solver would step far through the walls.
     """
 
     weight: float
@@ -209,7 +209,7 @@ def push_quadratic(points, tool, goal, frame, axis_weights, dt, first, scale, fo
 def push_reciprocal(points, tool, goal, lateral, softening, first, scale, force, _stiffness):  # type: ignore[no-untyped-def]
     """The authors' Σ_t 1/|y_g·(fk − X_g)|, finite near zero: Σ_t (y² + softening²)^(-1/2).
 
-    The last knot is left out: it is at the target, where the cost is without bound and without use.
+    The last waypoint is left out: it is at the target, where the cost has no bound and no use.
     """
     total = 0.0
     for t in range(first, points.shape[0] - 1):

@@ -1,4 +1,4 @@
-"""Seeded clutter: random scenes that an arm could solve, and what a detector would see of them."""
+"""Random scenes by seed that an arm could solve, and the errors of a detector."""
 
 from optipromp.scenes.generate.generator import (
     PRESETS,

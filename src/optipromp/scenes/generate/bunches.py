@@ -34,10 +34,10 @@ GUTTER_HEIGHT = (0.06, 0.16)
 GUTTER_BOTTOM = (-0.08, 0.02)  # [m] of a gutter beside the target, above the target
 
 
-def draw(
+def sample(
     name: str, count: int, sides: bool, gutter: GutterSide | None, rng: np.random.Generator
 ) -> Scene:
-    """One draw, possible or not.
+    """One sample, possible or not.
 
     Args:
         name: of the scene.
@@ -82,10 +82,10 @@ def _stem(position: FloatArray, rng: np.random.Generator, roof: float | None = N
     """A straight stem, ended where it meets a ``roof`` [m]."""
     length = float(rng.uniform(*STEM_LENGTH))
     tilt, turn = float(rng.uniform(0.0, INCLINATION)), float(rng.uniform(0.0, 2.0 * np.pi))
-    way = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+    line = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
     if roof is not None:
-        length = min(length, (roof - position[2] - STEM_RADIUS - 1e-3) / way[2])
-    return Stem(np.array([position, position + length * way]))
+        length = min(length, (roof - position[2] - STEM_RADIUS - 1e-3) / line[2])
+    return Stem(np.array([position, position + length * line]))
 
 
 def _neighbour(name: str, target: FloatArray, side: float, rng: np.random.Generator) -> SceneObject:
@@ -97,7 +97,7 @@ def _neighbour(name: str, target: FloatArray, side: float, rng: np.random.Genera
 
 
 def _gutter(target: FloatArray, side: GutterSide, rng: np.random.Generator) -> SceneObject:
-    """A box whose surface is as far from the target's centre as drawn."""
+    """A box whose surface is as far from the target's centre as sampled."""
     distance = float(rng.uniform(*GUTTER_DISTANCE))
     width, height = float(rng.uniform(*GUTTER_WIDTH)), float(rng.uniform(*GUTTER_HEIGHT))
     bottom, share = float(rng.uniform(*GUTTER_BOTTOM)), float(rng.uniform(-0.5, 0.5))

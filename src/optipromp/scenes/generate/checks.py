@@ -1,4 +1,4 @@
-"""Whether a drawn scene is physically possible: nothing inside anything else, at rest."""
+"""Whether a sampled scene is physically possible: no two objects overlap at rest."""
 
 import numpy as np
 
@@ -11,13 +11,13 @@ SAMPLE = 0.004  # [m] between checks along a stem
 
 
 class OverlapError(Exception):
-    """A draw that could not be finished because objects overlap; the message says which."""
+    """A sample that failed because objects overlap; the message names them."""
 
 
 def interpenetration(scene: Scene) -> str | None:
     """What kinds of objects interpenetrate; None where the scene is possible.
 
-    Checked are fruits (spheres) against one another and against neighbours and static objects,
+    The check covers fruits (spheres) against one another and against neighbours and static objects,
     stems against all of these but their own fruits, and neighbours against static objects.
     """
     fruits = [item for item in scene.objects if item.role in ("target", "pushable")]
@@ -27,7 +27,7 @@ def interpenetration(scene: Scene) -> str | None:
             if _apart(one, other) < 0.0:
                 return "fruit in fruit"
     if not hanging:
-        return None  # a shelf, whose footprints its draw has kept apart
+        return None  # a shelf: its sampler has kept the footprints apart
     positions = np.array([item.position for item in hanging])
     radii = np.array([item.radius for item in hanging])
     for objects, word in ((scene.static, "static"), (scene.avoid, "neighbour")):
@@ -80,9 +80,9 @@ def _samples(points: FloatArray) -> FloatArray:
 
 def to_segment(point: FloatArray, a: FloatArray, b: FloatArray) -> float:
     """Distance from a point (3,) to the segment from ``a`` to ``b`` [m]."""
-    way = b - a
-    share = float(np.clip((point - a) @ way / (way @ way), 0.0, 1.0))
-    return float(np.linalg.norm(point - a - share * way))
+    line = b - a
+    share = float(np.clip((point - a) @ line / (line @ line), 0.0, 1.0))
+    return float(np.linalg.norm(point - a - share * line))
 
 
 def segments(one: FloatArray, other: FloatArray) -> float:

@@ -1,7 +1,7 @@
-"""Draw, check, draw again: a scene that is possible, and how many were not.
+"""Random scenes: sampled, checked, and sampled again until one is possible.
 
-What is discrete (how many pushables, on which side the gutter stands) is drawn once and kept while
-the rest is drawn again, so that crowded scenes do not become rare because they are hard to place.
+The discrete choices (the number of pushables, the side of the gutter) are sampled once and kept
+while the rest is sampled again. Otherwise crowded scenes, which are hard to place, would be rare.
 """
 
 import zlib
@@ -20,10 +20,10 @@ from optipromp.scenes.scene import Scene, suggest
 
 Preset = Literal["cluster", "side-clusters", "table-top", "mixed", "shelf"]
 PRESETS: tuple[Preset, ...] = get_args(Preset)
-PATIENCE = 1000  # redraws before what is discrete is drawn again
+PATIENCE = 1000  # samples before the discrete choices are sampled again
 MOST_REDRAWS = 50_000
 
-Draw = Callable[[np.random.Generator], Scene]
+Sampler = Callable[[np.random.Generator], Scene]
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class GenerationReport:
     Attributes:
         preset: what was asked for.
         seed: of the scene.
-        redraws: scenes drawn before that were impossible.
-        reasons: why, and how often.
+        redraws: number of impossible scenes sampled before.
+        reasons: why they were impossible, and how often.
     """
 
     preset: Preset
@@ -49,14 +49,14 @@ def generate(preset: Preset, seed: int) -> Scene:
 
 
 def generate_with_report(preset: Preset, seed: int) -> tuple[Scene, GenerationReport]:
-    """Draw a random scene.
+    """Sample a random scene.
 
     Presets (lengths in metres; every number uniform in its range):
 
     - ``cluster``: 1 to 4 pushables 0.03 to 0.15 before the target along the approach (upwards),
-      offset by up to R_gripper along each lateral direction; stems 0.10 to 0.30 long inclined by up
-      to 25 degrees any way; R_gripper 0.02 to 0.03; fruits of 30 to 40 mm, the target smaller
-      where the cup asks for it.
+      offset by up to R_gripper along each lateral direction; stems 0.10 to 0.30 long, inclined by
+      up to 25 degrees in any direction; R_gripper 0.02 to 0.03; fruits of 30 to 40 mm, the target
+      smaller where the cup asks for it.
     - ``side-clusters``: also a neighbouring cluster on either side, 0.12 to 0.25 away.
     - ``table-top``: a cluster, and a gutter 0.03 to 0.08 from the target's centre on any side but
       the approach.
@@ -64,7 +64,7 @@ def generate_with_report(preset: Preset, seed: int) -> tuple[Scene, GenerationRe
     - ``shelf``: a can behind 2 to 6 upright cans and boxes on a shelf; horizontal approach with
       the Franka hand.
 
-    A scene is drawn again only where objects interpenetrate, or where no arm could solve it: the
+    A scene is sampled again only where objects interpenetrate, or where no arm could solve it: the
     target out of reach, inside something static, a stem rooted where the cup must pass, or every
     goal configuration in collision.
 
@@ -81,14 +81,14 @@ def generate_with_report(preset: Preset, seed: int) -> tuple[Scene, GenerationRe
         raise InvalidRequestError(f"seed is {seed}; it must not be negative")
     rng = np.random.default_rng([zlib.crc32(preset.encode()), seed])
     reasons: Counter[str] = Counter()
-    draw = _kind(preset, seed, rng)
+    sampler = _kind(preset, seed, rng)
     patience = PATIENCE
     while reasons.total() < MOST_REDRAWS:
         if patience == 0:
-            draw, patience = _kind(preset, seed, rng), PATIENCE
+            sampler, patience = _kind(preset, seed, rng), PATIENCE
         patience -= 1
         try:
-            scene = draw(rng)
+            scene = sampler(rng)
         except OverlapError as overlap:
             reasons[str(overlap)] += 1
             continue
@@ -97,19 +97,19 @@ def generate_with_report(preset: Preset, seed: int) -> tuple[Scene, GenerationRe
             report = GenerationReport(preset, seed, reasons.total(), dict(sorted(reasons.items())))
             return scene, report
         reasons[fault] += 1
-    raise InvalidRequestError(  # a preset that cannot be drawn: not for the five above
-        f"no possible scene of {preset} within {MOST_REDRAWS} draws: {dict(reasons)}"
+    raise InvalidRequestError(  # cannot happen with the five presets above
+        f"no possible scene of {preset} within {MOST_REDRAWS} samples: {dict(reasons)}"
     )
 
 
-def _kind(preset: Preset, seed: int, rng: np.random.Generator) -> Draw:
-    """Draw what is discrete; returns the draw of the rest."""
+def _kind(preset: Preset, seed: int, rng: np.random.Generator) -> Sampler:
+    """Sample the discrete choices; returns the sampler of the rest."""
     name = f"{preset}-{seed}"
     if preset == "shelf":
         count = int(rng.integers(2, 7))
-        return lambda rng: shelves.draw(name, count, rng)
+        return lambda rng: shelves.sample(name, count, rng)
     count = int(rng.integers(1, 5))
     sides = preset in ("side-clusters", "mixed")
     gutter = bunches.GUTTER_SIDES[int(rng.integers(len(bunches.GUTTER_SIDES)))]
     chosen = gutter if preset in ("table-top", "mixed") else None
-    return lambda rng: bunches.draw(name, count, sides, chosen, rng)
+    return lambda rng: bunches.sample(name, count, sides, chosen, rng)

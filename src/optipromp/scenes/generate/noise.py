@@ -1,4 +1,4 @@
-"""What a detector sees of a scene: positions and stem directions with Gaussian errors."""
+"""A scene as detected: positions and stem directions with Gaussian errors."""
 
 import math
 from dataclasses import replace
@@ -13,8 +13,8 @@ from optipromp.scenes.scene import Scene, SceneObject, Stem
 def perceived(scene: Scene, rng: np.random.Generator, position_sd: float, angle_sd: float) -> Scene:
     """The scene as detected: target, pushables and neighbours where they seem to be.
 
-    Static objects (a gutter, a shelf) are surveyed once and known. An object without a stem that is
-    no ball stands upright on something known: it is misplaced on the level only. Each detected
+    Static objects (a gutter, a shelf) are known exactly. An object that has no stem and is no ball
+    stands upright on a known board: its error is horizontal. Each detected
     object carries the covariance of its position.
 
     Args:
@@ -24,7 +24,7 @@ def perceived(scene: Scene, rng: np.random.Generator, position_sd: float, angle_
         angle_sd: standard deviation of a stem's tilt about each of two axes across it [rad].
 
     Raises:
-        InvalidRequestError: a deviation that is negative or not finite.
+        InvalidRequestError: a standard deviation that is negative or not finite.
     """
     for name, value in (("position_sd", position_sd), ("angle_sd", angle_sd)):
         if not (math.isfinite(value) and value >= 0.0):
@@ -39,7 +39,7 @@ def perceived(scene: Scene, rng: np.random.Generator, position_sd: float, angle_
 def _seen(
     item: SceneObject, rng: np.random.Generator, position_sd: float, angle_sd: float
 ) -> SceneObject:
-    # as many numbers for every object, so that a role changed elsewhere changes no other's error
+    # every object takes as many numbers, so that its errors do not depend on the roles of others
     error, turn = position_sd * rng.standard_normal(3), angle_sd * rng.standard_normal(2)
     if item.role == "static":
         return item
@@ -62,10 +62,10 @@ def _stands(item: SceneObject) -> bool:
 
 def _turn(vector: FloatArray, angles: FloatArray) -> FloatArray:
     """Rotation (3, 3) that tilts ``vector`` by two angles [rad] about two axes across it."""
-    way = vector / np.linalg.norm(vector)
-    first = np.cross(way, np.eye(3)[int(np.argmin(np.abs(way)))])
+    along = vector / np.linalg.norm(vector)
+    first = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
     first /= np.linalg.norm(first)
-    axis = angles[0] * first + angles[1] * np.cross(way, first)
+    axis = angles[0] * first + angles[1] * np.cross(along, first)
     angle = float(np.linalg.norm(axis))
     if angle == 0.0:
         return np.eye(3)

@@ -26,13 +26,13 @@ THICK = 0.02  # [m] boards and walls
 ASIDE = 0.10  # [m] packs stand this far beside the target's line at most
 TARGET_RADIUS, TARGET_HEIGHT = (0.022, 0.030), (0.11, 0.15)
 CAN_RADIUS, PACK_EDGE, PACK_HEIGHT = (0.025, 0.033), (0.04, 0.07), (0.09, 0.16)
-PLACES_TRIED = 200  # places tried for a pack before the shelf is drawn again
+PLACES_TRIED = 200  # places tried for a pack before the shelf is sampled again
 GAP = 1e-3  # [m] between packs, and from packs to walls
 
 
 @dataclass(frozen=True, eq=False)
 class Footprint:
-    """What a pack covers of the board: a disc, or a rectangle with ``half`` edges (2,) [m]."""
+    """The footprint of a pack on the board: a disc, or a rectangle with ``half`` edges (2,) [m]."""
 
     center: FloatArray
     radius: float  # of the disc; of the circle about the rectangle
@@ -77,8 +77,8 @@ def apart(one: Footprint, other: Footprint) -> bool:
     return False
 
 
-def draw(name: str, count: int, rng: np.random.Generator) -> Scene:
-    """One draw of ``count`` packs before a can.
+def sample(name: str, count: int, rng: np.random.Generator) -> Scene:
+    """One sample of ``count`` packs before a can.
 
     Raises:
         OverlapError: no place was left for a pack.

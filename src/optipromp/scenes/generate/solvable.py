@@ -1,8 +1,7 @@
-"""Whether any arm motion could end at the target: reach, and room for a goal configuration.
+"""Whether any arm motion could end at the target: reach, and a free goal configuration.
 
-Nothing here asks a planner. Only the goal is judged, and only against static objects and the arm
-itself; that the way there is hard, or that the arm must brush a neighbour, is no reason to draw a
-scene again.
+No planner is asked. Only the goal is judged, and only against static objects and the arm itself. A
+scene is not sampled again because the motion is hard, or because the arm must brush a neighbour.
 """
 
 import functools
@@ -38,9 +37,9 @@ def equipped(scene: Scene) -> Robot:
 
 
 def unsolvable(scene: Scene) -> str | None:
-    """Why no arm motion can end at the target; None where one might."""
+    """The reason why no arm motion can end at the target; None where one may."""
     target = scene.target
-    assert target is not None  # the generator draws none without
+    assert target is not None  # every generated scene has one
     static = scene.obstacles("static")
     if len(static.kind):
         inside, _ = distances(static, target.position[None])
@@ -66,10 +65,10 @@ def unsolvable(scene: Scene) -> str | None:
 def _rooted_in_tool(scene: Scene, item: SceneObject, tool: Tool | None) -> bool:
     """Whether a cup must go through a stem's root, which does not yield; false of fingers.
 
-    The root is in the cup or its neck at the goal; or in what every way of the cup to the goal
-    sweeps: from where the mouth takes in the target's lowest point the cup can only rise, off the
-    approach line by no more than the target leaves room for in the mouth. A wall as thin as
-    :data:`WALL` counts as none there.
+    It is so where the root is in the cup or its neck at the goal, or in the volume that the cup
+    sweeps on every path: once the target's lowest point is in the mouth the cup can only rise, and
+    the target leaves it little room to the side. There, a wall of at most :data:`WALL` does not
+    count.
     """
     target = scene.target
     if item.stem is None or tool is None or tool.fingers or target is None:

@@ -1,8 +1,8 @@
-"""What the judge sees between the knots: fine enough to meet everything, and no more."""
+"""What the judge sees between the waypoints: fine enough to meet everything, and no more."""
 
 import numpy as np
 import pytest
-from tests.judging.builders import TURN, moving, thing, to
+from tests.judging.builders import TURN, moving, obj, to
 
 from optipromp import judging
 from optipromp.geometry import Box, Capsule, Cylinder, HalfSpace, Sphere
@@ -22,24 +22,24 @@ def test_no_sphere_moves_over_half_its_radius_between_checks(
     moved = np.linalg.norm(np.diff(robot.sphere_centers(fine), axis=0), axis=2)
     assert (moved <= 0.5 * np.asarray(robot.spheres.radius)).all()
     at = [int(np.argmin(np.abs(fine - k).max(axis=1))) for k in q]
-    np.testing.assert_allclose(fine[at], q, atol=1e-12)  # the knots themselves are checked
+    np.testing.assert_allclose(fine[at], q, atol=1e-12)  # the waypoints themselves are checked
     assert at == sorted(at)
 
 
-def test_a_thin_wall_between_two_knots_is_met(gantry: Robot) -> None:
-    """A sheet of paper across the path; at the knots the arm is 0.3 m from it."""
+def test_a_thin_wall_between_two_waypoints_is_met(gantry: Robot) -> None:
+    """A sheet of paper across the path; at the waypoints the arm is 0.3 m from it."""
     q = np.array([[0.0, 0.0, 0.0], [0.6, 0.0, 0.0], [1.2, 0.0, 0.0]])
     for at in (0.3, 0.9):
-        wall = thing("static", Box((1e-4, 2.0, 3.0)), [at, 0.0, 0.0], name="wall")
+        wall = obj("static", Box((1e-4, 2.0, 3.0)), [at, 0.0, 0.0], name="wall")
         scene = to(JointGoal(q[-1]), wall)
-        _, at_knots = judging.clearances(scene, gantry, q)
-        assert not at_knots
+        _, at_waypoints = judging.clearances(scene, gantry, q)
+        assert not at_waypoints
         judgement = judging.judge(scene, gantry, moving(gantry, q))
         assert {c.other for c in judgement.contacts} == {"wall"}
         assert "wall" in judgement.message
         assert judgement.metrics.clearance_static is not None
         assert judgement.metrics.clearance_static < -0.009
-    beside = thing("static", Box((1e-4, 2.0, 3.0)), [1.3, 0.0, 0.0])
+    beside = obj("static", Box((1e-4, 2.0, 3.0)), [1.3, 0.0, 0.0])
     assert not judging.judge(to(JointGoal(q[-1]), beside), gantry, moving(gantry, q)).violations
 
 
@@ -49,9 +49,9 @@ def test_a_wall_inside_a_large_turn_is_met(wheel: Robot, step: float) -> None:
     q = np.array([[0.0], [step], [2.0 * step]])
     middle = 0.5 * step
     at = 0.5 * np.array([np.cos(middle), np.sin(middle), 0.0])
-    wall = thing("static", Sphere(0.004), at, name="pin")
-    _, at_knots = judging.clearances(to(JointGoal(q[-1]), wall), wheel, q)
-    assert not at_knots
+    wall = obj("static", Sphere(0.004), at, name="pin")
+    _, at_waypoints = judging.clearances(to(JointGoal(q[-1]), wall), wheel, q)
+    assert not at_waypoints
     judgement = judging.judge(to(JointGoal(q[-1]), wall), wheel, moving(wheel, q, 9.0))
     assert {c.other for c in judgement.contacts} == {"pin"}
     assert judgement.metrics.clearance_static == pytest.approx(-0.024, abs=0.006)
@@ -80,15 +80,15 @@ def test_what_is_skipped_on_the_way_is_what_cannot_matter(
     robot = (panda, scara)[seed % 2]
     shapes = [Sphere(0.05), Box((0.3, 0.02, 0.1)), Capsule(0.03, 0.3), Cylinder(0.02, 0.2)]
     roles = ("static", "avoid", "pushable")
-    things = [
-        thing(roles[i % 3], shapes[i % 4], rng.uniform(-0.7, 0.7, 3), TURN, name=f"t{i}")
+    objects = [
+        obj(roles[i % 3], shapes[i % 4], rng.uniform(-0.7, 0.7, 3), TURN, name=f"t{i}")
         for i in range(14)
     ]
-    things.append(thing("static", HalfSpace(), np.array([0.0, 0.0, -0.2]), name="floor"))
+    objects.append(obj("static", HalfSpace(), np.array([0.0, 0.0, -0.2]), name="floor"))
     corners = rng.uniform(robot.lower, robot.upper, (4, robot.n_joints))
     share = np.linspace(0.0, 3.0, 120)
     q = np.array([np.interp(share, range(4), column) for column in corners.T]).T
-    scene = to(JointGoal(q[-1]), *things)
+    scene = to(JointGoal(q[-1]), *objects)
     together, contacts = judging.clearances(scene, robot, q)
     alone = [judging.clearances(scene, robot, one[None]) for one in q]
     for key, value in together.items():
