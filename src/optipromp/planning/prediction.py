@@ -8,6 +8,7 @@ import numpy as np
 from optipromp.arrays import FloatArray, lengths
 from optipromp.planning.task import Task
 from optipromp.pushing import hanging, standing
+from optipromp.pushing.cup import flange_of
 from optipromp.pushing.hanging import Hanging
 from optipromp.pushing.model import Combined, PushModel
 from optipromp.pushing.path import STEP, along, evenly, length
@@ -30,8 +31,8 @@ def push_model(task: Task, goal: FloatArray) -> PushModel | None:
     if standing.applies(scene, tool):
         models.append(Standing(scene, tool, wrist(task, goal)))
     if hanging.applies(scene, tool, task.neighbours):
-        radius = task.robot.gripper_radius
-        models.append(Hanging(scene, tool, task.neighbours, task.camera, radius))
+        radius, flange = task.robot.gripper_radius, flange_of(task.robot)
+        models.append(Hanging(scene, tool, task.neighbours, task.camera, radius, flange))
     return models[0] if len(models) == 1 else Combined(*models) if models else None
 
 

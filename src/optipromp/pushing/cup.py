@@ -5,10 +5,15 @@ kernel's innermost loop.
 """
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
+import numpy as np
+
+from optipromp.arrays import lengths
 from optipromp.compiled import inner
 from optipromp.pushing.parameters import PUSH
+from optipromp.robots.model import Robot
 
 NECK_LOOKED_AT, BARELY = PUSH.swing.neck, PUSH.swing.barely
 ABOVE = 1.0  # [m] added to the gap of a piece of stem over the rim, which touches nothing
@@ -23,6 +28,8 @@ class Mouth(NamedTuple):
     rim: float
     floor: float  # thickness
     neck: float  # radius
+    flange: float = 0.0  # radius of the arm's last link, taken as round; see :func:`flange_of`
+    flange_top: float = -1.0  # height of its end
 
 
 class Pose(NamedTuple):
@@ -34,6 +41,35 @@ class Pose(NamedTuple):
     u: float
     v: float
     w: float
+
+
+@lru_cache(maxsize=32)
+def flange_of(robot: Robot) -> tuple[float, float]:
+    """The arm's last link as a round body behind the tool: radius, height over the tool point [m].
+
+    Both are medians over the directions around the tool axis: of how far the link's body spheres
+    reach from the axis, and of how far they reach along it at 0.7 of that radius. (0, -1) for a
+    link without spheres about the axis.
+    """
+    spheres = robot.spheres
+    last = np.asarray(spheres.segment) == robot.n_segments - 1
+    if robot.tool is not None:
+        last &= np.asarray(spheres.link) != len(robot.link_names) - 1
+    center, radius = spheres.center[last] - robot.tool_point, spheres.radius[last]
+    height = center @ robot.tool_axis
+    aside = center - height[:, None] * robot.tool_axis
+    if not (lengths(aside) < radius).any():
+        return 0.0, -1.0
+    angles = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
+    across = np.linalg.svd(robot.tool_axis[None])[2][1:]  # two directions across the axis
+    toward = np.column_stack([np.cos(angles), np.sin(angles)]) @ across
+    along = toward @ aside.T  # (72, k)
+    square = radius**2 - (lengths(aside) ** 2 - along**2)
+    reach = np.where(square > 0.0, along + np.sqrt(np.maximum(square, 0.0)), 0.0).max(axis=1)
+    wide = float(np.median(reach))
+    off = np.linalg.norm(0.7 * wide * toward[:, None] - aside, axis=2)
+    top = np.where(off < radius, height + np.sqrt(np.maximum(radius**2 - off**2, 0.0)), -np.inf)
+    return wide, float(np.median(top.max(axis=1)))
 
 
 @inner
@@ -54,7 +90,7 @@ def _box(
 
 @inner
 def cup_distance(rho: float, h: float, cup: Mouth) -> tuple[float, float, float]:
-    """Signed distance to wall, floor and neck in the half-plane, with d/drho and d/dh."""
+    """Signed distance to wall, floor, neck and flange in the half-plane, with d/drho and d/dh."""
     best, g0, g1 = _box(rho, h, cup.inner, cup.outer, cup.base, cup.rim)
     d, e0, e1 = _box(rho, h, -cup.outer, cup.outer, cup.base, cup.base + cup.floor)
     if d < best:
@@ -62,6 +98,10 @@ def cup_distance(rho: float, h: float, cup: Mouth) -> tuple[float, float, float]
     d, e0, e1 = _box(rho, h, -cup.neck, cup.neck, cup.base - 1.0, cup.base)
     if d < best:
         best, g0, g1 = d, e0, e1
+    if cup.flange > cup.neck:
+        d, e0, e1 = _box(rho, h, -cup.flange, cup.flange, cup.flange_top - 1.0, cup.flange_top)
+        if d < best:
+            best, g0, g1 = d, e0, e1
     return best, g0, g1
 
 

@@ -58,13 +58,14 @@ class Hanging(PushModel):
         neighbours: pushables in the way, first met first.
         camera: (3,) where a path begins [m].
         gripper_radius: R_gripper [m].
+        flange: of the arm, see :func:`optipromp.pushing.cup.flange_of`; none by default.
     """
 
     speed, threshold = HANGING.speed, THRESHOLD
 
     def __init__(
         self, scene: Scene, tool: Tool, neighbours: Sequence[SceneObject], camera: FloatArray,
-        gripper_radius: float,
+        gripper_radius: float, flange: tuple[float, float] = (0.0, -1.0),
     ) -> None:  # fmt: skip
         target = scene.target
         assert target is not None
@@ -73,7 +74,7 @@ class Hanging(PushModel):
         inner, outer = tool.mouth
         base = tool.front - tool.reach
         inner = inner if inner > 0.0 else -outer  # solid
-        self.cup = Mouth(inner, outer, base, tool.depth, WALL, NECK_RADIUS)
+        self.cup = Mouth(inner, outer, base, tool.depth, WALL, NECK_RADIUS, *flange)
         self.static, self.avoid = (
             near(
                 scene.packed(scene.around(target.position, HANGING.around, role)),
