@@ -1,22 +1,29 @@
 """The cup's shape as fruits meet it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from optipromp.pushing.cup import Mouth, cup_distance
+from optipromp.pushing.cup import Mouth, cup_distance, flange_of
+from optipromp.robots import Cup, FrankaHand, load_robot, with_tool
 
 CUPS = st.builds(
-    lambda inner, wall, base, rim, neck: Mouth(inner, inner + wall, base, rim, 0.002, neck * inner),
+    lambda inner, wall, base, rim, neck, flange, under: Mouth(
+        inner, inner + wall, base, rim, 0.002, neck * inner, flange * inner, base - under
+    ),
     st.floats(0.015, 0.04), st.floats(0.001, 0.01), st.floats(-0.06, -0.02), st.floats(0.0, 0.03),
-    st.floats(0.2, 0.8),
+    st.floats(0.2, 0.8), st.sampled_from([0.0, 1.0, 1.7]), st.floats(0.01, 0.08),
 )  # fmt: skip
 
 
 def outline(cup: Mouth, spacing: float = 2e-4) -> np.ndarray:
-    """Points on the edges of wall, floor and neck, in the half-plane and mirrored."""
+    """Points on the edges of wall, floor, neck and flange, in the half-plane and mirrored."""
+    flange = ((-cup.flange, cup.flange, cup.flange_top - 0.2, cup.flange_top),)
     boxes = (
+        *(flange if cup.flange > cup.neck else ()),
         (cup.inner, cup.outer, cup.base, cup.rim),
         (-cup.outer, cup.outer, cup.base, cup.base + cup.floor),
         (-cup.neck, cup.neck, cup.base - 0.2, cup.base),
@@ -33,7 +40,8 @@ def outline(cup: Mouth, spacing: float = 2e-4) -> np.ndarray:
 def solid(cup: Mouth, rho: float, h: float) -> bool:
     wall = cup.inner <= rho <= cup.outer and cup.base <= h <= cup.rim
     floor = rho <= cup.outer and cup.base <= h <= cup.base + cup.floor
-    return wall or floor or (rho <= cup.neck and h <= cup.base)
+    flange = cup.neck < cup.flange >= rho and h <= cup.flange_top
+    return wall or floor or flange or (rho <= cup.neck and h <= cup.base)
 
 
 @settings(max_examples=200, deadline=None)
@@ -65,3 +73,37 @@ def test_its_gradient_is_that_of_finite_differences(cup: Mouth, rho: float, h: f
         found[c] = (high - low) / (2.0 * eps)
     # an edge's curvature is 1/d where it ends, none before
     np.testing.assert_allclose(found, gradient, atol=1e-6 + eps / abs(d))
+
+
+@pytest.mark.parametrize("tool", [Cup(0.03), Cup(0.05, length=0.15), FrankaHand()])
+def test_the_flange_is_where_the_last_link_is(tool: Cup | FrankaHand) -> None:
+    """Rays from outside at the tool axis meet the link's spheres at its radius in the median."""
+    robot = with_tool(load_robot("panda"), tool)
+    radius, top = flange_of(robot)
+    link = robot.spheres.link == robot.link_names.index("link7")
+    center, size = robot.spheres.center[link], robot.spheres.radius[link]
+    below = robot.tool_point + np.linspace(-0.4, 0.1, 2001)[:, None] * robot.tool_axis
+    aside = np.linalg.svd(robot.tool_axis[None])[2][1:]
+    reach, height = [], []
+    for angle in np.linspace(0.0, 2.0 * np.pi, 50):
+        toward = np.array([np.cos(angle), np.sin(angle)]) @ aside
+
+        def inside(points: np.ndarray) -> np.ndarray:
+            return (np.linalg.norm(points[:, None] - center, axis=2) < size).any(axis=1)
+
+        steps = np.linspace(0.0, 0.15, 301)
+        within = [inside(below + s * toward).any() for s in steps]
+        reach.append(steps[np.flatnonzero(within)[-1]])
+        column = inside(below + 0.7 * radius * toward)
+        height.append(np.linspace(-0.4, 0.1, 2001)[np.flatnonzero(column)[-1]])
+    assert radius == pytest.approx(np.median(reach), abs=1.5e-3)
+    assert top == pytest.approx(np.median(height), abs=1.5e-3)
+    assert top < -tool.reach + 0.02
+
+
+def test_a_robot_without_spheres_there_has_no_flange() -> None:
+    bare = load_robot("panda")
+    spheres = bare.spheres
+    kept = spheres.link != bare.link_names.index("link7")
+    fewer = type(spheres)(*(values[kept] for values in spheres))
+    assert flange_of(replace(bare, spheres=fewer)) == (0.0, -1.0)

@@ -71,6 +71,21 @@ def detected(obj: SceneObject, deviation: float = 0.005) -> SceneObject:
 # --- harm of known paths -----------------------------------------------------------------------
 
 
+def test_a_fruit_that_hangs_low_meets_the_flange() -> None:
+    """0.13 m under the target and 60 mm aside: the cup passes it, a flange of 60 mm does not."""
+    low = fruit("n1", (0.06, 0.0, -0.15))
+    one = scene(low)
+    arguments = one, CUP, (low,), CAMERA, CUP.gripper_radius
+    without, wide = Hanging(*arguments), Hanging(*arguments, (0.06, -0.13))
+    narrow = Hanging(*arguments, (0.03, -0.13))
+    shift = [
+        float(np.linalg.norm(a.moved(*judged(STRAIGHT)).positions[1] - low.position))
+        for a in (without, wide, narrow)
+    ]
+    assert shift[0] == shift[2] < 1e-6
+    assert 0.01 < shift[1] < 0.04
+
+
 def test_what_is_not_touched_is_not_harmed() -> None:
     a = model(BESIDE)
     assert harm(a, STRAIGHT, a.states) == 0.0
