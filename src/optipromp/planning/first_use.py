@@ -1,12 +1,12 @@
 """Compiles every kernel before the first plan on a machine."""
 
-import math
 import subprocess
 import sys
+from dataclasses import replace
 
-from optipromp.planning.options import PlanOptions
-from optipromp.planning.plan import plan, warm_up
+from optipromp.planning.plan import warm_up
 from optipromp.processes import cores
+from optipromp.scenes.io import load_scene
 
 SCENE = "scenario-3"
 
@@ -15,14 +15,16 @@ def compile_kernels() -> None:
     """Fill Numba's cache.
 
     The push model takes nearly as long to compile as all other kernels. Where there is a second
-    core, another process compiles it.
+    core, another process compiles it, while this one plans where nothing is to be pushed.
     """
+    scene = load_scene(SCENE)
+    bare = replace(scene, objects=tuple(o for o in scene.objects if o.role != "pushable"))
     other = None
     if cores() > 1:
         code = f"from {__name__} import compile_push_model as run; run()"
         other = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)
     try:
-        plan(SCENE, planner="i-promp", options=PlanOptions(timeout=math.inf))
+        warm_up(bare)
         if other is not None:
             other.wait()
     finally:
@@ -36,7 +38,6 @@ def compile_push_model() -> None:
     """Compile what predicts a push."""
     from optipromp.planning.prediction import push_model
     from optipromp.planning.task import resolve
-    from optipromp.scenes.io import load_scene
 
     task = resolve(load_scene(SCENE))
     model = push_model(task, task.robot.home)

@@ -13,6 +13,7 @@ from threadpoolctl import ThreadpoolController
 
 from optipromp import judging
 from optipromp.errors import Code, InvalidRequestError
+from optipromp.optimization.kernels import add_stiffness
 from optipromp.planning import functionals, goals, primitive
 from optipromp.planning.options import Planner, PlanOptions, Strategy
 from optipromp.planning.parameters import GOAL
@@ -89,6 +90,7 @@ def plan(
         InvalidRequestError: an argument or option outside what it may be.
         StartInvalidError: a start outside the joint limits, or of the wrong size.
     """
+    _compiled()  # before the plan's clock starts
     with _one_thread():
         return _plan(scene, robot, planner, strategy, demonstrations, seed, options, progress)
 
@@ -107,9 +109,19 @@ def check_planner(planner: str, strategy: str) -> None:
             raise InvalidRequestError(f"{what} is {name!r}; valid: {', '.join(valid)}")
 
 
-def warm_up() -> None:
+def warm_up(scene: Scene | str = "scenario-3") -> None:
     """Compile every kernel, or load it from the cache, before a plan's time counts."""
-    len(plan("scenario-3", options=PlanOptions(timeout=math.inf)).terms)  # computed when read
+    options = PlanOptions(timeout=math.inf)
+    with _one_thread():
+        made = _plan(scene, None, "opti-promp", "joint", None, 0, options, None)
+    len(made.terms)  # computed when read
+
+
+@functools.cache
+def _compiled() -> None:
+    """Compile the kernels, once in a process, where Numba's cache has none of them."""
+    if not any(Path(add_stiffness.stats.cache_path or "").glob("*.nbi")):
+        warm_up()
 
 
 def _plan(
