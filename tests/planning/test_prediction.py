@@ -147,9 +147,9 @@ def test_a_cup_meets_fruits_that_hang_and_a_hand_packs_that_stand(three: Scene) 
 def test_where_no_model_applies_a_stems_side_is_a_fault(three: Scene) -> None:
     """And where one does, it is a remark."""
     result = plan(three)
-    assert "note: the tool passes n1 on the side of its stem" in result.message
+    assert "note: the tool passes n2 on the side of its stem" in result.message
     strict = judging.judge(three, result.robot, result.trajectory)
-    assert any("n1 on the side of its stem" in str(found) for found in strict.violations)
+    assert any("n2 on the side of its stem" in str(found) for found in strict.violations)
     target = replace(three.target, stem=None)  # type: ignore[type-var]
     others = tuple(o for o in three.objects if o.role != "target")
     unknown = plan(replace(three, objects=(target, *others)))

@@ -12,9 +12,9 @@ from optipromp.scenes.generate import generate
 from optipromp.scenes.scene import Scene
 
 
-@pytest.fixture(scope="module", params=[5, 13])
+@pytest.fixture(scope="module", params=[5, 14])
 def scene(request: pytest.FixtureRequest) -> Scene:
-    """Wrist or forearm end in the place of a pack (5), whatever the configuration (13)."""
+    """Wrist or forearm end in the place of a pack (5), whatever the configuration (14)."""
     return generate("shelf", request.param)
 
 
