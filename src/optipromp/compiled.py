@@ -3,7 +3,8 @@
 A division by zero gives infinity, as in NumPy, and no kernel holds Python's lock.
 """
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from numba import njit
 
@@ -21,3 +22,8 @@ It takes no part in counting references to arrays. With counting, a kernel that 
 named tuples spends more time on that than on its work: a push, split into such kernels, took 2.1
 times as long. What is ``inlined`` is inserted wherever it is called.
 """
+
+
+def in_cache(dispatcher: Any) -> bool:
+    """Whether Numba's cache has compiled kernels in the folder of this one."""
+    return any(Path(dispatcher.stats.cache_path or "").glob("*.nbi"))

@@ -175,12 +175,10 @@ def progress_bar(lines: int) -> Iterator[Callable[[int, int, str], None]]:
 
 def say_if_compiling() -> None:
     """Compile the kernels before the first plan, and say so, when Numba's cache lacks them."""
-    from pathlib import Path
-
+    from optipromp.compiled import in_cache
     from optipromp.optimization.kernels import add_stiffness
 
-    folder = Path(add_stiffness.stats.cache_path or "")
-    if not any(folder.glob("*.nbi")):
+    if not in_cache(add_stiffness):
         sys.stderr.write("compiling kernels, once (about half a minute) ...\n")
         sys.stderr.flush()
         from optipromp.planning.first_use import compile_kernels

@@ -12,6 +12,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from optipromp import judging
+from optipromp.compiled import in_cache
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.optimization.kernels import add_stiffness
 from optipromp.planning import functionals, goals, primitive
@@ -120,7 +121,7 @@ def warm_up(scene: Scene | str = "scenario-3") -> None:
 @functools.cache
 def _compiled() -> None:
     """Compile the kernels, once in a process, where Numba's cache has none of them."""
-    if not any(Path(add_stiffness.stats.cache_path or "").glob("*.nbi")):
+    if not in_cache(add_stiffness):
         warm_up()
 
 

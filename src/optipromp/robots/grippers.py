@@ -24,11 +24,9 @@ class TwoFingers(ABC):
     """
 
     fingers: ClassVar[bool] = True
-
-    @property
-    @abstractmethod
-    def _frame(self) -> tuple[float, float, float]:
-        """Opening [m], depth [m] and turn about flange z [rad]."""
+    opening: float  # [m]
+    depth: float  # [m]
+    turn: float  # [rad] about flange z
 
     @property
     @abstractmethod
@@ -48,13 +46,13 @@ class TwoFingers(ABC):
     @property
     def rotation(self) -> FloatArray:
         """(3, 3) the tool axes in the flange frame, as columns; it opens along y."""
-        c, s = math.cos(self._frame[2]), math.sin(self._frame[2])
+        c, s = math.cos(self.turn), math.sin(self.turn)
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
     @property
     def reach(self) -> float:
         """Height of the tool point over the flange [m]."""
-        return self.tip - self._frame[1]
+        return self.tip - self.depth
 
     @property
     def front(self) -> float:
@@ -74,7 +72,7 @@ class TwoFingers(ABC):
     @property
     def mouth(self) -> tuple[float, float]:
         """Half the opening between the fingers, and half the distance of their backs [m]."""
-        half = 0.5 * self._frame[0]
+        half = 0.5 * self.opening
         return half, half + self._finger[1]
 
     def spheres(self) -> FloatArray:
@@ -92,7 +90,7 @@ class TwoFingers(ABC):
 
     def solids(self) -> tuple[Solid, ...]:
         """The body and two fingers."""
-        half = 0.5 * self._frame[2]
+        half = 0.5 * self.turn
         turned = math.cos(half), 0.0, 0.0, math.sin(half)
         aside = 0.5 * (self.mouth[0] + self.mouth[1])
         boxes: tuple[tuple[str, Size, float, float, Part], ...] = (
@@ -151,11 +149,7 @@ class FingerGripper(TwoFingers):
 
     def __post_init__(self) -> None:
         lengths = ("palm_length", "palm_width", "palm_thickness")
-        _check(self, "finger_gripper", "finger", lengths, self.palm_width, self.turn)
-
-    @property
-    def _frame(self) -> tuple[float, float, float]:
-        return self.opening, self.depth, self.turn
+        _check(self, "finger_gripper", "finger", lengths)
 
     @property
     def _finger(self) -> Size:
@@ -202,11 +196,7 @@ class Scissor(TwoFingers):
 
     def __post_init__(self) -> None:
         lengths = ("body_length", "body_width", "body_thickness")
-        _check(self, "scissor", "blade", lengths, self.body_width, self.turn)
-
-    @property
-    def _frame(self) -> tuple[float, float, float]:
-        return self.opening, self.depth, self.turn
+        _check(self, "scissor", "blade", lengths)
 
     @property
     def _finger(self) -> Size:
@@ -231,14 +221,12 @@ def _covered(tool: TwoFingers) -> FloatArray:
     return frozen(cover_solids(tool.solids()))
 
 
-def _check(
-    tool: TwoFingers, kind: str, finger: str, body: tuple[str, ...], widest: float, turn: float
-) -> None:
-    """Refuse sizes that make no gripper; the fingers stand on a body of width ``widest``."""
+def _check(tool: TwoFingers, kind: str, finger: str, body: tuple[str, ...]) -> None:
+    """Refuse sizes that make no gripper; the fingers stand on the body."""
     for field in (*(f"{finger}_{part}" for part in ("length", "width", "thickness")), *body):
         check_length(kind, field, getattr(tool, field), 0.0, LARGEST, open_below=True)
-    opening, depth, _ = tool._frame
-    check_length(kind, "opening", opening, 0.0, widest, open_below=True)
-    check_length(kind, "depth", depth, 0.0, tool._finger[2])
+    check_length(kind, "opening", tool.opening, 0.0, tool._body[1], open_below=True)
+    check_length(kind, "depth", tool.depth, 0.0, tool._finger[2])
+    turn: object = tool.turn
     if isinstance(turn, bool) or not (isinstance(turn, int | float) and math.isfinite(turn)):
         raise InvalidRequestError(f"tool {kind}: turn is {turn!r}; it must be a number [rad]")
