@@ -7,8 +7,10 @@ Each fruit takes the deflections u of its stem (:mod:`optipromp.pushing.bending`
 
 by Gauss-Newton steps from the last equilibrium. The terms are the stem's energy, the fruit's
 inertia (an implicit Euler step; :math:`\hat u_L` is where the fruit would swing to by itself) and
-the contacts with their gaps g (:mod:`optipromp.pushing.contacts`). The cup rubs on fruits: Coulomb
-friction is a spring against the slip of the step, as stiff as the contact force allows.
+the contacts with their gaps g (:mod:`optipromp.pushing.contacts`). What touches rubs: Coulomb
+friction is a spring against the slip of the step, as stiff as the contact force allows. Between cup
+and stem only the slip across the cup's axis counts: without it a stem that lies over the mouth
+would slide off round the rim, and with the slip along the axis the model presses stems too hard.
 """
 
 import math
@@ -21,11 +23,12 @@ from optipromp.geometry.obstacles import Obstacles
 from optipromp.pushing.bending import Stems
 from optipromp.pushing.contacts import Contacts, Fruits, between
 from optipromp.pushing.cup import ABOVE, Mouth, Pose, fruit_gap, in_cup, stem_gap
-from optipromp.pushing.deflected import LOADS, begin, place, press, shortened
+from optipromp.pushing.deflected import LOADS, begin, level, place, press, shortened
 from optipromp.pushing.parameters import PUSH
 
 CONTACT, CLOSE = PUSH.swing.stiffness, PUSH.swing.close
 RUBBING, STUCK = PUSH.swing.friction, PUSH.swing.stuck
+ON_SKIN, ON_STEM = PUSH.swing.skin_friction, PUSH.swing.stem_friction
 FARTHEST, REVERSAL = PUSH.swing.farthest, PUSH.swing.reversal
 
 
@@ -74,7 +77,7 @@ def relax(
     """
     root, axes, shape, shortening, stiffness = s.root, s.axes, s.shape, s.shortening, s.stiffness
     length, radii, thickness, mass = s.length, s.radius, s.thickness, s.mass
-    u, ahead, up, center, began = f.u, f.ahead, f.up, f.center, f.began
+    u, before, ahead, up, center, began = f.u, f.before, f.ahead, f.up, f.center, f.began
     resting, pressed, earlier, firmly = f.resting, f.pressed, f.earlier, f.firmly
     overlap, firm, on_fruits, on_all = c.overlap, c.firm, c.on_fruit, c.on_all
     top, bottom, first, close, number, shares = c.top, c.bottom, c.first, c.close, c.number, c.share
@@ -141,8 +144,23 @@ def relax(
                 axes, shape, shortening, u, i, share, n0, n1, n2, -gap, CONTACT, j, v,
                 gradient, inverse,
             )  # fmt: skip
+            if 0 < what <= others:
+                slip = _slip(
+                    root, axes, shape, length, u, before, up, center, began, i, what, share
+                )
+                _rub(
+                    axes, shape, shortening, u, i, share, *slip, n0, n1, n2, ON_SKIN * hard, j, v,
+                    gradient, inverse,
+                )  # fmt: skip
             if what >= on_fruit:
                 t0, t1, t2 = t0 + hard * n0, t1 + hard * n1, t2 + hard * n2
+                z0, z1, z2 = place(root, axes, shape, before, i, length[i] - up[i], share)
+                z0, z1, z2 = y0 - z0 - shift.x, y1 - z1 - shift.y, y2 - z2 - shift.z
+                along = z0 * at.u + z1 * at.v + z2 * at.w
+                _rub(
+                    axes, shape, shortening, u, i, share, z0 - along * at.u, z1 - along * at.v,
+                    z2 - along * at.w, n0, n1, n2, ON_STEM * hard, j, v, gradient, inverse,
+                )  # fmt: skip
             elif share == 1.0:
                 largest = max(largest, hard)
             if others < what < on_fruit:
@@ -151,7 +169,7 @@ def relax(
                 pressed[i] = hard
                 if earlier[i] != 0.0:
                     _rub(
-                        axes, shape, shortening, u, i, x0 - began[i, 0] - shift.x,
+                        axes, shape, shortening, u, i, 1.0, x0 - began[i, 0] - shift.x,
                         x1 - began[i, 1] - shift.y, x2 - began[i, 2] - shift.z, n0, n1, n2,
                         RUBBING * earlier[i], j, v, gradient, inverse,
                     )  # fmt: skip
@@ -166,12 +184,35 @@ def relax(
 
 
 @inner
+def _slip(
+    root: FloatArray, axes: FloatArray, shape: FloatArray, length: FloatArray, u: FloatArray,
+    before: FloatArray, up: FloatArray, center: FloatArray, began: FloatArray, i: int, what: int,
+    share: float,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Slip of this step between fruit or stem i and another, at contact ``what`` [m]."""
+    o = (what - 1) // 3
+    o += 1 if o >= i else 0
+    x0, x1, x2 = center[i, 0], center[i, 1], center[i, 2]
+    y0, y1, y2 = center[o, 0], center[o, 1], center[o, 2]
+    a0, a1, a2 = began[i, 0], began[i, 1], began[i, 2]
+    b0, b1, b2 = began[o, 0], began[o, 1], began[o, 2]
+    if what % 3 == 0:
+        x0, x1, x2 = place(root, axes, shape, u, i, length[i] - up[i], share)
+        a0, a1, a2 = place(root, axes, shape, before, i, length[i] - up[i], share)
+    elif what % 3 == 2:
+        along = level(root, axes, o, length[o], x0, x1, x2)
+        y0, y1, y2 = place(root, axes, shape, u, o, length[o] - up[o], along)
+        b0, b1, b2 = place(root, axes, shape, before, o, length[o] - up[o], along)
+    return x0 - a0 - y0 + b0, x1 - a1 - y1 + b1, x2 - a2 - y2 + b2
+
+
+@inner
 def _rub(
-    axes: FloatArray, shape: FloatArray, shortening: FloatArray, u: FloatArray, i: int, x: float,
-    y: float, z: float, n0: float, n1: float, n2: float, most: float, j: FloatArray,
-    v: FloatArray, gradient: FloatArray, inverse: FloatArray,
+    axes: FloatArray, shape: FloatArray, shortening: FloatArray, u: FloatArray, i: int,
+    share: float, x: float, y: float, z: float, n0: float, n1: float, n2: float, most: float,
+    j: FloatArray, v: FloatArray, gradient: FloatArray, inverse: FloatArray,
 ) -> None:  # fmt: skip
-    """The cup rubs on fruit i with at most ``most`` [N], against its slip (x, y, z) on it.
+    """Rub on a share of stem i with at most ``most`` [N], against its slip (x, y, z).
 
     The part of the slip along the contact's direction (n0, n1, n2) does not count.
     """
@@ -180,7 +221,7 @@ def _rub(
     slip = math.sqrt(x * x + y * y + z * z)
     if slip > 1e-7:
         press(
-            axes, shape, shortening, u, i, 1.0, -x / slip, -y / slip, -z / slip, slip,
+            axes, shape, shortening, u, i, share, -x / slip, -y / slip, -z / slip, slip,
             most / max(slip, STUCK), j, v, gradient, inverse,
         )  # fmt: skip
 
