@@ -256,7 +256,7 @@ def search(
     def judged(x: FloatArray, path: ToolPath, states: int, limit: float) -> float:
         value = model.aside(x, path)
         if value < limit:
-            axes = np.tile(axis, (len(path.points), 1))
+            axes = np.full((len(path.points), 3), axis)
             value += model.harm(path.points, axes, states, limit - value)
         return value
 
