@@ -54,9 +54,12 @@ def body_of(robot: Robot) -> Body:
     names, start = np.unique(link, return_index=True)
     start = np.append(start, len(link)).astype(np.int64)
     spans = [slice(i, j) for i, j in itertools.pairwise(start)]
-    middle = np.array([local[own].mean(axis=0) for own in spans]).reshape(-1, 3)
+    low, high = local - radius[:, None], local + radius[:, None]
+    middle = np.reshape(
+        [0.5 * (low[own].min(axis=0) + high[own].max(axis=0)) for own in spans], (-1, 3)
+    )
     reach = [
-        np.max(np.linalg.norm(local[own] - center, axis=1) + radius[own])
+        np.max(lengths(local[own] - center) + radius[own])
         for own, center in zip(spans, middle, strict=True)
     ]
     pairs = np.sort(np.argsort(order)[np.asarray(robot.self_pairs).reshape(-1, 2)], axis=1)

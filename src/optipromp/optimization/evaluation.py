@@ -35,8 +35,9 @@ class BodyPoints:
         )
         bound_centers, bound_radii, bound_segments, distal = [], [], [], []
         for low, high in zip(self.link_start[:-1], self.link_start[1:], strict=True):
-            middle = center[low:high].mean(axis=0)
-            reach = np.linalg.norm(center[low:high] - middle, axis=1) + radius[low:high]
+            own, around = center[low:high], radius[low:high, None]
+            middle = 0.5 * ((own - around).min(axis=0) + (own + around).max(axis=0))
+            reach = np.linalg.norm(own - middle, axis=1) + radius[low:high]
             bound_centers.append(middle)
             bound_radii.append(reach.max())
             bound_segments.append(segment[low])
