@@ -33,6 +33,7 @@ class Bowl(PushModel):
     begin: tuple[tuple[float, float], ...] = ()
     runs: int = 1
     asked: list[int] = field(default_factory=list)
+    settled: list[bytes] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.off = np.vstack([np.zeros(2), np.random.default_rng(1).normal(0.0, 0.004, (8, 2))])
@@ -44,6 +45,8 @@ class Bowl(PushModel):
         assert axes.shape == points.shape
         np.testing.assert_array_equal(axes, np.tile(UP, (len(points), 1)))
         self.asked.append(states)
+        if states == self.states:
+            self.settled.append(points.tobytes())
         value = self.exact(points[0, :2], states)
         return np.inf if self.cruel and value > limit else value
 
@@ -78,6 +81,13 @@ class Bowl(PushModel):
 
 def found(model: Bowl, seed: int = 0, deadline: float = np.inf) -> list[tuple[ToolPath, float]]:
     return list(search(model, UP, np.random.default_rng(seed), deadline))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_no_path_is_tried_on_all_states_twice(seed: int) -> None:
+    model = Bowl()
+    found(model, seed)
+    assert len(set(model.settled)) == len(model.settled) > model.schedule.screened
 
 
 @pytest.mark.parametrize("seed", range(5))

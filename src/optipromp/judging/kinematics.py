@@ -54,20 +54,27 @@ def body_of(robot: Robot) -> Body:
     names, start = np.unique(link, return_index=True)
     start = np.append(start, len(link)).astype(np.int64)
     spans = [slice(i, j) for i, j in itertools.pairwise(start)]
-    middle = np.array([local[own].mean(axis=0) for own in spans]).reshape(-1, 3)
+    low, high = local - radius[:, None], local + radius[:, None]
+    middle = np.reshape(
+        [0.5 * (low[own].min(axis=0) + high[own].max(axis=0)) for own in spans], (-1, 3)
+    )
     reach = [
-        np.max(np.linalg.norm(local[own] - center, axis=1) + radius[own])
+        np.max(lengths(local[own] - center) + radius[own])
         for own, center in zip(spans, middle, strict=True)
     ]
     pairs = np.sort(np.argsort(order)[np.asarray(robot.self_pairs).reshape(-1, 2)], axis=1)
     links = np.searchsorted(names, link[pairs])
-    by = np.lexsort((pairs[:, 1], pairs[:, 0], links[:, 1], links[:, 0]))
-    pairs, links = pairs[by], links[by]
-    both, first, count = np.unique(links, axis=0, return_index=True, return_counts=True)
-    carrier, levers = np.asarray(spheres.segment)[order], np.zeros((len(both), robot.n_segments))
-    for g, two in enumerate(both):
-        far = max(two, key=lambda own: carrier[start[own]])
-        levers[g] = _levers(robot, local[spans[far]], *np.sort(carrier[start[two]]))
+    code = links[:, 0] * len(names) + links[:, 1]
+    by = np.argsort((code * len(radius) + pairs[:, 0]) * len(radius) + pairs[:, 1])
+    pairs = pairs[by]
+    code, first, count = np.unique(code[by], return_index=True, return_counts=True)
+    both, carrier = np.column_stack(np.divmod(code, len(names))), np.asarray(spheres.segment)[order]
+    bearer = carrier[start[:-1]]
+    moves = [_levers(robot, local[own], at) for own, at in zip(spans, bearer, strict=True)]
+    two = bearer[both]
+    far = both[np.arange(len(both)), two.argmax(axis=1)]
+    levers = np.reshape(moves, (-1, robot.n_segments))[far]
+    levers[np.arange(robot.n_segments) <= two.min(axis=1)[:, None]] = 0.0
     quaternions = np.array([to_quaternion(rotation) for rotation in kin.rotation])
     return Body(
         prismatic=kin.kind == 1, turn=quaternions.reshape(-1, 4), shift=kin.translation,
@@ -80,18 +87,20 @@ def body_of(robot: Robot) -> Body:
     )  # fmt: skip
 
 
-def _levers(robot: Robot, local: FloatArray, near: int, far: int) -> FloatArray:
-    """Largest motion (S,) of spheres on segment ``far`` about ``near``, by unit of each joint.
+def _levers(robot: Robot, local: FloatArray, carrier: int) -> FloatArray:
+    """Largest motion (S,) of spheres on segment ``carrier`` by unit of each joint before them.
 
     ``local`` (k, 3) are their centres. The bound is the length of the chain from the joint to the
     spheres; a prismatic joint in between leaves it infinite.
     """
     kin, out = robot.kinematics, np.zeros(robot.n_segments)
-    (x, y, z), (a, b, c) = local.T, kin.axis[far]
+    if carrier < 0:
+        return out
+    (x, y, z), (a, b, c) = local.T, kin.axis[carrier]
     aside = np.column_stack([y * c - z * b, z * a - x * c, x * b - y * a])
     length = lengths(local).max()
-    for s in range(far, near, -1):
-        lever = lengths(aside).max() if s == far else length
+    for s in range(carrier, -1, -1):
+        lever = lengths(aside).max() if s == carrier else length
         out[s] = 1.0 if kin.kind[s] == 1 else lever
         length += np.inf if kin.kind[s] == 1 else np.linalg.norm(kin.translation[s])
     return out

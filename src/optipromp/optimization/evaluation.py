@@ -35,8 +35,9 @@ class BodyPoints:
         )
         bound_centers, bound_radii, bound_segments, distal = [], [], [], []
         for low, high in zip(self.link_start[:-1], self.link_start[1:], strict=True):
-            middle = center[low:high].mean(axis=0)
-            reach = np.linalg.norm(center[low:high] - middle, axis=1) + radius[low:high]
+            own, around = center[low:high], radius[low:high, None]
+            middle = 0.5 * ((own - around).min(axis=0) + (own + around).max(axis=0))
+            reach = np.linalg.norm(own - middle, axis=1) + radius[low:high]
             bound_centers.append(middle)
             bound_radii.append(reach.max())
             bound_segments.append(segment[low])
@@ -67,16 +68,12 @@ def _grouped_pairs(
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
     pairs = np.sort(place[self_pairs], axis=1)
-    index = np.searchsorted(links, link)
-    first, second = index[pairs[:, 0]], index[pairs[:, 1]]
-    by_links = np.lexsort((pairs[:, 1], pairs[:, 0], second, first))
-    pairs, keys = pairs[by_links], np.stack([first, second], axis=1)[by_links]
-    starts = np.flatnonzero(np.append(True, np.any(np.diff(keys, axis=0) != 0, axis=1)))
-    ends = np.append(starts[1:], len(pairs))
-    return (
-        frozen(np.column_stack([keys[starts], starts, ends]), np.int64),
-        frozen(pairs, np.int64),
-    )
+    first, second = np.searchsorted(links, link)[pairs].T
+    code = first * len(links) + second
+    by_links = np.argsort((code * len(link) + pairs[:, 0]) * len(link) + pairs[:, 1])
+    code, starts, counts = np.unique(code[by_links], return_index=True, return_counts=True)
+    groups = np.column_stack([*np.divmod(code, len(links)), starts, starts + counts])
+    return frozen(groups, np.int64), frozen(pairs[by_links], np.int64)
 
 
 class Evaluation:

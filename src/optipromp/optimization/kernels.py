@@ -13,6 +13,7 @@ import numpy as np
 from optipromp.compiled import inner, kernel
 from optipromp.geometry.cells import cell_at
 from optipromp.geometry.distances import distance_and_gradient
+from optipromp.geometry.obstacles import GRID, SPHERE
 from optipromp.robots.kernels import PRISMATIC
 
 
@@ -51,6 +52,10 @@ def clearance_field(  # type: ignore[no-untyped-def]
                 far = reach + link_bound[link]
                 if (c[0] - ox) ** 2 + (c[1] - oy) ** 2 + (c[2] - oz) ** 2 >= far * far:
                     continue
+                if SPHERE < obstacles.kind[k] < GRID:  # not round, and exact
+                    d, _, _, _ = distance_and_gradient(obstacles, k, c[0], c[1], c[2])
+                    if d >= cutoff + link_bound[link]:
+                        continue
                 for b in range(link_start[link], link_start[link + 1]):
                     x, y, z = points[t, b, 0], points[t, b, 1], points[t, b, 2]
                     far = reach + radius[b]

@@ -51,22 +51,28 @@ def smooth_prior(robot: Robot, basis: Basis = BASIS) -> ProMP:
 
     It stands in for the ProMP of an arm without demonstrations, and it widens a learnt ProMP.
     """
-    n = robot.n_joints
-    covariance = np.kron(np.eye(n), _prior_covariance(basis))
+    covariance = _of_joints(robot.n_joints, _prior_covariance(basis))
     mean = np.repeat(robot.home[:, None], basis.count, axis=1)
-    return ProMP(basis, mean, 0.5 * (covariance + covariance.T), joint_names=robot.joint_names)
+    return ProMP(basis, mean, covariance, joint_names=robot.joint_names)
+
+
+def _of_joints(n: int, covariance: FloatArray) -> FloatArray:
+    """The covariance (nK, nK) of n joints that vary alike and alone, each by ``covariance``."""
+    joint = np.kron(np.eye(n), covariance)
+    return np.asarray(0.5 * (joint + joint.T))
 
 
 @functools.lru_cache(maxsize=8)
-def widened(promp: ProMP, robot: Robot, share: float = 0.01) -> ProMP:
+def widened(promp: ProMP, joint_names: tuple[str, ...], share: float = 0.01) -> ProMP:
     """``promp`` with ``share`` of the smooth prior's covariance added.
 
     A ProMP of few or similar demonstrations has a sample covariance that extrapolates badly. With
-    the prior added, conditioning far from the demonstrations interpolates smoothly.
+    the prior added, conditioning far from the demonstrations interpolates smoothly. It depends on
+    the joints alone, not on the tool.
     """
-    promp = promp.for_joints(robot.joint_names)
-    prior = smooth_prior(robot, promp.basis)
-    return promp.with_weights(promp.mean, promp.covariance + share * prior.covariance)
+    promp = promp.for_joints(joint_names)
+    prior = _of_joints(len(joint_names), _prior_covariance(promp.basis))
+    return promp.with_weights(promp.mean, promp.covariance + share * prior)
 
 
 @functools.lru_cache(maxsize=8)
@@ -101,7 +107,7 @@ def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis =
         found = _built_in(robot.name, basis)
         own = found is not None and set(found.joint_names) == set(robot.joint_names)
         promp = found if found is not None and own else smooth_prior(robot, basis)
-    return widened(promp, robot)
+    return widened(promp, robot.joint_names)
 
 
 def from_file(path: Path, basis: Basis, joints: Sequence[str]) -> ProMP:

@@ -248,6 +248,7 @@ def search(
     schedule, best, told, good = model.schedule, np.inf, np.inf, model.good
     found: ToolPath | None = None
     seen: list[Judged] = []
+    tried: set[ToolPath] = set()  # on all states, and no better than the best
 
     def late() -> bool:
         return (found is not None or len(seen) > 0) and time.perf_counter() > deadline
@@ -255,7 +256,7 @@ def search(
     def judged(x: FloatArray, path: ToolPath, states: int, limit: float) -> float:
         value = model.aside(x, path)
         if value < limit:
-            axes = np.tile(axis, (len(path.points), 1))
+            axes = np.full((len(path.points), 3), axis)
             value += model.harm(path.points, axes, states, limit - value)
         return value
 
@@ -277,6 +278,7 @@ def search(
                     bisect.insort(seen, (value, x, path), key=lambda item: item[0])
                     del seen[schedule.kept :]
                 if value < SURE * good:
+                    tried.add(path)
                     value = judged(x, path, schedule.states, best)
                     if value < best:
                         best, found = value, replace(path, harm=value)
@@ -285,6 +287,9 @@ def search(
             for value, x, path in seen[: schedule.screened]:
                 if best < good or value >= best:
                     break
+                if path in tried:
+                    continue
+                tried.add(path)
                 value = judged(x, path, schedule.states, best)
                 if value < best:
                     best, found = value, replace(path, harm=value)
@@ -296,6 +301,7 @@ def search(
                     return
                 seen = [item for item in seen if item[2].points is not found.points]
                 best, told = np.inf, good
+                tried.clear()
             good *= schedule.lenient
         if found is not None and best < told:
             told = best

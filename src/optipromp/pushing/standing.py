@@ -63,6 +63,7 @@ class Standing(PushModel):
     ) -> None:
         assert scene.target is not None
         self.target, self.frame = scene.target.position, scene.frame
+        self._flat, self._upright = scene.frame[[2, 1]].T, scene.frame[[2, 1, 0]]
         self.board = plane(scene, tool)
         seen = (scene.target, *_packs(scene, scene.target))
         self.names = [obj.id for obj in seen]
@@ -78,8 +79,8 @@ class Standing(PushModel):
 
     def _corners(self, points: FloatArray) -> FloatArray:
         """Every few of the points (P, 3), and the last, in (u, v)."""
-        chosen = np.append(np.arange(0, len(points) - 1, STANDING.every), len(points) - 1)
-        return np.ascontiguousarray((points[chosen] - self.target) @ self.frame[[2, 1]].T)
+        chosen = np.concatenate([points[: -1 : STANDING.every], points[-1:]])
+        return (chosen - self.target) @ self._flat
 
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
@@ -129,9 +130,9 @@ class Standing(PushModel):
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`."""
-        flat = np.ascontiguousarray((points - self.target) @ self.frame[[2, 1]].T)
+        flat = (points - self.target) @ self._flat
         end = self._end(stepped(flat, STANDING.every * STEP), 0)
-        shift = (end.state - self._places[0])[:, :2] @ self.frame[[2, 1]]
+        shift = (end.state - self._places[0])[:, :2] @ self._flat.T
         return Moved(tuple(self.names), self._seen + shift, end.state[:, 2])
 
     def _end(self, path: FloatArray, state: int) -> Pushed:
@@ -145,13 +146,14 @@ class Standing(PushModel):
     def path(self, x: FloatArray) -> ToolPath:
         """From v of the entry x[0] through corners at u and v to the target, low over the board."""
         entry, drop = self.board.entry, self.board.drop
-        corners = np.vstack([[entry, x[0]], x[1:].reshape(-1, 2), [0.0, 0.0]])
-        corners[:, 0] = np.clip(corners[:, 0], entry, 0.0)
-        corners[:, 1] = np.clip(corners[:, 1], -STANDING.sideways, STANDING.sideways)
-        low = np.column_stack([corners, np.full(len(corners), drop)])
-        if drop != 0.0:  # up, where it ends
-            low = np.vstack([low, [0.0, 0.0, 0.0]])
-        return through(self.target + low @ self.frame[[2, 1, 0]], STANDING.speed)
+        between = len(x) // 2
+        corners = np.zeros((between + (3 if drop else 2), 3))  # up, where it ends
+        corners[: between + 2, 2] = drop
+        corners[0, 0], corners[0, 1] = entry, x[0]
+        corners[1 : between + 1, :2] = x[1:].reshape(-1, 2)
+        low, high = (entry, -STANDING.sideways, -np.inf), (0.0, STANDING.sideways, np.inf)
+        corners = np.minimum(np.maximum(corners, low), high)
+        return through(self.target + corners @ self._upright, STANDING.speed)
 
     def aside(self, x: FloatArray, path: ToolPath) -> float:
         """Nothing: the costs know of walls and length."""

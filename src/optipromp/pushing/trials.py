@@ -52,7 +52,8 @@ def stepped(corners, step):  # type: ignore[no-untyped-def]
         total += math.hypot(corners[k, 0] - corners[k - 1, 0], corners[k, 1] - corners[k - 1, 1])
     count = max(2, math.ceil(total / step) + 1)
     out = np.zeros((count, 3))
-    out[0, :2], out[-1, :2] = corners[0], corners[-1]
+    for c in range(2):
+        out[0, c], out[count - 1, c] = corners[0, c], corners[len(corners) - 1, c]
     gone, t = 0.0, 1
     for k in range(1, len(corners)):
         du, dv = corners[k, 0] - corners[k - 1, 0], corners[k, 1] - corners[k - 1, 1]

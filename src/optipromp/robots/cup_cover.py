@@ -69,13 +69,14 @@ def _stack(radius: float, height: float, bulge: float) -> list[tuple[float, _Ban
     count, ring, size, half = count[kept], ring[kept], size[kept], half[kept]
     advance, below_rim, price = 2.0 * half / step, size - half, 1e-3 * size
     cost, choice = np.zeros(_STEPS + 1), np.zeros(_STEPS + 1, dtype=int)
-    after = np.zeros((_STEPS + 1, len(count)), dtype=int)
+    at = np.arange(_STEPS + 1)[:, None]
+    after = np.maximum(np.ceil(at - advance + 1e-9), 0).astype(int)
+    # a band must be below the rim, and must advance
+    fits = (below_rim <= height + bulge - at * step + 1e-12) & (after < at)
+    own = np.where(fits, count, np.inf)
     for i in range(1, _STEPS + 1):
-        after[i] = np.maximum(np.ceil(i - advance + 1e-9), 0)
-        # a band must be below the rim, and must advance
-        fits = (below_rim <= height + bulge - i * step + 1e-12) & (after[i] < i)
-        total = np.where(fits, count + cost[np.minimum(after[i], i - 1)] + price, np.inf)
-        choice[i] = int(np.argmin(total))
+        total = own[i] + cost.take(after[i]) + price
+        choice[i] = total.argmin()
         cost[i] = total[choice[i]]
     rows, i = [], _STEPS
     while i > 0:

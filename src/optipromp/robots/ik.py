@@ -95,10 +95,13 @@ def apart_from_earlier(q, turning, distinct):  # type: ignore[no-untyped-def]
 
 @kernel
 def descend(  # type: ignore[no-untyped-def]
-    kin, tool_point, tool_axis, position, axis, axis_weight, lower, upper, center, weight,
-    iterations, q, position_error, axis_error,
+    kin, tool_point, tool_axis, positions, directions, axis_weight, lower, upper, center, weight,
+    iterations, chained, q, position_error, axis_error,
 ):  # fmt: skip
-    """Run every start in ``q`` (M, n) to a solution, in place; errors (M,) in m and rad."""
+    """Run every start in ``q`` (M, n) to its pose (M, 3), (M, 3), in place; errors (M,) [m, rad].
+
+    Where they are ``chained``, each but the first starts from the solution before it.
+    """
     n_starts, n = q.shape
     n_segments = kin.kind.shape[0]
     origins, axes = np.empty((n_segments, 3)), np.empty((n_segments, 3))
@@ -110,7 +113,10 @@ def descend(  # type: ignore[no-untyped-def]
         span = upper[j] - lower[j]
         scale[j] = 1.0 / (span * span) if np.isfinite(span) else 0.02
     for m in range(n_starts):
-        damping = 1e-3
+        damping, position, axis = 1e-3, positions[m], directions[m]
+        if chained and m > 0:
+            for j in range(n):
+                q[m, j] = q[m - 1, j]
         for iteration in range(iterations + 1):
             chain_frames(kin, q[m], origins, rotations, axes)
             r = rotations[n_segments - 1]
@@ -162,40 +168,6 @@ def descend(  # type: ignore[no-untyped-def]
                 q[m, i] = min(upper[i], max(lower[i], q[m, i] + shrink * step[i]))
 
 
-@kernel
-def follow(  # type: ignore[no-untyped-def]
-    kin, tool_point, tool_axis, positions, axes, axis_weight, lower, upper, iterations, q, errors
-):
-    """Solve for each of the poses from the solution before it, the first from ``q[0]``, in place.
-
-    ``q`` (m + 1, n); ``errors`` (m,) of the position plus the weighted one of the axis [m].
-    """
-    weight = np.zeros(1)  # no pull is needed: a Gauss-Newton step is the shortest one
-    position_error, axis_error = np.empty(1), np.empty(1)
-    for i in range(positions.shape[0]):
-        for j in range(q.shape[1]):
-            q[i + 1, j] = q[i, j]
-        descend(
-            kin, tool_point, tool_axis, positions[i], axes[i], axis_weight, lower, upper,
-            q[i : i + 1], weight, iterations, q[i + 1 : i + 2], position_error, axis_error,
-        )  # fmt: skip
-        errors[i] = position_error[0] + np.sqrt(axis_weight) * axis_error[0]
-
-
-@kernel
-def project(  # type: ignore[no-untyped-def]
-    kin, tool_point, tool_axis, positions, axes, axis_weight, lower, upper, iterations, q, errors
-):
-    """Each of ``q`` (m, n) to the nearest configuration with the tool at its pose, in place."""
-    weight, position_error, axis_error = np.zeros(1), np.empty(1), np.empty(1)
-    for i in range(positions.shape[0]):
-        descend(
-            kin, tool_point, tool_axis, positions[i], axes[i], axis_weight, lower, upper,
-            q[i : i + 1], weight, iterations, q[i : i + 1], position_error, axis_error,
-        )  # fmt: skip
-        errors[i] = position_error[0] + np.sqrt(axis_weight) * axis_error[0]
-
-
 def each(
     robot: Robot, positions: FloatArray, axes: FloatArray, near: FloatArray, iterations: int = 30
 ) -> tuple[FloatArray, FloatArray]:
@@ -211,13 +183,22 @@ def each(
     Returns:
         Configurations (m, n) and errors (m,) as of :func:`track`.
     """
-    q, errors = np.array(near), np.empty(len(near))
-    project(
+    return _tracked(robot, positions, axes, np.array(near), iterations, False)
+
+
+def _tracked(
+    robot: Robot, positions: FloatArray, axes: FloatArray, q: FloatArray, iterations: int,
+    chained: bool,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    """Descents from ``q`` (m, n), which is changed; no pull is needed: a step is the shortest."""
+    position_error, axis_error = np.empty(len(q)), np.empty(len(q))
+    descend(
         robot.kinematics, robot.tool_point, robot.tool_axis,
         np.array(positions, dtype=np.float64), np.array(axes, dtype=np.float64), AXIS_LENGTH**2,
-        robot.lower.copy(), robot.upper.copy(), iterations, q, errors,
+        robot.lower.copy(), robot.upper.copy(), q, np.zeros(len(q)), iterations, chained,
+        q, position_error, axis_error,
     )  # fmt: skip
-    return q, errors
+    return q, position_error + AXIS_LENGTH * axis_error
 
 
 def solve(
@@ -281,9 +262,9 @@ def solve(
     q = np.ascontiguousarray(np.clip(q, low, high))
     position_error, axis_error = np.empty(len(q)), np.empty(len(q))
     descend(
-        robot.kinematics, robot.tool_point, robot.tool_axis, target, direction / length,
-        AXIS_LENGTH**2 if axis is not None else 0.0, lower, upper, center, weight, iterations,
-        q, position_error, axis_error,
+        robot.kinematics, robot.tool_point, robot.tool_axis, np.full((len(q), 3), target),
+        np.full((len(q), 3), direction / length), AXIS_LENGTH**2 if axis is not None else 0.0,
+        lower, upper, center, weight, iterations, False, q, position_error, axis_error,
     )  # fmt: skip
     good = (position_error < POSITION_SOLVED) & (axis_error < AXIS_SOLVED)
     rested = robot.home if rest is None else rest
@@ -337,12 +318,6 @@ def track(
         Configurations (m, n) and errors (m,) [m], of the position plus :data:`AXIS_LENGTH` times
         that of the axis; an error above 1e-6 is a miss.
     """
-    q = np.empty((len(positions) + 1, robot.n_joints))
-    q[0] = begin
-    errors = np.empty(len(positions))
-    follow(
-        robot.kinematics, robot.tool_point, robot.tool_axis,
-        np.array(positions, dtype=np.float64), np.array(axes, dtype=np.float64), AXIS_LENGTH**2,
-        robot.lower.copy(), robot.upper.copy(), iterations, q, errors,
-    )  # fmt: skip
-    return q[1:], errors
+    q = np.empty((len(positions), robot.n_joints))
+    q[:1] = begin
+    return _tracked(robot, positions, axes, q, iterations, True)

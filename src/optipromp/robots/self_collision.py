@@ -46,11 +46,12 @@ def drop_always_touching(robot: Robot, pairs: IntArray) -> IntArray:
     code = link[pairs[:, 0]] * len(robot.link_names) + link[pairs[:, 1]]
     kept = np.arange(len(pairs))  # pairs of links that have touched in every sample so far
     for q in samples:
-        gaps = _gaps(robot, q, pairs[kept])
-        kept = kept[np.isin(code[kept], np.unique(code[kept][gaps < 0.0]))]
+        touched = np.zeros(len(robot.link_names) ** 2, dtype=bool)
+        touched[code[kept][_gaps(robot, q, pairs[kept]) < 0.0]] = True
+        kept = kept[touched[code[kept]]]
         if not len(kept):
             return pairs
-    return pairs[~np.isin(code, np.unique(code[kept]))]
+    return np.asarray(pairs[~touched[code]])
 
 
 def _gaps(robot: Robot, q: FloatArray, pairs: IntArray) -> FloatArray:

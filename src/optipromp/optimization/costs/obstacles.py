@@ -64,6 +64,15 @@ def velocity(points, before, after, b, span):  # type: ignore[no-untyped-def]
 
 
 @inner
+def any_below(distance, limit):  # type: ignore[no-untyped-def]
+    """Whether any of the distances (B,) is below a limit; without a branch it takes a tenth."""
+    count = 0
+    for b in range(distance.shape[0]):
+        count += distance[b] < limit
+    return count > 0
+
+
+@inner
 def obstacle_functional(  # type: ignore[no-untyped-def]
     points, _tool, distance, normal, epsilon, dt, use_max, scale, force, stiffness
 ):
@@ -74,6 +83,8 @@ def obstacle_functional(  # type: ignore[no-untyped-def]
     """
     n_waypoints, total = distance.shape[0], 0.0
     for t in range(n_waypoints):
+        if not any_below(distance[t], epsilon):
+            continue
         w = dt * (0.5 if t == 0 or t == n_waypoints - 1 else 1.0)
         before, after = max(t - 1, 0), min(t + 1, n_waypoints - 1)
         span = (after - before) * dt
@@ -129,6 +140,8 @@ def clearance_penalty(  # type: ignore[no-untyped-def]
     """½ Σ max(0, margin − D)² over the ``chosen`` (B,) spheres."""
     total = 0.0
     for t in range(distance.shape[0]):
+        if not any_below(distance[t], margin):
+            continue
         for b in range(distance.shape[1]):
             short = margin - distance[t, b]
             if short > 0.0 and chosen[b]:
