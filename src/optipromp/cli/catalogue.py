@@ -16,8 +16,7 @@ def catalogue(
 ) -> int:
     """List the built-in robots and scenes, the kinds of tool, the planners, and their settings."""
     from optipromp.cli.settings import documented
-    from optipromp.planning.options import PlanOptions
-    from optipromp.planning.paper_options import PaperOptions
+    from optipromp.planning.options import PaperOptions, PlanOptions
     from optipromp.robots.library import robot_names
     from optipromp.robots.tools import TOOLS
     from optipromp.scenes.io import scene_names

@@ -181,6 +181,6 @@ def say_if_compiling() -> None:
     if not in_cache(add_stiffness):
         sys.stderr.write("compiling kernels, once (about half a minute) ...\n")
         sys.stderr.flush()
-        from optipromp.planning.first_use import compile_kernels
+        from optipromp.planning.plan import compile_kernels
 
         compile_kernels()

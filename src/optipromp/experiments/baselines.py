@@ -13,8 +13,8 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.planning import PlanOptions, plan
+from optipromp.planning.result import verdict
 from optipromp.planning.task import Task, resolve
-from optipromp.planning.verdict import verdict
 from optipromp.robots import ik
 from optipromp.robots.roll import level
 from optipromp.scenes.scene import JointGoal, Scene, suggest

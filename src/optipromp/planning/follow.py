@@ -110,10 +110,8 @@ def _waypoints(
     start: FloatArray, stations: FloatArray, path: ToolPath, max_step: float, count: int | None
 ) -> Waypoints:
     """Waypoints such that no joint moves much over ``max_step``, before the path and on it."""
-    step = 0.8 * max_step
-    reach = max(
-        WAYPOINT.peak * float(np.abs(stations[0] - start).max()) / step, WAYPOINT.fewest_reach
-    )
+    step = WAYPOINT.share * max_step
+    reach = max(reach_count(stations[0] - start, max_step), WAYPOINT.fewest_reach)
     turn = float(np.abs(np.diff(stations, axis=0)).max(axis=1).sum())
     slowed = 1.0 / (1.0 - 0.5 * WAYPOINT.braking)
     approach = slowed * max(
@@ -121,11 +119,24 @@ def _waypoints(
         path.length / min(WAYPOINT.tool_step, WAYPOINT.tool_time * path.speed),
         WAYPOINT.fewest_approach,
     )
-    total = count or min(
-        max(WAYPOINT.fewest, 10 * int(np.ceil((reach + approach) / 10))), WAYPOINT.most
-    )
+    total = count or within_limits(10 * np.ceil((reach + approach) / 10))
     first = int(np.clip(round(reach / (reach + approach) * (total - 1)), 1, total - 2))
     return Waypoints(total, first)
+
+
+def reach_count(turns: FloatArray, max_step: float) -> float:
+    """Steps of a smooth reach that turns the joints by ``turns`` (n,): none over ``max_step``."""
+    return WAYPOINT.peak * float(np.abs(turns).max()) / (WAYPOINT.share * max_step)
+
+
+def free_count(turns: FloatArray, max_step: float) -> int:
+    """Number of waypoints of such a reach where no path follows it."""
+    return within_limits(np.ceil(reach_count(turns, max_step)) + 1)
+
+
+def within_limits(count: float) -> int:
+    """A number of waypoints, not below the least and not above the largest."""
+    return int(min(max(count, WAYPOINT.fewest), WAYPOINT.most))
 
 
 def braked(share: FloatArray) -> FloatArray:

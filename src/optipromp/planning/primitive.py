@@ -14,8 +14,7 @@ from optipromp.arrays import FloatArray, frozen
 from optipromp.planning.options import Planner, PlanOptions
 from optipromp.planning.parameters import FOLLOW, PRIMITIVE, WAYPOINT
 from optipromp.planning.result import Planned, ViaPoint
-from optipromp.planning.task import Task
-from optipromp.planning.timing import timed_past
+from optipromp.planning.task import Task, timed
 from optipromp.promp.basis import Basis
 from optipromp.promp.conditioning import conditioned_mean
 from optipromp.promp.demonstrations import load_demonstrations
@@ -248,6 +247,6 @@ def plan_primitive(
         q = led_through(promp, task.start, via.phases, branch, spread, count, phase)
         q[-1] = goal
     first = math.ceil(phase * (count - 1))
-    trajectory = timed_past(task, options, q, first)
+    trajectory = timed(task, options, q, first if task.neighbours else None)
     seconds = time.perf_counter() - began
     return Planned(trajectory, trajectory, trajectory, first, (), True, {planner: seconds}, via=met)
