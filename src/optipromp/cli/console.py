@@ -1,4 +1,4 @@
-"""What the commands share: where they print, how they wait, how they fail."""
+"""What the commands share: options, where they print, how they wait, how they fail."""
 
 import sys
 import threading
@@ -6,7 +6,8 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import wraps
-from typing import TYPE_CHECKING, Any, ParamSpec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, ParamSpec
 
 import typer
 
@@ -32,6 +33,22 @@ _OUTCOMES = frozenset(
 _PATIENCE = 2.0  # [s] before a wait shows itself
 
 P = ParamSpec("P")
+
+Planner = Literal["promp", "i-promp", "opti-promp"]
+Strategy = Literal["joint", "sequential"]
+Preset = Literal["cluster", "side-clusters", "table-top", "mixed", "shelf"]
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
+Seed = Annotated[int, typer.Option(min=0, help="Same seed, same outcome.")]
+Workers = Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")]
+ChosenStrategy = Annotated[
+    Strategy,
+    typer.Option(help="Of opti-promp. joint: one solve; sequential: the paper's two stages."),
+]
+Recorded = Annotated[
+    Path | None,
+    typer.Option(help="NPZ, CSV or a folder of CSVs to learn from, or what 'learn' wrote."),
+]
 
 
 def exit_code(code: Code) -> int:

@@ -76,13 +76,7 @@ def solve(
     Of the choices of sides, where stems leave some, the valid plan of least objective is kept. The
     sequential strategy goes through all of them with the smallest trust radius, then with the next.
 
-    Args:
-        task: scene and robot.
-        promp: supplies the initial trajectories.
-        options: see :class:`PlanOptions`; ``paper`` holds the paper's own.
-        strategy: ``joint`` or ``sequential``.
-        goals: (m, n) goal configurations.
-        deadline: ``time.perf_counter()`` to stop at.
+    The initial trajectories are those of ``promp``, to the goal configurations ``goals`` (m, n).
     """
     began = time.perf_counter()
     radii = options.paper.trust_radii

@@ -179,12 +179,12 @@ def posed_problems(
     for goal in goals:
         branch = None
         if positions:
-            via = via_points(task, positions, 0.5, options.paper.via_deviation)
-            branch = on_branch(task, via, goal)
+            points, deviations = via_points(task, positions, options.paper.via_deviation)
+            branch = on_branch(task, points, goal)
         if branch is None:
             branches.append((goal[None], np.zeros(1)))
             continue
-        variances = via.deviations**2
+        variances = deviations**2
         variances[1:-1] += [detection_variance(obj) for obj in task.neighbours]
         branches.append((branch, variances / PRIMITIVE.lever_arm**2))
     branches.sort(key=lambda branch: spaced(task, options, branch[0]).count)

@@ -56,13 +56,7 @@ def pick(
 ) -> Planned:
     """The valid trajectory of least predicted harm; without a valid one, the best of the others.
 
-    Args:
-        task: scene and robot.
-        promp: the movement primitive.
-        options: see :class:`PlanOptions`.
-        goals: (m, n) goal configurations, best first.
-        seed: of everything random.
-        deadline: of ``time.perf_counter()`` to stop at.
+    The goal configurations ``goals`` (m, n) come best first.
     """
     began = time.perf_counter()
     rng = np.random.default_rng(seed)

@@ -8,6 +8,7 @@ from typing import Any
 from optipromp import judging
 from optipromp.arrays import FloatArray
 from optipromp.errors import Code, InvalidRequestError
+from optipromp.files import plain
 from optipromp.judging import Judgement, Metrics, Overlap
 from optipromp.planning.options import Planner, Strategy
 from optipromp.planning.task import Task, push_model, resolve, tool_motion
@@ -182,42 +183,23 @@ class Plan:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the trajectories, as plain values for JSON."""
-        return {
+        document = {
             "scene": self.scene.name,
             "planner": self.planner,
             "strategy": self.strategy,
             "seed": self.seed,
-            "status": str(self.status),
+            "status": self.status,
             "message": self.message,
             "metrics": self.metrics.to_dict(),
-            "terms": {
-                name: {
-                    "initial": t.initial,
-                    "followed": t.followed,
-                    "final": t.final,
-                    "history": list(t.history),
-                    "stage": t.stage,
-                }
-                for name, t in self.terms.items()
-            },
-            "stages": [
-                {
-                    **vars(s),
-                    "terms": list(s.terms),
-                    "history": [dict(v) for v in s.history],
-                    "tried_radii": list(s.tried_radii),
-                }
-                for s in self.stages
-            ],
+            "terms": {name: vars(term) for name, term in self.terms.items()},
+            "stages": [vars(stage) for stage in self.stages],
             "predicted_harm": None if self.prediction is None else vars(self.prediction),
-            "contacts": [
-                {"link": c.link, "other": c.other, "role": c.role, "depth": c.depth}
-                for c in self.contacts
-            ],
-            "time": dict(self.time),
+            "contacts": [vars(contact) for contact in self.contacts],
+            "time": self.time,
             "first": self.first,
-            "via": [{"name": v.name, "position": v.position.tolist()} for v in self.via],
+            "via": [vars(via) for via in self.via],
         }
+        return dict(plain(document))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
+from optipromp.geometry.shapes import Sphere
 from optipromp.scenes.scene import Scene, SceneObject, Stem
 
 
@@ -44,7 +45,7 @@ def _seen(
     if item.role == "static":
         return item
     spread = np.full(3, position_sd**2)
-    if _stands(item):
+    if item.stem is None and not isinstance(item.shape, Sphere):  # it stands
         error[2] = spread[2] = 0.0
     stem = None
     if item.stem is not None:
@@ -52,12 +53,6 @@ def _seen(
         begin = item.stem.points[0] + error
         stem = Stem(begin + away @ _turn(away[1], turn).T, item.stem.radius)
     return replace(item, position=item.position + error, stem=stem, covariance=np.diag(spread))
-
-
-def _stands(item: SceneObject) -> bool:
-    from optipromp.geometry.shapes import Sphere
-
-    return item.stem is None and not isinstance(item.shape, Sphere)
 
 
 def _turn(vector: FloatArray, angles: FloatArray) -> FloatArray:
