@@ -1,4 +1,4 @@
-"""What a study leaves beside its rows: a summary, a figure and, with pyarrow, a Parquet file."""
+"""What a study leaves beside its rows: a summary and a figure."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from optipromp.experiments.runs import COLUMNS, Row
+from optipromp.experiments.runs import Row
 from optipromp.experiments.statistics import Cell, calibration
 from optipromp.files import json_text, write_atomically
 from optipromp.viewer.figures import png
@@ -27,7 +27,7 @@ _BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.15)}
 
 
 def write_results(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> tuple[str, ...]:
-    """Write ``summary.json``, ``study.png`` and, where pyarrow is installed, ``rows.parquet``.
+    """Write ``summary.json`` and ``study.png``.
 
     Returns:
         The names of the files.
@@ -42,27 +42,7 @@ def write_results(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> t
     }
     write_atomically(folder / "summary.json", json_text(document).encode("utf-8"))
     write_atomically(folder / "study.png", png(study_figure(cells)))
-    parquet = _parquet(rows)
-    if parquet is None:
-        return "summary.json", "study.png"
-    write_atomically(folder / "rows.parquet", parquet)
-    return "summary.json", "study.png", "rows.parquet"
-
-
-def _parquet(rows: Sequence[Row]) -> bytes | None:
-    """The rows as a Parquet file; None without pyarrow (extra ``study``)."""
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError:
-        return None
-    from io import BytesIO
-
-    values = [asdict(row) for row in rows]
-    table = pyarrow.table({name: [value[name] for value in values] for name in COLUMNS})
-    stream = BytesIO()
-    parquet.write_table(table, stream)
-    return stream.getvalue()
+    return "summary.json", "study.png"
 
 
 def study_figure(cells: Sequence[Cell]) -> "Figure":

@@ -14,16 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from optipromp.arrays import FloatArray
-from optipromp.geometry.shapes import (
-    Box,
-    Capsule,
-    Cylinder,
-    HalfSpace,
-    MeshShape,
-    PointCloudShape,
-    Shape,
-    Sphere,
-)
+from optipromp.geometry import shapes
+from optipromp.geometry.shapes import Shape
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -175,24 +167,24 @@ def frame_along(axis: FloatArray) -> FloatArray:
 
 def _local_faces(shape: Shape) -> FloatArray:
     match shape:
-        case Sphere(radius=radius):
+        case shapes.Sphere(radius=radius):
             return sphere(np.zeros(3), radius, 28)
-        case Box(size=size):
+        case shapes.Box(size=size):
             return _box(np.asarray(size))
-        case Cylinder(radius=radius, length=length):
+        case shapes.Cylinder(radius=radius, length=length):
             steps = np.linspace(-0.5, 0.5, max(2, int(length / _LARGEST_FACE) + 2)) * length
             wall = np.column_stack([np.full_like(steps, radius), steps])
             ends = np.array([[0.0, 0.5 * length]])
             return _revolve(np.concatenate([-ends, wall, ends]), 24)
-        case Capsule(radius=radius, length=length):
+        case shapes.Capsule(radius=radius, length=length):
             half = np.array([0.0, 0.0, 0.5 * length])
             return tube(np.stack([-half, half]), radius, 24)
-        case HalfSpace():
+        case shapes.HalfSpace():
             return _grid(2.0, 2.0)
-        case MeshShape(vertices=vertices, faces=faces):
+        case shapes.MeshShape(vertices=vertices, faces=faces):
             corners = np.asarray(vertices)[np.asarray(faces)]
             return np.concatenate([corners, corners[:, 2:]], axis=1)
-        case PointCloudShape(points=points, radius=radius):
+        case shapes.PointCloudShape(points=points, radius=radius):
             shown = np.asarray(points)[:: max(1, len(points) // _MOST_POINTS)]
             return np.concatenate([sphere(point, max(radius, 0.003), 6) for point in shown])
 
