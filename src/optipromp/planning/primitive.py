@@ -34,8 +34,8 @@ PAPER_BASIS = Basis(count=5, width=4.0, outside=1)
 def _prior_covariance(basis: Basis) -> FloatArray:
     """Covariance (K, K) of smooth motions: accelerations are white, ends at rest."""
     z = np.linspace(0.0, 1.0, 201)
-    acceleration, position = basis.second_derivative(z), basis.matrix(z)
-    ends = basis.derivative(np.array([0.0, 1.0]))
+    acceleration, position = basis.evaluate(z, 2), basis.evaluate(z)
+    ends = basis.evaluate(np.array([0.0, 1.0]), 1)
     precision = (
         acceleration.T @ acceleration / (len(z) * PRIMITIVE.acceleration**2)
         + position.T @ position / (len(z) * PRIMITIVE.position**2)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, rotation
 from optipromp.errors import InvalidRequestError
 from optipromp.geometry.shapes import Sphere
 from optipromp.scenes.scene import Scene, SceneObject, Stem
@@ -62,8 +62,4 @@ def _turn(vector: FloatArray, angles: FloatArray) -> FloatArray:
     first /= np.linalg.norm(first)
     axis = angles[0] * first + angles[1] * np.cross(along, first)
     angle = float(np.linalg.norm(axis))
-    if angle == 0.0:
-        return np.eye(3)
-    k = axis / angle
-    cross = np.array([[0.0, -k[2], k[1]], [k[2], 0.0, -k[0]], [-k[1], k[0], 0.0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross))
+    return np.eye(3) if angle == 0.0 else rotation(axis / angle, angle)
