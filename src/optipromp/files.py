@@ -5,7 +5,6 @@ import json
 import math
 import os
 import tempfile
-import zipfile
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -74,6 +73,8 @@ def read_npz(path: Path, error: type[OptiPrompError] = InvalidRequestError) -> d
     Raises:
         OptiPrompError: of the type given, if the file is missing, damaged or no NPZ.
     """
+    import zipfile
+
     import numpy as np
 
     try:

@@ -116,8 +116,8 @@ def command(
                     code = function(*args, **kwargs)
             except OptiPrompError as error:
                 if kwargs.get("as_json"):
-                    document = failure(error, kwargs) if failure else error_document(error)
-                    print_json(document)
+                    bare = {"status": error.code, "message": error.message}
+                    print_json(failure(error, kwargs) if failure else bare)
                 sys.stderr.write(f"error {error.code}: {_one_line(error.message)}\n")
                 raise typer.Exit(exit_code(error.code)) from None
             except KeyboardInterrupt:
@@ -132,11 +132,6 @@ def command(
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     sys.stderr.write(f"warning: {_one_line(str(message))}\n")
-
-
-def error_document(error: OptiPrompError) -> dict[str, Any]:
-    """An error as a JSON document."""
-    return {"status": error.code, "message": error.message}
 
 
 def _one_line(message: str) -> str:

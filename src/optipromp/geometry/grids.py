@@ -79,7 +79,8 @@ def distance_grid(shape: MeshShape | PointCloudShape) -> DistanceGrid:
     if grid is None:
         grid = mesh_grid(shape) if isinstance(shape, MeshShape) else cloud_grid(shape)
         if file is not None:
-            _save(file, grid)
+            with suppress(InvalidRequestError):  # the next run builds it again
+                write_atomically(file, npz(vars(grid)))
     with _lock:
         while len(_memory) >= _KEPT:
             _memory.pop(next(iter(_memory)))
@@ -252,8 +253,3 @@ def _load(file: Path) -> DistanceGrid | None:
         and spacing > 0.0
     )
     return DistanceGrid(values, origin, spacing) if usable else None
-
-
-def _save(file: Path, grid: DistanceGrid) -> None:
-    with suppress(InvalidRequestError):  # the grid is in memory; the next run builds it again
-        write_atomically(file, npz(vars(grid)))

@@ -69,7 +69,8 @@ def pick(
         if attempt is None:
             continue
         tries += 1
-        prediction = None if model is None else _of(model, task, attempt)
+        q = attempt.trajectory.positions[attempt.start.waypoints.first :]
+        prediction = None if model is None else model.predict(*tool_motion(task.robot, q))
         score = prediction.harm if prediction and options.prediction else 0.0
         score += 0.0 if attempt.valid else INVALID
         if best is None or score < least:
@@ -78,11 +79,6 @@ def pick(
             break
     attempt, prediction = best or (freely(solver, promp, goals, rng), None)
     return outcome(attempt, prediction, time.perf_counter() - began)
-
-
-def _of(model: PushModel, task: Task, attempt: Attempt) -> Prediction:
-    q = attempt.trajectory.positions[attempt.start.waypoints.first :]
-    return model.predict(*tool_motion(task.robot, q))
 
 
 def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> Planned:

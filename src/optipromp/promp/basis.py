@@ -63,7 +63,7 @@ class Basis:
     def evaluate(self, phases: int | ArrayLike, order: int = 0) -> FloatArray:
         r"""Values Φ, or their derivative of the given order (to 3) by the phase, (T, K).
 
-        Phases are (T,), or a number of evenly spaced ones. Rows of Φ sum to 1, of a derivative to 0.
+        Phases are (T,), or a number of evenly spaced ones. Rows of Φ sum to 1, of the others to 0.
 
         As a softmax of :math:`\beta(c_i z - c_i^2/2)`, :math:`\beta = h/\Delta^2`, with
         :math:`d_i = \beta(c_i - \sum_k \phi_k c_k)`, :math:`v = \sum\phi d^2`,

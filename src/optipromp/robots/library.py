@@ -34,7 +34,9 @@ def robot_names() -> tuple[str, ...]:
 def load_robot(name_or_path: str | Path, base_dir: Path | None = None) -> Robot:
     """A robot without a tool: a built-in one by name, or from a ``.urdf`` or ``.yaml`` robot file.
 
-    A relative path starts at ``base_dir`` (default: the working directory).
+    A relative path starts at ``base_dir`` (default: the working directory). A bare URDF has its
+    flange at the deepest leaf and spheres from its geometry; accelerations and jerks are unlimited;
+    home is zero, or the limits nearest to it.
 
     Raises:
         InvalidRobotError: no such robot (the message lists the built-in names), or a description
@@ -51,7 +53,10 @@ def load_robot(name_or_path: str | Path, base_dir: Path | None = None) -> Robot:
         )
     if not path.is_file():
         raise InvalidRobotError(f"{path}: no such file; built-in robots: {names}")
-    return robot_from_urdf(path) if suffix == ".urdf" else robot_from_file(path)
+    if suffix != ".urdf":
+        return robot_from_file(path)
+    model = read_urdf(path)
+    return _build(RobotFile(format=1, name=model.name, urdf=path.name), model, path)
 
 
 @lru_cache
@@ -78,16 +83,6 @@ class RobotFile(BaseModel):
     home: list[Finite] | None = None
     spheres: dict[str, list[tuple[Coordinate, Coordinate, Coordinate, Radius]]] = {}
     allow_self: list[tuple[str, str]] = []
-
-
-def robot_from_urdf(path: Path) -> Robot:
-    """The robot of a bare URDF: flange at the deepest leaf, spheres from its geometry.
-
-    Accelerations and jerks are unlimited; home is zero, or the limits nearest to it.
-    Raises InvalidRobotError.
-    """
-    model = read_urdf(path)
-    return _build(RobotFile(format=1, name=model.name, urdf=path.name), model, path)
 
 
 def robot_from_file(path: Path) -> Robot:
