@@ -8,7 +8,7 @@ goal, and the tool on its path.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +23,8 @@ from optipromp.optimization.costs.obstacles import ClearanceCost, ObstacleCost, 
 from optipromp.optimization.costs.tool import CorridorCost, GoalCost, LevelCost, UprightCost
 from optipromp.optimization.evaluation import Evaluation
 from optipromp.optimization.problem import Problem
-from optipromp.planning.follow import Start, Waypoints, branches, follow, free_count
+from optipromp.planning import follow
+from optipromp.planning.follow import Start, Waypoints, free_count
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.parameters import SOLVE
 from optipromp.planning.primitive import led_through
@@ -65,7 +66,7 @@ def pick(
     best: tuple[Attempt, Prediction | None] | None = None
     least, tries = np.inf, 0
     for path, good in tool_paths(task, model if options.prediction else None, rng, deadline):
-        attempt = along(solver, path, promp, goals)
+        attempt = first_valid(solver, follow.starts(task, path, promp, options, goals, GOALS))
         if attempt is None:
             continue
         tries += 1
@@ -77,7 +78,11 @@ def pick(
             best, least = (attempt, prediction), score
         if least <= good or solver.late() or (tries >= TRIES and not best[0].valid):
             break
-    attempt, prediction = best or (freely(solver, promp, goals, rng), None)
+    if best is None:
+        attempt = first_valid(solver, free_starts(solver.task, options, promp, goals, rng))
+        assert attempt is not None  # there is at least one goal configuration
+        best = attempt, None
+    attempt, prediction = best
     return outcome(attempt, prediction, time.perf_counter() - began)
 
 
@@ -111,50 +116,25 @@ def tool_paths(
             yield through(corners, RULE_SPEED), 0.0
 
 
-def along(solver: Solver, path: ToolPath, promp: ProMP, goals: FloatArray) -> Attempt | None:
-    """The first valid attempt to follow a path, over the goals to which it can be followed.
-
-    Without a valid attempt, the best one. None where the path cannot be followed.
-    """
-    task, options = solver.task, solver.options
-    assert isinstance(task.goal, PoseGoal)
-    found = branches(
-        task.robot, task.start, path, task.goal.axis, goals, options.max_step, options.waypoints
-    )
+def first_valid(solver: Solver, starts: Iterable[Start]) -> Attempt | None:
+    """The first valid attempt; without one, the best before time runs out; None without starts."""
     best: Attempt | None = None
-    for branch in found[:GOALS]:
-        start = follow(
-            task.robot, task.start, path, task.goal.axis, task.scene.frame[0], promp, branch
-        )
-        if start is None:
-            continue
-        attempt = solver.solve(start)
-        if attempt.valid:
-            return attempt
-        if best is None or attempt.merit < best.merit:
-            best = attempt
-        if solver.late():
-            break
-    return best
-
-
-def freely(solver: Solver, promp: ProMP, goals: FloatArray, rng: np.random.Generator) -> Attempt:
-    """The first valid attempt of a reach whose tool is free on its way, or else the best."""
-    best: Attempt | None = None
-    for start in free_starts(solver.task, solver.options, promp, goals, rng):
+    for start in starts:
         attempt = solver.solve(start)
         if best is None or attempt.valid or attempt.merit < best.merit:
             best = attempt
         if best.valid or solver.late():
             break
-    assert best is not None  # there is at least one goal configuration
     return best
 
 
 def free_starts(
     task: Task, options: PlanOptions, promp: ProMP, goals: FloatArray, rng: np.random.Generator
 ) -> Iterator[Start]:
-    """The primitive conditioned on start and goal, the nearest goal first; then samples of it."""
+    """Starts of a reach whose tool is free on its way, to goal configurations ``goals`` (m, n).
+
+    First the primitive conditioned on start and goal, the nearest goal first; then samples of it.
+    """
     robot = task.robot
     order = np.argsort(np.abs(goals - task.start).max(axis=1), kind="stable")
     counts = {}
