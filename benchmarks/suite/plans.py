@@ -24,7 +24,8 @@ from benchmarks.scenes import many
 from benchmarks.timing import median, paired_ratio, percentile, reference
 from optipromp.arrays import FloatArray
 from optipromp.errors import OptiPrompError
-from optipromp.planning import PaperOptions, Plan, functionals, plan, warm_up
+from optipromp.planning import PaperOptions, Plan, plan, warm_up
+from optipromp.planning.paper_problem import functional_values
 from optipromp.planning.task import resolve
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import PoseGoal, Scene
@@ -155,7 +156,7 @@ def strategies(context: Context) -> Values:
 def _costs(result: Plan) -> dict[str, float]:
     """The same functionals of any plan, whatever it minimised; lengths in mm."""
     setup, q = resolve(result.scene), result.trajectory.positions
-    values = functionals.values(setup, PaperOptions(), len(q) // 2, q, paper=False)
+    values = functional_values(setup, PaperOptions(), len(q) // 2, q, authors=False)
     tips, _ = setup.robot.tool_pose(q)
     assert isinstance(setup.goal, PoseGoal)
     return {

@@ -39,3 +39,11 @@ def all_finite(array: FloatArray) -> bool:
 def lengths(vectors: FloatArray) -> FloatArray:
     """Lengths (K,) of vectors (K, n), in half the time that ``numpy.linalg.norm`` takes."""
     return np.asarray(np.sqrt(np.einsum("ki,ki->k", vectors, vectors)))
+
+
+def rotation(axis: Sequence[float] | FloatArray, angle: float) -> FloatArray:
+    """Rotation (3, 3) about a unit ``axis`` (3,) by ``angle`` [rad] (Rodrigues)."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * (cross @ cross)
+    return np.asarray(turn)

@@ -1,5 +1,6 @@
-"""Writing files whole or not at all."""
+"""Writing files whole or not at all; JSON text; archives of arrays."""
 
+import io
 import json
 import math
 import os
@@ -9,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from optipromp.errors import InvalidRequestError
+from optipromp.errors import InvalidRequestError, OptiPrompError
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -57,20 +58,53 @@ def check_folder(folder: Path) -> None:
         ) from error
 
 
+def npz(arrays: Mapping[str, Any], *, compressed: bool = False) -> bytes:
+    """Arrays by name as the content of an NPZ file."""
+    import numpy as np
+
+    stream = io.BytesIO()
+    (np.savez_compressed if compressed else np.savez)(stream, allow_pickle=False, **arrays)
+    return stream.getvalue()
+
+
+def read_npz(path: Path, error: type[OptiPrompError] = InvalidRequestError) -> dict[str, Any]:
+    """All arrays of an NPZ file. Never unpickles.
+
+    Raises:
+        OptiPrompError: of the type given, if the file is missing, damaged or no NPZ.
+    """
+    import zipfile
+
+    import numpy as np
+
+    try:
+        with path.open("rb") as file:  # opened here: NumPy leaves a damaged one open
+            archive = np.load(file, allow_pickle=False)
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise error(f"{path} is a single array, not an NPZ archive")
+            with archive:
+                return {key: archive[key] for key in archive.files}
+    except OSError as cause:
+        raise error(f"cannot read {path}: {cause.strerror or cause}") from None
+    except (ValueError, EOFError, zipfile.BadZipFile, KeyError, NotImplementedError) as cause:
+        raise error(f"{path} is not a readable NPZ file of plain arrays ({cause})") from None
+
+
 def json_text(document: object) -> str:
     """``document`` as JSON text; NaN and infinities become null, arrays become lists."""
-    return json.dumps(_plain(document), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    return json.dumps(plain(document), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """``value`` as JSON has it; NaN and infinities become None, arrays and tuples lists."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, str):
         return str(value)  # an enumeration's word
     if hasattr(value, "tolist"):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if value is None or isinstance(value, bool | int):

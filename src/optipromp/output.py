@@ -1,8 +1,5 @@
 """Plans as files: ``plan.json``, ``trajectory.csv`` and ``trajectory.npz``; and back."""
 
-import io
-import json
-import zipfile
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -10,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from optipromp.documents import read_document
 from optipromp.errors import Code, InvalidRequestError, InvalidSceneError, OptiPrompError
-from optipromp.files import json_text, write_atomically
+from optipromp.files import json_text, npz, read_npz, write_atomically
 from optipromp.judging import Metrics, Overlap
 from optipromp.planning import Plan, Term
 from optipromp.planning.result import Stage, ViaPoint
@@ -44,7 +42,7 @@ def write_plan(
     """
     files: dict[str, bytes] = {
         "trajectory.csv": _csv(plan.trajectory),
-        "trajectory.npz": _npz(plan),
+        "trajectory.npz": npz(_arrays(plan), compressed=True),
         **(further or {}),
         "plan.json": json_text(_document(plan, folder)).encode("utf-8"),
     }
@@ -62,8 +60,9 @@ def load_plan(path: Path | str) -> Plan:
     """
     path = Path(path)
     folder = path if path.is_dir() else path.parent
-    document = _read_json(folder / "plan.json" if path.is_dir() else path)
-    arrays = _read_npz(folder / "trajectory.npz")
+    file = folder / "plan.json" if path.is_dir() else path
+    document = read_document(file, InvalidRequestError, "a plan")
+    arrays = read_npz(folder / "trajectory.npz")
     try:
         if document["format"] != FORMAT:
             raise InvalidRequestError(f"format {document['format']!r} is unknown, not {FORMAT}")
@@ -137,39 +136,14 @@ def _csv(trajectory: Trajectory) -> bytes:
     return ("\n".join(rows) + "\n").encode("utf-8")
 
 
-def _npz(plan: Plan) -> bytes:
-    stream = io.BytesIO()
-    np.savez_compressed(
-        stream,
-        time=plan.trajectory.times,
-        positions=plan.trajectory.positions,
-        dt=np.array(plan.trajectory.dt),
-        initial=plan.initial.positions,
-        initial_dt=np.array(plan.initial.dt),
-        followed=plan.followed.positions,
-        followed_dt=np.array(plan.followed.dt),
-        joint_names=np.array(plan.trajectory.joint_names, dtype=np.str_),
-    )
-    return stream.getvalue()
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InvalidRequestError(f"cannot read {path}: {error.strerror or error}") from None
-    except ValueError as error:
-        raise InvalidRequestError(f"{path}: not a plan ({error})") from None
-    if not isinstance(document, dict):
-        raise InvalidRequestError(f"{path}: not a plan, but a {type(document).__name__}")
-    return document
-
-
-def _read_npz(path: Path) -> dict[str, Any]:
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except OSError as error:
-        raise InvalidRequestError(f"cannot read {path}: {error.strerror or error}") from None
-    except (ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise InvalidRequestError(f"{path}: not a trajectory ({error})") from None
+def _arrays(plan: Plan) -> dict[str, Any]:
+    return {
+        "time": plan.trajectory.times,
+        "positions": plan.trajectory.positions,
+        "dt": plan.trajectory.dt,
+        "initial": plan.initial.positions,
+        "initial_dt": plan.initial.dt,
+        "followed": plan.followed.positions,
+        "followed_dt": plan.followed.dt,
+        "joint_names": np.array(plan.trajectory.joint_names, dtype=np.str_),
+    }

@@ -61,13 +61,13 @@ def test_list_for_people_names_the_same() -> None:
 
 
 def test_planners_and_strategies_are_those_of_the_library() -> None:
-    from optipromp.cli import options
+    from optipromp.cli import console
     from optipromp.planning.options import PLANNERS, STRATEGIES
     from optipromp.scenes.generate import PRESETS
 
-    assert get_args(options.Planner) == PLANNERS
-    assert get_args(options.Strategy) == STRATEGIES
-    assert get_args(options.Preset) == PRESETS
+    assert get_args(console.Planner) == PLANNERS
+    assert get_args(console.Strategy) == STRATEGIES
+    assert get_args(console.Preset) == PRESETS
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from optipromp.cli.folder import outputs, scene_files
-from optipromp.cli.kinds import Kind, kind_of
+from optipromp.cli.check import Kind, kind_of
 from optipromp.cli.main import app
+from optipromp.cli.plan import outputs, scene_files
 from optipromp.errors import InvalidRequestError
 from optipromp.output import load_plan
 from optipromp.planning import plan

@@ -228,7 +228,7 @@ def test_no_cost_of_an_invalid_plan_is_said_to_have_fallen() -> None:
     from optipromp.cli.scenarios import SHORT, reductions, table_one
     from optipromp.experiments.scenarios import CASES, ScenarioRow
     from optipromp.planning import PlanOptions
-    from optipromp.planning.paper_options import PaperOptions
+    from optipromp.planning.options import PaperOptions
 
     case = next(case for case in CASES if case.key == "4-sequential")
     options = PlanOptions(constraints="paper", paper=PaperOptions(drift_offset=0.9), timeout=1.0)

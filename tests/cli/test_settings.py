@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+from optipromp.cli.catalogue import documented, settings
 from optipromp.cli.main import app
-from optipromp.cli.settings import documented, settings
 from optipromp.errors import InvalidRequestError
 from optipromp.planning import PaperOptions, PlanOptions
 

@@ -16,8 +16,7 @@ from optipromp.experiments import runs, study
 from optipromp.experiments.runs import COLUMNS, Row, row_from_text
 from optipromp.experiments.statistics import summary, wilson
 from optipromp.experiments.study import RowFile, Study, run_study
-from optipromp.experiments.study_figure import study_figure
-from optipromp.experiments.study_output import write_results
+from optipromp.experiments.study_output import study_figure, write_results
 
 ROW = Row(
     preset="cluster", seed=0, planner="straight", noise_position=0.0, noise_angle=0.0, pushables=2,

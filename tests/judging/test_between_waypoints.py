@@ -17,7 +17,7 @@ def test_no_sphere_moves_over_half_its_radius_between_checks(
 ) -> None:
     robot: Robot = request.getfixturevalue(name)
     q = size * np.random.default_rng(1).uniform(-1.0, 1.0, (4, robot.n_joints)).cumsum(axis=0)
-    fine, complete = judging.fine_positions(robot, q)
+    fine, _, complete = judging.refined(robot, q)
     assert complete
     moved = np.linalg.norm(np.diff(robot.sphere_centers(fine), axis=0), axis=2)
     assert (moved <= 0.5 * np.asarray(robot.spheres.radius)).all()
@@ -66,7 +66,7 @@ def test_what_cannot_be_checked_finely_enough_is_no_success(
     monkeypatch.setattr("optipromp.judging.kinematics.MOST_CHECKS", 50)
     (violation,) = judging.judge(scene, gantry, moving(gantry, q)).violations
     assert "too far to be checked" in str(violation)
-    fine, complete = judging.fine_positions(gantry, q)
+    fine, _, complete = judging.refined(gantry, q)
     assert len(fine) <= 50 + len(q)
     assert not complete
 

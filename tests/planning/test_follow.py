@@ -9,14 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from optipromp.errors import Code
-from optipromp.planning import Plan, goals, plan
+from optipromp.planning import Plan, PlanOptions, goals, plan
 from optipromp.planning.follow import (
     FOLLOW,
     Start,
     braked,
-    branches,
     conditioned,
-    follow,
+    starts,
 )
 from optipromp.planning.primitive import learnt
 from optipromp.planning.task import Task, resolve
@@ -46,13 +45,8 @@ def tool_path(task: Task) -> ToolPath:
 def followed(task: Task, promp: ProMP | None = None) -> Iterator[Start]:
     """Along every goal configuration from which the path can be followed."""
     assert isinstance(task.goal, PoseGoal)
-    path, axis = tool_path(task), task.goal.axis
     found, *_ = goals.choose(task, 0)
-    promp = learnt(task, promp)
-    for branch in branches(task.robot, task.start, path, axis, found, 0.045):
-        start = follow(task.robot, task.start, path, axis, task.scene.frame[0], promp, branch)
-        if start is not None:
-            yield start
+    return starts(task, tool_path(task), learnt(task, promp), PlanOptions(), found)
 
 
 @cache

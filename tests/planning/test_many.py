@@ -1,5 +1,6 @@
 """Many scenes at once: the plans of one at a time, in order, whatever happens on the way."""
 
+import importlib
 import multiprocessing
 import os
 import signal
@@ -15,12 +16,15 @@ import pytest
 from optipromp.errors import Code, InvalidRequestError, InvalidSceneError, StartInvalidError
 from optipromp.geometry import PointCloudShape
 from optipromp.optimization.costs import Cost
-from optipromp.planning import Plan, PlanOptions, many, plan, plan_many
+from optipromp.planning import Plan, Planner, PlanOptions, plan, plan_many
+from optipromp.planning.plan import Result
 from optipromp.planning.task import resolve
 from optipromp.processes import run_each
 from optipromp.scenes import SceneObject
 from optipromp.scenes.generate import generate
 from optipromp.scenes.io import load_scene, save_scene
+
+many = importlib.import_module("optipromp.planning.plan")  # its name is the verb's
 
 
 def without_times(result: object) -> dict[str, object]:
@@ -33,7 +37,7 @@ def without_times(result: object) -> dict[str, object]:
 
 
 @pytest.mark.parametrize("planner", ["i-promp", "opti-promp"])
-def test_plans_are_those_of_one_scene_at_a_time(planner: many.Planner) -> None:
+def test_plans_are_those_of_one_scene_at_a_time(planner: Planner) -> None:
     scenes = ["scenario-4", *(generate("table-top", seed) for seed in range(8)), "scenario-3"]
     options = PlanOptions(max_step=0.05)
     together = plan_many(scenes, options, planner=planner, seed=3, workers=3)
@@ -47,7 +51,7 @@ def test_plans_are_those_of_one_scene_at_a_time(planner: many.Planner) -> None:
 
 
 def test_helpers_plan_and_their_arrays_come_back_read_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    def never(self: object, scene: object) -> many.Result:
+    def never(self: object, scene: object) -> Result:
         return InvalidSceneError("planned here")
 
     monkeypatch.setattr(many._Request, "result", never)
@@ -85,7 +89,7 @@ def test_helpers_see_the_callers_environment_of_now(
         scene, objects=(*scene.objects, SceneObject("c", "static", cloud, [0.0, 0.6, 0]))
     )
 
-    def never(self: object, scene: object) -> many.Result:
+    def never(self: object, scene: object) -> Result:
         return InvalidSceneError("planned here")
 
     monkeypatch.setattr(many._Request, "result", never)

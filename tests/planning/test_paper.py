@@ -17,7 +17,7 @@ from optipromp.errors import Code, InvalidRequestError
 from optipromp.geometry import Box
 from optipromp.optimization.evaluation import Evaluation
 from optipromp.planning import Plan, PlanOptions, plan
-from optipromp.planning.paper_options import PaperOptions
+from optipromp.planning.options import PaperOptions
 from optipromp.planning.paper_problem import ConstraintRows
 from optipromp.planning.task import resolve
 from optipromp.scenes import Scene, load_scene

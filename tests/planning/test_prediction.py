@@ -13,8 +13,7 @@ import pytest
 from optipromp import judging, load_plan, write_plan
 from optipromp.errors import Code
 from optipromp.planning import Plan, PlanOptions, plan
-from optipromp.planning.prediction import push_model, tool_motion
-from optipromp.planning.task import Task, resolve
+from optipromp.planning.task import Task, push_model, resolve, tool_motion
 from optipromp.pushing.hanging import Hanging
 from optipromp.pushing.model import PushModel
 from optipromp.pushing.path import STEP, through

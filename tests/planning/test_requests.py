@@ -23,10 +23,9 @@ from optipromp.geometry import Box, Sphere
 from optipromp.optimization.costs import Cost
 from optipromp.optimization.evaluation import Evaluation
 from optipromp.planning import PLANNERS, STRATEGIES, PaperOptions, Plan, PlanOptions, plan
-from optipromp.planning.prediction import push_model
+from optipromp.planning.pick import Solver
 from optipromp.planning.primitive import smooth_prior
-from optipromp.planning.solve import Solver
-from optipromp.planning.task import resolve
+from optipromp.planning.task import push_model, resolve
 from optipromp.pushing import hanging as hanging_model
 from optipromp.pushing.path import through
 from optipromp.pushing.rules import rule_paths

@@ -6,8 +6,7 @@ import pytest
 from optipromp import judging
 from optipromp.errors import Code
 from optipromp.planning import plan
-from optipromp.planning.prediction import pushed_aside
-from optipromp.planning.task import resolve
+from optipromp.planning.task import pushed_aside, resolve
 from optipromp.scenes.generate import generate
 from optipromp.scenes.scene import Scene
 

@@ -8,8 +8,7 @@ import pytest
 from tests.robots.builders import INNER, TOOLS, probe
 
 from optipromp.planning import Plan, judge, plan
-from optipromp.planning.prediction import push_model
-from optipromp.planning.task import resolve
+from optipromp.planning.task import push_model, resolve
 from optipromp.pushing.hanging import Hanging
 from optipromp.pushing.standing import Standing, plane
 from optipromp.robots import load_robot, with_tool

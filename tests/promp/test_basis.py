@@ -19,7 +19,7 @@ def test_is_the_formula() -> None:
     z = np.linspace(0, 1, 11)
     assert basis.centers.tolist() == [-0.5, 0.0, 0.5, 1.0, 1.5]
     raw = np.exp(-2.0 * ((z[:, None] - basis.centers) / 0.5) ** 2)
-    np.testing.assert_allclose(basis.matrix(z), raw / raw.sum(1, keepdims=True), rtol=1e-13)
+    np.testing.assert_allclose(basis.evaluate(z), raw / raw.sum(1, keepdims=True), rtol=1e-13)
 
 
 @given(bases)
@@ -36,12 +36,6 @@ def test_derivatives_are_those_of_finite_differences(basis: Basis, order: int) -
     difference = (basis.evaluate(z + h, order - 1) - basis.evaluate(z - h, order - 1)) / (2 * h)
     scale = (basis.width**0.5 / basis.spacing) ** order
     np.testing.assert_allclose(basis.evaluate(z, order), difference, atol=1e-6 * 10 * scale)
-
-
-def test_named_derivatives() -> None:
-    basis = Basis(7)
-    for name, order in (("derivative", 1), ("second_derivative", 2)):
-        np.testing.assert_array_equal(getattr(basis, name)(9), basis.evaluate(9, order))
 
 
 def test_very_narrow_bases_stay_finite() -> None:
@@ -70,7 +64,7 @@ def test_refuses(arguments: dict[str, float]) -> None:
 @pytest.mark.parametrize("phases", [[1.1], [-0.1], [np.nan], 0, -3, True, [[0.1]], ["a"]])
 def test_refuses_phases(phases: object) -> None:
     with pytest.raises(InvalidRequestError, match="phase"):
-        Basis().matrix(phases)  # type: ignore[arg-type]
+        Basis().evaluate(phases)  # type: ignore[arg-type]
 
 
 def test_refuses_an_order() -> None:

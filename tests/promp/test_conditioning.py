@@ -57,7 +57,7 @@ def test_the_mean_alone_of_what_is_certain_already(make_promp: Make) -> None:
     value = np.array([0.1, -0.2, 0.3])
     promp = condition(make_promp(0), JointPoint(0.5, value))
     mean = conditioned_mean(promp, ((0.5, 0), (1.0, 0)), np.array([value, value]), (0.0, 0.0))
-    passed = promp.basis.matrix([0.5, 1.0]) @ mean.T
+    passed = promp.basis.evaluate([0.5, 1.0]) @ mean.T
     np.testing.assert_allclose(passed, [value, value], atol=1e-9)
 
 
@@ -73,7 +73,7 @@ def test_is_the_textbook_update(make_promp: Make, seed: int, count: int, rank: i
     rng = np.random.default_rng(seed)
     promp = make_promp(seed)
     points = [JointPoint(p.phase, p.value, 0.1) for p in random_points(rng, 3, count)]
-    H = np.concatenate([np.kron(np.eye(3), promp.basis.matrix([p.phase])) for p in points])
+    H = np.concatenate([np.kron(np.eye(3), promp.basis.evaluate([p.phase])) for p in points])
     S = H @ promp.covariance @ H.T + 0.1 * np.eye(len(H))
     K = np.linalg.solve(S, H @ promp.covariance).T
     y = np.concatenate([p.value for p in points])

@@ -171,11 +171,9 @@ def test_refuses(learn: object) -> None:
     ):
         with pytest.raises(InvalidDemonstrationError, match=message):
             learn(demos)
-    for argument in ({"prior_strength": 0.0}, {"prior_strength": float("nan")}):
-        with pytest.raises(InvalidRequestError, match="prior_strength"):
-            learn(good, **argument)
-    with pytest.raises(InvalidRequestError, match="ridge"):
-        fit(good, ridge=-1.0)
+    for ridge in (-1.0, float("nan")):
+        with pytest.raises(InvalidRequestError, match="ridge"):
+            fit(good, ridge=ridge)
     with pytest.raises(InvalidRequestError, match="iterations"):
         fit_em(good, iterations=0)
 

@@ -61,7 +61,7 @@ def test_finds_the_number_of_bases_that_made_the_motion(seed: int, count: int, d
     """One movement of so many bases under noise on all samples but the ends."""
     rng = np.random.default_rng(seed)
     noise = 0.05 * np.sin(np.pi * np.linspace(0.0, 1.0, 60))[:, None]
-    movement = Basis(count).matrix(60) @ rng.normal(size=(count, 2))
+    movement = Basis(count).evaluate(60) @ rng.normal(size=(count, 2))
     y = movement + noise * rng.normal(size=(demos, 60, 2))
     tried: list[int] = []
     found = held_out_residuals(y, progress=tried.append)

@@ -106,7 +106,7 @@ def test_finds_the_most_probable(arm: TaskMap, arm_promp: ProMP, seed: int) -> N
     ]
     precision = np.linalg.inv(arm_promp.covariance)
     noise = [np.linalg.inv(np.asarray(p.covariance)) for p in points]
-    values = arm_promp.basis.matrix([p.phase for p in points])
+    values = arm_promp.basis.evaluate([p.phase for p in points])
 
     def cost(w: np.ndarray) -> tuple[float, np.ndarray]:
         x, a, Jp, Ja = arm(values @ w.reshape(7, 5).T)
@@ -148,7 +148,7 @@ def test_a_linear_map_needs_no_iteration(arm_promp: ProMP) -> None:
 
     x = rng.normal(size=3)
     result, report = condition_with_report(arm_promp, TaskPoint(0.4, x, covariance=0.01), linear)
-    H = np.kron(A, arm_promp.basis.matrix([0.4]))
+    H = np.kron(A, arm_promp.basis.evaluate([0.4]))
     S = H @ arm_promp.covariance @ H.T + 0.01 * np.eye(3)
     K = np.linalg.solve(S, H @ arm_promp.covariance).T
     np.testing.assert_allclose(

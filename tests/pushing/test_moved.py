@@ -5,8 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from optipromp.planning.prediction import push_model
-from optipromp.planning.task import resolve
+from optipromp.planning.task import push_model, resolve
 from optipromp.pushing.model import Combined, Moved, PushModel
 from optipromp.scenes.generate import generate
 from optipromp.scenes.io import load_scene

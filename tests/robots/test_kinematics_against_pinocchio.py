@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.robots.files import robot_from_file
-from optipromp.robots.library import load_robot
+from optipromp.robots.library import load_robot, robot_from_file
 from optipromp.robots.model import Robot
 
 pin = pytest.importorskip("pinocchio")

@@ -19,9 +19,15 @@ from optipromp.scenes import (
     scene_to_dict,
 )
 from optipromp.scenes.generate import PRESETS, generate, generate_with_report, perceived
-from optipromp.scenes.generate.checks import segments, to_segment
+from optipromp.scenes.generate.checks import (
+    _rooted_in_tool,
+    equipped,
+    rolled,
+    segments,
+    to_segment,
+    unsolvable,
+)
 from optipromp.scenes.generate.shelves import Footprint, apart
-from optipromp.scenes.generate.solvable import _rooted_in_tool, equipped, rolled, unsolvable
 
 SEEDS = range(500, 512)
 BUNCHES = [preset for preset in PRESETS if preset != "shelf"]

@@ -88,7 +88,7 @@ NAN, INF = math.nan, math.inf
         (MINIMAL | {"scale": 0}, "scale is 0: must be above 0"),
         (MINIMAL | {"tool": {"kind": "cap"}}, "tool.kind is 'cap': valid are cup, franka_hand"),
         (MINIMAL | {"tool": {"kind": "cup"}}, "radius is missing"),
-        (MINIMAL | {"tool": {"kind": "cup", "radius": -1}}, "tool.radius is -1"),
+        (MINIMAL | {"tool": {"kind": "cup", "radius": -1}}, "tool cup: radius is -1"),
         (MINIMAL | {"tool": {"kind": "franka_hand", "depth": 1}}, "depth is no parameter"),
         (MINIMAL | {"approach": {"direction": [0, 0, 0]}}, "must have a direction"),
         (MINIMAL | {"approach": {"lateral": [0, 0, 3]}}, "parallel"),

@@ -116,7 +116,10 @@ def test_a_mesh_from_memory_cannot_be_saved(tmp_path: Path) -> None:
         ({"kind": "finger_gripper"}, ["tool.opening is missing"]),
         ({"kind": "finger_gripper", "opening": 0.06, "finger": 1}, ["did you mean 'finger_"]),
         ({"kind": "finger_gripper", "opening": 0.3}, ["opening is 0.3", "(0, 0.1] metres"]),
-        ({"kind": "scissor", "opening": -0.1}, ["tool.opening is -0.1: must be above 0"]),
+        (
+            {"kind": "scissor", "opening": -0.1},
+            ["scissor: opening is -0.1", "(0, 0.06] metres"],
+        ),
         ({"kind": "scissor", "opening": 0.05, "depth": 0.1}, ["tool scissor: depth is 0.1"]),
         ({"kind": "mesh", "file": "bar.obj"}, ["tool.tool_point is missing"]),
         ({"kind": "mesh", "tool_point": [0, 0, 0.1]}, ["tool: must have exactly one of file, par"]),

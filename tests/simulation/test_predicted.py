@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from optipromp.planning import plan
-from optipromp.planning.prediction import push_model
-from optipromp.planning.task import resolve
+from optipromp.planning.task import push_model, resolve
 from optipromp.pushing.bending import stems
 from optipromp.pushing.hanging import Hanging
 from optipromp.pushing.swinging import push

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from optipromp.promp import Basis, Demonstration, Demonstrations, fit
-from optipromp.viewer.figures import png
-from optipromp.viewer.primitive import primitive_figure
+from optipromp.viewer.figures import png, primitive_figure
 
 
 @pytest.mark.parametrize("joints", [1, 3, 7])

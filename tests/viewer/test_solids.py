@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from optipromp.geometry.shapes import Box, Capsule, Cylinder, HalfSpace, PointCloudShape, Sphere
-from optipromp.viewer import solids
-from optipromp.viewer.picture import Camera, Picture
+from optipromp.viewer.picture import Camera, Picture, frame_along, shape_faces, sphere
 
 ROTATION = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
@@ -28,32 +27,32 @@ def volume(faces: np.ndarray) -> float:
 )
 def test_faces_enclose_the_volume_of_the_shape(shape: Sphere, expected: float) -> None:
     position = np.array([0.5, -0.2, 0.3])
-    faces = solids.shape_faces(shape, position, ROTATION)
+    faces = shape_faces(shape, position, ROTATION)
     assert volume(faces - position) == pytest.approx(expected, rel=0.05)
     middle = 0.5 * (faces.min(axis=(0, 1)) + faces.max(axis=(0, 1)))
     np.testing.assert_allclose(middle, position, atol=1e-3)
 
 
 def test_a_capsule_reaches_a_radius_beyond_its_ends() -> None:
-    faces = solids.shape_faces(Capsule(0.05, 0.2), np.zeros(3), np.eye(3))
+    faces = shape_faces(Capsule(0.05, 0.2), np.zeros(3), np.eye(3))
     assert faces[..., 2].max() == pytest.approx(0.15)
     assert faces[..., 2].min() == pytest.approx(-0.15)
 
 
 def test_a_half_space_is_a_patch_of_its_plane() -> None:
-    faces = solids.shape_faces(HalfSpace(), np.array([0.0, 0.0, 0.2]), np.eye(3))
+    faces = shape_faces(HalfSpace(), np.array([0.0, 0.0, 0.2]), np.eye(3))
     assert (faces[..., 2] == 0.2).all()
 
 
 def test_a_large_cloud_is_thinned() -> None:
     points = np.random.default_rng(0).uniform(size=(20_000, 3))
-    faces = solids.shape_faces(PointCloudShape(points, 0.01), np.zeros(3), np.eye(3))
+    faces = shape_faces(PointCloudShape(points, 0.01), np.zeros(3), np.eye(3))
     assert len(faces) < 50_000
 
 
 @pytest.mark.parametrize("axis", np.vstack([np.eye(3), -np.eye(3), [[0.6, 0.0, 0.8]]]))
 def test_frames_along_an_axis_are_rotations(axis: np.ndarray) -> None:
-    frame = solids.frame_along(axis)
+    frame = frame_along(axis)
     np.testing.assert_allclose(frame.T @ frame, np.eye(3), atol=1e-12)
     assert np.linalg.det(frame) == pytest.approx(1.0)
     np.testing.assert_array_equal(frame[:, 2], axis)
@@ -80,8 +79,8 @@ def test_near_faces_are_painted_after_far_ones() -> None:
     from matplotlib.figure import Figure
 
     picture = Picture(Camera.orbit(np.zeros(3), 0.0, 0.0, 3.0))
-    picture.add(solids.sphere(np.array([0.5, 0.0, 0.0]), 0.1), "#ff0000")
-    picture.add(solids.sphere(np.array([-0.5, 0.0, 0.0]), 0.1), "#0000ff")
+    picture.add(sphere(np.array([0.5, 0.0, 0.0]), 0.1), "#ff0000")
+    picture.add(sphere(np.array([-0.5, 0.0, 0.0]), 0.1), "#0000ff")
     axes = Figure().subplots()
     picture.draw(axes)
     colours = np.asarray(axes.collections[0].get_facecolor())

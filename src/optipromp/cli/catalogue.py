@@ -1,7 +1,13 @@
-"""``optipromp list``: what is built in."""
+"""``optipromp list``: what is built in; ``--set key=value``: a planner's settings from text."""
 
-from optipromp.cli.console import OK, command, print_json, stdout
-from optipromp.cli.options import AsJson
+import dataclasses
+import inspect
+import re
+from collections.abc import Sequence
+from typing import Any
+
+from optipromp.cli.console import OK, AsJson, command, print_json, stdout
+from optipromp.errors import InvalidRequestError
 
 PLANNERS = {
     "promp": "the learnt primitive, conditioned on start, camera point and target",
@@ -15,9 +21,7 @@ def catalogue(
     as_json: AsJson = False,
 ) -> int:
     """List the built-in robots and scenes, the kinds of tool, the planners, and their settings."""
-    from optipromp.cli.settings import documented
-    from optipromp.planning.options import PlanOptions
-    from optipromp.planning.paper_options import PaperOptions
+    from optipromp.planning.options import PaperOptions, PlanOptions
     from optipromp.robots.library import robot_names
     from optipromp.robots.tools import TOOLS
     from optipromp.scenes.io import scene_names
@@ -44,3 +48,54 @@ def catalogue(
     for name, (default, text) in known.items():
         console.print(f"  {name} (default {default}): {text}", highlight=False, markup=False)
     return OK
+
+
+def settings(pairs: Sequence[str], **given: Any) -> Any:
+    """:class:`optipromp.planning.PlanOptions` of ``key=value`` texts; values are read as YAML.
+
+    A setting of the paper's planners is ``paper.key``. ``given`` are settings that have an option
+    of their own; None stands for none.
+
+    Raises:
+        InvalidRequestError: no such key, a text that is no pair, a value that may not be; the
+            message names the keys there are.
+    """
+    import yaml
+
+    from optipromp.planning import PaperOptions, PlanOptions
+    from optipromp.scenes.scene import suggest
+
+    known = {name: value for name, value in given.items() if value is not None}
+    paper: dict[str, Any] = {}
+    for pair in pairs:
+        key, found, text = pair.partition("=")
+        if not found:
+            raise InvalidRequestError(f"--set {pair}: write key=value, as in --set max_step=0.03")
+        names = [*documented(PlanOptions), *(f"paper.{name}" for name in documented(PaperOptions))]
+        if key not in names:
+            raise InvalidRequestError(f"--set {key}: no such setting; {suggest(key, names)}")
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise InvalidRequestError(f"--set {pair}: cannot read {text!r} ({error})") from None
+        value = tuple(value) if isinstance(value, list) else value
+        wanted = paper if key.startswith("paper.") else known
+        wanted[key.removeprefix("paper.")] = value
+    try:
+        if paper:
+            known["paper"] = PaperOptions(**paper)
+        return PlanOptions(**known)
+    except TypeError as error:
+        raise InvalidRequestError(f"--set: a value is of the wrong type ({error})") from None
+
+
+def documented(options: type) -> dict[str, tuple[Any, str]]:
+    """Settings that can be written as text: name, default and what its docstring says of it."""
+    text = inspect.cleandoc(options.__doc__ or "")
+    lines = re.split(r"\n    (?=\w+: )", text.partition("Attributes:")[2])
+    said = {name: " ".join(rest.split()) for name, _, rest in (x.partition(": ") for x in lines)}
+    return {
+        item.name: (item.default, said.get(item.name.strip(), ""))
+        for item in dataclasses.fields(options)
+        if item.name not in ("costs", "paper")
+    }

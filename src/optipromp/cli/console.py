@@ -1,4 +1,4 @@
-"""What the commands share: where they print, how they wait, how they fail."""
+"""What the commands share: options, where they print, how they wait, how they fail."""
 
 import sys
 import threading
@@ -6,7 +6,8 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import wraps
-from typing import TYPE_CHECKING, Any, ParamSpec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, ParamSpec
 
 import typer
 
@@ -32,6 +33,22 @@ _OUTCOMES = frozenset(
 _PATIENCE = 2.0  # [s] before a wait shows itself
 
 P = ParamSpec("P")
+
+Planner = Literal["promp", "i-promp", "opti-promp"]
+Strategy = Literal["joint", "sequential"]
+Preset = Literal["cluster", "side-clusters", "table-top", "mixed", "shelf"]
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
+Seed = Annotated[int, typer.Option(min=0, help="Same seed, same outcome.")]
+Workers = Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")]
+ChosenStrategy = Annotated[
+    Strategy,
+    typer.Option(help="Of opti-promp. joint: one solve; sequential: the paper's two stages."),
+]
+Recorded = Annotated[
+    Path | None,
+    typer.Option(help="NPZ, CSV or a folder of CSVs to learn from, or what 'learn' wrote."),
+]
 
 
 def exit_code(code: Code) -> int:
@@ -99,8 +116,8 @@ def command(
                     code = function(*args, **kwargs)
             except OptiPrompError as error:
                 if kwargs.get("as_json"):
-                    document = failure(error, kwargs) if failure else error_document(error)
-                    print_json(document)
+                    bare = {"status": error.code, "message": error.message}
+                    print_json(failure(error, kwargs) if failure else bare)
                 sys.stderr.write(f"error {error.code}: {_one_line(error.message)}\n")
                 raise typer.Exit(exit_code(error.code)) from None
             except KeyboardInterrupt:
@@ -115,11 +132,6 @@ def command(
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     sys.stderr.write(f"warning: {_one_line(str(message))}\n")
-
-
-def error_document(error: OptiPrompError) -> dict[str, Any]:
-    """An error as a JSON document."""
-    return {"status": error.code, "message": error.message}
 
 
 def _one_line(message: str) -> str:
@@ -181,6 +193,6 @@ def say_if_compiling() -> None:
     if not in_cache(add_stiffness):
         sys.stderr.write("compiling kernels, once (about half a minute) ...\n")
         sys.stderr.flush()
-        from optipromp.planning.first_use import compile_kernels
+        from optipromp.planning.plan import compile_kernels
 
         compile_kernels()

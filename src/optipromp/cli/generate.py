@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from optipromp.cli.console import OK, command, print_json, stdout
-from optipromp.cli.options import AsJson, Preset
+from optipromp.cli.console import OK, AsJson, Preset, command, print_json, stdout
 
 
 @command()

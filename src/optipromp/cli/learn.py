@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.console import OK, command, grid, print_json, stdout, waiting
-from optipromp.cli.options import AsJson
+from optipromp.cli.console import OK, AsJson, command, grid, print_json, stdout, waiting
 from optipromp.errors import InvalidRequestError
 
 if TYPE_CHECKING:
@@ -76,8 +75,7 @@ def learn(
         promp.save(out)
         picture = out.with_suffix(".png") if figure else None
         if picture is not None:
-            from optipromp.viewer.figures import png
-            from optipromp.viewer.primitive import primitive_figure
+            from optipromp.viewer.figures import png, primitive_figure
 
             write_atomically(picture, png(primitive_figure(promp, recorded)))
     document: dict[str, Any] = {

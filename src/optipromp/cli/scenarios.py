@@ -10,6 +10,9 @@ import typer
 from optipromp.cli.console import (
     FAILED,
     OK,
+    AsJson,
+    Recorded,
+    Seed,
     command,
     grid,
     print_json,
@@ -17,7 +20,6 @@ from optipromp.cli.console import (
     stdout,
     waiting,
 )
-from optipromp.cli.options import AsJson, Recorded, Seed
 from optipromp.cli.plan import leave, read_primitive
 
 if TYPE_CHECKING:

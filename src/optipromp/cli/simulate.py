@@ -10,13 +10,17 @@ import typer
 from optipromp.cli.console import (
     FAILED,
     OK,
+    AsJson,
+    ChosenStrategy,
+    Planner,
+    Seed,
+    Strategy,
     command,
     print_json,
     say_if_compiling,
     stdout,
     waiting,
 )
-from optipromp.cli.options import AsJson, ChosenStrategy, Planner, Seed, Strategy
 from optipromp.errors import InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
@@ -128,7 +132,7 @@ def _check(slow: float, folder: Path) -> None:
 
 
 def _plan(item: str, planner: Planner, strategy: Strategy, seed: int) -> "Plan":
-    from optipromp.cli.kinds import Kind, kind_of
+    from optipromp.cli.check import Kind, kind_of
     from optipromp.output import load_plan
     from optipromp.planning import plan as make_plan
     from optipromp.scenes.io import load_scene

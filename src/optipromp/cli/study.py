@@ -8,6 +8,8 @@ import typer
 
 from optipromp.cli.console import (
     OK,
+    AsJson,
+    Workers,
     command,
     grid,
     print_json,
@@ -15,15 +17,13 @@ from optipromp.cli.console import (
     say_if_compiling,
     stdout,
 )
-from optipromp.cli.options import AsJson, Workers
 from optipromp.errors import InvalidRequestError
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from optipromp.experiments.calibration import Calibration
     from optipromp.experiments.runs import Row
-    from optipromp.experiments.statistics import Cell
+    from optipromp.experiments.statistics import Calibration, Cell
 
 
 @command()
@@ -69,8 +69,7 @@ def study(
     optipromp study --planners opti-promp --noise-position 0.005 --noise-angle 5 --out noisy
     """
     from optipromp.experiments.baselines import STUDY_PLANNERS
-    from optipromp.experiments.calibration import calibration
-    from optipromp.experiments.statistics import summary
+    from optipromp.experiments.statistics import calibration, summary
     from optipromp.experiments.study import Study, run_study
     from optipromp.experiments.study_output import write_results
     from optipromp.scenes.generate import PRESETS

@@ -12,9 +12,9 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import Code, InvalidRequestError
-from optipromp.planning import PlanOptions, plan
+from optipromp.planning import plan
+from optipromp.planning.result import verdict
 from optipromp.planning.task import Task, resolve
-from optipromp.planning.verdict import verdict
 from optipromp.robots import ik
 from optipromp.robots.roll import level
 from optipromp.scenes.scene import JointGoal, Scene, suggest
@@ -50,9 +50,7 @@ class Answer:
     harm: float | None = None
 
 
-def attempt(
-    scene: Scene, planner: StudyPlanner, *, seed: int = 0, options: PlanOptions | None = None
-) -> Answer:
+def attempt(scene: Scene, planner: StudyPlanner, *, seed: int = 0) -> Answer:
     """Plan a scene with any planner of a study.
 
     - ``straight``: to the camera point, then straight along the approach, no fruit considered.
@@ -64,7 +62,6 @@ def attempt(
         scene: as the planner sees it.
         planner: one of :data:`STUDY_PLANNERS`.
         seed: of everything random.
-        options: of the planners that take some.
 
     Raises:
         InvalidRequestError: an unknown planner.
@@ -74,31 +71,30 @@ def attempt(
         raise InvalidRequestError(f"planner is {planner!r}: {suggest(planner, STUDY_PLANNERS)}")
     began = time.perf_counter()
     if planner == "straight":
-        return straight(scene, options)
+        return straight(scene)
     if planner != "chomp":
-        made = plan(scene, planner=planner, seed=seed, options=options)
+        made = plan(scene, planner=planner, seed=seed)
         moves = bool(np.ptp(made.trajectory.positions, axis=0).max() > 0.0)
         return Answer(
             planner, made.status, made.message, made.trajectory if moves else None,
             time.perf_counter() - began, made.prediction.harm if made.prediction else None,
         )  # fmt: skip
-    made = plan(as_obstacles(scene), planner="opti-promp", seed=seed, options=options)
+    made = plan(as_obstacles(scene), planner="opti-promp", seed=seed)
     seconds = time.perf_counter() - began
     if made.status not in (Code.SUCCESS, Code.INVALID_PLAN):
         return Answer(planner, made.status, made.message, made.trajectory, seconds)
     task = resolve(scene)
-    return _judged(planner, task, gently(task, made.trajectory, options), seconds)
+    return _judged(planner, task, gently(task, made.trajectory), seconds)
 
 
-def gently(setup: Task, trajectory: Trajectory, options: PlanOptions | None) -> Trajectory:
+def gently(setup: Task, trajectory: Trajectory) -> Trajectory:
     """``trajectory`` no faster, from the camera point on, than the other planners are there."""
-    options = options or PlanOptions()
-    if not setup.neighbours or isinstance(setup.goal, JointGoal) or options.duration is not None:
+    if not setup.neighbours or isinstance(setup.goal, JointGoal):
         return trajectory
     points, _ = setup.robot.tool_pose(trajectory.positions)
     first = int(np.argmin(np.linalg.norm(points - setup.camera, axis=1)))
     steps = np.linalg.norm(np.diff(points[first:], axis=0), axis=1)
-    slowest = float(steps.max(initial=0.0)) / (options.approach_speed or SPEED)
+    slowest = float(steps.max(initial=0.0)) / SPEED
     return trajectory.with_dt(max(trajectory.dt, slowest))
 
 
@@ -110,13 +106,12 @@ def as_obstacles(scene: Scene) -> Scene:
     return replace(scene, objects=objects)
 
 
-def straight(scene: Scene, options: PlanOptions | None = None) -> Answer:
+def straight(scene: Scene) -> Answer:
     """The tool to the camera point, a stop, and straight along the approach to the target.
 
     Both parts follow a line of the tool point by inverse kinematics from the start, each with the
     timing of least jerk. Where the arm cannot follow the first line, it moves in joint space to
-    the branch that reaches the target. No obstacle is considered. ``options`` say how fast it
-    may be on the approach.
+    the branch that reaches the target. No obstacle is considered.
     """
     began = time.perf_counter()
     setup = resolve(scene)
@@ -128,7 +123,7 @@ def straight(scene: Scene, options: PlanOptions | None = None) -> Answer:
     q = np.vstack([parts[0], parts[1][1:]])
     q[1:] = level(robot, q, setup.scene.frame[0], path=True)[1:]
     dt = shortest_dt(q, robot.velocity, robot.acceleration)
-    trajectory = gently(setup, Trajectory(q, dt, robot.joint_names), options)
+    trajectory = gently(setup, Trajectory(q, dt, robot.joint_names))
     return _judged("straight", setup, trajectory, time.perf_counter() - began)
 
 

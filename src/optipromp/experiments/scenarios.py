@@ -14,7 +14,7 @@ from optipromp.arrays import FloatArray
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.geometry import Box, Sphere
 from optipromp.planning import Plan, Planner, PlanOptions, Strategy, plan
-from optipromp.planning.paper_options import PaperOptions
+from optipromp.planning.options import PaperOptions
 from optipromp.planning.task import resolve
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene, SceneObject, ToolSpec

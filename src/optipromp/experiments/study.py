@@ -101,11 +101,9 @@ class Study:
 
 
 class RowFile:
-    """The rows of a folder. A line that an interruption cut short is dropped when it is opened.
+    """The rows of a study in its folder, which is made if need be.
 
-    Args:
-        folder: made if need be.
-        study: whose rows it is to hold.
+    A line that an interruption cut short is dropped when the file is opened.
 
     Raises:
         InvalidRequestError: the folder cannot be written, or holds rows of another noise, of other

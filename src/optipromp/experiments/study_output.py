@@ -1,19 +1,33 @@
-"""What a study leaves beside its rows: a summary, a figure and, with pyarrow, a Parquet file."""
+"""What a study leaves beside its rows: a summary and a figure."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from optipromp.experiments.calibration import calibration
-from optipromp.experiments.runs import COLUMNS, Row
-from optipromp.experiments.statistics import Cell
-from optipromp.experiments.study_figure import study_figure
+from optipromp.experiments.runs import Row
+from optipromp.experiments.statistics import Cell, calibration
 from optipromp.files import json_text, write_atomically
 from optipromp.viewer.figures import png
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = {
+    "straight": "#b0b5bd",
+    "promp": "#8fa6c4",
+    "i-promp": "#e0a458",
+    "chomp": "#7fb28a",
+    "opti-promp": "#1f5fb4",
+}
+
+_BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.15)}
+
 
 def write_results(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> tuple[str, ...]:
-    """Write ``summary.json``, ``study.png`` and, where pyarrow is installed, ``rows.parquet``.
+    """Write ``summary.json`` and ``study.png``.
 
     Returns:
         The names of the files.
@@ -28,24 +42,62 @@ def write_results(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> t
     }
     write_atomically(folder / "summary.json", json_text(document).encode("utf-8"))
     write_atomically(folder / "study.png", png(study_figure(cells)))
-    parquet = _parquet(rows)
-    if parquet is None:
-        return "summary.json", "study.png"
-    write_atomically(folder / "rows.parquet", parquet)
-    return "summary.json", "study.png", "rows.parquet"
+    return "summary.json", "study.png"
 
 
-def _parquet(rows: Sequence[Row]) -> bytes | None:
-    """The rows as a Parquet file; None without pyarrow (extra ``study``)."""
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError:
-        return None
-    from io import BytesIO
+def study_figure(cells: Sequence[Cell]) -> "Figure":
+    """Success by preset and planner with 95 % intervals; beside it each planner's failures."""
+    from matplotlib.figure import Figure
 
-    values = [asdict(row) for row in rows]
-    table = pyarrow.table({name: [value[name] for value in values] for name in COLUMNS})
-    stream = BytesIO()
-    parquet.write_table(table, stream)
-    return stream.getvalue()
+    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
+    rates, causes = figure.subplots(1, 2, width_ratios=(3, 2))
+    _rates(rates, cells)
+    _causes(causes, cells)
+    return figure
+
+
+def _rates(axes: "Axes", cells: Sequence[Cell]) -> None:
+    presets = list(dict.fromkeys(cell.preset for cell in cells))
+    planners = list(dict.fromkeys(cell.planner for cell in cells))
+    width = 0.8 / len(planners)
+    for i, planner in enumerate(planners):
+        mine = [cell for cell in cells if cell.planner == planner]
+        x = [presets.index(cell.preset) + (i - 0.5 * (len(planners) - 1)) * width for cell in mine]
+        spans = [[c.rate - c.low for c in mine], [c.high - c.rate for c in mine]]
+        axes.bar(
+            x, [100 * cell.rate for cell in mine], 0.9 * width, color=COLOURS.get(planner),
+            yerr=[[100 * v for v in side] for side in spans], label=planner,
+            error_kw={"elinewidth": 1.0, "capsize": 2.0, "ecolor": "#333333"},
+        )  # fmt: skip
+    labels = []
+    for preset in presets:
+        runs = sorted({cell.runs for cell in cells if cell.preset == preset})
+        labels.append(f"{preset}\n{'–'.join(map(str, runs))} scenes")
+    axes.set_xticks(range(len(presets)), labels)
+    axes.set_ylim(0.0, 105.0)
+    axes.set_ylabel("picked, nothing harmed [%]")
+    axes.set_title("Success with 95 % intervals (Wilson)", fontsize=10)
+    axes.legend(frameon=False, fontsize=8, ncols=len(planners), **_BELOW)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _causes(axes: "Axes", cells: Sequence[Cell]) -> None:
+    planners = list(dict.fromkeys(cell.planner for cell in cells))
+    counts = {planner: Counter[str]() for planner in planners}
+    runs: Counter[str] = Counter()
+    for cell in cells:
+        counts[cell.planner].update(cell.causes)
+        runs[cell.planner] += cell.runs
+    causes = [cause for cause, _ in sum(counts.values(), Counter[str]()).most_common()]
+    left = [0.0] * len(planners)
+    for i, cause in enumerate(causes):
+        share = [100.0 * counts[planner][cause] / runs[planner] for planner in planners]
+        axes.barh(planners, share, left=left, color=f"C{i % 10}", label=cause.replace("_", " "))
+        left = [a + b for a, b in zip(left, share, strict=True)]
+    axes.invert_yaxis()
+    axes.set_xlim(0.0, 100.0)
+    axes.set_xlabel("of all runs [%]")
+    axes.set_title("Why runs failed", fontsize=10)
+    if causes:
+        axes.legend(frameon=False, fontsize=8, ncols=3, **_BELOW)
+    axes.spines[["top", "right"]].set_visible(False)

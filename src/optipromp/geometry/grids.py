@@ -9,11 +9,10 @@ by less than a cell; at the samples it is never smaller.
 from __future__ import annotations
 
 import hashlib
-import io
 import os
 import sys
 import threading
-import zipfile
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +20,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray, frozen
 from optipromp.errors import InvalidRequestError, InvalidSceneError
-from optipromp.files import write_atomically
+from optipromp.files import npz, read_npz, write_atomically
 from optipromp.geometry.distances import GRID_PADDING
 from optipromp.geometry.shapes import MeshShape, PointCloudShape
 
@@ -80,7 +79,8 @@ def distance_grid(shape: MeshShape | PointCloudShape) -> DistanceGrid:
     if grid is None:
         grid = mesh_grid(shape) if isinstance(shape, MeshShape) else cloud_grid(shape)
         if file is not None:
-            _save(file, grid)
+            with suppress(InvalidRequestError):  # the next run builds it again
+                write_atomically(file, npz(vars(grid)))
     with _lock:
         while len(_memory) >= _KEPT:
             _memory.pop(next(iter(_memory)))
@@ -88,16 +88,12 @@ def distance_grid(shape: MeshShape | PointCloudShape) -> DistanceGrid:
     return grid
 
 
-def mesh_grid(mesh: MeshShape, spacing: float | None = None) -> DistanceGrid:
+def mesh_grid(mesh: MeshShape) -> DistanceGrid:
     """Signed distance grid of a closed mesh.
 
     Distances at the nodes are exact point-triangle distances, their sign is that of the
-    generalised winding number.
-
-    Args:
-        mesh: closed, either orientation.
-        spacing: [m]; by default the longest side / 48, halved while that misses something thin and
-            the grid stays below 1.5 million nodes.
+    generalised winding number; the mesh may have either orientation. The spacing is the longest
+    side / 48, halved while that misses something thin and the grid stays below 1.5 million nodes.
 
     Raises:
         InvalidSceneError: the mesh has no area, no volume, or is not closed.
@@ -108,39 +104,32 @@ def mesh_grid(mesh: MeshShape, spacing: float | None = None) -> DistanceGrid:
     triangles = np.ascontiguousarray(mesh.vertices[mesh.faces])
     lower, upper = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     samples = _surface_samples(triangles)
-    step = float((upper - lower).max()) / CELLS if spacing is None else _checked(spacing)
+    step = float((upper - lower).max()) / CELLS
     while True:
         origin, shape = _layout(lower, upper, step)
         values = signed_grid(triangles, origin, step, shape)
         error = float(_interpolate(values, origin, step, samples).max())
         finer = _layout(lower, upper, 0.5 * step)[1]
         resolved = error <= _THIN * step and float((upper - lower).min()) >= _ACROSS * step
-        if spacing is not None or resolved or np.prod(finer) > _MESH_NODES:
+        if resolved or np.prod(finer) > _MESH_NODES:
             return DistanceGrid(values - max(error, 0.0), origin, step)
         step *= 0.5
 
 
-def cloud_grid(cloud: PointCloudShape, spacing: float | None = None) -> DistanceGrid:
+def cloud_grid(cloud: PointCloudShape) -> DistanceGrid:
     """Distance grid of a point cloud: distance to the nearest point less the points' radius.
 
     Beyond :data:`_CLOUD_NEAR` the distance may be too small by the share :data:`_CLOUD_SLACK`. All
     points of a hollow cloud are about equally far from its middle, so an exact distance there would
-    need every point.
-
-    Args:
-        cloud: N points.
-        spacing: [m]; by default as fine as 200,000 nodes allow, but not below half the radius.
+    need every point. The grid is as fine as 200,000 nodes allow, but no finer than half the radius.
     """
     from optipromp.geometry.nearest import to_nearest
 
     lower = cloud.points.min(axis=0) - cloud.radius
     upper = cloud.points.max(axis=0) + cloud.radius
-    if spacing is None:
-        step = max(0.5 * cloud.radius, float((upper - lower).max()) / 512)
-        while np.prod(_layout(lower, upper, step)[1]) > _CLOUD_NODES:
-            step *= 1.05
-    else:
-        step = _checked(spacing)
+    step = max(0.5 * cloud.radius, float((upper - lower).max()) / 512)
+    while np.prod(_layout(lower, upper, step)[1]) > _CLOUD_NODES:
+        step *= 1.05
     origin, shape = _layout(lower, upper, step)
     values = to_nearest(cloud.points, origin, step, shape, _CLOUD_NEAR, _CLOUD_SLACK)
     values -= cloud.radius
@@ -218,12 +207,6 @@ def _interpolate(
     return found
 
 
-def _checked(spacing: float) -> float:
-    if not (np.isfinite(spacing) and spacing > 0.0):
-        raise InvalidRequestError(f"spacing is {spacing:g}: must be finite and above 0 [m]")
-    return float(spacing)
-
-
 def _key(shape: MeshShape | PointCloudShape) -> str:
     digest = hashlib.sha256(f"{type(shape).__name__} {_VERSION}".encode())
     if isinstance(shape, MeshShape):
@@ -257,10 +240,9 @@ def _cache_file(key: str) -> Path | None:
 def _load(file: Path) -> DistanceGrid | None:
     """The grid in a cache file; None where there is none, or none that can be used."""
     try:
-        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
-            values, origin = data["values"], data["origin"]
-            spacing = float(data["spacing"])
-    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile):
+        data = read_npz(file)
+        values, origin, spacing = data["values"], data["origin"], float(data["spacing"])
+    except (InvalidRequestError, KeyError, TypeError, ValueError):
         return None
     usable = (
         values.ndim == 3
@@ -271,12 +253,3 @@ def _load(file: Path) -> DistanceGrid | None:
         and spacing > 0.0
     )
     return DistanceGrid(values, origin, spacing) if usable else None
-
-
-def _save(file: Path, grid: DistanceGrid) -> None:
-    buffer = io.BytesIO()
-    np.savez(buffer, values=grid.values, origin=grid.origin, spacing=np.array(grid.spacing))
-    try:
-        write_atomically(file, buffer.getvalue())
-    except InvalidRequestError:
-        return  # the grid is in memory; the next run builds it again

@@ -1,7 +1,7 @@
 """The judge: checks any trajectory, with code that shares nothing with the planners."""
 
 from optipromp.judging.clearance import Overlap, clearances, pushed_away, swept
-from optipromp.judging.kinematics import centers, fine_positions
+from optipromp.judging.kinematics import centers, refined
 from optipromp.judging.validator import (
     AXIS_TOLERANCE,
     GOAL_TOLERANCE,
@@ -21,9 +21,9 @@ __all__ = [
     "Violation",
     "centers",
     "clearances",
-    "fine_positions",
     "judge",
     "paper_violations",
     "pushed_away",
+    "refined",
     "swept",
 ]

@@ -116,19 +116,13 @@ def centers(robot: Robot, q: FloatArray) -> FloatArray:
     return out
 
 
-def fine_positions(robot: Robot, positions: FloatArray) -> tuple[FloatArray, bool]:
+def refined(robot: Robot, positions: FloatArray) -> tuple[FloatArray, IntArray, bool]:
     """The trajectory (T, n), refined so that no sphere moves over half its radius between checks.
 
     Returns:
-        Configurations (M, n), the waypoints among them, and whether they are fine enough: at most
-        :data:`MOST_CHECKS` are made.
+        Configurations (M, n), the waypoints among them; which (T,) of them are the waypoints; and
+        whether they are fine enough: at most :data:`MOST_CHECKS` are made.
     """
-    fine, _, complete = refined(robot, positions)
-    return fine, complete
-
-
-def refined(robot: Robot, positions: FloatArray) -> tuple[FloatArray, IntArray, bool]:
-    """:func:`fine_positions`, and which (T,) of the configurations are the waypoints."""
     kin = robot.kinematics
     positions = np.array(positions, dtype=np.float64, order="C")
     turns = np.abs(positions[1:] - positions[:-1])[:, kin.dof] @ np.abs(kin.multiplier)

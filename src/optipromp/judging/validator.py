@@ -8,7 +8,7 @@ joints move linearly: no body sphere moves more than half its radius from one ch
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -77,8 +77,7 @@ class Metrics:
 
     def to_dict(self) -> dict[str, Any]:
         """The metrics as plain values for JSON."""
-        out = {f.name: getattr(self, f.name) for f in fields(self)}
-        return {k: dict(v) if isinstance(v, Mapping) else v for k, v in out.items()}
+        return dict(vars(self))
 
 
 @dataclass(frozen=True)

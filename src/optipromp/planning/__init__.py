@@ -1,11 +1,15 @@
 """Planning: ``plan`` with its three planners, ``plan_many`` and ``judge``."""
 
-from optipromp.planning.many import plan_many
-from optipromp.planning.options import PLANNERS, STRATEGIES, Planner, PlanOptions, Strategy
-from optipromp.planning.paper_options import PaperOptions
-from optipromp.planning.plan import plan, warm_up
-from optipromp.planning.result import Plan, Stage, Term
-from optipromp.planning.verdict import Verdict, judge
+from optipromp.planning.options import (
+    PLANNERS,
+    STRATEGIES,
+    PaperOptions,
+    Planner,
+    PlanOptions,
+    Strategy,
+)
+from optipromp.planning.plan import plan, plan_many, warm_up
+from optipromp.planning.result import Plan, Stage, Term, Verdict, judge
 
 __all__ = [
     "PLANNERS",

@@ -11,18 +11,22 @@ posture, which the path leaves free, stays as it was demonstrated. Inverse kinem
 the remaining millimetres between the tool and the path.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from optipromp.arrays import FloatArray, frozen
+from optipromp.planning.options import PlanOptions
 from optipromp.planning.parameters import FOLLOW, WAYPOINT
+from optipromp.planning.task import Task
 from optipromp.promp.model import ProMP
 from optipromp.pushing.path import ToolPath
 from optipromp.robots import ik
 from optipromp.robots.model import Robot
 from optipromp.robots.roll import level
+from optipromp.scenes.scene import PoseGoal
 
 
 @dataclass(frozen=True)
@@ -65,55 +69,43 @@ class Start:
     path: ToolPath | None
 
 
-@dataclass(frozen=True, eq=False)
-class Branch:
-    """A goal configuration, and the path followed back from it at the stations (S, n)."""
-
-    goal: FloatArray
-    stations: FloatArray
-    waypoints: Waypoints
-
-
-def branches(
-    robot: Robot,
-    start: FloatArray,
+def starts(
+    task: Task,
     path: ToolPath,
-    axis: FloatArray,
+    promp: ProMP,
+    options: PlanOptions,
     goals: FloatArray,
-    max_step: float,
-    count: int | None = None,
-) -> list[Branch]:
-    """Goal configurations (m, n) from which the path can be followed back, shortest motion first.
+    most: int | None = None,
+) -> Iterator[Start]:
+    """The primitive conditioned on start, path and goal, and led along the path.
 
-    Args:
-        robot: the arm with its tool.
-        start: (n,).
-        path: of the tool point.
-        axis: (3,) of the tool along the path.
-        goals: (m, n).
-        max_step: wanted largest step of a joint between waypoints [rad or m].
-        count: of waypoints; None: as many as ``max_step`` asks for.
+    One start for each of the goal configurations ``goals`` (m, n) from which the path can be
+    followed back, at ``most`` so many, the shortest motion first. Left out is where the path cannot
+    be followed exactly.
     """
+    assert isinstance(task.goal, PoseGoal)
     points = path.at(np.linspace(1.0, 0.0, FOLLOW.stations))
-    axes = np.tile(axis, (FOLLOW.stations, 1))
+    axes = np.tile(task.goal.axis, (FOLLOW.stations, 1))
     found = []
     for goal in goals:
-        back, errors = ik.track(robot, points, axes, goal)
+        back, errors = ik.track(task.robot, points, axes, goal)
         if errors.max() < FOLLOW.tracked:
             stations = back[::-1]
-            waypoints = _waypoints(start, stations, path, max_step, count)
-            found.append(Branch(goal, stations, waypoints))
-    return sorted(found, key=lambda branch: branch.waypoints.count)
+            found.append((goal, stations, _waypoints(task, stations, path, options)))
+    found.sort(key=lambda item: item[2].count)
+    for goal, stations, waypoints in found[:most]:
+        start = _follow(task, path, promp, goal, stations, waypoints)
+        if start is not None:
+            yield start
 
 
-def _waypoints(
-    start: FloatArray, stations: FloatArray, path: ToolPath, max_step: float, count: int | None
-) -> Waypoints:
-    """Waypoints such that no joint moves much over ``max_step``, before the path and on it."""
-    step = 0.8 * max_step
-    reach = max(
-        WAYPOINT.peak * float(np.abs(stations[0] - start).max()) / step, WAYPOINT.fewest_reach
-    )
+def _waypoints(task: Task, stations: FloatArray, path: ToolPath, options: PlanOptions) -> Waypoints:
+    """Waypoints such that no joint moves much over ``max_step``, before the path and on it.
+
+    The path is followed through configurations ``stations`` (S, n).
+    """
+    step = WAYPOINT.share * options.max_step
+    reach = max(reach_count(stations[0] - task.start, options.max_step), WAYPOINT.fewest_reach)
     turn = float(np.abs(np.diff(stations, axis=0)).max(axis=1).sum())
     slowed = 1.0 / (1.0 - 0.5 * WAYPOINT.braking)
     approach = slowed * max(
@@ -121,11 +113,24 @@ def _waypoints(
         path.length / min(WAYPOINT.tool_step, WAYPOINT.tool_time * path.speed),
         WAYPOINT.fewest_approach,
     )
-    total = count or min(
-        max(WAYPOINT.fewest, 10 * int(np.ceil((reach + approach) / 10))), WAYPOINT.most
-    )
+    total = options.waypoints or within_limits(10 * np.ceil((reach + approach) / 10))
     first = int(np.clip(round(reach / (reach + approach) * (total - 1)), 1, total - 2))
     return Waypoints(total, first)
+
+
+def reach_count(turns: FloatArray, max_step: float) -> float:
+    """Steps of a smooth reach that turns the joints by ``turns`` (n,): none over ``max_step``."""
+    return WAYPOINT.peak * float(np.abs(turns).max()) / (WAYPOINT.share * max_step)
+
+
+def free_count(turns: FloatArray, max_step: float) -> int:
+    """Number of waypoints of such a reach where no path follows it."""
+    return within_limits(np.ceil(reach_count(turns, max_step)) + 1)
+
+
+def within_limits(count: float) -> int:
+    """A number of waypoints, not below the least and not above the largest."""
+    return int(min(max(count, WAYPOINT.fewest), WAYPOINT.most))
 
 
 def braked(share: FloatArray) -> FloatArray:
@@ -140,45 +145,28 @@ def braked(share: FloatArray) -> FloatArray:
     return np.asarray(gone / (1.0 - 0.5 * WAYPOINT.braking))
 
 
-def follow(
-    robot: Robot,
-    start: FloatArray,
+def _follow(
+    task: Task,
     path: ToolPath,
-    axis: FloatArray,
-    normal: FloatArray,
     promp: ProMP,
-    branch: Branch,
+    goal: FloatArray,
+    stations: FloatArray,
+    waypoints: Waypoints,
 ) -> Start | None:
-    """The primitive conditioned on start, path and goal, and led along the path.
-
-    Args:
-        robot: the arm with its tool.
-        start: (n,).
-        path: of the tool point.
-        axis: (3,) of the tool along the path.
-        normal: (3,) at right angles to the opening of a hand; see
-            :func:`optipromp.robots.roll.level`.
-        promp: learnt from demonstrations.
-        branch: of :func:`branches`.
-
-    Returns:
-        None where the path cannot be followed exactly.
-    """
-    waypoints, first = branch.waypoints, branch.waypoints.first
-    z = waypoints.phases
+    """The start to a goal (n,) through configurations ``stations`` (S, n); None: out of reach."""
+    assert isinstance(task.goal, PoseGoal)
+    robot, axis, first, z = task.robot, task.goal.axis, waypoints.first, waypoints.phases
     share = np.linspace(0.0, 1.0, FOLLOW.stations)
-    station_phases = z[first] + (1.0 - z[first]) * _time_of(share)
-    weights = conditioned(
-        robot, promp, start, branch.goal, path.at(share), axis, branch.stations, station_phases
-    )
+    phases = z[first] + (1.0 - z[first]) * _time_of(share)
+    weights = conditioned(robot, promp, task.start, goal, path.at(share), axis, stations, phases)
     q = promp.basis.evaluate(waypoints.count) @ weights.T
-    q[0], q[-1] = start, branch.goal
+    q[0], q[-1] = task.start, goal
     points = path.at(braked((z[first:] - z[first]) / (1.0 - z[first])))
     on_path, errors = ik.each(robot, points, np.tile(axis, (len(points), 1)), q[first:])
     if errors.max() > FOLLOW.tracked:
         return None
-    on_path[-1] = branch.goal
-    on_path = level(robot, on_path[::-1], normal, path=True)[::-1]
+    on_path[-1] = goal
+    on_path = level(robot, on_path[::-1], task.scene.frame[0], path=True)[::-1]
     followed = np.vstack([q[:first] + _lead_in(on_path - q[first:], first), on_path])
     return Start(q, followed, waypoints, path)
 

@@ -105,11 +105,11 @@ def choose(
 
     Args:
         task: scene and robot.
-        seed: of the random starts.
-        starts: how many of them.
+        seed: of the random ``starts``.
+        starts: at first; more are tried where too few goals are free, until the ``deadline``.
         begin: (n,) where one goal configuration is enough: the one on the branch of this
             configuration is tried first.
-        deadline: of ``time.perf_counter()``, after which no further starts are tried.
+        deadline: of ``time.perf_counter()``.
 
     Returns:
         Configurations (m, n), at most ``GOAL.enough`` where they are free; whether they touch

@@ -33,14 +33,12 @@ from optipromp.optimization import gauss_newton
 from optipromp.optimization.costs import Cost
 from optipromp.optimization.costs.joints import SmoothnessCost
 from optipromp.optimization.costs.tool import GoalCost
-from optipromp.planning.functionals import functionals
 from optipromp.planning.options import PlanOptions, Strategy
-from optipromp.planning.paper_problem import Posed, posed_problems
+from optipromp.planning.paper_problem import Posed, functionals, posed_problems
 from optipromp.planning.parameters import PAPER, SOLVE
+from optipromp.planning.pick import limits_and_clearances, schedule
 from optipromp.planning.result import Planned, Stage
-from optipromp.planning.solve import limits_and_clearances, schedule
 from optipromp.planning.task import Task
-from optipromp.planning.timing import timed_past
 from optipromp.promp.model import ProMP
 from optipromp.scenes.scene import JointGoal, PoseGoal
 from optipromp.trajectory import Trajectory
@@ -78,13 +76,7 @@ def solve(
     Of the choices of sides, where stems leave some, the valid plan of least objective is kept. The
     sequential strategy goes through all of them with the smallest trust radius, then with the next.
 
-    Args:
-        task: scene and robot.
-        promp: supplies the initial trajectories.
-        options: see :class:`PlanOptions`; ``paper`` holds the paper's own.
-        strategy: ``joint`` or ``sequential``.
-        goals: (m, n) goal configurations.
-        deadline: ``time.perf_counter()`` to stop at.
+    The initial trajectories are those of ``promp``, to the goal configurations ``goals`` (m, n).
     """
     began = time.perf_counter()
     radii = options.paper.trust_radii
@@ -113,10 +105,9 @@ def solve(
     )
     times = {stage.name: stage.seconds for stage in stages}
     times[strategy] = time.perf_counter() - began
-    posed = best.posed
-    initial = timed_past(task, options, posed.initial, posed.waypoints.first)
+    initial = best.posed.timed(best.posed.initial)
     return Planned(
-        initial, initial, best.trajectory, posed.waypoints.first, stages, bool(stages), times,
+        initial, initial, best.trajectory, best.posed.waypoints.first, stages, bool(stages), times,
         best.judgement,
     )  # fmt: skip
 
@@ -124,7 +115,7 @@ def solve(
 def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
     """Judge ``q`` (T, n); with ``constraints: paper`` also by constraints 1 and 2."""
     task, options = posed.task, posed.options
-    trajectory = timed_past(task, options, q, posed.waypoints.first)
+    trajectory = posed.timed(q)
     judgement = judging.judge(task.scene, task.robot, trajectory, task.start)
     if options.constraints == "paper":
         missing = [
@@ -142,7 +133,8 @@ def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
             if found.kind == "stem"  # constraint 2; constraint 1 is asked above, for the offset
         ]
         judgement = replace(judgement, violations=(*judgement.violations, *missing))
-    terms = functionals(task, options.paper, posed.waypoints.first, "sum", "quadratic")
+    paper = replace(options.paper, reduction="sum", push="quadratic")
+    terms = functionals(task, paper, posed.waypoints.first, authors=False)
     value = posed.problem(terms, (), True).evaluate(q)
     return Solved(posed, trajectory, tuple(stages), judgement, value.cost)
 

@@ -1,10 +1,9 @@
-"""The paper's problem (method §5) on one goal configuration and one choice of sides.
+"""The paper's functionals, and its problem (method §5) on one goal and one choice of sides.
 
 Constraints 1 to 3 are rows, each linear in one tool point (:class:`ConstraintRows`), the same
 for both strategies of :mod:`optipromp.planning.paper`.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -12,16 +11,51 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray
 from optipromp.optimization.costs import Cost
+from optipromp.optimization.costs.joints import VelocityCost
+from optipromp.optimization.costs.obstacles import ObstacleCost
+from optipromp.optimization.costs.tool import PushCost
 from optipromp.optimization.evaluation import Evaluation
 from optipromp.optimization.problem import Problem
-from optipromp.planning.follow import Waypoints
-from optipromp.planning.functionals import functionals
-from optipromp.planning.options import PlanOptions, Strategy
+from optipromp.planning.follow import Waypoints, free_count, reach_count, within_limits
+from optipromp.planning.options import PaperOptions, PlanOptions, Strategy
 from optipromp.planning.parameters import PAPER, PRIMITIVE, WAYPOINT
 from optipromp.planning.primitive import led_through, on_branch, via_points
-from optipromp.planning.task import Task
+from optipromp.planning.task import Task, timed
 from optipromp.promp.model import ProMP
 from optipromp.pushing.rules import Drift, detection_variance, drift_choices
+from optipromp.scenes.scene import PoseGoal
+from optipromp.trajectory import Trajectory
+
+
+def functionals(task: Task, options: PaperOptions, first: int, authors: bool) -> list[Cost]:
+    """F_s, F_d, F_p (from waypoint ``first`` on) and F_v with their weights.
+
+    Where the options leave them open, reduction and push are those of the ``authors``' sequential
+    runs, or those of the joint strategy. There is no F_p without neighbours to push past.
+    """
+    a = options.alphas
+    reduction = options.reduction or ("max" if authors else "sum")
+    push = options.push or ("reciprocal" if authors else "quadratic")
+    terms: list[Cost] = [
+        ObstacleCost("static", a[0], options.epsilon, reduction),
+        ObstacleCost("avoid", a[1], options.epsilon, reduction),
+    ]
+    if task.neighbours and isinstance(task.goal, PoseGoal):
+        weights = np.asarray(options.push_weights, dtype=np.float64)
+        terms.append(PushCost(a[2], task.goal.position, task.scene.frame, first, weights, push))
+    terms.append(VelocityCost(a[3]))
+    return terms
+
+
+def functional_values(
+    task: Task, options: PaperOptions, first: int, q: FloatArray, authors: bool
+) -> dict[str, float]:
+    """The functionals at one trajectory (T, n), by their names."""
+    terms, cutoff = functionals(task, options, first, authors), options.epsilon
+    problem = Problem(
+        task.robot, task.surroundings, terms, (), len(q), cutoff=cutoff, body=task.body
+    )
+    return problem.evaluate(q).costs
 
 
 class ConstraintRows(Cost):
@@ -116,11 +150,12 @@ class Posed:
     def functionals(self) -> list[Cost]:
         """F_s, F_d, F_p and F_v with their weights, in the strategy's own forms."""
         paper, sequential = self.options.paper, self.strategy == "sequential"
-        return functionals(
-            self.task, paper, self.waypoints.first,
-            paper.reduction or ("max" if sequential else "sum"),
-            paper.push or ("reciprocal" if sequential else "quadratic"),
-        )  # fmt: skip
+        return functionals(self.task, paper, self.waypoints.first, sequential)
+
+    def timed(self, q: FloatArray) -> Trajectory:
+        """Waypoints (T, n) as a trajectory, slow on the approach where there are neighbours."""
+        slow = self.waypoints.first if self.task.neighbours else None
+        return timed(self.task, self.options, q, slow)
 
     def problem(self, terms: Sequence[Cost], constraints: Sequence[Cost], ends: bool) -> Problem:
         """Terms and constraints over the waypoints; ``ends``: whether the last one is fixed too."""
@@ -144,12 +179,12 @@ def posed_problems(
     for goal in goals:
         branch = None
         if positions:
-            via = via_points(task, positions, 0.5, options.paper.via_deviation)
-            branch = on_branch(task, via, goal)
+            points, deviations = via_points(task, positions, options.paper.via_deviation)
+            branch = on_branch(task, points, goal)
         if branch is None:
             branches.append((goal[None], np.zeros(1)))
             continue
-        variances = via.deviations**2
+        variances = deviations**2
         variances[1:-1] += [detection_variance(obj) for obj in task.neighbours]
         branches.append((branch, variances / PRIMITIVE.lever_arm**2))
     branches.sort(key=lambda branch: spaced(task, options, branch[0]).count)
@@ -171,20 +206,18 @@ def spaced(task: Task, options: PlanOptions, values: FloatArray) -> Waypoints:
 
     ``values`` (m, n) are the configurations the motion is led through after the start.
     """
-    step = 0.8 * options.max_step
-    reach = WAYPOINT.peak * float(np.max(np.abs(values[0] - task.start))) / step
+    reach = values[0] - task.start
     if len(values) == 1:
-        count = options.waypoints or min(max(WAYPOINT.fewest, math.ceil(reach) + 1), WAYPOINT.most)
+        count = options.waypoints or free_count(reach, options.max_step)
         return Waypoints.at_phase(count, options.paper.camera_phase or 0.5)
     tools = task.robot.tool_pose(values)[0]
     path = float(np.linalg.norm(np.diff(tools, axis=0), axis=1).sum())
     moved = float(np.abs(np.diff(values, axis=0)).max(axis=1).sum())
-    reach, approach = (
-        max(reach, float(WAYPOINT.fewest_reach)),
-        max(1.6 * moved / step, WAYPOINT.fewest_approach, path / WAYPOINT.tool_step),
-    )
-    count = options.waypoints or min(
-        max(WAYPOINT.fewest, 10 * math.ceil((reach + approach) / 10)), WAYPOINT.most
-    )
-    phase = min(max(0.2, reach / (reach + approach)), 0.75)
+    before = max(reach_count(reach, options.max_step), WAYPOINT.fewest_reach)
+    after = max(
+        1.6 * moved / (WAYPOINT.share * options.max_step), WAYPOINT.fewest_approach,
+        path / WAYPOINT.tool_step,
+    )  # fmt: skip
+    count = options.waypoints or within_limits(10 * np.ceil((before + after) / 10))
+    phase = min(max(0.2, before / (before + after)), 0.75)
     return Waypoints.at_phase(count, options.paper.camera_phase or phase)

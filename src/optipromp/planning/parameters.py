@@ -16,6 +16,9 @@ class WaypointParameters(Checked):
     peak: float = parameter(
         1.9, "1", "choice", "ratio of largest to mean speed of a smooth reach; minimum jerk: 1.875"
     )
+    share: float = parameter(
+        0.8, "1", "choice", "of the largest step of a joint that a trajectory is spread for"
+    )
     tool_step: float = parameter(0.005, "m", "choice", "largest step of the tool on its path")
     tool_time: float = parameter(0.17, "s", "choice", "longest time between waypoints on the path")
     braking: float = parameter(
@@ -69,7 +72,7 @@ class GoalParameters(Checked):
 
 @dataclass(frozen=True)
 class SolveParameters(Checked):
-    """Stiffnesses, in the order of priority of method, section 5 (``planning/solve.py``)."""
+    """Stiffnesses, in the order of priority of method, section 5 (``planning/pick.py``)."""
 
     must: float = parameter(1e6, "1/m^2", "choice", "joint limits, what is touched, the goal")
     firm: float = parameter(

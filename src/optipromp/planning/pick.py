@@ -1,19 +1,35 @@
-"""The default planner: pick a tool path, follow it with the whole arm, judge the result."""
+"""The default planner: pick a tool path, follow it with the whole arm, optimise and judge.
+
+The optimisation of a followed path has these costs: nearness to obstacles (F_s and F_d), joint
+accelerations, and the user's own. Constraints, as stiff penalties: joint limits, clearances, the
+goal, and the tool on its path.
+"""
+
+from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from optipromp import judging
 from optipromp.arrays import FloatArray
-from optipromp.planning.follow import Start, Waypoints, branches, follow
+from optipromp.judging import Judgement
+from optipromp.optimization import gauss_newton
+from optipromp.optimization.costs import Cost
+from optipromp.optimization.costs.joints import LimitCost, SmoothnessCost, StepCost
+from optipromp.optimization.costs.obstacles import ClearanceCost, ObstacleCost, SelfCost
+from optipromp.optimization.costs.tool import CorridorCost, GoalCost, LevelCost, UprightCost
+from optipromp.optimization.evaluation import Evaluation
+from optipromp.optimization.problem import Problem
+from optipromp.planning import follow
+from optipromp.planning.follow import Start, Waypoints, free_count
 from optipromp.planning.options import PlanOptions
-from optipromp.planning.parameters import WAYPOINT
-from optipromp.planning.prediction import push_model, pushed_aside, tool_motion
+from optipromp.planning.parameters import SOLVE
 from optipromp.planning.primitive import led_through
 from optipromp.planning.result import Planned, Stage
-from optipromp.planning.solve import Attempt, Solver
-from optipromp.planning.task import Task
+from optipromp.planning.task import Task, push_model, pushed_aside, timed, tool_motion
 from optipromp.promp.conditioning import condition
 from optipromp.promp.model import ProMP
 from optipromp.promp.points import JointPoint
@@ -21,7 +37,7 @@ from optipromp.pushing.model import Prediction, PushModel, search
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import ToolPath, through
 from optipromp.pushing.rules import rule_paths
-from optipromp.scenes.scene import PoseGoal
+from optipromp.scenes.scene import JointGoal, PoseGoal, Scene
 from optipromp.trajectory import Trajectory
 
 INVALID = 2.5  # harm added where the trajectory is not valid; less than that of a swallowed fruit
@@ -29,7 +45,6 @@ GOALS = 3  # goal configurations that a path is followed to, at most
 TRIES = 6  # paths that are followed while no trajectory is valid
 SAMPLE_ROUNDS = 4  # rounds of samples of the primitive, where no motion to a goal is valid
 RULE_SPEED = PUSH.hanging.speed  # of the tool along a path that the rule gives
-FEWEST, PEAK = WAYPOINT.fewest, WAYPOINT.peak
 
 
 def pick(
@@ -42,13 +57,7 @@ def pick(
 ) -> Planned:
     """The valid trajectory of least predicted harm; without a valid one, the best of the others.
 
-    Args:
-        task: scene and robot.
-        promp: the movement primitive.
-        options: see :class:`PlanOptions`.
-        goals: (m, n) goal configurations, best first.
-        seed: of everything random.
-        deadline: of ``time.perf_counter()`` to stop at.
+    The goal configurations ``goals`` (m, n) come best first.
     """
     began = time.perf_counter()
     rng = np.random.default_rng(seed)
@@ -57,24 +66,24 @@ def pick(
     best: tuple[Attempt, Prediction | None] | None = None
     least, tries = np.inf, 0
     for path, good in tool_paths(task, model if options.prediction else None, rng, deadline):
-        attempt = along(solver, path, promp, goals)
+        attempt = first_valid(solver, follow.starts(task, path, promp, options, goals, GOALS))
         if attempt is None:
             continue
         tries += 1
-        prediction = None if model is None else _of(model, task, attempt)
+        q = attempt.trajectory.positions[attempt.start.waypoints.first :]
+        prediction = None if model is None else model.predict(*tool_motion(task.robot, q))
         score = prediction.harm if prediction and options.prediction else 0.0
         score += 0.0 if attempt.valid else INVALID
         if best is None or score < least:
             best, least = (attempt, prediction), score
         if least <= good or solver.late() or (tries >= TRIES and not best[0].valid):
             break
-    attempt, prediction = best or (freely(solver, promp, goals, rng), None)
+    if best is None:
+        attempt = first_valid(solver, free_starts(solver.task, options, promp, goals, rng))
+        assert attempt is not None  # there is at least one goal configuration
+        best = attempt, None
+    attempt, prediction = best
     return outcome(attempt, prediction, time.perf_counter() - began)
-
-
-def _of(model: PushModel, task: Task, attempt: Attempt) -> Prediction:
-    q = attempt.trajectory.positions[attempt.start.waypoints.first :]
-    return model.predict(*tool_motion(task.robot, q))
 
 
 def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> Planned:
@@ -107,56 +116,30 @@ def tool_paths(
             yield through(corners, RULE_SPEED), 0.0
 
 
-def along(solver: Solver, path: ToolPath, promp: ProMP, goals: FloatArray) -> Attempt | None:
-    """The first valid attempt to follow a path, over the goals to which it can be followed.
-
-    Without a valid attempt, the best one. None where the path cannot be followed.
-    """
-    task, options = solver.task, solver.options
-    assert isinstance(task.goal, PoseGoal)
-    found = branches(
-        task.robot, task.start, path, task.goal.axis, goals, options.max_step, options.waypoints
-    )
+def first_valid(solver: Solver, starts: Iterable[Start]) -> Attempt | None:
+    """The first valid attempt; without one, the best before time runs out; None without starts."""
     best: Attempt | None = None
-    for branch in found[:GOALS]:
-        start = follow(
-            task.robot, task.start, path, task.goal.axis, task.scene.frame[0], promp, branch
-        )
-        if start is None:
-            continue
-        attempt = solver.solve(start)
-        if attempt.valid:
-            return attempt
-        if best is None or attempt.merit < best.merit:
-            best = attempt
-        if solver.late():
-            break
-    return best
-
-
-def freely(solver: Solver, promp: ProMP, goals: FloatArray, rng: np.random.Generator) -> Attempt:
-    """The first valid attempt of a reach whose tool is free on its way, or else the best."""
-    best: Attempt | None = None
-    for start in free_starts(solver.task, solver.options, promp, goals, rng):
+    for start in starts:
         attempt = solver.solve(start)
         if best is None or attempt.valid or attempt.merit < best.merit:
             best = attempt
         if best.valid or solver.late():
             break
-    assert best is not None  # there is at least one goal configuration
     return best
 
 
 def free_starts(
     task: Task, options: PlanOptions, promp: ProMP, goals: FloatArray, rng: np.random.Generator
 ) -> Iterator[Start]:
-    """The primitive conditioned on start and goal, the nearest goal first; then samples of it."""
+    """Starts of a reach whose tool is free on its way, to goal configurations ``goals`` (m, n).
+
+    First the primitive conditioned on start and goal, the nearest goal first; then samples of it.
+    """
     robot = task.robot
     order = np.argsort(np.abs(goals - task.start).max(axis=1), kind="stable")
     counts = {}
     for k in order.tolist():
-        far = PEAK * float(np.abs(goals[k] - task.start).max()) / (0.8 * options.max_step)
-        counts[k] = options.waypoints or int(np.clip(np.ceil(far) + 1, FEWEST, 600))
+        counts[k] = options.waypoints or free_count(goals[k] - task.start, options.max_step)
         q = led_through(promp, task.start, np.array([1.0]), goals[k][None], np.zeros(1), counts[k])
         yield Start(q, q, Waypoints(counts[k], counts[k] - 1), None)
     for _ in range(SAMPLE_ROUNDS):
@@ -166,3 +149,157 @@ def free_starts(
             q = np.clip(q, robot.lower, robot.upper)
             q[0], q[-1] = task.start, goals[k]
             yield Start(q, q, Waypoints(counts[k], counts[k] - 1), None)
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """A start and the trajectory that was optimised from it.
+
+    Attributes:
+        start: of the optimisation.
+        trajectory: the optimised one, with its timing.
+        judgement: of the trajectory.
+        merit: value of the objective.
+        history: value of each cost after each iteration, the start first.
+        message: why the solver stopped.
+    """
+
+    start: Start
+    trajectory: Trajectory
+    judgement: Judgement
+    merit: float
+    history: tuple[dict[str, float], ...]
+    message: str
+
+    @property
+    def valid(self) -> bool:
+        """Whether the judge found no violation."""
+        return not self.judgement.violations
+
+
+class Solver:
+    """Optimises starts of one task; keeps its arrays from one start to the next.
+
+    Args:
+        task: scene and robot.
+        options: see :class:`PlanOptions`.
+        deadline: of ``time.perf_counter()``.
+        scene: in which the result is judged.
+        stem_side: whether passing a stem on its side is a fault; see :func:`judging.judge`.
+    """
+
+    def __init__(
+        self, task: Task, options: PlanOptions, deadline: float, scene: Scene, *, stem_side: bool
+    ) -> None:
+        self.task, self.options, self.deadline = task, options, deadline
+        self.scene, self.stem_side = scene, stem_side
+        self._arrays: dict[int, Evaluation] = {}
+
+    def late(self) -> bool:
+        """Whether time has run out."""
+        return time.perf_counter() > self.deadline
+
+    def solve(self, start: Start) -> Attempt:
+        """Optimise a start and judge the result."""
+        settings = schedule(self.options)
+        task, count = self.task, start.waypoints.count
+        if count not in self._arrays:
+            self._arrays[count] = Evaluation(task.robot, task.body, count, 1.0 / (count - 1))
+        problem = following(task, self.options, start, self._arrays[count])
+        value = problem.evaluate(start.followed, settings.stages[-1])
+        if self.options.iterations == 0 or self.late():
+            return self._judged(start, start.followed, value.merit, (value.costs,), "")
+        if settings.keeps(value):
+            last = slice(-1, None)
+            result = gauss_newton.solve(
+                problem, start.followed, settings, self.deadline, last, value
+            )
+        else:
+            settings = replace(settings, damping=SOLVE.far_damping, tolerance=SOLVE.far_tolerance)
+            result = gauss_newton.solve(problem, start.followed, settings, self.deadline)
+        history = (value.costs, *result.history[1:])
+        return self._judged(start, result.q, result.value.merit, history, result.message)
+
+    def _judged(
+        self, start: Start, q: FloatArray, merit: float, history: tuple[dict[str, float], ...],
+        message: str,
+    ) -> Attempt:  # fmt: skip
+        task, path = self.task, start.path
+        first, speed = (None, None) if path is None else (start.waypoints.first, path.speed)
+        trajectory = timed(task, self.options, q, first, speed)
+        verdict = judging.judge(
+            self.scene, task.robot, trajectory, task.start, stem_side=self.stem_side
+        )
+        return Attempt(start, trajectory, verdict, merit, history, message)
+
+
+def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation) -> Problem:
+    """The problem of a start: obstacles, smoothness, limits, the user's costs, the tool path."""
+    robot, first = task.robot, start.waypoints.first
+    costs: list[Cost] = [
+        ObstacleCost("static", 1.0, SOLVE.safety, "sum"),
+        ObstacleCost("avoid", 1.0, SOLVE.safety, "sum"),
+        SmoothnessCost(options.smoothness),
+        *options.costs,
+    ]
+    touch = ClearanceCost("touch", "static", SOLVE.must, SOLVE.touch_margin)
+    constraints = limits_and_clearances(task, options, touch)
+    if isinstance(task.goal, PoseGoal):
+        constraints.append(GoalCost(SOLVE.must, task.goal.position, task.goal.axis))
+    if start.path is not None and isinstance(task.goal, PoseGoal):
+        points, _ = robot.tool_pose(start.followed)
+        constraints += [
+            CorridorCost(SOLVE.kept, points, np.eye(3), options.corridor, first, SOLVE.within),
+            UprightCost(SOLVE.lean, task.goal.axis, np.deg2rad(SOLVE.upright), first),
+        ]
+        if robot.tool is not None and robot.tool.fingers:
+            pair = opposite(task)
+            constraints.append(LevelCost(SOLVE.wish, pair, task.scene.frame[0], first))
+    return Problem(
+        robot, task.surroundings, costs, constraints, start.waypoints.count,
+        cutoff=max(SOLVE.safety, options.static_clearance, options.avoid_clearance) + 1e-3,
+        end_fixed=isinstance(task.goal, JointGoal), body=task.body, evaluation=arrays,
+    )  # fmt: skip
+
+
+def limits_and_clearances(task: Task, options: PlanOptions, *further: Cost) -> list[Cost]:
+    """Constraints of every problem of a task: joint limits, steps, ``further`` ones, clearances."""
+    robot, proximal = task.robot, ~np.asarray(task.body.distal)
+    margin = np.minimum(options.limit_margin, 0.25 * (robot.upper - robot.lower))
+    return [
+        LimitCost(SOLVE.must, robot.lower + margin, robot.upper - margin),
+        StepCost(SOLVE.firm, np.full(robot.n_joints, options.max_step)),
+        *further,
+        ClearanceCost("clearance", "static", 2 * SOLVE.kept, options.static_clearance),
+        ClearanceCost("avoid", "dynamic", SOLVE.firm, options.avoid_clearance, proximal),
+        ClearanceCost("tool avoid", "dynamic", SOLVE.wish, 0.0, ~proximal),
+        SelfCost(SOLVE.firm, options.self_clearance),
+    ]
+
+
+def opposite(task: Task) -> tuple[int, int]:
+    """Two spheres of a tool with fingers, one on either side, which are to stand level.
+
+    The two that are farthest apart along the opening, and alike otherwise.
+    """
+    robot = task.robot
+    assert robot.tool is not None
+    mine = np.flatnonzero(robot.spheres.link == len(robot.link_names) - 1)
+    opens = robot.flange_rotation @ robot.tool.rotation[:, 1]
+    center = robot.spheres.center[mine]
+    between = center - center[:, None]
+    along = between @ opens
+    aside = np.linalg.norm(between - along[..., None] * opens, axis=-1)
+    low, high = np.unravel_index(np.argmax(along - 10.0 * aside), along.shape)
+    first = task.body.tool - len(mine)  # the tool's spheres come last
+    return first + int(low), first + int(high)
+
+
+def schedule(options: PlanOptions) -> gauss_newton.GaussNewtonOptions:
+    """The solver's own schedule, or ``options.iterations`` divided over its stages."""
+    usual = gauss_newton.GaussNewtonOptions()
+    if options.iterations is None:
+        return usual
+    share = [options.iterations // len(usual.stages)] * len(usual.stages)
+    share[-1] += options.iterations - sum(share)
+    return replace(usual, iterations=tuple(share))

@@ -1,29 +1,33 @@
-"""``plan``: the entry point of all planners."""
+"""``plan``, the entry point of all planners; ``plan_many``; and compiling beforehand."""
 
-import contextlib
 import functools
 import math
+import pickle
+import subprocess
+import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from optipromp import judging
 from optipromp.compiled import in_cache
-from optipromp.errors import Code, InvalidRequestError
+from optipromp.errors import Code, InvalidRequestError, NoPlanError, OptiPrompError
 from optipromp.optimization.kernels import add_stiffness
-from optipromp.planning import functionals, goals, primitive
+from optipromp.planning import goals, primitive
 from optipromp.planning.options import Planner, PlanOptions, Strategy
+from optipromp.planning.paper_problem import functional_values
 from optipromp.planning.parameters import GOAL
 from optipromp.planning.pick import pick
-from optipromp.planning.prediction import pushed_aside
 from optipromp.planning.primitive import PAPER_BASIS, learnt
-from optipromp.planning.result import Plan, Planned, Term, Terms
-from optipromp.planning.task import Task, resolve
-from optipromp.planning.verdict import Verdict, predicted
+from optipromp.planning.result import Plan, Planned, Term, Terms, Verdict, predicted
+from optipromp.planning.task import Task, push_model, pushed_aside, resolve
+from optipromp.processes import cores, run_each
 from optipromp.promp.model import ProMP
 from optipromp.robots.model import Robot
 from optipromp.scenes.io import load_scene
@@ -31,26 +35,12 @@ from optipromp.scenes.scene import Scene
 from optipromp.trajectory import Trajectory
 
 DEFAULTS = PlanOptions()
+WARM_UP = "scenario-3"
 
 
-@functools.lru_cache(maxsize=1)
-def _threads() -> tuple[Any, ...]:
-    """The BLAS libraries that are loaded."""
-    return tuple(ThreadpoolController().select(user_api="blas").lib_controllers)
+Result = Plan | OptiPrompError
 
-
-@contextlib.contextmanager
-def _one_thread() -> Iterator[None]:
-    """Run BLAS on one thread: on small matrices its threads only wait for one another."""
-    before = [(library, library.get_num_threads()) for library in _threads()]
-    many = [(library, count) for library, count in before if count != 1]
-    for library, _ in many:
-        library.set_num_threads(1)
-    try:
-        yield
-    finally:
-        for library, count in many:
-            library.set_num_threads(count)
+_threads = functools.cache(ThreadpoolController)  # knows the BLAS libraries that are loaded
 
 
 def plan(
@@ -92,7 +82,7 @@ def plan(
         StartInvalidError: a start outside the joint limits, or of the wrong size.
     """
     _compiled()  # before the plan's clock starts
-    with _one_thread():
+    with _threads().limit(limits=1, user_api="blas"):  # on small matrices threads only wait
         return _plan(scene, robot, planner, strategy, demonstrations, seed, options, progress)
 
 
@@ -110,10 +100,10 @@ def check_planner(planner: str, strategy: str) -> None:
             raise InvalidRequestError(f"{what} is {name!r}; valid: {', '.join(valid)}")
 
 
-def warm_up(scene: Scene | str = "scenario-3") -> None:
+def warm_up(scene: Scene | str = WARM_UP) -> None:
     """Compile every kernel, or load it from the cache, before a plan's time counts."""
     options = PlanOptions(timeout=math.inf)
-    with _one_thread():
+    with _threads().limit(limits=1, user_api="blas"):
         made = _plan(scene, None, "opti-promp", "joint", None, 0, options, None)
     len(made.terms)  # computed when read
 
@@ -123,6 +113,38 @@ def _compiled() -> None:
     """Compile the kernels, once in a process, where Numba's cache has none of them."""
     if not in_cache(add_stiffness):
         warm_up()
+
+
+def compile_kernels() -> None:
+    """Fill Numba's cache.
+
+    The push model takes nearly as long to compile as all other kernels. Where there is a second
+    core, another process compiles it, while this one plans where nothing is to be pushed.
+    """
+    scene = load_scene(WARM_UP)
+    bare = replace(scene, objects=tuple(o for o in scene.objects if o.role != "pushable"))
+    other = None
+    if cores() > 1:
+        code = f"from {__name__} import compile_push_model as run; run()"
+        other = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)
+    try:
+        warm_up(bare)
+        if other is not None:
+            other.wait()
+    finally:
+        if other is not None:
+            other.kill()  # where the wait was interrupted
+            other.wait()
+    warm_up()  # the kernels that are still missing
+
+
+def compile_push_model() -> None:
+    """Compile what predicts a push."""
+    task = resolve(load_scene(WARM_UP))
+    model = push_model(task, task.robot.home)
+    assert model is not None
+    path = model.path(model.first()[0])
+    model.predict(path.points, path.points)
 
 
 def _plan(
@@ -225,11 +247,12 @@ def _terms(
 ) -> dict[str, Term]:
     """Each functional at the three trajectories, and over the stage that minimises it."""
 
-    def values(trajectory: Trajectory) -> dict[str, float]:
-        own = paper and strategy == "sequential"
-        return functionals.values(task, options.paper, outcome.first, trajectory.positions, own)
-
-    first, second, last = map(values, (outcome.primitive, outcome.followed, outcome.trajectory))
+    first, second, last = (
+        functional_values(
+            task, options.paper, outcome.first, made.positions, paper and strategy == "sequential"
+        )
+        for made in (outcome.primitive, outcome.followed, outcome.trajectory)
+    )
     out = {}
     for name in ("static", "avoid", "push", "velocity"):
         stage = next((s for s in outcome.stages if name in s.terms), None)
@@ -245,3 +268,93 @@ def _stay(task: Task) -> Planned:
     """A trajectory that does not move."""
     still = Trajectory(np.tile(task.start, (3, 1)), 0.1, task.robot.joint_names)
     return Planned(still, still, still, 1, (), False, {})
+
+
+@dataclass(frozen=True, eq=False)
+class _Request:
+    """What all plans have in common."""
+
+    planner: Planner
+    strategy: Strategy
+    demonstrations: ProMP | str | Path | None
+    seed: int
+    options: PlanOptions | None
+
+    def result(self, scene: Scene | str | Path) -> Result:
+        try:
+            return plan(scene, **vars(self))
+        except OptiPrompError as error:
+            return error.with_traceback(None)
+
+    def bare(self, scene: Scene | str | Path) -> Result:
+        """The result without the scene that the caller has."""
+        result = self.result(scene)
+        if isinstance(result, Plan) and result.scene is scene:
+            return replace(result, scene=None)  # type: ignore[arg-type]
+        return result
+
+
+def plan_many(
+    scenes: Sequence[Scene | str | Path],
+    options: PlanOptions | None = None,
+    *,
+    planner: Planner = "opti-promp",
+    strategy: Strategy = "joint",
+    demonstrations: ProMP | str | Path | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+    progress: Callable[[int, Result], None] | None = None,
+) -> list[Result]:
+    """Plan a reach in each of many scenes, on all cores.
+
+    Every plan equals the one that :func:`plan` makes of that scene alone. The plans are made in
+    several processes, so a script must call this under ``if __name__ == "__main__":``, and the
+    classes of your own costs (``options.costs``) must be importable.
+
+    Args:
+        scenes: scenes, names of built-in ones, or scene files.
+        options: see :class:`PlanOptions`; for every plan.
+        planner: as for :func:`plan`.
+        strategy: as for :func:`plan`.
+        demonstrations: as for :func:`plan`.
+        seed: as for :func:`plan`.
+        workers: processes that plan; None: one per core; 1: this process plans.
+        progress: called in this thread as each plan is done, with the index of its scene and the
+            result.
+
+    Returns:
+        One result per scene, in the order of ``scenes``: the plan (also a plan that failed), or the
+        error that :func:`plan` raises for that scene; ``NoPlanError`` where its process ended.
+
+    Raises:
+        InvalidRequestError: fewer than one worker; an unknown planner or strategy; options or
+            demonstrations that cannot be sent to another process; processes cannot start.
+    """
+    if workers is not None and workers < 1:
+        raise InvalidRequestError(f"workers is {workers}; it must be at least 1")
+    check_planner(planner, strategy)
+    request = _Request(planner, strategy, demonstrations, seed, options)
+    count = min(workers or cores(), len(scenes))
+    if count > 1:
+        try:
+            pickle.dumps(request)
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise InvalidRequestError(
+                f"options or demonstrations cannot be sent to other processes ({error}); "
+                "workers=1 needs none"
+            ) from error
+    results: dict[int, Result] = {}
+
+    def done(index: int, result: Result | BrokenProcessPool) -> None:
+        scene = scenes[index]
+        if isinstance(result, Plan) and isinstance(scene, Scene):
+            result = replace(result, scene=scene)
+        elif isinstance(result, BrokenProcessPool):
+            result = NoPlanError(str(result))
+        results[index] = result
+        if progress is not None:
+            progress(index, result)
+
+    function = request.bare if count > 1 else request.result
+    run_each(function, [(scene,) for scene in scenes], done, workers=count)
+    return [results[index] for index in range(len(scenes))]

@@ -4,7 +4,6 @@ import functools
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
@@ -14,13 +13,12 @@ from optipromp.arrays import FloatArray, frozen
 from optipromp.planning.options import Planner, PlanOptions
 from optipromp.planning.parameters import FOLLOW, PRIMITIVE, WAYPOINT
 from optipromp.planning.result import Planned, ViaPoint
-from optipromp.planning.task import Task
-from optipromp.planning.timing import timed_past
+from optipromp.planning.task import Task, timed
 from optipromp.promp.basis import Basis
 from optipromp.promp.conditioning import conditioned_mean
 from optipromp.promp.demonstrations import load_demonstrations
 from optipromp.promp.learning import fit
-from optipromp.promp.model import ProMP
+from optipromp.promp.model import ProMP, is_primitive
 from optipromp.pushing.interactive import pushes
 from optipromp.pushing.rules import detection_variance
 from optipromp.robots import ik
@@ -36,8 +34,8 @@ PAPER_BASIS = Basis(count=5, width=4.0, outside=1)
 def _prior_covariance(basis: Basis) -> FloatArray:
     """Covariance (K, K) of smooth motions: accelerations are white, ends at rest."""
     z = np.linspace(0.0, 1.0, 201)
-    acceleration, position = basis.second_derivative(z), basis.matrix(z)
-    ends = basis.derivative(np.array([0.0, 1.0]))
+    acceleration, position = basis.evaluate(z, 2), basis.evaluate(z)
+    ends = basis.evaluate(np.array([0.0, 1.0]), 1)
     precision = (
         acceleration.T @ acceleration / (len(z) * PRIMITIVE.acceleration**2)
         + position.T @ position / (len(z) * PRIMITIVE.position**2)
@@ -112,50 +110,30 @@ def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis =
 
 def from_file(path: Path, basis: Basis, joints: Sequence[str]) -> ProMP:
     """A ProMP of these joints, saved by ``optipromp learn`` or learnt from demonstrations."""
-    if path.suffix == ".npz" and path.is_file():
-        with np.load(path, allow_pickle=False) as data:
-            saved = "covariance" in data.files
-        if saved:
-            return ProMP.load(path).for_joints(joints, str(path))
+    if is_primitive(path):
+        return ProMP.load(path).for_joints(joints, str(path))
     return fit(load_demonstrations(path), basis).for_joints(joints, str(path))
 
 
-@dataclass(frozen=True, eq=False)
-class ViaPoints:
-    """Task points from camera to goal, in the order they are passed.
-
-    Attributes:
-        positions: (m, 3) of the tool point [m].
-        axes: (m, 3) of the tool axis.
-        phases: (m,), the first at t_1, the last at 1.
-        deviations: (m,) standard deviation with which the ProMP is held to them [m].
-    """
-
-    positions: FloatArray
-    axes: FloatArray
-    phases: FloatArray
-    deviations: FloatArray
-
-
 def via_points(
-    task: Task, positions: Sequence[FloatArray], camera_phase: float, deviation: float
-) -> ViaPoints:
-    """The camera point, then ``positions`` at evenly spaced phases, then the goal."""
+    task: Task, positions: Sequence[FloatArray], deviation: float
+) -> tuple[FloatArray, FloatArray]:
+    """The camera point, ``positions`` and the goal as points (m, 3) of the tool [m].
+
+    Also the standard deviations (m,) with which the ProMP is held to them [m].
+    """
     assert isinstance(task.goal, PoseGoal)
     points = np.array([task.camera, *positions, task.goal.position])
     deviations = np.full(len(points), deviation)
     deviations[0], deviations[-1] = 5.0 * deviation, 0.0
-    return ViaPoints(
-        points,
-        np.tile(task.goal.axis, (len(points), 1)),
-        np.linspace(camera_phase, 1.0, len(points)),
-        deviations,
-    )
+    return points, deviations
 
 
-def on_branch(task: Task, via: ViaPoints, goal: FloatArray) -> FloatArray | None:
-    """Configurations (m, n) at the via points, followed back from ``goal``; None: out of reach."""
-    back, errors = ik.track(task.robot, via.positions[-2::-1], via.axes[-2::-1], goal)
+def on_branch(task: Task, points: FloatArray, goal: FloatArray) -> FloatArray | None:
+    """Configurations (m, n) at via points, followed back from ``goal``; None: out of reach."""
+    assert isinstance(task.goal, PoseGoal)
+    axes = np.tile(task.goal.axis, (len(points) - 1, 1))
+    back, errors = ik.track(task.robot, points[-2::-1], axes, goal)
     if len(errors) and errors.max() > FOLLOW.task_tracked:
         return None
     behind = level(task.robot, np.vstack([goal, back]), task.scene.frame[0], path=True)
@@ -240,20 +218,21 @@ def plan_primitive(
                 names += [push.id, f"{push.id} pushed"]
                 positions += [push.position, push.pushed]
                 variances += [detection_variance(obj)] * 2
-        via = via_points(task, positions, phase, paper.via_deviation)
-        branch = on_branch(task, via, goal)
+        points, deviations = via_points(task, positions, paper.via_deviation)
+        branch = on_branch(task, points, goal)
         if branch is not None:
-            met = (*map(ViaPoint, names, via.positions), *met)
+            met = (*map(ViaPoint, names, points), *met)
     count = options.waypoints or WAYPOINT.primitive
     if branch is None:
         last, exact = np.array([1.0]), np.zeros(1)
         q = led_through(promp, task.start, last, goal[None], exact, count)
     else:
-        spread = (via.deviations / PRIMITIVE.lever_arm) ** 2
+        spread = (deviations / PRIMITIVE.lever_arm) ** 2
         spread[1:-1] += np.array(variances) / PRIMITIVE.lever_arm**2
-        q = led_through(promp, task.start, via.phases, branch, spread, count, phase)
+        phases = np.linspace(phase, 1.0, len(branch))
+        q = led_through(promp, task.start, phases, branch, spread, count, phase)
         q[-1] = goal
     first = math.ceil(phase * (count - 1))
-    trajectory = timed_past(task, options, q, first)
+    trajectory = timed(task, options, q, first if task.neighbours else None)
     seconds = time.perf_counter() - began
     return Planned(trajectory, trajectory, trajectory, first, (), True, {planner: seconds}, via=met)

@@ -1,15 +1,20 @@
-"""The results of planning: stages of an optimisation, an outcome, a plan."""
+"""The results of planning: stages of an optimisation, an outcome, a plan, a verdict."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
+from optipromp import judging
 from optipromp.arrays import FloatArray
-from optipromp.errors import Code
+from optipromp.errors import Code, InvalidRequestError
+from optipromp.files import plain
 from optipromp.judging import Judgement, Metrics, Overlap
 from optipromp.planning.options import Planner, Strategy
+from optipromp.planning.task import Task, push_model, resolve, tool_motion
 from optipromp.pushing.model import Prediction
 from optipromp.robots.model import Robot
+from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene
 from optipromp.trajectory import Trajectory
 
@@ -178,39 +183,93 @@ class Plan:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the trajectories, as plain values for JSON."""
-        return {
+        document = {
             "scene": self.scene.name,
             "planner": self.planner,
             "strategy": self.strategy,
             "seed": self.seed,
-            "status": str(self.status),
+            "status": self.status,
             "message": self.message,
             "metrics": self.metrics.to_dict(),
-            "terms": {
-                name: {
-                    "initial": t.initial,
-                    "followed": t.followed,
-                    "final": t.final,
-                    "history": list(t.history),
-                    "stage": t.stage,
-                }
-                for name, t in self.terms.items()
-            },
-            "stages": [
-                {
-                    **vars(s),
-                    "terms": list(s.terms),
-                    "history": [dict(v) for v in s.history],
-                    "tried_radii": list(s.tried_radii),
-                }
-                for s in self.stages
-            ],
+            "terms": {name: vars(term) for name, term in self.terms.items()},
+            "stages": [vars(stage) for stage in self.stages],
             "predicted_harm": None if self.prediction is None else vars(self.prediction),
-            "contacts": [
-                {"link": c.link, "other": c.other, "role": c.role, "depth": c.depth}
-                for c in self.contacts
-            ],
-            "time": dict(self.time),
+            "contacts": [vars(contact) for contact in self.contacts],
+            "time": self.time,
             "first": self.first,
-            "via": [{"name": v.name, "position": v.position.tolist()} for v in self.via],
+            "via": [vars(via) for via in self.via],
         }
+        return dict(plain(document))
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """The judgement of a trajectory and the prediction of its push.
+
+    Attributes:
+        judgement: metrics and violations, by the independent judge.
+        prediction: of the push; None where no model applies.
+    """
+
+    judgement: Judgement
+    prediction: Prediction | None
+
+    @property
+    def status(self) -> Code:
+        """INVALID_PLAN where there are violations, else HARM_PREDICTED or ``success``."""
+        if self.judgement.violations:
+            return Code.INVALID_PLAN
+        harmful = self.prediction is not None and self.prediction.harmful
+        return Code.HARM_PREDICTED if harmful else Code.SUCCESS
+
+    @property
+    def message(self) -> str:
+        """The status in words."""
+        if self.judgement.violations:
+            return self.judgement.message
+        if self.prediction is not None and self.prediction.harmful:
+            return str(self.prediction)
+        message = "reaches the target, keeps all limits, touches nothing it must not"
+        return "; ".join([message, *(f"note: {note}" for note in self.judgement.notes)])
+
+
+def judge(
+    scene: Scene | str | Path, trajectory: Trajectory, *, robot: Robot | None = None
+) -> Verdict:
+    """Judge a trajectory of any origin in a scene.
+
+    Args:
+        scene: a scene, a built-in scene's name, or a scene file.
+        trajectory: of the robot, joints in the robot's order.
+        robot: with its tool, in place of the scene's.
+
+    Raises:
+        InvalidRequestError: joints of other names or number than the robot's.
+        InvalidSceneError, InvalidRobotError, StartInvalidError: wrong input.
+    """
+    task = resolve(scene if isinstance(scene, Scene) else load_scene(scene), robot)
+    if trajectory.joint_names != task.robot.joint_names:
+        raise InvalidRequestError(
+            f"the trajectory's joints are {', '.join(trajectory.joint_names)}; "
+            f"{task.robot.name} has {', '.join(task.robot.joint_names)}"
+        )
+    return verdict(task, trajectory)
+
+
+def verdict(task: Task, trajectory: Trajectory) -> Verdict:
+    """The verdict on a trajectory of the task's robot."""
+    prediction = predicted(task, trajectory)
+    judgement = judging.judge(
+        task.scene, task.robot, trajectory, task.start, stem_side=prediction is None
+    )
+    return Verdict(judgement, prediction)
+
+
+def predicted(task: Task, trajectory: Trajectory, first: int = 0) -> Prediction | None:
+    """The prediction of a trajectory's push from waypoint ``first`` on.
+
+    None where no model applies, and for a trajectory that does not move.
+    """
+    q = trajectory.positions
+    model = None if (q == q[0]).all() else push_model(task, q[-1])
+    return None if model is None else model.predict(*tool_motion(task.robot, q[first:]))

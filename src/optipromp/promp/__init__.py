@@ -24,13 +24,19 @@ from optipromp.promp.demonstrations import (
     load_demonstrations,
     save_demonstrations,
 )
-from optipromp.promp.learning import fit, fit_em
+from optipromp.promp.em import fit_em
+from optipromp.promp.learning import fit, held_out_residuals, residuals
 from optipromp.promp.model import ProMP
-from optipromp.promp.operations import Marginals, blend, coactivate, coactivate_marginals
+from optipromp.promp.operations import (
+    Marginals,
+    Timing,
+    blend,
+    coactivate,
+    coactivate_marginals,
+    modulate,
+)
 from optipromp.promp.points import JointPoint, TaskPoint
-from optipromp.promp.selection import held_out_residuals, residuals
 from optipromp.promp.tasks import TaskMap
-from optipromp.promp.timing import Timing, modulate
 
 __all__ = [
     "Basis",

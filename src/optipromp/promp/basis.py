@@ -60,20 +60,10 @@ class Basis:
         """Centres (K,), in phase."""
         return read_only((np.arange(self.count, dtype=np.float64) - self.outside) * self.spacing)
 
-    def matrix(self, phases: int | ArrayLike) -> FloatArray:
-        """Values Φ (T, K) at phases (T,), or at as many evenly spaced ones. Rows sum to 1."""
-        return self.evaluate(phases, 0)
-
-    def derivative(self, phases: int | ArrayLike) -> FloatArray:
-        """First derivative dΦ/dz (T, K). Rows sum to 0."""
-        return self.evaluate(phases, 1)
-
-    def second_derivative(self, phases: int | ArrayLike) -> FloatArray:
-        """Second derivative d²Φ/dz² (T, K)."""
-        return self.evaluate(phases, 2)
-
     def evaluate(self, phases: int | ArrayLike, order: int = 0) -> FloatArray:
-        r"""Derivative of the given order (0 to 3) with respect to the phase, (T, K).
+        r"""Values Φ, or their derivative of the given order (to 3) by the phase, (T, K).
+
+        Phases are (T,), or a number of evenly spaced ones. Rows of Φ sum to 1, of the others to 0.
 
         As a softmax of :math:`\beta(c_i z - c_i^2/2)`, :math:`\beta = h/\Delta^2`, with
         :math:`d_i = \beta(c_i - \sum_k \phi_k c_k)`, :math:`v = \sum\phi d^2`,

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from optipromp.arrays import FloatArray, read_only
 from optipromp.errors import InvalidDemonstrationError
+from optipromp.files import npz, read_npz, write_atomically
 from optipromp.promp.checks import PHASE_TOLERANCE, UnitsWarning, finite_array, matched, names_for
-from optipromp.promp.files import read_npz, write_npz
 
 _LARGEST = 4.0 * np.pi
 _FORMS = "Q, time, lengths; or positions (N, T, n) with an optional time (T,) or (N, T)"
@@ -183,15 +183,13 @@ def save_demonstrations(demonstrations: Demonstrations, path: str | os.PathLike[
     for i, item in enumerate(demonstrations):
         if item.span is not None and item.span != (item.times[0], item.times[-1]):
             raise InvalidDemonstrationError(f"demonstration {i} is partial; NPZ keeps whole ones")
-    write_npz(
-        Path(path),
-        {
-            "Q": np.concatenate([item.positions for item in demonstrations]),
-            "time": np.concatenate([item.times for item in demonstrations]),
-            "lengths": np.array([item.times.size for item in demonstrations]),
-            "joint_names": np.array(demonstrations.joint_names, dtype=np.str_),
-        },
-    )
+    arrays = {
+        "Q": np.concatenate([item.positions for item in demonstrations]),
+        "time": np.concatenate([item.times for item in demonstrations]),
+        "lengths": np.array([item.times.size for item in demonstrations]),
+        "joint_names": np.array(demonstrations.joint_names, dtype=np.str_),
+    }
+    write_atomically(Path(path), npz(arrays))
 
 
 def _build(

@@ -4,27 +4,22 @@ import warnings
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
 from optipromp.promp.basis import Basis
-from optipromp.promp.checks import (
-    ConvergenceWarning,
-    positive,
-    regularised,
-)
+from optipromp.promp.checks import ConvergenceWarning, regularised
 from optipromp.promp.gaussian import root
-from optipromp.promp.model import ProMP
-from optipromp.promp.samples import (
+from optipromp.promp.learning import (
     NOISE_FLOOR,
     DemonstrationsLike,
     Samples,
     deviation_floor,
     gather,
-    given_prior,
 )
+from optipromp.promp.model import ProMP
 
+TOLERANCE = 1e-3  # a choice: far below what demonstrations tell of a mean or a variance
 Parameters = tuple[FloatArray, FloatArray, FloatArray]  # mean, covariance, noise
 
 
@@ -33,9 +28,6 @@ def fit_em(
     basis: Basis | None = None,
     *,
     iterations: int = 1000,
-    tolerance: float = 1e-3,
-    prior_strength: float = 1.0,
-    prior_covariance: ArrayLike | None = None,
     joint_names: Sequence[str] | None = None,
 ) -> ProMP:
     r"""Learn a ProMP by expectation-maximisation; demonstrations may be partial.
@@ -45,7 +37,7 @@ def fit_em(
     :math:`\mu_w, \Sigma_w, r`; the M-step is
 
     .. math:: \mu_w = \tfrac1N\sum_i m_i, \quad
-              \Sigma_w = \frac{S + N_0\Sigma_0}{N + N_0}, \quad
+              \Sigma_w = \frac{S + \Sigma_0}{N + 1}, \quad
               S = \sum_i C_i + (m_i - \mu_w)(m_i - \mu_w)^T,
 
     .. math:: r_j = \tfrac1M\sum_i \|y_{ij} - \Phi_i m_{ij}\|^2
@@ -54,16 +46,14 @@ def fit_em(
     What one demonstration did not show is inferred from how the others co-vary. On complete,
     densely sampled demonstrations the result agrees with :func:`fit`, less the share of
     :math:`\Sigma_w` there that is observation noise. :math:`\Sigma_0` is as in :func:`fit`, with
-    the diagonal of the current S/N.
+    the diagonal of the current S/N. The iteration ends when means move by less than
+    :data:`TOLERANCE` of a standard deviation, and variances (also of the noise) by less than this
+    share of themselves.
 
     Args:
         demonstrations: as for :func:`fit`; a partial one has :attr:`Demonstration.span`.
         basis: by default ``Basis()``.
         iterations: at most so many, > 0.
-        tolerance: stop when means move by less than this share of a standard deviation, and
-            variances (also of the noise) by less than this share of themselves.
-        prior_strength: N_0 > 0 [demonstrations].
-        prior_covariance: Σ_0, (nK, nK) positive definite, or a variance for all weights.
         joint_names: n names, in place of those of the demonstrations.
 
     Warns:
@@ -76,8 +66,6 @@ def fit_em(
         InvalidRequestError: another argument out of range.
     """
     basis = basis or Basis()
-    strength = positive(prior_strength, "prior_strength")
-    tolerance = positive(tolerance, "tolerance")
     if iterations < 1:
         raise InvalidRequestError(f"iterations must be at least 1, got {iterations}")
     samples = gather(demonstrations, joint_names)
@@ -85,19 +73,18 @@ def fit_em(
     n, count, demos = samples.n_joints, basis.count, len(samples.phases)
     for gap in _gaps(data, basis):
         regularised(gap)
-    fixed = None if prior_covariance is None else given_prior(prior_covariance, n * count)
     floor = np.repeat(deviation_floor(samples.extent, demos) ** 2, count)
 
-    current = _start(data, floor, fixed)
+    current = _start(data, floor)
     for _ in range(iterations):
         means, covariances = _expectation(data, *current)
-        new = _maximisation(data, means, covariances, fixed, floor, strength)
+        new = _maximisation(data, means, covariances, floor)
         change, current = _change(current, new), new
-        if change < tolerance:
+        if change < TOLERANCE:
             break
     else:
         warnings.warn(
-            f"expectation-maximisation still changed by {change:.2g} (tolerance {tolerance:.2g}) "
+            f"expectation-maximisation still changed by {change:.2g} (tolerance {TOLERANCE:.2g}) "
             f"after {iterations} iterations",
             ConvergenceWarning,
             stacklevel=2,
@@ -155,8 +142,8 @@ def _change(old: Parameters, new: Parameters) -> float:
     )
 
 
-def _start(data: _Sums, floor: FloatArray, fixed: FloatArray | None) -> Parameters:
-    """Mean of all samples pooled; the prior, or their spread about it; a tenth of that as noise."""
+def _start(data: _Sums, floor: FloatArray) -> Parameters:
+    """Mean of all samples pooled; their spread about it; a tenth of that as noise."""
     gram = data.gram.sum(axis=0)
     gram.flat[:: data.count + 1] += 1e-6 * data.total
     middle = np.concatenate(data.samples.positions).mean(axis=0)
@@ -166,9 +153,7 @@ def _start(data: _Sums, floor: FloatArray, fixed: FloatArray | None) -> Paramete
     for values, y in zip(data.values, data.samples.positions, strict=True):
         spread += ((y - values @ mean.T) ** 2).sum(axis=0)
     spread /= data.total
-    covariance = fixed
-    if covariance is None:
-        covariance = np.diag(np.maximum(np.repeat(spread, data.count), floor))
+    covariance = np.diag(np.maximum(np.repeat(spread, data.count), floor))
     noise = np.maximum(1e-2 * spread, NOISE_FLOOR)
     return mean.reshape(-1), covariance, noise
 
@@ -193,22 +178,15 @@ def _expectation(
 
 
 def _maximisation(
-    data: _Sums,
-    means: FloatArray,
-    covariances: FloatArray,
-    fixed: FloatArray | None,
-    floor: FloatArray,
-    strength: float,
+    data: _Sums, means: FloatArray, covariances: FloatArray, floor: FloatArray
 ) -> Parameters:
     """The M-step: mean (nK,), covariance (nK, nK) and noise (n,) given the posteriors."""
     demos = len(means)
     mean = means.mean(axis=0)
     centred = means - mean
     scatter = centred.T @ centred + np.tensordot(data.multiplicity, covariances, axes=1)
-    prior = fixed
-    if prior is None:
-        prior = np.diag(np.maximum(np.diagonal(scatter) / demos, floor))
-    covariance = (scatter + strength * prior) / (demos + strength)
+    prior = np.diag(np.maximum(np.diagonal(scatter) / demos, floor))
+    covariance = (scatter + prior) / (demos + 1.0)
     return mean, covariance, _noise(data, means, covariances)
 
 

@@ -1,29 +1,70 @@
-"""Learning a ProMP: in closed form from complete demonstrations, by EM from partial ones."""
+"""Learning a ProMP from complete demonstrations, and how many bases follow them well.
 
-from collections.abc import Sequence
+Partial ones are learnt from by EM (:mod:`optipromp.promp.em`).
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from optipromp.arrays import FloatArray
-from optipromp.errors import InvalidDemonstrationError
+from optipromp.errors import InvalidDemonstrationError, InvalidRequestError
 from optipromp.promp.basis import Basis
-from optipromp.promp.checks import PHASE_TOLERANCE, positive, regularised
-from optipromp.promp.em import fit_em
-from optipromp.promp.model import ProMP, made
-from optipromp.promp.samples import (
-    NOISE_FLOOR,
-    DemonstrationsLike,
-    Samples,
-    deviation_floor,
-    gather,
-    given_prior,
+from optipromp.promp.checks import (
+    PHASE_TOLERANCE,
+    finite_array,
+    names_for,
+    positive,
+    regularised,
 )
+from optipromp.promp.conditioning import conditioned_mean
+from optipromp.promp.demonstrations import Demonstration, Demonstrations
+from optipromp.promp.gaussian import check_covariance
+from optipromp.promp.model import ProMP, made
 
-__all__ = ["fit", "fit_em"]
+DemonstrationsLike = Demonstrations | Sequence[Demonstration] | Sequence[ArrayLike] | FloatArray
+"""What the learners take: demonstrations, a sequence of arrays (m_i, n), or one array (N, T, n)."""
 
+NOISE_FLOOR = 1e-10
+"""Smallest observation variance learnt: (1e-5 rad or m) squared."""
 RIDGE = 1e-10
 """λ [-] of :func:`fit`: weights that the samples determine move by less than rounding matters."""
+COUNTS = range(4, 21)
+"""Numbers of bases tried. From the least with one outside on each side; at 20 the held-out
+residual of every set tried has risen again (docs/demonstrations.md)."""
+FOLDS = 10
+"""Parts into which demonstrations are divided; ten is the usual choice (Kohavi, 1995)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Demonstrations ready to learn from.
+
+    ``phases`` and ``positions`` hold one array per demonstration, (m_i,) and (m_i, n). If all have
+    the same phases, ``stacked`` is all positions at once, (N, T, n); ``even`` says that they are
+    evenly spaced from 0 to 1.
+    """
+
+    phases: tuple[FloatArray, ...]
+    positions: tuple[FloatArray, ...]
+    stacked: FloatArray | None
+    joint_names: tuple[str, ...]
+    even: bool = False
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints n."""
+        return int(self.positions[0].shape[1])
+
+    @property
+    def extent(self) -> FloatArray:
+        """Largest minus smallest position of each joint over all demonstrations, (n,)."""
+        flat = np.concatenate(self.positions)
+        high: FloatArray = flat.max(axis=0)
+        low: FloatArray = flat.min(axis=0)
+        return high - low
 
 
 def fit(
@@ -31,7 +72,6 @@ def fit(
     basis: Basis | None = None,
     *,
     ridge: float = RIDGE,
-    prior_strength: float = 1.0,
     prior_covariance: ArrayLike | None = None,
     joint_names: Sequence[str] | None = None,
 ) -> ProMP:
@@ -44,9 +84,9 @@ def fit(
 
     :math:`\mu_w` is their mean, and with :math:`S = \sum_i (w_i - \mu_w)(w_i - \mu_w)^T`
 
-    .. math:: \Sigma_w = \frac{S + N_0 \Sigma_0}{N + N_0},
+    .. math:: \Sigma_w = \frac{S + \Sigma_0}{N + 1},
 
-    the mode under an inverse-Wishart prior worth :math:`N_0` demonstrations of covariance
+    the mode under an inverse-Wishart prior worth one demonstration of covariance
     :math:`\Sigma_0`. By default :math:`\Sigma_0` is the diagonal of S/N, no entry below
     (1 % of that joint's range of motion)² — 10 % for a single demonstration, which says nothing
     about spread — so :math:`\Sigma_w` is positive definite for any number of demonstrations.
@@ -56,7 +96,6 @@ def fit(
         demonstrations: N of them. Bare arrays are evenly spaced in phase from 0 to 1.
         basis: by default ``Basis()``, the paper's.
         ridge: λ > 0 [-].
-        prior_strength: N_0 > 0 [demonstrations].
         prior_covariance: Σ_0, (nK, nK) positive definite, or a variance for all weights.
         joint_names: n names, in place of those of the demonstrations.
 
@@ -71,7 +110,6 @@ def fit(
     """
     basis = basis or Basis()
     ridge = positive(ridge, "ridge")
-    strength = positive(prior_strength, "prior_strength")
     samples = gather(demonstrations, joint_names)
     complete(samples)
     short = [i for i, phases in enumerate(samples.phases) if phases.size < basis.count]
@@ -83,7 +121,7 @@ def fit(
         )
     weights = ridge_weights(samples, basis, ridge)
     rest = residuals_of(samples, basis, weights)
-    mean, covariance = distribution(weights, strength, prior_covariance)
+    mean, covariance = distribution(weights, prior_covariance)
     demos = len(weights)
     if demos == 1:
         regularised("one demonstration says nothing about spread; the covariance is the prior's")
@@ -109,7 +147,7 @@ def complete(samples: Samples) -> None:
 
 
 def distribution(
-    weights: FloatArray, strength: float, prior_covariance: ArrayLike | None = None
+    weights: FloatArray, prior_covariance: ArrayLike | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Mean (n, K) and covariance (nK, nK) of the weights (N, n, K), as :func:`fit` has them."""
     demos, _, count = weights.shape
@@ -121,7 +159,7 @@ def distribution(
         prior = np.diag(np.maximum(np.diagonal(scatter) / demos, floor))
     else:
         prior = given_prior(prior_covariance, mean.size)
-    return mean, (scatter + strength * prior) / (demos + strength)
+    return mean, (scatter + prior) / (demos + 1.0)
 
 
 def ridge_weights(samples: Samples, basis: Basis, ridge: float = RIDGE) -> FloatArray:
@@ -166,3 +204,157 @@ def _shared_bases(samples: Samples, basis: Basis) -> FloatArray:
 def _each_bases(samples: Samples, basis: Basis) -> list[FloatArray]:
     ends = np.cumsum([phases.size for phases in samples.phases])[:-1]
     return np.split(basis.evaluate(np.concatenate(samples.phases)), ends)
+
+
+def residuals(demonstrations: DemonstrationsLike, basis: Basis) -> list[FloatArray]:
+    r"""What the bases cannot follow of each demonstration: N arrays (m_i, n) [rad or m].
+
+    :math:`Y_i - \Phi_i W_i`, with the :math:`W_i` of :func:`fit`.
+
+    Raises:
+        InvalidDemonstrationError: as :func:`fit`, but for partial demonstrations.
+    """
+    samples = gather(demonstrations, None)
+    ends = np.cumsum([phases.size for phases in samples.phases])[:-1]
+    return np.split(residuals_of(samples, basis, ridge_weights(samples, basis)), ends)
+
+
+def held_out_residuals(
+    demonstrations: DemonstrationsLike,
+    counts: Iterable[int] = COUNTS,
+    width: float = Basis.width,
+    progress: Callable[[int], object] | None = None,
+) -> dict[int, float]:
+    """Cross-validation: how well a ProMP of so many bases predicts a demonstration it has not seen.
+
+    The demonstrations are divided into 10 parts, demonstration i into part i mod 10 (with fewer,
+    each is a part). For each part a ProMP is learnt from the others, as :func:`fit` does, and
+    conditioned on the first and last position of each demonstration in the part: what a planner
+    knows of a motion beforehand. The residual is that demonstration less the conditioned mean. Too
+    few bases cannot follow the motion; too many follow what only those seen have in common. No
+    chance enters.
+
+    Args:
+        demonstrations: N > 1, complete.
+        counts: numbers of bases; those above the samples of the shortest demonstration are left
+            out, except the first.
+        width: of the bases.
+        progress: called with each count before it is tried.
+
+    Returns:
+        The RMS over all samples and joints [rad or m] for each count. Take the smallest:
+        ``min(found, key=found.get)``.
+
+    Raises:
+        InvalidDemonstrationError: fewer than two demonstrations, a partial one, or as :func:`fit`.
+        InvalidRequestError: a count too small for a basis.
+    """
+    samples = gather(demonstrations, None)
+    complete(samples)
+    demos, shortest = len(samples.phases), min(len(phases) for phases in samples.phases)
+    if demos < 2:
+        raise InvalidDemonstrationError("cross-validation needs at least two demonstrations")
+    part = np.arange(demos) % FOLDS
+    ends = [positions[[0, -1]] for positions in samples.positions]
+    tried = list(counts)
+    found = {}
+    for count in [k for i, k in enumerate(tried) if i == 0 or k <= shortest]:
+        if progress is not None:
+            progress(count)
+        basis = Basis(count, width)
+        weights = ridge_weights(samples, basis)
+        predicted = np.empty_like(weights)
+        for held in np.unique(part):
+            mean, covariance = distribution(weights[part != held])
+            noise = np.zeros(samples.n_joints)
+            promp = made(basis, mean, covariance, noise, samples.joint_names)
+            for i in np.flatnonzero(part == held):
+                at = ((0.0, 0), (1.0, 0))
+                predicted[i] = conditioned_mean(promp, at, ends[i], (0.0, 0.0))
+        found[count] = float(np.sqrt(np.mean(residuals_of(samples, basis, predicted) ** 2)))
+    return found
+
+
+def gather(demonstrations: DemonstrationsLike, joint_names: Sequence[str] | None) -> Samples:
+    """Check demonstrations and align them on phase.
+
+    Raises:
+        InvalidDemonstrationError: none; a value that is not finite; unequal numbers of joints.
+    """
+    error = InvalidDemonstrationError
+    if isinstance(demonstrations, Demonstration):
+        demonstrations = (demonstrations,)
+    stacked = _stacked(demonstrations)
+    if stacked is not None:
+        if stacked.shape[0] == 0:
+            raise error("no demonstrations: at least one is needed")
+        if stacked.shape[1] < 2 or stacked.shape[2] == 0:
+            raise error(f"demonstrations: expected (N, T >= 2, n >= 1), got shape {stacked.shape}")
+        phases = np.linspace(0.0, 1.0, stacked.shape[1])
+        names = names_for(joint_names or (), stacked.shape[2])
+        return Samples((phases,) * len(stacked), tuple(stacked), stacked, names, even=True)
+    if not isinstance(demonstrations, Demonstrations):
+        items = []
+        for i, item in enumerate(demonstrations):
+            if not isinstance(item, Demonstration):
+                array = finite_array(item, f"demonstration {i}", 2, error)
+                if array.shape[0] < 2:
+                    raise error(f"demonstration {i} needs at least 2 samples, got {len(array)}")
+                item = Demonstration(np.linspace(0.0, 1.0, len(array)), array)
+            items.append(item)
+        demonstrations = Demonstrations(tuple(items))
+    names = names_for(joint_names or demonstrations.joint_names, demonstrations.n_joints)
+    all_phases = tuple(item.phases for item in demonstrations)
+    positions = tuple(item.positions for item in demonstrations)
+    first = all_phases[0]
+    same = all(p.size == first.size for p in all_phases) and all(
+        bool(np.abs(p - first).max() < 1e-12) for p in all_phases
+    )
+    return Samples(all_phases, positions, np.stack(positions) if same else None, names)
+
+
+def _stacked(demonstrations: DemonstrationsLike) -> FloatArray | None:
+    """A copy (N, T, n) of bare arrays of finite numbers, all of one shape; None of anything else.
+
+    Raises:
+        InvalidDemonstrationError: one array of three dimensions with a value that is not finite.
+    """
+    if isinstance(demonstrations, np.ndarray):
+        if demonstrations.ndim != 3:
+            return None
+        return finite_array(demonstrations, "demonstrations", 3, InvalidDemonstrationError)
+    if not isinstance(demonstrations, list | tuple) or not demonstrations:
+        return None
+    if not all(
+        isinstance(item, np.ndarray) and item.dtype == np.float64 for item in demonstrations
+    ):
+        return None
+    shapes = {item.shape for item in demonstrations}
+    if len(shapes) != 1 or len(shapes.pop()) != 2:
+        return None
+    stacked = np.stack(demonstrations)
+    return stacked if np.isfinite(stacked).all() else None
+
+
+def deviation_floor(extent: FloatArray, demonstrations: int) -> FloatArray:
+    """Smallest standard deviation (n,) the default prior gives a weight of each joint.
+
+    1 % of the joint's range of motion ``extent`` (n,), 10 % if there is but one demonstration. A
+    joint that hardly moves counts with a tenth of the largest range, at least 0.01 rad or m.
+    """
+    share = 0.1 if demonstrations == 1 else 0.01
+    floor: FloatArray = np.maximum(np.maximum(extent, 0.1 * extent.max()), 0.01)
+    return share * floor
+
+
+def given_prior(given: ArrayLike, size: int) -> FloatArray:
+    """A user's Σ_0, checked to be positive definite; a number stands for a multiple of I."""
+    if np.ndim(given) == 0:
+        return positive(float(np.asarray(given)), "prior_covariance") * np.eye(size)
+    prior = check_covariance(given, size, "prior_covariance")
+    smallest = float(np.linalg.eigvalsh(prior)[0])
+    if smallest <= 0.0:
+        raise InvalidRequestError(
+            f"prior_covariance must be positive definite; its smallest eigenvalue is {smallest:.3g}"
+        )
+    return prior

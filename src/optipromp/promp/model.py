@@ -2,6 +2,7 @@
 
 import math
 import os
+import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,10 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optipromp.arrays import FloatArray, read_only
-from optipromp.errors import InvalidRequestError
+from optipromp.errors import InvalidRequestError, OptiPrompError
+from optipromp.files import npz, read_npz, write_atomically
 from optipromp.promp.basis import Basis
 from optipromp.promp.checks import finite_array, matched, names_for, positive
 from optipromp.promp.gaussian import check_covariance, root
+
+PROMP_FORMAT = 1
+_KEYS = ("format", "basis", "mean", "covariance", "noise", "joint_names")
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,9 +252,16 @@ class ProMP:
         Raises:
             InvalidRequestError: the file cannot be written; what was there stays.
         """
-        from optipromp.promp.files import save_promp
-
-        save_promp(self, Path(path))
+        basis = self.basis
+        arrays = {
+            "format": np.array(PROMP_FORMAT),
+            "basis": np.array([basis.count, basis.width, basis.outside], dtype=np.float64),
+            "mean": self.mean,
+            "covariance": self.covariance,
+            "noise": self.noise,
+            "joint_names": np.array(self.joint_names, dtype=np.str_),
+        }
+        write_atomically(Path(path), npz(arrays))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "ProMP":
@@ -258,9 +270,44 @@ class ProMP:
         Raises:
             InvalidRequestError: missing, not a ProMP file, of a newer format, or damaged.
         """
-        from optipromp.promp.files import load_promp
+        path = Path(path)
+        data = read_npz(path)
+        missing = [key for key in _KEYS if key not in data]
+        if missing:
+            raise InvalidRequestError(f"{path} is no ProMP file: it lacks {', '.join(missing)}")
+        version = data["format"]
+        if (
+            version.shape != ()
+            or not np.issubdtype(version.dtype, np.integer)
+            or version != PROMP_FORMAT
+        ):
+            raise InvalidRequestError(
+                f"{path}: format {version} is unknown; this reads {PROMP_FORMAT}"
+            )
+        try:
+            numbers = np.asarray(data["basis"], dtype=np.float64)
+            if numbers.shape != (3,) or not np.isfinite(numbers).all():
+                raise InvalidRequestError(f"basis: expected count, width, outside, got {numbers}")
+            if (numbers[[0, 2]] % 1.0).any():
+                raise InvalidRequestError(f"basis: count and outside must be whole, got {numbers}")
+            return cls(
+                Basis(int(numbers[0]), float(numbers[1]), int(numbers[2])),
+                np.asarray(data["mean"], dtype=np.float64),
+                np.asarray(data["covariance"], dtype=np.float64),
+                np.asarray(data["noise"], dtype=np.float64),
+                tuple(str(name) for name in np.atleast_1d(data["joint_names"])),
+            )
+        except (OptiPrompError, ValueError, TypeError) as cause:
+            raise InvalidRequestError(f"{path}: {cause}") from None
 
-        return load_promp(Path(path))
+
+def is_primitive(path: Path) -> bool:
+    """Whether ``path`` is a file that :meth:`ProMP.save` wrote."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return {"basis.npy", "mean.npy", "covariance.npy"} <= set(archive.namelist())
+    except (OSError, zipfile.BadZipFile):
+        return False
 
 
 def trusted(promp: ProMP, mean: FloatArray, covariance: FloatArray) -> ProMP:

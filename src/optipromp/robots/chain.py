@@ -8,6 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from optipromp.arrays import FloatArray, frozen
+from optipromp.arrays import rotation as turned
 from optipromp.errors import InvalidRobotError
 from optipromp.robots.kernels import PRISMATIC, REVOLUTE, Kinematics
 from optipromp.robots.urdf import UrdfJoint, UrdfModel, Vector
@@ -106,7 +107,7 @@ def serial_chain(model: UrdfModel, flange: str | None = None) -> Chain:
                 if joint.kind == "prismatic":
                     translation = rotation @ (np.array(joint.axis) * value) + translation
                 else:
-                    rotation = rotation @ _turn(joint.axis, value)
+                    rotation = rotation @ turned(joint.axis, value)
         placements[child] = Placement(segment, rotation, translation, driver)
 
     kinematics = Kinematics(
@@ -140,15 +141,6 @@ def rotation_of(rpy: Vector) -> FloatArray:
             [-sp, cp * sr, cp * cr],
         ]
     )
-
-
-def _turn(axis: Vector, angle: float) -> FloatArray:
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turn: FloatArray = (
-        np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * (cross @ cross)
-    )
-    return turn
 
 
 def _from_the_root(model: UrdfModel) -> list[str]:

@@ -1,11 +1,26 @@
-"""Robots by name or by file."""
+"""Robots by name or by file: a bare URDF, or a YAML file beside one."""
 
 from functools import lru_cache
 from pathlib import Path
+from typing import Annotated, Any, Literal
 
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from optipromp.arrays import FloatArray, frozen
+from optipromp.documents import read_document
 from optipromp.errors import InvalidRobotError
-from optipromp.robots.files import robot_from_file, robot_from_urdf
-from optipromp.robots.model import Robot
+from optipromp.robots.chain import Chain, serial_chain
+from optipromp.robots.model import BodySpheres, Robot
+from optipromp.robots.self_collision import with_self_pairs
+from optipromp.robots.spheres import cover_geometry
+from optipromp.robots.urdf import LENGTH_LIMIT, UrdfModel, read_urdf
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Coordinate = Annotated[float, Field(ge=-LENGTH_LIMIT, le=LENGTH_LIMIT, allow_inf_nan=False)]
+Radius = Annotated[float, Field(gt=0.0, le=LENGTH_LIMIT, allow_inf_nan=False)]
+Point = tuple[Coordinate, Coordinate, Coordinate]
 
 _DATA = Path(__file__).resolve().parent / "data"
 
@@ -19,7 +34,9 @@ def robot_names() -> tuple[str, ...]:
 def load_robot(name_or_path: str | Path, base_dir: Path | None = None) -> Robot:
     """A robot without a tool: a built-in one by name, or from a ``.urdf`` or ``.yaml`` robot file.
 
-    A relative path starts at ``base_dir`` (default: the working directory).
+    A relative path starts at ``base_dir`` (default: the working directory). A bare URDF has its
+    flange at the deepest leaf and spheres from its geometry; accelerations and jerks are unlimited;
+    home is zero, or the limits nearest to it.
 
     Raises:
         InvalidRobotError: no such robot (the message lists the built-in names), or a description
@@ -36,9 +53,147 @@ def load_robot(name_or_path: str | Path, base_dir: Path | None = None) -> Robot:
         )
     if not path.is_file():
         raise InvalidRobotError(f"{path}: no such file; built-in robots: {names}")
-    return robot_from_urdf(path) if suffix == ".urdf" else robot_from_file(path)
+    if suffix != ".urdf":
+        return robot_from_file(path)
+    model = read_urdf(path)
+    return _build(RobotFile(format=1, name=model.name, urdf=path.name), model, path)
 
 
 @lru_cache
 def _built_in(name: str) -> Robot:
     return robot_from_file(_DATA / f"{name}.yaml")
+
+
+class RobotFile(BaseModel):
+    """The keys of a robot file; lists of numbers are in the order of the chain's joints.
+
+    A link that has an entry under ``spheres`` (an empty list counts) is covered by those; every
+    other link is covered from its URDF geometry.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    format: Literal[1]
+    name: str = Field(min_length=1)
+    urdf: str = Field(min_length=1)
+    flange: str | None = None
+    scale: Positive = 1.0  # metres in one unit of length of the URDF
+    velocity: list[Positive] | None = None  # overrides the URDF
+    acceleration: list[Positive] | None = None
+    jerk: list[Positive] | None = None
+    home: list[Finite] | None = None
+    spheres: dict[str, list[tuple[Coordinate, Coordinate, Coordinate, Radius]]] = {}
+    allow_self: list[tuple[str, str]] = []
+
+
+def robot_from_file(path: Path) -> Robot:
+    """The robot that the YAML robot file at ``path`` describes. Raises InvalidRobotError."""
+    entry = read_robot_file(path)
+    urdf = path.parent / entry.urdf
+    return _build(entry, read_urdf(urdf, entry.scale), path)
+
+
+def read_robot_file(path: Path) -> RobotFile:
+    """Read and check a robot file; an unknown key is refused by name. Raises InvalidRobotError."""
+    content = read_document(path, InvalidRobotError, "a robot file")
+    if not isinstance(content, dict):
+        raise InvalidRobotError(f"{path}: a robot file is a mapping of keys, starting 'format: 1'")
+    try:
+        return RobotFile.model_validate(content)
+    except ValidationError as error:
+        problems = "; ".join(_problem(e) for e in error.errors()[:5])
+        raise InvalidRobotError(f"{path}: {problems}") from error
+
+
+def _problem(error: Any) -> str:
+    where = ".".join(str(part) for part in error["loc"])
+    if error["type"] == "extra_forbidden":
+        return f"unknown key '{where}'; known: {', '.join(RobotFile.model_fields)}"
+    if error["type"] == "missing":
+        return f"key '{where}' is missing"
+    return f"{where}: {error['msg']}, got {error['input']!r}"
+
+
+def _build(entry: RobotFile, model: UrdfModel, path: Path) -> Robot:
+    chain = serial_chain(model, entry.flange)
+    names = chain.joint_names
+    n = len(names)
+    unlimited = np.full(n, np.inf)
+    home = _per_joint(
+        path, "home", entry.home, names, np.clip(np.zeros(n), chain.lower, chain.upper)
+    )
+    outside = np.flatnonzero((home < chain.lower) | (home > chain.upper))
+    if len(outside):
+        i = int(outside[0])
+        raise InvalidRobotError(
+            f"{path}: home of joint '{names[i]}' is {home[i]:g}, outside its limits "
+            f"[{chain.lower[i]:g}, {chain.upper[i]:g}]"
+        )
+    known = set(model.links)
+    for link in (*entry.spheres, *(link for pair in entry.allow_self for link in pair)):
+        if link not in known:
+            shown = ", ".join(list(model.links)[:20])
+            raise InvalidRobotError(f"{path}: unknown link '{link}'; links: {shown}")
+    robot = Robot(
+        name=entry.name,
+        joint_names=names,
+        lower=chain.lower,
+        upper=chain.upper,
+        velocity=_per_joint(path, "velocity", entry.velocity, names, chain.velocity),
+        acceleration=_per_joint(path, "acceleration", entry.acceleration, names, unlimited),
+        jerk=_per_joint(path, "jerk", entry.jerk, names, unlimited),
+        kinematics=chain.kinematics,
+        spheres=_body_spheres(entry, model, chain),
+        link_names=tuple(model.links),
+        self_pairs=frozen(np.zeros((0, 2)), np.int64),
+        flange_rotation=frozen(chain.flange.rotation),
+        flange_translation=frozen(chain.flange.translation),
+        tool_point=frozen(chain.flange.translation),
+        tool_axis=frozen(chain.flange.rotation[:, 2]),
+        gripper_radius=0.0,
+        home=home,
+        held_joints=chain.held_joints,
+    )
+    return with_self_pairs(robot, entry.allow_self)
+
+
+def _per_joint(
+    path: Path, key: str, given: list[float] | None, names: tuple[str, ...], default: FloatArray
+) -> FloatArray:
+    if given is not None and len(given) != len(names):
+        raise InvalidRobotError(
+            f"{path}: {key} has {len(given)} values; the chain has {len(names)} joints "
+            f"({', '.join(names[:20])})"
+        )
+    return frozen(default if given is None else given)
+
+
+def _body_spheres(entry: RobotFile, model: UrdfModel, chain: Chain) -> BodySpheres:
+    segment, center, radius, link = [], [np.zeros((0, 3))], [np.zeros(0)], []
+    for index, (name, place) in enumerate(chain.placements.items()):
+        given = entry.spheres.get(name)
+        cover = cover_geometry(model, name) if given is None else np.array(given, dtype=float)
+        if not len(cover):
+            continue
+        if place.driver:
+            raise InvalidRobotError(
+                f"{model.path}: link '{name}' hangs on joint '{place.driver}', off the chain and "
+                "driven by a joint of the chain; only a serial chain moves. Choose another flange, "
+                f"or give '{name}' no spheres in a robot file (spheres: {{{name}: []}})"
+            )
+        center.append(cover[:, :3] @ place.rotation.T + place.translation)
+        radius.append(cover[:, 3])
+        segment += [place.segment] * len(cover)
+        link += [index] * len(cover)
+    if not segment and not entry.spheres:
+        raise InvalidRobotError(
+            f"{model.path}: no link has collision or visual geometry, so nothing could be kept off "
+            "an obstacle; give spheres in a robot file"
+        )
+    carrier = np.array(segment, dtype=np.int64)
+    return BodySpheres(
+        segment=frozen(carrier, np.int64),
+        center=frozen(np.concatenate(center)),
+        radius=frozen(np.concatenate(radius)),
+        link=frozen(link, np.int64),
+        distal=frozen(carrier == len(chain.kinematics.kind) - 1, np.bool_),
+    )

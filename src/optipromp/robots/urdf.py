@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, NoReturn
@@ -351,40 +352,28 @@ class _Reader:
             self.refuse(f"cycle: every link has a parent, link '{next(iter(links))}' among them")
         if len(roots) > 1:
             self.refuse(f"{len(roots)} roots: links {_quoted(roots)}; a robot has one")
-        # each link has one parent and there is one root: what the root does not reach is a cycle
-        reached: set[str] = {roots[0]}
-        children: dict[str, list[str]] = {}
-        for joint in joints.values():
-            children.setdefault(joint.parent, []).append(joint.child)
-        stack = [roots[0]]
-        while stack:
-            below = children.get(stack.pop(), [])
-            reached.update(below)
-            stack.extend(below)
-        lost = [link for link in links if link not in reached]
-        if lost:
-            self.refuse(f"cycle: links {_quoted(lost)} hang on one another, not on the root")
+        above = {child: {joint.parent} for child, joint in parent_joint.items()}
+        try:  # each link has one parent and there is one root: what it does not reach is a cycle
+            TopologicalSorter(above).prepare()
+        except CycleError as cycle:
+            lost = _quoted(cycle.args[1][1:])
+            self.refuse(f"cycle: links {lost} hang on one another, not on the root")
         return roots[0]
 
     def check_mimics(self, joints: Mapping[str, UrdfJoint]) -> None:
         """Each mimic ends, over any number of steps, at a joint that moves by itself."""
-        sound: set[str] = set()
-        for joint in joints.values():
-            trail: list[str] = []
-            current = joint
-            while current.mimic is not None and current.name not in sound:
-                if current.name in trail:
-                    ring = trail[trail.index(current.name) :]
-                    what = "mimics itself" if len(ring) == 1 else "is in a ring of mimics"
-                    self.refuse(f"joint '{ring[0]}' {what}: {_quoted(ring)}")
-                trail.append(current.name)
-                leader = current.mimic.joint
-                if leader not in joints:
-                    self.refuse(f"joint '{current.name}' mimics '{leader}', which is not defined")
-                if joints[leader].kind == "fixed":
-                    self.refuse(f"joint '{current.name}' mimics '{leader}', which is fixed")
-                current = joints[leader]
-            sound.update(trail)
+        leaders = {name: joint.mimic.joint for name, joint in joints.items() if joint.mimic}
+        for name, leader in leaders.items():
+            if leader not in joints:
+                self.refuse(f"joint '{name}' mimics '{leader}', which is not defined")
+            if joints[leader].kind == "fixed":
+                self.refuse(f"joint '{name}' mimics '{leader}', which is fixed")
+        try:
+            TopologicalSorter({name: {leader} for name, leader in leaders.items()}).prepare()
+        except CycleError as cycle:
+            ring = cycle.args[1][:0:-1]  # each mimics the next
+            what = "mimics itself" if len(ring) == 1 else "is in a ring of mimics"
+            self.refuse(f"joint '{ring[0]}' {what}: {_quoted(ring)}")
 
 
 def _quoted(names: list[str]) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 import yaml
 
 from optipromp.arrays import FloatArray
+from optipromp.documents import read_document
 from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.files import write_atomically
 from optipromp.geometry.shapes import (
@@ -28,7 +29,6 @@ from optipromp.geometry.shapes import (
     Sphere,
 )
 from optipromp.robots.tools import make_tool
-from optipromp.scenes.documents import read_document
 from optipromp.scenes.rotations import from_quaternion, to_quaternion
 from optipromp.scenes.scene import (
     STEM_RADIUS,
@@ -72,13 +72,17 @@ def load_scene(name_or_path: str | Path) -> Scene:
     if isinstance(name_or_path, str) and name in scene_names():
         built_in = resources.files("optipromp.scenes") / "data" / f"{name}.yaml"
         with resources.as_file(built_in) as path:
-            return _build(read_document(path), f"{name}.yaml", None)
+            return scene_from_dict(_read(path), source=f"{name}.yaml")
     path = Path(name_or_path)
     if path.suffix not in _SUFFIXES and not path.exists():
         raise InvalidSceneError(
             f"scene {name!r} is neither a file nor built in: {suggest(name, scene_names())}"
         )
-    return _build(read_document(path), str(path), path.absolute().parent)
+    return scene_from_dict(_read(path), base_dir=path.absolute().parent, source=str(path))
+
+
+def _read(path: Path) -> Any:
+    return read_document(path, InvalidSceneError, "a scene (format: 1, name, robot, ...)")
 
 
 def scene_from_dict(
@@ -94,10 +98,6 @@ def scene_from_dict(
     Raises:
         InvalidSceneError: as :func:`load_scene`.
     """
-    return _build(document, source, base_dir)
-
-
-def _build(document: object, source: str, base_dir: Path | None) -> Scene:
     model = parse(document, source)
     scale = 1.0 if model.scale is None else model.scale
     where = ""

@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+import functools
+import operator
+from dataclasses import MISSING, fields
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    create_model,
+    model_validator,
+)
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from optipromp.errors import InvalidSceneError
@@ -185,53 +195,6 @@ class _ToolModel(_Model):
         return self.model_dump(exclude={"kind"}, exclude_none=True)
 
 
-class CupModel(_ToolModel):
-    """See :class:`optipromp.robots.tools.Cup`."""
-
-    kind: Literal["cup"]
-    radius: Positive
-    height: Positive | None = None
-    length: NotNegative | None = None
-    depth: NotNegative | None = None
-    opening: Positive | None = None
-
-
-class FrankaHandModel(_ToolModel):
-    """See :class:`optipromp.robots.tools.FrankaHand`."""
-
-    kind: Literal["franka_hand"]
-
-
-class FingerGripperModel(_ToolModel):
-    """See :class:`optipromp.robots.grippers.FingerGripper`."""
-
-    kind: Literal["finger_gripper"]
-    opening: Positive
-    finger_length: Positive | None = None
-    finger_width: Positive | None = None
-    finger_thickness: Positive | None = None
-    palm_length: Positive | None = None
-    palm_width: Positive | None = None
-    palm_thickness: Positive | None = None
-    depth: NotNegative | None = None
-    turn: Number | None = None
-
-
-class ScissorModel(_ToolModel):
-    """See :class:`optipromp.robots.grippers.Scissor`."""
-
-    kind: Literal["scissor"]
-    opening: Positive
-    blade_length: Positive | None = None
-    blade_width: Positive | None = None
-    blade_thickness: Positive | None = None
-    body_length: Positive | None = None
-    body_width: Positive | None = None
-    body_thickness: Positive | None = None
-    depth: NotNegative | None = None
-    turn: Number | None = None
-
-
 class MeshToolModel(_ToolModel):
     """See :class:`optipromp.robots.mesh_tool.MeshTool`; ``scale`` is of the mesh files."""
 
@@ -251,10 +214,20 @@ class MeshToolModel(_ToolModel):
         return self
 
 
-ToolModel = Annotated[
-    CupModel | FrankaHandModel | FingerGripperModel | ScissorModel | MeshToolModel,
-    Field(discriminator="kind"),
-]
+def _tool_model(kind: str) -> type[_ToolModel]:
+    """The model of a tool whose parameters are numbers; its class refuses what they may not be."""
+    keys: dict[str, Any] = {"kind": (Literal[kind], ...)}
+    for item in fields(TOOLS[kind]):  # type: ignore[arg-type]
+        needed = item.default is MISSING
+        keys[item.name] = (Number, ...) if needed else (Number | None, None)
+    return create_model(f"Model of {kind}", __base__=_ToolModel, **keys)
+
+
+if TYPE_CHECKING:
+    ToolModel = _ToolModel
+else:
+    _models = [MeshToolModel if kind == "mesh" else _tool_model(kind) for kind in TOOLS]
+    ToolModel = Annotated[functools.reduce(operator.or_, _models), Field(discriminator="kind")]
 
 
 class OptionsModel(_Model):

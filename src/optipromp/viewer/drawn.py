@@ -9,8 +9,7 @@ from scipy.optimize import isotonic_regression
 from scipy.spatial.transform import Rotation
 
 from optipromp.arrays import FloatArray
-from optipromp.planning.prediction import push_model, tool_motion
-from optipromp.planning.task import Task
+from optipromp.planning.task import Task, push_model, tool_motion
 from optipromp.scenes.scene import SceneObject
 from optipromp.trajectory import Trajectory
 

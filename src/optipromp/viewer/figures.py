@@ -1,4 +1,4 @@
-"""The figures of a plan: the arm at one moment, joints over time, costs before and after.
+"""Figures of a plan (the arm at one moment, joints over time, costs), and of a learnt primitive.
 
 Drawn with matplotlib's object-oriented interface, without a display; nothing global is changed.
 """
@@ -14,12 +14,12 @@ from optipromp.viewer.reach import reach_figure, title
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
     from optipromp.planning import Plan, Term
+    from optipromp.promp import Demonstrations, ProMP
 
-__all__ = ["cost_figure", "joint_figure", "plan_figures", "png", "reach_figure"]
-
-LIMIT = "#7a7f87"
+LIMIT, RECORDED = "#7a7f87", "#3d434b"
 LEAST = 0.05  # [rad or m] shown above and below the middle of a joint's motion
 CHANGED = 0.01  # share of its largest value by which a cost has to change to be drawn
 _NAMES = {
@@ -81,14 +81,9 @@ def cost_figure(plan: "Plan") -> "Figure":
 
 def joint_figure(plan: "Plan") -> "Figure":
     """Joint positions in each trajectory, at the plan's duration, with limits that are near."""
-    from matplotlib.figure import Figure
-
     robot = plan.robot
-    columns = 2 if robot.n_joints > 3 else 1
-    rows = -(-robot.n_joints // columns)
-    figure = Figure(figsize=(5.6 * columns, 1.8 * rows + 0.9), layout="constrained")
-    panels = figure.subplots(rows, columns, squeeze=False).ravel(order="F")
-    for joint, (panel, name) in enumerate(zip(panels, robot.joint_names, strict=False)):
+    figure, panels = _joint_panels(robot.n_joints)
+    for joint, (panel, name) in enumerate(zip(panels, robot.joint_names, strict=True)):
         for motion in motions(plan):
             q = motion.trajectory.positions[:, joint]
             times = np.linspace(0.0, plan.trajectory.duration, len(q))
@@ -109,9 +104,6 @@ def joint_figure(plan: "Plan") -> "Figure":
         )  # fmt: skip
         panel.margins(x=0.0)
         _plain(panel)
-        panel.tick_params(labelbottom=joint % rows == rows - 1 or joint == robot.n_joints - 1)
-    for panel in panels[robot.n_joints :]:
-        panel.set_visible(False)
     found = [panel.get_legend_handles_labels() for panel in panels]
     unique = {label: handle for handles, labels in found for label, handle in zip(labels, handles,
               strict=True)}  # fmt: skip
@@ -120,6 +112,51 @@ def joint_figure(plan: "Plan") -> "Figure":
     )
     figure.suptitle(f"{title(plan)}\njoints over time [s]", fontsize=11)
     return figure
+
+
+def primitive_figure(promp: "ProMP", demonstrations: "Demonstrations") -> "Figure":
+    """Each joint over the phase: the demonstrations, the mean, and two standard deviations."""
+    figure, panels = _joint_panels(promp.n_joints)
+    phases = np.linspace(0.0, 1.0, 201)
+    mean, band = promp.mean_trajectory(phases), 2.0 * promp.standard_deviation(phases)
+    faint = float(np.clip(20.0 / len(demonstrations), 0.3, 0.8))
+    for j, panel in enumerate(panels):
+        for i, item in enumerate(demonstrations):
+            label = "demonstrations" if i == 0 else None
+            panel.plot(
+                item.phases, item.positions[:, j], color=RECORDED, lw=0.7, alpha=faint, label=label
+            )
+        panel.fill_between(
+            phases, mean[:, j] - band[:, j], mean[:, j] + band[:, j], color=OPTIMISED, alpha=0.2,
+            lw=0, label="learnt mean ± 2 standard deviations",
+        )  # fmt: skip
+        panel.plot(phases, mean[:, j], color=OPTIMISED, lw=1.8)
+        panel.set_title(promp.joint_names[j].replace("$", r"\$"), fontsize=9, loc="left")
+        panel.set_ylabel("rad or m", fontsize=8)
+        panel.margins(x=0.0, y=0.06)
+        _plain(panel)
+    handles, labels = panels[0].get_legend_handles_labels()
+    legend = figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
+    for handle in legend.legend_handles:
+        if handle is not None and handle.get_label() == "demonstrations":
+            handle.set_alpha(1.0)
+    counted = f"{len(demonstrations)} demonstrations, {promp.basis.count} bases a joint"
+    figure.suptitle(f"{counted}: joints over the phase", fontsize=11)
+    return figure
+
+
+def _joint_panels(joints: int) -> tuple["Figure", "NDArray[np.object_]"]:
+    """A figure with a panel for each joint, column by column; the lowest have tick labels."""
+    from matplotlib.figure import Figure
+
+    columns = 2 if joints > 3 else 1
+    rows = -(-joints // columns)
+    figure = Figure(figsize=(5.6 * columns, 1.8 * rows + 0.9), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False).ravel(order="F")
+    for joint, panel in enumerate(panels):
+        panel.set_visible(joint < joints)
+        panel.tick_params(labelbottom=joint % rows == rows - 1 or joint == joints - 1)
+    return figure, panels[:joints]
 
 
 def _prismatic(plan: "Plan", joint: int) -> bool:

@@ -10,9 +10,9 @@ from optipromp.arrays import FloatArray
 from optipromp.geometry.shapes import HalfSpace
 from optipromp.planning.task import resolve
 from optipromp.pushing.path import evenly, length
-from optipromp.viewer import drawn, solids
+from optipromp.viewer import drawn
 from optipromp.viewer.drawn import COLOURS, OPTIMISED, PUSHABLES, STILL, Moment, Motion, Placed
-from optipromp.viewer.picture import Camera, Picture
+from optipromp.viewer.picture import Camera, Picture, shape_faces, sphere, tube
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -111,7 +111,7 @@ def _draw_wide(axes: "Axes", plan: "Plan", objects: Sequence[Placed], now: Momen
     for motion in drawn.motions(plan)[:-1]:
         q = motion.trajectory.positions
         bones = _bones(plan.robot, q[round(when * (len(q) - 1))])
-        picture.add(solids.tube(bones, 0.012, 8), motion.colour)
+        picture.add(tube(bones, 0.012, 8), motion.colour)
     _add_arm(picture, plan.robot, plan.trajectory.positions[now.waypoint])
     picture.draw(axes)
     _floor(axes, picture.camera, reach)
@@ -129,7 +129,7 @@ def _close(camera: Camera, plan: "Plan", objects: Sequence[Placed], now: Moment)
     radii = {f"{item.item.id} pushed": item.item.radius for item in objects}
     for name, point, colour in drawn.conditioned_on(plan):
         if name in radii:
-            picture.add(solids.sphere(point, radii[name]), colour, 0.35)
+            picture.add(sphere(point, radii[name]), colour, 0.35)
     return picture
 
 
@@ -138,15 +138,13 @@ def tool_faces(robot: "Robot", q: FloatArray) -> FloatArray:
     if robot.tool is None:
         cover, centers = robot.spheres, robot.sphere_centers(q)
         last = np.flatnonzero(cover.link == cover.link.max())
-        return np.concatenate([solids.sphere(centers[k], cover.radius[k], 12) for k in last])
+        return np.concatenate([sphere(centers[k], cover.radius[k], 12) for k in last])
     origins, rotations = robot.segment_frames(q)
     flange = origins[-1] + rotations[-1] @ robot.flange_translation
     turned = rotations[-1] @ robot.flange_rotation
     return np.concatenate(
         [
-            solids.shape_faces(
-                solid.shape, flange + turned @ solid.position, turned @ solid.rotation
-            )
+            shape_faces(solid.shape, flange + turned @ solid.position, turned @ solid.rotation)
             for solid in robot.tool.solids()
         ]
     )
@@ -154,10 +152,10 @@ def tool_faces(robot: "Robot", q: FloatArray) -> FloatArray:
 
 def _add_object(picture: Picture, placed: Placed, alpha: float) -> None:
     colour = COLOURS.get(placed.item.role, placed.colour)
-    faces = solids.shape_faces(placed.item.shape, placed.position, placed.rotation)
+    faces = shape_faces(placed.item.shape, placed.position, placed.rotation)
     picture.add(faces, colour, alpha)
     if placed.stem is not None and placed.item.stem is not None:
-        picture.add(solids.tube(placed.stem, placed.item.stem.radius, 8), colour)
+        picture.add(tube(placed.stem, placed.item.stem.radius, 8), colour)
 
 
 def _bones(robot: "Robot", q: FloatArray) -> FloatArray:
@@ -173,9 +171,9 @@ def _bones(robot: "Robot", q: FloatArray) -> FloatArray:
 def _add_arm(picture: Picture, robot: "Robot", q: FloatArray) -> None:
     bones = _bones(robot, q)
     slender = min(_LINK_RADIUS, 0.12 * max(float(np.linalg.norm(bones[-1])), 0.1))
-    picture.add(solids.tube(bones, slender), ARM)
+    picture.add(tube(bones, slender), ARM)
     for joint in bones[1:-1]:
-        picture.add(solids.sphere(joint, 1.3 * slender), ARM)
+        picture.add(sphere(joint, 1.3 * slender), ARM)
     picture.add(tool_faces(robot, q), ARM)
 
 
@@ -255,7 +253,7 @@ def _outlines(axes: "Axes", camera: Camera, objects: Sequence[Placed]) -> None:
     for placed in objects:
         if placed.shift > STILL:
             item = placed.item
-            faces = solids.shape_faces(item.shape, item.position, item.rotation)
+            faces = shape_faces(item.shape, item.position, item.rotation)
             flat = camera.project(faces.reshape(-1, 3))[:, :2]
             corners = flat[ConvexHull(flat).vertices]
             axes.add_patch(

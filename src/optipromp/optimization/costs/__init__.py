@@ -4,7 +4,6 @@ Each class stands beside its kernel, in one file a family: ``obstacles`` (the bo
 tool point and its axis), ``joints``. ``docs/add-a-cost-term.md`` shows how to write one in NumPy.
 """
 
-from optipromp.optimization.costs.base import Cost
 from optipromp.optimization.costs.joints import LimitCost, SmoothnessCost, StepCost, VelocityCost
 from optipromp.optimization.costs.obstacles import ClearanceCost, ObstacleCost, SelfCost
 from optipromp.optimization.costs.tool import (
@@ -14,7 +13,7 @@ from optipromp.optimization.costs.tool import (
     PushCost,
     UprightCost,
 )
-from optipromp.optimization.evaluation import Evaluation
+from optipromp.optimization.evaluation import Cost, Evaluation
 
 __all__ = [
     "ClearanceCost",

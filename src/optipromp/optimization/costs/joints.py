@@ -7,8 +7,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.compiled import inner
-from optipromp.optimization.costs.base import Cost
-from optipromp.optimization.evaluation import Evaluation
+from optipromp.optimization.evaluation import Cost, Evaluation
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,7 @@ import numpy as np
 from optipromp.arrays import BoolArray, FloatArray
 from optipromp.compiled import inner
 from optipromp.errors import InvalidRequestError
-from optipromp.optimization.costs.base import Cost
-from optipromp.optimization.evaluation import Evaluation
+from optipromp.optimization.evaluation import Cost, Evaluation
 from optipromp.optimization.kernels import add_along
 
 Reduction = Literal["max", "sum"]

@@ -13,8 +13,7 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.compiled import inner
 from optipromp.errors import InvalidRequestError
-from optipromp.optimization.costs.base import Cost
-from optipromp.optimization.evaluation import LEVER, Evaluation
+from optipromp.optimization.evaluation import LEVER, Cost, Evaluation
 from optipromp.optimization.kernels import add_along
 
 PushForm = Literal["quadratic", "reciprocal"]

@@ -37,14 +37,10 @@ GUTTER_BOTTOM = (-0.08, 0.02)  # [m] of a gutter beside the target, above the ta
 def sample(
     name: str, count: int, sides: bool, gutter: GutterSide | None, rng: np.random.Generator
 ) -> Scene:
-    """One sample, possible or not.
+    """One sample of ``count`` pushables, possible or not.
 
-    Args:
-        name: of the scene.
-        count: of pushables.
-        sides: with a neighbouring cluster on either side.
-        gutter: side on which a gutter stands, if any.
-        rng: where every number comes from.
+    With ``sides`` there is a neighbouring cluster on either side, with ``gutter`` a gutter on that
+    side.
     """
     gripper = float(rng.uniform(*GRIPPER_RADIUS))
     target = rng.uniform(TARGET_LOW, TARGET_HIGH)

@@ -1,13 +1,29 @@
-"""Whether a sampled scene is physically possible: no two objects overlap at rest."""
+"""Whether a sampled scene is possible: no two objects overlap, and an arm could reach the target.
+
+For the latter no planner is asked. Only the goal is judged, and only against static objects and the
+arm itself. A scene is not sampled again because the motion is hard, or because the arm must brush a
+neighbour.
+"""
+
+import functools
 
 import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.geometry import distances, pack
 from optipromp.geometry.shapes import Sphere
+from optipromp.robots import ik
+from optipromp.robots.cup_cover import NECK_RADIUS
+from optipromp.robots.library import load_robot
+from optipromp.robots.model import Robot
+from optipromp.robots.roll import level, rolls
+from optipromp.robots.tool_protocol import Tool
+from optipromp.robots.tools import WALL, make_tool, with_tool
 from optipromp.scenes.scene import Scene, SceneObject
 
 SAMPLE = 0.004  # [m] between checks along a stem
+STARTS = 200  # of the inverse kinematics
+ROLLS = 12  # turns about the tool axis tried for each solution
 
 
 class OverlapError(Exception):
@@ -98,3 +114,100 @@ def segments(one: FloatArray, other: FloatArray) -> float:
     elif t > 1.0:
         t, s = 1.0, min(1.0, max(0.0, (b - c) / a))
     return float(np.linalg.norm(r + s * d1 - t * d2))
+
+
+@functools.lru_cache(maxsize=4)
+def _bare(name: str) -> Robot:
+    return load_robot(name)
+
+
+def equipped(scene: Scene) -> Robot:
+    """The scene's built-in robot with the scene's tool."""
+    robot, tool = _bare(scene.robot), scene.tool
+    if tool is None:
+        return robot
+    return with_tool(robot, make_tool(tool.kind, tool.parameters))
+
+
+def unsolvable(scene: Scene) -> str | None:
+    """The reason why no arm motion can end at the target; None where one may."""
+    target = scene.target
+    assert target is not None  # every generated scene has one
+    static = scene.obstacles("static")
+    if len(static.kind):
+        inside, _ = distances(static, target.position[None])
+        if float(inside.min()) < 0.0:
+            return "target inside a static object"
+    robot = equipped(scene)
+    if any(_rooted_in_tool(scene, item, robot.tool) for item in scene.pushables):
+        return "stem rooted where the tool must end"
+    goals = ik.solve(robot, target.position, scene.frame[2], starts=STARTS, distinct=0.05).joints
+    if not len(goals):
+        return "target out of reach"
+    if (
+        robot.tool is not None and robot.tool.fingers and rolls(robot)
+    ):  # fingers on either side of the target
+        turned = level(robot, goals, scene.frame[0])
+    else:
+        turned = rolled(robot, goals)
+    if not _free(scene, robot, turned).any():
+        return "goal always in collision"
+    return None
+
+
+def _rooted_in_tool(scene: Scene, item: SceneObject, tool: Tool | None) -> bool:
+    """Whether a cup must go through a stem's root, which does not yield; false of fingers.
+
+    It is so where the root is in the cup or its neck at the goal, or in the volume that the cup
+    sweeps on every path: once the target's lowest point is in the mouth the cup can only rise, and
+    the target leaves it little room to the side. There, a wall of at most :data:`WALL` does not
+    count.
+    """
+    target = scene.target
+    if item.stem is None or tool is None or tool.fingers or target is None:
+        return False
+    up = scene.frame[2]
+    off = item.stem.points[-1] - target.position
+    height = float(off @ up)
+    aside = float(np.linalg.norm(off - height * up))
+    rim, base, flange = tool.depth, tool.front - tool.reach, -tool.reach
+    inner, outer = tool.mouth
+    inner = outer if outer - inner < WALL + 1e-9 else inner
+    sure = outer - max(inner - target.radius, 0.0)
+    rise = tool.depth + target.radius
+    for radius, low, high in (
+        (outer, base, rim), (NECK_RADIUS, flange, base), (sure, base - rise, rim)
+    ):  # fmt: skip
+        beyond = max(low - height, height - high, 0.0)
+        if np.hypot(max(aside - radius, 0.0), beyond) < item.stem.radius:
+            return True
+    return False
+
+
+def rolled(robot: Robot, goals: FloatArray) -> FloatArray:
+    """The goals (m, n) with the joints that only roll the tool at :data:`ROLLS` values."""
+    jp, ja = robot.tool_jacobian(goals)
+    idle = np.flatnonzero(np.abs(jp).max(axis=(0, 1)) + np.abs(ja).max(axis=(0, 1)) < 1e-9)
+    if not len(idle):
+        return goals
+    out = np.repeat(goals, ROLLS, axis=0)
+    for joint in idle:
+        low, high = max(robot.lower[joint], -np.pi), min(robot.upper[joint], np.pi)
+        out[:, joint] = np.tile(np.linspace(low, high, ROLLS), len(goals))
+    return np.vstack([goals, out])
+
+
+def _free(scene: Scene, robot: Robot, q: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """(m,) whether configurations touch neither static objects nor the arm itself."""
+    centers, radius = robot.sphere_centers(q), robot.spheres.radius
+    free = np.ones(len(q), dtype=bool)
+    static = scene.obstacles("static")
+    if len(static.kind):
+        away, _ = distances(static, centers.reshape(-1, 3))
+        nearest = away.min(axis=1).reshape(len(q), -1) - radius
+        free &= nearest.min(axis=1) >= 0.0
+    if len(robot.self_pairs):
+        i, j = robot.self_pairs.T
+        gap = np.linalg.norm(centers[:, i] - centers[:, j], axis=2) - radius[i] - radius[j]
+        free &= gap.min(axis=1) >= 0.0
+    return free

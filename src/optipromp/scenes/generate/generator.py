@@ -14,8 +14,7 @@ import numpy as np
 
 from optipromp.errors import InvalidRequestError
 from optipromp.scenes.generate import bunches, shelves
-from optipromp.scenes.generate.checks import OverlapError, interpenetration
-from optipromp.scenes.generate.solvable import unsolvable
+from optipromp.scenes.generate.checks import OverlapError, interpenetration, unsolvable
 from optipromp.scenes.scene import Scene, suggest
 
 Preset = Literal["cluster", "side-clusters", "table-top", "mixed", "shelf"]

@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, rotation
 from optipromp.errors import InvalidRequestError
+from optipromp.geometry.shapes import Sphere
 from optipromp.scenes.scene import Scene, SceneObject, Stem
 
 
@@ -44,7 +45,7 @@ def _seen(
     if item.role == "static":
         return item
     spread = np.full(3, position_sd**2)
-    if _stands(item):
+    if item.stem is None and not isinstance(item.shape, Sphere):  # it stands
         error[2] = spread[2] = 0.0
     stem = None
     if item.stem is not None:
@@ -54,12 +55,6 @@ def _seen(
     return replace(item, position=item.position + error, stem=stem, covariance=np.diag(spread))
 
 
-def _stands(item: SceneObject) -> bool:
-    from optipromp.geometry.shapes import Sphere
-
-    return item.stem is None and not isinstance(item.shape, Sphere)
-
-
 def _turn(vector: FloatArray, angles: FloatArray) -> FloatArray:
     """Rotation (3, 3) that tilts ``vector`` by two angles [rad] about two axes across it."""
     along = vector / np.linalg.norm(vector)
@@ -67,8 +62,4 @@ def _turn(vector: FloatArray, angles: FloatArray) -> FloatArray:
     first /= np.linalg.norm(first)
     axis = angles[0] * first + angles[1] * np.cross(along, first)
     angle = float(np.linalg.norm(axis))
-    if angle == 0.0:
-        return np.eye(3)
-    k = axis / angle
-    cross = np.array([[0.0, -k[2], k[1]], [k[2], 0.0, -k[0]], [-k[1], k[0], 0.0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross))
+    return np.eye(3) if angle == 0.0 else rotation(axis / angle, angle)

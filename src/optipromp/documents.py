@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import yaml
 
-from optipromp.errors import InvalidSceneError
+from optipromp.errors import OptiPrompError
 
 _MOST_VALUES = 20_000_000
 _Base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -68,42 +68,41 @@ def _construct_float(loader: Any, node: yaml.ScalarNode) -> float:
 _Loader.add_constructor("tag:yaml.org,2002:float", _construct_float)
 
 
-def read_document(path: Path) -> Any:
+def read_document(path: Path, error: type[OptiPrompError], holds: str) -> Any:
     """Read a YAML or (by suffix ``.json``) JSON file into plain values.
 
+    Args:
+        path: of the file.
+        error: raised where it cannot be read.
+        holds: what the file must hold, in words.
+
     Raises:
-        InvalidSceneError: the file is missing, empty, binary, truncated or malformed; the message
-            names it, the line and what is wrong.
+        OptiPrompError: of the type given: the file is missing, empty, binary, truncated or
+            malformed; the message names it, the line and what is wrong.
     """
     try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InvalidSceneError(f"{path}: cannot be read: {error.strerror or error}") from None
-    text = _decode(path, data)
-    if not text.strip():
-        raise InvalidSceneError(
-            f"{path}: is empty: must hold a scene (format: 1, name, robot, ...)"
-        )
-    try:
-        document = _read_json(text) if path.suffix == ".json" else _read_yaml(text)
-    except json.JSONDecodeError as error:
-        raise InvalidSceneError(f"{path}: line {error.lineno}: {error.msg}") from None
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
+        text = _decode(path.read_bytes(), holds)
+        if not text.strip():
+            raise ValueError(f"is empty: must hold {holds}")
+        return _read_json(text) if path.suffix == ".json" else _read_yaml(text)
+    except OSError as cause:
+        what = f"cannot be read: {cause.strerror or cause}"
+    except json.JSONDecodeError as cause:
+        what = f"line {cause.lineno}: {cause.msg}"
+    except yaml.MarkedYAMLError as cause:
+        mark = cause.problem_mark or cause.context_mark
         line = f"line {min(mark.line + 1, len(text.splitlines()))}: " if mark is not None else ""
-        what = error.problem or error.context or "not YAML"
-        raise InvalidSceneError(f"{path}: {line}{what}") from None
-    except yaml.YAMLError as error:
-        what = " ".join(str(error).split())
-        raise InvalidSceneError(f"{path}: {what}") from None
+        what = f"{line}{cause.problem or cause.context or 'not YAML'}"
+    except yaml.YAMLError as cause:
+        what = " ".join(str(cause).split())
     except RecursionError:
-        raise InvalidSceneError(f"{path}: nested too deep") from None
-    except (ValueError, OverflowError) as error:
-        raise InvalidSceneError(f"{path}: {error}") from None
-    return document
+        what = "nested too deep"
+    except (ValueError, OverflowError) as cause:
+        what = str(cause)
+    raise error(f"{path}: {what}")
 
 
-def _decode(path: Path, data: bytes) -> str:
+def _decode(data: bytes, holds: str) -> str:
     utf16 = data[:2] in (b"\xff\xfe", b"\xfe\xff")
     at = -1 if utf16 else data.find(b"\0")
     if at < 0:
@@ -112,9 +111,8 @@ def _decode(path: Path, data: bytes) -> str:
         except UnicodeDecodeError as error:
             at = error.start
     line = data.count(b"\n", 0, at) + 1
-    raise InvalidSceneError(
-        f"{path}: line {line}: byte 0x{data[at]:02x} is no text: "
-        "a scene must be YAML or JSON in UTF-8"
+    raise ValueError(
+        f"line {line}: byte 0x{data[at]:02x} is no text: must be {holds}, as YAML or JSON in UTF-8"
     )
 
 
