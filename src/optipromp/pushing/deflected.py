@@ -90,15 +90,15 @@ def begin(
 
 
 @inner
-def aim(
+def press(
     axes: FloatArray, shape: FloatArray, shortening: FloatArray, u: FloatArray, i: int,
-    share: float, nx: float, ny: float, nz: float, j: FloatArray, v: FloatArray,
-    gradient: FloatArray, inverse: FloatArray,
-) -> float:  # fmt: skip
-    """How far the next step would bring a share of a stem back against (nx, ny, nz) [m].
+    share: float, nx: float, ny: float, nz: float, depth: float, spring: float, j: FloatArray,
+    v: FloatArray, gradient: FloatArray, inverse: FloatArray,
+) -> None:  # fmt: skip
+    """Add a spring [N/m], pressed by ``depth``, that pushes a share of a stem along (nx, ny, nz).
 
-    ``j`` (2L,) becomes the derivative of its place along that direction by the deflections, ``v``
-    (2L,) the inverse Hessian times that: both are what :func:`press` needs.
+    With j the derivative of its length by the deflections, the Hessian grows by ``spring`` j jᵀ:
+    its inverse follows by Sherman and Morrison's formula. ``j`` and ``v`` (2L,) are written to.
     """
     n = shape.shape[1] - 1
     k = min(int(share * n), n - 1)
@@ -114,28 +114,13 @@ def aim(
             d2 += shortening[i, a, b] * u[i, LOADS + b]
         j[a] = w * n1 - n3 * d1
         j[LOADS + a] = w * n2 - n3 * d2
-    back = 0.0
+    yielding = 1.0 / spring
     for a in range(2 * LOADS):
         s = 0.0
         for b in range(2 * LOADS):
             s += inverse[a, b] * j[b]
         v[a] = s
-        back += s * gradient[a]
-    return back
-
-
-@inner
-def press(
-    j: FloatArray, v: FloatArray, depth: float, spring: float, gradient: FloatArray,
-    inverse: FloatArray,
-) -> None:  # fmt: skip
-    """Add a spring [N/m], pressed by ``depth`` [m], along ``j`` (see :func:`aim`).
-
-    The Hessian grows by ``spring`` j jᵀ: its inverse follows by Sherman and Morrison's formula.
-    """
-    yielding = 1.0 / spring
-    for a in range(2 * LOADS):
-        yielding += v[a] * j[a]
+        yielding += s * j[a]
     for a in range(2 * LOADS):
         gradient[a] -= spring * depth * j[a]
         s = v[a] / yielding

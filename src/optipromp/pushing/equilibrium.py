@@ -23,7 +23,7 @@ from optipromp.geometry.obstacles import Obstacles
 from optipromp.pushing.bending import Stems
 from optipromp.pushing.contacts import Contacts, Fruits, between
 from optipromp.pushing.cup import ABOVE, Mouth, Pose, fruit_gap, in_cup, stem_gap
-from optipromp.pushing.deflected import LOADS, aim, begin, level, place, press, shortened
+from optipromp.pushing.deflected import LOADS, begin, level, place, press, shortened
 from optipromp.pushing.parameters import PUSH
 
 CONTACT, CLOSE = PUSH.swing.stiffness, PUSH.swing.close
@@ -134,20 +134,16 @@ def relax(
             if look and gap < CLOSE:
                 number[i, close[i]], shares[i, close[i]] = what, share
                 close[i] += 1
-            if gap >= FARTHEST or (gap >= 0.0 and not begun):
+            if gap >= 0.0:
                 continue
             if not begun:
                 begun, woken, resting[i] = True, True, False
                 begin(stiffness, free, u, ahead, i, inertia, gradient, inverse)
-            back = aim(
-                axes, shape, shortening, u, i, share, n0, n1, n2, j, v, gradient, inverse
-            )  # fmt: skip
-            if gap >= back:  # the step ends without it
-                continue
-            press(j, v, -gap, CONTACT, gradient, inverse)
-            if gap >= 0.0:
-                continue
             hard = -gap * CONTACT
+            press(
+                axes, shape, shortening, u, i, share, n0, n1, n2, -gap, CONTACT, j, v,
+                gradient, inverse,
+            )  # fmt: skip
             if 0 < what <= others:
                 slip = _slip(
                     root, axes, shape, length, u, before, up, center, began, i, what, share
@@ -224,9 +220,10 @@ def _rub(
     x, y, z = x - along * n0, y - along * n1, z - along * n2
     slip = math.sqrt(x * x + y * y + z * z)
     if slip > 1e-7:
-        x, y, z = -x / slip, -y / slip, -z / slip
-        aim(axes, shape, shortening, u, i, share, x, y, z, j, v, gradient, inverse)
-        press(j, v, slip, most / max(slip, STUCK), gradient, inverse)
+        press(
+            axes, shape, shortening, u, i, share, -x / slip, -y / slip, -z / slip, slip,
+            most / max(slip, STUCK), j, v, gradient, inverse,
+        )  # fmt: skip
 
 
 @inner
