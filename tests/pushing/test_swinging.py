@@ -184,6 +184,23 @@ def test_a_pushed_fruit_pushes_its_neighbour() -> None:
     assert forces[-1, 1] > 0.0
 
 
+def test_a_stem_that_the_wall_meets_near_its_middle_does_not_slide_round_it() -> None:
+    """Within the angle of friction; without friction the fruit would be 17 mm farther aside."""
+    s = hung(((0, 0.003, -0.12), (0.0, 0.0, 0.25)))
+    positions, _, forces = led(s, along((0.05, 0, 0), (-0.01, 0, 0)))
+    moved = positions[-1, 0] - positions[0, 0]
+    assert forces.max() > 0.1
+    assert moved[0] < -0.03
+    assert abs(moved[1]) < 0.001
+
+
+def test_a_stem_that_the_wall_meets_near_its_side_slides_round_it() -> None:
+    """Beyond the angle of friction."""
+    s = hung(((0, 0.012, -0.12), (0.0, 0.0, 0.25)))
+    positions, _, _ = led(s, along((0.05, 0, 0), (-0.01, 0, 0)))
+    assert positions[-1, 0, 1] - positions[0, 0, 1] > 0.005
+
+
 def test_a_stem_is_pressed_where_the_rim_meets_it() -> None:
     """The cup, on a neck too thin to reach the fruit below it, moves at its stem."""
     s = hung(((0, 0, 0.2), (0, 0, 0.05)), ((0, 0, -0.1), (0, 0, 0.2)))
