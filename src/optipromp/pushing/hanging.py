@@ -61,7 +61,7 @@ class Hanging(PushModel):
         flange: of the arm, see :func:`optipromp.pushing.cup.flange_of`; none by default.
     """
 
-    speed, threshold = HANGING.speed, THRESHOLD
+    speed, threshold, good = HANGING.speed, THRESHOLD, PUSH.harm.good
 
     def __init__(
         self, scene: Scene, tool: Tool, neighbours: Sequence[SceneObject], camera: FloatArray,
@@ -88,7 +88,6 @@ class Hanging(PushModel):
         detected = any(fruit.covariance is not None for fruit in fruits)
         self.fruits, self.count = fruits, len(fruits)
         self.states = HANGING.detected_states if detected else HANGING.states
-        self.good = PUSH.harm.detected_good if detected else PUSH.harm.good
         self.stems = _sampled(fruits, self.states - 1)
         self.schedule = Schedule(
             rounds=(Round(9, 1), *[Round(12, 1)] * 3), runs=1, kept=6, screened=3,

@@ -128,8 +128,10 @@ class HarmParameters(Checked):
     threshold: float = parameter(
         1.0, "1", "measured", "largest harm of a success; see docs/studies.md"
     )
-    good: float = parameter(0.5, "1", "choice", "harm below which a path is good enough")
-    detected_good: float = parameter(0.2, "1", "choice", "the same among detected fruits")
+    good: float = parameter(
+        0.2, "1", "measured",
+        "harm below which a path is good enough; 231 of 240 runs succeed, 226 with 0.5",
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
