@@ -25,5 +25,6 @@ times as long. What is ``inlined`` is inserted wherever it is called.
 
 
 def in_cache(dispatcher: Any) -> bool:
-    """Whether Numba's cache has compiled kernels in the folder of this one."""
-    return any(Path(dispatcher.stats.cache_path or "").glob("*.nbi"))
+    """Whether Numba's cache has this kernel compiled."""
+    name = f"*.{dispatcher.py_func.__qualname__}-*.nbi"
+    return any(Path(dispatcher.stats.cache_path or "").glob(name))

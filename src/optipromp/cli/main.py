@@ -4,8 +4,10 @@ Nothing heavy is imported here: each command imports what it needs when it runs.
 """
 
 import gc
+import os
 import signal
 import sys
+import threading
 from types import FrameType
 from typing import Annotated, NoReturn
 
@@ -61,9 +63,19 @@ def _terminate(number: int, frame: FrameType | None) -> NoReturn:
     raise SystemExit(128 + number)
 
 
+def _send_again(lost: "sys.UnraisableHookArgs") -> None:
+    """Send a signal again whose exception was lost: a callback from C (LLVM's) passes none on."""
+    number = {SystemExit: signal.SIGTERM, KeyboardInterrupt: signal.SIGINT}.get(lost.exc_type)
+    if number is None:
+        sys.__unraisablehook__(lost)
+    else:  # from another thread, once the callback has returned
+        threading.Timer(0.05, os.kill, (os.getpid(), number)).start()
+
+
 def main() -> None:
     """Run the command line and end the process with its exit code."""
     signal.signal(signal.SIGTERM, _terminate)
+    sys.unraisablehook = _send_again
     # most of what a short command makes is what it loads, and that stays: looking through it for
     # garbage, at the end once more, takes a third of the time of one plan
     gc.set_threshold(100_000, 20, 20)
