@@ -68,3 +68,31 @@ def test_an_interrupted_run_leaves_nothing_half_written(
     assert process.returncode == code
     assert "Traceback" not in stderr
     assert not [path for path in out.rglob("*") if path.name.startswith(".")]
+
+
+IN_A_CALLBACK = """
+import ctypes, os, signal, time
+from optipromp.cli import main as cli
+
+@ctypes.CFUNCTYPE(None)
+def callback():
+    os.kill(os.getpid(), signal.{name})
+    time.sleep(0.1)  # the exception is raised here, and C passes it on to nobody
+
+def command():
+    callback()
+    time.sleep(30.0)
+
+cli.app = command
+cli.main()
+"""
+
+
+@pytest.mark.parametrize(("name", "code"), [("SIGTERM", 143), ("SIGINT", 130)])
+def test_a_signal_lost_in_a_callback_from_c_still_ends_the_process(name: str, code: int) -> None:
+    program = IN_A_CALLBACK.format(name=name)
+    done = subprocess.run(
+        [sys.executable, "-c", program], timeout=20, capture_output=True, text=True
+    )
+    assert done.returncode == code
+    assert "Traceback" not in done.stderr
