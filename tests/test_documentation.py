@@ -18,7 +18,7 @@ PUBLIC = (
 )  # fmt: skip
 UNSHOWN = {  # aliases and constants, and kernels that no user calls
     "DriftRule", "PLANNERS", "Planner", "Role", "STRATEGIES", "Shape", "Strategy",
-    "__version__", "farther_than", "near", "signed_distance",
+    "__version__", "near", "signed_distance",
 }  # fmt: skip
 
 

@@ -15,7 +15,6 @@ from optipromp.geometry import (
     HalfSpace,
     Sphere,
     distances,
-    farther_than,
     near,
     pack,
     signed_distance,
@@ -153,15 +152,6 @@ def test_centres_edges_and_surfaces(name, x, expected):
     assert distance == pytest.approx(expected, abs=1e-15)
     assert np.isfinite(gradient).all()
     assert np.linalg.norm(gradient) == pytest.approx(1.0)
-
-
-@settings(max_examples=50, deadline=None)
-@given(x=point, reach=st.floats(-0.5, 1.0))
-def test_farther_than_never_lies(x, reach):
-    obstacles = pack([(shape, ORIGIN, EYE) for shape in SHAPES.values()])
-    for k in range(len(SHAPES)):
-        if farther_than(obstacles, k, *x, reach):
-            assert distance_at(obstacles, x, k)[0] > reach - 1e-12
 
 
 def test_batched_equals_looped_and_leaves_inputs_alone():

@@ -1,6 +1,6 @@
 """Shapes, posed obstacles and their signed distances."""
 
-from optipromp.geometry.distances import distances, farther_than, signed_distance
+from optipromp.geometry.distances import distances, signed_distance
 from optipromp.geometry.obstacles import Obstacles, near, pack
 from optipromp.geometry.shapes import (
     Box,
@@ -24,7 +24,6 @@ __all__ = [
     "Shape",
     "Sphere",
     "distances",
-    "farther_than",
     "near",
     "pack",
     "signed_distance",

@@ -88,21 +88,6 @@ def distance_and_gradient(
 
 
 @inlined
-def farther_than(
-    obstacles: Obstacles, k: int, x0: float, x1: float, x2: float, reach: float
-) -> bool:
-    """True only if the point is more than ``reach`` [m] from obstacle ``k``: a test without roots.
-
-    Judged by the bounding ball, so False decides nothing; use it to skip :func:`signed_distance`.
-    """
-    d0 = x0 - obstacles.position[k, 0]
-    d1 = x1 - obstacles.position[k, 1]
-    d2 = x2 - obstacles.position[k, 2]
-    limit = obstacles.bound[k] + reach
-    return bool(limit < 0.0 or d0 * d0 + d1 * d1 + d2 * d2 > limit * limit)
-
-
-@inlined
 def _box(
     l0: float, l1: float, l2: float, h0: float, h1: float, h2: float
 ) -> tuple[float, float, float, float]:
