@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, rotation
 from optipromp.errors import InvalidRequestError
 from optipromp.scenes.scene import Scene, SceneObject
 
@@ -69,7 +69,7 @@ def pushes(
         if direction @ wish < 0.0:
             direction = -direction
         if rng is not None and direction_deviation > 0.0:
-            direction = _turned(direction, z_g, float(rng.normal(0.0, direction_deviation)))
+            direction = rotation(z_g, rng.normal(0.0, direction_deviation)) @ direction
         out.append(_push(scene, obj, direction, gripper_radius))
     return tuple(out)
 
@@ -110,14 +110,6 @@ def _level(tangent: FloatArray, up: FloatArray) -> FloatArray:
     level = tangent - (tangent @ up) * up
     length = math.hypot(*level)
     return level / length if length > 1e-9 else tangent
-
-
-def _turned(vector: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
-    return np.asarray(
-        np.cos(angle) * vector
-        + np.sin(angle) * _cross(axis, vector)
-        + (1 - np.cos(angle)) * (axis @ vector) * axis
-    )
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
