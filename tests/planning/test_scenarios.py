@@ -11,13 +11,13 @@ from optipromp import judging
 from optipromp.errors import Code
 from optipromp.planning import PaperOptions, Plan, PlanOptions, plan
 from optipromp.scenes import Scene, load_scene
+from optipromp.trajectory import State
 
 Planned = Callable[..., Plan]
 PAPER_M_P = {
     "scenario-3": {"n1": -0.01, "n2": 0.001968},
     "scenario-4": {"n1": -0.0084, "n2": 0.03379},
 }
-from optipromp.trajectory import State
 
 
 def stem_free_offsets(result: Plan) -> list[float]:
