@@ -10,25 +10,38 @@
 from optipromp.ros.bags import Recorded, is_bag, read_bag, write_bag
 from optipromp.ros.recordings import Cut, CutParameters, Recording, load_recording
 from optipromp.ros.scenes import collision_object, planning_scene, read_collision_object
+from optipromp.ros.service import Answer, answer
+from optipromp.ros.trajectories import (
+    display_trajectory,
+    joint_trajectory,
+    read_trajectories,
+    robot_trajectory,
+)
 from optipromp.ros.types import Message, from_bytes, message, to_bytes, typestore
 from optipromp.ros.world import World, read_planning_scene
 
 __all__ = [
+    "Answer",
     "Cut",
     "CutParameters",
     "Message",
     "Recorded",
     "Recording",
     "World",
+    "answer",
     "collision_object",
+    "display_trajectory",
     "from_bytes",
     "is_bag",
+    "joint_trajectory",
     "load_recording",
     "message",
     "planning_scene",
     "read_bag",
     "read_collision_object",
     "read_planning_scene",
+    "read_trajectories",
+    "robot_trajectory",
     "to_bytes",
     "typestore",
     "write_bag",

@@ -25,6 +25,8 @@ def columns(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]
         InvalidRequestError: a joint is missing; there are two arms; a name stands there twice.
     """
     names = list(names)
+    if not joints:
+        raise InvalidRequestError(f"{what} names no joints: must name one at least")
     if len(set(names)) != len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise InvalidRequestError(f"{what}: joint {twice!r} is named twice: must be once")

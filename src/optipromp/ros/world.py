@@ -8,11 +8,12 @@ from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.planning.task import resolve
 from optipromp.robots.library import load_robot
+from optipromp.robots.model import Robot
 from optipromp.ros.joints import joint_positions
 from optipromp.ros.scenes import COLLISION_OBJECT, Held, object_id, read_held
 from optipromp.ros.shapes import read_pose
 from optipromp.ros.types import Message, constants
-from optipromp.scenes.scene import Scene
+from optipromp.scenes.scene import JointGoal, PoseGoal, Scene
 
 
 def read_planning_scene(item: Message, like: Scene | None = None, prefix: str = "") -> Scene:
@@ -34,7 +35,7 @@ def read_planning_scene(item: Message, like: Scene | None = None, prefix: str = 
     robot = load_robot(item.robot_model_name)
     fields = {"name": item.name or "planning scene", "robot": item.robot_model_name}
     frame = prefix + robot.link_names[0]
-    return World(fields, frame, robot.joint_names).heard(item).scene()
+    return World(fields, robot, frame).heard(item).scene()
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,14 +44,14 @@ class World:
 
     Attributes:
         fields: of the :class:`optipromp.scenes.Scene`, except its objects.
+        robot: with its tool.
         frame: name of the base frame; an empty name stands for it too.
-        joints: the robot's, n names.
         held: what each message added, by its id, in the order in which they came.
     """
 
     fields: Mapping[str, Any]
+    robot: Robot
     frame: str
-    joints: tuple[str, ...]
     held: Mapping[str, Held] = field(default_factory=dict)
 
     @classmethod
@@ -58,10 +59,18 @@ class World:
         """The world of a scene; ``prefix`` is what ROS puts before joint and link names."""
         robot = resolve(scene).robot
         held = {object_id(o): Held(o.position, o.rotation, (o,)) for o in scene.objects}
-        return cls(vars(scene), prefix + robot.link_names[0], robot.joint_names, held)
+        return cls(vars(scene), robot, prefix + robot.link_names[0], held)
 
-    def scene(self) -> Scene:
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The robot's joints, n names."""
+        return self.robot.joint_names
+
+    def scene(self, goal: JointGoal | PoseGoal | None = None) -> Scene:
         """The scene.
+
+        Args:
+            goal: in place of the target, which then is an object to avoid.
 
         Raises:
             InvalidSceneError: no target and no goal, two targets, an id that two roles have.
@@ -69,7 +78,12 @@ class World:
         objects = tuple(item for held in self.held.values() for item in held.items)
         names = ("name", "robot", "tool", "start", "approach", "goal", "options", "base_dir")
         known = {name: self.fields[name] for name in names if name in self.fields}
-        if any(item.role == "target" for item in objects):
+        if goal is not None:
+            known["goal"] = goal
+            objects = tuple(
+                replace(item, role="avoid") if item.role == "target" else item for item in objects
+            )
+        elif any(item.role == "target" for item in objects):
             known["goal"] = None
         return Scene(objects=objects, **known)
 
