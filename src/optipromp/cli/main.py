@@ -13,7 +13,17 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from optipromp.cli import catalogue, check, generate, learn, plan, scenarios, simulate, study
+from optipromp.cli import (
+    catalogue,
+    check,
+    generate,
+    learn,
+    plan,
+    ros_node,
+    scenarios,
+    simulate,
+    study,
+)
 
 app = typer.Typer(
     name="optipromp",
@@ -56,6 +66,7 @@ app.command("study")(study.study)
 app.command("learn")(learn.learn)
 app.command("check")(check.check)
 app.command("list")(catalogue.catalogue)
+app.command("ros-node")(ros_node.ros_node)
 
 
 def _terminate(number: int, frame: FrameType | None) -> NoReturn:
