@@ -342,3 +342,19 @@ def test_joints_that_are_not_the_robots_are_refused(names, positions, words: str
 def test_another_message_is_refused() -> None:
     with pytest.raises(InvalidRequestError, match="must be a PlanningScene"):
         World.of(load_scene("scenario-4")).heard(message("std_msgs/msg/String"))
+
+
+def test_a_fruit_that_moves_takes_stem_and_covariance_along() -> None:
+    spread = np.diag([1e-4, 4e-4, 9e-4])
+    stem = Stem(np.array([[0.1, 0.2, 0.3], [0.1, 0.2, 0.4]]))
+    item = SceneObject(
+        "ripe", "target", Sphere(0.02), np.array([0.1, 0.2, 0.3]), np.eye(3), stem, spread
+    )
+    world = World.of(load_scene("scenario-4")).heard(by_hand("", operation=1))
+    quarter = message("geometry_msgs/msg/Quaternion", x=np.sqrt(0.5), w=np.sqrt(0.5))
+    there = message("geometry_msgs/msg/Pose", position=point(1, 0, 0), orientation=quarter)
+    move = message(OBJECT, id="target/ripe", operation=3, pose=there)
+    after = world.heard(collision_object(item)).heard(move).scene().target
+    np.testing.assert_allclose(after.position, [1, 0, 0])
+    np.testing.assert_allclose(after.stem.points, [[1, 0, 0], [1, -0.1, 0]], atol=1e-12)
+    np.testing.assert_allclose(after.covariance, np.diag([1e-4, 9e-4, 4e-4]), atol=1e-12)

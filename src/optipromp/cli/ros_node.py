@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.console import OK, command, say_if_compiling
+from optipromp.cli.console import OK, Recorded, command, say_if_compiling
 from optipromp.errors import InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ def ros_node(
     rate: Annotated[
         float | None, typer.Option(metavar="HZ", help="Of the points; the plan's own if left out.")
     ] = None,
+    demonstrations: Recorded = None,
     execute: Annotated[
         str | None,
         typer.Option(metavar="ACTION", help="FollowJointTrajectory action that gets each success."),
@@ -51,11 +52,12 @@ def ros_node(
     from optipromp.scenes.io import load_scene
 
     say_if_compiling()
-    _serve(World.of(load_scene(scene), prefix), prefix, rate, execute)
+    settings = {"prefix": prefix, "rate": rate, "demonstrations": demonstrations}
+    _serve(World.of(load_scene(scene), prefix), settings, execute)
     return OK
 
 
-def _serve(world: "World", prefix: str, rate: float | None, execute: str | None) -> None:
+def _serve(world: "World", settings: dict[str, Any], execute: str | None) -> None:
     """Carry messages between ROS and :func:`optipromp.ros.answer` until the node is shut down."""
     import rclpy
     from control_msgs.action import FollowJointTrajectory
@@ -82,7 +84,7 @@ def _serve(world: "World", prefix: str, rate: float | None, execute: str | None)
     def plan(request: Any, response: Any) -> Any:
         data = serialize_message(request.motion_plan_request)
         asked = from_bytes(data, "moveit_msgs/msg/MotionPlanRequest")
-        found = answer(world, asked, rate=rate, prefix=prefix)
+        found = answer(world, asked, **settings)
         kind = type(response.motion_plan_response)
         response.motion_plan_response = deserialize_message(to_bytes(found.response), kind)
         if found.display is not None:

@@ -123,14 +123,14 @@ class Held:
             return np.asarray(position + (points - self.position) @ turn.T)
 
         items = [
-            replace(
-                item,
-                position=moved(item.position),
-                rotation=turn @ item.rotation,
-                stem=item.stem and replace(item.stem, points=moved(item.stem.points)),
+            SceneObject(
+                item.id, item.role, item.shape, moved(item.position), turn @ item.rotation,
+                item.stem and replace(item.stem, points=moved(item.stem.points)),
+                None if item.covariance is None else turn @ item.covariance @ turn.T,
+                item.physical,
             )
             for item in self.items
-        ]
+        ]  # fmt: skip
         return Held(position, rotation, tuple(items), self.approach)
 
 
@@ -161,17 +161,12 @@ def _read_held(item: Message) -> Held:
     spread = further.get("covariance")
     items = tuple(
         SceneObject(
-            id=name if len(parts) == 1 else f"{name}[{k}]",
-            role=role,
-            shape=shape,
-            position=place + turn @ local,
-            rotation=turn @ axes,
-            stem=stem,
-            covariance=None if spread is None else np.array(spread),
-            physical=further.get("physical", {}),
+            name if len(parts) == 1 else f"{name}[{k}]", role, shape, place + turn @ local,
+            turn @ axes, stem, None if spread is None else np.array(spread),
+            further.get("physical", {}),
         )
         for k, (shape, local, axes) in enumerate(parts)
-    )
+    )  # fmt: skip
     approach = None
     if role == "target" and "approach" in frames:
         axes = turn @ frames["approach"][1]
@@ -252,7 +247,7 @@ def planning_scene(scene: Scene, prefix: str = "") -> Message:
         "moveit_msgs/msg/PlanningScene",
         name=scene.name,
         robot_state=robot_state(start, robot.joint_names, prefix, frame_id=frame),
-        robot_model_name=scene.robot,
+        robot_model_name=robot.name,
         object_colors=colors,
         world=message("moveit_msgs/msg/PlanningSceneWorld", collision_objects=adding),
     )

@@ -5,10 +5,12 @@
 
 import math
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from optipromp.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.planning import Plan, PlanOptions, plan
 from optipromp.planning.options import PLANNERS, Planner
+from optipromp.promp.model import ProMP
 from optipromp.ros.goals import read_goal
 from optipromp.ros.joints import joint_positions, robot_state
 from optipromp.ros.trajectories import display_trajectory, joint_trajectory, robot_trajectory
@@ -59,6 +61,7 @@ def answer(
     request: Message,
     options: PlanOptions | None = None,
     *,
+    demonstrations: ProMP | str | Path | None = None,
     rate: float | None = None,
     prefix: str = "",
 ) -> Answer:
@@ -73,6 +76,7 @@ def answer(
         world: what is known of the scene.
         request: of the message's type.
         options: of the plan; the request's time replaces its timeout.
+        demonstrations: as for :func:`optipromp.plan`.
         rate: of the points of the answer [Hz]; None: the plan's own rows.
         prefix: what ROS puts before the robot's joint and link names.
 
@@ -89,7 +93,10 @@ def answer(
         if state.name:
             world = world.at(joint_positions(state, world.joints, "start_state.joint_state"))
         scene = world.scene(read_goal(request.goal_constraints, world.robot, prefix))
-        made = plan(scene, planner=_planner(request.planner_id), options=options)
+        made = plan(
+            scene, planner=_planner(request.planner_id), demonstrations=demonstrations,
+            options=options,
+        )  # fmt: skip
     except OptiPrompError as error:
         return Answer(_response(request, error.code, error.message))
     motion = made.trajectory.slowed(slowing)
@@ -100,7 +107,7 @@ def answer(
     return Answer(
         response=_response(request, made.status, made.message, **done),
         trajectory=joint_trajectory(motion, rate, prefix) if made.success else None,
-        display=display_trajectory([motion], scene.robot, rate, prefix),
+        display=display_trajectory([motion], made.robot.name, rate, prefix),
         plan=made,
     )
 

@@ -28,6 +28,7 @@ Placed = tuple[Shape, FloatArray, FloatArray]
 BOX, SPHERE, CYLINDER = 1, 2, 3  # types of shape_msgs/SolidPrimitive
 _SIZES = {BOX: 3, SPHERE: 1, CYLINDER: 2}
 _REFUSED = {4: "a cone", 5: "a prism"}
+_SLACK = 1e-3  # [1] of the length of a quaternion, as in a scene file
 _SAME = 1e-6  # [m] or 1: two spheres and a cylinder this near to a capsule are one
 
 
@@ -57,8 +58,16 @@ def read_rotation(item: Message) -> FloatArray:
     Raises:
         InvalidSceneError: not a unit quaternion.
     """
-    wxyz = (item.w, item.x, item.y, item.z)
-    return np.eye(3) if not any(wxyz) else np.array(from_quaternion(wxyz))
+    wxyz = np.array([item.w, item.x, item.y, item.z])
+    length = math.hypot(*wxyz)
+    if length == 0.0:
+        return np.eye(3)
+    if not abs(length - 1.0) <= _SLACK:
+        raise InvalidSceneError(
+            f"orientation {wxyz.tolist()} (w, x, y, z) has length {length:.6g}: must be a unit "
+            "quaternion"
+        )
+    return np.array(from_quaternion((wxyz / length).tolist()))
 
 
 def read_pose(item: Message) -> tuple[FloatArray, FloatArray]:

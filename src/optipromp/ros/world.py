@@ -1,7 +1,7 @@
 """What is known of a scene as its messages come in; ``moveit_msgs/PlanningScene`` as a scene."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from optipromp.arrays import FloatArray
@@ -33,9 +33,9 @@ def read_planning_scene(item: Message, like: Scene | None = None, prefix: str = 
     if like is not None:
         return World.of(like, prefix).heard(item).scene()
     robot = load_robot(item.robot_model_name)
-    fields = {"name": item.name or "planning scene", "robot": item.robot_model_name}
+    stated = {"name": item.name or "planning scene", "robot": item.robot_model_name}
     frame = prefix + robot.link_names[0]
-    return World(fields, robot, frame).heard(item).scene()
+    return World(stated, robot, frame).heard(item).scene()
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +43,13 @@ class World:
     """What is known of a scene as messages come in; every message gives a new one.
 
     Attributes:
-        fields: of the :class:`optipromp.scenes.Scene`, except its objects.
+        stated: fields of the :class:`optipromp.scenes.Scene`, except its objects.
         robot: with its tool.
         frame: name of the base frame; an empty name stands for it too.
         held: what each message added, by its id, in the order in which they came.
     """
 
-    fields: Mapping[str, Any]
+    stated: Mapping[str, Any]
     robot: Robot
     frame: str
     held: Mapping[str, Held] = field(default_factory=dict)
@@ -76,8 +76,8 @@ class World:
             InvalidSceneError: no target and no goal, two targets, an id that two roles have.
         """
         objects = tuple(item for held in self.held.values() for item in held.items)
-        names = ("name", "robot", "tool", "start", "approach", "goal", "options", "base_dir")
-        known = {name: self.fields[name] for name in names if name in self.fields}
+        names = {item.name for item in fields(Scene)} - {"objects"}
+        known = {name: self.stated[name] for name in names & self.stated.keys()}
         if goal is not None:
             known["goal"] = goal
             objects = tuple(
@@ -108,7 +108,7 @@ class World:
 
     def at(self, start: FloatArray) -> "World":
         """The world with the robot at ``start`` (n,)."""
-        return replace(self, fields={**self.fields, "start": start})
+        return replace(self, stated={**self.stated, "start": start})
 
     def _heard_scene(self, item: Message) -> "World":
         _refuse_unread(item)
@@ -120,7 +120,7 @@ class World:
             q = joint_positions(state, self.joints, "robot_state.joint_state")
             world = world.at(q)
         if item.name:
-            world = replace(world, fields={**world.fields, "name": item.name})
+            world = replace(world, stated={**world.stated, "name": item.name})
         return world
 
     def _heard_object(self, item: Message) -> "World":
@@ -132,7 +132,7 @@ class World:
             )
         kinds = constants(COLLISION_OBJECT)
         operation = item.operation
-        held, fields = dict(self.held), dict(self.fields)
+        held, stated = dict(self.held), dict(self.stated)
         if operation in (kinds["REMOVE"], kinds["MOVE"]) and item.id and item.id not in held:
             raise InvalidSceneError(f"{what} is not there: must be added first")
         if operation == kinds["REMOVE"]:
@@ -142,12 +142,12 @@ class World:
         elif operation == kinds["ADD"]:
             held[item.id] = read_held(item)
             if held[item.id].approach is not None:
-                fields["approach"] = held[item.id].approach
+                stated["approach"] = held[item.id].approach
         else:
             raise InvalidSceneError(
                 f"{what}: operation is {operation}: must be ADD (0), REMOVE (1) or MOVE (3)"
             )
-        return replace(self, held=held, fields=fields)
+        return replace(self, held=held, stated=stated)
 
 
 def _refuse_unread(item: Message) -> None:
