@@ -45,7 +45,7 @@ def test_the_shell_compiles_and_names_what_there_is() -> None:
         if isinstance(node, ast.ImportFrom) and node.module == "optipromp.ros"
         for alias in node.names
     ]
-    assert {"World", "answer", "from_bytes", "to_bytes"} == set(taken)
+    assert {"LiveScene", "answer", "from_bytes", "to_bytes"} == set(taken)
     assert all(hasattr(ros, name) for name in taken)
 
 

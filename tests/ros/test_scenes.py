@@ -18,7 +18,7 @@ from optipromp.geometry import (
     Sphere,
 )
 from optipromp.ros import (
-    World,
+    LiveScene,
     collision_object,
     from_bytes,
     message,
@@ -256,7 +256,7 @@ def test_a_scene_by_hand_needs_no_file() -> None:
 
 def test_differences_are_applied_to_what_is_known() -> None:
     scene = load_scene("scenario-4")
-    world = World.of(scene)
+    world = LiveScene.of(scene)
     remove = by_hand("table-top", operation=1)
     move = by_hand("pushable/n1", operation=3, pose=pose_at(0.5, 0, 0))
     new = by_hand("avoid/leaf")
@@ -280,7 +280,7 @@ def pose_at(x: float, y: float, z: float):
 
 
 def test_joint_states_move_the_start() -> None:
-    world = World.of(load_scene("scenario-4"))
+    world = LiveScene.of(load_scene("scenario-4"))
     joints = [f"fr3_joint{k}" for k in (7, 6, 5, 4, 3, 2, 1)]
     state = message("sensor_msgs/msg/JointState", name=["finger", *joints], position=np.arange(8.0))
     assert world.heard(state).scene().start.tolist() == [7, 6, 5, 4, 3, 2, 1]
@@ -316,7 +316,7 @@ def test_joint_states_move_the_start() -> None:
 )
 def test_what_a_world_cannot_use_is_refused_by_name(item, words: str) -> None:
     with pytest.raises(InvalidSceneError, match=words):
-        World.of(load_scene("scenario-4")).heard(item)
+        LiveScene.of(load_scene("scenario-4")).heard(item)
 
 
 @pytest.mark.parametrize(
@@ -336,12 +336,12 @@ def test_what_a_world_cannot_use_is_refused_by_name(item, words: str) -> None:
 def test_joints_that_are_not_the_robots_are_refused(names, positions, words: str) -> None:
     state = message("sensor_msgs/msg/JointState", name=names, position=positions)
     with pytest.raises(InvalidRequestError, match=words):
-        World.of(load_scene("scenario-4")).heard(state)
+        LiveScene.of(load_scene("scenario-4")).heard(state)
 
 
 def test_another_message_is_refused() -> None:
     with pytest.raises(InvalidRequestError, match="must be a PlanningScene"):
-        World.of(load_scene("scenario-4")).heard(message("std_msgs/msg/String"))
+        LiveScene.of(load_scene("scenario-4")).heard(message("std_msgs/msg/String"))
 
 
 def test_a_fruit_that_moves_takes_stem_and_covariance_along() -> None:
@@ -350,7 +350,7 @@ def test_a_fruit_that_moves_takes_stem_and_covariance_along() -> None:
     item = SceneObject(
         "ripe", "target", Sphere(0.02), np.array([0.1, 0.2, 0.3]), np.eye(3), stem, spread
     )
-    world = World.of(load_scene("scenario-4")).heard(by_hand("", operation=1))
+    world = LiveScene.of(load_scene("scenario-4")).heard(by_hand("", operation=1))
     quarter = message("geometry_msgs/msg/Quaternion", x=np.sqrt(0.5), w=np.sqrt(0.5))
     there = message("geometry_msgs/msg/Pose", position=point(1, 0, 0), orientation=quarter)
     move = message(OBJECT, id="target/ripe", operation=3, pose=there)

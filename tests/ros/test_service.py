@@ -11,8 +11,8 @@ from optipromp import judge, plan
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.planning.task import resolve
 from optipromp.ros import (
+    LiveScene,
     Recorded,
-    World,
     answer,
     message,
     planning_scene,
@@ -53,7 +53,7 @@ def test_a_recorded_session_is_answered(tmp_path: Path) -> None:
         ],
     )
     # the world begins with another scene of the same robot and tool
-    world, answers = World.of(load_scene("scenario-4"), PREFIX), []
+    world, answers = LiveScene.of(load_scene("scenario-4"), PREFIX), []
     for item in read_bag(tmp_path / "session"):
         if item.topic == "/request":
             answers.append(answer(world, item.message, rate=100.0, prefix=PREFIX))
@@ -91,7 +91,7 @@ def test_a_recorded_session_is_answered(tmp_path: Path) -> None:
 
 
 def test_the_answer_is_the_plan_of_the_scene() -> None:
-    found = answer(World.of(SCENE), request())
+    found = answer(LiveScene.of(SCENE), request())
     (back,) = read_trajectories(found.trajectory, ROBOT.joint_names)
     assert np.array_equal(back.positions, plan(SCENE).trajectory.positions)
 
@@ -99,7 +99,7 @@ def test_the_answer_is_the_plan_of_the_scene() -> None:
 def test_the_start_of_the_request_comes_before_that_of_the_topics() -> None:
     start = SCENE.start + 0.02
     state = message("moveit_msgs/msg/RobotState", joint_state=joint_state(start))
-    found = answer(World.of(SCENE), request(start_state=state))
+    found = answer(LiveScene.of(SCENE), request(start_state=state))
     assert found.trajectory.points[0].positions.tolist() == start.tolist()
     assert found.response.trajectory_start.joint_state.position.tolist() == start.tolist()
 
@@ -113,7 +113,7 @@ def test_scaling_factors_slow_the_motion(
     asked = request(
         max_velocity_scaling_factor=velocity, max_acceleration_scaling_factor=acceleration
     )
-    found = answer(World.of(SCENE), asked)
+    found = answer(LiveScene.of(SCENE), asked)
     (slow,) = read_trajectories(found.trajectory)
     usual = found.plan.trajectory
     assert slow.duration == pytest.approx(factor * usual.duration)
@@ -131,7 +131,7 @@ def joint_goal(q, names=ROBOT.joint_names):
 
 def test_a_goal_in_joints_leaves_the_target_to_be_avoided() -> None:
     goal = SCENE.start + np.array([0.2, 0.1, 0, 0, 0, 0, 0])
-    found = answer(World.of(SCENE), request(goal_constraints=[joint_goal(goal)]))
+    found = answer(LiveScene.of(SCENE), request(goal_constraints=[joint_goal(goal)]))
     assert found.response.error_code.val == CODES["SUCCESS"]
     np.testing.assert_allclose(found.trajectory.points[-1].positions, goal, atol=1e-3)
     assert SCENE.target.id in {item.id for item in found.plan.scene.avoid}
@@ -178,7 +178,7 @@ def test_a_pose_of_the_tool_is_reached() -> None:
     turn = np.stack([side, np.cross(axis, side), axis], axis=1)
     wanted = point + (0.05, -0.05, -0.05)
     asked = request(goal_constraints=[pose_goal(wanted, turn, "tool")])
-    found = answer(World.of(SCENE), asked)
+    found = answer(LiveScene.of(SCENE), asked)
     assert found.response.error_code.val == CODES["SUCCESS"], found.response.error_code.message
     at, along = ROBOT.tool_pose(found.trajectory.points[-1].positions)
     assert np.linalg.norm(at - wanted) < 2e-3
@@ -218,7 +218,7 @@ def test_a_pose_of_the_tool_is_reached() -> None:
     ],
 )  # fmt: skip
 def test_what_cannot_be_planned_is_answered_with_a_code(fields, code: str, words: str) -> None:
-    found = answer(World.of(SCENE), request(group_name="arm", **fields))
+    found = answer(LiveScene.of(SCENE), request(group_name="arm", **fields))
     error = found.response.error_code
     assert error.val == CODES[code]
     assert words in error.message
@@ -229,13 +229,13 @@ def test_what_cannot_be_planned_is_answered_with_a_code(fields, code: str, words
 
 def test_a_world_without_a_target_is_answered() -> None:
     empty = message("moveit_msgs/msg/CollisionObject", operation=1)
-    found = answer(World.of(SCENE).heard(empty), request())
+    found = answer(LiveScene.of(SCENE).heard(empty), request())
     assert found.response.error_code.val == CODES["INVALID_OBJECT_NAME"]
     assert "no target" in found.response.error_code.message
 
 
 def test_time_that_is_too_short_is_said_and_the_motion_shown() -> None:
-    found = answer(World.of(SCENE), request(allowed_planning_time=1e-6))
+    found = answer(LiveScene.of(SCENE), request(allowed_planning_time=1e-6))
     assert found.response.error_code.val == CODES["TIMED_OUT"]
     assert found.trajectory is None
     assert found.display.trajectory[0].joint_trajectory.points
@@ -248,4 +248,4 @@ def test_every_code_of_a_plan_has_one_of_moveit(code: Code) -> None:
 
 def test_a_bag_without_a_planner_is_no_world() -> None:
     with pytest.raises(InvalidRequestError, match="says nothing of a scene"):
-        World.of(SCENE).heard(request())
+        LiveScene.of(SCENE).heard(request())

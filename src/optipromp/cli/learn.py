@@ -95,8 +95,7 @@ def learn(
         "file": str(out),
         "figure": None if picture is None else str(picture),
         "method": "em" if em else "ridge",
-        "held_out_residual": held_out,
-        **_learnt(recorded, promp, rest),
+        **_learnt(recorded, promp, held_out, rest),
         "recording": recording and recording.to_dict(),
     }
     if document["message"]:
@@ -174,7 +173,9 @@ def _basis(
     return Basis(min(held_out, key=lambda count: held_out[count]), width), held_out
 
 
-def _learnt(recorded: "Demonstrations", promp: "ProMP", rest: list[Any]) -> dict[str, Any]:
+def _learnt(
+    recorded: "Demonstrations", promp: "ProMP", held_out: dict[int, float], rest: list[Any]
+) -> dict[str, Any]:
     """What was learnt from what, and how far from it."""
     return {
         "demonstrations": len(recorded),
@@ -182,6 +183,7 @@ def _learnt(recorded: "Demonstrations", promp: "ProMP", rest: list[Any]) -> dict
         "joints": promp.joint_names,
         "bases": promp.basis.count,
         "width": promp.basis.width,
+        "held_out_residual": held_out,
         "residual": _summary(promp.joint_names, rest),
     }
 

@@ -9,7 +9,7 @@ from optipromp.cli.console import OK, Recorded, command, say_if_compiling
 from optipromp.errors import InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
-    from optipromp.ros import World
+    from optipromp.ros import LiveScene
 
 
 @command()
@@ -48,16 +48,16 @@ def ros_node(
             "ros-node needs ROS 2 and finds no rclpy: source the setup.bash of a ROS 2 "
             "installation, and start it with the Python of that installation"
         ) from None
-    from optipromp.ros import World
+    from optipromp.ros import LiveScene
     from optipromp.scenes.io import load_scene
 
     say_if_compiling()
     settings = {"prefix": prefix, "rate": rate, "demonstrations": demonstrations}
-    _serve(World.of(load_scene(scene), prefix), settings, execute)
+    _serve(LiveScene.of(load_scene(scene), prefix), settings, execute)
     return OK
 
 
-def _serve(world: "World", settings: dict[str, Any], execute: str | None) -> None:
+def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) -> None:
     """Carry messages between ROS and :func:`optipromp.ros.answer` until the node is shut down."""
     import rclpy
     from control_msgs.action import FollowJointTrajectory

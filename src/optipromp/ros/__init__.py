@@ -8,9 +8,10 @@
 """
 
 from optipromp.ros.bags import Recorded, is_bag, read_bag, write_bag
+from optipromp.ros.live import LiveScene, read_planning_scene
 from optipromp.ros.recordings import Cut, CutParameters, Recording, load_recording
 from optipromp.ros.scenes import collision_object, planning_scene, read_collision_object
-from optipromp.ros.service import Answer, answer
+from optipromp.ros.service import PlanAnswer, answer
 from optipromp.ros.trajectories import (
     display_trajectory,
     joint_trajectory,
@@ -18,16 +19,15 @@ from optipromp.ros.trajectories import (
     robot_trajectory,
 )
 from optipromp.ros.types import Message, from_bytes, message, to_bytes, typestore
-from optipromp.ros.world import World, read_planning_scene
 
 __all__ = [
-    "Answer",
     "Cut",
     "CutParameters",
+    "LiveScene",
     "Message",
+    "PlanAnswer",
     "Recorded",
     "Recording",
-    "World",
     "answer",
     "collision_object",
     "display_trajectory",

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 METADATA = "metadata.yaml"
 _FILES = (".mcap", ".db3")
-_VERSION: Literal[8] = 8  # of the metadata: that of ROS 2 Iron and later
+_METADATA_VERSION: Literal[8] = 8  # of the metadata: that of ROS 2 Iron and later
 
 
 class Recorded(NamedTuple):
@@ -60,7 +60,7 @@ def write_bag(path: str | os.PathLike[str], items: Iterable[Recorded]) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         folder = tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent)
         made = Path(folder) / path.stem if single else Path(folder) / path.name
-        with Writer(made, version=_VERSION, storage_plugin=plugin) as writer:
+        with Writer(made, version=_METADATA_VERSION, storage_plugin=plugin) as writer:
             topics: dict[tuple[str, str], Connection] = {}
             for topic, item, stamp in items:
                 key = topic, item.__msgtype__

@@ -1,6 +1,6 @@
 """Planning requests of MoveIt and their answers; the node of ROS 2 without ROS.
 
-:class:`optipromp.ros.World` keeps what the topics say of the scene. :func:`answer` plans in it.
+:class:`optipromp.ros.LiveScene` keeps what the topics say of the scene. :func:`answer` plans in it.
 """
 
 import math
@@ -13,9 +13,9 @@ from optipromp.planning.options import PLANNERS, Planner
 from optipromp.promp.model import ProMP
 from optipromp.ros.goals import read_goal
 from optipromp.ros.joints import joint_positions, robot_state
+from optipromp.ros.live import LiveScene
 from optipromp.ros.trajectories import display_trajectory, joint_trajectory, robot_trajectory
 from optipromp.ros.types import Message, constants, message
-from optipromp.ros.world import World
 
 REQUEST = "moveit_msgs/msg/MotionPlanRequest"
 RESPONSE = "moveit_msgs/msg/MotionPlanResponse"
@@ -38,7 +38,7 @@ MOVEIT: dict[Code, str] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class PlanAnswer:
     """What a request gives.
 
     Attributes:
@@ -57,14 +57,14 @@ class Answer:
 
 
 def answer(
-    world: World,
+    world: LiveScene,
     request: Message,
     options: PlanOptions | None = None,
     *,
     demonstrations: ProMP | str | Path | None = None,
     rate: float | None = None,
     prefix: str = "",
-) -> Answer:
+) -> PlanAnswer:
     """Plan what a ``moveit_msgs/MotionPlanRequest`` asks for.
 
     Read are ``start_state`` (where it names joints), ``goal_constraints`` (none: the target of the
@@ -98,13 +98,13 @@ def answer(
             options=options,
         )  # fmt: skip
     except OptiPrompError as error:
-        return Answer(_response(request, error.code, error.message))
+        return PlanAnswer(_response(request, error.code, error.message))
     motion = made.trajectory.slowed(slowing)
     start = robot_state(motion.positions[0], motion.joint_names, prefix)
     done = {"trajectory_start": start, "planning_time": made.time["total"]}
     if made.success:
         done["trajectory"] = robot_trajectory(motion, rate, prefix)
-    return Answer(
+    return PlanAnswer(
         response=_response(request, made.status, made.message, **done),
         trajectory=joint_trajectory(motion, rate, prefix) if made.success else None,
         display=display_trajectory([motion], made.robot.name, rate, prefix),

@@ -25,10 +25,10 @@ from optipromp.scenes.rotations import from_quaternion, to_quaternion
 Placed = tuple[Shape, FloatArray, FloatArray]
 """A shape, its position (3,) [m] and its rotation (3, 3) in the frame of its object."""
 
-BOX, SPHERE, CYLINDER = 1, 2, 3  # types of shape_msgs/SolidPrimitive
-_SIZES = {BOX: 3, SPHERE: 1, CYLINDER: 2}
+_BOX, _SPHERE, _CYLINDER = 1, 2, 3  # types of shape_msgs/SolidPrimitive
+_SIZES = {_BOX: 3, _SPHERE: 1, _CYLINDER: 2}
 _REFUSED = {4: "a cone", 5: "a prism"}
-_SLACK = 1e-3  # [1] of the length of a quaternion, as in a scene file
+_UNIT_SLACK = 1e-3  # [1] of the length of a quaternion, as in a scene file
 _SAME = 1e-6  # [m] or 1: two spheres and a cylinder this near to a capsule are one
 
 
@@ -62,7 +62,7 @@ def read_rotation(item: Message) -> FloatArray:
     length = math.hypot(*wxyz)
     if length == 0.0:
         return np.eye(3)
-    if not abs(length - 1.0) <= _SLACK:
+    if not abs(length - 1.0) <= _UNIT_SLACK:
         raise InvalidSceneError(
             f"orientation {wxyz.tolist()} (w, x, y, z) has length {length:.6g}: must be a unit "
             "quaternion"
@@ -89,17 +89,17 @@ def geometry(shape: Shape) -> dict[str, Any]:
             plane = message("shape_msgs/msg/Plane", coef=(0.0, 0.0, 1.0, 0.0))
             return {"planes": [plane], "plane_poses": [pose(here, upright)]}
         case Sphere(radius):
-            solids = [(SPHERE, (radius,), here)]
+            solids = [(_SPHERE, (radius,), here)]
         case Box(size):
-            solids = [(BOX, size, here)]
+            solids = [(_BOX, size, here)]
         case Cylinder(radius, length):
-            solids = [(CYLINDER, (length, radius), here)]
+            solids = [(_CYLINDER, (length, radius), here)]
         case Capsule(radius, length):
             end = np.array([0.0, 0.0, 0.5 * length])
-            solids = [(CYLINDER, (length, radius), here)]
-            solids += [(SPHERE, (radius,), end), (SPHERE, (radius,), -end)]
+            solids = [(_CYLINDER, (length, radius), here)]
+            solids += [(_SPHERE, (radius,), end), (_SPHERE, (radius,), -end)]
         case PointCloudShape():
-            solids = [(SPHERE, (shape.radius,), point) for point in shape.points]
+            solids = [(_SPHERE, (shape.radius,), point) for point in shape.points]
         case _:
             raise InvalidSceneError(f"shape {type(shape).__name__} has no message")
     return {

@@ -31,15 +31,15 @@ def read_planning_scene(item: Message, like: Scene | None = None, prefix: str = 
         InvalidRobotError: the robot cannot be loaded.
     """
     if like is not None:
-        return World.of(like, prefix).heard(item).scene()
+        return LiveScene.of(like, prefix).heard(item).scene()
     robot = load_robot(item.robot_model_name)
     stated = {"name": item.name or "planning scene", "robot": item.robot_model_name}
     frame = prefix + robot.link_names[0]
-    return World(stated, robot, frame).heard(item).scene()
+    return LiveScene(stated, robot, frame).heard(item).scene()
 
 
 @dataclass(frozen=True, eq=False)
-class World:
+class LiveScene:
     """What is known of a scene as messages come in; every message gives a new one.
 
     Attributes:
@@ -55,7 +55,7 @@ class World:
     held: Mapping[str, Held] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, scene: Scene, prefix: str = "") -> "World":
+    def of(cls, scene: Scene, prefix: str = "") -> "LiveScene":
         """The world of a scene; ``prefix`` is what ROS puts before joint and link names."""
         robot = resolve(scene).robot
         held = {object_id(o): Held(o.position, o.rotation, (o,)) for o in scene.objects}
@@ -87,7 +87,7 @@ class World:
             known["goal"] = None
         return Scene(objects=objects, **known)
 
-    def heard(self, item: Message) -> "World":
+    def heard(self, item: Message) -> "LiveScene":
         """The world after a ``PlanningScene``, a ``CollisionObject`` or a ``JointState``.
 
         Raises:
@@ -106,11 +106,11 @@ class World:
             "CollisionObject or a JointState"
         )
 
-    def at(self, start: FloatArray) -> "World":
+    def at(self, start: FloatArray) -> "LiveScene":
         """The world with the robot at ``start`` (n,)."""
         return replace(self, stated={**self.stated, "start": start})
 
-    def _heard_scene(self, item: Message) -> "World":
+    def _heard_scene(self, item: Message) -> "LiveScene":
         _refuse_unread(item)
         world = self if item.is_diff else replace(self, held={})
         for part in item.world.collision_objects:
@@ -123,7 +123,7 @@ class World:
             world = replace(world, stated={**world.stated, "name": item.name})
         return world
 
-    def _heard_object(self, item: Message) -> "World":
+    def _heard_object(self, item: Message) -> "LiveScene":
         what = f"collision object {item.id!r}"
         if item.header.frame_id not in ("", self.frame):
             raise InvalidSceneError(
