@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from optipromp.errors import InvalidRequestError
+from optipromp.errors import InvalidRequestError, OptiPrompError
 from optipromp.ros.types import Message, typestore
 
 if TYPE_CHECKING:
@@ -97,10 +97,7 @@ def read_bag(
             those that it has).
     """
     typestore()
-    from apsw import Error
-    from rosbags.rosbag2 import Reader, ReaderError
-    from rosbags.serde import SerdeError
-    from rosbags.typesys import TypesysError
+    from rosbags.rosbag2 import Reader
 
     path = Path(path)
     try:
@@ -112,8 +109,11 @@ def read_bag(
             for connection, stamp, data in reader.messages(chosen):
                 item = stores[connection.msgtype].deserialize_cdr(data, connection.msgtype)
                 yield Recorded(connection.topic, item, stamp)
-    except (OSError, ReaderError, SerdeError, TypesysError, Error) as error:
-        raise InvalidRequestError(f"{path} is not a readable bag ({error})") from None
+    except OptiPrompError:
+        raise
+    except Exception as error:  # damaged files make its readers fail in every way there is
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InvalidRequestError(f"{path} is not a readable bag ({reason})") from None
 
 
 def _chosen(
