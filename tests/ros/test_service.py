@@ -104,6 +104,35 @@ def test_the_start_of_the_request_comes_before_that_of_the_topics() -> None:
     assert found.response.trajectory_start.joint_state.position.tolist() == start.tolist()
 
 
+def test_a_start_that_moves_is_joined_without_a_jump() -> None:
+    running = plan(SCENE).trajectory
+    now = running.at(0.3 * running.duration)
+    state = joint_state(now.q)
+    state.velocity = np.array(now.velocity)
+    begin = message("moveit_msgs/msg/RobotState", joint_state=state)
+    found = answer(LiveScene.of(SCENE), request(start_state=begin))
+    assert found.response.error_code.val == CODES["SUCCESS"], found.response.error_code.message
+    first = found.trajectory.points[0]
+    np.testing.assert_allclose(first.positions, now.q, atol=1e-9)
+    np.testing.assert_allclose(first.velocities, now.velocity, atol=1e-9)
+    start = found.response.trajectory_start.joint_state
+    np.testing.assert_allclose(start.velocity, now.velocity, atol=1e-9)
+    slow = request(start_state=begin, max_velocity_scaling_factor=0.5)
+    refused = answer(LiveScene.of(SCENE), slow).response.error_code
+    assert "start_state moves and a scaling factor is below 1" in refused.message
+
+
+def test_a_start_whose_velocities_are_noise_is_at_rest() -> None:
+    state = joint_state(SCENE.start)
+    state.velocity = np.full(7, 0.004)
+    begin = message("moveit_msgs/msg/RobotState", joint_state=state)
+    found = answer(LiveScene.of(SCENE), request(start_state=begin))
+    assert not found.trajectory.points[0].velocities.any()
+    state.velocity = np.zeros(3)
+    refused = answer(LiveScene.of(SCENE), request(start_state=begin)).response.error_code
+    assert "3 velocities for 7 names: must be as many, or none" in refused.message
+
+
 @pytest.mark.parametrize(
     ("velocity", "acceleration", "factor"), [(0.5, 0.0, 2.0), (0.5, 0.0625, 4.0), (1.0, 1.0, 1.0)]
 )

@@ -1,13 +1,17 @@
 """Joints of a robot among the names of a message."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
 from optipromp.ros.types import Message, message
+from optipromp.trajectory import State
+
+AT_REST = 0.01
+"""[rad/s or m/s] A joint that is slower stands still: what an encoder shows at rest is noise. A
+choice; the arm's controller evens out a step of this size."""
 
 
 def columns(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]:
@@ -64,12 +68,33 @@ def joint_positions(state: Message, joints: Sequence[str], what: str) -> FloatAr
     return q
 
 
-def robot_state(q: FloatArray, joints: Sequence[str], prefix: str = "", **header: Any) -> Message:
-    """A ``moveit_msgs/RobotState`` of positions (n,); ``prefix`` goes before each name."""
-    state = message(
+def joint_motion(state: Message, joints: Sequence[str], what: str) -> State:
+    """Positions and velocities of ``joints`` in a ``sensor_msgs/JointState``.
+
+    Where all velocities are below :data:`AT_REST`, or none are given, the joints are at rest.
+
+    Raises:
+        InvalidRequestError: as :func:`joint_positions`; velocities for some of the names only.
+    """
+    q = joint_positions(state, joints, what)
+    if len(state.velocity) not in (0, len(state.name)):
+        raise InvalidRequestError(
+            f"{what}: {len(state.velocity)} velocities for {len(state.name)} names: must be as "
+            "many, or none"
+        )
+    if not len(state.velocity):
+        return State(q)
+    velocity = np.asarray(state.velocity, dtype=np.float64)[columns(state.name, joints, what)]
+    return State(q) if np.abs(velocity).max() < AT_REST else State(q, velocity)
+
+
+def robot_state(state: State, joints: Sequence[str], prefix: str = "", frame: str = "") -> Message:
+    """A ``moveit_msgs/RobotState`` of n joints; ``prefix`` goes before each name."""
+    inner = message(
         "sensor_msgs/msg/JointState",
-        header=message("std_msgs/msg/Header", **header),
+        header=message("std_msgs/msg/Header", frame_id=frame),
         name=[prefix + joint for joint in joints],
-        position=q,
+        position=state.q,
+        velocity=state.velocity,
     )
-    return message("moveit_msgs/msg/RobotState", joint_state=state)
+    return message("moveit_msgs/msg/RobotState", joint_state=inner)

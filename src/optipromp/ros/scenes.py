@@ -21,6 +21,7 @@ from optipromp.ros.joints import robot_state
 from optipromp.ros.shapes import geometry, pose, read_geometry, read_pose
 from optipromp.ros.types import Message, constants, message
 from optipromp.scenes.scene import ROLES, STEM_RADIUS, Approach, Role, Scene, SceneObject, Stem
+from optipromp.trajectory import State
 
 KEY = "optipromp"
 COLLISION_OBJECT = "moveit_msgs/msg/CollisionObject"
@@ -246,7 +247,7 @@ def planning_scene(scene: Scene, prefix: str = "") -> Message:
     return message(
         "moveit_msgs/msg/PlanningScene",
         name=scene.name,
-        robot_state=robot_state(start, robot.joint_names, prefix, frame_id=frame),
+        robot_state=robot_state(State(start), robot.joint_names, prefix, frame),
         robot_model_name=robot.name,
         object_colors=colors,
         world=message("moveit_msgs/msg/PlanningSceneWorld", collision_objects=adding),

@@ -12,10 +12,11 @@ from optipromp.planning import Plan, PlanOptions, plan
 from optipromp.planning.options import PLANNERS, Planner
 from optipromp.promp.model import ProMP
 from optipromp.ros.goals import read_goal
-from optipromp.ros.joints import joint_positions, robot_state
+from optipromp.ros.joints import joint_motion, robot_state
 from optipromp.ros.live import LiveScene
 from optipromp.ros.trajectories import display_trajectory, joint_trajectory, robot_trajectory
 from optipromp.ros.types import Message, constants, message
+from optipromp.trajectory import State
 
 REQUEST = "moveit_msgs/msg/MotionPlanRequest"
 RESPONSE = "moveit_msgs/msg/MotionPlanResponse"
@@ -67,10 +68,11 @@ def answer(
 ) -> PlanAnswer:
     """Plan what a ``moveit_msgs/MotionPlanRequest`` asks for.
 
-    Read are ``start_state`` (where it names joints), ``goal_constraints`` (none: the target of the
-    world), ``planner_id`` (empty: opti-promp), ``allowed_planning_time`` and the scaling factors of
-    velocity and acceleration (0: 1). Workspace, number of attempts, pipeline and group are not.
-    Path and trajectory constraints, reference trajectories and a Cartesian speed are refused.
+    Read are ``start_state`` (where it names joints; with velocities the plan begins in that
+    motion), ``goal_constraints`` (none: the target of the world), ``planner_id`` (empty:
+    opti-promp), ``allowed_planning_time`` and the scaling factors of velocity and acceleration (0:
+    1). Workspace, number of attempts, pipeline and group are not. Path and trajectory constraints,
+    reference trajectories and a Cartesian speed are refused.
 
     Args:
         world: what is known of the scene.
@@ -85,22 +87,26 @@ def answer(
     """
     try:
         _refuse_unread(request)
-        slowing = _slowing(request)
+        state, slowing = _start(request, world), _slowing(request)
         options = options or PlanOptions()
         if request.allowed_planning_time > 0.0:
             options = replace(options, timeout=float(request.allowed_planning_time))
-        state = request.start_state.joint_state
-        if state.name:
-            world = world.at(joint_positions(state, world.joints, "start_state.joint_state"))
+        if state is not None:
+            world = world.at(state.q)
+            if state.moving and slowing != 1.0:
+                raise InvalidRequestError(
+                    "start_state moves and a scaling factor is below 1: one of them must go; a "
+                    "motion that runs cannot be slowed at once"
+                )
         scene = world.scene(read_goal(request.goal_constraints, world.robot, prefix))
         made = plan(
             scene, planner=_planner(request.planner_id), demonstrations=demonstrations,
-            options=options,
+            options=options, start_state=state if state is not None and state.moving else None,
         )  # fmt: skip
     except OptiPrompError as error:
         return PlanAnswer(_response(request, error.code, error.message))
     motion = made.trajectory.slowed(slowing)
-    start = robot_state(motion.positions[0], motion.joint_names, prefix)
+    start = robot_state(motion.at(0.0), motion.joint_names, prefix)
     done = {"trajectory_start": start, "planning_time": made.time["total"]}
     if made.success:
         done["trajectory"] = robot_trajectory(motion, rate, prefix)
@@ -110,6 +116,12 @@ def answer(
         display=display_trajectory([motion], made.robot.name, rate, prefix),
         plan=made,
     )
+
+
+def _start(request: Message, world: LiveScene) -> State | None:
+    """The state that the request begins in; None where it names no joints."""
+    state = request.start_state.joint_state
+    return joint_motion(state, world.joints, "start_state.joint_state") if state.name else None
 
 
 def _response(request: Message, code: Code, words: str, **fields: Message) -> Message:

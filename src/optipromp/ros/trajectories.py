@@ -80,7 +80,7 @@ def display_trajectory(
         "moveit_msgs/msg/DisplayTrajectory",
         model_id=model,
         trajectory=[robot_trajectory(one, rate, prefix) for one in trajectories],
-        trajectory_start=robot_state(first.positions[0], first.joint_names, prefix),
+        trajectory_start=robot_state(first.at(0.0), first.joint_names, prefix),
     )
 
 
