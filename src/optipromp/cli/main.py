@@ -19,6 +19,7 @@ from optipromp.cli import (
     generate,
     learn,
     plan,
+    ros_node,
     scenarios,
     simulate,
     study,
@@ -67,6 +68,7 @@ app.command("study")(study.study)
 app.command("learn")(learn.learn)
 app.command("check")(check.check)
 app.command("list")(catalogue.catalogue)
+app.command("ros-node")(ros_node.ros_node)
 
 
 def _terminate(number: int, frame: FrameType | None) -> NoReturn:
