@@ -16,7 +16,7 @@ IDENTITY = frozen([1.0, 0.0, 0.0, 0.0])
 """The quaternion that does not turn."""
 
 _TOLERANCE = 1e-3
-_ROUNDING = 4e-16  # a length as near to 1 as this is that of a quaternion once normalised
+_NORMALISED = 4e-16  # a length as near to 1 as this is that of a quaternion once normalised
 _EYE = frozen(np.eye(3))
 
 
@@ -47,7 +47,7 @@ def unit_quaternion(values: ArrayLike) -> FloatArray:
             f"orientation {quaternion.tolist()} has length {length:.6g}: "
             "must be a unit quaternion w, x, y, z"
         )
-    return quaternion if abs(length - 1.0) <= _ROUNDING else frozen(quaternion / length)
+    return quaternion if abs(length - 1.0) <= _NORMALISED else frozen(quaternion / length)
 
 
 def from_quaternion(wxyz: Sequence[float] | FloatArray) -> FloatArray:
