@@ -21,17 +21,22 @@ def result(request: pytest.FixtureRequest) -> Plan:
 
 def test_a_plan_comes_back_as_it_was(result: Plan, tmp_path: Path) -> None:
     names = write_plan(result, tmp_path / "reach", {"picture.png": b"x"})
-    assert set(names) == {"plan.json", "trajectory.csv", "trajectory.npz", "picture.png"}
+    assert set(names) == {
+        "plan.json",
+        "trajectory.csv",
+        "trajectory.npz",
+        "waypoints.npz",
+        "picture.png",
+    }
     assert {path.name for path in (tmp_path / "reach").iterdir()} == set(names)
     for source in (tmp_path / "reach", tmp_path / "reach" / "plan.json"):
         again = load_plan(source)
         assert again.to_dict() == result.to_dict()
-        np.testing.assert_array_equal(again.trajectory.positions, result.trajectory.positions)
-        np.testing.assert_array_equal(again.initial.positions, result.initial.positions)
-        np.testing.assert_array_equal(again.followed.positions, result.followed.positions)
+        for curve in ("trajectory", "initial", "followed"):
+            for rows in ("times", "positions", "velocities", "accelerations"):
+                here, there = (getattr(getattr(one, curve), rows) for one in (again, result))
+                np.testing.assert_array_equal(here, there)
         assert again.prediction == result.prediction
-        assert again.trajectory.dt == result.trajectory.dt
-        assert again.followed.dt == result.followed.dt
         assert again.trajectory.joint_names == result.trajectory.joint_names
         assert again.scene.name == result.scene.name
         assert again.stages == result.stages
@@ -39,11 +44,24 @@ def test_a_plan_comes_back_as_it_was(result: Plan, tmp_path: Path) -> None:
 
 
 def test_the_csv_is_a_demonstration(result: Plan, tmp_path: Path) -> None:
-    write_plan(result, tmp_path)
+    write_plan(result, tmp_path, rate=100.0)
     recorded = load_demonstrations(tmp_path / "trajectory.csv")
     assert recorded.joint_names == result.trajectory.joint_names
-    np.testing.assert_allclose(recorded[0].positions, result.trajectory.positions, atol=1e-8)
-    np.testing.assert_allclose(recorded[0].times, result.trajectory.times, atol=1e-8)
+    rows = result.trajectory.resample(100.0)
+    np.testing.assert_allclose(recorded[0].positions, rows.positions, atol=1e-8)
+    np.testing.assert_allclose(recorded[0].times, rows.times, atol=1e-8)
+
+
+def test_the_rows_of_both_files_are_the_curve_at_the_rate(result: Plan, tmp_path: Path) -> None:
+    write_plan(result, tmp_path, rate=250.0)
+    rows = result.trajectory.resample(250.0)
+    kinds = rows.positions, rows.velocities, rows.accelerations
+    table = np.loadtxt(tmp_path / "trajectory.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(table, np.column_stack([rows.times, *kinds]), rtol=1e-9, atol=1e-9)
+    with np.load(tmp_path / "trajectory.npz") as archive:
+        for name, wanted in zip(("positions", "velocities", "accelerations"), kinds, strict=True):
+            np.testing.assert_array_equal(archive[name], wanted)
+        assert tuple(archive["joint_names"]) == rows.joint_names
 
 
 def test_a_moved_folder_still_loads(result: Plan, tmp_path: Path) -> None:
@@ -105,6 +123,6 @@ def test_damage_is_named(result: Plan, tmp_path: Path, damage: str) -> None:
             del document["scene_file"]["objects"]
             path.write_text(json.dumps(document))
         case "npz":
-            (tmp_path / "trajectory.npz").write_bytes(b"PK")
+            (tmp_path / "waypoints.npz").write_bytes(b"PK")
     with pytest.raises(OptiPrompError, match=str(tmp_path)):
         load_plan(tmp_path)

@@ -1,4 +1,4 @@
-"""The trajectory: validated once, immutable after; its derivatives; the shortest timing."""
+"""The trajectory: a curve that is checked once and immutable; its samples; its spline."""
 
 from typing import Any
 
@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import BPoly
 
 from optipromp.errors import Code, InvalidRequestError
-from optipromp.trajectory import Trajectory, shortest_dt
+from optipromp.trajectory import State, Trajectory
 
 NAMES = ("a", "b")
 
@@ -17,83 +18,149 @@ def line(waypoints: int = 5) -> np.ndarray:
     return np.linspace([0.0, 1.0], [1.0, -1.0], waypoints)
 
 
+def any_curve(seed: int, rows: int = 6) -> Trajectory:
+    rng = np.random.default_rng(seed)
+    times = np.append(0.0, rng.uniform(0.05, 0.5, rows - 1).cumsum())
+    return Trajectory(times, *rng.normal(size=(3, rows, 2)), NAMES)
+
+
+def independent(curve: Trajectory) -> Any:
+    """The same curve by SciPy, from positions, velocities and accelerations at the rows."""
+    rows = np.stack([curve.positions, curve.velocities, curve.accelerations], axis=1)
+    return BPoly.from_derivatives(curve.times, list(rows))
+
+
 def test_what_it_says_of_itself() -> None:
-    trajectory = Trajectory(line(), 0.25, NAMES)
+    trajectory = Trajectory.through(line(), 0.25, NAMES)
     assert trajectory.n_waypoints == 5
     assert trajectory.duration == 1.0
     np.testing.assert_allclose(trajectory.times, [0.0, 0.25, 0.5, 0.75, 1.0])
-    np.testing.assert_allclose(trajectory.velocities, np.tile([1.0, -2.0], (4, 1)))
-    expected = np.zeros((5, 2))
-    expected[0], expected[-1] = [4.0, -8.0], [-4.0, 8.0]  # from rest and to rest in one interval
-    np.testing.assert_allclose(trajectory.accelerations, expected, atol=1e-12)
+    np.testing.assert_array_equal(trajectory.positions, line())
 
 
-def test_accelerations_are_second_differences_from_rest() -> None:
-    rng = np.random.default_rng(0)
-    q, dt = rng.normal(size=(9, 2)), 0.1
-    velocities = np.vstack([np.zeros(2), np.diff(q, axis=0) / dt, np.zeros(2)])
-    expected = np.diff(velocities, axis=0) / dt
-    np.testing.assert_allclose(Trajectory(q, dt, NAMES).accelerations, expected, atol=1e-9)
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=40, deadline=None)
+def test_samples_are_those_of_scipys_quintics(seed: int) -> None:
+    curve, rng = any_curve(seed), np.random.default_rng(seed)
+    t = np.sort(np.append(rng.uniform(0.0, curve.duration, 50), curve.times))
+    wanted = independent(curve)
+    for order, values in enumerate(curve.sample(t)):
+        expected = wanted.derivative(order)(t) if order else wanted(t)
+        np.testing.assert_allclose(values, expected, atol=1e-8 * np.abs(expected).max())
+
+
+def test_before_and_after_it_stays() -> None:
+    curve = Trajectory.through(line(), 0.25, NAMES)
+    q, velocity, acceleration = curve.sample([-1.0, 5.0])
+    np.testing.assert_array_equal(q, curve.positions[[0, -1]])
+    assert not velocity.any()
+    assert not acceleration.any()
+
+
+@given(seed=st.integers(0, 10_000), rate=st.floats(3.0, 2000.0))
+@settings(max_examples=40, deadline=None)
+def test_rows_at_another_rate_are_the_same_curve(seed: int, rate: float) -> None:
+    curve = Trajectory.through(any_curve(seed).positions, any_curve(seed).times, NAMES)
+    again = curve.resample(rate)
+    assert again.duration == curve.duration
+    steps = np.diff(again.times)
+    np.testing.assert_allclose(steps[:-1], 1.0 / rate, rtol=1e-6)
+    assert steps[-1] <= (1.0 + 1e-5) / rate
+    for values, given_ in zip(
+        (again.positions, again.velocities, again.accelerations), curve.sample(again.times),
+        strict=True,
+    ):  # fmt: skip
+        np.testing.assert_array_equal(values, given_)
+    if rate > 500.0:  # between its rows too
+        t = np.linspace(0.0, curve.duration, 777)
+        for values, given_ in zip(again.sample(t), curve.sample(t), strict=True):
+            np.testing.assert_allclose(values, given_, atol=2e-3 * np.abs(given_).max())
+
+
+def test_through_waypoints_four_derivatives_are_continuous() -> None:
+    rng = np.random.default_rng(3)
+    times = np.append(0.0, rng.uniform(0.1, 0.4, 9).cumsum())
+    begin = State(np.zeros(3), rng.normal(size=3), rng.normal(size=3))
+    q = rng.normal(size=(10, 3))
+    curve = Trajectory.through(q, times, ("a", "b", "c"), begin=begin)
+    np.testing.assert_array_equal(curve.positions, q)
+    np.testing.assert_array_equal(curve.velocities[0], begin.velocity)
+    np.testing.assert_array_equal(curve.accelerations[0], begin.acceleration)
+    assert not curve.velocities[-1].any()
+    assert not curve.accelerations[-1].any()
+    pieces = independent(curve)
+    for order in (3, 4):
+        part = pieces.derivative(order)
+        before, after = part(times[1:-1] - 1e-12), part(times[1:-1] + 1e-12)
+        np.testing.assert_allclose(before, after, rtol=1e-6, atol=1e-6 * np.abs(after).max())
+
+
+def test_slowed_it_is_the_same_path() -> None:
+    curve = any_curve(1)
+    slow, t = curve.slowed(3.0), np.linspace(0.0, curve.duration, 40)
+    for k, (now, before) in enumerate(zip(slow.sample(3.0 * t), curve.sample(t), strict=True)):
+        np.testing.assert_allclose(now, before / 3.0**k, atol=1e-9)
+
+
+def test_the_state_at_an_instant() -> None:
+    curve = any_curve(2)
+    state = curve.at(0.3)
+    assert state.moving
+    np.testing.assert_array_equal(state.q, curve.sample(0.3)[0][0])
+    assert not State(np.zeros(2)).moving
+    with pytest.raises(InvalidRequestError, match="velocity of a state has shape"):
+        State(np.zeros(2), np.zeros(3))
+    with pytest.raises(InvalidRequestError, match="not finite"):
+        State(np.array([0.0, np.nan]))
 
 
 def test_it_keeps_a_copy_and_nobody_can_write_to_it() -> None:
     q = line()
-    trajectory = Trajectory(q, 0.1, NAMES)
+    trajectory = Trajectory.through(q, 0.1, NAMES)
     q[0] = 9.0
     assert trajectory.positions[0, 0] == 0.0
-    with pytest.raises(ValueError, match="read-only"):
-        trajectory.positions[0, 0] = 1.0
+    for name in ("times", "positions", "velocities", "accelerations"):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(trajectory, name)[0] = 1.0
     with pytest.raises(AttributeError):
-        trajectory.dt = 1.0  # type: ignore[misc]
-    slower = trajectory.with_dt(0.2)
-    assert (trajectory.dt, slower.dt) == (0.1, 0.2)
-    np.testing.assert_array_equal(slower.positions, trajectory.positions)
-    assert slower.joint_names == NAMES
+        trajectory.times = q  # type: ignore[misc]
 
 
 @pytest.mark.parametrize(
-    ("positions", "dt", "names", "message"),
+    ("positions", "times", "names", "message"),
     [
-        (line(2), 0.1, NAMES, "at least 3 waypoints"),
-        (np.zeros((0, 2)), 0.1, NAMES, "at least 3 waypoints"),
-        (np.zeros(6), 0.1, NAMES, "at least 3 waypoints"),
+        (line(1), 0.1, NAMES, "at least 2 waypoints"),
+        (np.zeros((0, 2)), 0.1, NAMES, "at least 2 waypoints"),
+        (np.zeros(6), 0.1, NAMES, "at least 2 waypoints"),
         (line(), 0.1, ("a",), "1 joint names for 2 columns"),
         (line(), 0.0, NAMES, "dt is 0"),
         (line(), -0.1, NAMES, "dt is -0.1"),
         (line(), np.nan, NAMES, "dt is nan"),
         (line(), np.inf, NAMES, "dt is inf"),
+        (line(), np.arange(4.0), NAMES, "4 times for 5 waypoints"),
+        (line(), np.arange(1.0, 6.0), NAMES, "times begin at 1"),
+        (line(), np.array([0.0, 1.0, 1.0, 2.0, 3.0]), NAMES, "do not grow: 1 s at waypoint 1"),
+        (line(), np.array([0.0, 1.0, np.nan, 2.0, 3.0]), NAMES, "times must be finite"),
     ],
 )
-def test_refusals(positions: Any, dt: float, names: Any, message: str) -> None:
+def test_refusals(positions: Any, times: Any, names: Any, message: str) -> None:
     with pytest.raises(InvalidRequestError, match=message) as caught:
-        Trajectory(positions, dt, names)
+        Trajectory.through(positions, times, names)
     assert caught.value.code == Code.INVALID_REQUEST
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_a_value_that_is_not_finite_is_named(bad: float) -> None:
-    q = line()
-    q[3, 1] = bad
-    with pytest.raises(InvalidRequestError, match="waypoint 3, joint 1"):
-        Trajectory(q, 0.1, NAMES)
+@pytest.mark.parametrize("what", ["positions", "velocities", "accelerations"])
+def test_a_value_that_is_not_finite_is_named(bad: float, what: str) -> None:
+    rows = {name: line() for name in ("positions", "velocities", "accelerations")}
+    rows[what][3, 1] = bad
+    with pytest.raises(InvalidRequestError, match=f"{what}: the value at waypoint 3, b"):
+        Trajectory(np.arange(5.0), **rows, joint_names=NAMES)
 
 
-@settings(max_examples=60, deadline=None)
-@given(seed=st.integers(0, 10_000), velocity=st.floats(0.1, 5.0), acceleration=st.floats(0.1, 20.0))
-def test_the_shortest_timing_uses_a_limit_up_and_none_beyond(
-    seed: int, velocity: float, acceleration: float
-) -> None:
-    q = np.random.default_rng(seed).normal(size=(7, 3)).cumsum(axis=0)
-    limits = velocity * np.array([1.0, 2.0, np.inf]), acceleration * np.array([1.0, np.inf, 3.0])
-    dt = shortest_dt(q, *limits)
-    trajectory = Trajectory(q, dt, ("a", "b", "c"))
-    used = max(
-        np.max(np.abs(trajectory.velocities) / limits[0]),
-        np.max(np.abs(trajectory.accelerations) / limits[1]),
-    )
-    assert used == pytest.approx(1.0, rel=1e-9)
-
-
-def test_a_trajectory_that_stands_still_has_some_timing() -> None:
-    assert shortest_dt(np.ones((4, 2)), np.ones(2), np.ones(2)) == 1e-3
-    assert shortest_dt(line(), np.full(2, np.inf), np.full(2, np.inf)) == 1e-3
+@pytest.mark.parametrize(
+    ("rate", "message"), [(0.0, "positive"), (np.nan, "positive"), (1e9, "10 million")]
+)
+def test_a_rate_that_makes_no_rows(rate: float, message: str) -> None:
+    with pytest.raises(InvalidRequestError, match=message):
+        Trajectory.through(line(), 0.1, NAMES).resample(rate)

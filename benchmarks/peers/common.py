@@ -10,8 +10,9 @@ from optipromp.optimization.costs.obstacles import self_overlap
 from optipromp.optimization.evaluation import Evaluation
 from optipromp.planning import goals
 from optipromp.planning.task import Task
+from optipromp.planning.timing import shortest
 from optipromp.scenes.scene import Scene
-from optipromp.trajectory import Trajectory, shortest_dt
+from optipromp.trajectory import Trajectory
 
 STEP = 0.045  # [rad or m] between the waypoints of a timed path, as ours has
 
@@ -52,10 +53,8 @@ def timed(setup: Task, path: FloatArray) -> Trajectory:
 
 
 def at_limits(setup: Task, q: FloatArray) -> Trajectory:
-    """Waypoints (T, n) as a trajectory at the shortest spacing that the limits allow."""
-    robot = setup.robot
-    dt = shortest_dt(q, robot.velocity, robot.acceleration)
-    return Trajectory(q, dt, robot.joint_names)
+    """Waypoints (T, n) as the shortest trajectory that the limits allow."""
+    return shortest(setup.robot, q)
 
 
 class Checker:

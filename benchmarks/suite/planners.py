@@ -97,7 +97,7 @@ class Score:
             self.clear.append(False)
             return
         setup = resolve(scene)
-        verdict = judging.judge(scene, setup.robot, answer.trajectory, setup.start)
+        verdict = judging.judge(scene, setup.robot, answer.trajectory, setup.state)
         said = [str(violation) for violation in verdict.violations]
         other = [v for v in said if STEM_RULE not in v]
         self.valid.append(not said)

@@ -1,4 +1,9 @@
-"""Plans as files: ``plan.json``, ``trajectory.csv`` and ``trajectory.npz``; and back."""
+"""Plans as files, and back.
+
+``plan.json`` holds everything but the curves. ``trajectory.csv`` and ``trajectory.npz`` hold the
+executable curve at a controller's rate. ``waypoints.npz`` holds the rows that define the three
+curves of a plan.
+"""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -21,11 +26,14 @@ from optipromp.trajectory import Trajectory
 
 __all__ = ["load_plan", "write_plan"]
 
-FORMAT = 2
+FORMAT = 3
+CURVE = ("times", "positions", "velocities", "accelerations")
+KINDS = ("", "_velocity", "_acceleration")  # of the columns of a CSV file
+RATE = 1000.0  # [Hz] of the Panda's control interface
 
 
 def write_plan(
-    plan: Plan, folder: Path, further: Mapping[str, bytes] | None = None
+    plan: Plan, folder: Path, further: Mapping[str, bytes] | None = None, *, rate: float = RATE
 ) -> tuple[str, ...]:
     """Write a plan into ``folder``, each file whole or not at all, ``plan.json`` last.
 
@@ -33,16 +41,19 @@ def write_plan(
         plan: any plan, also one that failed.
         folder: made if need be; files of an earlier plan are replaced.
         further: more files by name (figures), written along.
+        rate: of the rows in ``trajectory.csv`` and ``trajectory.npz`` [Hz].
 
     Returns:
         The names of the files.
 
     Raises:
-        InvalidRequestError: the folder cannot be written.
+        InvalidRequestError: the folder cannot be written; a rate that is not positive.
     """
+    curve = plan.trajectory.resample(rate)
     files: dict[str, bytes] = {
-        "trajectory.csv": _csv(plan.trajectory),
-        "trajectory.npz": npz(_arrays(plan), compressed=True),
+        "trajectory.csv": csv(curve),
+        "trajectory.npz": npz(arrays(curve)),
+        "waypoints.npz": npz(_waypoints(plan), compressed=True),
         **(further or {}),
         "plan.json": json_text(_document(plan, folder)).encode("utf-8"),
     }
@@ -62,7 +73,7 @@ def load_plan(path: Path | str) -> Plan:
     folder = path if path.is_dir() else path.parent
     file = folder / "plan.json" if path.is_dir() else path
     document = read_document(file, InvalidRequestError, "a plan")
-    arrays = read_npz(folder / "trajectory.npz")
+    rows = read_npz(folder / "waypoints.npz")
     try:
         if document["format"] != FORMAT:
             raise InvalidRequestError(f"format {document['format']!r} is unknown, not {FORMAT}")
@@ -73,7 +84,6 @@ def load_plan(path: Path | str) -> Plan:
             )
         scene = scene_from_dict(document["scene_file"], base_dir=folder, source=str(path))
         found = document["predicted_harm"]
-        names = tuple(str(name) for name in arrays["joint_names"])
         return Plan(
             scene=scene,
             robot=resolve(scene).robot,
@@ -82,9 +92,9 @@ def load_plan(path: Path | str) -> Plan:
             seed=document["seed"],
             status=Code(document["status"]),
             message=document["message"],
-            trajectory=Trajectory(arrays["positions"], float(arrays["dt"]), names),
-            initial=Trajectory(arrays["initial"], float(arrays["initial_dt"]), names),
-            followed=Trajectory(arrays["followed"], float(arrays["followed_dt"]), names),
+            trajectory=from_arrays(rows),
+            initial=from_arrays(rows, "initial_"),
+            followed=from_arrays(rows, "followed_"),
             prediction=Prediction(**found) if found else None,
             metrics=Metrics(**document["metrics"]),
             terms={name: Term(**_tuples(term)) for name, term in document["terms"].items()},
@@ -127,23 +137,44 @@ def _alike(one: Robot, other: Robot) -> bool:
     )  # fmt: skip
 
 
-def _csv(trajectory: Trajectory) -> bytes:
-    rows = [",".join(["time", *trajectory.joint_names])]
-    rows += [
-        ",".join(format(value, ".10g") for value in (time, *waypoint))
-        for time, waypoint in zip(trajectory.times, trajectory.positions, strict=True)
+def csv(trajectory: Trajectory) -> bytes:
+    """The rows as text: time, then positions, velocities and accelerations of every joint.
+
+    Columns are named ``time``, the joints, then the joints with ``_velocity`` and with
+    ``_acceleration``.
+    """
+    names = trajectory.joint_names
+    header = [
+        "time",
+        *names,
+        *(f"{n}_velocity" for n in names),
+        *(f"{n}_acceleration" for n in names),
     ]
-    return ("\n".join(rows) + "\n").encode("utf-8")
+    table = np.column_stack(
+        [trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations]
+    )
+    form = ",".join(["%.10g"] * table.shape[1])
+    return "\n".join(
+        [",".join(header), *(form % tuple(row) for row in table.tolist()), ""]
+    ).encode()
 
 
-def _arrays(plan: Plan) -> dict[str, Any]:
+def arrays(trajectory: Trajectory, prefix: str = "") -> dict[str, Any]:
+    """The rows as arrays by name: ``times``, ``positions``, ``velocities``, ``accelerations``."""
+    values = {prefix + name: getattr(trajectory, name) for name in CURVE}
+    return values | {"joint_names": np.array(trajectory.joint_names, dtype=np.str_)}
+
+
+def from_arrays(rows: Mapping[str, Any], prefix: str = "") -> Trajectory:
+    """The trajectory of :func:`arrays`."""
+    names = tuple(str(name) for name in rows["joint_names"])
+    times, positions, velocities, accelerations = (rows[prefix + name] for name in CURVE)
+    return Trajectory(times, positions, velocities, accelerations, names)
+
+
+def _waypoints(plan: Plan) -> dict[str, Any]:
     return {
-        "time": plan.trajectory.times,
-        "positions": plan.trajectory.positions,
-        "dt": plan.trajectory.dt,
-        "initial": plan.initial.positions,
-        "initial_dt": plan.initial.dt,
-        "followed": plan.followed.positions,
-        "followed_dt": plan.followed.dt,
-        "joint_names": np.array(plan.trajectory.joint_names, dtype=np.str_),
+        **arrays(plan.trajectory),
+        **arrays(plan.initial, "initial_"),
+        **arrays(plan.followed, "followed_"),
     }

@@ -1,101 +1,231 @@
-"""Trajectories: joint positions at uniformly spaced waypoints."""
+"""Trajectories: curves of the joints in time, as a controller executes them."""
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from optipromp.arrays import FloatArray, frozen
 from optipromp.errors import InvalidRequestError
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
-    """Joint positions at T uniformly spaced waypoints.
+class State:
+    """Where n joints are and how they move; at rest where nothing else is said.
 
     Args:
+        q: (n,) [rad or m].
+        velocity: (n,) [rad/s or m/s].
+        acceleration: (n,) [rad/s² or m/s²].
+
+    Raises:
+        InvalidRequestError: arrays of different sizes, or a value that is not finite.
+    """
+
+    q: FloatArray
+    velocity: FloatArray = field(default_factory=lambda: np.empty(0))
+    acceleration: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        for what in ("q", "velocity", "acceleration"):
+            given = getattr(self, what)
+            values = frozen(given if np.size(given) else np.zeros(np.shape(self.q)))
+            if values.ndim != 1 or values.shape != np.shape(self.q):
+                raise InvalidRequestError(
+                    f"{what} of a state has shape {values.shape}; q has {np.shape(self.q)}"
+                )
+            if not np.isfinite(values).all():
+                raise InvalidRequestError(f"{what} of a state is {values.tolist()}: not finite")
+            object.__setattr__(self, what, values)
+
+    @property
+    def moving(self) -> bool:
+        """Whether it is not at rest."""
+        return bool(self.velocity.any() or self.acceleration.any())
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    r"""A curve of n joints in time, with continuous positions, velocities and accelerations.
+
+    It is given by T rows. Between two rows, h apart, each joint follows the one quintic polynomial
+    that meets position, velocity and acceleration of both. So does ROS 2's joint trajectory
+    controller. With s from 0 to 1 between the rows,
+
+    .. math:: q(s) = \sum_{k=0}^5 \binom{5}{k} s^k (1-s)^{5-k} b_k
+
+    where :math:`b_0 = q_0`, :math:`b_1 = q_0 + h\dot q_0/5`,
+    :math:`b_2 = q_0 + 2h\dot q_0/5 + h^2\ddot q_0/20`, and likewise from the other end.
+
+    Args:
+        times: (T,) of the rows [s]; they begin at 0 and grow.
         positions: (T, n) [rad, or m for a prismatic joint].
-        dt: time between two waypoints [s].
+        velocities: (T, n) [rad/s or m/s].
+        accelerations: (T, n) [rad/s² or m/s²].
         joint_names: n names.
 
     Raises:
-        InvalidRequestError: fewer than 3 waypoints, a value that is not finite, a ``dt``
-            that is not positive, or a wrong number of names.
+        InvalidRequestError: fewer than 2 rows, arrays of different shapes, a value that is not
+            finite, times that do not begin at 0 or do not grow, or a wrong number of names.
     """
 
+    times: FloatArray
     positions: FloatArray
-    dt: float
+    velocities: FloatArray
+    accelerations: FloatArray
     joint_names: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        positions = frozen(self.positions)
-        if positions.ndim != 2 or positions.shape[0] < 3:
+        names = tuple(self.joint_names)
+        times, shape = _times(self.times), np.shape(self.positions)
+        if len(shape) != 2 or shape[0] < 2:
             raise InvalidRequestError(
-                f"a trajectory needs at least 3 waypoints as (T, n); got shape {positions.shape}"
+                f"a trajectory needs at least 2 waypoints as (T, n); got shape {shape}"
             )
-        if positions.shape[1] != len(self.joint_names):
-            raise InvalidRequestError(
-                f"{len(self.joint_names)} joint names for {positions.shape[1]} columns"
-            )
-        if not np.isfinite(positions).all():
-            waypoint, joint = (int(i) for i in np.argwhere(~np.isfinite(positions))[0])
-            raise InvalidRequestError(
-                f"position at waypoint {waypoint}, joint {joint} is not finite"
-            )
-        if not (np.isfinite(self.dt) and self.dt > 0):
-            raise InvalidRequestError(f"dt is {self.dt}; it must be positive [s]")
-        object.__setattr__(self, "positions", positions)
-        object.__setattr__(self, "joint_names", tuple(self.joint_names))
+        if shape[1] != len(names):
+            raise InvalidRequestError(f"{len(names)} joint names for {shape[1]} columns")
+        if len(times) != shape[0]:
+            raise InvalidRequestError(f"{len(times)} times for {shape[0]} waypoints")
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "joint_names", names)
+        for what in ("positions", "velocities", "accelerations"):
+            values = frozen(getattr(self, what))
+            if values.shape != shape:
+                raise InvalidRequestError(
+                    f"{what} have shape {values.shape}; positions have {shape}"
+                )
+            if not np.isfinite(values).all():
+                row, joint = (int(i) for i in np.argwhere(~np.isfinite(values))[0])
+                raise InvalidRequestError(
+                    f"{what}: the value at waypoint {row}, {names[joint]} is not finite"
+                )
+            object.__setattr__(self, what, values)
+
+    @classmethod
+    def through(
+        cls,
+        positions: FloatArray,
+        times: FloatArray | float,
+        joint_names: tuple[str, ...],
+        *,
+        begin: State | None = None,
+    ) -> "Trajectory":
+        """The smoothest curve through waypoints: a quintic spline with four derivatives.
+
+        Args:
+            positions: (T, n) waypoints.
+            times: (T,) of the waypoints [s], or the time between two [s].
+            joint_names: n names.
+            begin: how the joints move at the first waypoint; None: at rest. The end is at rest.
+
+        Raises:
+            InvalidRequestError: as :class:`Trajectory`.
+        """
+        q = np.asarray(positions, dtype=np.float64)
+        if isinstance(times, float | int):
+            if not (np.isfinite(times) and times > 0):
+                raise InvalidRequestError(f"dt is {times}; it must be positive [s]")
+            at = np.asarray(np.arange(len(q)) * float(times))
+        else:
+            at = times
+        still = np.zeros_like(q)
+        rough = cls(at, q, still, still, joint_names)  # checks the arguments
+        return cls(rough.times, q, *derivatives(q, rough.times, begin), joint_names)
 
     @property
     def n_waypoints(self) -> int:
-        """T, the number of waypoints."""
+        """T, the number of rows."""
         return int(self.positions.shape[0])
 
     @property
     def duration(self) -> float:
-        """Time from the first waypoint to the last [s]."""
-        return self.dt * (self.n_waypoints - 1)
+        """Time from the first row to the last [s]."""
+        return float(self.times[-1])
 
-    @property
-    def times(self) -> FloatArray:
-        """Time of each waypoint (T,) [s]."""
-        return np.asarray(np.arange(self.n_waypoints) * self.dt, dtype=np.float64)
+    def at(self, time: float) -> State:
+        """The state at ``time`` [s]."""
+        return State(*(values[0] for values in self.sample(time)))
 
-    @property
-    def velocities(self) -> FloatArray:
-        """Velocity of each interval (T-1, n) [rad/s or m/s]."""
-        return np.asarray((self.positions[1:] - self.positions[:-1]) / self.dt)
+    def sample(self, times: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Positions, velocities and accelerations at ``times`` (M,), each (M, n).
 
-    @property
-    def accelerations(self) -> FloatArray:
-        """Acceleration at each waypoint (T, n); at rest before the first and after the last."""
-        steps = _steps(self.positions)
-        return np.asarray((steps[1:] - steps[:-1]) / self.dt**2)
+        Before its begin and after its end the curve stays where it is, with the derivatives there.
+        """
+        t = np.clip(np.atleast_1d(np.asarray(times, dtype=np.float64)), 0.0, self.duration)
+        row = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, self.n_waypoints - 2)
+        h = np.diff(self.times)[row]
+        s, out = ((t - self.times[row]) / h)[:, None], []
+        b = control_points(self.times, self.positions, self.velocities, self.accelerations)[:, row]
+        for order, factor in enumerate((1.0, 5.0, 20.0)):
+            points = list(np.diff(b, order, axis=0))
+            while len(points) > 1:  # de Casteljau's algorithm
+                points = [p + s * (q - p) for p, q in pairwise(points)]
+            out.append(np.asarray(factor * points[0] / h[:, None] ** order))
+        return out[0], out[1], out[2]
 
-    def with_dt(self, dt: float) -> "Trajectory":
-        """The same waypoints at another spacing [s]."""
-        return Trajectory(self.positions, dt, self.joint_names)
+    def resample(self, rate: float) -> "Trajectory":
+        """The same curve by rows at ``rate`` [Hz]; the last row is the end.
+
+        Raises:
+            InvalidRequestError: a rate that is not positive, or asks for over 10 million rows.
+        """
+        if not (np.isfinite(rate) and rate > 0):
+            raise InvalidRequestError(f"rate is {rate:g}; it must be positive [Hz]")
+        if self.duration * rate > 1e7:
+            raise InvalidRequestError(f"{rate:g} Hz over {self.duration:g} s: over 10 million rows")
+        times = np.arange(int(np.ceil(self.duration * rate - 1e-6))) / rate
+        times = np.append(times, self.duration)
+        return Trajectory(times, *self.sample(times), self.joint_names)
+
+    def slowed(self, factor: float) -> "Trajectory":
+        """The same path in ``factor`` times the time."""
+        return Trajectory(
+            self.times * factor, self.positions, self.velocities / factor,
+            self.accelerations / factor**2, self.joint_names,
+        )  # fmt: skip
 
 
-def shortest_dt(positions: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> float:
-    """The smallest waypoint spacing at which velocity and acceleration limits hold.
+def _times(values: FloatArray) -> FloatArray:
+    times = frozen(values)
+    if times.ndim != 1 or not np.isfinite(times).all():
+        raise InvalidRequestError("times must be finite, as (T,) [s]")
+    if len(times) and times[0] != 0.0:
+        raise InvalidRequestError(f"times begin at {times[0]:g}; they must begin at 0 [s]")
+    if (short := np.flatnonzero(np.diff(times) <= 0.0)).size:
+        row = int(short[0])
+        raise InvalidRequestError(
+            f"times do not grow: {times[row]:g} s at waypoint {row}, then {times[row + 1]:g} s"
+        )
+    return times
 
-    Args:
-        positions: (T, n).
-        velocity: (n,) limits, may be infinite.
-        acceleration: (n,) limits, may be infinite; motion starts and ends at rest.
 
-    Returns:
-        dt [s]; 1e-3 for a trajectory that does not move or has no limits.
+def derivatives(
+    positions: FloatArray, times: FloatArray, begin: State | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Velocities and accelerations (T, n) of the quintic spline through ``positions`` (T, n).
+
+    ``begin`` says how the joints move at the first; None: at rest. At the last they are at rest.
     """
-    steps = _steps(positions)
-    by_velocity = (np.abs(steps) / velocity).max()
-    by_acceleration = (np.abs(steps[1:] - steps[:-1]) / acceleration).max()
-    return max(float(by_velocity), math.sqrt(by_acceleration), 1e-3)
+    from scipy.interpolate import make_interp_spline
+
+    rest = np.zeros(positions.shape[1])
+    ends = (rest, rest) if begin is None else (begin.velocity, begin.acceleration), (rest, rest)
+    conditions = tuple(list(enumerate(end, start=1)) for end in ends)
+    spline = make_interp_spline(times, positions, k=5, bc_type=conditions)
+    out = tuple(np.asarray(spline(times, order)) for order in (1, 2))
+    for values, first, last in zip(out, *ends, strict=True):  # without the solution's rounding
+        values[0], values[-1] = first, last
+    return out[0], out[1]
 
 
-def _steps(positions: FloatArray) -> FloatArray:
-    """From each waypoint to the next (T+1, n), at rest before the first and after the last."""
-    still = np.zeros_like(positions[:1])
-    return np.concatenate([still, positions[1:] - positions[:-1], still])
+def control_points(
+    times: FloatArray, q: FloatArray, velocity: FloatArray, acceleration: FloatArray
+) -> FloatArray:
+    """Bernstein coefficients (6, T-1, n) of the quintics between rows; see :class:`Trajectory`."""
+    h = np.diff(times)[:, None]
+    v, a = h * velocity[:-1] / 5.0, h * h * acceleration[:-1] / 20.0
+    w, c = h * velocity[1:] / 5.0, h * h * acceleration[1:] / 20.0
+    return np.stack(
+        [q[:-1], q[:-1] + v, q[:-1] + 2.0 * v + a, q[1:] - 2.0 * w + c, q[1:] - w, q[1:]]
+    )

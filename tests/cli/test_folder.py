@@ -39,7 +39,7 @@ def test_generated_scenes_are_planned_each_into_its_folder(tmp_path: Path) -> No
         folder = Path(record["out"])
         assert folder.parent == plans
         assert {path.name for path in folder.iterdir()} == {
-            "plan.json", "trajectory.csv", "trajectory.npz",
+            "plan.json", "trajectory.csv", "trajectory.npz", "waypoints.npz",
         }  # fmt: skip
         assert kind_of(str(folder)) is Kind.PLAN
         kept, alone = load_plan(folder), plan(record["file"])
@@ -74,7 +74,7 @@ def test_a_folder_without_scenes_is_refused(tmp_path: Path) -> None:
 def test_plans_and_robots_in_a_folder_are_passed_over(tmp_path: Path) -> None:
     call("plan", "scenario-3", "--planner", "promp", "--out", tmp_path, "--no-figures")
     assert {path.name for path in tmp_path.iterdir()} == {
-        "plan.json", "trajectory.csv", "trajectory.npz",
+        "plan.json", "trajectory.csv", "trajectory.npz", "waypoints.npz",
     }  # fmt: skip
     with pytest.raises(InvalidRequestError, match="for 'simulate'"):
         scene_files(tmp_path)

@@ -74,6 +74,7 @@ def test_plan_prints_one_document_and_leaves_its_files(tmp_path: Path) -> None:
         "plan.json",
         "trajectory.csv",
         "trajectory.npz",
+        "waypoints.npz",
         "reach.png",
         "joints.png",
         "cost.png",
@@ -82,8 +83,13 @@ def test_plan_prints_one_document_and_leaves_its_files(tmp_path: Path) -> None:
     assert {key: kept[key] for key in document} == document
     with np.load(out / "trajectory.npz") as archive, (out / "trajectory.csv").open() as file:
         rows = list(csv.reader(file))
-        assert rows[0] == ["time", *archive["joint_names"]]
-        np.testing.assert_allclose(np.array(rows[1:], dtype=float)[:, 1:], archive["positions"])
+        names = list(archive["joint_names"])
+        kinds = [name + kind for kind in ("_velocity", "_acceleration") for name in names]
+        assert rows[0] == ["time", *names, *kinds]
+        table = np.array(rows[1:], dtype=float)
+        np.testing.assert_allclose(np.diff(table[:-1, 0]), 1e-3, atol=1e-9)
+        assert table[-1, 0] == pytest.approx(document["metrics"]["duration"])
+        np.testing.assert_allclose(table[:, 1:8], archive["positions"], rtol=1e-8, atol=1e-9)
 
 
 def test_a_plan_that_fails_ends_with_one_and_is_still_a_document() -> None:

@@ -35,7 +35,7 @@ def test_straight_keeps_the_limits_and_says_what_it_touches() -> None:
         made = straight(generate("table-top", seed))
         setup = resolve(generate("table-top", seed))
         verdict = judging.judge(
-            setup.scene, setup.robot, made.trajectory, setup.start, stem_side=made.harm is None
+            setup.scene, setup.robot, made.trajectory, setup.state, stem_side=made.harm is None
         )
         assert verdict.metrics.velocity_ratio <= 1.0 + 1e-6
         assert verdict.metrics.acceleration_ratio <= 1.0 + 1e-6

@@ -23,4 +23,7 @@ def to(goal: Any, *objects: SceneObject) -> Scene:
 
 
 def moving(robot: Robot, q: Any, dt: float = 1.0) -> Trajectory:
-    return Trajectory(np.asarray(q, float), dt, robot.joint_names)
+    """Straight from each waypoint to the next, with a stop at each."""
+    q = np.asarray(q, float)
+    still = np.zeros_like(q)
+    return Trajectory(dt * np.arange(len(q)), q, still, still, robot.joint_names)

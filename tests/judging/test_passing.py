@@ -18,6 +18,7 @@ from optipromp.judging.passing import between
 from optipromp.judging.passing import passing as judged_passing
 from optipromp.robots.model import Robot
 from optipromp.scenes import Approach, Scene, SceneObject, Stem
+from optipromp.trajectory import State
 
 FRUIT = np.array([0.0, 0.0, 0.6])
 TARGET = np.array([0.0, 0.0, 0.75])
@@ -158,7 +159,7 @@ def test_the_side_of_a_stem_may_be_a_note(gantry: Robot) -> None:
     assert lenient.metrics == strict.metrics
     assert lenient.contacts == strict.contacts
     # what else is wrong stays wrong
-    astray = judging.judge(scene, gantry, motion, np.ones(3), stem_side=False)
+    astray = judging.judge(scene, gantry, motion, State(np.ones(3)), stem_side=False)
     assert [*map(str, astray.violations)] == ["the trajectory does not begin at the start"]
     assert astray.notes == (strict.message,)
 

@@ -17,6 +17,7 @@ from optipromp.planning.task import resolve
 from optipromp.pushing.path import through
 from optipromp.pushing.rules import rule_paths
 from optipromp.scenes import JointGoal, Scene, load_scene
+from optipromp.trajectory import Trajectory
 
 NAN, INF = float("nan"), float("inf")
 Planned = Callable[..., Plan]
@@ -99,19 +100,20 @@ def test_waypoints_and_duration_are_what_was_asked_for(planned: Planned) -> None
 def test_a_duration_that_the_limits_do_not_allow_is_no_success(planned: Planned) -> None:
     result = planned("scenario-3", duration=0.3)
     assert result.status is Code.INVALID_PLAN
-    assert "velocity reaches" in result.message
+    assert "velocity of joint" in result.message
     assert result.metrics.velocity_ratio > 1.0
 
 
 @pytest.mark.parametrize("planner", ["promp", "i-promp", "opti-promp"])
 def test_without_a_duration_a_limit_is_used_up(planner: str, planned: Planned) -> None:
     m = planned("scenario-3", planner, approach_speed=100.0).metrics
-    assert max(m.velocity_ratio, m.acceleration_ratio) == pytest.approx(1.0, rel=1e-6)
+    used = max(m.velocity_ratio, m.acceleration_ratio ** (1 / 2), m.jerk_ratio ** (1 / 3))
+    assert 0.9 < used <= 1.0
 
 
 def tool_speeds(result: Plan) -> np.ndarray:
     tools = result.robot.tool_pose(result.trajectory.positions)[0]
-    return np.linalg.norm(np.diff(tools, axis=0), axis=1) / result.trajectory.dt
+    return np.linalg.norm(np.diff(tools, axis=0), axis=1) / np.diff(result.trajectory.times)
 
 
 def path_of(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
@@ -187,7 +189,7 @@ def grazed(role: Any) -> Scene:
         aside /= np.linalg.norm(aside)
         ball = block(role, Sphere(0.03), at + (robot.spheres.radius[i] + 0.038) * aside)
         scene = replace(free, objects=(ball,))
-        still = (replace(made.trajectory, positions=q[[j, j, j]]) for j in (0, -1))
+        still = (Trajectory.through(q[[j, j, j]], 0.1, robot.joint_names) for j in (0, -1))
         ends = [judge(scene, one).judgement.metrics for one in still]
         if all(getattr(end, f"clearance_{role}") > 0.05 for end in ends):
             return scene

@@ -342,7 +342,7 @@ def test_every_setting_is_heeded(strategy: str, name: str, planned: Planned) -> 
         for settings in (more, {**more, name: table[name]})
     )
     one, other = plain.trajectory, changed.trajectory
-    assert one.dt != other.dt or not np.array_equal(one.positions, other.positions)
+    assert one.duration != other.duration or not np.array_equal(one.positions, other.positions)
 
 
 def test_no_setting_is_forgotten_here() -> None:

@@ -41,7 +41,9 @@ def approach(result: Plan) -> np.ndarray:
 
 def same(one: Plan, other: Plan) -> bool:
     first, second = one.trajectory, other.trajectory
-    return first.dt == second.dt and np.array_equal(first.positions, second.positions)
+    return np.array_equal(first.times, second.times) and np.array_equal(
+        first.positions, second.positions
+    )
 
 
 # --- no success that is not one ----------------------------------------------------------------
@@ -111,7 +113,7 @@ def test_a_prediction_outlives_its_file(scene: str, tmp_path: Path) -> None:
     assert again.status is result.status
     np.testing.assert_array_equal(again.followed.positions, result.followed.positions)
     np.testing.assert_array_equal(again.initial.positions, result.initial.positions)
-    assert again.followed.dt == result.followed.dt
+    assert np.array_equal(again.followed.times, result.followed.times)
     document = json.loads((tmp_path / "plan.json").read_text(encoding="utf-8"))
     assert document["predicted_harm"] == {
         "harm": result.prediction.harm,

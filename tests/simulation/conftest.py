@@ -11,7 +11,6 @@ from optipromp.planning.task import resolve
 from optipromp.scenes.scene import Scene, SceneObject, Stem, ToolSpec
 from optipromp.simulation import SimulationParameters
 from optipromp.simulation.engine import engine
-from optipromp.simulation.reference import reference
 from optipromp.simulation.rollout import Execution
 from optipromp.simulation.world import build
 from optipromp.trajectory import Trajectory
@@ -61,7 +60,7 @@ class Bench:
         s = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
         points = np.array(start) + s[:, None] * (np.array(end) - np.array(start))
         points = points - np.array([0.0, 0.0, MOUTH])
-        return Trajectory(points, seconds / (count - 1), ("x", "y", "z"))
+        return Trajectory.through(points, seconds / (count - 1), ("x", "y", "z"))
 
     def still(self, at=(0.5, 0.5, -0.5)):
         """Standing far away."""
@@ -71,8 +70,7 @@ class Bench:
         """A run about to begin, in which nothing moves by itself."""
         parameters = parameters or SimulationParameters()
         robot = resolve(scene).robot
-        motion = reference(self.still(), robot, speed=0.5, dt=parameters.engine.timestep)
-        return Execution(build(scene, robot, parameters), motion, 100.0)
+        return Execution(build(scene, robot, parameters), self.still(), 100.0)
 
     def parameters(self, **groups):
         """The defaults with some changed, by group."""

@@ -8,7 +8,6 @@ from optipromp.planning.task import resolve
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Pose, SceneObject
 from optipromp.simulation import Cause, SimulationParameters, simulate
-from optipromp.simulation.reference import reference
 from optipromp.simulation.rollout import Execution
 from optipromp.simulation.world import build
 from optipromp.trajectory import Trajectory
@@ -28,9 +27,8 @@ def test_fruits_hang_where_the_scene_has_them(name, pose):
     setup = resolve(scene)
     world = build(scene, setup.robot, P)
     names = setup.robot.joint_names
-    stay = Trajectory(np.tile(setup.start, (10, 1)), 0.2, names)
-    motion = reference(stay, setup.robot, speed=1.0, dt=1e-3)
-    rollout, _ = Execution(world, motion, 50.0).run()
+    stay = Trajectory.through(np.tile(setup.start, (10, 1)), 0.2, names)
+    rollout, _ = Execution(world, stay, 50.0).run()
     begin = np.array([obj.position for obj in (scene.target, *scene.pushables)])
     order = [rollout.fruit_ids.index(t.id) for t in (scene.target, *scene.pushables)]
     np.testing.assert_allclose(rollout.fruit_positions[0, order], begin, atol=1e-9)

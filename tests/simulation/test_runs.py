@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,6 @@ from optipromp.scenes.scene import SceneObject
 from optipromp.simulation import Cause, SimulationParameters, catalogue, simulate
 from optipromp.simulation.files import write_run
 from optipromp.simulation.outcome import judge
-from optipromp.simulation.reference import reference
 from optipromp.simulation.world import build
 from optipromp.trajectory import Trajectory
 
@@ -37,36 +37,25 @@ def runs(plans):
 
 
 @pytest.mark.parametrize("name", PLANNERS)
-@pytest.mark.parametrize("speed", [0.3, 1.0])
-def test_a_reference_keeps_the_limits_and_the_path(plans, name, speed):
-    made = plans[name]
-    robot, waypoints = made.robot, made.trajectory
-    motion = reference(waypoints, robot, speed=speed, dt=1e-3)
-    assert motion.use["velocity"] <= speed + 1e-6
-    assert motion.use["acceleration"] <= speed**2 + 1e-6
-    assert motion.use["jerk"] <= speed**3 * 1.02  # jerk is interpolated where it is looked at
-    np.testing.assert_allclose(motion.q[0], waypoints.positions[0], atol=1e-9)
-    np.testing.assert_allclose(motion.q[-1], waypoints.positions[-1], atol=1e-9)
-    np.testing.assert_allclose(motion.velocity[[0, -1]], 0.0, atol=1e-9)
-    np.testing.assert_allclose(motion.acceleration[[0, -1]], 0.0, atol=1e-6)
-    dt = motion.times[1]
-    slope = np.gradient(motion.q, dt, axis=0)[2:-2]
-    np.testing.assert_allclose(slope, motion.velocity[2:-2], atol=2e-3)
-    # the path: every waypoint is passed, and between waypoints the tool stays on their polyline
-    points, _ = robot.tool_pose(motion.q)
-    corners, _ = robot.tool_pose(waypoints.positions)
-    step = np.diff(corners, axis=0)
-    length = np.maximum((step**2).sum(axis=1), 1e-18)
-    share = np.einsum("tki,ki->tk", points[:, None] - corners[None, :-1], step) / length
-    nearest = corners[None, :-1] + np.clip(share, 0.0, 1.0)[:, :, None] * step
-    assert np.linalg.norm(points[:, None] - nearest, axis=2).min(axis=1).max() < 2.5e-3
+def test_what_is_executed_is_the_plan_in_its_own_time(plans, runs, name):
+    motion, rollout = plans[name].trajectory, runs[name].rollout
+    before = SimulationParameters().engine.settle
+    assert rollout.motion == pytest.approx(before + motion.duration, abs=2e-3)
+    at = np.clip(rollout.times - before, 0.0, motion.duration)
+    np.testing.assert_allclose(rollout.reference, motion.sample(at)[0], atol=1e-9)
+    ratios = plans[name].metrics
+    for kind in ("velocity", "acceleration", "jerk"):
+        assert rollout.limit_use[kind] == getattr(ratios, f"{kind}_ratio")
 
 
-def test_a_slow_plan_stays_slow(plans):
+def test_a_slowed_execution_takes_its_time(plans):
     made = plans["scenario-3"]
-    slow = made.trajectory.with_dt(0.2)
-    motion = reference(slow, made.robot, speed=1.0, dt=1e-3)
-    assert motion.duration >= slow.duration
+    parameters = SimulationParameters()
+    slow = replace(parameters, control=replace(parameters.control, speed=0.5))
+    run = simulate(made, parameters=slow)
+    moved = run.rollout.motion - parameters.engine.settle
+    assert moved == pytest.approx(2.0 * made.trajectory.duration, abs=2e-3)
+    assert run.rollout.limit_use["velocity"] == pytest.approx(0.5 * made.metrics.velocity_ratio)
 
 
 def test_the_panda_follows_its_plan(runs):
@@ -221,7 +210,7 @@ def test_a_run_is_written_whole(runs, tmp_path):
 def test_a_trajectory_of_three_waypoints(bench):
     scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)))
     waypoints = np.array([[0, 0, 0], [0.05, 0, 0], [0.1, 0, 0.0]])
-    run = simulate(Trajectory(waypoints, 0.5, ("x", "y", "z")), scene)
+    run = simulate(Trajectory.through(waypoints, 0.5, ("x", "y", "z")), scene)
     assert run.outcome.tracking_error < 2e-3
 
 

@@ -12,6 +12,7 @@ from optipromp.geometry.shapes import Box
 from optipromp.planning import Plan, Term, plan
 from optipromp.planning.task import resolve
 from optipromp.scenes.generate import generate
+from optipromp.trajectory import Trajectory
 from optipromp.viewer import drawn
 from optipromp.viewer.figures import (
     changed_terms,
@@ -153,7 +154,8 @@ def test_packs_are_drawn_where_the_hand_has_pushed_them(shelf: Plan) -> None:
 
 
 def test_an_arm_that_stays_is_drawn(result: Plan) -> None:
-    still = replace(result.trajectory, positions=np.tile(result.trajectory.positions[0], (3, 1)))
+    q = np.tile(result.trajectory.positions[0], (3, 1))
+    still = Trajectory.through(q, 0.1, result.trajectory.joint_names)
     staying = replace(
         result, trajectory=still, initial=still, followed=still, first=1, prediction=None
     )

@@ -71,9 +71,13 @@ PlanFolder = Annotated[
     Path | None,
     typer.Option(
         metavar="DIR",
-        help="Leave plan.json, trajectory.csv and .npz, and figures; of a folder's scenes, "
-        "in a folder each.",
+        help="Leave plan.json, trajectory.csv and .npz, waypoints.npz and figures; of a folder's "
+        "scenes, in a folder each.",
     ),
+]
+Rate = Annotated[
+    float,
+    typer.Option(metavar="HZ", help="Of the rows in trajectory.csv and .npz."),
 ]
 Figures = Annotated[
     bool | None,
@@ -110,6 +114,7 @@ def plan(
     setting: Settings = None,
     timeout: Timeout = None,
     out: PlanFolder = None,
+    rate: Rate = 1000.0,
     figures: Figures = None,
     workers: Workers = None,
     as_json: AsJson = False,
@@ -139,6 +144,7 @@ def plan(
         from optipromp.files import check_folder
 
         check_folder(out)
+    check_rate(rate)
     options = settings(setting or [], duration=duration, timeout=timeout, constraints=constraints)
     request: dict[str, Any] = {
         "planner": planner,
@@ -148,12 +154,12 @@ def plan(
         "options": options,
     }
     if scene not in scene_names() and Path(scene).is_dir():
-        return plan_folder(Path(scene), out, bool(figures), workers, as_json, request)
+        return plan_folder(Path(scene), out, rate, bool(figures), workers, as_json, request)
     loaded = load_scene(scene)
     say_if_compiling()
     with waiting(f"planning {loaded.name} ...") as say:
         result = make_plan(loaded, progress=say, **request)
-    written = leave(result, out, figures is not False) if out is not None else ()
+    written = leave(result, out, figures is not False, rate) if out is not None else ()
     if as_json:
         print_json(result.to_dict())
     else:
@@ -173,21 +179,33 @@ def read_primitive(path: Path) -> Any:
     return ProMP.load(path) if is_primitive(path) else path
 
 
-def leave(result: "Plan", folder: Path, figures: bool = True) -> tuple[str, ...]:
+def check_rate(rate: float) -> None:
+    """Refuse a rate before anything is planned.
+
+    Raises:
+        InvalidRequestError: it is not positive.
+    """
+    if not 0.0 < rate < math.inf:
+        raise InvalidRequestError(f"--rate is {rate:g}: must be above 0 [Hz]")
+
+
+def leave(
+    result: "Plan", folder: Path, figures: bool = True, rate: float = 1000.0
+) -> tuple[str, ...]:
     """Write the plan, and figures of it, and say so; returns the names of the files."""
     with waiting("drawing ..."):
-        return write(result, folder, figures)
+        return write(result, folder, figures, rate)
 
 
-def write(result: "Plan", folder: Path, figures: bool) -> tuple[str, ...]:
+def write(result: "Plan", folder: Path, figures: bool, rate: float) -> tuple[str, ...]:
     """Write the plan, and figures of it; returns the names of the files."""
     from optipromp.output import write_plan
 
     if not figures:
-        return write_plan(result, folder)
+        return write_plan(result, folder, rate=rate)
     from optipromp.viewer.figures import plan_figures
 
-    return write_plan(result, folder, plan_figures(result))
+    return write_plan(result, folder, plan_figures(result), rate=rate)
 
 
 @dataclass(frozen=True)
@@ -249,6 +267,7 @@ def outputs(files: Sequence[Path], folder: Path) -> list[Path]:
 def plan_folder(
     folder: Path,
     out: Path | None,
+    rate: float,
     figures: bool,
     workers: int | None,
     as_json: bool,
@@ -268,7 +287,7 @@ def plan_folder(
             nonlocal done_so_far, good
             home = homes[index]
             if home is not None and not isinstance(result, OptiPrompError):
-                write(result, home, figures)
+                write(result, home, figures, rate)
             done_so_far, good = done_so_far + 1, good + getattr(result, "success", False)
             words = f"{done_so_far} of {len(files)} planned, {good} succeeded"
             shown(done_so_far, len(files), words)

@@ -15,11 +15,12 @@ from optipromp.errors import Code, InvalidRequestError
 from optipromp.planning import plan
 from optipromp.planning.result import verdict
 from optipromp.planning.task import Task, resolve
+from optipromp.planning.timing import shortest
 from optipromp.robots import ik
 from optipromp.robots.roll import level
 from optipromp.scenes.scene import JointGoal, Scene
 from optipromp.scenes.values import suggest
-from optipromp.trajectory import Trajectory, shortest_dt
+from optipromp.trajectory import Trajectory
 
 StudyPlanner = Literal["straight", "promp", "i-promp", "chomp", "opti-promp"]
 STUDY_PLANNERS: tuple[StudyPlanner, ...] = get_args(StudyPlanner)
@@ -85,18 +86,16 @@ def attempt(scene: Scene, planner: StudyPlanner, *, seed: int = 0) -> Answer:
     if made.status not in (Code.SUCCESS, Code.INVALID_PLAN):
         return Answer(planner, made.status, made.message, made.trajectory, seconds)
     task = resolve(scene)
-    return _judged(planner, task, gently(task, made.trajectory), seconds)
+    return _judged(planner, task, gently(task, made.trajectory.positions), seconds)
 
 
-def gently(setup: Task, trajectory: Trajectory) -> Trajectory:
-    """``trajectory`` no faster, from the camera point on, than the other planners are there."""
-    if not setup.neighbours or isinstance(setup.goal, JointGoal):
-        return trajectory
-    points, _ = setup.robot.tool_pose(trajectory.positions)
-    first = int(np.argmin(np.linalg.norm(points - setup.camera, axis=1)))
-    steps = np.linalg.norm(np.diff(points[first:], axis=0), axis=1)
-    slowest = float(steps.max(initial=0.0)) / SPEED
-    return trajectory.with_dt(max(trajectory.dt, slowest))
+def gently(setup: Task, q: FloatArray) -> Trajectory:
+    """Waypoints (T, n), no faster from the camera point on than the other planners are there."""
+    first = None
+    if setup.neighbours and not isinstance(setup.goal, JointGoal):
+        points, _ = setup.robot.tool_pose(q)
+        first = int(np.argmin(np.linalg.norm(points - setup.camera, axis=1)))
+    return shortest(setup.robot, q, first, SPEED)
 
 
 def as_obstacles(scene: Scene) -> Scene:
@@ -123,9 +122,7 @@ def straight(scene: Scene) -> Answer:
     robot = setup.robot
     q = np.vstack([parts[0], parts[1][1:]])
     q[1:] = level(robot, q, setup.scene.frame[0], path=True)[1:]
-    dt = shortest_dt(q, robot.velocity, robot.acceleration)
-    trajectory = gently(setup, Trajectory(q, dt, robot.joint_names))
-    return _judged("straight", setup, trajectory, time.perf_counter() - began)
+    return _judged("straight", setup, gently(setup, q), time.perf_counter() - began)
 
 
 def _judged(planner: StudyPlanner, task: Task, trajectory: Trajectory, seconds: float) -> Answer:

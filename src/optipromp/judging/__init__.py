@@ -1,10 +1,12 @@
 """The judge: checks any trajectory, with code that shares nothing with the planners."""
 
 from optipromp.judging.clearance import Overlap, clearances, pushed_away, swept
+from optipromp.judging.curve import Extremes, extremes
 from optipromp.judging.kinematics import centers, refined
 from optipromp.judging.validator import (
     AXIS_TOLERANCE,
     GOAL_TOLERANCE,
+    RATES,
     Judgement,
     Metrics,
     Violation,
@@ -15,12 +17,15 @@ from optipromp.judging.validator import (
 __all__ = [
     "AXIS_TOLERANCE",
     "GOAL_TOLERANCE",
+    "RATES",
+    "Extremes",
     "Judgement",
     "Metrics",
     "Overlap",
     "Violation",
     "centers",
     "clearances",
+    "extremes",
     "judge",
     "paper_violations",
     "pushed_away",

@@ -6,7 +6,7 @@ measuring every pair at every configuration.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,12 +33,13 @@ from optipromp.scenes.scene import Scene, SceneObject
 
 @dataclass(frozen=True)
 class Overlap:
-    """A link that touches what it must not: an object or another link, how deep [m]."""
+    """A link that touches what it must not: an object or another link, how deep [m], when [s]."""
 
     link: str
     other: str
     role: str
     depth: float
+    time: float | None = None
 
     def __str__(self) -> str:
         return f"{self.link} enters {self.other} ({self.role}) by {self.depth * 1e3:.1f} mm"
@@ -58,14 +59,17 @@ def clearances(
 
 
 def swept(
-    scene: Scene, robot: Robot, q: FloatArray
+    scene: Scene, robot: Robot, q: FloatArray, times: FloatArray | None = None
 ) -> tuple[dict[str, float | None], list[Overlap], FloatArray, FloatArray]:
-    """:func:`clearances`, and tool point [m] and tool axis (M, 3) at every configuration."""
+    """:func:`clearances`, and tool point [m] and tool axis (M, 3) at every configuration.
+
+    With ``times`` (M,) of the configurations [s], each contact says when it is deepest.
+    """
     body = body_of(robot)
     objects, rest = objects_of(scene)
-    closest, core, apart = np.full(4, np.inf), np.full(1, np.inf), np.full(3, np.inf)
+    closest, core, apart = np.full(4, np.inf), np.full(1, np.inf), np.full(4, np.inf)
     count = len(objects.kind)
-    depth, deepest = np.full(count, np.inf), np.zeros(count, dtype=np.int64)
+    depth, deepest = np.full(count, np.inf), np.zeros((2, count), dtype=np.int64)
     q = np.array(q, dtype=np.float64, order="C")  # always writable: kernels compile once
     points, axes = np.empty((len(q), 3)), np.empty((len(q), 3))
     advance(body, objects, q, points, axes, closest, core, depth, deepest, apart)
@@ -73,17 +77,20 @@ def swept(
     def name(sphere: float) -> str:
         return str(robot.link_names[robot.spheres.link[body.original[int(sphere)]]])
 
+    def when(at: float) -> float | None:
+        return None if times is None else float(times[int(at)])
+
     met = np.flatnonzero(depth < 0.0)
     met = met[np.argsort(objects.rows[met])]
     contacts = [
-        Overlap(name(deepest[k]), item.id, item.role, -float(depth[k]))
+        Overlap(name(deepest[0, k]), item.id, item.role, -float(depth[k]), when(deepest[1, k]))
         for k, item in zip(met.tolist(), scene.objects_at(objects.rows[met]), strict=True)
     ]
     if rest:
-        contacts += _other_shapes(rest, robot, q, closest, core)
+        contacts += _other_shapes(rest, robot, q, closest, core, when)
     if apart[0] < 0.0:
         pair = name(apart[1]), name(apart[2])
-        contacts.append(Overlap(*pair, "the robot itself", -float(apart[0])))
+        contacts.append(Overlap(*pair, "the robot itself", -float(apart[0]), when(apart[3])))
     distances = {
         "M_c": core[0],
         "clearance_static": closest[STATIC],
@@ -97,7 +104,12 @@ def swept(
 
 
 def _other_shapes(
-    items: Sequence[SceneObject], robot: Robot, q: FloatArray, closest: FloatArray, core: FloatArray
+    items: Sequence[SceneObject],
+    robot: Robot,
+    q: FloatArray,
+    closest: FloatArray,
+    core: FloatArray,
+    when: Callable[[float], float | None],
 ) -> list[Overlap]:
     """Contacts with meshes and point clouds; updates ``closest`` and ``core``."""
     spheres, radius = centers(robot, q), np.array(robot.spheres.radius)
@@ -114,11 +126,11 @@ def _other_shapes(
             own = sets[row]
             if not len(own):
                 continue
-            d, sphere = nearest(item, spheres[:, own], radius[own], closest[row])
+            d, sphere, at = nearest(item, spheres[:, own], radius[own], closest[row])
             closest[row] = min(closest[row], d)
             if row != AVOID_BY_TOOL and d < 0.0:
                 link = str(robot.link_names[robot.spheres.link[own[sphere]]])
-                contacts.append(Overlap(link, item.id, item.role, -d))
+                contacts.append(Overlap(link, item.id, item.role, -d, when(at)))
         if role != PUSHABLE and len(radius):  # the core of such a shape is its surface
             core[0] = min(core[0], nearest(item, spheres, np.zeros_like(radius), core[0])[0])
     return contacts
@@ -211,9 +223,11 @@ def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart
         closest: (4,) smallest distances [m]: static, avoid by B_d, avoid by the last link and tool,
             pushable by B_d.
         core: (1,) the paper's M_c [m] over static and avoid objects.
-        depth, deepest: (K,) smallest distance [m] of the spheres that must not touch each object,
-            and the nearest sphere; exact where negative.
-        apart: (3,) smallest distance [m] between links that are not neighbours, and two spheres.
+        depth: (K,) smallest distance [m] of the spheres that must not touch each object; exact
+            where negative.
+        deepest: (2, K) the nearest sphere, and at which configuration.
+        apart: (4,) smallest distance [m] between links that are not neighbours, the two spheres,
+            and at which configuration.
     """
     n_segments, n_links, n_objects = body.driver.shape[0], body.reach.shape[0], objects.kind.size
     frames, origins = np.zeros((2, n_segments, 3, 3)), np.empty((n_segments, 3))
@@ -280,7 +294,7 @@ def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart
                                         d_core = to_core(kind, size0, size1, size2, x, y, z)
                                         gap_core = min(gap_core, d_core)
                                     if row != AVOID_BY_TOOL and d < depth[k]:
-                                        depth[k], deepest[k] = d, b
+                                        depth[k], deepest[0, k], deepest[1, k] = d, b, m
                                 closest[row] = min(closest[row], gap)
                                 spare = gap - max(closest[row], 0.0)
                                 if role != PUSHABLE:
@@ -306,7 +320,7 @@ def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart
                         if not placed[link]:
                             _place_link(body, turns, origins, link, spheres)
                             placed[link] = True
-                    gap = _nearest_pair(body, g, spheres, middles, apart)
+                    gap = _nearest_pair(body, g, m, spheres, middles, apart)
                 wait_pair[g] = moved + gap - apart[0]
             wait_pairs = min(wait_pairs, most + wait_pair[g] - moved)
 
@@ -359,7 +373,7 @@ def _to_block(objects, c, middles, reach):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _nearest_pair(body, group, spheres, middles, apart):  # type: ignore[no-untyped-def]
+def _nearest_pair(body, group, check, spheres, middles, apart):  # type: ignore[no-untyped-def]
     """The distance [m] between two links; updates ``apart`` where it is the least so far."""
     second = body.groups[group, 1]
     last, skip, gap = -1, False, math.inf
@@ -379,7 +393,7 @@ def _nearest_pair(body, group, spheres, middles, apart):  # type: ignore[no-unty
         d = math.sqrt(squared) - body.radius[a] - body.radius[b]
         gap = min(gap, d)
         if d < apart[0]:
-            apart[0], apart[1], apart[2] = d, a, b
+            apart[0], apart[1], apart[2], apart[3] = d, a, b, check
     return gap
 
 

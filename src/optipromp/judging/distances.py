@@ -158,10 +158,11 @@ def apart_by(a, i, b, j):  # type: ignore[no-untyped-def]
 
 def nearest(
     item: SceneObject, spheres: FloatArray, radius: FloatArray, limit: float
-) -> tuple[float, int]:
-    """Smallest distance [m] of moving spheres (M, B, 3) to a mesh or point cloud, and which sphere.
+) -> tuple[float, int, int]:
+    """Smallest distance [m] of moving spheres (M, B, 3) to a mesh or point cloud; which and where.
 
-    Exact where it is below ``limit`` or below 0; an upper bound of it elsewhere.
+    Exact where it is below ``limit`` or below 0; an upper bound of it elsewhere. The nearest sphere
+    follows, then the configuration.
     """
     points = item.shape.points if isinstance(item.shape, shapes.PointCloudShape) else (
         item.shape.vertices  # type: ignore[union-attr]
@@ -177,7 +178,7 @@ def nearest(
     if len(rows):
         d = _to_shape(item.shape, local[rows]) - radii[rows]
         first = int(rows[np.argmin(d)])
-    return float(d.min()), first % len(radius)
+    return float(d.min()), first % len(radius), first // len(radius)
 
 
 def _to_shape(shape: Any, points: FloatArray) -> FloatArray:

@@ -12,11 +12,14 @@ import numpy as np
 
 from optipromp.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.compiled import inlined, inner, kernel
+from optipromp.judging.curve import along, coefficients
 from optipromp.robots.model import Robot
 from optipromp.scenes.rotations import to_quaternion
+from optipromp.trajectory import Trajectory
 
 MOST_CHECKS = 200_000  # configurations of one trajectory: a choice, about 0.5 s of checking
 LARGEST_TURN = 0.2  # [rad or m] summed over the joints: a chord is shorter than its arc by < 1 %
+UNEVEN = 0.01  # [rad or m] of a part's motion that is not linear in time: a choice
 
 
 class Body(NamedTuple):
@@ -116,36 +119,32 @@ def centers(robot: Robot, q: FloatArray) -> FloatArray:
     return out
 
 
-def refined(robot: Robot, positions: FloatArray) -> tuple[FloatArray, IntArray, bool]:
-    """The trajectory (T, n), refined so that no sphere moves over half its radius between checks.
+def refined(robot: Robot, trajectory: Trajectory) -> tuple[FloatArray, FloatArray, IntArray, bool]:
+    """The curve, refined so that no sphere moves over half its radius between checks.
 
     Returns:
-        Configurations (M, n), the waypoints among them; which (T,) of them are the waypoints; and
-        whether they are fine enough: at most :data:`MOST_CHECKS` are made.
+        Times (M,) [s] and configurations (M, n), the waypoints among them; which (T,) of them are
+        the waypoints; and whether they are fine enough: at most :data:`MOST_CHECKS` are made.
     """
     kin = robot.kinematics
-    positions = np.array(positions, dtype=np.float64, order="C")
-    turns = np.abs(positions[1:] - positions[:-1])[:, kin.dof] @ np.abs(kin.multiplier)
-    coarse, waypoints, fits = positions, None, True
-    if turns.max(initial=0.0) > LARGEST_TURN:  # a chord says little about a large arc
-        coarse, waypoints, fits = _cut(positions, np.maximum(1, np.ceil(turns / LARGEST_TURN)))
-    parts = np.empty(len(coarse) - 1)
-    divisions(body_of(robot), coarse, parts)
-    fine, at, complete = _cut(coarse, parts)
-    return fine, at if waypoints is None else at[waypoints], fits and complete
+    powers = np.abs(coefficients(trajectory)[:, :, 1:])
+    turns = powers.sum(axis=2)[:, kin.dof] @ np.abs(kin.multiplier)  # of the joints, at most
+    uneven = powers[:, :, 1:].sum(axis=2).max(axis=1)
+    parts = np.ceil(np.maximum(turns / LARGEST_TURN, np.sqrt(uneven / UNEVEN)))
+    coarse, fits = _fitting(np.maximum(parts, 1.0))
+    _, placed, rows = along(trajectory, coarse)
+    parts = np.empty(len(placed) - 1)
+    divisions(body_of(robot), placed, parts)
+    fine, complete = _fitting(np.asarray(coarse * np.maximum.reduceat(parts, rows[:-1])))
+    return *along(trajectory, fine), fits and complete
 
 
-def _cut(positions: FloatArray, parts: FloatArray) -> tuple[FloatArray, IntArray, bool]:
-    """Each interval cut into ``parts`` (T-1,); the waypoints' places; whether all parts fit."""
+def _fitting(parts: FloatArray) -> tuple[IntArray, bool]:
+    """``parts`` (T-1,), fewer where they are over :data:`MOST_CHECKS`; whether all fit."""
     total = float(parts.sum())
     if total > MOST_CHECKS:
         parts = np.maximum(1, np.floor(parts * (MOST_CHECKS / total)))
-    counts = parts.astype(np.int64)
-    waypoints = np.zeros(len(positions), dtype=np.int64)
-    np.cumsum(counts, out=waypoints[1:])
-    fine = np.empty((waypoints[-1] + 1, positions.shape[1]))
-    cut(positions, waypoints, fine)
-    return fine, waypoints, total <= MOST_CHECKS
+    return parts.astype(np.int64), total <= MOST_CHECKS
 
 
 @inner
@@ -227,7 +226,7 @@ def divisions(body, q, parts):  # type: ignore[no-untyped-def]
     """Number of ``parts`` (T-1,) of each interval, so that no sphere moves half its radius.
 
     Arcs are taken for 1.1 times their chords: no interval of ``q`` (T, n) may turn a sphere by
-    much more than a radian.
+    much more than a radian, or be much faster at one end than at the other.
     """
     placed = np.empty((q.shape[0], body.radius.shape[0], 3))
     place(body, q, placed)
@@ -241,15 +240,3 @@ def divisions(body, q, parts):  # type: ignore[no-untyped-def]
             if squared > worst * radius * radius:
                 worst = squared / (radius * radius)
         parts[t] = max(1.0, math.ceil(1.1 * 2.0 * math.sqrt(worst)))
-
-
-@inner
-def cut(q, waypoints, fine):  # type: ignore[no-untyped-def]
-    """``fine`` (M, n): straight between the rows of ``q`` (T, n), which stand at ``waypoints``."""
-    for t in range(q.shape[0] - 1):
-        count = waypoints[t + 1] - waypoints[t]
-        for i in range(count):
-            for j in range(q.shape[1]):
-                fine[waypoints[t] + i, j] = q[t, j] + i / count * (q[t + 1, j] - q[t, j])
-    for j in range(q.shape[1]):
-        fine[fine.shape[0] - 1, j] = q[q.shape[0] - 1, j]

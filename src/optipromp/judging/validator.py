@@ -2,8 +2,9 @@
 
 The judge has its own kinematics (:mod:`.kinematics`), distances (:mod:`.distances`,
 :mod:`.clearance`) and rules for passing a pushable (:mod:`.passing`). It uses no kernel of
-``robots``, ``geometry`` or ``optimization``. It checks the trajectory between waypoints too, where
-joints move linearly: no body sphere moves more than half its radius from one check to the next.
+``robots``, ``geometry`` or ``optimization``. It judges the curve that is executed, between
+waypoints too (:mod:`.curve`): no body sphere moves more than half its radius from one check to the
+next, and the extremes of positions, velocities, accelerations and jerks are exact.
 """
 
 import math
@@ -16,15 +17,17 @@ import numpy as np
 from optipromp.arrays import FloatArray, lengths
 from optipromp.judging import kinematics
 from optipromp.judging.clearance import Overlap, pushed_away, swept
+from optipromp.judging.curve import extremes
 from optipromp.judging.passing import passing
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene
-from optipromp.trajectory import Trajectory
+from optipromp.trajectory import State, Trajectory
 
 GOAL_TOLERANCE = 1e-3  # [m], or [rad] for a goal in joints; method §5
 AXIS_TOLERANCE = np.deg2rad(2.0)  # [rad]; method §5
-START_TOLERANCE = 1e-6  # [rad]; rounding of what is read from files
-RATIO_TOLERANCE = 1e-6  # share of a velocity or acceleration limit; rounding
+START_TOLERANCE = 1e-6  # [rad, rad/s, rad/s²]; rounding of what is read from files
+RATES = ("velocity", "acceleration", "jerk")
+RATIO_TOLERANCE = 1e-6  # share of a limit of velocity, acceleration or jerk; rounding
 
 
 @dataclass(frozen=True)
@@ -49,10 +52,11 @@ class Metrics:
         limit_violation: largest excess over a position limit [rad or m].
         max_step: largest step of a joint between waypoints [rad or m].
         path_length: in joint space [rad].
-        smoothness: root mean square joint acceleration at the waypoints [rad/s²].
+        smoothness: root mean square joint acceleration [rad/s²].
         duration: of the trajectory [s].
-        velocity_ratio: largest share of a velocity limit in use.
-        acceleration_ratio: largest share of an acceleration limit in use.
+        velocity_ratio: largest share of a velocity limit in use, at any instant.
+        acceleration_ratio: the same of the acceleration limits.
+        jerk_ratio: the same of the jerk limits.
     """
 
     M_c: float | None
@@ -74,6 +78,7 @@ class Metrics:
     duration: float
     velocity_ratio: float
     acceleration_ratio: float
+    jerk_ratio: float
 
     def to_dict(self) -> dict[str, Any]:
         """The metrics as plain values for JSON."""
@@ -86,18 +91,18 @@ class Violation:
 
     Args:
         kind: ``contact``, ``unchecked``, ``goal``, ``axis``, ``stem side``, ``limit``,
-            ``velocity``, ``acceleration``, ``start``, ``drift`` or ``stem``.
+            ``velocity``, ``acceleration``, ``jerk``, ``start``, ``motion``, ``drift`` or ``stem``.
         message: the reason as a sentence, which is also ``str(violation)``.
         subject: the link, joint or object that is concerned; empty where there is none.
-        waypoint: the first one concerned; None where there is none.
-        amount: size of the violation, in ``unit``; of a velocity or acceleration its share of the
-            limit.
+        time: when it is worst [s]; None where it has no time.
+        amount: size of the violation, in ``unit``; of a velocity, acceleration or jerk its share of
+            the limit.
     """
 
     kind: str
     message: str
     subject: str = ""
-    waypoint: int | None = None
+    time: float | None = None
     amount: float | None = None
     unit: str = ""
 
@@ -131,7 +136,7 @@ def judge(
     scene: Scene,
     robot: Robot,
     trajectory: Trajectory,
-    start: FloatArray | None = None,
+    start: State | None = None,
     *,
     stem_side: bool = True,
 ) -> Judgement:
@@ -141,26 +146,33 @@ def judge(
         scene: with the goal and the objects.
         robot: the robot with the scene's tool.
         trajectory: of the robot.
-        start: (n,) configuration where it must begin; None: not checked.
+        start: state in which it must begin; None: anywhere, at rest.
         stem_side: true: passing a pushable on the side of its stem is a violation; false: a note.
 
     Returns:
         The judgement. The trajectory is valid if there are no violations.
     """
     q = trajectory.positions
-    fine, waypoints, complete = kinematics.refined(robot, q)
-    distances, contacts, points, axes = swept(scene, robot, fine)
+    times, fine, waypoints, complete = kinematics.refined(robot, trajectory)
+    distances, contacts, points, axes = swept(scene, robot, fine, times)
     contacts, notes = pushed_away(scene, robot, fine, contacts)
     tips, axes = points[waypoints], axes[waypoints]
     rims = tips + (0.0 if robot.tool is None else robot.tool.depth) * axes
     passed = passing(scene, tips, rims, robot.gripper_radius)
-    goal_error, axis_error, missed = _goal(scene, q[-1], tips[-1], axes[-1], len(q) - 1)
+    goal_error, axis_error, missed = _goal(scene, q[-1], tips[-1], axes[-1], trajectory.duration)
     motion, broken = _motion(robot, trajectory, start)
     astray = [
-        Violation("stem side", f"the tool passes {n} on the side of its stem", n, at, by, "m")
+        Violation(
+            "stem side",
+            f"the tool passes {n} on the side of its stem",
+            n,
+            float(trajectory.times[at]),
+            by,
+            "m",
+        )
         for n, at, by in passed.wrong
     ]
-    violations = [Violation("contact", str(c), c.link, None, c.depth, "m") for c in contacts]
+    violations = [Violation("contact", str(c), c.link, c.time, c.depth, "m") for c in contacts]
     if not complete:
         most = kinematics.MOST_CHECKS
         text = f"it moves too far to be checked between waypoints: {most} checks are not enough"
@@ -198,13 +210,13 @@ def paper_violations(scene: Scene, metrics: Metrics, tolerance: float = 1e-4) ->
 
 
 def _goal(
-    scene: Scene, last: FloatArray, tip: FloatArray, axis: FloatArray, waypoint: int
+    scene: Scene, last: FloatArray, tip: FloatArray, axis: FloatArray, time: float
 ) -> tuple[float, float | None, list[Violation]]:
     """Position error [m] (in joints [rad]), axis error [rad] and violations at the end."""
     if isinstance(scene.goal, JointGoal):
         error = float(np.max(np.abs(last - scene.goal.joints)))
         text = f"the end is {error:.4f} rad from the goal configuration"
-        missed = Violation("goal", text, "", waypoint, error, "rad")
+        missed = Violation("goal", text, "", time, error, "rad")
         return error, None, [missed] if error > GOAL_TOLERANCE else []
     if isinstance(scene.goal, PoseGoal):
         position, direction = scene.goal.position, scene.goal.axis
@@ -215,10 +227,10 @@ def _goal(
     out = []
     if error > GOAL_TOLERANCE:
         text = f"the tool ends {error * 1e3:.1f} mm from the goal"
-        out.append(Violation("goal", text, "", waypoint, error, "m"))
+        out.append(Violation("goal", text, "", time, error, "m"))
     if angle > AXIS_TOLERANCE:
         text = f"the tool axis ends {np.rad2deg(angle):.1f} degrees off the approach"
-        out.append(Violation("axis", text, "", waypoint, angle, "rad"))
+        out.append(Violation("axis", text, "", time, angle, "rad"))
     return error, angle, out
 
 
@@ -229,40 +241,63 @@ def _angle(a: list[float], b: list[float]) -> float:
 
 
 def _motion(
-    robot: Robot, trajectory: Trajectory, start: FloatArray | None
+    robot: Robot, trajectory: Trajectory, start: State | None
 ) -> tuple[dict[str, float], list[Violation]]:
     """Figures of the joint trajectory, and the limits it breaks (constraint 4)."""
-    q, accelerations = trajectory.positions, trajectory.accelerations
-    out, steps = [], q[1:] - q[:-1]
-    beyond = np.maximum(robot.lower - q.min(axis=0), q.max(axis=0) - robot.upper)
-    joint = int(np.argmax(beyond))
-    excess = max(float(beyond[joint]), 0.0)
+    steps, found = np.diff(trajectory.positions, axis=0), extremes(trajectory)
+    names, out = robot.joint_names, []
+    beyond = np.stack([robot.lower - found.lowest, found.highest - robot.upper])
+    excess = max(float(beyond.max()), 0.0)
     if excess > 0.0:
-        name = robot.joint_names[joint]
-        over = (q[:, joint] < robot.lower[joint]) | (q[:, joint] > robot.upper[joint])
-        text = f"{name} leaves its limits by {excess:.4f}"
-        out.append(Violation("limit", text, name, int(np.argmax(over)), excess, "rad or m"))
+        side, joint = divmod(int(np.argmax(beyond)), len(names))
+        text = f"{names[joint]} leaves its limits by {excess:.4f}"
+        when = float(found.when[side, joint])
+        out.append(Violation("limit", text, names[joint], when, excess, "rad or m"))
     ratios = {}
-    for kind, values, limit in (
-        ("velocity", trajectory.velocities, robot.velocity),
-        ("acceleration", accelerations, robot.acceleration),
-    ):
-        shares = np.abs(values) / limit
-        ratio = ratios[kind] = float(np.max(shares))
+    limits = robot.velocity, robot.acceleration, robot.jerk
+    for row, (kind, limit) in enumerate(zip(RATES, limits, strict=True)):
+        shares = found.largest[row] / limit
+        joint = int(np.argmax(shares))
+        ratio = ratios[f"{kind}_ratio"] = float(shares[joint])
         if ratio > 1.0 + RATIO_TOLERANCE:
-            first = int(np.argmax(shares.max(axis=1) > 1.0 + RATIO_TOLERANCE))
-            name = robot.joint_names[int(np.argmax(shares.max(axis=0)))]
-            text = f"{kind} reaches {ratio:.3f} of its limit"
-            out.append(Violation(kind, text, name, first, ratio, "of the limit"))
-    if start is not None and (off := float(np.max(np.abs(q[0] - start)))) > START_TOLERANCE:
-        text = "the trajectory does not begin at the start"
-        out.append(Violation("start", text, "", 0, off, "rad or m"))
+            text = f"{kind} of {names[joint]} reaches {ratio:.3f} of its limit"
+            when = float(found.when[2 + row, joint])
+            out.append(Violation(kind, text, names[joint], when, ratio, "of the limit"))
+    out += _ends(robot, trajectory, start)
+    squared = np.einsum("ti,ti->t", trajectory.accelerations, trajectory.accelerations)
+    mean = np.trapezoid(squared, trajectory.times) / trajectory.duration
     return {
         "limit_violation": excess,
         "max_step": float(np.max(np.abs(steps))),
         "path_length": float(lengths(steps).sum()),
-        "smoothness": math.sqrt(np.vdot(accelerations, accelerations) / len(q)),
+        "smoothness": math.sqrt(mean),
         "duration": trajectory.duration,
-        "velocity_ratio": ratios["velocity"],
-        "acceleration_ratio": ratios["acceleration"],
+        **ratios,
     }, out
+
+
+def _ends(robot: Robot, trajectory: Trajectory, start: State | None) -> list[Violation]:
+    """Where the trajectory does not begin in the start's state, or does not end at rest.
+
+    A jump in acceleration counts for joints whose jerk is limited.
+    """
+    begin, end = State(trajectory.positions[0]), State(trajectory.positions[-1])
+    out, names = [], robot.joint_names
+    if start is not None:
+        begin = start
+        off = float(np.max(np.abs(trajectory.positions[0] - start.q)))
+        if off > START_TOLERANCE:
+            text = "the trajectory does not begin at the start"
+            out.append(Violation("start", text, "", 0.0, off, "rad or m"))
+    for row, verb, state in ((0, "begins", begin), (-1, "ends", end)):
+        speed = trajectory.velocities[row], state.velocity
+        gain = (np.where(np.isfinite(robot.jerk), x, 0.0) for x in
+                (trajectory.accelerations[row], state.acceleration))  # fmt: skip
+        for kind, (is_, asked) in (("velocity", speed), ("acceleration", gain)):
+            joint = int(np.argmax(np.abs(is_ - asked)))
+            amount = float(abs(is_[joint] - asked[joint]))
+            if amount > START_TOLERANCE:
+                text = f"{names[joint]} {verb} with {kind} {is_[joint]:.4g}, not {asked[joint]:.4g}"
+                when = float(trajectory.times[row])
+                out.append(Violation("motion", text, names[joint], when, amount))
+    return out

@@ -116,7 +116,7 @@ def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
     """Judge ``q`` (T, n); with ``constraints: paper`` also by constraints 1 and 2."""
     task, options = posed.task, posed.options
     trajectory = posed.timed(q)
-    judgement = judging.judge(task.scene, task.robot, trajectory, task.start)
+    judgement = judging.judge(task.scene, task.robot, trajectory, task.state)
     if options.constraints == "paper":
         missing = [
             Violation(

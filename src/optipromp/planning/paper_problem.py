@@ -20,7 +20,8 @@ from optipromp.planning.follow import Waypoints, free_count, reach_count, within
 from optipromp.planning.options import PaperOptions, PlanOptions, Strategy
 from optipromp.planning.parameters import PAPER, PRIMITIVE, WAYPOINT
 from optipromp.planning.primitive import led_through, on_branch, via_points
-from optipromp.planning.task import Task, timed
+from optipromp.planning.task import Task
+from optipromp.planning.timing import timed
 from optipromp.promp.model import ProMP
 from optipromp.pushing.rules import Drift, detection_variance, drift_choices
 from optipromp.scenes.scene import PoseGoal

@@ -148,9 +148,27 @@ class PaperParameters(Checked):
     )
 
 
+@dataclass(frozen=True)
+class TimingParameters(Checked):
+    """Times of the waypoints where the joints' limits decide (``planning/timing.py``)."""
+
+    least_dt: float = parameter(1e-3, "s", "choice", "of a trajectory that hardly moves")
+    ramps: tuple[float, ...] = parameter(
+        (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.0), "1", "choice",
+        "tried: time in which a motion comes to speed, over that of its cruise",
+    )  # fmt: skip
+    refinements: int = parameter(
+        5, "1", "measured", "of the intervals; they make free reaches 15 % shorter, 20 no more"
+    )
+    gain: float = parameter(0.5, "1", "measured", "power of an interval's need; 1 oscillates")
+    shrink: float = parameter(0.9, "1", "choice", "least change of an interval in a refinement")
+    widen: float = parameter(3.0, "1", "choice", "largest change of an interval in a refinement")
+
+
 WAYPOINT = WaypointParameters()
 FOLLOW = FollowParameters()
 GOAL = GoalParameters()
 SOLVE = SolveParameters()
 PRIMITIVE = PrimitiveParameters()
 PAPER = PaperParameters()
+TIMING = TimingParameters()

@@ -29,7 +29,8 @@ from optipromp.planning.options import PlanOptions
 from optipromp.planning.parameters import SOLVE
 from optipromp.planning.primitive import led_through
 from optipromp.planning.result import Planned, Stage
-from optipromp.planning.task import Task, push_model, pushed_aside, timed, tool_motion
+from optipromp.planning.task import Task, push_model, pushed_aside, tool_motion
+from optipromp.planning.timing import timed
 from optipromp.promp.conditioning import condition
 from optipromp.promp.model import ProMP
 from optipromp.promp.points import JointPoint
@@ -93,7 +94,8 @@ def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> 
     stage = Stage("joint", "gauss-newton", tuple(history[0]), history, seconds, attempt.message)
     optimised = len(history) > 1
     primitive, followed = (
-        Trajectory(q, made.dt, made.joint_names) for q in (start.primitive, start.followed)
+        Trajectory.through(q, made.times, made.joint_names)
+        for q in (start.primitive, start.followed)
     )
     return Planned(
         primitive, followed, made, start.waypoints.first, (stage,) if optimised else (), optimised,
@@ -228,7 +230,7 @@ class Solver:
         first, speed = (None, None) if path is None else (start.waypoints.first, path.speed)
         trajectory = timed(task, self.options, q, first, speed)
         verdict = judging.judge(
-            self.scene, task.robot, trajectory, task.start, stem_side=self.stem_side
+            self.scene, task.robot, trajectory, task.state, stem_side=self.stem_side
         )
         return Attempt(start, trajectory, verdict, merit, history, message)
 

@@ -193,7 +193,7 @@ def _plan(
         start = time.perf_counter()
         prediction = outcome.prediction or predicted(task, outcome.trajectory, outcome.first)
         verdict = outcome.judgement or judging.judge(
-            scene, task.robot, outcome.trajectory, task.start, stem_side=prediction is None
+            scene, task.robot, outcome.trajectory, task.state, stem_side=prediction is None
         )
         if status is None:
             status, message = _status(Verdict(verdict, prediction), outcome, options, deadline)
@@ -285,7 +285,7 @@ def _terms(
 
 def _stay(task: Task) -> Planned:
     """A trajectory that does not move."""
-    still = Trajectory(np.tile(task.start, (3, 1)), 0.1, task.robot.joint_names)
+    still = Trajectory.through(np.tile(task.start, (3, 1)), 0.1, task.robot.joint_names)
     return Planned(still, still, still, 1, (), False, {})
 
 

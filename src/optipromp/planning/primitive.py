@@ -13,7 +13,8 @@ from optipromp.arrays import FloatArray, frozen
 from optipromp.planning.options import Planner, PlanOptions
 from optipromp.planning.parameters import FOLLOW, PRIMITIVE, WAYPOINT
 from optipromp.planning.result import Planned, ViaPoint
-from optipromp.planning.task import Task, timed
+from optipromp.planning.task import Task
+from optipromp.planning.timing import timed
 from optipromp.promp.basis import Basis
 from optipromp.promp.conditioning import conditioned_mean
 from optipromp.promp.demonstrations import load_demonstrations

@@ -260,7 +260,7 @@ def verdict(task: Task, trajectory: Trajectory) -> Verdict:
     """The verdict on a trajectory of the task's robot."""
     prediction = predicted(task, trajectory)
     judgement = judging.judge(
-        task.scene, task.robot, trajectory, task.start, stem_side=prediction is None
+        task.scene, task.robot, trajectory, task.state, stem_side=prediction is None
     )
     return Verdict(judgement, prediction)
 

@@ -6,16 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, frozen, lengths
+from optipromp.arrays import FloatArray, lengths
 from optipromp.errors import InvalidRequestError, StartInvalidError
 from optipromp.optimization.evaluation import BodyPoints
 from optipromp.optimization.problem import Surroundings
-from optipromp.planning.options import PlanOptions
 from optipromp.pushing import hanging, standing
 from optipromp.pushing.cup import flange_of
 from optipromp.pushing.hanging import Hanging
 from optipromp.pushing.model import Combined, PushModel
-from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import STEP, along, evenly, length
 from optipromp.pushing.rules import neighbours
 from optipromp.pushing.standing import Standing
@@ -23,7 +21,7 @@ from optipromp.robots.library import load_robot, robot_names
 from optipromp.robots.model import Robot
 from optipromp.robots.tools import make_tool, with_tool
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
-from optipromp.trajectory import Trajectory, shortest_dt
+from optipromp.trajectory import State
 
 LIMIT_TOLERANCE = 1e-9
 AMONG = 0.3  # [m] behind the target within which the arm may meet objects that stand
@@ -38,7 +36,7 @@ class Task:
         scene: as given.
         robot: with the scene's tool.
         body: the points the planning loop follows.
-        start: (n,).
+        state: at the start.
         goal: a configuration, or a pose of the tool.
         neighbours: pushables in the way, first met first.
         standing: the scene that gives the surroundings.
@@ -47,10 +45,15 @@ class Task:
     scene: Scene
     robot: Robot
     body: BodyPoints
-    start: FloatArray
+    state: State
     goal: JointGoal | PoseGoal
     neighbours: tuple[SceneObject, ...]
     standing: Scene
+
+    @property
+    def start(self) -> FloatArray:
+        """Configuration (n,) at the start."""
+        return self.state.q
 
     @functools.cached_property
     def surroundings(self) -> Surroundings:
@@ -132,7 +135,7 @@ def resolve(scene: Scene, robot: Robot | None = None) -> Task:
         assert scene.target is not None  # a scene has a target or a goal
         goal = PoseGoal(scene.target.position, scene.frame[2])
     return Task(
-        scene, robot, body, frozen(start), goal, neighbours(scene, robot.gripper_radius), scene
+        scene, robot, body, State(start), goal, neighbours(scene, robot.gripper_radius), scene
     )
 
 
@@ -237,23 +240,3 @@ def wrist(task: Task, goal: FloatArray) -> list[FloatArray]:
         )  # fmt: skip
         out.append(np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]]))
     return out
-
-
-def timed(
-    task: Task, options: PlanOptions, q: FloatArray, slow: int | None, speed: float | None = None
-) -> Trajectory:
-    """Waypoints (T, n) as a trajectory of the duration asked for, or of the shortest possible one.
-
-    The shortest duration keeps the limits of velocity and acceleration. From waypoint ``slow`` on
-    (None: nowhere) it also keeps the tool below ``options.approach_speed``, or else below ``speed``
-    (None: that of the model of what hangs) [m/s].
-    """
-    robot = task.robot
-    if options.duration is not None:
-        return Trajectory(q, options.duration / (len(q) - 1), robot.joint_names)
-    dt = shortest_dt(q, robot.velocity, robot.acceleration)
-    if slow is not None:
-        points, _ = robot.tool_pose(q[slow:])
-        farthest = float(lengths(points[1:] - points[:-1]).max(initial=0.0))
-        dt = max(dt, farthest / (options.approach_speed or speed or PUSH.hanging.speed))
-    return Trajectory(q, dt, robot.joint_names)

@@ -142,7 +142,8 @@ def load_demonstrations(path: str | os.PathLike[str]) -> Demonstrations:
     - ``.npz``: ``Q`` (M, n), ``time`` (M,), ``lengths`` (N,), all demonstrations one after
       another; or ``positions`` (N, T, n) with an optional ``time`` (T,) or (N, T), evenly spaced
       if absent. ``joint_names`` (n,) is optional in both.
-    - ``.csv``: a header ``time,<joint>,<joint>,...`` and one row per sample; an optional column
+    - ``.csv``: a header ``time,<joint>,<joint>,...`` and one row per sample (columns
+      ``<joint>_velocity`` and ``<joint>_acceleration`` are passed over); an optional column
       ``demo`` tells several demonstrations apart.
     - a folder: every ``.csv`` in it, by name, all with the same joints in the same order.
 
@@ -265,7 +266,8 @@ def _read_csv(path: Path) -> Demonstrations:
     if not rows:
         raise InvalidDemonstrationError(f"{path} is empty; expected a header time,<joint>,...")
     header = [name.strip() for name in rows[0][1]]
-    joints = [i for i, name in enumerate(header) if name not in ("time", "demo")]
+    rates = {name + kind for name in header for kind in ("_velocity", "_acceleration")}
+    joints = [i for i, name in enumerate(header) if name not in {"time", "demo", *rates}]
     if header.count("time") != 1 or header.count("demo") > 1 or not joints or "" in header:
         raise InvalidDemonstrationError(
             f"{path}, line {rows[0][0]}: expected a header time,<joint>,... with an optional "

@@ -12,7 +12,6 @@ from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene
 from optipromp.simulation.outcome import Outcome, judge
 from optipromp.simulation.parameters import SimulationParameters
-from optipromp.simulation.reference import reference
 from optipromp.simulation.rollout import Rollout, run
 from optipromp.simulation.world import build
 from optipromp.trajectory import Trajectory
@@ -97,9 +96,7 @@ def simulate(
             f"{', '.join(robot.joint_names)}"
         )
     world = build(scene, robot, parameters, seed)
-    motion = reference(
-        trajectory, robot, speed=parameters.control.speed, dt=parameters.engine.timestep
-    )
+    motion = trajectory.slowed(1.0 / parameters.control.speed)
     rollout, log = run(world, motion, record_rate)
     outcome = judge(world, rollout, log)
     return Run(scene, robot, parameters, seed, rollout, outcome, time.perf_counter() - began)

@@ -147,13 +147,11 @@ class RobotParameters(Checked):
 
 @dataclass(frozen=True)
 class ControlParameters(Checked):
-    """Timing of the reference and the joint controller (computed torque)."""
+    """Speed of the execution and the joint controller (computed torque)."""
 
     speed: float = parameter(
-        0.5, "1", "choice",
-        "share of the velocity limits that the reference uses (of acceleration its square, of jerk "
-        "its cube); a slower plan stays as slow as it is. Harvesting arms run below their limits",
-    )  # fmt: skip
+        1.0, "1", "choice", "of the trajectory's own: at 0.5 it takes twice the time"
+    )
     frequency: float = parameter(40.0, "rad/s", "guess", "of the closed joint loop")
     damping_ratio: float = parameter(1.0, "1", "choice", "critically damped")
     rate: float = parameter(1000.0, "Hz", "published", "of the Panda's control interface")

@@ -1,4 +1,4 @@
-"""Execution: a reference, a joint controller, MuJoCo; and the records."""
+"""Execution: a trajectory, a joint controller, MuJoCo; and the records."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -6,13 +6,15 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from optipromp import judging
 from optipromp.arrays import BoolArray, FloatArray, IntArray, frozen
+from optipromp.robots.model import Robot
 from optipromp.simulation.contacts import ContactLog
 from optipromp.simulation.engine import engine
 from optipromp.simulation.kernels import is_sound
-from optipromp.simulation.reference import Reference
 from optipromp.simulation.stems import StemWatch
 from optipromp.simulation.world import World
+from optipromp.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +31,7 @@ class Rollout:
         fruit_force: (R, F) largest force of one other object on each since the last record [N].
         stem_force: (R, F) the same of arm or tool on its stem [N].
         states: (R, nq) MuJoCo's generalised positions, for pictures.
-        motion: when the reference ends and the hold begins [s].
+        motion: when the trajectory ends and the hold begins [s].
         warnings: of MuJoCo, or the place of a NaN; not empty means a failed run.
         limit_use: largest share of each limit.
         tension: largest pull along each stem, by id [N].
@@ -71,7 +73,7 @@ class Rollout:
         return arrays
 
 
-def run(world: World, motion: Reference, record_rate: float) -> tuple[Rollout, ContactLog]:
+def run(world: World, motion: Trajectory, record_rate: float) -> tuple[Rollout, ContactLog]:
     """Execute ``motion`` and stand still at its end for ``control.hold``.
 
     The controller is computed torque, :math:`τ = M(q)(q̈_r + ω^2 e + 2ζω ė) + b(q, q̇)`, held between
@@ -86,10 +88,10 @@ def run(world: World, motion: Reference, record_rate: float) -> tuple[Rollout, C
 class Execution:
     """One run: built, then run; ``data`` may be touched in between."""
 
-    def __init__(self, world: World, motion: Reference, record_rate: float) -> None:
+    def __init__(self, world: World, motion: Trajectory, record_rate: float) -> None:
         self.world, self.motion = world, motion
         self.mujoco = engine()
-        self.model, self.data = world.model, world.data(motion.q[0])
+        self.model, self.data = world.model, world.data(motion.positions[0])
         p = world.parameters
         self.log = ContactLog(world, p.thresholds.stem_force)
         self.stems = StemWatch(world)
@@ -114,11 +116,11 @@ class Execution:
         before = round(p.engine.settle / self.step)
         total = before + moving + round(p.control.hold / self.step)
         drives = self.world.drives
-        at = np.clip(np.arange(total + 1) - before, 0, len(self.motion.times) - 1)
-        q = drives.segments(self.motion.q[at])
-        rate = drives.segments(self.motion.velocity[at], rates=True)
-        acceleration = drives.segments(self.motion.acceleration[at], rates=True)
-        still = (np.arange(total + 1) < before) | (np.arange(total + 1) - before > moving)
+        at = np.arange(total + 1) - before
+        asked, velocity, gain = self.motion.sample(at * self.step)
+        q, rate = drives.segments(asked), drives.segments(velocity, rates=True)
+        acceleration = drives.segments(gain, rates=True)
+        still = (at < 0) | (at > moving)
         rate[still], acceleration[still] = 0.0, 0.0
         warnings: tuple[str, ...] = ()
         model, data = self.model, self.data
@@ -204,12 +206,19 @@ class Execution:
             attached=frozen(attached.reshape(len(times), len(shown)), np.bool_),
             fruit_force=frozen(force), stem_force=frozen(stem), states=frozen(states),
             motion=motion, warnings=warnings,
-            limit_use={"position": position, **self.motion.use, "torque": torque_use},
+            limit_use={"position": position, **used(robot, self.motion), "torque": torque_use},
             tension={f.id: stems.tension[f.built.key] for f in shown if f.weld >= 0},
             torn_at={f.id: stems.torn[f.built.key] for f in shown if f.built.key in stems.torn},
             tracking_error=float(np.linalg.norm(points - goals, axis=1).max()),
             joint_error=float(np.max(self.worst_error, initial=0.0)),
         )  # fmt: skip
+
+
+def used(robot: Robot, trajectory: Trajectory) -> dict[str, float]:
+    """Largest share of the limits of velocity, acceleration and jerk."""
+    limits = np.stack([robot.velocity, robot.acceleration, robot.jerk])
+    shares = (judging.extremes(trajectory).largest / limits).max(axis=1)
+    return dict(zip(judging.RATES, shares.tolist(), strict=True))
 
 
 class _Views(NamedTuple):

@@ -100,7 +100,7 @@ def moment(plan: "Plan", task: Task) -> Moment:
     points, _ = plan.robot.tool_pose(q[plan.first :])
     height = (points - hanging[-1].position) @ plan.scene.frame[2]
     at = plan.first + int(np.argmin(np.abs(height)))
-    return Moment(at, at * plan.trajectory.dt, f"as the tool passes {hanging[-1].id}")
+    return Moment(at, float(plan.trajectory.times[at]), f"as the tool passes {hanging[-1].id}")
 
 
 def placed(plan: "Plan", task: Task, now: Moment) -> tuple[Placed, ...]:

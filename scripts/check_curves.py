@@ -1,0 +1,99 @@
+"""Plans many scenes and checks their curves by SciPy: limits at 1 kHz and between, and durations.
+
+    python scripts/check_curves.py --plans 1000
+
+The scenes: every preset and the planners ``promp`` and ``opti-promp`` of both kinds on the Panda;
+free reaches between random configurations on Panda and SCARA. The table compares each duration
+with that of waypoints spaced evenly by the limits of velocity and acceleration alone, taken from
+differences (what a plan's duration was before its curve was timed).
+"""
+
+import argparse
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.interpolate import BPoly
+
+from optipromp.planning import Plan, plan
+from optipromp.robots.library import load_robot
+from optipromp.scenes.generate import generate
+from optipromp.scenes.scene import JointGoal, Scene
+
+SEED = 70_000
+
+
+def plans(count: int) -> Iterator[tuple[str, Plan]]:
+    """``count`` plans with the name of their kind, spread over the kinds."""
+    presets = ("cluster", "side-clusters", "table-top", "mixed")
+    kinds = [(preset, "opti-promp", "joint", 8) for preset in presets] + [
+        ("shelf", "opti-promp", "joint", 2), ("cluster", "promp", "joint", 1),
+        ("cluster", "i-promp", "joint", 1), ("mixed", "opti-promp", "sequential", 1),
+        ("panda", "", "", 4), ("scara", "", "", 6),
+    ]  # fmt: skip
+    shares = sum(kind[-1] for kind in kinds)
+    for name, planner, strategy, share in kinds:
+        for k in range(round(count * share / shares)):
+            if name in ("panda", "scara"):
+                yield f"{name}, free", plan(free(name, SEED + k))
+            else:
+                made = plan(generate(name, SEED + k), planner=planner, strategy=strategy)
+                yield f"{name}, {planner if strategy == 'joint' else strategy}", made
+
+
+def free(name: str, seed: int) -> Scene:
+    """A reach between two random configurations, with nothing in the way."""
+    robot, rng = load_robot(name), np.random.default_rng(seed)
+    low, high = np.maximum(robot.lower, -2.5), np.minimum(robot.upper, 2.5)
+    begin, end = rng.uniform(low, high, (2, robot.n_joints))
+    return Scene(
+        "free", name, (), start=begin, goal=JointGoal(begin + rng.uniform() * (end - begin))
+    )
+
+
+def excess(made: Plan) -> float:
+    """Largest excess over a limit at 1 kHz and at 20 places between rows, as a share of it."""
+    curve, robot = made.trajectory, made.robot
+    rows = np.stack([curve.positions, curve.velocities, curve.accelerations], axis=1)
+    pieces = BPoly.from_derivatives(curve.times, list(rows))
+    between = np.linspace(curve.times[:-1], curve.times[1:], 20, axis=1).ravel()
+    times = np.union1d(np.arange(0.0, curve.duration, 1e-3), between)
+    worst = max(
+        float((robot.lower - pieces(times)).max()), float((pieces(times) - robot.upper).max())
+    )
+    for order, limit in enumerate((robot.velocity, robot.acceleration, robot.jerk), start=1):
+        worst = max(worst, float((np.abs(pieces.derivative(order)(times)) / limit).max()) - 1.0)
+    ends = np.abs(np.concatenate([curve.velocities[[0, -1]], curve.accelerations[[0, -1]]]))
+    return max(worst, float(ends.max()))
+
+
+def before(made: Plan) -> float:
+    """Duration of the waypoints, evenly spaced, by differences of positions [s]."""
+    robot, q = made.robot, made.trajectory.positions
+    still = np.zeros_like(q[:1])
+    steps = np.concatenate([still, np.diff(q, axis=0), still])
+    dt = max(
+        float((np.abs(steps) / robot.velocity).max()),
+        float(np.sqrt((np.abs(np.diff(steps, axis=0)) / robot.acceleration).max())),
+    )
+    even = np.ptp(np.diff(made.trajectory.times)) < 1e-9  # the tool's speed decides
+    return max(dt, made.trajectory.times[1] if even else 0.0) * (len(q) - 1)
+
+
+def main() -> None:
+    """Print one line a kind."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--plans", type=int, default=1000)
+    found: dict[str, list[tuple[float, float]]] = {}
+    for name, made in plans(parser.parse_args().plans):
+        found.setdefault(name, []).append((excess(made), made.trajectory.duration / before(made)))
+    print("| plans | number | with an excess | largest share used - 1 | longer: median | 95 % |")
+    print("| --- | --- | --- | --- | --- | --- |")
+    for name, rows in found.items():
+        over, longer = np.array(rows).T
+        bad = int((over > 1e-9).sum())
+        print(f"| {name} | {len(rows)} | {bad} | {over.max():.1e} "
+              f"| {np.median(longer):.3f} | {np.quantile(longer, 0.95):.3f} |")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,131 @@
+r"""Timing: when a trajectory passes its waypoints, so that its curve keeps every limit.
+
+The curve is the quintic spline through the waypoints (:class:`optipromp.trajectory.Trajectory`).
+Within an interval its derivatives stay in the convex hull of their control points. Where the hull
+keeps the limits of velocity v, acceleration a and jerk j, the curve keeps them at every instant.
+Stretching all times by c divides the k-th derivative by :math:`c^k`, so the least stretch is
+
+.. math:: c = \max\left(|\dot q|/v,\; (|\ddot q|/a)^{1/2},\; (|\dddot q|/j)^{1/3}\right).
+"""
+
+import functools
+
+import numpy as np
+
+from optipromp.arrays import FloatArray, frozen, lengths
+from optipromp.planning.options import PlanOptions
+from optipromp.planning.parameters import TIMING
+from optipromp.planning.task import Task
+from optipromp.pushing.parameters import PUSH
+from optipromp.robots.model import Robot
+from optipromp.trajectory import Trajectory, control_points, derivatives
+
+Motion = tuple[FloatArray, FloatArray]  # velocity and acceleration (n,)
+
+
+def timed(
+    task: Task,
+    options: PlanOptions,
+    q: FloatArray,
+    slow: int | None,
+    speed: float | None = None,
+) -> Trajectory:
+    """Waypoints (T, n) as a trajectory of the duration asked for, or of the shortest possible one.
+
+    From waypoint ``slow`` on (None: nowhere) the tool stays below ``options.approach_speed``, or
+    else below ``speed`` (None: that of the model of what hangs) [m/s].
+    """
+    limit = options.approach_speed or speed or PUSH.hanging.speed
+    if options.duration is not None:
+        slow = None
+    made = shortest(task.robot, q, slow, limit)
+    if options.duration is None:
+        return made
+    return made.slowed(options.duration / made.duration)
+
+
+def shortest(
+    robot: Robot, q: FloatArray, slow: int | None = None, tool_speed: float = np.inf
+) -> Trajectory:
+    """The trajectory through waypoints ``q`` (T, n) that ends soonest, from rest to rest.
+
+    It keeps the robot's limits of velocity, acceleration and jerk at every instant and, from
+    waypoint ``slow`` on (None: nowhere), the ``tool_speed`` [m/s] in the mean of each interval.
+    Where the tool's speed decides, the waypoints are evenly spaced. Where the joints' limits
+    decide, the intervals near the ends are widened, and then each by its own need.
+    """
+    count, names = len(q), robot.joint_names
+    least = np.zeros(count - 1)
+    if slow is not None:
+        points, _ = robot.tool_pose(q[slow:])
+        least[slow:] = lengths(points[1:] - points[:-1]) / tool_speed
+    even = np.arange(count, dtype=np.float64)
+    dt = max(float(least.max()), TIMING.least_dt)
+    if stretch(robot, q, dt * even) <= 1.0:
+        return Trajectory.through(q, dt * even, names)
+    best = min((_within(robot, q, _ramped(count, r), least) for r in TIMING.ramps), key=_end)
+    times = best
+    for _ in range(TIMING.refinements):
+        need = _smoothed(_needs(robot, q, times))
+        widths = np.diff(times) * np.clip(need**TIMING.gain, TIMING.shrink, TIMING.widen)
+        times = _within(robot, q, np.append(0.0, np.cumsum(widths)), least)
+        best = min(best, times, key=_end)
+    return Trajectory.through(q, best, names)
+
+
+def stretch(robot: Robot, q: FloatArray, times: FloatArray) -> float:
+    """The least factor c by which ``times`` (T,) must be stretched for the limits to hold."""
+    return float(_needs(robot, q, times).max(initial=0.0))
+
+
+def _needs(robot: Robot, q: FloatArray, times: FloatArray) -> FloatArray:
+    """The stretch (T-1,) that each interval needs; see the module."""
+    points = control_points(times, q, *derivatives(q, times))
+    h, worst = np.diff(times)[:, None], np.zeros(len(times) - 1)
+    limits = robot.velocity, robot.acceleration, robot.jerk
+    for order, (factor, limit) in enumerate(zip((5.0, 20.0, 60.0), limits, strict=True), start=1):
+        points = np.diff(points, axis=0)
+        share = factor * np.abs(points).max(axis=0) / h**order / limit
+        worst = np.maximum(worst, share.max(axis=1) ** (1.0 / order))
+    return worst
+
+
+def _within(robot: Robot, q: FloatArray, times: FloatArray, least: FloatArray) -> FloatArray:
+    """``times`` (T,), stretched evenly to keep the limits and intervals of ``least`` (T-1,)."""
+    factor = stretch(robot, q, times)
+    widths = factor * np.diff(times)
+    if (widths < least).any():
+        times = np.append(0.0, np.cumsum(np.maximum(widths, least)))
+        factor = max(stretch(robot, q, times), 1.0)
+    return np.asarray(times * max(factor * (1.0 + 1e-9), TIMING.least_dt / np.diff(times).max()))
+
+
+def _end(times: FloatArray) -> float:
+    return float(times[-1])
+
+
+@functools.lru_cache(maxsize=64)
+def _ramped(count: int, ramp: float) -> FloatArray:
+    """Times (T,) of evenly spaced waypoints that are passed at speed 1, but for the ends.
+
+    At either end, over the time ``ramp`` (the cruise takes 1), the speed rises from 0 by the
+    quintic step 10 x³ − 15 x⁴ + 6 x⁵.
+    """
+    gone = np.linspace(0.0, 1.0, count)
+    if ramp == 0.0:
+        return frozen(gone)
+    x = np.linspace(0.0, 1.0, 401)
+    travelled = ramp * x**4 * (2.5 - 3.0 * x + x**2)
+
+    def since(distance: FloatArray) -> FloatArray:
+        rising = ramp * np.interp(distance, travelled, x)
+        return np.where(distance < 0.5 * ramp, rising, distance + 0.5 * ramp)
+
+    return frozen(np.where(gone <= 0.5, since(gone), 1.0 + ramp - since(1.0 - gone)))
+
+
+def _smoothed(values: FloatArray) -> FloatArray:
+    """The largest of each three neighbours (m,), then their mean."""
+    p = np.pad(values, 1, mode="edge")
+    p = np.pad(np.maximum(np.maximum(p[:-2], p[1:-1]), p[2:]), 1, mode="edge")
+    return np.asarray((p[:-2] + p[1:-1] + p[2:]) / 3.0)
