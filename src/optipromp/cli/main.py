@@ -13,7 +13,17 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from optipromp.cli import catalogue, check, generate, learn, plan, scenarios, simulate, study
+from optipromp.cli import (
+    catalogue,
+    check,
+    export,
+    generate,
+    learn,
+    plan,
+    scenarios,
+    simulate,
+    study,
+)
 
 app = typer.Typer(
     name="optipromp",
@@ -51,6 +61,7 @@ def root(
 app.command("plan")(plan.plan)
 app.command("scenarios")(scenarios.scenarios)
 app.command("simulate")(simulate.simulate)
+app.command("export")(export.export)
 app.command("generate")(generate.generate)
 app.command("study")(study.study)
 app.command("learn")(learn.learn)

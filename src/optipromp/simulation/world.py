@@ -64,6 +64,7 @@ class World:
         geom_entity: (ngeom,) index into ``entities``.
         fruits: targets and pushables, then the fruits of real neighbouring clusters.
         overlapping: pairs of labels that overlap in the scene and so do not collide.
+        spec: the ``MjSpec`` that the model was compiled from.
     """
 
     model: Any
@@ -75,6 +76,7 @@ class World:
     geom_entity: IntArray
     fruits: tuple[Fruit, ...]
     overlapping: tuple[tuple[str, str], ...]
+    spec: Any
 
     @property
     def shown(self) -> tuple[Fruit, ...]:
@@ -280,6 +282,7 @@ class _Draft:
             model, self.scene, self.robot, self.parameters, drives(self.robot, self.parameters),
             tuple(self.entities), frozen(_owners(model), np.int64),
             tuple(self._located(model, *item) for item in self.fruits), overlapping,
+            self.spec,
         )  # fmt: skip
 
     def _located(
