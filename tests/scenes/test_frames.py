@@ -234,6 +234,25 @@ def test_up_of_the_world_is_the_default_of_the_approach() -> None:
     np.testing.assert_allclose(world.approach.direction, [0.0, 0.0, 1.0], atol=1e-15)
 
 
+def test_a_goal_is_in_the_frame_of_the_file() -> None:
+    half = math.sqrt(0.5)
+    document = MINIMAL | {
+        "objects": [],
+        "goal": {"position": [1.0, 2.5, 0.9], "axis": [0, 1, 0]},
+        "base": {"position": [1.0, 2.0, 0.1], "orientation": [half, 0, 0, half]},
+    }
+    goal = scene_from_dict(document).goal
+    assert isinstance(goal, PoseGoal)
+    np.testing.assert_allclose(goal.position, [0.5, 0.0, 0.8], atol=1e-15)
+    np.testing.assert_allclose(goal.axis, [1.0, 0.0, 0.0], atol=1e-15)
+    del document["goal"]["axis"]
+    up = scene_from_dict(document).goal
+    assert isinstance(up, PoseGoal)
+    np.testing.assert_allclose(up.axis, [0.0, 0.0, 1.0], atol=1e-15)
+    inside = document | {"frame": "base"}
+    np.testing.assert_array_equal(scene_from_dict(inside).goal.position, [1.0, 2.5, 0.9])
+
+
 def test_a_stem_by_direction_and_length() -> None:
     scene = scene_from_dict(
         with_fruit(stem={"direction": [0, 3, 4], "length": 0.2, "radius": 0.002})
