@@ -75,8 +75,11 @@ def before(made: Plan) -> float:
         float((np.abs(steps) / robot.velocity).max()),
         float(np.sqrt((np.abs(np.diff(steps, axis=0)) / robot.acceleration).max())),
     )
-    even = np.ptp(np.diff(made.trajectory.times)) < 1e-9  # the tool's speed decides
-    return max(dt, made.trajectory.times[1] if even else 0.0) * (len(q) - 1)
+    if made.scene.goal is None and made.scene.pushables:  # the tool is slow on its approach
+        points, _ = robot.tool_pose(q[made.first :])
+        far = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        dt = max(dt, float(far.max() / (far / np.diff(made.trajectory.times[made.first :])).max()))
+    return dt * (len(q) - 1)
 
 
 def main() -> None:

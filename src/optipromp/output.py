@@ -29,6 +29,7 @@ __all__ = ["load_plan", "write_plan"]
 FORMAT = 3
 CURVE = ("times", "positions", "velocities", "accelerations")
 KINDS = ("", "_velocity", "_acceleration")  # of the columns of a CSV file
+PUSHED = ("pushed_points", "pushed_axes")
 RATE = 1000.0  # [Hz] of the Panda's control interface
 
 
@@ -103,6 +104,7 @@ def load_plan(path: Path | str) -> Plan:
             time=document["time"],
             first=document["first"],
             via=tuple(ViaPoint(v["name"], np.array(v["position"])) for v in document["via"]),
+            pushed=(rows[PUSHED[0]], rows[PUSHED[1]]) if PUSHED[0] in rows else None,
         )
     except InvalidSceneError:
         raise
@@ -177,4 +179,5 @@ def _waypoints(plan: Plan) -> dict[str, Any]:
         **arrays(plan.trajectory),
         **arrays(plan.initial, "initial_"),
         **arrays(plan.followed, "followed_"),
+        **({} if plan.pushed is None else dict(zip(PUSHED, plan.pushed, strict=True))),
     }

@@ -2,12 +2,16 @@
 
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from optipromp.arrays import FloatArray, frozen
 from optipromp.errors import InvalidRequestError
+
+Motion = tuple[FloatArray, FloatArray, FloatArray]
+"""Positions, velocities and accelerations, of one shape."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +151,11 @@ class Trajectory:
         """The state at ``time`` [s]."""
         return State(*(values[0] for values in self.sample(time)))
 
-    def sample(self, times: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def rows(self, which: Any = slice(None)) -> Motion:
+        """Positions, velocities and accelerations of some rows, (m, n) each."""
+        return self.positions[which], self.velocities[which], self.accelerations[which]
+
+    def sample(self, times: ArrayLike) -> Motion:
         """Positions, velocities and accelerations at ``times`` (M,), each (M, n).
 
         Before its begin and after its end the curve stays where it is, with the derivatives there.
@@ -156,7 +164,7 @@ class Trajectory:
         row = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, self.n_waypoints - 2)
         h = np.diff(self.times)[row]
         s, out = ((t - self.times[row]) / h)[:, None], []
-        b = control_points(self.times, self.positions, self.velocities, self.accelerations)[:, row]
+        b = control_points(h[:, None], self.rows(row), self.rows(row + 1))
         for order, factor in enumerate((1.0, 5.0, 20.0)):
             points = list(np.diff(b, order, axis=0))
             while len(points) > 1:  # de Casteljau's algorithm
@@ -219,13 +227,12 @@ def derivatives(
     return out[0], out[1]
 
 
-def control_points(
-    times: FloatArray, q: FloatArray, velocity: FloatArray, acceleration: FloatArray
-) -> FloatArray:
-    """Bernstein coefficients (6, T-1, n) of the quintics between rows; see :class:`Trajectory`."""
-    h = np.diff(times)[:, None]
-    v, a = h * velocity[:-1] / 5.0, h * h * acceleration[:-1] / 20.0
-    w, c = h * velocity[1:] / 5.0, h * h * acceleration[1:] / 20.0
-    return np.stack(
-        [q[:-1], q[:-1] + v, q[:-1] + 2.0 * v + a, q[1:] - 2.0 * w + c, q[1:] - w, q[1:]]
-    )
+def control_points(h: FloatArray, begin: Motion, end: Motion) -> FloatArray:
+    """Bernstein coefficients (6, m, n) of m quintics; see :class:`Trajectory`.
+
+    Each leads over a time ``h`` (m, 1) [s] from ``begin`` to ``end``: position, velocity and
+    acceleration, (m, n) each.
+    """
+    (q, v, a), (r, w, b) = begin, end
+    v, w, a, b = h * v / 5.0, h * w / 5.0, h * h * a / 20.0, h * h * b / 20.0
+    return np.stack([q, q + v, q + 2.0 * v + a, r - 2.0 * w + b, r - w, r])

@@ -13,6 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
+from optipromp.output import load_plan
 from optipromp.planning import plan
 
 RUN = [sys.executable, "-m", "optipromp"]
@@ -282,3 +283,19 @@ def test_the_first_use_compiles_every_kernel_of_a_plan_and_says_so(tmp_path: Pat
     later = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     assert later.stderr == ""
     assert set(tmp_path.rglob("*.nbc")) == compiled
+
+
+def test_a_plan_goes_on_from_one_that_runs(tmp_path: Path) -> None:
+    assert call("plan", "scenario-3", "--no-figures", "--out", str(tmp_path / "a"))[0] == 0
+    running = load_plan(tmp_path / "a")
+    code, stdout, _ = call(
+        "plan", "scenario-3", "--previous", str(tmp_path / "a"), "--at", "3", "--no-figures",
+        "--out", str(tmp_path / "b"), "--json",
+    )  # fmt: skip
+    assert code == 0
+    assert read(stdout)["metrics"]["duration"] == pytest.approx(running.trajectory.duration - 3)
+    first = load_plan(tmp_path / "b").trajectory.at(0.0)
+    np.testing.assert_allclose(first.q, running.trajectory.at(3.0).q, atol=1e-9)
+    code, _, stderr = call("plan", "scenario-3", "--at", "3")
+    assert code == 2
+    assert "previous and at go together" in stderr

@@ -64,6 +64,11 @@ Settings = Annotated[
         help="Any other setting, as often as you like; 'optipromp list' names them.",
     ),
 ]
+Previous = Annotated[
+    Path | None,
+    typer.Option(metavar="PLAN_DIR", help="A plan that runs: go on from it, at --at seconds."),
+]
+At = Annotated[float | None, typer.Option(metavar="SECONDS", help="Time in the plan that runs.")]
 Timeout = Annotated[
     float | None, typer.Option(metavar="SECONDS", help="Give up planning after this long.")
 ]
@@ -113,6 +118,8 @@ def plan(
     constraints: ChosenConstraints = "push-model",
     setting: Settings = None,
     timeout: Timeout = None,
+    previous: Previous = None,
+    at: At = None,
     out: PlanFolder = None,
     rate: Rate = 1000.0,
     figures: Figures = None,
@@ -135,6 +142,7 @@ def plan(
     optipromp plan scenario-3 --set static_clearance=0.02 --set max_step=0.03
     optipromp plan scenario-3 --demonstrations recorded.npz
     optipromp plan scenes --out plans
+    optipromp plan seen-again.yaml --previous reach --at 1.5
     """
     from optipromp.cli.catalogue import settings
     from optipromp.planning import plan as make_plan
@@ -154,11 +162,18 @@ def plan(
         "options": options,
     }
     if scene not in scene_names() and Path(scene).is_dir():
+        if previous is not None:
+            raise InvalidRequestError("--previous goes with one scene, not with a folder of them")
         return plan_folder(Path(scene), out, rate, bool(figures), workers, as_json, request)
     loaded = load_scene(scene)
     say_if_compiling()
+    running = None
+    if previous is not None:
+        from optipromp.output import load_plan
+
+        running = load_plan(previous)
     with waiting(f"planning {loaded.name} ...") as say:
-        result = make_plan(loaded, progress=say, **request)
+        result = make_plan(loaded, progress=say, previous=running, at=at, **request)
     written = leave(result, out, figures is not False, rate) if out is not None else ()
     if as_json:
         print_json(result.to_dict())

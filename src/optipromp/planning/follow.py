@@ -61,12 +61,14 @@ class Start:
         followed: (T, n) the conditioned ProMP, led along the path.
         waypoints: their number, and the first on the path.
         path: the tool path that is followed; None where there is none.
+        times: (T,) of a motion that runs already, which is not optimised again [s].
     """
 
     primitive: FloatArray
     followed: FloatArray
     waypoints: Waypoints
     path: ToolPath | None
+    times: FloatArray | None = None
 
 
 def starts(
@@ -105,7 +107,9 @@ def _waypoints(task: Task, stations: FloatArray, path: ToolPath, options: PlanOp
     The path is followed through configurations ``stations`` (S, n).
     """
     step = WAYPOINT.share * options.max_step
-    reach = max(reach_count(stations[0] - task.start, options.max_step), WAYPOINT.fewest_reach)
+    reach = 0.0
+    if task.entry is None:  # the tool is not on its path yet
+        reach = max(reach_count(stations[0] - task.start, options.max_step), WAYPOINT.fewest_reach)
     turn = float(np.abs(np.diff(stations, axis=0)).max(axis=1).sum())
     slowed = 1.0 / (1.0 - 0.5 * WAYPOINT.braking)
     approach = slowed * max(
@@ -114,7 +118,9 @@ def _waypoints(task: Task, stations: FloatArray, path: ToolPath, options: PlanOp
         WAYPOINT.fewest_approach,
     )
     total = options.waypoints or within_limits(10 * np.ceil((reach + approach) / 10))
-    first = int(np.clip(round(reach / (reach + approach) * (total - 1)), 1, total - 2))
+    first = round(reach / (reach + approach) * (total - 1))
+    if reach:
+        first = int(np.clip(first, 1, total - 2))
     return Waypoints(total, first)
 
 
@@ -167,6 +173,11 @@ def _follow(
         return None
     on_path[-1] = goal
     on_path = level(robot, on_path[::-1], task.scene.frame[0], path=True)[::-1]
+    if first == 0:  # the arm stands on the path, perhaps in another posture
+        on_path = on_path + (1.0 - z[:, None]) * (task.start - on_path[0])
+        on_path, errors = ik.each(robot, points, np.tile(axis, (len(points), 1)), on_path)
+        on_path[0], on_path[-1] = task.start, goal
+        return Start(q, on_path, waypoints, path) if errors.max() < FOLLOW.tracked else None
     followed = np.vstack([q[:first] + _lead_in(on_path - q[first:], first), on_path])
     return Start(q, followed, waypoints, path)
 

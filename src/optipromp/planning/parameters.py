@@ -149,6 +149,26 @@ class PaperParameters(Checked):
 
 
 @dataclass(frozen=True)
+class UnderwayParameters(Checked):
+    """A plan for an arm that moves already (``planning/underway.py``)."""
+
+    upright: float = parameter(15.0, "deg", "choice", "largest lean of a tool on its approach")
+    before: float = parameter(0.002, "m", "choice", "of the camera point where the approach begins")
+    aside: float = parameter(
+        0.15, "m", "choice", "of the approach's line, at most, on the approach"
+    )
+    moved: float = parameter(
+        0.03, "m", "choice", "of the target; a running path is not kept beyond"
+    )
+    same: float = parameter(1e-3, "m", "choice", "within which a fruit is where it was before")
+    rows: int = parameter(100, "1", "choice", "at which the rest of a running path is read")
+    join: float = parameter(0.5, "s", "choice", "how far ahead the new motion is joined, at most")
+    quickest: float = parameter(0.01, "s", "choice", "shortest time of a join")
+    slowest: float = parameter(2.0, "s", "choice", "longest time of a join")
+    durations: int = parameter(40, "1", "choice", "of a join that are tried for each waypoint")
+
+
+@dataclass(frozen=True)
 class TimingParameters(Checked):
     """Times of the waypoints where the joints' limits decide (``planning/timing.py``)."""
 
@@ -172,3 +192,4 @@ SOLVE = SolveParameters()
 PRIMITIVE = PrimitiveParameters()
 PAPER = PaperParameters()
 TIMING = TimingParameters()
+UNDERWAY = UnderwayParameters()

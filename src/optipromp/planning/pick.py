@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -31,6 +32,7 @@ from optipromp.planning.primitive import led_through
 from optipromp.planning.result import Planned, Stage
 from optipromp.planning.task import Task, push_model, pushed_aside, tool_motion
 from optipromp.planning.timing import timed
+from optipromp.planning.underway import rest, straight
 from optipromp.promp.conditioning import condition
 from optipromp.promp.model import ProMP
 from optipromp.promp.points import JointPoint
@@ -67,13 +69,18 @@ def pick(
     best: tuple[Attempt, Prediction | None] | None = None
     least, tries = np.inf, 0
     for path, good in tool_paths(task, model if options.prediction else None, rng, deadline):
-        attempt = first_valid(solver, follow.starts(task, path, promp, options, goals, GOALS))
+        begin: Iterator[Start] = follow.starts(task, path, promp, options, goals, GOALS)
+        if path is task.kept and options.duration is None:
+            begin = chain(rest(task), begin)
+        attempt = first_valid(solver, begin)
         if attempt is None:
             continue
         tries += 1
         q = attempt.trajectory.positions[attempt.start.waypoints.first :]
         prediction = None if model is None else model.predict(*tool_motion(task.robot, q))
         score = prediction.harm if prediction and options.prediction else 0.0
+        if path is task.kept:  # another one must be better by as much
+            score = max(score - good, 0.0)
         score += 0.0 if attempt.valid else INVALID
         if best is None or score < least:
             best, least = (attempt, prediction), score
@@ -92,7 +99,7 @@ def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> 
     start, made = attempt.start, attempt.trajectory
     history = attempt.history
     stage = Stage("joint", "gauss-newton", tuple(history[0]), history, seconds, attempt.message)
-    optimised = len(history) > 1
+    optimised = len(history) > 1 or start.times is not None  # or it was, as it began
     primitive, followed = (
         Trajectory.through(q, made.times, made.joint_names)
         for q in (start.primitive, start.followed)
@@ -108,9 +115,14 @@ def tool_paths(
 ) -> Iterator[tuple[ToolPath, float]]:
     """Tool paths to the target, each with the harm that is good; none where nothing is in the way.
 
-    The paths come from the search in the push model, or from the rule where there is no model.
+    The path that runs already comes first. Others come from the search in the push model, or from
+    the rule where there is no model.
     """
-    if model is not None:
+    if task.kept is not None:
+        yield task.kept, PUSH.harm.good
+    if task.entry is not None and not task.neighbours:
+        yield straight(task), PUSH.harm.good
+    elif model is not None:
         assert isinstance(task.goal, PoseGoal)
         yield from search(model, task.goal.axis, rng, deadline)
     elif task.neighbours:
@@ -209,7 +221,7 @@ class Solver:
             self._arrays[count] = Evaluation(task.robot, task.body, count, 1.0 / (count - 1))
         problem = following(task, self.options, start, self._arrays[count])
         value = problem.evaluate(start.followed, settings.stages[-1])
-        if self.options.iterations == 0 or self.late():
+        if self.options.iterations == 0 or self.late() or start.times is not None:
             return self._judged(start, start.followed, value.merit, (value.costs,), "")
         if settings.keeps(value):
             last = slice(-1, None)
@@ -228,7 +240,11 @@ class Solver:
     ) -> Attempt:  # fmt: skip
         task, path = self.task, start.path
         first, speed = (None, None) if path is None else (start.waypoints.first, path.speed)
-        trajectory = timed(task, self.options, q, first, speed)
+        if start.times is None:
+            trajectory = timed(task, self.options, q, first, speed)
+        else:
+            names = task.robot.joint_names
+            trajectory = Trajectory.through(q, start.times, names, begin=task.state)
         verdict = judging.judge(
             self.scene, task.robot, trajectory, task.state, stem_side=self.stem_side
         )

@@ -27,13 +27,15 @@ from optipromp.planning.pick import pick
 from optipromp.planning.primitive import PAPER_BASIS, learnt
 from optipromp.planning.result import Plan, Planned, Term, Terms, Verdict, predicted
 from optipromp.planning.task import Task, push_model, pushed_aside, resolve
+from optipromp.planning.timing import stopped
+from optipromp.planning.underway import Moving, begun, underway
 from optipromp.processes import cores, run_each
 from optipromp.promp.model import ProMP
 from optipromp.pushing import standing, trials
 from optipromp.robots.model import Robot
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene
-from optipromp.trajectory import Trajectory
+from optipromp.trajectory import State, Trajectory
 
 DEFAULTS = PlanOptions()
 WARM_UP = "scenario-3"
@@ -54,8 +56,11 @@ def plan(
     seed: int = 0,
     options: PlanOptions | None = None,
     progress: Callable[[str], None] | None = None,
+    start_state: Moving | None = None,
+    previous: Plan | None = None,
+    at: float | None = None,
 ) -> Plan:
-    """Plan a reach in a scene.
+    """Plan a reach in a scene, from rest or from a motion that runs.
 
     Args:
         scene: a scene, the name of a built-in scene, or the path of a scene file.
@@ -70,6 +75,11 @@ def plan(
         seed: of everything random. The same input and seed give the same plan.
         options: see :class:`PlanOptions`.
         progress: called with a short text as each step begins.
+        start_state: that the arm is in, in place of the scene's start: a :class:`State` or (q,
+            velocity, acceleration). The plan begins in it without a jump.
+        previous: the plan that runs; its path is kept unless another is better by a margin.
+        at: the time in ``previous`` at which the new plan takes over [s]. Without ``start_state``
+            the arm is where ``previous`` has it then.
 
     Returns:
         The plan. A plan that fails is returned too: with its code, the best trajectory found and
@@ -84,7 +94,10 @@ def plan(
     """
     _compiled()  # before the plan's clock starts
     with _threads().limit(limits=1, user_api="blas"):  # on small matrices threads only wait
-        return _plan(scene, robot, planner, strategy, demonstrations, seed, options, progress)
+        return _plan(
+            scene, robot, planner, strategy, demonstrations, seed, options, progress,
+            begun(start_state, previous, at), (previous, at),
+        )  # fmt: skip
 
 
 def check_planner(planner: str, strategy: str) -> None:
@@ -174,6 +187,8 @@ def _plan(
     seed: int,
     options: PlanOptions | None,
     progress: Callable[[str], None] | None,
+    state: State | None = None,
+    running: tuple[Plan | None, float | None] = (None, None),
 ) -> Plan:
     began = time.perf_counter()
     options = options or DEFAULTS
@@ -181,7 +196,9 @@ def _plan(
     say = progress or (lambda _: None)
     if not isinstance(scene, Scene):
         scene = load_scene(scene)
-    task = resolve(scene, robot)
+    task = resolve(scene, robot, state)
+    if state is not None:
+        task = underway(task, *running)
     began += _compile_shelf(task)  # the plan's clock stands still
     paper = planner == "opti-promp" and (strategy == "sequential" or options.constraints == "paper")
     default = planner == "opti-promp" and not paper
@@ -208,7 +225,7 @@ def _plan(
             followed=outcome.followed, prediction=prediction, metrics=verdict.metrics,
             terms=Terms(functools.partial(_terms, task, options, outcome, paper, strategy)),
             stages=outcome.stages, contacts=verdict.contacts, time=times,
-            first=outcome.first, via=outcome.via,
+            first=outcome.first, via=outcome.via, pushed=task.pushed,
         )  # fmt: skip
 
     _, touching = judging.clearances(scene, task.robot, task.start[None])
@@ -217,15 +234,16 @@ def _plan(
             _stay(task), Code.START_IN_COLLISION,
             "at the start " + "; ".join(map(str, touching)),
         )  # fmt: skip
-    if task.at_goal(judging.GOAL_TOLERANCE, judging.AXIS_TOLERANCE):
+    if not task.state.moving and task.at_goal(judging.GOAL_TOLERANCE, judging.AXIS_TOLERANCE):
         return finish(_stay(task))
 
     say("inverse kinematics")
     before = time.perf_counter()
     hasty = planner != "opti-promp" or before > deadline
+    near = primitive.end(promp) if planner != "opti-promp" else None
     chosen, is_free, reason = goals.choose(
         pushed_aside(task) if default else task, seed, GOAL.few_starts if hasty else GOAL.starts,
-        primitive.end(promp) if planner != "opti-promp" else None, deadline,
+        near if task.entry is None else task.start, deadline,
     )  # fmt: skip
     clock["inverse kinematics"] = time.perf_counter() - before
     if not len(chosen):
@@ -284,8 +302,10 @@ def _terms(
 
 
 def _stay(task: Task) -> Planned:
-    """A trajectory that does not move."""
+    """A trajectory that does not move; where the arm moves, one that comes to rest."""
     still = Trajectory.through(np.tile(task.start, (3, 1)), 0.1, task.robot.joint_names)
+    if task.state.moving:
+        still = stopped(task.robot, task.state)
     return Planned(still, still, still, 1, (), False, {})
 
 

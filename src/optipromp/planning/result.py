@@ -155,6 +155,8 @@ class Plan:
         time: ``total`` and per stage [s].
         first: index of the first waypoint on the approach.
         via: points of the tool that ``promp`` and ``i-promp`` conditioned the primitive on.
+        pushed: tool points and axes (P, 3) of the push that came before, where the plan goes on
+            with one that ran.
     """
 
     scene: Scene
@@ -175,6 +177,7 @@ class Plan:
     time: Mapping[str, float] = field(default_factory=dict)
     first: int = 0
     via: tuple[ViaPoint, ...] = ()
+    pushed: tuple[FloatArray, FloatArray] | None = None
 
     @property
     def success(self) -> bool:

@@ -13,15 +13,15 @@ from optipromp.optimization.problem import Surroundings
 from optipromp.pushing import hanging, standing
 from optipromp.pushing.cup import flange_of
 from optipromp.pushing.hanging import Hanging
-from optipromp.pushing.model import Combined, PushModel
-from optipromp.pushing.path import STEP, along, evenly, length
+from optipromp.pushing.model import Combined, Continued, PushModel
+from optipromp.pushing.path import STEP, ToolPath, along, evenly, length
 from optipromp.pushing.rules import neighbours
 from optipromp.pushing.standing import Standing
 from optipromp.robots.library import load_robot, robot_names
 from optipromp.robots.model import Robot
 from optipromp.robots.tools import make_tool, with_tool
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
-from optipromp.trajectory import State
+from optipromp.trajectory import State, Trajectory
 
 LIMIT_TOLERANCE = 1e-9
 AMONG = 0.3  # [m] behind the target within which the arm may meet objects that stand
@@ -40,6 +40,10 @@ class Task:
         goal: a configuration, or a pose of the tool.
         neighbours: pushables in the way, first met first.
         standing: the scene that gives the surroundings.
+        entry: (3,) where the tool is, if it has begun its approach [m].
+        passed: neighbours that lie below the rim of a tool on its approach.
+        running: the trajectory that runs already, from now on; ``kept`` is its tool path.
+        pushed: tool points and axes (P, 3) of the push so far, if the scene is as it was before it.
     """
 
     scene: Scene
@@ -49,6 +53,11 @@ class Task:
     goal: JointGoal | PoseGoal
     neighbours: tuple[SceneObject, ...]
     standing: Scene
+    entry: FloatArray | None = None
+    passed: tuple[SceneObject, ...] = ()
+    running: Trajectory | None = None
+    kept: ToolPath | None = None
+    pushed: tuple[FloatArray, FloatArray] | None = None
 
     @property
     def start(self) -> FloatArray:
@@ -62,8 +71,10 @@ class Task:
 
     @functools.cached_property
     def camera(self) -> FloatArray:
-        """Camera point (3,) [m]: before the goal and the lowest fruit."""
+        """Camera point (3,) [m]: before the goal and the lowest fruit; once past it, the tool."""
         assert isinstance(self.goal, PoseGoal)
+        if self.entry is not None:
+            return self.entry
         up = self.scene.frame[2]
         heights = [
             float((fruit.position - self.goal.position) @ up) - fruit.radius
@@ -105,12 +116,13 @@ def _equip(robot: Robot, tool: ToolKey) -> tuple[Robot, BodyPoints]:
     return robot, BodyPoints(robot)
 
 
-def resolve(scene: Scene, robot: Robot | None = None) -> Task:
+def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None) -> Task:
     """Load the scene's robot and tool and check start and goal against it.
 
     Args:
         scene: of the plan.
         robot: with its tool, in place of the scene's robot and tool.
+        state: that the arm is in, in place of the scene's start.
 
     Raises:
         InvalidRobotError: a robot that cannot be loaded.
@@ -121,12 +133,19 @@ def resolve(scene: Scene, robot: Robot | None = None) -> Task:
     """
     robot, body = _robot_with_tool(scene) if robot is None else (robot, BodyPoints(robot))
     start = robot.home if scene.start is None else scene.start
+    start = start if state is None else state.q
     if start.shape != (robot.n_joints,):
         raise StartInvalidError(
             f"start has {start.size} values; {robot.name} has {robot.n_joints} joints: "
             f"{', '.join(robot.joint_names)}"
         )
     _within_limits(robot, start, "start", StartInvalidError)
+    if state is not None and (fast := np.abs(state.velocity) > robot.velocity).any():
+        joint = int(np.argmax(fast))
+        raise StartInvalidError(
+            f"start: {robot.joint_names[joint]} moves at {state.velocity[joint]:.4g}, above its "
+            f"limit {robot.velocity[joint]:g}"
+        )
     if isinstance(scene.goal, JointGoal):
         joints = robot.check_configuration(scene.goal.joints)
         _within_limits(robot, joints, "goal", InvalidRequestError)
@@ -135,7 +154,13 @@ def resolve(scene: Scene, robot: Robot | None = None) -> Task:
         assert scene.target is not None  # a scene has a target or a goal
         goal = PoseGoal(scene.target.position, scene.frame[2])
     return Task(
-        scene, robot, body, State(start), goal, neighbours(scene, robot.gripper_radius), scene
+        scene,
+        robot,
+        body,
+        state or State(start),
+        goal,
+        neighbours(scene, robot.gripper_radius),
+        scene,
     )
 
 
@@ -187,10 +212,13 @@ def push_model(task: Task, goal: FloatArray) -> PushModel | None:
     models: list[PushModel] = []
     if standing.applies(scene, tool):
         models.append(Standing(scene, tool, wrist(task, goal)))
-    if hanging.applies(scene, tool, task.neighbours):
+    if hanging.applies(scene, tool, task.neighbours or task.passed):
         radius, flange = task.robot.gripper_radius, flange_of(task.robot)
         models.append(Hanging(scene, tool, task.neighbours, task.camera, radius, flange))
-    return models[0] if len(models) == 1 else Combined(*models) if models else None
+    if not models:
+        return None
+    model = models[0] if len(models) == 1 else Combined(*models)
+    return model if task.pushed is None else Continued(model, *task.pushed)
 
 
 def tool_motion(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -14,13 +14,11 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, frozen, lengths
 from optipromp.planning.options import PlanOptions
-from optipromp.planning.parameters import TIMING
+from optipromp.planning.parameters import TIMING, UNDERWAY
 from optipromp.planning.task import Task
 from optipromp.pushing.parameters import PUSH
 from optipromp.robots.model import Robot
-from optipromp.trajectory import Trajectory, control_points, derivatives
-
-Motion = tuple[FloatArray, FloatArray]  # velocity and acceleration (n,)
+from optipromp.trajectory import State, Trajectory, control_points, derivatives
 
 
 def timed(
@@ -39,9 +37,9 @@ def timed(
     if options.duration is not None:
         slow = None
     made = shortest(task.robot, q, slow, limit)
-    if options.duration is None:
-        return made
-    return made.slowed(options.duration / made.duration)
+    if options.duration is not None:
+        made = made.slowed(options.duration / made.duration)
+    return joined(task.robot, task.state, made) if task.state.moving else made
 
 
 def shortest(
@@ -73,6 +71,58 @@ def shortest(
     return Trajectory.through(q, best, names)
 
 
+def joined(robot: Robot, state: State, made: Trajectory) -> Trajectory:
+    """A trajectory that begins at rest, begun in a moving ``state`` instead.
+
+    One quintic leads from the state to a waypoint ahead, and takes the place of what was before.
+    Of the waypoints at most ``UNDERWAY.join`` ahead [s], and of the quintic's durations, those are
+    chosen with which the whole ends soonest within all limits. Where none keeps the limits, the one
+    that comes nearest is taken, and the judge says so. The number of waypoints stays.
+    """
+    last = max(2, int(np.searchsorted(made.times, UNDERWAY.join, side="right")))
+    rows = np.arange(1, min(last, made.n_waypoints))
+    spans = np.geomspace(UNDERWAY.quickest, UNDERWAY.slowest, UNDERWAY.durations)
+    row, h = np.repeat(rows, len(spans)), np.tile(spans, len(rows))
+    many = (len(row), 1)
+    begin = np.tile(state.q, many), np.tile(state.velocity, many), np.tile(state.acceleration, many)
+    points = control_points(h[:, None], begin, made.rows(row))
+    outside = np.maximum(robot.lower - points, points - robot.upper).max(axis=(0, 2))
+    over = np.maximum(shares(robot, points, h[:, None]) - 1.0, 0.0) + np.maximum(outside, 0.0)
+    ends = np.where(over > 0.0, np.inf, h - made.times[row])
+    best = int(np.argmin(ends if np.isfinite(ends).any() else over))
+    j, span, names = int(row[best]), float(h[best]), made.joint_names
+    q, velocity, acceleration = (
+        np.stack([one[best], other]) for one, other in zip(begin, made.rows(j), strict=True)
+    )
+    lead = Trajectory(np.array([0.0, span]), q, velocity, acceleration, names)
+    at = np.linspace(0.0, span, j + 1)[:-1]
+    q, velocity, acceleration = (
+        np.concatenate([new, old])
+        for new, old in zip(lead.sample(at), made.rows(slice(j, None)), strict=True)
+    )
+    times = np.append(at, made.times[j:] - made.times[j] + span)
+    return Trajectory(times, q, velocity, acceleration, names)
+
+
+def stopped(robot: Robot, state: State) -> Trajectory:
+    """From a moving ``state`` to rest: the shortest of the quintics that end half-way.
+
+    At constant deceleration a joint at speed v comes to rest over a time h after v·h/2. Where no
+    quintic keeps all limits, the longest is taken, and the judge says so.
+    """
+    rest = np.zeros((2, robot.n_joints))
+    rest[0] = state.velocity
+    gain = np.stack([state.acceleration, rest[1]])
+    for h in np.geomspace(UNDERWAY.quickest, UNDERWAY.slowest, UNDERWAY.durations):
+        q = np.stack([state.q, state.q + 0.5 * h * state.velocity])
+        made = Trajectory(np.array([0.0, h]), q, rest, gain, robot.joint_names)
+        points = control_points(np.array([[h]]), made.rows([0]), made.rows([1]))
+        inside = ((points >= robot.lower) & (points <= robot.upper)).all()
+        if inside and shares(robot, points, np.array([[h]])).max() <= 1.0:
+            break
+    return made
+
+
 def stretch(robot: Robot, q: FloatArray, times: FloatArray) -> float:
     """The least factor c by which ``times`` (T,) must be stretched for the limits to hold."""
     return float(_needs(robot, q, times).max(initial=0.0))
@@ -80,8 +130,14 @@ def stretch(robot: Robot, q: FloatArray, times: FloatArray) -> float:
 
 def _needs(robot: Robot, q: FloatArray, times: FloatArray) -> FloatArray:
     """The stretch (T-1,) that each interval needs; see the module."""
-    points = control_points(times, q, *derivatives(q, times))
-    h, worst = np.diff(times)[:, None], np.zeros(len(times) - 1)
+    (v, a), h = derivatives(q, times), np.diff(times)[:, None]
+    points = control_points(h, (q[:-1], v[:-1], a[:-1]), (q[1:], v[1:], a[1:]))
+    return shares(robot, points, h)
+
+
+def shares(robot: Robot, points: FloatArray, h: FloatArray) -> FloatArray:
+    """The stretch (m,) that quintics with control points (6, m, n) over times ``h`` (m, 1) need."""
+    worst = np.zeros(len(h))
     limits = robot.velocity, robot.acceleration, robot.jerk
     for order, (factor, limit) in enumerate(zip((5.0, 20.0, 60.0), limits, strict=True), start=1):
         points = np.diff(points, axis=0)

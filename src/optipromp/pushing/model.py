@@ -10,6 +10,7 @@ states (successive halving), and samples new candidates near them.
 """
 
 import bisect
+import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from optipromp.arrays import FloatArray
-from optipromp.pushing.path import ToolPath
+from optipromp.pushing.path import STEP, ToolPath, along, evenly, length
 
 
 @dataclass(frozen=True)
@@ -220,6 +221,56 @@ class Combined(PushModel):
     def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
         """The first model's."""
         return self.models[0].spread(run)
+
+
+class Continued(PushModel):
+    """A model of a push that has begun: the motion so far comes before every path.
+
+    Args:
+        model: of the scene as it was before the push.
+        points, axes: (P, 3) of the tool so far.
+    """
+
+    def __init__(self, model: PushModel, points: FloatArray, axes: FloatArray) -> None:
+        self.model, self._points, self._axes = model, points, axes
+        self.speed, self.good, self.threshold = model.speed, model.good, model.threshold
+        self.states, self.schedule = model.states, model.schedule
+
+    def _whole(self, points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        points = np.concatenate([self._points, points])
+        count = max(2, math.ceil(length(points) / STEP) + 1)
+        axes = along(points, np.concatenate([self._axes, axes]), count)
+        return evenly(points, count), axes
+
+    def harm(
+        self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
+    ) -> float:
+        """See :class:`PushModel`; of the whole motion."""
+        return self.model.harm(*self._whole(points, axes), states, limit)
+
+    def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
+        """See :class:`PushModel`; of the whole motion."""
+        return self.model.cause(*self._whole(points, axes))
+
+    def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
+        """See :class:`PushModel`; by the whole motion."""
+        return self.model.moved(*self._whole(points, axes))
+
+    def path(self, x: FloatArray) -> ToolPath:
+        """The model's."""
+        return self.model.path(x)
+
+    def aside(self, x: FloatArray, path: ToolPath) -> float:
+        """The model's."""
+        return self.model.aside(x, path)
+
+    def first(self) -> FloatArray:
+        """The model's."""
+        return self.model.first()
+
+    def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
+        """The model's."""
+        return self.model.spread(run)
 
 
 SURE = 0.5  # share of a good harm; a candidate of less on few states is tried on all at once

@@ -1,0 +1,166 @@
+"""A plan for an arm that moves already: where it joins, what lies behind it, what it keeps.
+
+The tool that stands upright between camera point and target has begun its approach. Then the new
+path begins where the tool is, and fruits below its rim are passed. The rest of a plan that runs is
+the first candidate of the new one. A new trajectory starts at rest; its beginning is replaced by
+one quintic polynomial from the arm's state to a waypoint ahead.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from optipromp.arrays import FloatArray, frozen, lengths
+from optipromp.errors import InvalidRequestError
+from optipromp.planning.follow import Start, Waypoints
+from optipromp.planning.parameters import FOLLOW, UNDERWAY
+from optipromp.planning.task import Task, tool_motion
+from optipromp.pushing.parameters import PUSH
+from optipromp.pushing.path import STEP, ToolPath, evenly, length
+from optipromp.robots import ik
+from optipromp.scenes.scene import PoseGoal
+from optipromp.trajectory import State, Trajectory
+
+if TYPE_CHECKING:
+    from optipromp.planning.result import Plan
+
+Moving = State | Sequence[FloatArray]
+
+
+def begun(start_state: Moving | None, previous: Plan | None, at: float | None) -> State | None:
+    """The state that a plan begins from: the measured one, or that of a running plan.
+
+    Raises:
+        InvalidRequestError: ``at`` without ``previous`` or the other way round, a time outside the
+            running plan, or a state that is none.
+    """
+    if (previous is None) != (at is None):
+        raise InvalidRequestError("previous and at go together: the running plan, and its time [s]")
+    if previous is not None and at is not None:
+        end = previous.trajectory.duration
+        if not 0.0 <= at <= end:
+            raise InvalidRequestError(f"at is {at:g} s; the running plan lasts from 0 to {end:g} s")
+        if start_state is None:
+            return previous.trajectory.at(at)
+    if start_state is None or isinstance(start_state, State):
+        return start_state
+    try:
+        return State(*start_state)
+    except (TypeError, ValueError) as error:
+        raise InvalidRequestError(
+            f"start_state must be a State, or (q, velocity, acceleration): {error}"
+        ) from None
+
+
+def underway(task: Task, previous: Plan | None, at: float | None) -> Task:
+    """The task of an arm that moves: what the tool has passed is dropped; see the module."""
+    if not isinstance(task.goal, PoseGoal):
+        return task
+    up, (point, axis) = task.scene.frame[2], task.robot.tool_pose(task.start)
+    ahead = float((task.goal.position - point) @ up)
+    aside = math.dist(task.goal.position - ahead * up, point)
+    upright = float(axis @ task.goal.axis) > math.cos(np.deg2rad(UNDERWAY.upright))
+    height = float((point - task.camera) @ up)
+    if upright and height >= -UNDERWAY.before and ahead > 0.0 and aside < UNDERWAY.aside:
+        depth = 0.0 if task.robot.tool is None else task.robot.tool.depth
+        rim = float(point @ up) + depth
+        ahead_of = [float(o.position @ up) + o.radius > rim for o in task.neighbours]
+        left, passed = (
+            tuple(
+                o for o, is_left in zip(task.neighbours, ahead_of, strict=True) if is_left is side
+            )
+            for side in (True, False)
+        )
+        task = replace(task, neighbours=left, passed=passed, entry=frozen(point))
+    if previous is None or at is None:
+        return task
+    return replace(
+        task, running=running(task, previous, at), kept=remaining(task, previous, at),
+        pushed=pushed(task, previous, at),
+    )  # fmt: skip
+
+
+def running(task: Task, previous: Plan, at: float) -> Trajectory | None:
+    """The rest of a running trajectory by its own rows; None where nearly nothing is left."""
+    curve = previous.trajectory
+    left = curve.times > at + 1e-4
+    if left.sum() < 2:
+        return None
+    times = np.append(0.0, curve.times[left] - at)
+    q = np.vstack([curve.at(at).q, curve.positions[left]])
+    return Trajectory.through(q, times, curve.joint_names, begin=curve.at(at))
+
+
+def rest(task: Task) -> Iterator[Start]:
+    """The motion that runs, from the arm's state on, led to where the target is now."""
+    made, path = task.running, task.kept
+    if made is None or path is None:
+        return
+    assert isinstance(task.goal, PoseGoal)
+    q, count = made.positions, made.n_waypoints
+    points, axes = task.robot.tool_pose(q)
+    first = 0
+    if task.entry is None:
+        first = int(np.argmin(np.linalg.norm(points - path.points[0], axis=1)))
+    share = np.maximum(np.arange(count) - first, 0.0)[:, None] / max(count - 1 - first, 1)
+    gap = (1.0 - made.times / made.duration)[:, None] * (task.start - q[0])
+    wanted = points + share * (task.goal.position - points[-1])
+    led, errors = ik.each(task.robot, wanted[first:], axes[first:], (q + gap)[first:])
+    if errors.max() > FOLLOW.tracked:
+        return
+    q = np.vstack([(q + gap)[:first], led])
+    q[0] = task.start
+    yield Start(q, q, Waypoints(count, first), path, made.times)
+
+
+def pushed(task: Task, previous: Plan, at: float) -> tuple[FloatArray, FloatArray] | None:
+    """The running plan's push so far; None where the scene's fruits are not where they were.
+
+    A scene that was seen anew has the fruits where they are pushed to.
+    """
+    begin = float(previous.trajectory.times[previous.first])
+    before = {o.id: o.position for o in previous.scene.pushables}
+    same = all(
+        o.id in before and math.dist(o.position, before[o.id]) < UNDERWAY.same
+        for o in task.scene.pushables
+    )
+    if task.entry is None or not same or at <= begin:
+        return None
+    q, _, _ = previous.trajectory.sample(np.linspace(begin, at, UNDERWAY.rows))
+    now = tool_motion(task.robot, q)
+    if previous.pushed is None:
+        return now
+    points, axes = (np.concatenate(both) for both in zip(previous.pushed, now, strict=True))
+    return points, axes
+
+
+def remaining(task: Task, previous: Plan, at: float) -> ToolPath | None:
+    """The rest of a running plan's approach, moved with the target; None where that moved far."""
+    assert isinstance(task.goal, PoseGoal)
+    curve = previous.trajectory
+    begin = max(at, float(curve.times[previous.first]))
+    q, _, _ = curve.sample(np.linspace(begin, curve.duration, UNDERWAY.rows))
+    points, _ = task.robot.tool_pose(q)
+    moved = task.goal.position - points[-1]
+    gap = np.zeros(3) if task.entry is None else task.entry - points[0]
+    if max(math.hypot(*moved), math.hypot(*gap)) > UNDERWAY.moved or length(points) < STEP:
+        return None
+    share = np.linspace(0.0, 1.0, len(points))[:, None]
+    points = points + share * moved + (1.0 - share) * gap
+    fastest = float(lengths(np.diff(points, axis=0)).max()) * UNDERWAY.rows
+    points = evenly(points, max(2, math.ceil(length(points) / STEP) + 1))
+    speed = min(fastest / (curve.duration - begin), PUSH.hanging.speed)
+    return ToolPath(frozen(points), speed)
+
+
+def straight(task: Task) -> ToolPath:
+    """The line from the tool to the target."""
+    assert isinstance(task.goal, PoseGoal)
+    ends = np.array([task.camera, task.goal.position])
+    points = evenly(ends, max(2, math.ceil(length(ends) / STEP) + 1))
+    return ToolPath(frozen(points), PUSH.hanging.speed)
