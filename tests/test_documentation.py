@@ -14,10 +14,10 @@ from optipromp.scenes import load_scene
 ROOT = Path(__file__).resolve().parents[1]
 PUBLIC = (
     "optipromp", "optipromp.geometry", "optipromp.scenes", "optipromp.robots", "optipromp.promp",
-    "optipromp.pushing", "optipromp.optimization.costs", "optipromp.planning",
+    "optipromp.pushing", "optipromp.optimization.costs", "optipromp.planning", "optipromp.ros",
 )  # fmt: skip
 UNSHOWN = {  # aliases and constants, and kernels that no user calls
-    "DriftRule", "PLANNERS", "Planner", "Role", "STRATEGIES", "Shape", "Strategy",
+    "DriftRule", "Message", "PLANNERS", "Planner", "Role", "STRATEGIES", "Shape", "Strategy",
     "__version__", "near", "signed_distance",
 }  # fmt: skip
 
@@ -25,7 +25,7 @@ UNSHOWN = {  # aliases and constants, and kernels that no user calls
 @pytest.mark.parametrize(
     "page",
     ["README.md", "docs/index.md", "docs/add-a-cost-term.md", "docs/add-a-robot.md",
-     "docs/scene-format.md"],
+     "docs/ros.md", "docs/scene-format.md"],
 )  # fmt: skip
 def test_the_python_of_a_page_runs(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

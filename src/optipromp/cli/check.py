@@ -48,7 +48,7 @@ def kind_of(item: str) -> Kind:
     match path.suffix.lower():
         case ".urdf" | ".xml" | ".xacro":
             return Kind.ROBOT
-        case ".csv":
+        case ".csv" | ".mcap" | ".db3":
             return Kind.DEMONSTRATIONS
         case ".npz":
             from optipromp.promp.model import is_primitive
@@ -58,7 +58,7 @@ def kind_of(item: str) -> Kind:
             return _inside(path)
     raise InvalidRequestError(
         f"cannot tell what {item} is: a scene or robot file ends in .yaml, .yml or .json, "
-        "a URDF in .urdf, demonstrations in .npz or .csv"
+        "a URDF in .urdf, demonstrations in .npz, .csv or .mcap"
     )
 
 
@@ -158,9 +158,9 @@ def _robot(item: str) -> dict[str, Any]:
 
 
 def _demonstrations(item: str) -> dict[str, Any]:
-    from optipromp.promp import load_demonstrations
+    from optipromp.cli.learn import read_any
 
-    recorded = load_demonstrations(Path(item))
+    recorded, _ = read_any(Path(item))
     _warn_if_nameless(item, recorded.joint_names)
     lengths = [len(demonstration.times) for demonstration in recorded]
     return {

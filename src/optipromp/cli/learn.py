@@ -1,6 +1,7 @@
 """``optipromp learn``: demonstrations in, a movement primitive out."""
 
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,7 +11,8 @@ from optipromp.cli.console import OK, AsJson, command, grid, print_json, stdout,
 from optipromp.errors import InvalidRequestError
 
 if TYPE_CHECKING:
-    from optipromp.promp import Basis, Demonstrations
+    from optipromp.promp import Basis, Demonstrations, ProMP
+    from optipromp.ros.recordings import Recording
 
 LARGEST_RESIDUAL = 0.05
 """[rad or m] A demonstration further than this from its bases is warned of. Issue 11 asks for it;
@@ -25,7 +27,10 @@ NAMELESS = (
 @command()
 def learn(
     demonstrations: Annotated[
-        Path, typer.Argument(metavar="DEMOS", help="NPZ, CSV, or a folder of CSVs.")
+        Path,
+        typer.Argument(
+            metavar="DEMOS", help="NPZ, CSV, a folder of CSVs, or a bag of joint states."
+        ),
     ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where the primitive goes (.npz).")],
     robot: Annotated[
@@ -35,6 +40,10 @@ def learn(
             help="Put the columns, told by name, into this robot's order; columns without names "
             "are taken to be in it.",
         ),
+    ] = None,
+    topic: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Of a bag's joint states (/joint_states)."),
     ] = None,
     em: Annotated[
         bool,
@@ -53,13 +62,15 @@ def learn(
     """Learn a movement primitive, for plan --demonstrations.
 
     Prints how far the primitive's bases are from each demonstration, and draws
-    the demonstrations with the learnt mean and spread.
+    the demonstrations with the learnt mean and spread. A bag (.mcap, or a folder
+    of rosbag2) is cut into demonstrations where the arm stands still.
 
     [bold]Examples[/bold]
 
     \b
     optipromp learn recorded.npz --out reach.npz
     optipromp learn recordings/ --out reach.npz --robot panda --bases 12
+    optipromp learn guided.mcap --out reach.npz --robot panda
     """
     from optipromp.files import check_folder, write_atomically
     from optipromp.promp import fit, fit_em, residuals
@@ -68,7 +79,7 @@ def learn(
         raise InvalidRequestError(f"--out {out}: the file of a primitive ends in .npz")
     check_folder(out.parent)
     with waiting("learning ...") as say:
-        recorded = _read(demonstrations, robot)
+        recorded, recording = _read(demonstrations, robot, topic)
         basis, held_out = _basis(recorded, bases, width, say)
         promp = (fit_em if em else fit)(recorded, basis)
         rest = residuals(recorded, basis)
@@ -83,14 +94,9 @@ def learn(
         "message": _far(recorded, rest),
         "file": str(out),
         "figure": None if picture is None else str(picture),
-        "demonstrations": len(recorded),
-        "samples": sum(len(item.times) for item in recorded),
-        "joints": promp.joint_names,
-        "bases": basis.count,
-        "width": width,
         "method": "em" if em else "ridge",
-        "held_out_residual": held_out,
-        "residual": _summary(promp.joint_names, rest),
+        **_learnt(recorded, promp, held_out, rest),
+        "recording": recording and recording.to_dict(),
     }
     if document["message"]:
         warnings.warn(document["message"], stacklevel=1)
@@ -101,28 +107,49 @@ def learn(
     return OK
 
 
-def _read(path: Path, robot: str | None) -> "Demonstrations":
-    """The demonstrations, in the robot's order where one is given."""
-    from optipromp.promp import Demonstrations, load_demonstrations
+def read_any(
+    path: Path, joints: Sequence[str] | None = None, topic: str | None = None
+) -> tuple["Demonstrations", "Recording | None"]:
+    """Demonstrations of a file or folder; of a bag also where it was cut."""
+    from optipromp.promp import load_demonstrations
+    from optipromp.ros.bags import is_bag
+
+    if not is_bag(path):
+        if topic is not None:
+            raise InvalidRequestError(f"--topic {topic}: {path} is no bag")
+        return load_demonstrations(path), None
+    from optipromp.ros.recordings import load_recording
+
+    found = load_recording(path, joints, topic=topic)
+    return found.demonstrations, found
+
+
+def _read(
+    path: Path, robot: str | None, topic: str | None
+) -> tuple["Demonstrations", "Recording | None"]:
+    """The demonstrations, in the robot's order where one is given; of a bag also its cuts."""
+    from optipromp.promp import Demonstrations
     from optipromp.promp.checks import unnamed
 
-    recorded = load_demonstrations(path)
-    nameless = unnamed(recorded.joint_names)
+    joints = None
     if robot is not None:
         from optipromp.robots.library import load_robot
 
         joints = load_robot(robot).joint_names
+    recorded, recording = read_any(path, joints, topic)
+    nameless = unnamed(recorded.joint_names)
+    if joints is not None:
         if nameless and len(joints) == recorded.n_joints:
             warnings.warn(
                 f"{path} has no joint names; its columns are taken to be {', '.join(joints)}, in "
                 "this order",
                 stacklevel=1,
             )
-            return Demonstrations(recorded.items, joints)
-        return recorded.for_joints(joints, str(path))
+            return Demonstrations(recorded.items, joints), recording
+        return recorded.for_joints(joints, str(path)), recording
     if nameless:
         warnings.warn(f"{path} {NAMELESS}", stacklevel=1)
-    return recorded
+    return recorded, recording
 
 
 def _basis(
@@ -144,6 +171,21 @@ def _basis(
         recorded, width=width, progress=lambda count: say(f"cross-validating {count} bases ...")
     )
     return Basis(min(held_out, key=lambda count: held_out[count]), width), held_out
+
+
+def _learnt(
+    recorded: "Demonstrations", promp: "ProMP", held_out: dict[int, float], rest: list[Any]
+) -> dict[str, Any]:
+    """What was learnt from what, and how far from it."""
+    return {
+        "demonstrations": len(recorded),
+        "samples": sum(len(item.times) for item in recorded),
+        "joints": promp.joint_names,
+        "bases": promp.basis.count,
+        "width": promp.basis.width,
+        "held_out_residual": held_out,
+        "residual": _summary(promp.joint_names, rest),
+    }
 
 
 def _summary(joints: tuple[str, ...], rest: list[Any]) -> dict[str, Any]:
@@ -180,10 +222,30 @@ def _far(recorded: "Demonstrations", rest: list[Any]) -> str:
     )
 
 
+def _print_cuts(recording: dict[str, Any]) -> None:
+    """How many demonstrations a bag holds, where each begins and ends, and what was left out."""
+    console, cuts = stdout(), recording["cuts"]
+    found = [cut for cut in cuts if cut["demonstration"]]
+    console.print(
+        f"{len(found)} demonstrations in {recording['messages']} messages of "
+        f"{recording['topic']}, cut where the arm stands still:",
+        markup=False,
+    )
+    for cut in cuts:
+        words = "" if cut["demonstration"] else ", left out: too small"
+        words += "" if cut["whole"] else ", the recording begins, ends or has a gap in it"
+        console.print(
+            f"  {cut['start']:.2f} to {cut['end']:.2f} s, range {cut['motion']:.3f}{words}",
+            markup=False,
+        )
+
+
 def _print(document: dict[str, Any]) -> None:
     from rich.text import Text
 
     console = stdout()
+    if document["recording"] is not None:
+        _print_cuts(document["recording"])
     held_out, count = document["held_out_residual"], document["bases"]
     chosen = f", cross-validated (held-out RMS {held_out[count]:.4f})" if held_out else ""
     console.print(

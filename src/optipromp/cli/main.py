@@ -20,9 +20,11 @@ from optipromp.cli import (
     generate,
     learn,
     plan,
+    ros_node,
     scenarios,
     simulate,
     study,
+    validate,
 )
 
 app = typer.Typer(
@@ -61,12 +63,14 @@ def root(
 app.command("plan")(plan.plan)
 app.command("scenarios")(scenarios.scenarios)
 app.command("simulate")(simulate.simulate)
+app.command("validate")(validate.validate)
 app.command("export")(export.export)
 app.command("generate")(generate.generate)
 app.command("study")(study.study)
 app.command("learn")(learn.learn)
 app.command("check")(check.check)
 app.command("list")(catalogue.catalogue)
+app.command("ros-node")(ros_node.ros_node)
 
 
 def _terminate(number: int, frame: FrameType | None) -> NoReturn:

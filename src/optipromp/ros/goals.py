@@ -1,0 +1,91 @@
+"""Goals of ``moveit_msgs/Constraints``: joints, or a pose of the tool or the flange."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.errors import InvalidRequestError
+from optipromp.robots.model import Robot
+from optipromp.ros.joints import columns
+from optipromp.ros.shapes import read_rotation, vector
+from optipromp.ros.types import Message
+from optipromp.scenes.scene import JointGoal, PoseGoal
+
+TOOL = "tool"
+"""Name of the frame at the tool point whose z axis is the tool axis, out of its mouth."""
+
+
+def read_goal(
+    constraints: Sequence[Message], robot: Robot, prefix: str = ""
+) -> JointGoal | PoseGoal | None:
+    """The goal of ``goal_constraints``; None where there are none.
+
+    Joint constraints give a configuration. One position and one orientation constraint give a pose
+    of the frame ``tool``, or of the robot's last link (its flange); the planner keeps the tool
+    point and the tool axis of that pose, and is free to turn about the axis. Tolerances are the
+    planner's own.
+
+    Args:
+        constraints: ``moveit_msgs/Constraints``, one at most.
+        robot: with its tool.
+        prefix: what ROS puts before the robot's joint and link names.
+
+    Raises:
+        InvalidRequestError: naming the field, the value and what would be right.
+    """
+    if not constraints:
+        return None
+    if len(constraints) > 1:
+        raise InvalidRequestError(
+            f"goal_constraints has {len(constraints)} entries: must have one at most"
+        )
+    (goal,) = constraints
+    joints, places, turns = (
+        goal.joint_constraints, goal.position_constraints, goal.orientation_constraints,
+    )  # fmt: skip
+    if goal.visibility_constraints:
+        raise InvalidRequestError("goal_constraints[0].visibility_constraints: must be empty")
+    if joints and not places and not turns:
+        order = columns([one.joint_name for one in joints], robot.joint_names, "joint_constraints")
+        return JointGoal(np.array([one.position for one in joints])[order])
+    if joints or len(places) != 1 or len(turns) != 1:
+        raise InvalidRequestError(
+            f"goal_constraints[0] has {len(joints)} joint, {len(places)} position and {len(turns)} "
+            "orientation constraints: must have one for each joint, or one position and one "
+            "orientation constraint"
+        )
+    return _pose_goal(places[0], turns[0], robot, prefix)
+
+
+def _pose_goal(place: Message, turn: Message, robot: Robot, prefix: str) -> PoseGoal:
+    base, flange = prefix + robot.link_names[0], prefix + _flange(robot)
+    for what, item in (("position", place), ("orientation", turn)):
+        if item.header.frame_id not in ("", base):
+            raise InvalidRequestError(
+                f"{what} constraint: header.frame_id is {item.header.frame_id!r}: must be the "
+                f"base frame {base!r}"
+            )
+        if item.link_name not in (TOOL, flange) or item.link_name != place.link_name:
+            raise InvalidRequestError(
+                f"{what} constraint: link_name is {item.link_name!r}: both constraints must name "
+                f"{TOOL!r} (at the tool point, z along its axis) or {flange!r}"
+            )
+    poses = place.constraint_region.primitive_poses
+    if len(poses) != 1 or place.constraint_region.meshes:
+        raise InvalidRequestError(
+            f"position constraint: constraint_region has {len(poses)} primitive_poses: must have "
+            "one, and no meshes"
+        )
+    rotation = read_rotation(turn.orientation)
+    origin = vector(poses[0].position) - rotation @ vector(place.target_point_offset)
+    if place.link_name == TOOL:
+        return PoseGoal(origin, rotation[:, 2])
+    segment: FloatArray = rotation @ robot.flange_rotation.T
+    point = origin + segment @ (robot.tool_point - robot.flange_translation)
+    return PoseGoal(point, segment @ robot.tool_axis)
+
+
+def _flange(robot: Robot) -> str:
+    """The last link of the arm, without the tool."""
+    return [name for name in robot.link_names if name != TOOL][-1]

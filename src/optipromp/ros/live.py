@@ -1,0 +1,174 @@
+"""What is known of a scene as its messages come in; ``moveit_msgs/PlanningScene`` as a scene."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+from optipromp.arrays import FloatArray
+from optipromp.errors import InvalidRequestError, InvalidSceneError
+from optipromp.planning.task import resolve
+from optipromp.robots.library import load_robot
+from optipromp.robots.model import Robot
+from optipromp.ros.joints import joint_positions
+from optipromp.ros.scenes import COLLISION_OBJECT, Held, object_id, read_held
+from optipromp.ros.shapes import read_pose
+from optipromp.ros.types import Message, constants
+from optipromp.scenes.scene import JointGoal, PoseGoal, Scene
+
+
+def read_planning_scene(item: Message, like: Scene | None = None, prefix: str = "") -> Scene:
+    """The scene of a ``moveit_msgs/PlanningScene``.
+
+    Args:
+        item: a whole scene; or a difference, to the objects of ``like``.
+        like: gives robot, tool and options, and what else the message lacks (start, approach,
+            goal). None: the robot is ``robot_model_name`` with its own tool.
+        prefix: what ROS puts before the robot's joint and link names.
+
+    Raises:
+        InvalidSceneError: naming the object, the field, the value and what would be right.
+        InvalidRequestError: joints that are not the robot's.
+        InvalidRobotError: the robot cannot be loaded.
+    """
+    if like is not None:
+        return LiveScene.of(like, prefix).heard(item).scene()
+    robot = load_robot(item.robot_model_name)
+    stated = {"name": item.name or "planning scene", "robot": item.robot_model_name}
+    frame = prefix + robot.link_names[0]
+    return LiveScene(stated, robot, frame).heard(item).scene()
+
+
+@dataclass(frozen=True, eq=False)
+class LiveScene:
+    """What is known of a scene as messages come in; every message gives a new one.
+
+    Attributes:
+        stated: fields of the :class:`optipromp.scenes.Scene`, except its objects.
+        robot: with its tool.
+        frame: name of the base frame; an empty name stands for it too.
+        held: what each message added, by its id, in the order in which they came.
+    """
+
+    stated: Mapping[str, Any]
+    robot: Robot
+    frame: str
+    held: Mapping[str, Held] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, scene: Scene, prefix: str = "") -> "LiveScene":
+        """The world of a scene; ``prefix`` is what ROS puts before joint and link names."""
+        robot = resolve(scene).robot
+        held = {object_id(o): Held(o.position, o.rotation, (o,)) for o in scene.objects}
+        return cls(vars(scene), robot, prefix + robot.link_names[0], held)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The robot's joints, n names."""
+        return self.robot.joint_names
+
+    def scene(self, goal: JointGoal | PoseGoal | None = None) -> Scene:
+        """The scene.
+
+        Args:
+            goal: in place of the target, which then is an object to avoid.
+
+        Raises:
+            InvalidSceneError: no target and no goal, two targets, an id that two roles have.
+        """
+        objects = tuple(item for held in self.held.values() for item in held.items)
+        names = {item.name for item in fields(Scene)} - {"objects"}
+        known = {name: self.stated[name] for name in names & self.stated.keys()}
+        if goal is not None:
+            known["goal"] = goal
+            objects = tuple(
+                replace(item, role="avoid") if item.role == "target" else item for item in objects
+            )
+        elif any(item.role == "target" for item in objects):
+            known["goal"] = None
+        return Scene(objects=objects, **known)
+
+    def heard(self, item: Message) -> "LiveScene":
+        """The world after a ``PlanningScene``, a ``CollisionObject`` or a ``JointState``.
+
+        Raises:
+            InvalidSceneError: what cannot be used, by object and field.
+            InvalidRequestError: joints that are not the robot's; another type of message.
+        """
+        match item.__msgtype__.rpartition("/")[2]:
+            case "PlanningScene":
+                return self._heard_scene(item)
+            case "CollisionObject":
+                return self._heard_object(item)
+            case "JointState":
+                return self.at(joint_positions(item, self.joints, "joint_state"))
+        raise InvalidRequestError(
+            f"a {item.__msgtype__} says nothing of a scene: must be a PlanningScene, a "
+            "CollisionObject or a JointState"
+        )
+
+    def at(self, start: FloatArray) -> "LiveScene":
+        """The world with the robot at ``start`` (n,)."""
+        return replace(self, stated={**self.stated, "start": start})
+
+    def _heard_scene(self, item: Message) -> "LiveScene":
+        _refuse_unread(item)
+        world = self if item.is_diff else replace(self, held={})
+        for part in item.world.collision_objects:
+            world = world._heard_object(part)
+        state = item.robot_state.joint_state
+        if state.name:
+            q = joint_positions(state, self.joints, "robot_state.joint_state")
+            world = world.at(q)
+        if item.name:
+            world = replace(world, stated={**world.stated, "name": item.name})
+        return world
+
+    def _heard_object(self, item: Message) -> "LiveScene":
+        what = f"collision object {item.id!r}"
+        if item.header.frame_id not in ("", self.frame):
+            raise InvalidSceneError(
+                f"{what}: header.frame_id is {item.header.frame_id!r}: must be the base frame "
+                f"{self.frame!r}"
+            )
+        kinds = constants(COLLISION_OBJECT)
+        operation = item.operation
+        held, stated = dict(self.held), dict(self.stated)
+        if operation in (kinds["REMOVE"], kinds["MOVE"]) and item.id and item.id not in held:
+            raise InvalidSceneError(f"{what} is not there: must be added first")
+        if operation == kinds["REMOVE"]:
+            held = {name: old for name, old in held.items() if item.id and name != item.id}
+        elif operation == kinds["MOVE"]:
+            held[item.id] = held[item.id].at(*read_pose(item.pose))
+        elif operation == kinds["ADD"]:
+            held[item.id] = read_held(item)
+            if held[item.id].approach is not None:
+                stated["approach"] = held[item.id].approach
+        else:
+            raise InvalidSceneError(
+                f"{what}: operation is {operation}: must be ADD (0), REMOVE (1) or MOVE (3)"
+            )
+        return replace(self, held=held, stated=stated)
+
+
+def _refuse_unread(item: Message) -> None:
+    """Refuse a planning scene that holds obstacles in a form that is not read."""
+    attached = item.robot_state.attached_collision_objects
+    if attached:
+        raise InvalidSceneError(
+            f"robot_state.attached_collision_objects[0] is {attached[0].object.id!r}: must be "
+            "none; what the robot holds is its tool"
+        )
+    size = len(item.world.octomap.octomap.data)
+    if size:
+        raise InvalidSceneError(
+            f"world.octomap holds {size} bytes: must be empty; give collision objects"
+        )
+    for what, links in (("padding", item.link_padding), ("scale", item.link_scale)):
+        usual = 1.0 if what == "scale" else 0.0
+        for link in links:
+            value = getattr(link, what)
+            if value != usual:
+                raise InvalidSceneError(
+                    f"link_{what} of {link.link_name!r} is {value:g}: must be {usual:g}; "
+                    "the options of a plan have its clearances"
+                )

@@ -1,0 +1,226 @@
+"""Demonstrations from a bag: joint states, cut into motions where the arm stands still."""
+
+import os
+import warnings
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from optipromp.arrays import BoolArray, FloatArray
+from optipromp.errors import InvalidDemonstrationError, InvalidRequestError
+from optipromp.parameters import Checked, parameter
+from optipromp.promp.demonstrations import Demonstration, Demonstrations
+from optipromp.ros.bags import Recorded, read_bag
+from optipromp.ros.joints import joint_positions
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+USUAL_TOPIC = "/joint_states"
+
+
+@dataclass(frozen=True)
+class CutParameters(Checked):
+    """When the arm stands still, and what a demonstration is."""
+
+    speed: float = parameter(
+        0.03, "rad/s or m/s", "choice",
+        "below it, in every joint, the arm is still; noise of 1e-3 rad at 100 Hz gives the slope "
+        "over ``window`` a standard deviation of 0.004 rad/s",
+    )  # fmt: skip
+    window: float = parameter(
+        0.2, "s", "choice", "over which the slope of the positions is fitted (least squares)"
+    )
+    still: float = parameter(
+        0.4, "s", "choice", "least duration of a still phase; a reversal is shorter"
+    )
+    motion: float = parameter(
+        0.05, "rad or m", "choice",
+        "least range of a joint in a demonstration; it moves the tool of an arm that reaches 1 m "
+        "by 50 mm",
+    )  # fmt: skip
+    margin: float = parameter(
+        0.1, "s", "choice", "of the still phases that a demonstration keeps at each end"
+    )
+    gap: float = parameter(
+        0.5, "s", "choice", "longest time without a message within a demonstration"
+    )
+    rate: float = parameter(100.0, "Hz", "choice", "of the samples of a demonstration, at most")
+
+
+@dataclass(frozen=True)
+class Cut:
+    """One motion of a recording.
+
+    Attributes:
+        start: [s] since the recording's first message.
+        end: [s].
+        motion: largest range of a joint [rad or m].
+        demonstration: whether it is one; False: it is too small.
+        whole: whether the arm stood still before it and after it.
+    """
+
+    start: float
+    end: float
+    motion: float
+    demonstration: bool
+    whole: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Demonstrations of a bag, and where they were cut.
+
+    Attributes:
+        demonstrations: in the order of the bag; times start at 0 [s], evenly spaced.
+        cuts: all motions, also those that are too small.
+        topic: that was read.
+        messages: number of joint states that were read.
+    """
+
+    demonstrations: Demonstrations
+    cuts: tuple[Cut, ...]
+    topic: str
+    messages: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Topic, number of messages and cuts as plain values."""
+        cuts = [vars(cut) for cut in self.cuts]
+        return {"topic": self.topic, "messages": self.messages, "cuts": cuts}
+
+
+def load_recording(
+    path: str | os.PathLike[str],
+    joints: Sequence[str] | None = None,
+    *,
+    topic: str | None = None,
+    parameters: CutParameters | None = None,
+) -> Recording:
+    """Demonstrations from the ``sensor_msgs/JointState`` messages of a bag.
+
+    Joints are matched by name in every message. Messages without these joints (a gripper's) are
+    left out. Times are those of the messages' headers, or of the bag where a header has none.
+
+    Args:
+        path: as for :func:`optipromp.ros.read_bag`.
+        joints: of the robot, in its order (a common prefix in the messages is no matter); None:
+            those of most messages, in the order of the first.
+        topic: to read; None: the only one with joint states, or ``/joint_states``.
+        parameters: what a still phase and a demonstration are.
+
+    Raises:
+        InvalidRequestError: no bag, no such topic, joints that are not there.
+        InvalidDemonstrationError: no joint states, or no motion among them.
+    """
+    limits = parameters or CutParameters()
+    by_topic: dict[str, list[Recorded]] = {}
+    for item in read_bag(path, topics=None if topic is None else (topic,), types=(JOINT_STATE,)):
+        by_topic.setdefault(item.topic, []).append(item)
+    name = _topic(Path(path), tuple(by_topic))
+    names, times, positions = _series(f"{path}, {name}", by_topic[name], joints)
+    items, cuts = [], []
+    for one, q in _pieces(times, positions, limits):
+        for start, end, whole in _motions(one, q, limits):
+            part = slice(start, end)
+            motion = float(np.ptp(q[part], axis=0).max())
+            large = motion >= limits.motion
+            cuts.append(Cut(float(one[start]), float(one[end - 1]), motion, large, whole))
+            if large:
+                items.append(Demonstration(one[part] - one[start], q[part]))
+    if not items:
+        largest = max((cut.motion for cut in cuts), default=0.0)
+        raise InvalidDemonstrationError(
+            f"{path}, {name}: no demonstration in {len(by_topic[name])} joint states over "
+            f"{times[-1]:.1f} s: the largest motion is {largest:.3g} rad (or m), must be "
+            f"{limits.motion:g} at least, faster than {limits.speed:g} rad/s"
+        )
+    found = Demonstrations(tuple(items), names)
+    return Recording(found, tuple(cuts), name, len(by_topic[name]))
+
+
+def _topic(path: Path, topics: Sequence[str]) -> str:
+    if not topics:
+        raise InvalidDemonstrationError(f"{path} has no messages of type {JOINT_STATE}")
+    if len(topics) > 1 and USUAL_TOPIC not in topics:
+        raise InvalidRequestError(
+            f"{path} has joint states on {', '.join(sorted(topics))}: one topic must be named"
+        )
+    return topics[0] if len(topics) == 1 else USUAL_TOPIC
+
+
+def _series(
+    what: str, items: Sequence[Recorded], joints: Sequence[str] | None
+) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    """Names (n), times (m,) [s], increasing from 0, and positions (m, n)."""
+    if joints is None:
+        sets = Counter(frozenset(item.message.name) for item in items)
+        most = sets.most_common(1)[0][0]
+        joints = next(i.message.name for i in items if frozenset(i.message.name) == most)
+    used, refusal = [], None
+    for item in items:
+        try:
+            used.append((_stamp(item), joint_positions(item.message, joints, what)))
+        except InvalidRequestError as error:
+            refusal = refusal or error
+    if not used:
+        assert refusal is not None
+        raise refusal
+    if refusal is not None and len(used) < len(items):
+        warnings.warn(
+            f"{len(items) - len(used)} of {len(items)} messages are left out: {refusal.message}",
+            stacklevel=3,
+        )
+    used.sort(key=lambda pair: pair[0])
+    stamps = np.array([stamp for stamp, _ in used], dtype=np.int64)
+    first = np.concatenate([[True], np.diff(stamps) > 0])
+    times = (stamps[first] - stamps[0]) * 1e-9
+    return tuple(joints), times, np.array([q for _, q in used])[first]
+
+
+def _stamp(item: Recorded) -> int:
+    """When the joints stood there [ns]."""
+    stamp = item.message.header.stamp
+    return stamp.sec * 10**9 + stamp.nanosec or item.stamp
+
+
+def _pieces(
+    times: FloatArray, positions: FloatArray, limits: CutParameters
+) -> Iterable[tuple[FloatArray, FloatArray]]:
+    """The stretches without a gap, evenly sampled: times (k,) [s] and positions (k, n)."""
+    gaps = np.flatnonzero(np.diff(times) > limits.gap) + 1
+    for rows in np.split(np.arange(len(times)), gaps):
+        length = times[rows[-1]] - times[rows[0]]
+        if length < limits.window:
+            continue
+        step = max(1.0 / limits.rate, float(np.median(np.diff(times[rows]))))
+        even = np.linspace(times[rows[0]], times[rows[-1]], max(3, round(length / step) + 1))
+        columns = [np.interp(even, times[rows], column) for column in positions[rows].T]
+        yield even, np.stack(columns, axis=1)
+
+
+def _motions(
+    times: FloatArray, positions: FloatArray, limits: CutParameters
+) -> Iterable[tuple[int, int, bool]]:
+    """First row and row after the last of each motion, and whether stillness encloses it."""
+    step = float(times[1] - times[0])
+    count = min(2 * max(1, round(0.5 * limits.window / step)) + 1, len(times) - 1 | 1)
+    slope = savgol_filter(positions, count, 1, deriv=1, delta=step, axis=0)
+    moving = np.abs(slope).max(axis=1) >= limits.speed
+    least, margin = limits.still / step, round(limits.margin / step)
+    for start, end in _runs(~moving):
+        if end - start < least and start > 0 and end < len(times):
+            moving[start:end] = True
+    for start, end in _runs(moving):
+        whole = start > 0 and end < len(times)
+        yield max(0, start - margin), min(len(times), end + margin), whole
+
+
+def _runs(flags: BoolArray) -> Iterable[tuple[int, int]]:
+    """First row and row after the last of each stretch of true ones."""
+    edges = np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8))
+    return zip(
+        np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True
+    )

@@ -1,0 +1,254 @@
+"""Scenes as ``moveit_msgs/PlanningScene`` and ``moveit_msgs/CollisionObject``, and back.
+
+The convention, which ``docs/ros.md`` shows: the id of an object begins with its role
+(``target/ripe``, ``pushable/n1``, ``avoid/n2``; anything else is static). The points of a stem are
+the subframes ``stem_0`` (at the fruit) to the root. The subframe ``approach`` of the target holds
+the approach: its z axis is the direction, its y axis the lateral. What MoveIt has no field for
+stands as JSON in ``type.db``, where ``type.key`` is ``optipromp``.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.errors import InvalidSceneError
+from optipromp.planning.task import resolve
+from optipromp.ros.joints import robot_state
+from optipromp.ros.shapes import geometry, pose, read_geometry, read_pose
+from optipromp.ros.types import Message, constants, message
+from optipromp.scenes.scene import ROLES, STEM_RADIUS, Approach, Role, Scene, SceneObject, Stem
+from optipromp.trajectory import State
+
+KEY = "optipromp"
+COLLISION_OBJECT = "moveit_msgs/msg/CollisionObject"
+COLORS: Mapping[Role, tuple[float, float, float]] = {
+    "target": (0.85, 0.15, 0.15),
+    "pushable": (0.35, 0.70, 0.25),
+    "avoid": (0.95, 0.65, 0.15),
+    "static": (0.60, 0.60, 0.60),
+}
+"""Colour of each role: red, green and blue from 0 to 1."""
+
+
+def object_id(item: SceneObject) -> str:
+    """The id of an object in messages: its role, a slash, and its own id; a static one's own."""
+    plain = item.role == "static" and item.id.partition("/")[0] not in ROLES
+    return item.id if plain else f"{item.role}/{item.id}"
+
+
+def role_and_id(name: str) -> tuple[Role, str]:
+    """Role and id of an object by its id in messages."""
+    for role in ROLES:
+        if name.startswith(f"{role}/"):
+            return role, name.removeprefix(f"{role}/")
+    return "static", name
+
+
+def collision_object(
+    item: SceneObject, frame: str = "", approach: Approach | None = None
+) -> Message:
+    """A ``moveit_msgs/CollisionObject`` that adds an object.
+
+    Args:
+        item: any object; a mesh is written with its vertices, not with its file.
+        frame: name of the robot's base frame, in which positions stand.
+        approach: of the scene, for its target.
+    """
+    points = () if item.stem is None else item.stem.points
+    frames = {f"stem_{k}": (point, np.eye(3)) for k, point in enumerate(points)}
+    further: dict[str, Any] = {}
+    if item.stem is not None and item.stem.radius != STEM_RADIUS:
+        further["stem_radius"] = item.stem.radius
+    if item.covariance is not None:
+        further["covariance"] = item.covariance.tolist()
+    if item.physical:
+        further["physical"] = dict(item.physical)
+    if approach is not None:
+        frames["approach"] = (item.position, approach.frame.T)
+        further["camera_distance"] = approach.camera_distance
+    turn = item.rotation.T
+    kind = {"key": KEY, "db": json.dumps(further)} if further else {}
+    return message(
+        COLLISION_OBJECT,
+        header=message("std_msgs/msg/Header", frame_id=frame),
+        pose=pose(item.position, item.rotation),
+        id=object_id(item),
+        type=message("object_recognition_msgs/msg/ObjectType", **kind),
+        subframe_names=list(frames),
+        subframe_poses=[
+            pose(turn @ (place - item.position), turn @ axes) for place, axes in frames.values()
+        ],
+        operation=constants(COLLISION_OBJECT)["ADD"],
+        **geometry(item.shape),
+    )
+
+
+def read_collision_object(item: Message) -> tuple[SceneObject, ...]:
+    """The objects that a ``moveit_msgs/CollisionObject`` adds.
+
+    One object, except where a static object or one to avoid has several shapes: each of them is
+    then an object ``id[0]``, ``id[1]``, ... As in MoveIt, the pose of an object's only shape stands
+    for the object's own where that is left out.
+
+    Raises:
+        InvalidSceneError: naming the object, the field and what would be right.
+    """
+    return read_held(item).items
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """The objects of one message, and the pose that moves all of them.
+
+    Attributes:
+        position: (3,) [m] of the message's object.
+        rotation: (3, 3) of it, local to world.
+        items: an object for each of its shapes.
+        approach: to it, where the message tells one.
+    """
+
+    position: FloatArray
+    rotation: FloatArray
+    items: tuple[SceneObject, ...]
+    approach: Approach | None = None
+
+    def at(self, position: FloatArray, rotation: FloatArray) -> "Held":
+        """The same at another pose, stems with it; the approach stays."""
+        turn = rotation @ self.rotation.T
+
+        def moved(points: FloatArray) -> FloatArray:
+            return np.asarray(position + (points - self.position) @ turn.T)
+
+        items = [
+            SceneObject(
+                item.id, item.role, item.shape, moved(item.position), turn @ item.rotation,
+                item.stem and replace(item.stem, points=moved(item.stem.points)),
+                None if item.covariance is None else turn @ item.covariance @ turn.T,
+                item.physical,
+            )
+            for item in self.items
+        ]  # fmt: skip
+        return Held(position, rotation, tuple(items), self.approach)
+
+
+def read_held(item: Message) -> Held:
+    """As :func:`read_collision_object`, with the pose of the message and the approach."""
+    try:
+        return _read_held(item)
+    except InvalidSceneError as error:
+        raise InvalidSceneError(f"collision object {item.id!r}: {error.message}") from None
+
+
+def _read_held(item: Message) -> Held:
+    role, name = role_and_id(item.id)
+    place, turn = read_pose(item.pose)
+    parts = read_geometry(item)
+    if len(parts) == 1 and not place.any() and np.array_equal(turn, np.eye(3)):
+        shape, place, turn = parts[0]
+        parts = [(shape, np.zeros(3), np.eye(3))]
+    frames = _frames(item)
+    points = [place + turn @ frames[f"stem_{k}"][0] for k in range(_count(frames))]
+    further = _further(item)
+    if len(parts) > 1 and (role in ("target", "pushable") or points):
+        raise InvalidSceneError(
+            f"it has {len(parts)} shapes: a {role} {'with a stem ' if points else ''}must have one "
+            "(one mesh, or one object for each shape)"
+        )
+    stem = Stem(np.array(points), further.get("stem_radius", STEM_RADIUS)) if points else None
+    spread = further.get("covariance")
+    items = tuple(
+        SceneObject(
+            name if len(parts) == 1 else f"{name}[{k}]", role, shape, place + turn @ local,
+            turn @ axes, stem, None if spread is None else np.array(spread),
+            further.get("physical", {}),
+        )
+        for k, (shape, local, axes) in enumerate(parts)
+    )  # fmt: skip
+    approach = None
+    if role == "target" and "approach" in frames:
+        axes = turn @ frames["approach"][1]
+        distance = further.get("camera_distance", Approach().camera_distance)
+        approach = Approach(axes[:, 2], axes[:, 1], distance)
+    return Held(place, turn, items, approach)
+
+
+def _frames(item: Message) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Subframes by name: position (3,) and rotation (3, 3) in the object's frame."""
+    names, poses = item.subframe_names, item.subframe_poses
+    if len(names) != len(poses):
+        raise InvalidSceneError(
+            f"{len(poses)} subframe_poses for {len(names)} subframe_names: must be as many"
+        )
+    return {name: read_pose(where) for name, where in zip(names, poses, strict=True)}
+
+
+def _count(frames: Mapping[str, object]) -> int:
+    """Number of points of the stem."""
+    given = {name for name in frames if name.startswith("stem_")}
+    wanted = {f"stem_{k}" for k in range(len(given))}
+    if given != wanted or len(given) == 1:
+        raise InvalidSceneError(
+            f"subframes {', '.join(sorted(given))}: a stem must have stem_0 at the fruit, stem_1 "
+            "and so on to the root"
+        )
+    return len(given)
+
+
+def _further(item: Message) -> dict[str, Any]:
+    """What ``type.db`` says; nothing where ``type.key`` is another's."""
+    if item.type.key != KEY:
+        return {}
+    try:
+        found = json.loads(item.type.db)
+    except ValueError as error:
+        raise InvalidSceneError(f"type.db is {item.type.db!r}: must be JSON ({error})") from None
+    known = {"stem_radius", "covariance", "physical", "camera_distance"}
+    if not isinstance(found, dict) or not found.keys() <= known:
+        raise InvalidSceneError(
+            f"type.db is {item.type.db!r}: must be a mapping of {', '.join(sorted(known))}"
+        )
+    return found
+
+
+def planning_scene(scene: Scene, prefix: str = "") -> Message:
+    """A ``moveit_msgs/PlanningScene`` of a scene: its objects with colours, and its start.
+
+    The tool, a goal that is no object, and options have no place in it.
+
+    Args:
+        scene: any scene.
+        prefix: what ROS puts before the robot's joint and link names (``fr3_``).
+
+    Raises:
+        InvalidRobotError: the scene's robot cannot be loaded.
+    """
+    robot = resolve(scene).robot
+    frame = prefix + robot.link_names[0]
+    start = robot.home if scene.start is None else scene.start
+    adding = [
+        collision_object(item, frame, scene.approach if item.role == "target" else None)
+        for item in scene.objects
+    ]
+    colors = [
+        message(
+            "moveit_msgs/msg/ObjectColor",
+            id=object_id(item),
+            color=message(
+                "std_msgs/msg/ColorRGBA",
+                **dict(zip("rgb", COLORS[item.role], strict=True)), a=1.0,
+            ),
+        )
+        for item in scene.objects
+    ]  # fmt: skip
+    return message(
+        "moveit_msgs/msg/PlanningScene",
+        name=scene.name,
+        robot_state=robot_state(State(start), robot.joint_names, prefix, frame),
+        robot_model_name=robot.name,
+        object_colors=colors,
+        world=message("moveit_msgs/msg/PlanningSceneWorld", collision_objects=adding),
+    )

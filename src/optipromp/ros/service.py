@@ -1,0 +1,172 @@
+"""Planning requests of MoveIt and their answers; the node of ROS 2 without ROS.
+
+:class:`optipromp.ros.LiveScene` keeps what the topics say of the scene. :func:`answer` plans in it.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from optipromp.errors import Code, InvalidRequestError, OptiPrompError
+from optipromp.planning import Plan, PlanOptions, plan
+from optipromp.planning.options import PLANNERS, Planner
+from optipromp.promp.model import ProMP
+from optipromp.ros.goals import read_goal
+from optipromp.ros.joints import joint_motion, robot_state
+from optipromp.ros.live import LiveScene
+from optipromp.ros.trajectories import display_trajectory, joint_trajectory, robot_trajectory
+from optipromp.ros.types import Message, constants, message
+from optipromp.trajectory import State
+
+REQUEST = "moveit_msgs/msg/MotionPlanRequest"
+RESPONSE = "moveit_msgs/msg/MotionPlanResponse"
+ERROR_CODES = "moveit_msgs/msg/MoveItErrorCodes"
+MOVEIT: dict[Code, str] = {
+    Code.SUCCESS: "SUCCESS",
+    Code.INVALID_ROBOT: "INVALID_ROBOT_STATE",
+    Code.INVALID_SCENE: "INVALID_OBJECT_NAME",
+    Code.INVALID_REQUEST: "INVALID_GOAL_CONSTRAINTS",
+    Code.START_INVALID: "START_STATE_INVALID",
+    Code.START_IN_COLLISION: "START_STATE_IN_COLLISION",
+    Code.GOAL_IN_COLLISION: "GOAL_IN_COLLISION",
+    Code.GOAL_UNREACHABLE: "NO_IK_SOLUTION",
+    Code.NO_PLAN: "PLANNING_FAILED",
+    Code.INVALID_PLAN: "INVALID_MOTION_PLAN",
+    Code.HARM_PREDICTED: "INVALID_MOTION_PLAN",
+    Code.TIMEOUT: "TIMED_OUT",
+}
+"""MoveIt's name of each code; codes that are not here are a FAILURE."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanAnswer:
+    """What a request gives.
+
+    Attributes:
+        response: ``moveit_msgs/MotionPlanResponse``; without a trajectory where the plan is no
+            success.
+        trajectory: ``trajectory_msgs/JointTrajectory`` for a controller; None: no success.
+        display: ``moveit_msgs/DisplayTrajectory``; also of a plan that failed, to be looked at.
+            None: nothing was planned.
+        plan: None: the request was refused.
+    """
+
+    response: Message
+    trajectory: Message | None = None
+    display: Message | None = None
+    plan: Plan | None = None
+
+
+def answer(
+    world: LiveScene,
+    request: Message,
+    options: PlanOptions | None = None,
+    *,
+    demonstrations: ProMP | str | Path | None = None,
+    rate: float | None = None,
+    prefix: str = "",
+) -> PlanAnswer:
+    """Plan what a ``moveit_msgs/MotionPlanRequest`` asks for.
+
+    Read are ``start_state`` (where it names joints; with velocities the plan begins in that
+    motion), ``goal_constraints`` (none: the target of the world), ``planner_id`` (empty:
+    opti-promp), ``allowed_planning_time`` and the scaling factors of velocity and acceleration (0:
+    1). Workspace, number of attempts, pipeline and group are not. Path and trajectory constraints,
+    reference trajectories and a Cartesian speed are refused.
+
+    Args:
+        world: what is known of the scene.
+        request: of the message's type.
+        options: of the plan; the request's time replaces its timeout.
+        demonstrations: as for :func:`optipromp.plan`.
+        rate: of the points of the answer [Hz]; None: the plan's own rows.
+        prefix: what ROS puts before the robot's joint and link names.
+
+    Returns:
+        The answer. A request that cannot be used gives one too, with code and message.
+    """
+    try:
+        _refuse_unread(request)
+        state, slowing = _start(request, world), _slowing(request)
+        options = options or PlanOptions()
+        if request.allowed_planning_time > 0.0:
+            options = replace(options, timeout=float(request.allowed_planning_time))
+        if state is not None:
+            world = world.at(state.q)
+            if state.moving and slowing != 1.0:
+                raise InvalidRequestError(
+                    "start_state moves and a scaling factor is below 1: one of them must go; a "
+                    "motion that runs cannot be slowed at once"
+                )
+        scene = world.scene(read_goal(request.goal_constraints, world.robot, prefix))
+        made = plan(
+            scene, planner=_planner(request.planner_id), demonstrations=demonstrations,
+            options=options, start_state=state if state is not None and state.moving else None,
+        )  # fmt: skip
+    except OptiPrompError as error:
+        return PlanAnswer(_response(request, error.code, error.message))
+    motion = made.trajectory.slowed(slowing)
+    start = robot_state(motion.at(0.0), motion.joint_names, prefix)
+    done = {"trajectory_start": start, "planning_time": made.time["total"]}
+    if made.success:
+        done["trajectory"] = robot_trajectory(motion, rate, prefix)
+    return PlanAnswer(
+        response=_response(request, made.status, made.message, **done),
+        trajectory=joint_trajectory(motion, rate, prefix) if made.success else None,
+        display=display_trajectory([motion], made.robot.name, rate, prefix),
+        plan=made,
+    )
+
+
+def _start(request: Message, world: LiveScene) -> State | None:
+    """The state that the request begins in; None where it names no joints."""
+    state = request.start_state.joint_state
+    return joint_motion(state, world.joints, "start_state.joint_state") if state.name else None
+
+
+def _response(request: Message, code: Code, words: str, **fields: Message) -> Message:
+    values = constants(ERROR_CODES)
+    error = message(
+        ERROR_CODES,
+        val=values[MOVEIT.get(code, "FAILURE")],
+        message=f"{code}: {words}" if words else str(code),
+        source="optipromp",
+    )
+    return message(RESPONSE, group_name=request.group_name, error_code=error, **fields)
+
+
+def _planner(name: str) -> Planner:
+    for planner in PLANNERS:
+        if planner == (name or "opti-promp"):
+            return planner
+    raise InvalidRequestError(f"planner_id is {name!r}; valid: {', '.join(PLANNERS)}, or empty")
+
+
+def _slowing(request: Message) -> float:
+    """How many times longer the motion lasts for the scaling factors of the request."""
+    factors = []
+    for field in ("max_velocity_scaling_factor", "max_acceleration_scaling_factor"):
+        value = float(getattr(request, field)) or 1.0
+        if not 0.0 < value <= 1.0:
+            raise InvalidRequestError(f"{field} is {value:g}: must be above 0 and at most 1, or 0")
+        factors.append(value)
+    return max(1.0 / factors[0], 1.0 / math.sqrt(factors[1]))
+
+
+def _refuse_unread(request: Message) -> None:
+    """Refuse what the planner does not keep."""
+    path = request.path_constraints
+    kinds = ("joint", "position", "orientation", "visibility")
+    asked = [
+        f"path_constraints.{k}_constraints" for k in kinds if getattr(path, f"{k}_constraints")
+    ]
+    if request.trajectory_constraints.constraints:
+        asked.append("trajectory_constraints")
+    if request.reference_trajectories:
+        asked.append("reference_trajectories")
+    if request.max_cartesian_speed > 0.0:
+        asked.append("max_cartesian_speed")
+    if request.start_state.attached_collision_objects:
+        asked.append("start_state.attached_collision_objects")
+    if asked:
+        raise InvalidRequestError(f"{', '.join(asked)}: must be empty; the planner keeps none")

@@ -1,0 +1,213 @@
+"""Shapes as the primitives, meshes and planes of a ``moveit_msgs/CollisionObject``, and back."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.errors import InvalidSceneError
+from optipromp.geometry.grids import check_closed
+from optipromp.geometry.shapes import (
+    Box,
+    Capsule,
+    Cylinder,
+    HalfSpace,
+    MeshShape,
+    PointCloudShape,
+    Shape,
+    Sphere,
+)
+from optipromp.ros.types import Message, message
+from optipromp.scenes.rotations import from_quaternion, to_quaternion
+
+Placed = tuple[Shape, FloatArray, FloatArray]
+"""A shape, its position (3,) [m] and its rotation (3, 3) in the frame of its object."""
+
+_BOX, _SPHERE, _CYLINDER = 1, 2, 3  # types of shape_msgs/SolidPrimitive
+_SIZES = {_BOX: 3, _SPHERE: 1, _CYLINDER: 2}
+_REFUSED = {4: "a cone", 5: "a prism"}
+_UNIT_SLACK = 1e-3  # [1] of the length of a quaternion, as in a scene file
+_SAME = 1e-6  # [m] or 1: two spheres and a cylinder this near to a capsule are one
+
+
+def pose(position: FloatArray, rotation: FloatArray) -> Message:
+    """``geometry_msgs/Pose`` of a position (3,) [m] and a rotation (3, 3)."""
+    w, x, y, z = to_quaternion(rotation)
+    return message(
+        "geometry_msgs/msg/Pose",
+        position=xyz("geometry_msgs/msg/Point", position),
+        orientation=message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w),
+    )
+
+
+def xyz(name: str, vector: FloatArray) -> Message:
+    """A message with fields x, y and z of a vector (3,)."""
+    return message(name, x=vector[0], y=vector[1], z=vector[2])
+
+
+def vector(item: Message) -> FloatArray:
+    """(3,) of a message with fields x, y and z."""
+    return np.array([item.x, item.y, item.z])
+
+
+def read_rotation(item: Message) -> FloatArray:
+    """(3, 3) of a ``geometry_msgs/Quaternion``; all zeros stand for no rotation, as in MoveIt.
+
+    Raises:
+        InvalidSceneError: not a unit quaternion.
+    """
+    wxyz = np.array([item.w, item.x, item.y, item.z])
+    length = math.hypot(*wxyz)
+    if length == 0.0:
+        return np.eye(3)
+    if not abs(length - 1.0) <= _UNIT_SLACK:
+        raise InvalidSceneError(
+            f"orientation {wxyz.tolist()} (w, x, y, z) has length {length:.6g}: must be a unit "
+            "quaternion"
+        )
+    return np.array(from_quaternion((wxyz / length).tolist()))
+
+
+def read_pose(item: Message) -> tuple[FloatArray, FloatArray]:
+    """Position (3,) [m] and rotation (3, 3) of a ``geometry_msgs/Pose``."""
+    return vector(item.position), read_rotation(item.orientation)
+
+
+def geometry(shape: Shape) -> dict[str, Any]:
+    """The fields of a ``CollisionObject`` that hold a shape in the object's own frame.
+
+    A capsule becomes a cylinder and two spheres, a point cloud one sphere for each point.
+    """
+    here, upright = np.zeros(3), np.eye(3)
+    solids: list[tuple[int, Sequence[float], FloatArray]]
+    match shape:
+        case MeshShape():
+            return {"meshes": [_mesh(shape)], "mesh_poses": [pose(here, upright)]}
+        case HalfSpace():
+            plane = message("shape_msgs/msg/Plane", coef=(0.0, 0.0, 1.0, 0.0))
+            return {"planes": [plane], "plane_poses": [pose(here, upright)]}
+        case Sphere(radius):
+            solids = [(_SPHERE, (radius,), here)]
+        case Box(size):
+            solids = [(_BOX, size, here)]
+        case Cylinder(radius, length):
+            solids = [(_CYLINDER, (length, radius), here)]
+        case Capsule(radius, length):
+            end = np.array([0.0, 0.0, 0.5 * length])
+            solids = [(_CYLINDER, (length, radius), here)]
+            solids += [(_SPHERE, (radius,), end), (_SPHERE, (radius,), -end)]
+        case PointCloudShape():
+            solids = [(_SPHERE, (shape.radius,), point) for point in shape.points]
+        case _:
+            raise InvalidSceneError(f"shape {type(shape).__name__} has no message")
+    return {
+        "primitives": [
+            message("shape_msgs/msg/SolidPrimitive", type=kind, dimensions=sizes)
+            for kind, sizes, _ in solids
+        ],
+        "primitive_poses": [pose(place, upright) for _, _, place in solids],
+    }
+
+
+def read_geometry(item: Message) -> list[Placed]:
+    """The shapes of a ``CollisionObject`` in its frame, united where :func:`geometry` parted them.
+
+    Raises:
+        InvalidSceneError: no shape, a cone or prism, more poses than shapes, sizes that are wrong.
+    """
+    solids = _placed(item.primitives, item.primitive_poses, "primitive")
+    parts = [(_solid(solid, k), *where) for k, (solid, *where) in enumerate(solids)]
+    united = _capsule(parts) or _cloud(parts)
+    parts = [united] if united else parts
+    for mesh, place, turn in _placed(item.meshes, item.mesh_poses, "mesh"):
+        parts.append((_read_mesh(mesh), place, turn))
+    for plane, place, turn in _placed(item.planes, item.plane_poses, "plane"):
+        point, up = _half_space(plane)
+        parts.append((HalfSpace(), place + turn @ point, turn @ up))
+    if not parts:
+        raise InvalidSceneError("it has no shape: must have a primitive, a mesh or a plane")
+    return parts
+
+
+def _placed(shapes: Sequence[Message], poses: Sequence[Message], what: str) -> list[Any]:
+    """Each shape with position and rotation; without a pose it stands at the object's."""
+    if len(poses) > len(shapes):
+        raise InvalidSceneError(
+            f"{len(poses)} {what}_poses for {len(shapes)} shapes: must be one for each"
+        )
+    given = [read_pose(where) for where in poses]
+    given += [(np.zeros(3), np.eye(3))] * (len(shapes) - len(poses))
+    return [(shape, *where) for shape, where in zip(shapes, given, strict=True)]
+
+
+def _solid(item: Message, index: int) -> Shape:
+    where = f"primitives[{index}]"
+    if item.type not in _SIZES:
+        kind = _REFUSED.get(item.type, f"of type {item.type}")
+        raise InvalidSceneError(f"{where} is {kind}: must be a box (1), sphere (2) or cylinder (3)")
+    sizes = [float(size) for size in item.dimensions]
+    if len(sizes) != _SIZES[item.type]:
+        raise InvalidSceneError(
+            f"{where}.dimensions has {len(sizes)} entries: must have {_SIZES[item.type]}"
+        )
+    match item.type:
+        case 1:
+            return Box((sizes[0], sizes[1], sizes[2]))
+        case 2:
+            return Sphere(sizes[0])
+    return Cylinder(sizes[1], sizes[0])
+
+
+def _capsule(parts: Sequence[Placed]) -> Placed | None:
+    """The capsule that a cylinder and two spheres make; None where they make none."""
+    if [type(shape) for shape, _, _ in parts] != [Cylinder, Sphere, Sphere]:
+        return None
+    (rod, place, turn), *balls = parts
+    assert isinstance(rod, Cylinder)
+    ends = [turn.T @ (centre - place) for _, centre, _ in balls]
+    height = 0.5 * rod.length * (1.0 if ends[0][2] > 0.0 else -1.0)
+    off = [np.abs(end - (0.0, 0.0, s * height)).max() for s, end in zip((1, -1), ends, strict=True)]
+    off += [abs(ball.radius - rod.radius) for ball, _, _ in balls if isinstance(ball, Sphere)]
+    return None if max(off) > _SAME else (Capsule(rod.radius, rod.length), place, turn)
+
+
+def _cloud(parts: Sequence[Placed]) -> Placed | None:
+    """The point cloud of several spheres of one radius; None where they are none."""
+    radii = {shape.radius for shape, _, _ in parts if isinstance(shape, Sphere)}
+    if len(parts) < 2 or len(radii) != 1 or not all(isinstance(p[0], Sphere) for p in parts):
+        return None
+    points = np.array([place for _, place, _ in parts])
+    return PointCloudShape(points, radii.pop()), np.zeros(3), np.eye(3)
+
+
+def _mesh(shape: MeshShape) -> Message:
+    return message(
+        "shape_msgs/msg/Mesh",
+        triangles=[
+            message("shape_msgs/msg/MeshTriangle", vertex_indices=face) for face in shape.faces
+        ],
+        vertices=[xyz("geometry_msgs/msg/Point", vertex) for vertex in shape.vertices],
+    )
+
+
+def _read_mesh(item: Message) -> MeshShape:
+    vertices = np.array([vector(vertex) for vertex in item.vertices]).reshape(-1, 3)
+    faces = np.array([face.vertex_indices for face in item.triangles], dtype=np.int64)
+    mesh = MeshShape(vertices, faces.reshape(-1, 3))
+    check_closed(mesh)
+    return mesh
+
+
+def _half_space(plane: Message) -> tuple[FloatArray, FloatArray]:
+    """A point of the plane, and a rotation whose z axis is its normal (a, b, c)."""
+    normal, distance = np.array(plane.coef[:3], dtype=np.float64), float(plane.coef[3])
+    length = math.hypot(*normal)
+    if not (math.isfinite(length) and length > 0.0):
+        raise InvalidSceneError(f"plane {list(plane.coef)} has no normal: must be a, b, c, d")
+    z = normal / length
+    other = np.eye(3)[int(np.abs(z).argmin())]
+    x = np.cross(np.cross(z, other), z) if abs(z[2]) < 1.0 else np.array([1.0, 0.0, 0.0])
+    x /= math.hypot(*x)
+    return -distance / length * z, np.stack([x, np.cross(z, x), z], axis=1)

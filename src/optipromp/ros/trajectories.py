@@ -1,0 +1,177 @@
+"""Trajectories as messages of ROS and back.
+
+``trajectory_msgs/JointTrajectory``, ``moveit_msgs/RobotTrajectory`` and
+``moveit_msgs/DisplayTrajectory``. Between two points a controller of ros2_control follows the same
+quintic polynomial as :class:`optipromp.Trajectory`.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.errors import InvalidRequestError
+from optipromp.ros.joints import columns, robot_state
+from optipromp.ros.types import Message, message
+from optipromp.trajectory import Trajectory
+
+JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+NANO = 10**9  # [ns] in a second
+
+
+def joint_trajectory(
+    trajectory: Trajectory, rate: float | None = None, prefix: str = ""
+) -> Message:
+    """A ``trajectory_msgs/JointTrajectory``: a point with all derivatives for each row.
+
+    Its time stamp is zero: a controller starts it when it comes.
+
+    Args:
+        trajectory: any.
+        rate: of the points [Hz]; None: the rows as they are.
+        prefix: what ROS puts before the robot's joint names (``fr3_``).
+
+    Raises:
+        InvalidRequestError: a rate that is not positive.
+    """
+    rows = trajectory if rate is None else trajectory.resample(rate)
+    points = [
+        message(
+            "trajectory_msgs/msg/JointTrajectoryPoint",
+            positions=q,
+            velocities=velocity,
+            accelerations=acceleration,
+            time_from_start=_duration(time),
+        )
+        for time, q, velocity, acceleration in zip(
+            rows.times, rows.positions, rows.velocities, rows.accelerations, strict=True
+        )
+    ]
+    names = [prefix + name for name in rows.joint_names]
+    return message(JOINT_TRAJECTORY, joint_names=names, points=points)
+
+
+def robot_trajectory(
+    trajectory: Trajectory, rate: float | None = None, prefix: str = ""
+) -> Message:
+    """A ``moveit_msgs/RobotTrajectory``; arguments as for :func:`joint_trajectory`."""
+    inner = joint_trajectory(trajectory, rate, prefix)
+    return message("moveit_msgs/msg/RobotTrajectory", joint_trajectory=inner)
+
+
+def display_trajectory(
+    trajectories: Sequence[Trajectory], model: str, rate: float | None = None, prefix: str = ""
+) -> Message:
+    """A ``moveit_msgs/DisplayTrajectory``, as RViz draws it.
+
+    Args:
+        trajectories: one after another, at least one.
+        model: name of the robot's model.
+        rate: as for :func:`joint_trajectory`.
+        prefix: as for :func:`joint_trajectory`.
+
+    Raises:
+        InvalidRequestError: no trajectory; a rate that is not positive.
+    """
+    if not trajectories:
+        raise InvalidRequestError("no trajectories to display: must be one at least")
+    first = trajectories[0]
+    return message(
+        "moveit_msgs/msg/DisplayTrajectory",
+        model_id=model,
+        trajectory=[robot_trajectory(one, rate, prefix) for one in trajectories],
+        trajectory_start=robot_state(first.at(0.0), first.joint_names, prefix),
+    )
+
+
+def read_trajectories(item: Message, joints: Sequence[str] | None = None) -> tuple[Trajectory, ...]:
+    """The trajectories of a JointTrajectory, a RobotTrajectory (one) or a DisplayTrajectory.
+
+    Points without accelerations get those of the cubics through positions and velocities (the mean
+    of both sides). Points with positions alone get the derivatives of
+    :meth:`optipromp.Trajectory.through`, at rest at both ends.
+
+    Args:
+        item: the message.
+        joints: of the robot, in its order; further ones of the message are left out, and a common
+            prefix is no matter. None: all, as the message names them.
+
+    Raises:
+        InvalidRequestError: naming the point, the field and what would be right.
+    """
+    match item.__msgtype__.rpartition("/")[2]:
+        case "JointTrajectory":
+            return (_read(item, joints),)
+        case "RobotTrajectory":
+            if item.multi_dof_joint_trajectory.points:
+                names = ", ".join(item.multi_dof_joint_trajectory.joint_names)
+                raise InvalidRequestError(
+                    f"multi_dof_joint_trajectory moves {names}: must be empty; joints have one "
+                    "degree of freedom"
+                )
+            return (_read(item.joint_trajectory, joints),)
+        case "DisplayTrajectory":
+            return tuple(one for part in item.trajectory for one in read_trajectories(part, joints))
+    raise InvalidRequestError(
+        f"a {item.__msgtype__} is no trajectory: must be a JointTrajectory, RobotTrajectory or "
+        "DisplayTrajectory"
+    )
+
+
+def _read(item: Message, joints: Sequence[str] | None) -> Trajectory:
+    what, points = "joint trajectory", item.points
+    names = tuple(item.joint_names if joints is None else joints)
+    if len(points) < 2:
+        raise InvalidRequestError(f"{what} has {len(points)} points: must have 2 at least")
+    order = columns(item.joint_names, names, what)
+    times = np.array([_seconds(point.time_from_start) for point in points])
+    if times[0] != 0.0:
+        raise InvalidRequestError(
+            f"{what}: points[0].time_from_start is {times[0]:g} s: must be 0; the first point is "
+            "where the arm starts"
+        )
+    counts = {what: {len(getattr(point, what)) for point in points} for what in _FIELDS}
+    wanted = len(item.joint_names)
+    for field, sizes in counts.items():
+        if sizes != {wanted} and (sizes != {0} or field == "positions"):
+            k = next(k for k, p in enumerate(points) if len(getattr(p, field)) != wanted)
+            size = len(getattr(points[k], field))
+            raise InvalidRequestError(
+                f"{what}: points[{k}].{field} has {size} values: must have {wanted}"
+                + ("" if field == "positions" else ", or none in any point")
+            )
+    q, velocity, acceleration = (
+        np.array([getattr(point, field) for point in points])[:, order] if counts[field] != {0}
+        else None
+        for field in _FIELDS
+    )  # fmt: skip
+    assert q is not None
+    if velocity is None:
+        if acceleration is not None:
+            raise InvalidRequestError(f"{what} has accelerations and no velocities: must have both")
+        return Trajectory.through(q, times, names)
+    if acceleration is None:
+        acceleration = _of_cubics(times, q, velocity)
+    return Trajectory(times, q, velocity, acceleration, names)
+
+
+_FIELDS = ("positions", "velocities", "accelerations")
+
+
+def _of_cubics(times: FloatArray, q: FloatArray, velocity: FloatArray) -> FloatArray:
+    """Accelerations (T, n) of the cubics between points, the mean of both sides."""
+    h = np.diff(times)[:, None]
+    chord = 6.0 * np.diff(q, axis=0) / h
+    after = (chord - 4.0 * velocity[:-1] - 2.0 * velocity[1:]) / h
+    before = (4.0 * velocity[1:] + 2.0 * velocity[:-1] - chord) / h
+    middle = 0.5 * (before[:-1] + after[1:])
+    return np.concatenate([after[:1], middle, before[-1:]])
+
+
+def _duration(time: float) -> Message:
+    whole, part = divmod(round(time * NANO), NANO)
+    return message("builtin_interfaces/msg/Duration", sec=whole, nanosec=part)
+
+
+def _seconds(item: Message) -> float:
+    return float(item.sec + item.nanosec / NANO)
