@@ -43,20 +43,34 @@ def export(
             help="Write the scene and the arm for 3-D viewers; of a plan, the arm moves.",
         ),
     ] = None,
+    mcap: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.mcap",
+            help="Write a bag of ROS 2 messages: the planning scene; of a plan, its trajectory.",
+        ),
+    ] = None,
+    rate: Annotated[
+        float, typer.Option(metavar="HZ", help="Of the JointTrajectory's points in the bag.")
+    ] = 1000.0,
     as_json: AsJson = False,
 ) -> int:
     """Write a scene or a plan in the formats of other programs.
 
-    At least one format must be asked for. --mjcf needs the extra 'sim':
-    pip install 'optipromp\\[sim]'.
+    At least one format must be asked for. --mjcf needs the extra 'sim', --mcap
+    the extra 'ros': pip install 'optipromp\\[sim,ros]'.
 
     [bold]Examples[/bold]
 
     \b
     optipromp export scenario-3 --mjcf scene.xml
     optipromp export reach --gltf reach.glb --mjcf reach.xml
+    optipromp export reach --mcap reach.mcap
     """
-    wanted = [("--mjcf", mjcf, ".xml", _mjcf), ("--gltf", gltf, ".glb", _gltf)]
+    wanted = [
+        ("--mjcf", mjcf, ".xml", _mjcf), ("--gltf", gltf, ".glb", _gltf),
+        ("--mcap", mcap, ".mcap", lambda content, path: _mcap(content, path, rate)),
+    ]  # fmt: skip
     chosen = [(name, path, end, write) for name, path, end, write in wanted if path is not None]
     if not chosen:
         names = " and ".join(f"{name} FILE{end}" for name, _, end, _ in wanted)
@@ -64,12 +78,10 @@ def export(
     for name, path, end, _ in chosen:
         if path.suffix.lower() != end:
             raise InvalidRequestError(f"{name} is {str(path)!r}: its name must end in {end}")
-    from optipromp.files import write_atomically
-
     content = _read(scene_or_plan)
     for _, path, _, write in chosen:
         with waiting(f"writing {path} ..."):
-            write_atomically(path, write(content))
+            write(content, path)
     files = {name.removeprefix("--"): str(path) for name, path, _, _ in chosen}
     if as_json:
         document = {"status": Code.SUCCESS, "message": "", "item": scene_or_plan, "files": files}
@@ -102,13 +114,27 @@ def _read(item: str) -> _Content:
     return _Content(task.scene, task.robot, task.start, None)
 
 
-def _mjcf(content: _Content) -> bytes:
+def _mjcf(content: _Content, path: Path) -> None:
+    from optipromp.files import write_atomically
     from optipromp.simulation.export import mjcf
 
-    return mjcf(content.scene, content.robot, content.start).encode("utf-8")
+    write_atomically(path, mjcf(content.scene, content.robot, content.start).encode("utf-8"))
 
 
-def _gltf(content: _Content) -> bytes:
+def _gltf(content: _Content, path: Path) -> None:
+    from optipromp.files import write_atomically
     from optipromp.viewer.gltf import glb
 
-    return glb(*content)
+    write_atomically(path, glb(*content))
+
+
+def _mcap(content: _Content, path: Path, rate: float) -> None:
+    from optipromp import ros
+
+    items = [ros.Recorded("/planning_scene", ros.planning_scene(content.scene))]
+    if content.trajectory is not None:
+        points = ros.joint_trajectory(content.trajectory, rate)
+        shown = ros.display_trajectory([content.trajectory], content.robot.name)
+        items += [ros.Recorded("/joint_trajectory", points),
+                  ros.Recorded("/display_planned_path", shown)]  # fmt: skip
+    ros.write_bag(path, items)

@@ -7,10 +7,10 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
 from optipromp.robots.model import Robot
-from optipromp.ros.joints import columns
 from optipromp.ros.shapes import read_rotation, vector
 from optipromp.ros.types import Message
 from optipromp.scenes.scene import JointGoal, PoseGoal
+from optipromp.trajectory_files import columns
 
 TOOL = "tool"
 """Name of the frame at the tool point whose z axis is the tool axis, out of its mouth."""

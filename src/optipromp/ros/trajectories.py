@@ -6,14 +6,16 @@ quintic polynomial as :class:`optipromp.Trajectory`.
 """
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
-from optipromp.ros.joints import columns, robot_state
+from optipromp.ros.bags import read_bag
+from optipromp.ros.joints import robot_state
 from optipromp.ros.types import Message, message
 from optipromp.trajectory import Trajectory
+from optipromp.trajectory_files import curve
 
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 NANO = 10**9  # [ns] in a second
@@ -123,7 +125,6 @@ def _read(item: Message, joints: Sequence[str] | None) -> Trajectory:
     names = tuple(item.joint_names if joints is None else joints)
     if len(points) < 2:
         raise InvalidRequestError(f"{what} has {len(points)} points: must have 2 at least")
-    order = columns(item.joint_names, names, what)
     times = np.array([_seconds(point.time_from_start) for point in points])
     if times[0] != 0.0:
         raise InvalidRequestError(
@@ -140,32 +141,38 @@ def _read(item: Message, joints: Sequence[str] | None) -> Trajectory:
                 f"{what}: points[{k}].{field} has {size} values: must have {wanted}"
                 + ("" if field == "positions" else ", or none in any point")
             )
-    q, velocity, acceleration = (
-        np.array([getattr(point, field) for point in points])[:, order] if counts[field] != {0}
-        else None
+    rows = [
+        np.array([getattr(point, field) for point in points]) if counts[field] != {0} else None
         for field in _FIELDS
-    )  # fmt: skip
-    assert q is not None
-    if velocity is None:
-        if acceleration is not None:
-            raise InvalidRequestError(f"{what} has accelerations and no velocities: must have both")
-        return Trajectory.through(q, times, names)
-    if acceleration is None:
-        acceleration = _of_cubics(times, q, velocity)
-    return Trajectory(times, q, velocity, acceleration, names)
+    ]
+    if rows[1] is None and rows[2] is not None:
+        raise InvalidRequestError(f"{what} has accelerations and no velocities: must have both")
+    return curve(times, rows, item.joint_names, names)
 
 
+def read_trajectory(path: Path, joints: Sequence[str]) -> Trajectory:
+    """The first trajectory of a robot in a bag: of any of the types that hold one.
+
+    Args:
+        path: see :func:`optipromp.ros.read_bag`.
+        joints: of the robot, in its order.
+
+    Raises:
+        InvalidRequestError: no such bag, none with a trajectory, or not of these joints.
+    """
+    types = [f"{package}/msg/{name}" for package, name in _TYPES]
+    for recorded in read_bag(path, types=types):
+        for one in read_trajectories(recorded.message, joints):
+            return one
+    raise InvalidRequestError(f"{path} holds no message of {', '.join(types)}")
+
+
+_TYPES = (
+    ("trajectory_msgs", "JointTrajectory"),
+    ("moveit_msgs", "RobotTrajectory"),
+    ("moveit_msgs", "DisplayTrajectory"),
+)
 _FIELDS = ("positions", "velocities", "accelerations")
-
-
-def _of_cubics(times: FloatArray, q: FloatArray, velocity: FloatArray) -> FloatArray:
-    """Accelerations (T, n) of the cubics between points, the mean of both sides."""
-    h = np.diff(times)[:, None]
-    chord = 6.0 * np.diff(q, axis=0) / h
-    after = (chord - 4.0 * velocity[:-1] - 2.0 * velocity[1:]) / h
-    before = (4.0 * velocity[1:] + 2.0 * velocity[:-1] - chord) / h
-    middle = 0.5 * (before[:-1] + after[1:])
-    return np.concatenate([after[:1], middle, before[-1:]])
 
 
 def _duration(time: float) -> Message:
