@@ -217,14 +217,30 @@ def solid(kind: int, *sizes: float):
             },
             "subframes stem_0, stem_2: a stem must have stem_0 at the fruit, stem_1",
         ),
-        (
-            {"type": message("object_recognition_msgs/msg/ObjectType", key="optipromp", db="{")},
-            "type.db is '{': must be JSON",
-        ),
-        (
-            {"type": message("object_recognition_msgs/msg/ObjectType", key="optipromp", db="[1]")},
-            "must be a mapping of camera_distance",
-        ),
+        *[
+            (
+                {
+                    "type": message(
+                        "object_recognition_msgs/msg/ObjectType", key="optipromp", db=text
+                    )
+                },
+                "'x': type.db is .*: must be JSON with stem_radius",
+            )
+            for text in (
+                "{",
+                "[1]",
+                "3",
+                '{"weight": 1}',
+                '{"stem_radius": "thick"}',
+                '{"covariance": "a"}',
+                '{"covariance": [[1, 2], [3]]}',
+                '{"physical": [1]}',
+                '{"physical": {"mass": {}}}',
+                '{"physical": {"mass": NaN}}',
+                '{"camera_distance": [1]}',
+                "[" * 100_000,
+            )
+        ],
         (
             {
                 "pose": message(

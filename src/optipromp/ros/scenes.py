@@ -8,7 +8,7 @@ stands as JSON in ``type.db``, where ``type.key`` is ``optipromp``.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -159,12 +159,10 @@ def _read_held(item: Message) -> Held:
             "(one mesh, or one object for each shape)"
         )
     stem = Stem(np.array(points), further.get("stem_radius", STEM_RADIUS)) if points else None
-    spread = further.get("covariance")
     items = tuple(
         SceneObject(
             name if len(parts) == 1 else f"{name}[{k}]", role, shape, place + turn @ local,
-            turn @ axes, stem, None if spread is None else np.array(spread),
-            further.get("physical", {}),
+            turn @ axes, stem, further.get("covariance"), further.get("physical", {}),
         )
         for k, (shape, local, axes) in enumerate(parts)
     )  # fmt: skip
@@ -198,20 +196,31 @@ def _count(frames: Mapping[str, object]) -> int:
     return len(given)
 
 
+_FURTHER: Mapping[str, Callable[[Any], Any]] = {
+    "stem_radius": float,
+    "covariance": lambda rows: np.array(rows, dtype=np.float64),
+    "physical": lambda given: {str(name): float(number) for name, number in given.items()},
+    "camera_distance": float,
+}
+"""What ``type.db`` may hold, and what makes it of JSON."""
+
+
+def _no_number(name: str) -> None:
+    raise ValueError(f"{name} is no finite number")
+
+
 def _further(item: Message) -> dict[str, Any]:
     """What ``type.db`` says; nothing where ``type.key`` is another's."""
     if item.type.key != KEY:
         return {}
     try:
-        found = json.loads(item.type.db)
-    except ValueError as error:
-        raise InvalidSceneError(f"type.db is {item.type.db!r}: must be JSON ({error})") from None
-    known = {"stem_radius", "covariance", "physical", "camera_distance"}
-    if not isinstance(found, dict) or not found.keys() <= known:
+        found = json.loads(item.type.db, parse_constant=_no_number)
+        return {name: _FURTHER[name](value) for name, value in found.items()}
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise InvalidSceneError(
-            f"type.db is {item.type.db!r}: must be a mapping of {', '.join(sorted(known))}"
-        )
-    return found
+            f"type.db is {item.type.db[:80]!r}: must be JSON with stem_radius (number), covariance "
+            f"(3 rows of 3), physical (numbers by name) or camera_distance (number) ({error})"
+        ) from None
 
 
 def planning_scene(scene: Scene, prefix: str = "") -> Message:
