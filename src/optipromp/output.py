@@ -22,13 +22,11 @@ from optipromp.planning.task import resolve
 from optipromp.pushing.model import Prediction
 from optipromp.robots.model import Robot
 from optipromp.scenes.io import scene_from_dict, scene_to_dict
-from optipromp.trajectory import Trajectory
+from optipromp.trajectory_files import arrays, csv, from_arrays
 
 __all__ = ["load_plan", "write_plan"]
 
 FORMAT = 3
-CURVE = ("times", "positions", "velocities", "accelerations")
-KINDS = ("", "_velocity", "_acceleration")  # of the columns of a CSV file
 PUSHED = ("pushed_points", "pushed_axes")
 RATE = 1000.0  # [Hz] of the Panda's control interface
 
@@ -137,41 +135,6 @@ def _alike(one: Robot, other: Robot) -> bool:
             (one.spheres.center, other.spheres.center), (one.spheres.radius, other.spheres.radius),
         )
     )  # fmt: skip
-
-
-def csv(trajectory: Trajectory) -> bytes:
-    """The rows as text: time, then positions, velocities and accelerations of every joint.
-
-    Columns are named ``time``, the joints, then the joints with ``_velocity`` and with
-    ``_acceleration``.
-    """
-    names = trajectory.joint_names
-    header = [
-        "time",
-        *names,
-        *(f"{n}_velocity" for n in names),
-        *(f"{n}_acceleration" for n in names),
-    ]
-    table = np.column_stack(
-        [trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations]
-    )
-    form = ",".join(["%.10g"] * table.shape[1])
-    return "\n".join(
-        [",".join(header), *(form % tuple(row) for row in table.tolist()), ""]
-    ).encode()
-
-
-def arrays(trajectory: Trajectory, prefix: str = "") -> dict[str, Any]:
-    """The rows as arrays by name: ``times``, ``positions``, ``velocities``, ``accelerations``."""
-    values = {prefix + name: getattr(trajectory, name) for name in CURVE}
-    return values | {"joint_names": np.array(trajectory.joint_names, dtype=np.str_)}
-
-
-def from_arrays(rows: Mapping[str, Any], prefix: str = "") -> Trajectory:
-    """The trajectory of :func:`arrays`."""
-    names = tuple(str(name) for name in rows["joint_names"])
-    times, positions, velocities, accelerations = (rows[prefix + name] for name in CURVE)
-    return Trajectory(times, positions, velocities, accelerations, names)
 
 
 def _waypoints(plan: Plan) -> dict[str, Any]:

@@ -131,8 +131,9 @@ def test_a_join_keeps_the_limits_the_rows_and_the_rest(seed: int, before: Plan) 
 @pytest.mark.parametrize("seed", range(5))
 def test_without_a_plan_a_moving_arm_comes_to_rest(seed: int) -> None:
     scene, rng = load_scene("scenario-3"), np.random.default_rng(seed)
-    robot, far = resolve(scene).robot, shifted(scene, np.array([2.0, 0.0, 0.0]))
-    far = replace(far, objects=tuple(replace(o, stem=None) for o in far.objects))
+    robot = resolve(scene).robot
+    bare = replace(scene, objects=tuple(replace(o, stem=None) for o in scene.objects))
+    far = shifted(bare, np.array([2.0, 0.0, 0.0]))
     state = State(resolve(scene).start, rng.uniform(-0.3, 0.3, 7) * robot.velocity)
     made = plan(far, start_state=state)
     assert made.status is Code.GOAL_UNREACHABLE

@@ -23,6 +23,7 @@ from optipromp.cli import (
     scenarios,
     simulate,
     study,
+    validate,
 )
 
 app = typer.Typer(
@@ -61,6 +62,7 @@ def root(
 app.command("plan")(plan.plan)
 app.command("scenarios")(scenarios.scenarios)
 app.command("simulate")(simulate.simulate)
+app.command("validate")(validate.validate)
 app.command("generate")(generate.generate)
 app.command("study")(study.study)
 app.command("learn")(learn.learn)

@@ -17,6 +17,7 @@ from optipromp.robots.model import Robot
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene
 from optipromp.trajectory import Trajectory
+from optipromp.trajectory_files import read_trajectory
 
 
 @dataclass(frozen=True)
@@ -237,20 +238,26 @@ class Verdict:
 
 
 def judge(
-    scene: Scene | str | Path, trajectory: Trajectory, *, robot: Robot | None = None
+    scene: Scene | str | Path, trajectory: Trajectory | str | Path, *, robot: Robot | None = None
 ) -> Verdict:
     """Judge a trajectory of any origin in a scene.
 
+    It must begin at the scene's start, if the scene states one, and begin and end at rest.
+
     Args:
         scene: a scene, a built-in scene's name, or a scene file.
-        trajectory: of the robot, joints in the robot's order.
+        trajectory: of the robot, joints in the robot's order; or a file or folder of one, see
+            :func:`optipromp.trajectory_files.read_trajectory`.
         robot: with its tool, in place of the scene's.
 
     Raises:
-        InvalidRequestError: joints of other names or number than the robot's.
+        InvalidRequestError: joints of other names or number than the robot's; a file that cannot be
+            read.
         InvalidSceneError, InvalidRobotError, StartInvalidError: wrong input.
     """
     task = resolve(scene if isinstance(scene, Scene) else load_scene(scene), robot)
+    if not isinstance(trajectory, Trajectory):
+        trajectory = read_trajectory(trajectory, task.robot.joint_names)
     if trajectory.joint_names != task.robot.joint_names:
         raise InvalidRequestError(
             f"the trajectory's joints are {', '.join(trajectory.joint_names)}; "
@@ -262,8 +269,9 @@ def judge(
 def verdict(task: Task, trajectory: Trajectory) -> Verdict:
     """The verdict on a trajectory of the task's robot."""
     prediction = predicted(task, trajectory)
+    start = None if task.scene.start is None else task.state
     judgement = judging.judge(
-        task.scene, task.robot, trajectory, task.state, stem_side=prediction is None
+        task.scene, task.robot, trajectory, start, stem_side=prediction is None
     )
     return Verdict(judgement, prediction)
 

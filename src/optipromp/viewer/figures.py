@@ -3,11 +3,12 @@
 Drawn with matplotlib's object-oriented interface, without a display; nothing global is changed.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from optipromp.judging import RATES
 from optipromp.viewer.drawn import FOLLOWED, OPTIMISED, PRIMITIVE, motions
 from optipromp.viewer.reach import reach_figure, title
 
@@ -16,10 +17,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
+    from optipromp.judging import Violation
     from optipromp.planning import Plan, Term
     from optipromp.promp import Demonstrations, ProMP
+    from optipromp.robots.model import Robot
+    from optipromp.trajectory import Trajectory
 
-LIMIT, RECORDED = "#7a7f87", "#3d434b"
+LIMIT, RECORDED, WRONG = "#7a7f87", "#3d434b", "#c8322b"
 LEAST = 0.05  # [rad or m] shown above and below the middle of a joint's motion
 CHANGED = 0.01  # share of its largest value by which a cost has to change to be drawn
 _NAMES = {
@@ -85,8 +89,8 @@ def joint_figure(plan: "Plan") -> "Figure":
     figure, panels = _joint_panels(robot.n_joints)
     for joint, (panel, name) in enumerate(zip(panels, robot.joint_names, strict=True)):
         for motion in motions(plan):
-            q = motion.trajectory.positions[:, joint]
-            times = np.linspace(0.0, plan.trajectory.duration, len(q))
+            times = np.linspace(0.0, motion.trajectory.duration, 301)
+            q = motion.trajectory.sample(times)[0][:, joint]
             panel.plot(times, q, color=motion.colour, lw=motion.width, label=motion.name)
         low, high = panel.get_ylim()
         room = max(0.5 * (high - low), LEAST)
@@ -111,6 +115,51 @@ def joint_figure(plan: "Plan") -> "Figure":
         unique.values(), unique.keys(), loc="outside lower center", ncols=4, frameon=False
     )
     figure.suptitle(f"{title(plan)}\njoints over time [s]", fontsize=11)
+    return figure
+
+
+def limits_figure(
+    trajectory: "Trajectory", robot: "Robot", violations: "Sequence[Violation]", name: str
+) -> "Figure":
+    """Share of each joint's limits of velocity, acceleration and jerk over time, and what is wrong.
+
+    Violations that have a time are vertical lines in the panel of their kind, or in all panels.
+    """
+    from matplotlib import colormaps
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 8.0), layout="constrained")
+    panels = figure.subplots(len(RATES), 1, sharex=True)
+    t = np.linspace(0.0, trajectory.duration, 2001)
+    _, velocity, acceleration = trajectory.sample(t)
+    jerk = np.gradient(acceleration, t, axis=0)
+    colours = colormaps["tab10"](np.arange(robot.n_joints) % 10)
+    limits = robot.velocity, robot.acceleration, robot.jerk
+    for panel, kind, values, limit in zip(
+        panels, RATES, (velocity, acceleration, jerk), limits, strict=True
+    ):
+        for joint, label in enumerate(robot.joint_names):
+            share = 100.0 * values[:, joint] / limit[joint]
+            panel.plot(t, share, color=colours[joint], lw=1.2, label=label)
+        high = max(112.0, 1.1 * float(np.abs(100.0 * values / limit).max()))
+        for side in (-100.0, 100.0):
+            panel.axhline(side, color=LIMIT, lw=1.0, ls=(0, (4, 3)))
+        for found in violations:
+            if found.time is not None and (found.kind == kind or found.kind not in RATES):
+                panel.axvline(found.time, color=WRONG, lw=1.2)
+                panel.annotate(
+                    f" {found.kind} {found.subject}", (found.time, 0.97 * high), fontsize=8,
+                    color=WRONG, va="top", ha="left" if found.time < t[-1] / 2 else "right",
+                )  # fmt: skip
+        panel.set_ylim(-high, high)
+        panel.set_title(f"{kind}, % of its limit", fontsize=9, loc="left")
+        panel.margins(x=0.0)
+        _plain(panel)
+    panels[-1].set_xlabel("time [s]")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=7, frameon=False)
+    wrong = f"{len(violations)} violations" if violations else "no violation"
+    figure.suptitle(f"{name}: {wrong}".replace("$", r"\$"), fontsize=11)
     return figure
 
 

@@ -1,0 +1,140 @@
+"""``optipromp validate``: anyone's trajectory, judged in a scene."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from optipromp.cli.console import AsJson, command, exit_code, grid, print_json, stdout, waiting
+
+if TYPE_CHECKING:
+    from optipromp.planning import Verdict
+    from optipromp.robots.model import Robot
+    from optipromp.scenes.scene import Scene
+    from optipromp.trajectory import Trajectory
+
+BAGS = (".mcap", ".db3")
+
+Given = Annotated[
+    Path,
+    typer.Argument(
+        metavar="TRAJECTORY",
+        help="A .csv or .npz file, a bag or .mcap with a JointTrajectory, or a plan's folder.",
+    ),
+]
+InScene = Annotated[
+    str | None,
+    typer.Option("--scene", metavar="SCENE", help="A scene file or built-in scene; a plan's own."),
+]
+Pictures = Annotated[
+    Path | None, typer.Option(metavar="DIR", help="Leave verdict.json and limits.png there.")
+]
+
+
+@command()
+def validate(
+    trajectory: Given, scene: InScene = None, out: Pictures = None, as_json: AsJson = False
+) -> int:
+    """Judge TRAJECTORY in a scene: what is violated, where, when and by how much.
+
+    The curve between the rows is judged too: it meets positions, velocities and
+    accelerations of the rows, or is the smoothest through the positions where
+    those are not given. Joints are matched by name. The exit code is 0 only
+    where nothing is wrong; 1 where something is; 2 when the input is wrong.
+
+    [bold]Examples[/bold]
+
+    \b
+    optipromp validate recorded.csv --scene scenario-3
+    optipromp validate reach
+    optipromp validate moveit.mcap --scene my-scene.yaml --out verdict --json
+    """
+    from optipromp.errors import InvalidRequestError
+    from optipromp.planning import judge
+    from optipromp.planning.task import resolve
+    from optipromp.scenes.io import load_scene
+
+    if scene is None and not (trajectory / "plan.json").is_file():
+        raise InvalidRequestError(f"{trajectory} states no scene: add --scene SCENE")
+    loaded = _planned_for(trajectory) if scene is None else load_scene(scene)
+    robot = resolve(loaded).robot
+    curve = read(trajectory, robot)
+    with waiting("judging ..."):
+        found = judge(loaded, curve)
+    document = describe(found, curve, loaded)
+    if out is not None:
+        leave(out, document, curve, robot, found)
+    if as_json:
+        print_json(document)
+    else:
+        _print(found, document, curve)
+    return exit_code(found.status)
+
+
+def read(path: Path, robot: "Robot") -> "Trajectory":
+    """A trajectory from any file that the command takes."""
+    from optipromp.trajectory_files import read_trajectory
+
+    if path.suffix.lower() in BAGS or (path / "metadata.yaml").exists():
+        from optipromp.ros import read_trajectory as read_bag
+
+        return read_bag(path, robot.joint_names)
+    return read_trajectory(path, robot.joint_names)
+
+
+def _planned_for(folder: Path) -> "Scene":
+    from optipromp.output import load_plan
+
+    return load_plan(folder).scene
+
+
+def describe(found: "Verdict", curve: "Trajectory", scene: "Scene") -> dict[str, Any]:
+    """The verdict as plain values for JSON."""
+    from optipromp.files import plain
+
+    return dict(plain({
+        "scene": scene.name,
+        "status": found.status,
+        "message": found.message,
+        "violations": [vars(violation) for violation in found.judgement.violations],
+        "notes": found.judgement.notes,
+        "predicted_harm": None if found.prediction is None else vars(found.prediction),
+        "rows": curve.n_waypoints,
+        "metrics": found.judgement.metrics.to_dict(),
+    }))  # fmt: skip
+
+
+def leave(
+    out: Path, document: dict[str, Any], curve: "Trajectory", robot: "Robot", found: "Verdict"
+) -> None:
+    """Write the verdict and the picture."""
+    from optipromp.files import json_text, write_atomically
+    from optipromp.viewer.figures import limits_figure, png
+
+    figure = limits_figure(curve, robot, found.judgement.violations, str(document["scene"]))
+    write_atomically(out / "limits.png", png(figure))
+    write_atomically(out / "verdict.json", json_text(document).encode("utf-8"))
+
+
+def _print(found: "Verdict", document: dict[str, Any], curve: "Trajectory") -> None:
+    console, m = stdout(), found.judgement.metrics
+    colour = "green" if not found.judgement.violations else "red"
+    console.print(
+        f"[bold]{document['scene']}[/bold]  {curve.n_waypoints} rows, {curve.duration:.3f} s  "
+        f"[bold {colour}]{found.status}[/bold {colour}]"
+    )
+    if found.judgement.violations:
+        table = grid(("what", "where"), ("when, s", "how much"))
+        for violation in found.judgement.violations:
+            when = "" if violation.time is None else f"{violation.time:.3f}"
+            amount = "" if violation.amount is None else f"{violation.amount:.4g} {violation.unit}"
+            table.add_row(violation.kind, violation.subject, when, amount)
+        console.print(table)
+    console.print(found.message, markup=False)
+    console.print(
+        f"limits in use: velocity {m.velocity_ratio:.0%}, acceleration {m.acceleration_ratio:.0%}, "
+        f"jerk {m.jerk_ratio:.0%}; {1e3 * m.goal_error:.2f} mm off the goal"
+        if m.goal_axis_error is not None
+        else f"limits in use: velocity {m.velocity_ratio:.0%}, acceleration "
+        f"{m.acceleration_ratio:.0%}, jerk {m.jerk_ratio:.0%}; {m.goal_error:.4f} off the goal"
+    )

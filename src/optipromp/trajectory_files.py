@@ -1,0 +1,196 @@
+"""Trajectories to files and back: CSV, NPZ and plan folders."""
+
+import csv as tables
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.errors import InvalidRequestError, OptiPrompError
+from optipromp.files import read_npz
+from optipromp.trajectory import Trajectory
+
+CURVE = ("times", "positions", "velocities", "accelerations")
+KINDS = ("", "_velocity", "_acceleration")  # of the columns of a CSV file
+
+
+def csv(trajectory: Trajectory) -> bytes:
+    """The rows as text: time, then positions, velocities and accelerations of every joint.
+
+    Columns are named ``time``, the joints, then the joints with ``_velocity`` and with
+    ``_acceleration``.
+    """
+    header = ["time", *(name + kind for kind in KINDS for name in trajectory.joint_names)]
+    table = np.column_stack([trajectory.times, *trajectory.rows()])
+    form = ",".join(["%.10g"] * table.shape[1])
+    lines = (form % tuple(row) for row in table.tolist())
+    return "\n".join([",".join(header), *lines, ""]).encode()
+
+
+def arrays(trajectory: Trajectory, prefix: str = "") -> dict[str, Any]:
+    """The rows as arrays by name: ``times``, ``positions``, ``velocities``, ``accelerations``."""
+    values = {prefix + name: getattr(trajectory, name) for name in CURVE}
+    return values | {"joint_names": np.array(trajectory.joint_names, dtype=np.str_)}
+
+
+def from_arrays(rows: Mapping[str, Any], prefix: str = "") -> Trajectory:
+    """The trajectory of :func:`arrays`."""
+    names = tuple(str(name) for name in rows["joint_names"])
+    times, positions, velocities, accelerations = (rows[prefix + name] for name in CURVE)
+    return Trajectory(times, positions, velocities, accelerations, names)
+
+
+def read_trajectory(path: str | Path, joint_names: Sequence[str]) -> Trajectory:
+    """Read anyone's trajectory of a robot.
+
+    - ``.csv``: a column ``time`` [s], one for each joint, and, of all joints or none,
+      ``<joint>_velocity`` and ``<joint>_acceleration``.
+    - ``.npz``: ``times`` (or ``time``) (T,) and ``positions`` (T, n), and, both or neither,
+      ``velocities`` and ``accelerations``; ``joint_names`` (n,), without which the columns are
+      taken to be in the robot's order.
+    - a folder that ``optipromp plan --out`` left.
+
+    Columns are matched to joints by name, see :func:`matched`. See :func:`curve` for rows without
+    velocities and accelerations. Times may begin anywhere and be unevenly spaced.
+
+    Args:
+        path: of the file or folder.
+        joint_names: of the robot, in its order.
+
+    Raises:
+        InvalidRequestError: no such file, no trajectory, joints that are missing or unknown, values
+            that are not finite, times that do not grow; the message names them.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = path / "waypoints.npz"
+    try:
+        if path.suffix.lower() == ".csv":
+            return _from_csv(path, joint_names)
+        if path.suffix.lower() == ".npz":
+            return _from_npz(path, joint_names)
+    except OptiPrompError as error:
+        told = "" if str(path) in error.message else f"{path}: "
+        raise InvalidRequestError(f"{told}{error.message}") from None
+    raise InvalidRequestError(
+        f"{path}: a trajectory is a .csv, an .npz or a folder of optipromp plan; bags are read by "
+        "optipromp.ros"
+    )
+
+
+def curve(
+    times: FloatArray,
+    rows: Sequence[FloatArray | None],
+    names: Sequence[str],
+    joint_names: Sequence[str],
+) -> Trajectory:
+    """A trajectory of a robot from rows in any order of joints.
+
+    Args:
+        times: (T,), beginning anywhere [s].
+        rows: positions, velocities and accelerations (T, n). Where velocities or accelerations are
+            None, the curve is the smoothest through the positions, at rest at both ends.
+        names: of the n columns.
+        joint_names: of the robot, in its order.
+
+    Raises:
+        InvalidRequestError: see :func:`matched` and :class:`Trajectory`.
+    """
+    order, times = matched(names, joint_names), np.asarray(times, dtype=np.float64)
+    positions, velocities, accelerations = (
+        None if values is None else np.asarray(values, dtype=np.float64)[:, order]
+        for values in rows
+    )
+    assert positions is not None
+    times = times - times[:1]
+    if velocities is None or accelerations is None:
+        return Trajectory.through(positions, times, tuple(joint_names))
+    return Trajectory(times, positions, velocities, accelerations, tuple(joint_names))
+
+
+def matched(names: Sequence[str], joint_names: Sequence[str]) -> list[int]:
+    """The column of each of the robot's joints.
+
+    A prefix that all names share, as in ``panda_joint1``, may be missing in the robot's.
+
+    Raises:
+        InvalidRequestError: joints are missing, unknown or named twice.
+    """
+    for cut in {0, *(len(n) - len(joint_names[0]) for n in names if n.endswith(joint_names[0]))}:
+        bare = [name[cut:] for name in names]
+        if len({name[:cut] for name in names}) == 1 and sorted(bare) == sorted(joint_names):
+            return [bare.index(name) for name in joint_names]
+    missing = [name for name in joint_names if name not in names]
+    unknown = [name for name in names if name not in joint_names]
+    twice = sorted({name for name in names if list(names).count(name) > 1})
+    told = [
+        f"{word}: {', '.join(found)}"
+        for word, found in (("missing", missing), ("unknown", unknown), ("twice", twice))
+        if found
+    ]
+    raise InvalidRequestError(
+        f"its joints are not the robot's ({'; '.join(told)}); the robot has "
+        f"{', '.join(joint_names)}"
+    )
+
+
+def _from_npz(path: Path, joint_names: Sequence[str]) -> Trajectory:
+    found = read_npz(path)
+    times = found.get("times", found.get("time"))
+    if times is None or "positions" not in found:
+        raise InvalidRequestError(
+            f"it holds {', '.join(sorted(found))}; a trajectory has times (T,) and positions (T, n)"
+        )
+    positions = np.asarray(found["positions"])
+    if positions.ndim != 2:
+        raise InvalidRequestError(f"positions have shape {positions.shape}, not (T, n)")
+    names = [str(name) for name in found.get("joint_names", joint_names)]
+    rows = [positions, found.get("velocities"), found.get("accelerations")]
+    for what, values in zip(CURVE[1:], rows, strict=True):
+        if values is not None and np.shape(values) != (len(np.ravel(times)), len(names)):
+            raise InvalidRequestError(
+                f"{what} have shape {np.shape(values)}; {len(np.ravel(times))} times and "
+                f"{len(names)} joints ask for ({len(np.ravel(times))}, {len(names)})"
+            )
+    return curve(np.ravel(times), rows, names, joint_names)
+
+
+def _from_csv(path: Path, joint_names: Sequence[str]) -> Trajectory:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            lines = [(n, row) for n, row in enumerate(tables.reader(file), start=1) if row]
+    except OSError as cause:
+        raise InvalidRequestError(f"cannot read {path}: {cause.strerror}") from None
+    except (UnicodeDecodeError, tables.Error) as cause:
+        raise InvalidRequestError(f"{path} is not a UTF-8 CSV file ({cause})") from None
+    header = [name.strip() for name in lines[0][1]] if lines else []
+    if header.count("time") != 1 or len(set(header)) != len(header):
+        raise InvalidRequestError("expected a header time,<joint>,..., each name once")
+    table = np.empty((len(lines) - 1, len(header)))
+    for row, (line, values) in enumerate(lines[1:]):
+        if len(values) != len(header):
+            raise InvalidRequestError(
+                f"line {line}: {len(values)} values, the header has {len(header)}"
+            )
+        for column, text in enumerate(values):
+            try:
+                table[row, column] = float(text)
+            except ValueError:
+                raise InvalidRequestError(
+                    f"line {line}: {header[column]} is {text!r}, expected a number"
+                ) from None
+    rates = {name + kind for name in header for kind in KINDS[1:]}
+    names = [name for name in header if name != "time" and name not in rates]
+    rows: list[FloatArray | None] = []
+    for kind in KINDS:
+        given = [name + kind for name in names if name + kind in header]
+        if given and len(given) < len(names):
+            lacking = next(name + kind for name in names if name + kind not in header)
+            raise InvalidRequestError(f"it has {given[0]}, but not {lacking}: all joints, or none")
+        columns = [header.index(name) for name in given]
+        rows.append(table[:, columns] if given else None)
+    if rows[0] is None:
+        raise InvalidRequestError("it has no column of a joint")
+    return curve(table[:, header.index("time")], rows, names, joint_names)
