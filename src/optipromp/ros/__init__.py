@@ -16,6 +16,7 @@ from optipromp.ros.trajectories import (
     display_trajectory,
     joint_trajectory,
     read_trajectories,
+    read_trajectory,
     robot_trajectory,
 )
 from optipromp.ros.types import Message, from_bytes, message, to_bytes, typestore
@@ -41,6 +42,7 @@ __all__ = [
     "read_collision_object",
     "read_planning_scene",
     "read_trajectories",
+    "read_trajectory",
     "robot_trajectory",
     "to_bytes",
     "typestore",
