@@ -47,12 +47,12 @@ def read_trajectory(path: str | Path, joint_names: Sequence[str]) -> Trajectory:
 
     - ``.csv``: a column ``time`` [s], one for each joint, and, of all joints or none,
       ``<joint>_velocity`` and ``<joint>_acceleration``.
-    - ``.npz``: ``times`` (or ``time``) (T,) and ``positions`` (T, n), and, both or neither,
-      ``velocities`` and ``accelerations``; ``joint_names`` (n,), without which the columns are
+    - ``.npz``: ``times`` (or ``time``) (T,), ``positions`` (T, n), and where known ``velocities``
+      and ``accelerations``; ``joint_names`` (n,), without which the columns are
       taken to be in the robot's order.
     - a folder that ``optipromp plan --out`` left.
 
-    Columns are matched to joints by name, see :func:`matched`. See :func:`curve` for rows without
+    Columns are matched to joints by name, see :func:`columns`. See :func:`curve` for rows without
     velocities and accelerations. Times may begin anywhere and be unevenly spaced.
 
     Args:
@@ -90,50 +90,75 @@ def curve(
 
     Args:
         times: (T,), beginning anywhere [s].
-        rows: positions, velocities and accelerations (T, n). Where velocities or accelerations are
-            None, the curve is the smoothest through the positions, at rest at both ends.
+        rows: positions, velocities and accelerations (T, n). Without velocities (None) the curve is
+            the smoothest through the positions, at rest at both ends. Without accelerations they
+            are those of the cubics through positions and velocities, the mean of both sides.
         names: of the n columns.
         joint_names: of the robot, in its order.
 
     Raises:
-        InvalidRequestError: see :func:`matched` and :class:`Trajectory`.
+        InvalidRequestError: see :func:`columns` and :class:`Trajectory`.
     """
-    order, times = matched(names, joint_names), np.asarray(times, dtype=np.float64)
+    order = columns(names, joint_names, "the trajectory")
+    times = np.asarray(times, dtype=np.float64)
     positions, velocities, accelerations = (
         None if values is None else np.asarray(values, dtype=np.float64)[:, order]
         for values in rows
     )
     assert positions is not None
     times = times - times[:1]
-    if velocities is None or accelerations is None:
+    if velocities is None:
         return Trajectory.through(positions, times, tuple(joint_names))
+    if accelerations is None:
+        accelerations = _of_cubics(times, positions, velocities)
     return Trajectory(times, positions, velocities, accelerations, tuple(joint_names))
 
 
-def matched(names: Sequence[str], joint_names: Sequence[str]) -> list[int]:
-    """The column of each of the robot's joints.
+def columns(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]:
+    """Where each of ``joints`` (n) stands among ``names``; further names are left out.
 
-    A prefix that all names share, as in ``panda_joint1``, may be missing in the robot's.
+    Drivers put one prefix before all names of an arm (``fr3_joint1``). Where the joints do not
+    stand there as they are called, they are looked for behind a prefix that all of them share.
+
+    Args:
+        names: in any order.
+        joints: of the robot, in its order.
+        what: whose names they are; begins the error.
 
     Raises:
-        InvalidRequestError: joints are missing, unknown or named twice.
+        InvalidRequestError: a joint is missing; there are two arms; a name stands there twice.
     """
-    for cut in {0, *(len(n) - len(joint_names[0]) for n in names if n.endswith(joint_names[0]))}:
-        bare = [name[cut:] for name in names]
-        if len({name[:cut] for name in names}) == 1 and sorted(bare) == sorted(joint_names):
-            return [bare.index(name) for name in joint_names]
-    missing = [name for name in joint_names if name not in names]
-    unknown = [name for name in names if name not in joint_names]
-    twice = sorted({name for name in names if list(names).count(name) > 1})
-    told = [
-        f"{word}: {', '.join(found)}"
-        for word, found in (("missing", missing), ("unknown", unknown), ("twice", twice))
-        if found
-    ]
+    names = list(names)
+    if not joints:
+        raise InvalidRequestError(f"{what} names no joints: must name one at least")
+    if len(set(names)) != len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InvalidRequestError(f"{what}: joint {twice!r} is named twice: must be once")
+    tails = (name.removesuffix(joints[0]) for name in names if name.endswith(joints[0]))
+    prefixes = [p for p in tails if all(p + joint in names for joint in joints)]
+    if "" in prefixes or len(prefixes) == 1:
+        prefix = "" if "" in prefixes else prefixes[0]
+        return [names.index(prefix + joint) for joint in joints]
+    if prefixes:
+        raise InvalidRequestError(
+            f"{what}: the joints stand there behind each of the prefixes {', '.join(prefixes)}: "
+            "must be one arm"
+        )
+    missing = [joint for joint in joints if joint not in names]
     raise InvalidRequestError(
-        f"its joints are not the robot's ({'; '.join(told)}); the robot has "
-        f"{', '.join(joint_names)}"
+        f"{what}: joint {', '.join(missing)} is missing; it names {', '.join(names) or 'none'}. "
+        f"It must name {', '.join(joints)}, with one prefix for all or none"
     )
+
+
+def _of_cubics(times: FloatArray, q: FloatArray, velocity: FloatArray) -> FloatArray:
+    """Accelerations (T, n) of the cubics between points, the mean of both sides."""
+    h = np.diff(times)[:, None]
+    chord = 6.0 * np.diff(q, axis=0) / h
+    after = (chord - 4.0 * velocity[:-1] - 2.0 * velocity[1:]) / h
+    before = (4.0 * velocity[1:] + 2.0 * velocity[:-1] - chord) / h
+    middle = 0.5 * (before[:-1] + after[1:])
+    return np.concatenate([after[:1], middle, before[-1:]])
 
 
 def _from_npz(path: Path, joint_names: Sequence[str]) -> Trajectory:

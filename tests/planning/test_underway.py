@@ -154,8 +154,8 @@ def test_refusals(before: Plan) -> None:
     ):
         with pytest.raises(InvalidRequestError, match=message):
             plan(scene, **more)  # type: ignore[arg-type]
+    fast = np.eye(7)[0] * 9.0
     with pytest.raises(StartInvalidError, match="joint1 moves at 9"):
-        fast = np.eye(7)[0] * 9.0
         plan(scene, start_state=State(resolve(scene).start, fast))
     with pytest.raises(StartInvalidError, match="has 3 values"):
         plan(scene, start_state=State(np.zeros(3)))

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.pushing.fruits import CUP, DT, TARGET, UP, hung
 
 from optipromp.pushing.bending import Stems
-from optipromp.pushing.cup import Pose, fruit_gap, stem_gap
+from optipromp.pushing.cup import MouthPose, fruit_gap, stem_gap
 from optipromp.pushing.deflected import begin, freely, place, press, shortened
 from optipromp.pushing.equilibrium import CONTACT
 
@@ -31,7 +31,7 @@ def energy(s: Stems, u: np.ndarray, ahead: np.ndarray, inertia: float, share: fl
 
 def gap_of(s: Stems, x: Any, point: Any, within: bool | None) -> tuple[float, tuple[float, ...]]:
     """Gap to the cup, and the way it is pushed, of the fruit or of a piece of its stem at ``x``."""
-    at = Pose(*point, *UP)
+    at = MouthPose(*point, *UP)
     if within is None:
         gap, *normal = fruit_gap(*x, s.radius[0], at, CUP)
     else:

@@ -54,7 +54,7 @@ NAN, INF = math.nan, math.inf
         (with_fruit(orientation=[0, 0, 0, 0]), "has length 0"),
         (with_fruit(orientation=[1, 0, 0]), "orientation has 3 entries"),
         # stems
-        (with_fruit(stem={}), "objects[0].stem: must have exactly one of root, points"),
+        (with_fruit(stem={}), "objects[0].stem: must have exactly one of root, direction"),
         (with_fruit(stem={"root": [0.45, 0.0, 0.89]}), "objects[0]: stem piece 0 has no length"),
         (with_fruit(stem={"points": [[0.45, 0, 1.2], [0.45, 0, 0.9]]}), "must start at its fruit"),
         (with_fruit(stem={"root": [0.45, NAN, 1]}), "stem.root[1] is nan"),

@@ -63,7 +63,7 @@ def settings(pairs: Sequence[str], **given: Any) -> Any:
     import yaml
 
     from optipromp.planning import PaperOptions, PlanOptions
-    from optipromp.scenes.scene import suggest
+    from optipromp.scenes.values import suggest
 
     known = {name: value for name, value in given.items() if value is not None}
     paper: dict[str, Any] = {}

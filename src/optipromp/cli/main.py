@@ -16,6 +16,7 @@ import typer
 from optipromp.cli import (
     catalogue,
     check,
+    export,
     generate,
     learn,
     plan,
@@ -63,6 +64,7 @@ app.command("plan")(plan.plan)
 app.command("scenarios")(scenarios.scenarios)
 app.command("simulate")(simulate.simulate)
 app.command("validate")(validate.validate)
+app.command("export")(export.export)
 app.command("generate")(generate.generate)
 app.command("study")(study.study)
 app.command("learn")(learn.learn)

@@ -75,10 +75,10 @@ def read(path: Path, robot: "Robot") -> "Trajectory":
     """A trajectory from any file that the command takes."""
     from optipromp.trajectory_files import read_trajectory
 
-    if path.suffix.lower() in BAGS or (path / "metadata.yaml").exists():
-        from optipromp.ros import read_trajectory as read_bag
+    if path.suffix in BAGS or (path / "metadata.yaml").exists():
+        from optipromp import ros
 
-        return read_bag(path, robot.joint_names)
+        return ros.read_trajectory(path, robot.joint_names)
     return read_trajectory(path, robot.joint_names)
 
 

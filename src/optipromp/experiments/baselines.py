@@ -18,7 +18,8 @@ from optipromp.planning.task import Task, resolve
 from optipromp.planning.timing import shortest
 from optipromp.robots import ik
 from optipromp.robots.roll import level
-from optipromp.scenes.scene import JointGoal, Scene, suggest
+from optipromp.scenes.scene import JointGoal, Scene
+from optipromp.scenes.values import suggest
 from optipromp.trajectory import Trajectory
 
 StudyPlanner = Literal["straight", "promp", "i-promp", "chomp", "opti-promp"]

@@ -29,7 +29,7 @@ from optipromp.experiments.runs import (
 from optipromp.files import check_folder, json_text, write_atomically
 from optipromp.processes import cores, run_each
 from optipromp.scenes.generate import PRESETS, Preset
-from optipromp.scenes.scene import suggest
+from optipromp.scenes.values import suggest
 
 ROWS, SETTINGS = "rows.csv", "study.json"
 

@@ -29,6 +29,7 @@ LOADED, ELEMENTS, FINER = PUSH.beam.loaded, PUSH.beam.elements, PUSH.beam.finer
 MODULUS, DIAMETER = PUSH.beam.youngs_modulus, PUSH.beam.diameter
 GROWN_TURN, STIFF_END = PUSH.beam.grown_turn, PUSH.beam.stiff_end
 FRUIT_DENSITY, GRAVITY = PUSH.beam.fruit_density, PUSH.beam.gravity
+UP = frozen([0.0, 0.0, 1.0])
 
 _AT = np.round(np.array(LOADED) * FINER * ELEMENTS).astype(int) - 1  # of the grid's points
 _UNIT = frozen(np.eye(FINER * ELEMENTS)[:, _AT])  # [N] at each of them
@@ -61,27 +62,36 @@ class Stems(NamedTuple):
     shortening: FloatArray
 
 
-def stems(objects: Sequence[SceneObject]) -> Stems:
-    """The stems of fruits that hang, as if straight from root to fruit."""
+def stems(objects: Sequence[SceneObject], up: FloatArray = UP) -> Stems:
+    """The stems of fruits that hang, as if straight from root to fruit; ``up`` as :func:`bent`."""
     return bent(
         np.array([t.stem.points[-1] for t in objects if t.stem is not None]).reshape(-1, 3),
         np.array([t.position for t in objects]).reshape(-1, 3),
         np.array([t.radius for t in objects]),
         np.array([t.stem.radius for t in objects if t.stem is not None]),
+        up,
     )
 
 
-def bent(root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: FloatArray) -> Stems:
-    """Stems of radius ``thickness`` (N,), from roots (N, 3) to fruits (N, 3) of radius (N,) [m]."""
+def bent(
+    root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: FloatArray,
+    up: FloatArray = UP,
+) -> Stems:  # fmt: skip
+    """Stems of radius ``thickness`` (N,), from roots (N, 3) to fruits (N, 3) of radius (N,) [m].
+
+    ``up`` (3,) is opposite to gravity.
+    """
     count, n, loaded = len(root), FINER * ELEMENTS, len(LOADED)
     length, axes = _frames(root, fruit)
     along = axes[:, 2]
     mass = FRUIT_DENSITY * 4.0 / 3.0 * np.pi * radius**3
-    lean = np.hypot(along[:, 0], along[:, 1])
+    down = along @ up
+    x, y, z = (along - down[:, None] * up).T
+    lean = np.hypot(np.hypot(x, y), z)
     # the moment m g sinθ (L - s) turns the stem by m g sinθ L² / 2EI
     grown = mass * GRAVITY * lean * length**2 / (2.0 * GROWN_TURN)
     bending = np.maximum(MODULUS * np.pi / 64.0 * DIAMETER**4, grown)
-    tension = mass * GRAVITY * np.abs(along[:, 2])
+    tension = mass * GRAVITY * np.abs(down)
     h = length / n
     stiffer = np.where((np.arange(n) + 0.5) / n > (1.0 - radius / length)[:, None], STIFF_END, 1.0)
     stiffer[:, 0] *= 0.5  # clamped: the beam is mirrored at its root

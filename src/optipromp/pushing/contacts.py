@@ -23,7 +23,7 @@ from optipromp.compiled import inlined, inner
 from optipromp.geometry.distances import distance_and_gradient
 from optipromp.geometry.obstacles import Obstacles
 from optipromp.pushing.bending import Stems
-from optipromp.pushing.cup import NECK_LOOKED_AT, Mouth, Pose
+from optipromp.pushing.cup import NECK_LOOKED_AT, Mouth, MouthPose
 from optipromp.pushing.deflected import level, place
 from optipromp.pushing.parameters import PUSH
 
@@ -132,7 +132,7 @@ def list_firm(
 
 
 @inner
-def list_pieces(s: Stems, c: Contacts, at: Pose, cup: Mouth) -> None:
+def list_pieces(s: Stems, c: Contacts, at: MouthPose, cup: Mouth) -> None:
     """Which pieces of each stem are level with the cup, and those at its rim and base."""
     root, axes, length, radius, n = s.root, s.axes, s.length, s.radius, s.shape.shape[1] - 1
     under = cup.base - NECK_LOOKED_AT
@@ -147,7 +147,7 @@ def list_pieces(s: Stems, c: Contacts, at: Pose, cup: Mouth) -> None:
 
 @inner
 def _level_with(
-    root: FloatArray, axes: FloatArray, i: int, length: float, at: Pose, h: float
+    root: FloatArray, axes: FloatArray, i: int, length: float, at: MouthPose, h: float
 ) -> float:
     """Share of stem i that is level with the point of the cup's axis at height h."""
     return level(root, axes, i, length, at.x + h * at.u, at.y + h * at.v, at.z + h * at.w)

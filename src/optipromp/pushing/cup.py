@@ -32,7 +32,7 @@ class Mouth(NamedTuple):
     flange_top: float = -1.0  # height of its end
 
 
-class Pose(NamedTuple):
+class MouthPose(NamedTuple):
     """The tool point (x, y, z) [m] and the axis (u, v, w) out of the mouth."""
 
     x: float
@@ -41,6 +41,9 @@ class Pose(NamedTuple):
     u: float
     v: float
     w: float
+
+
+Pose = MouthPose  # Numba's caches of earlier versions hold this name, and are read before replaced
 
 
 @lru_cache(maxsize=32)
@@ -106,7 +109,7 @@ def cup_distance(rho: float, h: float, cup: Mouth) -> tuple[float, float, float]
 
 
 @inner
-def in_cup(x: float, y: float, z: float, at: Pose) -> tuple[float, float, float, float, float]:
+def in_cup(x: float, y: float, z: float, at: MouthPose) -> tuple[float, float, float, float, float]:
     """Height of a point over the tool point, its distance and its direction from the axis."""
     x, y, z = x - at.x, y - at.y, z - at.z
     h = x * at.u + y * at.v + z * at.w
@@ -116,7 +119,7 @@ def in_cup(x: float, y: float, z: float, at: Pose) -> tuple[float, float, float,
 
 @inner
 def fruit_gap(
-    x: float, y: float, z: float, radius: float, at: Pose, cup: Mouth
+    x: float, y: float, z: float, radius: float, at: MouthPose, cup: Mouth
 ) -> tuple[float, float, float, float]:
     """Gap of a fruit to the cup, and the direction it is pushed in."""
     h, rho, x, y, z = in_cup(x, y, z, at)
@@ -127,7 +130,7 @@ def fruit_gap(
 
 @inner
 def stem_gap(
-    x: float, y: float, z: float, radius: float, within: bool, at: Pose, cup: Mouth
+    x: float, y: float, z: float, radius: float, within: bool, at: MouthPose, cup: Mouth
 ) -> tuple[float, float, float, float]:
     """Gap of a piece of stem to wall or neck, on the side of the wall where its fruit is.
 
@@ -148,7 +151,7 @@ def stem_gap(
 
 
 @inner
-def inside(x: float, y: float, z: float, at: Pose, cup: Mouth) -> bool:
+def inside(x: float, y: float, z: float, at: MouthPose, cup: Mouth) -> bool:
     """Whether a fruit with its centre there counts as inside."""
     h, rho, _, _, _ = in_cup(x, y, z, at)
     return rho < cup.inner and cup.base < h < cup.rim - BARELY

@@ -22,7 +22,7 @@ from optipromp.geometry.distances import distance_and_gradient
 from optipromp.geometry.obstacles import Obstacles
 from optipromp.pushing.bending import Stems
 from optipromp.pushing.contacts import Contacts, Fruits, between
-from optipromp.pushing.cup import ABOVE, Mouth, Pose, fruit_gap, in_cup, stem_gap
+from optipromp.pushing.cup import ABOVE, Mouth, MouthPose, fruit_gap, in_cup, stem_gap
 from optipromp.pushing.deflected import LOADS, begin, level, place, press, shortened
 from optipromp.pushing.parameters import PUSH
 
@@ -53,7 +53,7 @@ class Descent(NamedTuple):
 
 @inlined
 def relax(
-    s: Stems, f: Fruits, c: Contacts, d: Descent, at: Pose, shift: Pose, cup: Mouth,
+    s: Stems, f: Fruits, c: Contacts, d: Descent, at: MouthPose, shift: MouthPose, cup: Mouth,
     solid: Obstacles, dt: float, look: bool, p: int, forces: FloatArray, stem_forces: FloatArray,
 ) -> tuple[float, bool]:  # fmt: skip
     """One Gauss-Newton step of every fruit that is touched.

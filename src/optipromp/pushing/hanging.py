@@ -88,7 +88,7 @@ class Hanging(PushModel):
         detected = any(fruit.covariance is not None for fruit in fruits)
         self.fruits, self.count = fruits, len(fruits)
         self.states = HANGING.detected_states if detected else HANGING.states
-        self.stems = _sampled(fruits, self.states - 1)
+        self.stems = _sampled(fruits, self.states - 1, scene.up)
         self.schedule = Schedule(
             rounds=(Round(9, 1), *[Round(12, 1)] * 3), runs=1, kept=6, screened=3,
             states=min(self.states, HANGING.screened_states), fresh=0.3, lenient=1.6,
@@ -241,9 +241,9 @@ def _close(obstacles: Obstacles, where: FloatArray, reach: float) -> Obstacles:
     return near(obstacles, middle, float(np.linalg.norm(where - middle, axis=1).max()) + reach)
 
 
-def _sampled(fruits: Sequence[SceneObject], samples: int) -> Stems:
+def _sampled(fruits: Sequence[SceneObject], samples: int, up: FloatArray) -> Stems:
     """The perceived state of the fruits, then ``samples`` sampled ones."""
-    seen = stems(fruits)
+    seen = stems(fruits, up)
     sure = [fruit.covariance is None for fruit in fruits]
     spread = [HANGING.shift if known else HANGING.wider * np.sqrt(detection_variance(fruit))
               for known, fruit in zip(sure, fruits, strict=True)]  # fmt: skip
@@ -251,7 +251,7 @@ def _sampled(fruits: Sequence[SceneObject], samples: int) -> Stems:
     turn = np.deg2rad(degrees) * seen.length
     shifted, swung = _normal((samples, len(fruits), 3))
     shift = np.reshape(spread, (-1, 1)) * shifted
-    swing = turn[:, None] * swung * [1.0, 1.0, 0.0]
+    swing = turn[:, None] * (swung - (swung @ up)[..., None] * up)  # level
     place = np.array([fruit.position for fruit in fruits])
     places = np.concatenate([place[None], place + shift])
     roots = np.concatenate([seen.root[None], seen.root + shift + swing])

@@ -216,7 +216,8 @@ def applies(scene: Scene, tool: Tool | None) -> bool:
     stands = any(obj.stem is None for obj in scene.pushables)
     _, y_g, z_g = scene.frame
     return stands and bool(
-        max(abs(float(z_g[2])), abs(float(y_g[2]))) < np.sin(np.deg2rad(STANDING.tilt))
+        max(abs(float(z_g @ scene.up)), abs(float(y_g @ scene.up)))
+        < np.sin(np.deg2rad(STANDING.tilt))
     )
 
 

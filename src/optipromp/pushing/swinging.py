@@ -11,7 +11,7 @@ from optipromp.compiled import inner, kernel
 from optipromp.geometry.obstacles import Obstacles
 from optipromp.pushing.bending import Stems
 from optipromp.pushing.contacts import Contacts, Fruits, list_firm, list_pieces, overlapping
-from optipromp.pushing.cup import Mouth, Pose, in_cup, inside
+from optipromp.pushing.cup import Mouth, MouthPose, in_cup, inside
 from optipromp.pushing.deflected import LOADS, freely, place
 from optipromp.pushing.equilibrium import CLOSE, Descent, relax
 from optipromp.pushing.harm import Harm, score_of
@@ -68,13 +68,13 @@ def push(
     overlapping(s, f.u, c.overlap)
     _hang(s, f, c, d, dt)
     for p in range(len(points)):
-        at = Pose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
+        at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
         if p > 0 and _untouched(s, f, at, cup):
             _note(f, p, positions)
             continue
         q = max(p - 1, 0)
         x, y, z = at.x - points[q, 0], at.y - points[q, 1], at.z - points[q, 2]
-        shift = Pose(x, y, z, 0.0, 0.0, 0.0)
+        shift = MouthPose(x, y, z, 0.0, 0.0, 0.0)
         _advance(s, f, c, d, at, shift, cup, solid, dt, p, forces, stem_forces)
         _note(f, p, positions)
         _take(f, at, cup, dt, p, forces, stem_forces, spell, pinched, so_far)
@@ -95,7 +95,7 @@ def _hang(s: Stems, f: Fruits, c: Contacts, d: Descent, dt: float) -> None:
 
 
 @inner
-def _untouched(s: Stems, f: Fruits, at: Pose, cup: Mouth) -> bool:
+def _untouched(s: Stems, f: Fruits, at: MouthPose, cup: Mouth) -> bool:
     """Whether all fruits rest, and the rim is below all fruits and roots."""
     for i in range(len(s.root)):
         h, _, _, _, _ = in_cup(f.center[i, 0], f.center[i, 1], f.center[i, 2], at)
@@ -107,7 +107,7 @@ def _untouched(s: Stems, f: Fruits, at: Pose, cup: Mouth) -> bool:
 
 @inner
 def _advance(
-    s: Stems, f: Fruits, c: Contacts, d: Descent, at: Pose, shift: Pose, cup: Mouth,
+    s: Stems, f: Fruits, c: Contacts, d: Descent, at: MouthPose, shift: MouthPose, cup: Mouth,
     solid: Obstacles, dt: float, p: int, forces: FloatArray, stem_forces: FloatArray,
 ) -> None:  # fmt: skip
     """Step p: the fruits swing on, then come to their equilibrium with the cup where it is."""
@@ -144,7 +144,7 @@ def _note(f: Fruits, p: int, positions: FloatArray) -> None:
 
 @inner
 def _take(
-    f: Fruits, at: Pose, cup: Mouth, dt: float, p: int, forces: FloatArray,
+    f: Fruits, at: MouthPose, cup: Mouth, dt: float, p: int, forces: FloatArray,
     stem_forces: FloatArray, spell: IntArray, pinched: IntArray, so_far: FloatArray,
 ) -> None:  # fmt: skip
     """The harm up to step p, into ``so_far`` (5,).
@@ -181,7 +181,7 @@ def harm(
     so_far = np.zeros(5)
     push(s, points, axes, dt, cup, solid, np.inf, positions, forces, stem_forces, so_far)
     x, y, z = positions[-1, 0]
-    missed = cup.inner > 0.0 and not inside(x, y, z, Pose(*points[-1], *axes[-1]), cup)
+    missed = cup.inner > 0.0 and not inside(x, y, z, MouthPose(*points[-1], *axes[-1]), cup)
     stem, fruit, target, within, pinched = so_far.tolist()
     return Harm(stem, fruit, target, within, pinched, missed)
 
@@ -206,7 +206,7 @@ def led(
     held = np.lib.stride_tricks.sliding_window_view(stem_forces, min(LASTING, len(points)), axis=0)
     within = np.array(
         [
-            [inside(x[0], x[1], x[2], Pose(*point, *axis), cup) for x in places]
+            [inside(x[0], x[1], x[2], MouthPose(*point, *axis), cup) for x in places]
             for places, point, axis in zip(positions, points, axes, strict=True)
         ]
     )
@@ -232,7 +232,7 @@ def mean_score(
     positions, forces = np.zeros((steps, count, 3)), np.zeros((steps, count))
     stem_forces, h = np.zeros((steps, count)), np.zeros(5)
     p = steps - 1
-    end = Pose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
+    end = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
     for d in range(samples):
         low, high = d * count, (d + 1) * count
         one = Stems(

@@ -8,47 +8,11 @@ from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
 from optipromp.ros.types import Message, message
 from optipromp.trajectory import State
+from optipromp.trajectory_files import columns
 
 AT_REST = 0.01
 """[rad/s or m/s] A joint that is slower stands still: what an encoder shows at rest is noise. A
 choice; the arm's controller evens out a step of this size."""
-
-
-def columns(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]:
-    """Where each of ``joints`` (n) stands among ``names``; further names are left out.
-
-    Drivers put one prefix before all names of an arm (``fr3_joint1``). Where the joints do not
-    stand there as they are called, they are looked for behind a prefix that all of them share.
-
-    Args:
-        names: of the message.
-        joints: of the robot, in its order.
-        what: whose names they are; begins the error.
-
-    Raises:
-        InvalidRequestError: a joint is missing; there are two arms; a name stands there twice.
-    """
-    names = list(names)
-    if not joints:
-        raise InvalidRequestError(f"{what} names no joints: must name one at least")
-    if len(set(names)) != len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise InvalidRequestError(f"{what}: joint {twice!r} is named twice: must be once")
-    tails = (name.removesuffix(joints[0]) for name in names if name.endswith(joints[0]))
-    prefixes = [p for p in tails if all(p + joint in names for joint in joints)]
-    if "" in prefixes or len(prefixes) == 1:
-        prefix = "" if "" in prefixes else prefixes[0]
-        return [names.index(prefix + joint) for joint in joints]
-    if prefixes:
-        raise InvalidRequestError(
-            f"{what}: the joints stand there behind each of the prefixes {', '.join(prefixes)}: "
-            "must be one arm"
-        )
-    missing = [joint for joint in joints if joint not in names]
-    raise InvalidRequestError(
-        f"{what}: joint {', '.join(missing)} is missing; it names {', '.join(names) or 'none'}. "
-        f"It must name {', '.join(joints)}, with one prefix for all or none"
-    )
 
 
 def joint_positions(state: Message, joints: Sequence[str], what: str) -> FloatArray:

@@ -10,12 +10,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
 from optipromp.ros.bags import read_bag
-from optipromp.ros.joints import columns, robot_state
+from optipromp.ros.joints import robot_state
 from optipromp.ros.types import Message, message
 from optipromp.trajectory import Trajectory
+from optipromp.trajectory_files import curve
 
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 TRAJECTORIES = (
@@ -163,9 +163,7 @@ def _read(item: Message, joints: Sequence[str] | None) -> Trajectory:
     names = tuple(item.joint_names if joints is None else joints)
     if len(points) < 2:
         raise InvalidRequestError(f"{what} has {len(points)} points: must have 2 at least")
-    order = columns(item.joint_names, names, what)
     times = np.array([_seconds(point.time_from_start) for point in points])
-    times = times - times[0]
     counts = {what: {len(getattr(point, what)) for point in points} for what in _FIELDS}
     wanted = len(item.joint_names)
     for field, sizes in counts.items():
@@ -176,32 +174,16 @@ def _read(item: Message, joints: Sequence[str] | None) -> Trajectory:
                 f"{what}: points[{k}].{field} has {size} values: must have {wanted}"
                 + ("" if field == "positions" else ", or none in any point")
             )
-    q, velocity, acceleration = (
-        np.array([getattr(point, field) for point in points])[:, order] if counts[field] != {0}
-        else None
+    rows = [
+        np.array([getattr(point, field) for point in points]) if counts[field] != {0} else None
         for field in _FIELDS
-    )  # fmt: skip
-    assert q is not None
-    if velocity is None:
-        if acceleration is not None:
-            raise InvalidRequestError(f"{what} has accelerations and no velocities: must have both")
-        return Trajectory.through(q, times, names)
-    if acceleration is None:
-        acceleration = _of_cubics(times, q, velocity)
-    return Trajectory(times, q, velocity, acceleration, names)
+    ]
+    if rows[1] is None and rows[2] is not None:
+        raise InvalidRequestError(f"{what} has accelerations and no velocities: must have both")
+    return curve(times, rows, item.joint_names, names)
 
 
 _FIELDS = ("positions", "velocities", "accelerations")
-
-
-def _of_cubics(times: FloatArray, q: FloatArray, velocity: FloatArray) -> FloatArray:
-    """Accelerations (T, n) of the cubics between points, the mean of both sides."""
-    h = np.diff(times)[:, None]
-    chord = 6.0 * np.diff(q, axis=0) / h
-    after = (chord - 4.0 * velocity[:-1] - 2.0 * velocity[1:]) / h
-    before = (4.0 * velocity[1:] + 2.0 * velocity[:-1] - chord) / h
-    middle = 0.5 * (before[:-1] + after[1:])
-    return np.concatenate([after[:1], middle, before[-1:]])
 
 
 def _duration(time: float) -> Message:

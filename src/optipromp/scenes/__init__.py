@@ -4,6 +4,7 @@ from optipromp.scenes.io import load_scene, save_scene, scene_from_dict, scene_n
 from optipromp.scenes.scene import (
     Approach,
     JointGoal,
+    Pose,
     PoseGoal,
     Role,
     Scene,
@@ -15,6 +16,7 @@ from optipromp.scenes.scene import (
 __all__ = [
     "Approach",
     "JointGoal",
+    "Pose",
     "PoseGoal",
     "Role",
     "Scene",

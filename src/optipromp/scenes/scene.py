@@ -2,165 +2,29 @@
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any
 
 import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray, frozen, joined, lengths, read_only
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry.obstacles import Measures, Obstacles, measures, packed
-from optipromp.geometry.shapes import HalfSpace, Shape, bounding_radius
+from optipromp.scenes.objects import ROLES, STEM_RADIUS, Role, SceneObject, Stem
+from optipromp.scenes.pose import Pose
+from optipromp.scenes.values import array, suggest, unit
 
-Role: TypeAlias = Literal["target", "pushable", "avoid", "static"]
-ROLES: tuple[Role, ...] = get_args(Role)
+__all__ = [
+    "ROLES", "STEM_RADIUS", "Approach", "JointGoal", "Pose", "PoseGoal", "Role", "Scene",
+    "SceneObject", "Stem", "ToolSpec",
+]  # fmt: skip
 
-STEM_RADIUS = 0.003
-"""Radius of a stem that says none [m]."""
-
-_STEM_SLACK = 0.005  # a stem given by points starts at most this far outside its fruit [m]
 _PARALLEL = 1e-6
 _ROUNDING = 1e-9  # [m]
-
-
-def suggest(name: object, valid: Iterable[str]) -> str:
-    """``valid names are ...; did you mean ...?``, the second half where one comes near."""
-    names = list(valid)
-    near = difflib.get_close_matches(str(name), names, n=1)
-    question = f"; did you mean {near[0]!r}?" if near else ""
-    return f"valid are {', '.join(names)}{question}"
-
-
-def _array(name: str, values: object, *shape: int | None) -> FloatArray:
-    """``values`` read-only; refused where not of the ``shape`` (None: any) or not finite."""
-    array = frozen(values)
-    fits = [want in (None, have) for want, have in zip(shape, array.shape, strict=False)]
-    if array.ndim != len(shape) or not all(fits):
-        wanted = ", ".join("n" if size is None else str(size) for size in shape)
-        wanted += "," if len(shape) == 1 else ""
-        raise InvalidSceneError(f"{name} has shape {array.shape}: must be ({wanted})")
-    if not np.isfinite(array).all():
-        at = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        where = "".join(f"[{i}]" for i in at)
-        raise InvalidSceneError(f"{name}{where} is {array[at]}: must be finite")
-    return array
-
-
-def _unit(name: str, values: object) -> FloatArray:
-    vector = _array(name, values, 3)
-    length = math.hypot(*vector)
-    if not length > 0.0:
-        raise InvalidSceneError(f"{name} is {vector.tolist()}: must have a direction")
-    return frozen(vector / length)
-
-
-@dataclass(frozen=True, eq=False)
-class Stem:
-    """The stem that a fruit hangs on.
-
-    Args:
-        points: (k, 3) world positions [m], fruit first, root last, k >= 2.
-        radius: [m].
-    """
-
-    points: FloatArray
-    radius: float = STEM_RADIUS
-
-    def __post_init__(self) -> None:
-        shape = np.shape(self.points)
-        if len(shape) != 2 or shape[1] != 3 or shape[0] < 2:
-            raise InvalidSceneError(f"stem.points has shape {shape}: must be (k, 3), k >= 2")
-        points = _array("stem.points", self.points, None, 3)
-        short = np.flatnonzero(np.linalg.norm(np.diff(points, axis=0), axis=1) < 1e-9)
-        if short.size:
-            raise InvalidSceneError(
-                f"stem piece {short[0]} has no length: neighbouring points (the fruit's position "
-                "is the first) must differ"
-            )
-        if not (math.isfinite(self.radius) and self.radius > 0.0):
-            raise InvalidSceneError(f"stem.radius is {self.radius:g}: must be above 0 [m]")
-        object.__setattr__(self, "points", points)
-
-    @property
-    def vector(self) -> FloatArray:
-        """(3,) the stem vector S_n of the paper: from the fruit to the next point [m]."""
-        return frozen(self.points[1] - self.points[0])
-
-    @property
-    def root(self) -> FloatArray:
-        """(3,) where the stem is held [m]."""
-        return frozen(self.points[-1])
-
-    @property
-    def length(self) -> float:
-        """Length along the stem [m]."""
-        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
-
-
-@dataclass(frozen=True, eq=False)
-class SceneObject:
-    """One object of the scene.
-
-    Args:
-        id: its name, unique in the scene.
-        role: ``target``, ``pushable``, ``avoid`` or ``static``.
-        shape: in its local frame.
-        position: (3,) world position of the local origin [m].
-        rotation: (3, 3) local to world.
-        stem: that it hangs on, if any.
-        covariance: (3, 3) covariance of the detected position [m²], if given.
-        physical: further numbers by name (mass, stiffness, ...), for the simulation.
-    """
-
-    id: str
-    role: Role
-    shape: Shape
-    position: FloatArray
-    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
-    stem: Stem | None = None
-    covariance: FloatArray | None = None
-    physical: Mapping[str, float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if self.role not in ROLES:
-            raise InvalidSceneError(f"role {self.role!r} is unknown: {suggest(self.role, ROLES)}")
-        if self.role in ("target", "pushable") and isinstance(self.shape, HalfSpace):
-            raise InvalidSceneError(f"a {self.role} cannot be a half_space: it has no end")
-        object.__setattr__(self, "position", _array("position", self.position, 3))
-        object.__setattr__(self, "rotation", _array("rotation", self.rotation, 3, 3))
-        if self.covariance is not None:
-            object.__setattr__(self, "covariance", _covariance(self.covariance))
-        if self.stem is not None:
-            gap = float(np.linalg.norm(self.stem.points[0] - self.position))
-            if gap > bounding_radius(self.shape) + _STEM_SLACK:
-                raise InvalidSceneError(
-                    f"stem.points[0] is {gap:.3g} m from the fruit's position: a stem must start "
-                    "at its fruit"
-                )
-        object.__setattr__(self, "physical", dict(self.physical))
-
-    @property
-    def radius(self) -> float:
-        """Radius of a ball about ``position`` that holds the shape [m]; of a sphere, its own."""
-        return bounding_radius(self.shape)
-
-
-def _covariance(values: FloatArray) -> FloatArray:
-    covariance = _array("covariance", values, 3, 3)
-    scale = float(np.abs(covariance).max())
-    if np.abs(covariance - covariance.T).max() > 1e-9 * scale:
-        raise InvalidSceneError("covariance is not symmetric: must equal its transpose")
-    least = float(np.linalg.eigvalsh(covariance)[0])
-    if least < -1e-12 * scale:
-        raise InvalidSceneError(
-            f"covariance has eigenvalue {least:.3g}: must be positive semi-definite"
-        )
-    return covariance
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +32,8 @@ class Approach:
     """The direction from which the tool comes to the target.
 
     Args:
-        direction: (3,) z_g, along which the tool approaches; any length above 0.
+        direction: (3,) z_g, along which the tool approaches, in the base frame; of any length
+            above 0.
         lateral: (3,) y_g, along which the tool drifts; made orthogonal to ``direction``.
         camera_distance: from the camera point to the lowest fruit, along z_g [m].
     """
@@ -178,8 +43,8 @@ class Approach:
     camera_distance: float = 0.10
 
     def __post_init__(self) -> None:
-        z = _unit("approach.direction", self.direction)
-        y = _unit("approach.lateral", self.lateral)
+        z = unit("approach.direction", self.direction)
+        y = unit("approach.lateral", self.lateral)
         if np.linalg.norm(np.cross(y, z)) < _PARALLEL:
             raise InvalidSceneError(
                 f"approach.lateral {y.tolist()} is parallel to direction {z.tolist()}: "
@@ -194,11 +59,16 @@ class Approach:
 
     @cached_property
     def frame(self) -> FloatArray:
-        """(3, 3) rows x_g, y_g, z_g with x_g = y_g × z_g: maps world vectors into F_g."""
+        """(3, 3) rows x_g, y_g, z_g with x_g = y_g × z_g: maps vectors into F_g."""
         z = self.direction
         x = np.cross(self.lateral, z)
         x /= np.linalg.norm(x)
         return frozen([x, np.cross(z, x), z])
+
+    def transformed(self, pose: Pose) -> Approach:
+        """The same approach, stated in the frame in which its present frame has the ``pose``."""
+        turn = pose.rotation
+        return Approach(turn @ self.direction, turn @ self.lateral, self.camera_distance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,19 +78,28 @@ class JointGoal:
     joints: FloatArray
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "joints", _array("goal.joints", self.joints, None))
+        object.__setattr__(self, "joints", array("goal.joints", self.joints, None))
 
 
 @dataclass(frozen=True, eq=False)
 class PoseGoal:
-    """A goal for the tool: ``position`` (3,) [m] of its point, ``axis`` (3,) unit, of its axis."""
+    """A goal for the tool, in the base frame.
+
+    Args:
+        position: (3,) of the tool point [m].
+        axis: (3,) of the tool axis; of any length above 0.
+    """
 
     position: FloatArray
     axis: FloatArray
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position", _array("goal.position", self.position, 3))
-        object.__setattr__(self, "axis", _unit("goal.axis", self.axis))
+        object.__setattr__(self, "position", array("goal.position", self.position, 3))
+        object.__setattr__(self, "axis", unit("goal.axis", self.axis))
+
+    def transformed(self, pose: Pose) -> PoseGoal:
+        """The same goal, stated in the frame in which its present frame has the ``pose``."""
+        return PoseGoal(pose @ self.position, pose.rotation @ self.axis)
 
 
 @dataclass(frozen=True)
@@ -240,7 +119,7 @@ class ToolSpec:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A scene: robot, objects, and a target or goal.
+    """A scene: robot, objects, and a target or goal, stated in the frame of the robot's base.
 
     Args:
         name: of the scene.
@@ -252,6 +131,10 @@ class Scene:
         goal: in place of a target.
         options: further settings of the planners.
         base_dir: folder that relative paths start from.
+        base: pose of the robot's base in the world. It determines what is up, and what the world
+            is to those who read the scene. Nothing else depends on it.
+        camera: pose of the camera in the robot's base frame, if there is one. Nothing depends on
+            it; it is kept for those who read the scene.
 
     Raises:
         InvalidSceneError: duplicate ids, no target, two targets, target and goal together.
@@ -266,12 +149,14 @@ class Scene:
     goal: JointGoal | PoseGoal | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     base_dir: Path | None = None
+    base: Pose = field(default_factory=Pose)
+    camera: Pose | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "objects", tuple(self.objects))
         object.__setattr__(self, "options", dict(self.options))
         if self.start is not None:
-            object.__setattr__(self, "start", _array("start", self.start, None))
+            object.__setattr__(self, "start", array("start", self.start, None))
         seen: dict[str, int] = {}
         for index, item in enumerate(self.objects):
             if item.id in seen:
@@ -327,7 +212,7 @@ class Scene:
 
     @cached_property
     def rotations(self) -> FloatArray:
-        """Rotations (N, 3, 3) of the objects, local to world."""
+        """Rotations (N, 3, 3) of the objects, local to base."""
         return joined([item.rotation for item in self.objects]).reshape(-1, 3, 3)
 
     @cached_property
@@ -359,6 +244,26 @@ class Scene:
         """The ``objects`` at indices (K,)."""
         objects = self.objects
         return tuple([objects[k] for k in rows.tolist()])
+
+    @property
+    def up(self) -> FloatArray:
+        """(3,) the world's upward vertical in the base frame, opposite to gravity."""
+        return frozen(self.base.rotation[2])
+
+    def transformed(self, pose: Pose) -> Scene:
+        """The same world stated in another frame, in which the present base has the ``pose``.
+
+        The robot stands at the origin of the new frame. To move the robot by ``moved``, a pose in
+        its present base frame, transform by ``moved.inverse()``. Joint values are kept.
+        """
+        goal = self.goal
+        return replace(
+            self, objects=tuple(item.transformed(pose) for item in self.objects),
+            approach=self.approach.transformed(pose),
+            goal=goal.transformed(pose) if isinstance(goal, PoseGoal) else goal,
+            base=self.base @ pose.inverse(),
+            camera=None if self.camera is None else pose @ self.camera,
+        )  # fmt: skip
 
     @property
     def frame(self) -> FloatArray:

@@ -19,13 +19,16 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from optipromp.errors import InvalidSceneError
 from optipromp.robots.tools import TOOLS
-from optipromp.scenes.scene import Role, suggest
+from optipromp.scenes.objects import Role
+from optipromp.scenes.values import suggest
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]
 Text = Annotated[str, Field(strict=True, min_length=1)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
+Frame = Literal["world", "base", "camera"]
 
 
 def _refuse(what: str) -> PydanticCustomError:
@@ -116,17 +119,31 @@ class ShapeModel(_OneOf):
     point_cloud: PointCloudModel | None = None
 
 
+class PoseModel(_Model):
+    """The pose of a frame in the world; see :class:`optipromp.scenes.pose.Pose`."""
+
+    position: Vector
+    orientation: Quaternion | None = None
+
+
 class StemModel(_Model):
-    """Straight to a root, or a polyline, fruit first."""
+    """Straight to a root, or along a direction, or a polyline, fruit first."""
 
     root: Vector | None = None
+    direction: Vector | None = None
+    length: Positive | None = None
     points: Annotated[list[Vector], Field(min_length=2)] | None = None
     radius: Positive | None = None
 
     @model_validator(mode="after")
     def _one_form(self) -> StemModel:
-        if (self.root is None) == (self.points is None):
-            raise _refuse("must have exactly one of root, points")
+        forms = [self.root, self.direction, self.points]
+        if sum(form is not None for form in forms) != 1:
+            raise _refuse("must have exactly one of root, direction (with length), points")
+        if self.direction is not None and self.length is None:
+            raise _refuse("has direction and no length: must have both")
+        if self.length is not None and self.direction is None:
+            raise _refuse("has length and no direction: length goes with direction")
         return self
 
 
@@ -136,8 +153,9 @@ class ObjectModel(_Model):
     id: Text
     role: Role
     shape: ShapeModel
+    frame: Frame | None = None
     position: Vector
-    orientation: Annotated[list[Number], Field(min_length=4, max_length=4)] | None = None
+    orientation: Quaternion | None = None
     stem: StemModel | None = None
     covariance: Annotated[list[Vector], Field(min_length=3, max_length=3)] | None = None
     sigma: NotNegative | None = None
@@ -153,8 +171,8 @@ class ObjectModel(_Model):
 class ApproachModel(_Model):
     """The target frame; see :class:`optipromp.scenes.scene.Approach`."""
 
-    direction: Vector = [0.0, 0.0, 1.0]
-    lateral: Vector = [0.0, 1.0, 0.0]
+    direction: Vector | None = None
+    lateral: Vector | None = None
     camera_distance: Positive | None = None
 
 
@@ -247,9 +265,24 @@ class SceneModel(_Model):
     start: Annotated[list[Number], Field(min_length=1)] | None = None
     target: Text | None = None
     goal: GoalModel | None = None
+    base: PoseModel | None = None
+    camera: PoseModel | None = None
+    frame: Frame = "world"
     approach: ApproachModel = ApproachModel()
     options: OptionsModel = OptionsModel()
     objects: list[ObjectModel] = []
+
+    @model_validator(mode="after")
+    def _camera_is_known(self) -> SceneModel:
+        stated: dict[str, Frame | None] = {"frame": self.frame}
+        stated |= {f"objects[{k}].frame": item.frame for k, item in enumerate(self.objects)}
+        for name, frame in stated.items():
+            if frame == "camera" and self.camera is None:
+                raise _refuse(
+                    f"{name} is 'camera' and the scene has no camera: give its pose in the world, "
+                    "camera: {position: [x, y, z], orientation: [w, x, y, z]}"
+                )
+        return self
 
 
 def parse(document: Any, source: str) -> SceneModel:

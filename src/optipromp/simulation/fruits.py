@@ -9,7 +9,8 @@ from optipromp.arrays import FloatArray, frozen
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry.shapes import Capsule, Cylinder, Sphere
 from optipromp.robots.tool_protocol import quaternion
-from optipromp.scenes.scene import SceneObject, Stem, suggest
+from optipromp.scenes.scene import SceneObject, Stem
+from optipromp.scenes.values import suggest
 from optipromp.simulation.engine import engine
 from optipromp.simulation.entities import layers
 from optipromp.simulation.parameters import SimulationParameters, StemParameters
@@ -82,11 +83,15 @@ def add_fruit(
     parameters: SimulationParameters,
     entity: int,
     stem_entity: int,
+    up: FloatArray,
     *,
     key: str | None = None,
     kind: str | None = None,
 ) -> BuiltFruit:
-    """Add a target or pushable: free, and where it has a stem, welded to the end of it."""
+    """Add a target or pushable: free, and where it has a stem, welded to the end of it.
+
+    ``up`` (3,) is opposite to gravity.
+    """
     mujoco = engine()
     check_physical(obj)
     key = obj.id if key is None else key
@@ -122,7 +127,7 @@ def add_fruit(
         return BuiltFruit(obj.id, key, mass, none, none, none, np.inf)
     nodes = _nodes(obj, obj.stem, parameters)
     pieces = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
-    p, gravity = parameters.stem, parameters.engine.gravity
+    p, gravity = parameters.stem, -parameters.engine.gravity * up
     stem_masses = p.density * np.pi / 4.0 * p.diameter**2 * pieces
     bare = _holding(nodes, 0.5 * (nodes[:-1] + nodes[1:]), stem_masses, gravity)
     grown = bare + _holding(nodes, obj.position[None], np.array([mass]), gravity)
@@ -215,11 +220,10 @@ def _add_chain(
 
 
 def _holding(
-    nodes: FloatArray, points: FloatArray, masses: FloatArray, gravity: float
+    nodes: FloatArray, points: FloatArray, masses: FloatArray, gravity: FloatArray
 ) -> FloatArray:
     """Torques (N, 3) at the joints nodes[:-1] that carry masses at points beyond them."""
-    weights = np.zeros((len(masses), 3))
-    weights[:, 2] = -gravity * masses
+    weights = masses[:, None] * gravity
     beyond = points[None] - nodes[:-1, None]
     torques = np.cross(beyond, weights[None])
     if len(masses) > 1:  # one mass a segment: joint k carries segments k and on

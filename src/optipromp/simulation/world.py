@@ -64,6 +64,7 @@ class World:
         geom_entity: (ngeom,) index into ``entities``.
         fruits: targets and pushables, then the fruits of real neighbouring clusters.
         overlapping: pairs of labels that overlap in the scene and so do not collide.
+        spec: the ``MjSpec`` that the model was compiled from.
     """
 
     model: Any
@@ -75,6 +76,7 @@ class World:
     geom_entity: IntArray
     fruits: tuple[Fruit, ...]
     overlapping: tuple[tuple[str, str], ...]
+    spec: Any
 
     @property
     def shown(self) -> tuple[Fruit, ...]:
@@ -157,7 +159,7 @@ class _Draft:
         spec.memory = 64 * 1024 * 1024
         option, p = spec.option, self.parameters.engine
         option.timestep = p.timestep
-        option.gravity = [0.0, 0.0, -p.gravity]
+        option.gravity = -p.gravity * self.scene.up
         option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         option.solver = mujoco.mjtSolver.mjSOL_NEWTON
@@ -185,7 +187,7 @@ class _Draft:
     def _fruit(self, obj: SceneObject) -> None:
         entity = self._entity("fruit" if obj.stem is not None else "thing", obj.id)
         stem = -1 if obj.stem is None else self._entity("stem", obj.id)
-        built = add_fruit(self.spec, obj, self.parameters, entity, stem)
+        built = add_fruit(self.spec, obj, self.parameters, entity, stem, self.scene.up)
         self.fruits.append((obj, built, entity, stem))
 
     def _static(self, obj: SceneObject) -> None:
@@ -224,7 +226,7 @@ class _Draft:
                 [flat * np.cos(turn + k * golden), flat * np.sin(turn + k * golden), z]
             )
             center = obj.position + reach * direction
-            root = center + np.array([0.0, 0.0, p.cluster_stem + reach * (1.0 - z)])
+            root = center + (p.cluster_stem + reach * (1.0 - z)) * self.scene.up
             fruit = SceneObject(
                 obj.id,
                 "pushable",
@@ -233,8 +235,8 @@ class _Draft:
                 stem=Stem(np.array([center, root])),
             )
             built = add_fruit(
-                self.spec, fruit, self.parameters, entity, entity, key=f"{obj.id}:{k}",
-                kind="avoid",
+                self.spec, fruit, self.parameters, entity, entity, self.scene.up,
+                key=f"{obj.id}:{k}", kind="avoid",
             )  # fmt: skip
             self.fruits.append((fruit, built, entity, entity))
 
@@ -280,6 +282,7 @@ class _Draft:
             model, self.scene, self.robot, self.parameters, drives(self.robot, self.parameters),
             tuple(self.entities), frozen(_owners(model), np.int64),
             tuple(self._located(model, *item) for item in self.fruits), overlapping,
+            self.spec,
         )  # fmt: skip
 
     def _located(

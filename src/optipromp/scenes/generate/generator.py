@@ -15,7 +15,8 @@ import numpy as np
 from optipromp.errors import InvalidRequestError
 from optipromp.scenes.generate import bunches, shelves
 from optipromp.scenes.generate.checks import OverlapError, interpenetration, unsolvable
-from optipromp.scenes.scene import Scene, suggest
+from optipromp.scenes.scene import Scene
+from optipromp.scenes.values import suggest
 
 Preset = Literal["cluster", "side-clusters", "table-top", "mixed", "shelf"]
 PRESETS: tuple[Preset, ...] = get_args(Preset)

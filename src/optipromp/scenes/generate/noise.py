@@ -33,26 +33,28 @@ def perceived(scene: Scene, rng: np.random.Generator, position_sd: float, angle_
     if position_sd == 0.0 and angle_sd == 0.0:
         return scene
     return replace(
-        scene, objects=tuple(_seen(item, rng, position_sd, angle_sd) for item in scene.objects)
+        scene,
+        objects=tuple(_seen(item, rng, position_sd, angle_sd, scene.up) for item in scene.objects),
     )
 
 
 def _seen(
-    item: SceneObject, rng: np.random.Generator, position_sd: float, angle_sd: float
+    item: SceneObject, rng: np.random.Generator, position_sd: float, angle_sd: float, up: FloatArray
 ) -> SceneObject:
     # every object takes as many numbers, so that its errors do not depend on the roles of others
     error, turn = position_sd * rng.standard_normal(3), angle_sd * rng.standard_normal(2)
     if item.role == "static":
         return item
-    spread = np.full(3, position_sd**2)
+    spread = position_sd**2 * np.eye(3)
     if item.stem is None and not isinstance(item.shape, Sphere):  # it stands
-        error[2] = spread[2] = 0.0
+        error -= (error @ up) * up
+        spread -= position_sd**2 * np.outer(up, up)
     stem = None
     if item.stem is not None:
         away = item.stem.points - item.stem.points[0]
         begin = item.stem.points[0] + error
         stem = Stem(begin + away @ _turn(away[1], turn).T, item.stem.radius)
-    return replace(item, position=item.position + error, stem=stem, covariance=np.diag(spread))
+    return replace(item, position=item.position + error, stem=stem, covariance=spread)
 
 
 def _turn(vector: FloatArray, angles: FloatArray) -> FloatArray:

@@ -1,0 +1,140 @@
+"""``optipromp export``: a scene or a plan in the formats of other programs."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import typer
+
+from optipromp.cli.console import OK, AsJson, command, print_json, stdout, waiting
+from optipromp.errors import Code, InvalidRequestError, OptiPrompError
+
+if TYPE_CHECKING:
+    from optipromp.arrays import FloatArray
+    from optipromp.robots.model import Robot
+    from optipromp.scenes.scene import Scene
+    from optipromp.trajectory import Trajectory
+
+
+def _failed(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str, Any]:
+    item = arguments["scene_or_plan"]
+    return {"status": error.code, "message": error.message, "item": item, "files": {}}
+
+
+@command(failure=_failed)
+def export(
+    scene_or_plan: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE|PLAN_DIR", help="A scene, or a folder that 'plan --out' left."
+        ),
+    ],
+    mjcf: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.xml",
+            help="Write a MuJoCo model: robot with servos, tool, objects, fruits on stems.",
+        ),
+    ] = None,
+    gltf: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.glb",
+            help="Write the scene and the arm for 3-D viewers; of a plan, the arm moves.",
+        ),
+    ] = None,
+    mcap: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.mcap",
+            help="Write a bag of ROS 2 messages: the planning scene; of a plan, its trajectory.",
+        ),
+    ] = None,
+    rate: Annotated[
+        float, typer.Option(metavar="HZ", help="Of the JointTrajectory's points in the bag.")
+    ] = 1000.0,
+    as_json: AsJson = False,
+) -> int:
+    """Write a scene or a plan in the formats of other programs.
+
+    At least one format must be asked for. --mjcf needs the extra 'sim', --mcap
+    the extra 'ros': pip install 'optipromp\\[sim,ros]'.
+
+    [bold]Examples[/bold]
+
+    \b
+    optipromp export scenario-3 --mjcf scene.xml
+    optipromp export reach --gltf reach.glb --mjcf reach.xml
+    optipromp export reach --mcap reach.mcap
+    """
+    wanted = [
+        ("--mjcf", mjcf, ".xml", _mjcf), ("--gltf", gltf, ".glb", _gltf),
+        ("--mcap", mcap, ".mcap", lambda content, path: _mcap(content, path, rate)),
+    ]  # fmt: skip
+    chosen = [(name, path, end, write) for name, path, end, write in wanted if path is not None]
+    if not chosen:
+        names = " and ".join(f"{name} FILE{end}" for name, _, end, _ in wanted)
+        raise InvalidRequestError(f"nothing to write: give at least one of {names}")
+    for name, path, end, _ in chosen:
+        if path.suffix.lower() != end:
+            raise InvalidRequestError(f"{name} is {str(path)!r}: its name must end in {end}")
+    content = _read(scene_or_plan)
+    for _, path, _, write in chosen:
+        with waiting(f"writing {path} ..."):
+            write(content, path)
+    files = {name.removeprefix("--"): str(path) for name, path, _, _ in chosen}
+    if as_json:
+        document = {"status": Code.SUCCESS, "message": "", "item": scene_or_plan, "files": files}
+        print_json(document)
+    else:
+        stdout().print(f"wrote {', '.join(files.values())}", markup=False)
+    return OK
+
+
+class _Content(NamedTuple):
+    scene: "Scene"
+    robot: "Robot"
+    start: "FloatArray"
+    trajectory: "Trajectory | None"
+
+
+def _read(item: str) -> _Content:
+    from optipromp.cli.check import Kind, kind_of
+    from optipromp.output import load_plan
+    from optipromp.planning.task import resolve
+    from optipromp.scenes.io import load_scene
+
+    kind = Kind.PLAN if Path(item).name == "plan.json" else kind_of(item)
+    if kind is Kind.PLAN:
+        plan = load_plan(item)
+        return _Content(plan.scene, plan.robot, plan.trajectory.positions[0], plan.trajectory)
+    if kind is not Kind.SCENE:
+        raise InvalidRequestError(f"{item} is a {kind.value}; export takes a scene or a plan")
+    task = resolve(load_scene(item))
+    return _Content(task.scene, task.robot, task.start, None)
+
+
+def _mjcf(content: _Content, path: Path) -> None:
+    from optipromp.files import write_atomically
+    from optipromp.simulation.export import mjcf
+
+    write_atomically(path, mjcf(content.scene, content.robot, content.start).encode("utf-8"))
+
+
+def _gltf(content: _Content, path: Path) -> None:
+    from optipromp.files import write_atomically
+    from optipromp.viewer.gltf import glb
+
+    write_atomically(path, glb(*content))
+
+
+def _mcap(content: _Content, path: Path, rate: float) -> None:
+    from optipromp import ros
+
+    items = [ros.Recorded("/planning_scene", ros.planning_scene(content.scene))]
+    if content.trajectory is not None:
+        points = ros.joint_trajectory(content.trajectory, rate)
+        shown = ros.display_trajectory([content.trajectory], content.robot.name)
+        items += [ros.Recorded("/joint_trajectory", points),
+                  ros.Recorded("/display_planned_path", shown)]  # fmt: skip
+    ros.write_bag(path, items)
