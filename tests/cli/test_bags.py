@@ -9,9 +9,10 @@ import pytest
 from tests.ros.recorded import JOINTS, guided, joint_states
 from typer.testing import CliRunner
 
+from optipromp import plan
 from optipromp.cli.main import app
 from optipromp.promp import ProMP
-from optipromp.ros import Recorded, message, write_bag
+from optipromp.ros import Recorded, joint_trajectory, message, write_bag
 
 runner = CliRunner()
 
@@ -66,3 +67,16 @@ def test_what_a_bag_lacks_is_one_line(tmp_path: Path, arguments: list[str], word
     (line,) = result.stderr.splitlines()
     assert re.match(words, line)
     assert not (tmp_path / "p.npz").exists()
+
+
+def test_validate_judges_the_trajectory_of_a_bag(tmp_path: Path) -> None:
+    made = plan("scenario-3")
+    for name, rows in (("good.mcap", made.trajectory), ("fast.mcap", made.trajectory.slowed(0.1))):
+        write_bag(tmp_path / name, [Recorded("/arm", joint_trajectory(rows, prefix="fr3_"))])
+    validate = ["validate", "--scene", "scenario-3", "--json"]
+    good, fast = (
+        runner.invoke(app, [*validate, str(tmp_path / name)]) for name in ("good.mcap", "fast.mcap")
+    )
+    assert (good.exit_code, fast.exit_code) == (0, 1), good.stderr
+    assert json.loads(good.stdout)["rows"] == made.trajectory.n_waypoints
+    assert json.loads(fast.stdout)["violations"]

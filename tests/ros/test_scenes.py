@@ -27,8 +27,10 @@ from optipromp.ros import (
     read_planning_scene,
     to_bytes,
 )
+from optipromp.ros.shapes import pose_message, read_pose
 from optipromp.scenes import (
     Approach,
+    Pose,
     Scene,
     SceneObject,
     Stem,
@@ -217,14 +219,30 @@ def solid(kind: int, *sizes: float):
             },
             "subframes stem_0, stem_2: a stem must have stem_0 at the fruit, stem_1",
         ),
-        (
-            {"type": message("object_recognition_msgs/msg/ObjectType", key="optipromp", db="{")},
-            "type.db is '{': must be JSON",
-        ),
-        (
-            {"type": message("object_recognition_msgs/msg/ObjectType", key="optipromp", db="[1]")},
-            "must be a mapping of camera_distance",
-        ),
+        *[
+            (
+                {
+                    "type": message(
+                        "object_recognition_msgs/msg/ObjectType", key="optipromp", db=text
+                    )
+                },
+                "'x': type.db is .*: must be JSON with stem_radius",
+            )
+            for text in (
+                "{",
+                "[1]",
+                "3",
+                '{"weight": 1}',
+                '{"stem_radius": "thick"}',
+                '{"covariance": "a"}',
+                '{"covariance": [[1, 2], [3]]}',
+                '{"physical": [1]}',
+                '{"physical": {"mass": {}}}',
+                '{"physical": {"mass": NaN}}',
+                '{"camera_distance": [1]}',
+                "[" * 100_000,
+            )
+        ],
         (
             {
                 "pose": message(
@@ -293,7 +311,7 @@ def test_joint_states_move_the_start() -> None:
         (by_hand("x", operation=1), "'x' is not there: must be added first"),
         (
             by_hand("x", header=message("std_msgs/msg/Header", frame_id="camera")),
-            "'x': header.frame_id is 'camera': must be the base frame 'link0'",
+            "'x': header.frame_id is 'camera': must be '' or 'link0' or 'world'",
         ),
         (
             scene_message(
@@ -358,3 +376,21 @@ def test_a_fruit_that_moves_takes_stem_and_covariance_along() -> None:
     np.testing.assert_allclose(after.position, [1, 0, 0])
     np.testing.assert_allclose(after.stem.points, [[1, 0, 0], [1, -0.1, 0]], atol=1e-12)
     np.testing.assert_allclose(after.covariance, np.diag([1e-4, 9e-4, 4e-4]), atol=1e-12)
+
+
+def test_objects_in_the_world_are_brought_into_the_base_frame() -> None:
+    base = Pose(np.array([1.0, 2.0, 3.0]), from_quaternion((0.5, 0.5, 0.5, 0.5)))
+    scene = replace(load_scene("scenario-4"), base=base)
+    item = planning_scene(scene)
+    for one in item.world.collision_objects:
+        one.header.frame_id = "world"
+        one.pose = pose_message(base @ read_pose(one.pose))
+    back = read_planning_scene(item, like=scene)
+    for one, other in zip(scene.objects, back.objects, strict=True):
+        same_object(one, other)
+    np.testing.assert_allclose(back.approach.frame, scene.approach.frame, atol=1e-9)
+    assert back.base is base
+    move = message(OBJECT, id="target/ripe", operation=3, pose=pose_message(base))
+    move.header.frame_id = "world"
+    at_base = LiveScene.of(scene).heard(move).scene().target
+    np.testing.assert_allclose(at_base.position, np.zeros(3), atol=1e-9)

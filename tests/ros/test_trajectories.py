@@ -19,6 +19,7 @@ from optipromp.ros import (
     message,
     read_bag,
     read_trajectories,
+    read_trajectory,
     robot_trajectory,
     to_bytes,
     write_bag,
@@ -152,13 +153,6 @@ def change(item, k: int, field: str, value):
         (message("trajectory_msgs/msg/JointTrajectory"), "has 0 points: must have 2"),
         (
             change(
-                joint_trajectory(moving()), 0, "time_from_start",
-                message("builtin_interfaces/msg/Duration", nanosec=5),
-            ),
-            r"points\[0\].time_from_start is 5e-09 s: must be 0",
-        ),
-        (
-            change(
                 joint_trajectory(moving()), 2, "time_from_start",
                 message("builtin_interfaces/msg/Duration", nanosec=5),
             ),
@@ -186,6 +180,14 @@ def test_what_is_no_trajectory_is_refused_by_name(item, words: str) -> None:
         read_trajectories(item)
 
 
+def test_time_begins_at_the_first_point() -> None:
+    item = joint_trajectory(moving())
+    for point in item.points:
+        point.time_from_start.sec += 2
+    (back,) = read_trajectories(item)
+    same(moving(), back)
+
+
 def test_a_joint_that_is_missing_is_named() -> None:
     with pytest.raises(InvalidRequestError, match="joint elbow is missing; it names a, b, c"):
         read_trajectories(joint_trajectory(moving()), ("a", "elbow"))
@@ -207,6 +209,24 @@ def test_a_bag_brings_it_back(tmp_path: Path, name: str) -> None:
     for item in read_bag(tmp_path / name):
         (back,) = read_trajectories(item.message, NAMES)
         same(trajectory, back)
+    same(trajectory, read_trajectory(tmp_path / name, NAMES))
+
+
+def test_the_one_trajectory_of_a_bag(tmp_path: Path) -> None:
+    one, two = moving(seed=1), moving(seed=2)
+    shown = Recorded("/shown", display_trajectory([one], "arm"))
+    write_bag(tmp_path / "shown.mcap", [shown])
+    same(one, read_trajectory(tmp_path / "shown.mcap"))
+    write_bag(
+        tmp_path / "two.mcap",
+        [shown, *(Recorded(f"/{k}", joint_trajectory(t)) for k, t in enumerate((one, two)))],
+    )
+    with pytest.raises(InvalidRequestError, match=r"2 trajectories of .* on /0, /1: must have"):
+        read_trajectory(tmp_path / "two.mcap")
+    same(two, read_trajectory(tmp_path / "two.mcap", topic="/1"))
+    write_bag(tmp_path / "none.mcap", [Recorded("/text", message("std_msgs/msg/String"))])
+    with pytest.raises(InvalidRequestError, match="has no trajectory: must have a message of type"):
+        read_trajectory(tmp_path / "none.mcap")
 
 
 def test_another_reader_reads_the_same_numbers(tmp_path: Path) -> None:

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from optipromp.scenes.scene import Scene
     from optipromp.trajectory import Trajectory
 
-BAGS = (".mcap", ".db3")
-
 Given = Annotated[
     Path,
     typer.Argument(
@@ -73,9 +71,10 @@ def validate(
 
 def read(path: Path, robot: "Robot") -> "Trajectory":
     """A trajectory from any file that the command takes."""
+    from optipromp.ros.bags import is_bag
     from optipromp.trajectory_files import read_trajectory
 
-    if path.suffix in BAGS or (path / "metadata.yaml").exists():
+    if is_bag(path):
         from optipromp import ros
 
         return ros.read_trajectory(path, robot.joint_names)

@@ -32,7 +32,7 @@ class Recorded(NamedTuple):
 
 def is_bag(path: Path) -> bool:
     """Whether a path looks like a bag: ``.mcap``, ``.db3``, or a folder with metadata.yaml."""
-    return (path / METADATA).exists() if path.is_dir() else path.suffix in _FILES
+    return (path / METADATA).exists() if path.is_dir() else path.suffix.lower() in _FILES
 
 
 def write_bag(path: str | os.PathLike[str], items: Iterable[Recorded]) -> None:

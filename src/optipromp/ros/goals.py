@@ -7,8 +7,10 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
 from optipromp.robots.model import Robot
-from optipromp.ros.shapes import read_rotation, vector
+from optipromp.ros.live import LiveScene, in_base
+from optipromp.ros.shapes import quaternion, vector
 from optipromp.ros.types import Message
+from optipromp.scenes.pose import Pose
 from optipromp.scenes.scene import JointGoal, PoseGoal
 from optipromp.trajectory_files import columns
 
@@ -17,7 +19,7 @@ TOOL = "tool"
 
 
 def read_goal(
-    constraints: Sequence[Message], robot: Robot, prefix: str = ""
+    constraints: Sequence[Message], world: LiveScene, prefix: str = ""
 ) -> JointGoal | PoseGoal | None:
     """The goal of ``goal_constraints``; None where there are none.
 
@@ -28,12 +30,13 @@ def read_goal(
 
     Args:
         constraints: ``moveit_msgs/Constraints``, one at most.
-        robot: with its tool.
+        world: with the robot and its frames.
         prefix: what ROS puts before the robot's joint and link names.
 
     Raises:
         InvalidRequestError: naming the field, the value and what would be right.
     """
+    robot = world.robot
     if not constraints:
         return None
     if len(constraints) > 1:
@@ -55,17 +58,13 @@ def read_goal(
             "orientation constraints: must have one for each joint, or one position and one "
             "orientation constraint"
         )
-    return _pose_goal(places[0], turns[0], robot, prefix)
+    return _pose_goal(places[0], turns[0], world, prefix)
 
 
-def _pose_goal(place: Message, turn: Message, robot: Robot, prefix: str) -> PoseGoal:
-    base, flange = prefix + robot.link_names[0], prefix + _flange(robot)
+def _pose_goal(place: Message, turn: Message, world: LiveScene, prefix: str) -> PoseGoal:
+    robot = world.robot
+    flange = prefix + _flange(robot)
     for what, item in (("position", place), ("orientation", turn)):
-        if item.header.frame_id not in ("", base):
-            raise InvalidRequestError(
-                f"{what} constraint: header.frame_id is {item.header.frame_id!r}: must be the "
-                f"base frame {base!r}"
-            )
         if item.link_name not in (TOOL, flange) or item.link_name != place.link_name:
             raise InvalidRequestError(
                 f"{what} constraint: link_name is {item.link_name!r}: both constraints must name "
@@ -77,8 +76,9 @@ def _pose_goal(place: Message, turn: Message, robot: Robot, prefix: str) -> Pose
             f"position constraint: constraint_region has {len(poses)} primitive_poses: must have "
             "one, and no meshes"
         )
-    rotation = read_rotation(turn.orientation)
-    origin = vector(poses[0].position) - rotation @ vector(place.target_point_offset)
+    at, turned = in_base(place.header, world.frames), in_base(turn.header, world.frames)
+    rotation = (turned @ Pose(orientation=quaternion(turn.orientation))).rotation
+    origin = at @ vector(poses[0].position) - rotation @ vector(place.target_point_offset)
     if place.link_name == TOOL:
         return PoseGoal(origin, rotation[:, 2])
     segment: FloatArray = rotation @ robot.flange_rotation.T

@@ -13,7 +13,11 @@ from optipromp.ros.joints import joint_positions
 from optipromp.ros.scenes import COLLISION_OBJECT, Held, object_id, read_held
 from optipromp.ros.shapes import read_pose
 from optipromp.ros.types import Message, constants
+from optipromp.scenes.pose import Pose
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene
+
+WORLD = "world"
+"""Name of the frame in which the scene's ``base`` is the pose of the robot's base."""
 
 
 def read_planning_scene(item: Message, like: Scene | None = None, prefix: str = "") -> Scene:
@@ -34,8 +38,17 @@ def read_planning_scene(item: Message, like: Scene | None = None, prefix: str = 
         return LiveScene.of(like, prefix).heard(item).scene()
     robot = load_robot(item.robot_model_name)
     stated = {"name": item.name or "planning scene", "robot": item.robot_model_name}
-    frame = prefix + robot.link_names[0]
-    return LiveScene(stated, robot, frame).heard(item).scene()
+    return LiveScene(stated, robot, frames_of(robot, prefix)).heard(item).scene()
+
+
+def frames_of(robot: Robot, prefix: str = "", base: Pose | None = None) -> dict[str, Pose]:
+    """Frames that messages may be stated in, by name: poses in the base frame.
+
+    The base frame is the robot's first link after the ``prefix``, and an empty name. ``world`` is
+    the frame in which the base has the pose ``base`` (None: that of the base).
+    """
+    world = Pose() if base is None else base.inverse()
+    return {"": Pose(), prefix + robot.link_names[0]: Pose(), WORLD: world}
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,21 +58,21 @@ class LiveScene:
     Attributes:
         stated: fields of the :class:`optipromp.scenes.Scene`, except its objects.
         robot: with its tool.
-        frame: name of the base frame; an empty name stands for it too.
+        frames: poses in the base frame, by name: those that messages may be stated in.
         held: what each message added, by its id, in the order in which they came.
     """
 
     stated: Mapping[str, Any]
     robot: Robot
-    frame: str
+    frames: Mapping[str, Pose]
     held: Mapping[str, Held] = field(default_factory=dict)
 
     @classmethod
     def of(cls, scene: Scene, prefix: str = "") -> "LiveScene":
         """The world of a scene; ``prefix`` is what ROS puts before joint and link names."""
         robot = resolve(scene).robot
-        held = {object_id(o): Held(o.position, o.rotation, (o,)) for o in scene.objects}
-        return cls(vars(scene), robot, prefix + robot.link_names[0], held)
+        held = {object_id(o): Held(Pose(o.position, o.orientation), (o,)) for o in scene.objects}
+        return cls(vars(scene), robot, frames_of(robot, prefix, scene.base), held)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -125,11 +138,10 @@ class LiveScene:
 
     def _heard_object(self, item: Message) -> "LiveScene":
         what = f"collision object {item.id!r}"
-        if item.header.frame_id not in ("", self.frame):
-            raise InvalidSceneError(
-                f"{what}: header.frame_id is {item.header.frame_id!r}: must be the base frame "
-                f"{self.frame!r}"
-            )
+        try:
+            frame = in_base(item.header, self.frames)
+        except InvalidRequestError as error:
+            raise InvalidSceneError(f"{what}: {error.message}") from None
         kinds = constants(COLLISION_OBJECT)
         operation = item.operation
         held, stated = dict(self.held), dict(self.stated)
@@ -138,9 +150,9 @@ class LiveScene:
         if operation == kinds["REMOVE"]:
             held = {name: old for name, old in held.items() if item.id and name != item.id}
         elif operation == kinds["MOVE"]:
-            held[item.id] = held[item.id].at(*read_pose(item.pose))
+            held[item.id] = held[item.id].at(frame @ read_pose(item.pose))
         elif operation == kinds["ADD"]:
-            held[item.id] = read_held(item)
+            held[item.id] = read_held(item).transformed(frame)
             if held[item.id].approach is not None:
                 stated["approach"] = held[item.id].approach
         else:
@@ -148,6 +160,19 @@ class LiveScene:
                 f"{what}: operation is {operation}: must be ADD (0), REMOVE (1) or MOVE (3)"
             )
         return replace(self, held=held, stated=stated)
+
+
+def in_base(header: Message, frames: Mapping[str, Pose]) -> Pose:
+    """The pose in the base frame of the frame that a header names.
+
+    Raises:
+        InvalidRequestError: another frame; the message lists those that there are.
+    """
+    if header.frame_id in frames:
+        return frames[header.frame_id]
+    raise InvalidRequestError(
+        f"header.frame_id is {header.frame_id!r}: must be {' or '.join(map(repr, frames))}"
+    )
 
 
 def _refuse_unread(item: Message) -> None:

@@ -8,18 +8,18 @@ stands as JSON in ``type.db``, where ``type.key`` is ``optipromp``.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidSceneError
 from optipromp.planning.task import resolve
 from optipromp.ros.joints import robot_state
-from optipromp.ros.shapes import geometry, pose, read_geometry, read_pose
+from optipromp.ros.shapes import geometry, pose_message, read_geometry, read_pose
 from optipromp.ros.types import Message, constants, message
+from optipromp.scenes.pose import Pose
 from optipromp.scenes.scene import ROLES, STEM_RADIUS, Approach, Role, Scene, SceneObject, Stem
 from optipromp.trajectory import State
 
@@ -58,8 +58,9 @@ def collision_object(
         frame: name of the robot's base frame, in which positions stand.
         approach: of the scene, for its target.
     """
+    here = Pose(item.position, item.orientation)
     points = () if item.stem is None else item.stem.points
-    frames = {f"stem_{k}": (point, np.eye(3)) for k, point in enumerate(points)}
+    frames = {f"stem_{k}": Pose(point, item.orientation) for k, point in enumerate(points)}
     further: dict[str, Any] = {}
     if item.stem is not None and item.stem.radius != STEM_RADIUS:
         further["stem_radius"] = item.stem.radius
@@ -68,20 +69,17 @@ def collision_object(
     if item.physical:
         further["physical"] = dict(item.physical)
     if approach is not None:
-        frames["approach"] = (item.position, approach.frame.T)
+        frames["approach"] = Pose(item.position, approach.frame.T)
         further["camera_distance"] = approach.camera_distance
-    turn = item.rotation.T
     kind = {"key": KEY, "db": json.dumps(further)} if further else {}
     return message(
         COLLISION_OBJECT,
         header=message("std_msgs/msg/Header", frame_id=frame),
-        pose=pose(item.position, item.rotation),
+        pose=pose_message(here),
         id=object_id(item),
         type=message("object_recognition_msgs/msg/ObjectType", **kind),
         subframe_names=list(frames),
-        subframe_poses=[
-            pose(turn @ (place - item.position), turn @ axes) for place, axes in frames.values()
-        ],
+        subframe_poses=[pose_message(here.inverse() @ place) for place in frames.values()],
         operation=constants(COLLISION_OBJECT)["ADD"],
         **geometry(item.shape),
     )
@@ -105,34 +103,24 @@ class Held:
     """The objects of one message, and the pose that moves all of them.
 
     Attributes:
-        position: (3,) [m] of the message's object.
-        rotation: (3, 3) of it, local to world.
+        pose: of the message's object.
         items: an object for each of its shapes.
         approach: to it, where the message tells one.
     """
 
-    position: FloatArray
-    rotation: FloatArray
+    pose: Pose
     items: tuple[SceneObject, ...]
     approach: Approach | None = None
 
-    def at(self, position: FloatArray, rotation: FloatArray) -> "Held":
+    def transformed(self, pose: Pose) -> "Held":
+        """The same, stated in the frame in which its present frame has the ``pose``."""
+        items = tuple(item.transformed(pose) for item in self.items)
+        approach = self.approach and self.approach.transformed(pose)
+        return Held(pose @ self.pose, items, approach)
+
+    def at(self, pose: Pose) -> "Held":
         """The same at another pose, stems with it; the approach stays."""
-        turn = rotation @ self.rotation.T
-
-        def moved(points: FloatArray) -> FloatArray:
-            return np.asarray(position + (points - self.position) @ turn.T)
-
-        items = [
-            SceneObject(
-                item.id, item.role, item.shape, moved(item.position), turn @ item.rotation,
-                item.stem and replace(item.stem, points=moved(item.stem.points)),
-                None if item.covariance is None else turn @ item.covariance @ turn.T,
-                item.physical,
-            )
-            for item in self.items
-        ]  # fmt: skip
-        return Held(position, rotation, tuple(items), self.approach)
+        return replace(self.transformed(pose @ self.pose.inverse()), approach=self.approach)
 
 
 def read_held(item: Message) -> Held:
@@ -145,13 +133,13 @@ def read_held(item: Message) -> Held:
 
 def _read_held(item: Message) -> Held:
     role, name = role_and_id(item.id)
-    place, turn = read_pose(item.pose)
+    here = read_pose(item.pose)
     parts = read_geometry(item)
-    if len(parts) == 1 and not place.any() and np.array_equal(turn, np.eye(3)):
-        shape, place, turn = parts[0]
-        parts = [(shape, np.zeros(3), np.eye(3))]
+    if len(parts) == 1 and here.is_identity:
+        shape, here = parts[0]
+        parts = [(shape, Pose())]
     frames = _frames(item)
-    points = [place + turn @ frames[f"stem_{k}"][0] for k in range(_count(frames))]
+    points = [here @ frames[f"stem_{k}"].position for k in range(_count(frames))]
     further = _further(item)
     if len(parts) > 1 and (role in ("target", "pushable") or points):
         raise InvalidSceneError(
@@ -159,25 +147,24 @@ def _read_held(item: Message) -> Held:
             "(one mesh, or one object for each shape)"
         )
     stem = Stem(np.array(points), further.get("stem_radius", STEM_RADIUS)) if points else None
-    spread = further.get("covariance")
+    placed = [(shape, here @ local) for shape, local in parts]
     items = tuple(
         SceneObject(
-            name if len(parts) == 1 else f"{name}[{k}]", role, shape, place + turn @ local,
-            turn @ axes, stem, None if spread is None else np.array(spread),
-            further.get("physical", {}),
+            name if len(parts) == 1 else f"{name}[{k}]", role, shape, where.position,
+            where.orientation, stem, further.get("covariance"), further.get("physical", {}),
         )
-        for k, (shape, local, axes) in enumerate(parts)
+        for k, (shape, where) in enumerate(placed)
     )  # fmt: skip
     approach = None
     if role == "target" and "approach" in frames:
-        axes = turn @ frames["approach"][1]
+        axes = (here @ frames["approach"]).rotation
         distance = further.get("camera_distance", Approach().camera_distance)
         approach = Approach(axes[:, 2], axes[:, 1], distance)
-    return Held(place, turn, items, approach)
+    return Held(here, items, approach)
 
 
-def _frames(item: Message) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Subframes by name: position (3,) and rotation (3, 3) in the object's frame."""
+def _frames(item: Message) -> dict[str, Pose]:
+    """Poses of the subframes by name, in the object's frame."""
     names, poses = item.subframe_names, item.subframe_poses
     if len(names) != len(poses):
         raise InvalidSceneError(
@@ -198,20 +185,31 @@ def _count(frames: Mapping[str, object]) -> int:
     return len(given)
 
 
+_FURTHER: Mapping[str, Callable[[Any], Any]] = {
+    "stem_radius": float,
+    "covariance": lambda rows: np.array(rows, dtype=np.float64),
+    "physical": lambda given: {str(name): float(number) for name, number in given.items()},
+    "camera_distance": float,
+}
+"""What ``type.db`` may hold, and what makes it of JSON."""
+
+
+def _no_number(name: str) -> None:
+    raise ValueError(f"{name} is no finite number")
+
+
 def _further(item: Message) -> dict[str, Any]:
     """What ``type.db`` says; nothing where ``type.key`` is another's."""
     if item.type.key != KEY:
         return {}
     try:
-        found = json.loads(item.type.db)
-    except ValueError as error:
-        raise InvalidSceneError(f"type.db is {item.type.db!r}: must be JSON ({error})") from None
-    known = {"stem_radius", "covariance", "physical", "camera_distance"}
-    if not isinstance(found, dict) or not found.keys() <= known:
+        found = json.loads(item.type.db, parse_constant=_no_number)
+        return {name: _FURTHER[name](value) for name, value in found.items()}
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise InvalidSceneError(
-            f"type.db is {item.type.db!r}: must be a mapping of {', '.join(sorted(known))}"
-        )
-    return found
+            f"type.db is {item.type.db[:80]!r}: must be JSON with stem_radius (number), covariance "
+            f"(3 rows of 3), physical (numbers by name) or camera_distance (number) ({error})"
+        ) from None
 
 
 def planning_scene(scene: Scene, prefix: str = "") -> Message:

@@ -98,7 +98,7 @@ def answer(
                     "start_state moves and a scaling factor is below 1: one of them must go; a "
                     "motion that runs cannot be slowed at once"
                 )
-        scene = world.scene(read_goal(request.goal_constraints, world.robot, prefix))
+        scene = world.scene(read_goal(request.goal_constraints, world, prefix))
         made = plan(
             scene, planner=_planner(request.planner_id), demonstrations=demonstrations,
             options=options, start_state=state if state is not None and state.moving else None,

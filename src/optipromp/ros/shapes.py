@@ -20,24 +20,24 @@ from optipromp.geometry.shapes import (
     Sphere,
 )
 from optipromp.ros.types import Message, message
-from optipromp.scenes.rotations import from_quaternion, to_quaternion
+from optipromp.scenes.pose import Pose
+from optipromp.scenes.rotations import IDENTITY
 
-Placed = tuple[Shape, FloatArray, FloatArray]
-"""A shape, its position (3,) [m] and its rotation (3, 3) in the frame of its object."""
+Placed = tuple[Shape, Pose]
+"""A shape and its pose in the frame of its object."""
 
 _BOX, _SPHERE, _CYLINDER = 1, 2, 3  # types of shape_msgs/SolidPrimitive
 _SIZES = {_BOX: 3, _SPHERE: 1, _CYLINDER: 2}
 _REFUSED = {4: "a cone", 5: "a prism"}
-_UNIT_SLACK = 1e-3  # [1] of the length of a quaternion, as in a scene file
 _SAME = 1e-6  # [m] or 1: two spheres and a cylinder this near to a capsule are one
 
 
-def pose(position: FloatArray, rotation: FloatArray) -> Message:
-    """``geometry_msgs/Pose`` of a position (3,) [m] and a rotation (3, 3)."""
-    w, x, y, z = to_quaternion(rotation)
+def pose_message(pose: Pose) -> Message:
+    """``geometry_msgs/Pose`` of a pose."""
+    w, x, y, z = pose.orientation
     return message(
         "geometry_msgs/msg/Pose",
-        position=xyz("geometry_msgs/msg/Point", position),
+        position=xyz("geometry_msgs/msg/Point", pose.position),
         orientation=message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w),
     )
 
@@ -52,27 +52,19 @@ def vector(item: Message) -> FloatArray:
     return np.array([item.x, item.y, item.z])
 
 
-def read_rotation(item: Message) -> FloatArray:
-    """(3, 3) of a ``geometry_msgs/Quaternion``; all zeros stand for no rotation, as in MoveIt.
+def quaternion(item: Message) -> FloatArray:
+    """(4,) w, x, y, z of a ``geometry_msgs/Quaternion``; as in MoveIt, zeros do not turn."""
+    wxyz = np.array([item.w, item.x, item.y, item.z])
+    return wxyz if wxyz.any() else IDENTITY
+
+
+def read_pose(item: Message) -> Pose:
+    """The pose of a ``geometry_msgs/Pose``.
 
     Raises:
-        InvalidSceneError: not a unit quaternion.
+        InvalidSceneError: a value that is not finite, no unit quaternion.
     """
-    wxyz = np.array([item.w, item.x, item.y, item.z])
-    length = math.hypot(*wxyz)
-    if length == 0.0:
-        return np.eye(3)
-    if not abs(length - 1.0) <= _UNIT_SLACK:
-        raise InvalidSceneError(
-            f"orientation {wxyz.tolist()} (w, x, y, z) has length {length:.6g}: must be a unit "
-            "quaternion"
-        )
-    return np.array(from_quaternion((wxyz / length).tolist()))
-
-
-def read_pose(item: Message) -> tuple[FloatArray, FloatArray]:
-    """Position (3,) [m] and rotation (3, 3) of a ``geometry_msgs/Pose``."""
-    return vector(item.position), read_rotation(item.orientation)
+    return Pose(vector(item.position), quaternion(item.orientation))
 
 
 def geometry(shape: Shape) -> dict[str, Any]:
@@ -80,14 +72,14 @@ def geometry(shape: Shape) -> dict[str, Any]:
 
     A capsule becomes a cylinder and two spheres, a point cloud one sphere for each point.
     """
-    here, upright = np.zeros(3), np.eye(3)
+    here = np.zeros(3)
     solids: list[tuple[int, Sequence[float], FloatArray]]
     match shape:
         case MeshShape():
-            return {"meshes": [_mesh(shape)], "mesh_poses": [pose(here, upright)]}
+            return {"meshes": [_mesh(shape)], "mesh_poses": [pose_message(Pose())]}
         case HalfSpace():
             plane = message("shape_msgs/msg/Plane", coef=(0.0, 0.0, 1.0, 0.0))
-            return {"planes": [plane], "plane_poses": [pose(here, upright)]}
+            return {"planes": [plane], "plane_poses": [pose_message(Pose())]}
         case Sphere(radius):
             solids = [(_SPHERE, (radius,), here)]
         case Box(size):
@@ -107,7 +99,7 @@ def geometry(shape: Shape) -> dict[str, Any]:
             message("shape_msgs/msg/SolidPrimitive", type=kind, dimensions=sizes)
             for kind, sizes, _ in solids
         ],
-        "primitive_poses": [pose(place, upright) for _, _, place in solids],
+        "primitive_poses": [pose_message(Pose(place)) for _, _, place in solids],
     }
 
 
@@ -118,28 +110,29 @@ def read_geometry(item: Message) -> list[Placed]:
         InvalidSceneError: no shape, a cone or prism, more poses than shapes, sizes that are wrong.
     """
     solids = _placed(item.primitives, item.primitive_poses, "primitive")
-    parts = [(_solid(solid, k), *where) for k, (solid, *where) in enumerate(solids)]
+    parts: list[Placed] = [(_solid(solid, k), where) for k, (solid, where) in enumerate(solids)]
     united = _capsule(parts) or _cloud(parts)
     parts = [united] if united else parts
-    for mesh, place, turn in _placed(item.meshes, item.mesh_poses, "mesh"):
-        parts.append((_read_mesh(mesh), place, turn))
-    for plane, place, turn in _placed(item.planes, item.plane_poses, "plane"):
-        point, up = _half_space(plane)
-        parts.append((HalfSpace(), place + turn @ point, turn @ up))
+    for mesh, where in _placed(item.meshes, item.mesh_poses, "mesh"):
+        parts.append((_read_mesh(mesh), where))
+    for plane, where in _placed(item.planes, item.plane_poses, "plane"):
+        parts.append((HalfSpace(), where @ _half_space(plane)))
     if not parts:
         raise InvalidSceneError("it has no shape: must have a primitive, a mesh or a plane")
     return parts
 
 
-def _placed(shapes: Sequence[Message], poses: Sequence[Message], what: str) -> list[Any]:
-    """Each shape with position and rotation; without a pose it stands at the object's."""
+def _placed(
+    shapes: Sequence[Message], poses: Sequence[Message], what: str
+) -> list[tuple[Message, Pose]]:
+    """Each shape with its pose; without one it stands at the object's."""
     if len(poses) > len(shapes):
         raise InvalidSceneError(
             f"{len(poses)} {what}_poses for {len(shapes)} shapes: must be one for each"
         )
     given = [read_pose(where) for where in poses]
-    given += [(np.zeros(3), np.eye(3))] * (len(shapes) - len(poses))
-    return [(shape, *where) for shape, where in zip(shapes, given, strict=True)]
+    given += [Pose()] * (len(shapes) - len(poses))
+    return list(zip(shapes, given, strict=True))
 
 
 def _solid(item: Message, index: int) -> Shape:
@@ -162,24 +155,24 @@ def _solid(item: Message, index: int) -> Shape:
 
 def _capsule(parts: Sequence[Placed]) -> Placed | None:
     """The capsule that a cylinder and two spheres make; None where they make none."""
-    if [type(shape) for shape, _, _ in parts] != [Cylinder, Sphere, Sphere]:
+    if [type(shape) for shape, _ in parts] != [Cylinder, Sphere, Sphere]:
         return None
-    (rod, place, turn), *balls = parts
+    (rod, where), *balls = parts
     assert isinstance(rod, Cylinder)
-    ends = [turn.T @ (centre - place) for _, centre, _ in balls]
+    ends = [where.inverse() @ ball.position for _, ball in balls]
     height = 0.5 * rod.length * (1.0 if ends[0][2] > 0.0 else -1.0)
     off = [np.abs(end - (0.0, 0.0, s * height)).max() for s, end in zip((1, -1), ends, strict=True)]
-    off += [abs(ball.radius - rod.radius) for ball, _, _ in balls if isinstance(ball, Sphere)]
-    return None if max(off) > _SAME else (Capsule(rod.radius, rod.length), place, turn)
+    off += [abs(ball.radius - rod.radius) for ball, _ in balls if isinstance(ball, Sphere)]
+    return None if max(off) > _SAME else (Capsule(rod.radius, rod.length), where)
 
 
 def _cloud(parts: Sequence[Placed]) -> Placed | None:
     """The point cloud of several spheres of one radius; None where they are none."""
-    radii = {shape.radius for shape, _, _ in parts if isinstance(shape, Sphere)}
+    radii = {shape.radius for shape, _ in parts if isinstance(shape, Sphere)}
     if len(parts) < 2 or len(radii) != 1 or not all(isinstance(p[0], Sphere) for p in parts):
         return None
-    points = np.array([place for _, place, _ in parts])
-    return PointCloudShape(points, radii.pop()), np.zeros(3), np.eye(3)
+    points = np.array([where.position for _, where in parts])
+    return PointCloudShape(points, radii.pop()), Pose()
 
 
 def _mesh(shape: MeshShape) -> Message:
@@ -200,8 +193,8 @@ def _read_mesh(item: Message) -> MeshShape:
     return mesh
 
 
-def _half_space(plane: Message) -> tuple[FloatArray, FloatArray]:
-    """A point of the plane, and a rotation whose z axis is its normal (a, b, c)."""
+def _half_space(plane: Message) -> Pose:
+    """At a point of the plane, the z axis along its normal (a, b, c)."""
     normal, distance = np.array(plane.coef[:3], dtype=np.float64), float(plane.coef[3])
     length = math.hypot(*normal)
     if not (math.isfinite(length) and length > 0.0):
@@ -210,4 +203,4 @@ def _half_space(plane: Message) -> tuple[FloatArray, FloatArray]:
     other = np.eye(3)[int(np.abs(z).argmin())]
     x = np.cross(np.cross(z, other), z) if abs(z[2]) < 1.0 else np.array([1.0, 0.0, 0.0])
     x /= math.hypot(*x)
-    return -distance / length * z, np.stack([x, np.cross(z, x), z], axis=1)
+    return Pose(-distance / length * z, np.stack([x, np.cross(z, x), z], axis=1))

@@ -5,8 +5,8 @@
 quintic polynomial as :class:`optipromp.Trajectory`.
 """
 
+import os
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +18,11 @@ from optipromp.trajectory import Trajectory
 from optipromp.trajectory_files import curve
 
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+TRAJECTORIES = (
+    JOINT_TRAJECTORY, "moveit_msgs/msg/RobotTrajectory", "moveit_msgs/msg/DisplayTrajectory",
+)  # fmt: skip
+"""Types of messages that hold trajectories, the plainest first."""
+
 NANO = 10**9  # [ns] in a second
 
 
@@ -91,7 +96,7 @@ def read_trajectories(item: Message, joints: Sequence[str] | None = None) -> tup
 
     Points without accelerations get those of the cubics through positions and velocities (the mean
     of both sides). Points with positions alone get the derivatives of
-    :meth:`optipromp.Trajectory.through`, at rest at both ends.
+    :meth:`optipromp.Trajectory.through`, at rest at both ends. Time begins at the first point.
 
     Args:
         item: the message.
@@ -120,17 +125,45 @@ def read_trajectories(item: Message, joints: Sequence[str] | None = None) -> tup
     )
 
 
+def read_trajectory(
+    path: str | os.PathLike[str], joints: Sequence[str] | None = None, *, topic: str | None = None
+) -> Trajectory:
+    """The trajectory of a bag.
+
+    The bag's JointTrajectory messages are read; where it has none, its RobotTrajectory, else its
+    DisplayTrajectory messages.
+
+    Args:
+        path: as for :func:`optipromp.ros.read_bag`.
+        joints: as for :func:`read_trajectories`.
+        topic: to read; None: all.
+
+    Raises:
+        InvalidRequestError: no bag; no trajectory, or several; as :func:`read_trajectories`.
+    """
+    topics = None if topic is None else (topic,)
+    items = list(read_bag(path, topics=topics, types=TRAJECTORIES))
+    for name in TRAJECTORIES:
+        chosen = [item for item in items if item.message.__msgtype__ == name]
+        found = [one for item in chosen for one in read_trajectories(item.message, joints)]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            there = ", ".join(sorted({item.topic for item in chosen}))
+            raise InvalidRequestError(
+                f"{path} has {len(found)} trajectories of type {name} on {there}: must have one"
+            )
+    raise InvalidRequestError(
+        f"{path} has no trajectory: must have a message of type {' or '.join(TRAJECTORIES)}"
+    )
+
+
 def _read(item: Message, joints: Sequence[str] | None) -> Trajectory:
     what, points = "joint trajectory", item.points
     names = tuple(item.joint_names if joints is None else joints)
     if len(points) < 2:
         raise InvalidRequestError(f"{what} has {len(points)} points: must have 2 at least")
     times = np.array([_seconds(point.time_from_start) for point in points])
-    if times[0] != 0.0:
-        raise InvalidRequestError(
-            f"{what}: points[0].time_from_start is {times[0]:g} s: must be 0; the first point is "
-            "where the arm starts"
-        )
     counts = {what: {len(getattr(point, what)) for point in points} for what in _FIELDS}
     wanted = len(item.joint_names)
     for field, sizes in counts.items():
@@ -150,28 +183,6 @@ def _read(item: Message, joints: Sequence[str] | None) -> Trajectory:
     return curve(times, rows, item.joint_names, names)
 
 
-def read_trajectory(path: Path, joints: Sequence[str]) -> Trajectory:
-    """The first trajectory of a robot in a bag: of any of the types that hold one.
-
-    Args:
-        path: see :func:`optipromp.ros.read_bag`.
-        joints: of the robot, in its order.
-
-    Raises:
-        InvalidRequestError: no such bag, none with a trajectory, or not of these joints.
-    """
-    types = [f"{package}/msg/{name}" for package, name in _TYPES]
-    for recorded in read_bag(path, types=types):
-        for one in read_trajectories(recorded.message, joints):
-            return one
-    raise InvalidRequestError(f"{path} holds no message of {', '.join(types)}")
-
-
-_TYPES = (
-    ("trajectory_msgs", "JointTrajectory"),
-    ("moveit_msgs", "RobotTrajectory"),
-    ("moveit_msgs", "DisplayTrajectory"),
-)
 _FIELDS = ("positions", "velocities", "accelerations")
 
 
