@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from optipromp.errors import InvalidDemonstrationError
-from optipromp.planning.primitive import BASIS, learnt
+from optipromp.planning.primitive import BASIS, _tell_unlearnt, learnt
 from optipromp.planning.task import resolve
 from optipromp.promp import fit, load_demonstrations
 from optipromp.robots.library import load_robot
+from optipromp.robots.model import Robot
 from optipromp.scenes import Scene
 
 
@@ -61,14 +62,41 @@ def test_unknown_missing_and_no_names_are_refused(
         learnt(task, fit(load_demonstrations(path)))
 
 
-def test_built_in_demonstrations_are_for_robots_with_their_joints(three: Scene) -> None:
+def others(robot: Robot) -> dict[str, Robot]:
+    """Robots called panda that are not the Panda: other joint names, another arm, fewer joints."""
+    kin = robot.kinematics
+    longer = np.array(kin.translation)
+    longer[2, 1] -= 0.05
+    fewer = replace(
+        robot, joint_names=robot.joint_names[:6], home=robot.home[:6],
+        kinematics=type(kin)(*(values[:6] for values in kin)),
+    )  # fmt: skip
+    return {
+        "names": replace(robot, joint_names=tuple(f"other_{name}" for name in robot.joint_names)),
+        "places": replace(
+            robot, kinematics=kin._replace(translation=longer), home=0.9 * robot.home
+        ),
+        "fewer": fewer,
+    }
+
+
+@pytest.mark.parametrize("what", ["names", "places", "fewer"])
+def test_a_robot_is_known_by_its_joints(three: Scene, what: str) -> None:
     """Another robot called panda starts from the smooth prior, not from the Panda's motions."""
     task = resolve(three)
-    robot = task.robot
-    others = tuple(f"other_{name}" for name in robot.joint_names)
-    stranger = replace(robot, joint_names=others)
-    found = learnt(replace(task, robot=stranger), None)
-    assert found.joint_names == others
-    home = np.repeat(robot.home[:, None], found.basis.count, axis=1)
+    stranger = others(task.robot)[what]
+    _tell_unlearnt.cache_clear()
+    with pytest.warns(UserWarning, match="no built-in demonstrations are of the joints of robot"):
+        found = learnt(replace(task, robot=stranger), None)
+    assert found.joint_names == stranger.joint_names
+    home = np.repeat(stranger.home[:, None], found.basis.count, axis=1)
     np.testing.assert_array_equal(found.mean, home)
-    assert not np.allclose(learnt(task, None).mean, home)
+    again = learnt(replace(task, robot=stranger), None)  # said once
+    assert again is found
+
+
+def test_the_panda_by_another_name(three: Scene) -> None:
+    """The Panda's joints in a file of another name have the Panda's demonstrations."""
+    task = resolve(three)
+    renamed = replace(task.robot, name="left arm")
+    assert learnt(replace(task, robot=renamed), None) is learnt(task, None)

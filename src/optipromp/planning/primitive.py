@@ -3,6 +3,7 @@
 import functools
 import math
 import time
+import warnings
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
@@ -23,6 +24,7 @@ from optipromp.promp.model import ProMP, is_primitive
 from optipromp.pushing.interactive import pushes
 from optipromp.pushing.rules import detection_variance
 from optipromp.robots import ik
+from optipromp.robots.library import built_in_twin
 from optipromp.robots.model import Robot
 from optipromp.robots.roll import level
 from optipromp.scenes.scene import PoseGoal
@@ -50,9 +52,25 @@ def smooth_prior(robot: Robot, basis: Basis = BASIS) -> ProMP:
 
     It stands in for the ProMP of an arm without demonstrations, and it widens a learnt ProMP.
     """
-    covariance = _of_joints(robot.n_joints, _prior_covariance(basis))
-    mean = np.repeat(robot.home[:, None], basis.count, axis=1)
-    return ProMP(basis, mean, covariance, joint_names=robot.joint_names)
+    return _smooth(robot.joint_names, tuple(robot.home.tolist()), basis)
+
+
+@functools.lru_cache(maxsize=8)
+def _smooth(joint_names: tuple[str, ...], home: tuple[float, ...], basis: Basis) -> ProMP:
+    covariance = _of_joints(len(home), _prior_covariance(basis))
+    mean = np.repeat(np.array(home)[:, None], basis.count, axis=1)
+    return ProMP(basis, mean, covariance, joint_names=joint_names)
+
+
+@functools.lru_cache(maxsize=64)
+def _tell_unlearnt(name: str, joint_names: tuple[str, ...]) -> None:
+    """Warn, once for a robot in a process."""
+    warnings.warn(
+        f"no built-in demonstrations are of the joints of robot '{name}' "
+        f"({', '.join(joint_names)}): the primitive is any smooth motion about its home; "
+        "demonstrations= or --demonstrations gives it one that was learnt",
+        stacklevel=4,
+    )
 
 
 def _of_joints(n: int, covariance: FloatArray) -> FloatArray:
@@ -75,10 +93,8 @@ def widened(promp: ProMP, joint_names: tuple[str, ...], share: float = 0.01) -> 
 
 
 @functools.lru_cache(maxsize=8)
-def _built_in(name: str, basis: Basis) -> ProMP | None:
+def _built_in(name: str, basis: Basis) -> ProMP:
     source = resources.files("optipromp.promp") / "data" / f"{name}.npz"
-    if not source.is_file():
-        return None
     with resources.as_file(source) as path:
         return fit(load_demonstrations(path), basis)
 
@@ -89,8 +105,9 @@ def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis =
     Args:
         task: the scene and its robot.
         demonstrations: a learnt ProMP, demonstrations to learn from (``.npz`` of a ProMP or of
-            demonstrations, CSV, a folder of CSVs), or None for the robot's built-in ones (a smooth
-            prior where it has none).
+            demonstrations, CSV, a folder of CSVs), or None for the built-in ones of its joints (by
+            :func:`optipromp.robots.library.built_in_twin`); a robot without gets the smooth prior,
+            with a warning, once for a robot.
         basis: of a ProMP that is learnt here.
 
     Raises:
@@ -102,10 +119,11 @@ def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis =
         promp = demonstrations
     elif demonstrations is not None:
         promp = from_file(Path(demonstrations), basis, robot.joint_names)
+    elif (known := built_in_twin(robot)) is not None:
+        promp = _built_in(known, basis)
     else:
-        found = _built_in(robot.name, basis)
-        own = found is not None and set(found.joint_names) == set(robot.joint_names)
-        promp = found if found is not None and own else smooth_prior(robot, basis)
+        promp = smooth_prior(robot, basis)
+        _tell_unlearnt(robot.name, robot.joint_names)
     return widened(promp, robot.joint_names)
 
 

@@ -22,6 +22,7 @@ Coordinate = Annotated[float, Field(ge=-LENGTH_LIMIT, le=LENGTH_LIMIT, allow_inf
 Radius = Annotated[float, Field(gt=0.0, le=LENGTH_LIMIT, allow_inf_nan=False)]
 Point = tuple[Coordinate, Coordinate, Coordinate]
 
+SAME = 1e-4  # [m or -] chosen: joints of one robot differ less between files (rounded angles)
 _DATA = Path(__file__).resolve().parent / "data"
 
 
@@ -62,6 +63,21 @@ def load_robot(name_or_path: str | Path, base_dir: Path | None = None) -> Robot:
 @lru_cache
 def _built_in(name: str) -> Robot:
     return robot_from_file(_DATA / f"{name}.yaml")
+
+
+def built_in_twin(robot: Robot) -> str | None:
+    """The built-in robot with the joints of ``robot``: their names, order, kinds, axes and places.
+
+    The name of the robot does not count, nor do its flange, tool, limits and body.
+    """
+    for name in robot_names():
+        other = _built_in(name)
+        if other.joint_names == robot.joint_names and all(
+            mine.shape == theirs.shape and np.allclose(mine, theirs, rtol=0.0, atol=SAME)
+            for mine, theirs in zip(robot.kinematics, other.kinematics, strict=True)
+        ):
+            return name
+    return None
 
 
 class RobotFile(BaseModel):
