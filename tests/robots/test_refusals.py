@@ -242,7 +242,7 @@ def test_mimic_is_no_independent_joint(urdf: Writer, joint: Callable[..., str]) 
 
 def test_leader_off_the_chain_drives_it(urdf: Writer, joint: Callable[..., str]) -> None:
     joints = joint("ab", "a", "b", more='<mimic joint="ac"/>') + joint("ac", "a", "c")
-    robot = load_robot(urdf(joints))
+    robot = load_robot(urdf(joints), tip="b")
     assert robot.joint_names == ("ac",)
     assert robot.held_joints == ()
 

@@ -3,12 +3,15 @@
 import warnings
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from optipromp.cli.console import OK, AsJson, command, exit_code, print_json, stdout
 from optipromp.errors import Code, InvalidRequestError, InvalidSceneError
+
+if TYPE_CHECKING:
+    from optipromp.robots.library import Choice
 
 _SCENE_KEYS = frozenset({"objects", "robot", "target", "goal", "approach", "start"})
 _PLAN_KEYS = frozenset({"planner", "status", "metrics", "terms"})
@@ -84,6 +87,14 @@ def check(
             metavar="ITEM", help="A scene, a robot or demonstrations: a path or a built-in name."
         ),
     ],
+    tip: Annotated[
+        str | None, typer.Option(metavar="LINK", help="Of a robot: the flange link.")
+    ] = None,
+    base: Annotated[
+        str | None,
+        typer.Option(metavar="LINK", help="Of a robot: joints before this link are held."),
+    ] = None,
+    srdf: Annotated[Path | None, typer.Option(help="Of a robot: groups that tell the arm.")] = None,
     as_json: AsJson = False,
 ) -> int:
     """Check a scene, robot, demonstrations or plan, and say what it holds.
@@ -95,11 +106,19 @@ def check(
 
     \b
     optipromp check scenario-4
-    optipromp check my-robot.urdf
+    optipromp check my-robot.urdf --tip left_tool0
     optipromp check recordings/
     """
+    from optipromp.robots.library import NOTHING, Choice
+
     kind = kind_of(item)
-    summary = _SUMMARIES[kind](item)
+    given = Choice(tip, base, srdf)
+    if kind is Kind.ROBOT:
+        summary = _robot(item, given)
+    elif given != NOTHING:
+        raise InvalidRequestError(f"{item} is no robot but a {kind}: no --tip, --base or --srdf")
+    else:
+        summary = _SUMMARIES[kind](item)
     status = Code(summary.pop("status", Code.SUCCESS))
     if as_json:
         print_json({"status": status, "message": "", "kind": kind, "item": item, **summary})
@@ -139,14 +158,19 @@ def _scene(item: str) -> dict[str, Any]:
     }
 
 
-def _robot(item: str) -> dict[str, Any]:
-    from optipromp.robots.library import load_robot
+def _robot(item: str, choice: "Choice") -> dict[str, Any]:
+    from optipromp.robots.library import load_arm
 
-    robot = load_robot(item)
+    robot, arm = load_arm(item, choice=choice)
     return {
         "name": robot.name,
         "joints": list(robot.joint_names),
-        "held_at_zero": list(robot.held_joints),
+        "flange": arm.tip,
+        "base": arm.base,
+        "chosen": arm.why,
+        "tool": list(arm.tool),
+        "instead": list(arm.others),
+        "held": list(robot.held_joints),
         "lower": robot.lower.tolist(),
         "upper": robot.upper.tolist(),
         "velocity": robot.velocity.tolist(),
@@ -218,7 +242,6 @@ def _plan(item: str) -> dict[str, Any]:
 
 _SUMMARIES = {
     Kind.SCENE: _scene,
-    Kind.ROBOT: _robot,
     Kind.DEMONSTRATIONS: _demonstrations,
     Kind.PRIMITIVE: _primitive,
     Kind.PLAN: _plan,

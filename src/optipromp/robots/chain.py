@@ -13,6 +13,8 @@ from optipromp.errors import InvalidRobotError
 from optipromp.robots.kernels import PRISMATIC, REVOLUTE, Kinematics
 from optipromp.robots.urdf import UrdfJoint, UrdfModel, Vector
 
+_NONE: Mapping[str, float] = MappingProxyType({})
+
 
 @dataclass(frozen=True)
 class Placement:
@@ -38,7 +40,7 @@ class Chain:
     velocity: FloatArray
     kinematics: Kinematics
     flange: Placement
-    held_joints: tuple[str, ...]
+    held_joints: tuple[str, ...]  # off the chain, at rest
     placements: Mapping[str, Placement]  # every link of the file, in file order
 
 
@@ -51,47 +53,48 @@ class _Drive:
     offset: float
 
 
-def serial_chain(model: UrdfModel, flange: str | None = None) -> Chain:
-    """The chain of ``model`` that ends at link ``flange`` (default: the deepest leaf).
+def serial_chain(
+    model: UrdfModel, tip: str, base: str | None = None, held: Mapping[str, float] = _NONE
+) -> Chain:
+    """The chain of ``model`` from link ``base`` (default: the root) to link ``tip``, the flange.
 
-    Movable joints off the chain stand at zero, or at the limit nearest to it.
-    Raises InvalidRobotError when there is no such link, no movable joint on the path, or when the
-    limits of a mimic joint and of its leader leave nothing in common.
+    Movable joints off the chain stand at their value in ``held`` [rad or m], else at zero or the
+    limit nearest to it. Frames are those of the root, whatever the base.
+    Raises InvalidRobotError when there is no movable joint on the path, when the limits of a mimic
+    joint and of its leader leave nothing in common, or when a joint cannot be held as asked.
     """
     above = {joint.child: joint for joint in model.joints.values()}
     order = _from_the_root(model)
-    tip = flange if flange is not None else _deepest(order, above)
-    if tip not in model.links:
-        known = ", ".join(list(model.links)[:20])
-        raise InvalidRobotError(f"{model.path}: no flange link '{tip}'; links: {known}")
-
+    base = model.root if base is None else base
     path: list[UrdfJoint] = []
     link = tip
-    while link in above:
+    while link in above and link != base:
         path.append(above[link])
         link = above[link].parent
     path.reverse()
     drives = _drives(model)
     movable = [joint for joint in path if joint.kind != "fixed"]
     if not movable:
+        start = f"root '{base}'" if base == model.root else f"base link '{base}'"
         raise InvalidRobotError(
-            f"{model.path}: no movable joint between the root '{model.root}' and the flange '{tip}'"
+            f"{model.path}: no movable joint between the {start} and the flange '{tip}'"
         )
     names = tuple(dict.fromkeys(drives[joint.name].leader for joint in movable))
     index = {name: i for i, name in enumerate(names)}
+    _check_held(model, held, drives, index)
     lower, upper, velocity = _limits(model, index, drives)
 
     on_path = {joint.name for joint in path}
     placements = {model.root: Placement(-1, np.eye(3), np.zeros(3))}
     segments: list[tuple[UrdfJoint, FloatArray, FloatArray]] = []
-    held: set[str] = set()
+    still: set[str] = set()
     for child in order[1:]:
         joint = above[child]
-        base = placements[joint.parent]
-        rotation = base.rotation @ rotation_of(joint.rpy)
-        translation = base.rotation @ np.array(joint.xyz) + base.translation
-        driver = base.driver
-        segment = base.segment
+        frame = placements[joint.parent]
+        rotation = frame.rotation @ rotation_of(joint.rpy)
+        translation = frame.rotation @ np.array(joint.xyz) + frame.translation
+        driver = frame.driver
+        segment = frame.segment
         if joint.kind != "fixed":
             drive = drives[joint.name]
             if joint.name in on_path:
@@ -100,9 +103,9 @@ def serial_chain(model: UrdfModel, flange: str | None = None) -> Chain:
             elif drive.leader in index:
                 driver = driver or joint.name
             else:
-                held.add(joint.name)
+                still.add(joint.name)
                 leader = model.joints[drive.leader]
-                rest = min(max(0.0, leader.lower), leader.upper)
+                rest = held.get(drive.leader, min(max(0.0, leader.lower), leader.upper))
                 value = drive.multiplier * rest + drive.offset
                 if joint.kind == "prismatic":
                     translation = rotation @ (np.array(joint.axis) * value) + translation
@@ -126,7 +129,7 @@ def serial_chain(model: UrdfModel, flange: str | None = None) -> Chain:
         velocity=frozen(velocity),
         kinematics=kinematics,
         flange=placements[tip],
-        held_joints=tuple(name for name in model.joints if name in held),
+        held_joints=tuple(name for name in model.joints if name in still),
         placements=MappingProxyType({name: placements[name] for name in model.links}),
     )
 
@@ -154,11 +157,29 @@ def _from_the_root(model: UrdfModel) -> list[str]:
     return order
 
 
-def _deepest(order: list[str], above: Mapping[str, UrdfJoint]) -> str:
-    depth = {order[0]: 0}
-    for link in order[1:]:
-        depth[link] = depth[above[link].parent] + 1
-    return max(order, key=depth.__getitem__)  # the first of equals
+def _check_held(
+    model: UrdfModel,
+    held: Mapping[str, float],
+    drives: Mapping[str, _Drive],
+    index: Mapping[str, int],
+) -> None:
+    free = [
+        name
+        for name, joint in model.joints.items()
+        if joint.kind != "fixed" and drives[name].leader == name and name not in index
+    ]
+    for name, value in held.items():
+        where = f"{model.path}: hold gives joint '{name}' {value:g}"
+        if name not in free:
+            raise InvalidRobotError(
+                f"{where}; it holds joints that move by themselves and are not of the arm: "
+                f"{', '.join(free) or 'none'}"
+            )
+        joint = model.joints[name]
+        if not joint.lower <= value <= joint.upper:
+            raise InvalidRobotError(
+                f"{where}, outside its limits [{joint.lower:g}, {joint.upper:g}]"
+            )
 
 
 def _drives(model: UrdfModel) -> dict[str, _Drive]:

@@ -1,5 +1,7 @@
 """Robots by name or by file: a bare URDF, or a YAML file beside one."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -10,10 +12,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from optipromp.arrays import FloatArray, frozen
 from optipromp.documents import read_document
 from optipromp.errors import InvalidRobotError
+from optipromp.robots.arm import Arm, choose_arm
 from optipromp.robots.chain import Chain, serial_chain
 from optipromp.robots.model import BodySpheres, Robot
 from optipromp.robots.self_collision import with_self_pairs
 from optipromp.robots.spheres import cover_geometry
+from optipromp.robots.srdf import beside, read_srdf
 from optipromp.robots.urdf import LENGTH_LIMIT, UrdfModel, read_urdf
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -32,18 +36,62 @@ def robot_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in _DATA.glob("*.yaml")))
 
 
-def load_robot(name_or_path: str | Path, base_dir: Path | None = None) -> Robot:
+@dataclass(frozen=True)
+class Choice:
+    """What a caller chooses of a robot file or URDF; None leaves it to the file, then to the rule.
+
+    ``tip``: the flange link; ``base``: the link the arm begins at; ``srdf``: a file of groups;
+    ``hold``: values [rad or m] of joints that are not of the arm, such as fingers.
+    """
+
+    tip: str | None = None
+    base: str | None = None
+    srdf: str | Path | None = None
+    hold: Mapping[str, float] = field(default_factory=dict)
+
+
+NOTHING = Choice()
+
+
+def load_robot(
+    name_or_path: str | Path,
+    base_dir: Path | None = None,
+    *,
+    tip: str | None = None,
+    base: str | None = None,
+    srdf: str | Path | None = None,
+    hold: Mapping[str, float] | None = None,
+) -> Robot:
     """A robot without a tool: a built-in one by name, or from a ``.urdf`` or ``.yaml`` robot file.
 
-    A relative path starts at ``base_dir`` (default: the working directory). A bare URDF has its
-    flange at the deepest leaf and spheres from its geometry; accelerations and jerks are unlimited;
-    home is zero, or the limits nearest to it.
+    A bare URDF has its arm chosen by :func:`optipromp.robots.arm.choose_arm` and spheres from its
+    geometry; accelerations and jerks are unlimited; home is zero, or the limits nearest to it.
+
+    Args:
+        name_or_path: of the robot; a relative path starts at ``base_dir``.
+        base_dir: default: the working directory.
+        tip: the flange link.
+        base: the link that the arm begins at; joints before it are held.
+        srdf: an SRDF whose groups tell the arm; without it one beside the URDF is read.
+        hold: values [rad or m] of joints that are not of the arm, such as the fingers of a gripper;
+            the others stand at zero, or at the limit nearest to it.
 
     Raises:
-        InvalidRobotError: no such robot (the message lists the built-in names), or a description
-            that cannot be used.
+        InvalidRobotError: no such robot (the message lists the built-in names), a description that
+            cannot be used, or several arms that are alike (the message lists them).
     """
+    return load_arm(name_or_path, base_dir, Choice(tip, base, srdf, hold or {}))[0]
+
+
+def load_arm(
+    name_or_path: str | Path, base_dir: Path | None = None, choice: Choice = NOTHING
+) -> tuple[Robot, Arm]:
+    """As :func:`load_robot`, with the arm that was chosen, why, and what else there is."""
     if isinstance(name_or_path, str) and name_or_path in robot_names():
+        if choice != NOTHING:
+            raise InvalidRobotError(
+                f"robot '{name_or_path}' is built in: it takes no tip, base, srdf or hold"
+            )
         return _built_in(name_or_path)
     path = (base_dir or Path()) / name_or_path
     suffix = path.suffix.lower()
@@ -55,14 +103,14 @@ def load_robot(name_or_path: str | Path, base_dir: Path | None = None) -> Robot:
     if not path.is_file():
         raise InvalidRobotError(f"{path}: no such file; built-in robots: {names}")
     if suffix != ".urdf":
-        return robot_from_file(path)
+        return _from_file(path, choice)
     model = read_urdf(path)
-    return _build(RobotFile(format=1, name=model.name, urdf=path.name), model, path)
+    return _build(RobotFile(format=1, name=model.name, urdf=path.name), model, path, choice)
 
 
 @lru_cache
-def _built_in(name: str) -> Robot:
-    return robot_from_file(_DATA / f"{name}.yaml")
+def _built_in(name: str) -> tuple[Robot, Arm]:
+    return _from_file(_DATA / f"{name}.yaml", NOTHING)
 
 
 def built_in_twin(robot: Robot) -> str | None:
@@ -71,7 +119,7 @@ def built_in_twin(robot: Robot) -> str | None:
     The name of the robot does not count, nor do its flange, tool, limits and body.
     """
     for name in robot_names():
-        other = _built_in(name)
+        other = load_robot(name)
         if other.joint_names == robot.joint_names and all(
             mine.shape == theirs.shape and np.allclose(mine, theirs, rtol=0.0, atol=SAME)
             for mine, theirs in zip(robot.kinematics, other.kinematics, strict=True)
@@ -91,7 +139,10 @@ class RobotFile(BaseModel):
     format: Literal[1]
     name: str = Field(min_length=1)
     urdf: str = Field(min_length=1)
-    flange: str | None = None
+    flange: str | None = None  # the tip
+    base: str | None = None  # joints before this link are held
+    srdf: str | None = None  # its groups tell the arm
+    hold: dict[str, Finite] = {}  # values of joints that are not of the arm [rad or m]
     scale: Positive = 1.0  # metres in one unit of length of the URDF
     velocity: list[Positive] | None = None  # overrides the URDF
     acceleration: list[Positive] | None = None
@@ -103,9 +154,13 @@ class RobotFile(BaseModel):
 
 def robot_from_file(path: Path) -> Robot:
     """The robot that the YAML robot file at ``path`` describes. Raises InvalidRobotError."""
+    return _from_file(path, NOTHING)[0]
+
+
+def _from_file(path: Path, choice: Choice) -> tuple[Robot, Arm]:
     entry = read_robot_file(path)
     urdf = path.parent / entry.urdf
-    return _build(entry, read_urdf(urdf, entry.scale), path)
+    return _build(entry, read_urdf(urdf, entry.scale), path, choice)
 
 
 def read_robot_file(path: Path) -> RobotFile:
@@ -129,8 +184,11 @@ def _problem(error: Any) -> str:
     return f"{where}: {error['msg']}, got {error['input']!r}"
 
 
-def _build(entry: RobotFile, model: UrdfModel, path: Path) -> Robot:
-    chain = serial_chain(model, entry.flange)
+def _build(
+    entry: RobotFile, model: UrdfModel, path: Path, choice: Choice = NOTHING
+) -> tuple[Robot, Arm]:
+    arm = _chosen(entry, model, path, choice)
+    chain = serial_chain(model, arm.tip, arm.base, {**entry.hold, **choice.hold})
     names = chain.joint_names
     n = len(names)
     unlimited = np.full(n, np.inf)
@@ -169,7 +227,18 @@ def _build(entry: RobotFile, model: UrdfModel, path: Path) -> Robot:
         home=home,
         held_joints=chain.held_joints,
     )
-    return with_self_pairs(robot, entry.allow_self)
+    return with_self_pairs(robot, entry.allow_self), arm
+
+
+def _chosen(entry: RobotFile, model: UrdfModel, path: Path, choice: Choice) -> Arm:
+    tip, base = choice.tip or entry.flange, choice.base or entry.base
+    if tip is not None:
+        return choose_arm(model, tip, base)
+    if choice.srdf is not None:
+        groups: Path | None = Path(choice.srdf)
+    else:
+        groups = beside(model) if entry.srdf is None else path.parent / entry.srdf
+    return choose_arm(model, None, base, None if groups is None else read_srdf(groups))
 
 
 def _per_joint(

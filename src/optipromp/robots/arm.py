@@ -1,0 +1,315 @@
+"""Which joints of a robot are the arm, and which link is its flange.
+
+What is given counts first, then the groups of an SRDF, then a rule. The rule drops grippers and
+fingers, wheels, heads and sensors, holds what carries more than the arm (a torso), and takes the
+longest chain that is left. Where two are alike it asks: an error lists the candidates.
+"""
+
+from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, replace
+
+from optipromp.errors import InvalidRobotError
+from optipromp.robots.srdf import Srdf
+from optipromp.robots.tree import (
+    CENTRE,
+    FLANGE,
+    HEAD,
+    LEG,
+    PALM,
+    SENSOR,
+    TORSO,
+    WHEEL,
+    Tree,
+    words,
+)
+from optipromp.robots.urdf import UrdfJoint, UrdfModel
+
+NO_ARM = HEAD | TORSO | PALM | LEG  # words of groups that are no arm, or more than one
+
+
+@dataclass(frozen=True)
+class Arm:
+    """An arm of a robot: its joints lie between the links ``base`` and ``tip``, its flange.
+
+    ``tool`` names the links beyond the flange that the last body carries; ``why`` says what chose
+    the arm, and ``others`` what else could be chosen.
+    """
+
+    base: str
+    tip: str
+    joints: tuple[str, ...]
+    tool: tuple[str, ...]
+    why: str
+    others: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        shown = f"{self.joints[0]} to {self.joints[-1]}" if self.joints else "none"
+        return f"tip '{self.tip}', base '{self.base}' ({len(self.joints)} joints: {shown})"
+
+
+def choose_arm(
+    model: UrdfModel, tip: str | None = None, base: str | None = None, srdf: Srdf | None = None
+) -> Arm:
+    """The arm of ``model``.
+
+    Args:
+        model: the URDF.
+        tip: the flange link; without it the SRDF or the rule chooses.
+        base: the link that the arm begins at; joints before it are held. Without it the arm begins
+            beyond what carries more than the arm, such as a torso.
+        srdf: whose groups tell arms.
+
+    Raises:
+        InvalidRobotError: a link that does not exist, ``base`` not before ``tip``, or several arms
+            that are alike (the message lists them).
+    """
+    tree = Tree(model)
+    for key, link in (("tip", tip), ("base", base)):
+        if link is not None and link not in model.links:
+            known = ", ".join(list(model.links)[:20])
+            what = "flange link" if key == "tip" else "base link"
+            raise InvalidRobotError(f"{model.path}: no {what} '{link}'; links: {known}")
+    if tip is not None:
+        last = [joint for joint in tree.path(tip) if joint.kind != "fixed"][-1:]
+        if base is None and last:
+            dropped = tree.hands | tree.followers | tree.named(WHEEL)
+            base = _beginning(tree, last[0], frozenset(model.joints) - dropped)
+        arm = _made(tree, tip, base, "as given")
+        return replace(arm, others=_other_ends(tree, arm))
+    found: list[Arm] = []
+    if srdf is not None and base is None:
+        found = _of_groups(tree, srdf)
+    if not found:
+        found = _by_rule(tree, base)
+    alike = [arm for arm in found if len(arm.joints) >= len(found[0].joints) - 1]
+    if len({arm.joints for arm in alike}) > 1:
+        listed = "; ".join(map(str, alike))
+        raise InvalidRobotError(
+            f"{model.path}: {len(alike)} arms are alike; choose one by its tip (tip= or --tip, or "
+            f"'flange:' in a robot file): {listed}"
+        )
+    first = found[0]
+    more = [str(arm) for arm in found[1:] if (arm.tip, arm.joints) != (first.tip, first.joints)]
+    others = tuple(dict.fromkeys([*more, *_other_ends(tree, first)]))
+    return replace(first, others=others)
+
+
+def _made(tree: Tree, tip: str, base: str | None, why: str) -> Arm:
+    path = tree.path(tip)
+    start = tree.model.root if base is None else base
+    if base is not None:
+        before = [joint.child for joint in path]
+        if base != tree.model.root and base not in before:
+            raise InvalidRobotError(
+                f"{tree.model.path}: base link '{base}' is not between the root and the tip "
+                f"'{tip}'; that path is {', '.join([tree.model.root, *before])}"
+            )
+        path = path[before.index(base) + 1 :] if base in before else path
+    joints = tuple(joint.name for joint in path if joint.kind != "fixed")
+    return Arm(start, tip, joints, _carried(tree, tip), why)
+
+
+def _carried(tree: Tree, tip: str) -> tuple[str, ...]:
+    """Links of the tool: beyond the flange, and fingers on the body that has the flange."""
+    body = tree.body(tip)
+    beyond = [
+        part
+        for _, part in tree.rigid(body)
+        if part not in (tip, body)
+        and not words(part) & SENSOR
+        and (
+            words(part) & PALM
+            or tip in {joint.parent for joint in tree.path(part)}
+            or any(joint.name in tree.hands for joint in tree.below[part])
+        )
+    ]
+    moving = [each.child for joint in tree.onward(body) for each in tree.subtree(joint)]
+    parts = [part for link in moving for _, part in tree.rigid(link)]
+    return tuple(dict.fromkeys([*beyond, *parts]))
+
+
+def _other_ends(tree: Tree, arm: Arm) -> tuple[str, ...]:
+    """Links of the last body that could be the tip instead: tool frames, by name."""
+    last = [part for _, part in tree.rigid(tree.body(arm.tip))]
+    return tuple(
+        f"tip '{part}' (same joints)"
+        for part in last
+        if part != arm.tip and words(part) & (CENTRE | FLANGE) and not words(part) & SENSOR
+    )
+
+
+def flange_of(tree: Tree, last: str, plain: bool = False) -> str:
+    """The flange of an arm whose last joint carries the link ``last``.
+
+    A link named flange or tool0; else, on a body that is a hand, its tool frame; else the end of
+    what is fixed to it, without sensors and (unless ``plain``) hands.
+    """
+    sensors = frozenset(part for _, part in tree.rigid(last)[1:] if words(part) & SENSOR)
+    if plain:
+        return max(tree.rigid(last, sensors), key=lambda part: part[0])[1]
+    palms = frozenset(
+        part
+        for _, part in tree.rigid(last)[1:]
+        if any(joint.name in tree.hands for joint in tree.below[part]) or words(part) & PALM
+    )
+    for name in ("tool0", "flange"):
+        for _, part in tree.rigid(last, sensors):
+            if name in words(part):
+                return part
+    is_hand = words(last) & PALM or any(joint.name in tree.hands for joint in tree.below[last])
+    parts = tree.rigid(last, sensors if is_hand else sensors | palms)
+    if is_hand:
+        parts = [(depth, part) for depth, part in parts if words(part) & CENTRE] or parts[:1]
+    return max(parts, key=lambda part: part[0])[1]
+
+
+# -- the rule --------------------------------------------------------------------------------
+
+
+def _by_rule(tree: Tree, base: str | None) -> list[Arm]:
+    """Candidates, longest first."""
+    inside = tree.model.joints if base is None else _beyond(tree, base)
+    movable = [j for j in tree.model.joints.values() if j.kind != "fixed" and j.name in inside]
+    heads = tree.named(HEAD)
+    dropped = tree.hands | tree.followers | tree.named(WHEEL) | heads
+    usable = {joint.name for joint in movable if joint.name not in dropped}
+    why = "the longest chain without hands, wheels, heads and sensors"
+    alone = not usable
+    if alone:  # a hand, or a pan-tilt unit, by itself
+        usable = {joint.name for joint in movable if joint.name not in tree.followers}
+        why, heads = "the longest chain", frozenset()
+    passed: set[str] = set()  # links with a usable joint beyond
+    ends = []
+    for joint in reversed(tree.outward):
+        if joint.name in usable and joint.child not in passed:
+            ends.append(joint)
+        if joint.name in usable or joint.child in passed:
+            passed.add(joint.parent)
+    ends.reverse()
+    if not ends:
+        root = tree.model.root if base is None else base
+        return [_made(tree, max(tree.rigid(root))[1], base, why)]
+    arms = [
+        _made(
+            tree,
+            flange_of(tree, end.child, alone),
+            _beginning(tree, end, usable | heads) if base is None else base,
+            why,
+        )
+        for end in ends
+    ]
+    without_legs = [
+        arm
+        for arm in arms
+        if len(arm.joints) > 1 and not any(words(name) & LEG for name in (*arm.joints, arm.tip))
+    ]
+    return sorted(without_legs or arms, key=lambda arm: -len(arm.joints))
+
+
+def _beyond(tree: Tree, base: str) -> set[str]:
+    return {
+        name
+        for name, joint in tree.model.joints.items()
+        if base in (joint.parent, *(above.parent for above in tree.path(joint.parent)))
+    }
+
+
+def _beginning(tree: Tree, end: UrdfJoint, usable: AbstractSet[str]) -> str:
+    """The link the arm begins at: beyond the last body that carries another arm, a leg or a head.
+
+    A body that has more joints before it than beyond it begins no arm.
+    """
+    path = tree.movable(end.child)
+    for k in range(len(path) - 1, 0, -1):
+        branches = [
+            joint
+            for joint in tree.onward(tree.body(path[k].parent))
+            if joint.name in usable and joint != path[k]
+        ]
+        wide = any(tree.reach(j) > 1 or words(j.name) & HEAD for j in branches)
+        if wide and k < len(path) - k:
+            return path[k].parent
+    return tree.model.root
+
+
+# -- groups of an SRDF -----------------------------------------------------------------------
+
+
+def _of_groups(tree: Tree, srdf: Srdf) -> list[Arm]:
+    """The arms among the groups, longest first; none if no group is a chain of joints."""
+    found: dict[str, Arm] = {}
+    for name in srdf.groups:
+        arm = _of_group(tree, srdf, name)
+        if arm is not None and ("arm" in words(name) or not words(name) & NO_ARM):
+            found[name] = arm
+    found = {k: arm for k, arm in found.items() if not words(k) & NO_ARM} or found
+    arms = []
+    for name, arm in found.items():  # of nested groups the smaller, unless it is a mere part
+        others = [set(other.joints) for key, other in found.items() if key != name]
+        mine = set(arm.joints)
+        if any(o < mine and 2 * len(o) >= len(mine) for o in others):
+            continue
+        if any(mine < o and 2 * len(mine) < len(o) for o in others):
+            continue
+        arms.append(arm)
+    return sorted(arms, key=lambda arm: -len(arm.joints))
+
+
+def _of_group(tree: Tree, srdf: Srdf, name: str) -> Arm | None:
+    joints, tips = _members(tree, srdf, name, ())
+    moving = [
+        joint
+        for joint in tree.model.joints.values()
+        if joint.name in joints and joint.kind != "fixed" and joint.name not in tree.followers
+    ]
+    if len(moving) < 2:
+        return None
+    moving.sort(key=lambda joint: len(tree.path(joint.child)))
+    explicit = set(srdf.groups[name].joints)
+    while moving[-1].name in tree.hands and moving[-1].name not in explicit:
+        moving.pop()  # a chain that runs into the gripper
+        if len(moving) < 2:
+            return None
+    last = moving[-1].child
+    path = [joint.name for joint in tree.movable(last)]
+    first = path.index(moving[0].name) if moving[0].name in path else len(path)
+    if set(path[first:]) != {joint.name for joint in moving}:
+        return None  # not a chain
+    ends = [part for _, part in tree.rigid(last)]
+    for hand in srdf.end_effectors:
+        carriers = {j.name for j in tree.movable(hand.parent_link)}
+        if hand.group == name and not carriers & {joint.name for joint in moving}:
+            return None  # the group of a hand
+        if hand.parent_link in ends and not tips:
+            tips = (hand.parent_link,)
+    tip = next((link for link in tips if link in ends), None) or flange_of(tree, last)
+    why = f"group '{name}' of {srdf.path.name}"
+    return _made(tree, tip, moving[0].parent, why)
+
+
+def _members(
+    tree: Tree, srdf: Srdf, name: str, trail: Sequence[str]
+) -> tuple[set[str], tuple[str, ...]]:
+    """Joints of a group with its subgroups, and the tips of its chains."""
+    if name in trail:
+        raise InvalidRobotError(
+            f"{srdf.path}: group '{name}' holds itself: {', '.join([*trail, name])}"
+        )
+    group = srdf.groups[name]
+    joints, tips = set(group.joints), tuple(tip for _, tip in group.chains)
+    joints |= {tree.above[link].name for link in group.links if link in tree.above}
+    for base, tip in group.chains:
+        if tip not in tree.model.links:
+            continue
+        path = tree.path(tip)
+        before = [joint.child for joint in path]
+        start = before.index(base) + 1 if base in before else 0
+        joints |= {joint.name for joint in path[start:]}
+    for part in group.groups:
+        if part not in srdf.groups:
+            continue
+        more, ends = _members(tree, srdf, part, (*trail, name))
+        joints |= more
+        tips += ends
+    return joints, tips

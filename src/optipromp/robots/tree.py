@@ -1,0 +1,164 @@
+"""The tree of a URDF, and what its names and its branches say: fingers, wheels, heads, sensors."""
+
+import re
+from dataclasses import dataclass
+from functools import cached_property
+
+from optipromp.robots.urdf import UrdfJoint, UrdfModel
+
+
+def _set(listed: str) -> frozenset[str]:
+    return frozenset(listed.split())
+
+
+# Words of names, lower case, whole: "left_gripper_finger2" has left, gripper, finger, 2.
+FINGER = _set("finger fingers fingertip fingertips thumb knuckle jaw jaws claw pinky phalanx")
+HAND = _set("gripper grippers hand hands robotiq")
+TURN = _set("yaw pitch roll rotate rotation wrist")  # of a whole hand
+PALM = FINGER | HAND | _set("palm vacuum suction tcp grasp grasping pinch")
+WHEEL = _set("wheel wheels caster castor rotor propeller steer steering drivewhl whl")
+HEAD = _set("head neck eye eyes camera laser lidar kinect antenna")
+SENSOR = _set(
+    "camera optical rgb rgbd depth color imu lidar laser led accelerometer gyro gyrometer sensor "
+    "marker light inertial com fsr ir infra1 infra2"
+)
+LEG = _set("leg legs foot feet hip knee ankle calf thigh toe sole haa hfe kfe")
+TORSO = _set("torso waist spine trunk lumbar chest lift body base")
+FLANGE = _set("flange tool0")
+CENTRE = _set("tcp tool tool0 ee eef effector grasp grasping center centre frame")
+LEAST_ABOVE = 3  # joints, chosen: equal branches beyond as many are fingers, not arms or legs
+
+_WORD = re.compile(r"[A-Z]?[a-z]+[0-9]*|[A-Z]+(?![a-z])|[0-9]+")
+
+
+def words(name: str) -> frozenset[str]:
+    """The words of a name, at underscores, signs and changes of case; with and without digits."""
+    found = [word.lower() for word in _WORD.findall(name)]
+    return frozenset(found) | {word.rstrip("0123456789") for word in found}
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Paths and branches of a model."""
+
+    model: UrdfModel
+
+    @cached_property
+    def above(self) -> dict[str, UrdfJoint]:
+        """The joint that carries each link but the root."""
+        return {joint.child: joint for joint in self.model.joints.values()}
+
+    @cached_property
+    def below(self) -> dict[str, list[UrdfJoint]]:
+        """The joints on each link, in file order."""
+        out: dict[str, list[UrdfJoint]] = {link: [] for link in self.model.links}
+        for joint in self.model.joints.values():
+            out[joint.parent].append(joint)
+        return out
+
+    def path(self, link: str) -> list[UrdfJoint]:
+        """The joints from the root to ``link``."""
+        out = []
+        while link in self.above:
+            out.append(self.above[link])
+            link = self.above[link].parent
+        return out[::-1]
+
+    def rigid(self, link: str, stop: frozenset[str] = frozenset()) -> list[tuple[int, str]]:
+        """``link`` and what fixed joints carry on it: depth and name; not beyond links ``stop``."""
+        out = [(0, link)]
+        for depth, name in out:  # grows while it is walked
+            out += [
+                (depth + 1, joint.child)
+                for joint in self.below[name]
+                if joint.kind == "fixed" and joint.child not in stop
+            ]
+        return out
+
+    def onward(self, link: str) -> list[UrdfJoint]:
+        """The movable joints on the rigid body of ``link``, outward."""
+        return [j for _, part in self.rigid(link) for j in self.below[part] if j.kind != "fixed"]
+
+    def body(self, link: str) -> str:
+        """The first link, from the root, of the rigid body that ``link`` belongs to."""
+        while link in self.above and self.above[link].kind == "fixed":
+            link = self.above[link].parent
+        return link
+
+    def subtree(self, joint: UrdfJoint) -> list[UrdfJoint]:
+        """``joint`` and every movable joint beyond it."""
+        out = [joint]
+        for each in out:
+            out += self.onward(each.child)
+        return out
+
+    def movable(self, link: str) -> list[UrdfJoint]:
+        """The movable joints from the root to ``link``."""
+        return [joint for joint in self.path(link) if joint.kind != "fixed"]
+
+    @cached_property
+    def outward(self) -> tuple[UrdfJoint, ...]:
+        """Every joint, those nearer to the root first."""
+        out = list(self.below[self.model.root])
+        for joint in out:
+            out += self.below[joint.child]
+        return tuple(out)
+
+    @cached_property
+    def before(self) -> dict[str, int]:
+        """How many movable joints lie between the root and each link."""
+        out = {self.model.root: 0}
+        for joint in self.outward:
+            out[joint.child] = out[joint.parent] + (joint.kind != "fixed")
+        return out
+
+    @cached_property
+    def after(self) -> dict[str, int]:
+        """The most movable joints on a path that starts at each link."""
+        out = dict.fromkeys(self.model.links, 0)
+        for joint in reversed(self.outward):
+            out[joint.parent] = max(out[joint.parent], self.reach(joint, out))
+        return out
+
+    def reach(self, joint: UrdfJoint, after: dict[str, int] | None = None) -> int:
+        """The most movable joints on a path that starts with ``joint``."""
+        return (joint.kind != "fixed") + (self.after if after is None else after)[joint.child]
+
+    @cached_property
+    def followers(self) -> frozenset[str]:
+        """Mimic joints beside the joint that they follow, not beyond it: fingers and rods."""
+        return frozenset(
+            joint.name
+            for joint in self.model.joints.values()
+            if joint.mimic is not None
+            and joint.mimic.joint not in {above.name for above in self.path(joint.parent)}
+        )
+
+    @cached_property
+    def hands(self) -> frozenset[str]:
+        """Joints of grippers and hands, by name, by mimic pair, or as equal short branches."""
+        first = [joint for joint in self.model.joints.values() if self._starts_hand(joint)]
+        return frozenset(each.name for joint in first for each in self.subtree(joint))
+
+    def _starts_hand(self, joint: UrdfJoint) -> bool:
+        if joint.kind == "fixed":
+            return False
+        own, link = words(joint.name), words(joint.child)
+        if own & FINGER or link & FINGER or (own & HAND and not own & TURN):
+            return True
+        above = self.before[joint.parent]
+        beside = self.onward(self.body(joint.parent))
+        reach = self.reach(joint)
+        if any(j.mimic is not None and j.mimic.joint == joint.name for j in beside):
+            return joint.mimic is None and reach <= above
+        same = len(beside) > 1 and all(self.reach(j) == reach for j in beside)
+        return same and above >= LEAST_ABOVE and reach < above
+
+    def named(self, vocabulary: frozenset[str]) -> frozenset[str]:
+        """Movable joints whose name, or child's name, has a word of these; and all beyond them."""
+        return frozenset(
+            each.name
+            for joint in self.model.joints.values()
+            if joint.kind != "fixed" and (words(joint.name) | words(joint.child)) & vocabulary
+            for each in self.subtree(joint)
+        )

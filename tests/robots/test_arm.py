@@ -1,0 +1,258 @@
+"""Which joints are the arm and which link is the flange: by hand, by SRDF, by rule."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.robots.conftest import BALL, joint
+from typer.testing import CliRunner
+
+from optipromp.cli.main import app
+from optipromp.errors import InvalidRobotError
+from optipromp.robots.library import Choice, load_arm, load_robot
+from optipromp.robots.tree import words
+
+Writer = Callable[..., Path]
+SHORT = {"origin": '<origin xyz="0 0 0.2"/>'}
+
+
+def robot(*joints: str, name: str = "r") -> str:
+    """A URDF of these joints; every link they name has a ball."""
+    links = dict.fromkeys(re.findall(r'link="([^"]+)"', "".join(joints)))
+    held = "".join(f'<link name="{link}">{BALL}</link>' for link in links)
+    return f'<robot name="{name}">{held}{"".join(joints)}</robot>'
+
+
+def fixed(parent: str, child: str) -> str:
+    return joint(f"{parent}-{child}", parent, child, kind="fixed", axis="", limit="", **SHORT)
+
+
+def series(prefix: str, base: str, count: int) -> list[str]:
+    """Joints <prefix>1 to <prefix>n, of links <prefix>link1 to <prefix>linkn, from ``base``."""
+    links = [base, *(f"{prefix}link{i + 1}" for i in range(count))]
+    return [joint(f"{prefix}{i + 1}", links[i], links[i + 1], **SHORT) for i in range(count)]
+
+
+def slide(name: str, parent: str, child: str, mimic: str = "") -> str:
+    more = f'<mimic joint="{mimic}"/>' if mimic else ""
+    limit = '<limit lower="0" upper="0.04"/>'
+    return joint(name, parent, child, kind="prismatic", limit=limit, more=more, **SHORT)
+
+
+ARM = series("a", "base", 6)
+GRIPPER = [slide("left_drive", "palm", "pad1"), slide("right_drive", "palm", "pad2", "left_drive")]
+CAMERA = [fixed("alink6", "camera_link"), fixed("camera_link", "camera_color_optical_frame")]
+TORSO = [slide("lift", "foot", "column")]
+WHEELS = [
+    joint(f"{side}_wheel", "chassis", f"{side}_wheel_link", kind="continuous", limit="")
+    for side in ("left", "right")
+]
+
+CASES = {  # joints of the file, tip, base, number of joints of the arm, links of the tool
+    "plain": (ARM, "alink6", "base", 6, ()),
+    "frame at the end": ([*ARM, fixed("alink6", "end")], "end", "base", 6, ()),
+    "tool0": (
+        [*ARM, fixed("alink6", "ee_link"), fixed("alink6", "f"), fixed("f", "tool0")],
+        "tool0", "base", 6, (),
+    ),
+    "gripper with mimic": (
+        [*ARM, fixed("alink6", "palm"), *GRIPPER], "alink6", "base", 6, ("palm", "pad1", "pad2"),
+    ),
+    "fingers by name": (
+        [*ARM, fixed("alink6", "mount"), slide("finger_joint", "mount", "tip")],
+        "alink6", "base", 6, ("mount", "tip"),
+    ),
+    "two equal fingers without names": (
+        [*ARM, *series("x", "alink6", 2), *series("y", "alink6", 2)],
+        "alink6", "base", 6, ("xlink1", "xlink2", "ylink1", "ylink2"),
+    ),
+    "gripper on the last link": (
+        [*ARM, joint("jaw", "alink6", "moving"), fixed("alink6", "grasp_frame")],
+        "grasp_frame", "base", 6, ("moving",),
+    ),
+    "camera on the wrist": (
+        [*ARM, *CAMERA, fixed("alink6", "end_effector_link")], "end_effector_link", "base", 6, (),
+    ),
+    "camera deeper than the flange": ([*ARM, *CAMERA], "alink6", "base", 6, ()),
+    "wheels": (
+        [*WHEELS, *series("a", "chassis", 5)], "alink5", "chassis", 5, (),
+    ),
+    "torso with a head": (
+        [*TORSO, *series("head_", "column", 2), *series("a", "column", 7)],
+        "alink7", "column", 7, (),
+    ),
+    "lift of one arm": ([*TORSO, *series("a", "column", 3)], "alink3", "foot", 4, ()),
+    "arm on legs": (
+        [t for k in range(4) for t in series(f"leg{k}_", "body", 3)] + series("a", "body", 6),
+        "alink6", "body", 6, (),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_rule(write: Writer, case: str) -> None:
+    joints, tip, base, count, tool = CASES[case]
+    loaded, arm = load_arm(write(robot(*joints)))
+    assert (arm.tip, arm.base, arm.tool) == (tip, base, tool)
+    assert loaded.n_joints == count
+    assert loaded.joint_names == arm.joints
+    assert not any(name.startswith(("left_", "right_", "finger", "jaw")) for name in arm.joints)
+
+
+def test_fingers_ride_on_the_last_body_at_a_given_opening(write: Writer) -> None:
+    path = write(robot(*ARM, fixed("alink6", "palm"), *GRIPPER))
+    closed, opened = load_robot(path), load_robot(path, hold={"left_drive": 0.03})
+    assert closed.held_joints == ("left_drive", "right_drive")
+    for pad in ("pad1", "pad2"):
+        mine = closed.spheres.link == closed.link_names.index(pad)
+        assert closed.spheres.distal[mine].all()
+        moved = opened.spheres.center[mine] - closed.spheres.center[mine]
+        np.testing.assert_allclose(moved, [[0.0, 0.0, 0.03]])
+
+
+@pytest.mark.parametrize(
+    ("hold", "said"),
+    [
+        ({"left_drive": 1.0}, ["left_drive", "outside its limits [0, 0.04]"]),
+        ({"a1": 0.5}, ["'a1'", "not of the arm: left_drive"]),
+        ({"right_drive": 0.01}, ["'right_drive'", "by themselves"]),
+    ],
+)
+def test_hold_refused(write: Writer, hold: dict[str, float], said: list[str]) -> None:
+    path = write(robot(*ARM, fixed("alink6", "palm"), *GRIPPER))
+    with pytest.raises(InvalidRobotError) as caught:
+        load_robot(path, hold=hold)
+    assert all(word in caught.value.message for word in [*said, "robot.urdf"])
+
+
+TWO = [*TORSO, *series("left", "column", 6), *series("right", "column", 6)]
+
+
+def test_two_arms_alike_are_a_question(write: Writer) -> None:
+    path = write(robot(*TWO))
+    with pytest.raises(InvalidRobotError) as caught:
+        load_robot(path)
+    for word in ("2 arms are alike", "tip 'leftlink6'", "tip 'rightlink6'", "--tip", "flange:"):
+        assert word in caught.value.message
+    assert load_robot(path, tip="rightlink6").joint_names == tuple(
+        f"right{k + 1}" for k in range(6)
+    )
+    assert load_robot(path, tip="rightlink6", base="foot").joint_names[0] == "lift"
+    assert load_robot(path, base="rightlink1", tip="rightlink6").n_joints == 5
+    result = CliRunner().invoke(app, ["check", str(path), "--tip", "leftlink6"])
+    assert result.exit_code == 0
+    assert "leftlink6" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("choice", "said"),
+    [
+        (Choice(tip="nowhere"), ["no flange link 'nowhere'", "links:"]),
+        (Choice(base="nowhere"), ["no base link 'nowhere'", "links:"]),
+        (Choice(tip="leftlink6", base="rightlink2"), ["'rightlink2' is not between", "leftlink3"]),
+        (Choice(srdf="none.srdf"), ["none.srdf", "cannot be read"]),
+    ],
+)
+def test_refused(write: Writer, choice: Choice, said: list[str]) -> None:
+    path = write(robot(*TWO))
+    with pytest.raises(InvalidRobotError) as caught:
+        load_arm(path, choice=choice)
+    assert all(word in caught.value.message for word in said)
+
+
+def test_a_built_in_robot_takes_no_choice() -> None:
+    with pytest.raises(InvalidRobotError, match="'panda' is built in"):
+        load_robot("panda", tip="link7")
+
+
+def groups(*bodies: str, name: str = "r") -> str:
+    return f'<robot name="{name}">{"".join(bodies)}</robot>'
+
+
+def along(name: str, base: str, tip: str) -> str:
+    return f'<group name="{name}"><chain base_link="{base}" tip_link="{tip}"/></group>'
+
+
+def listed(name: str, *joints: str) -> str:
+    return f'<group name="{name}">' + "".join(f'<joint name="{j}"/>' for j in joints) + "</group>"
+
+
+HAND = listed("hand", "left_drive")
+BOTH = '<group name="arm_and_hand"><group name="arm"/><group name="hand"/></group>'
+SRDFS = {
+    "chain": ([along("arm", "base", "palm")], "palm"),
+    "joints": ([listed("arm", *(f"a{k + 1}" for k in range(6))), HAND, BOTH], "alink6"),
+    "a chain that runs into the gripper": ([along("arm", "base", "pad1")], "alink6"),
+    "where the hand hangs": (
+        [
+            listed("arm", *(f"a{k + 1}" for k in range(6))),
+            HAND,
+            '<end_effector name="e" parent_link="palm" group="hand" parent_group="arm"/>',
+        ],
+        "palm",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", SRDFS)
+@pytest.mark.parametrize("where", ["robot.srdf", "srdf/robot.srdf", "srdf/r.srdf"])
+def test_srdf_beside(write: Writer, tmp_path: Path, case: str, where: str) -> None:
+    parts, tip = SRDFS[case]
+    path = write(robot(*ARM, fixed("alink6", "palm"), *GRIPPER))
+    (tmp_path / "srdf").mkdir()
+    write(groups(*parts), where)
+    loaded, arm = load_arm(path)
+    assert (arm.tip, loaded.n_joints) == (tip, 6)
+    assert arm.why == f"group 'arm' of {Path(where).name}"
+
+
+def test_srdf_given_beats_the_rule(write: Writer) -> None:
+    """Of a torso with two arms the groups name one; the torso is in another group."""
+    path = write(robot(*TWO))
+    own = write(
+        groups(along("arm", "column", "leftlink5"), along("arm_with_torso", "foot", "leftlink5")),
+        "own.srdf",
+    )
+    loaded, arm = load_arm(path, choice=Choice(srdf=own))
+    assert (arm.tip, arm.base, loaded.n_joints) == ("leftlink5", "column", 5)
+    both = groups(along("l", "column", "leftlink6"), along("r", "column", "rightlink6"))
+    with pytest.raises(InvalidRobotError, match="2 arms are alike"):
+        load_robot(path, srdf=write(both, "both.srdf"))
+
+
+def test_robot_file_chooses(write: Writer) -> None:
+    write(robot(*TWO))
+    write(groups(along("arm", "column", "rightlink6")), "g.srdf")
+    head = "format: 1\nname: mine\nurdf: robot.urdf\n"
+    assert load_arm(write(head + "srdf: g.srdf\n", "a.yaml"))[1].tip == "rightlink6"
+    file = write(head + "flange: leftlink6\nbase: foot\n", "b.yaml")
+    assert load_robot(file).n_joints == 7
+    file = write(head + "flange: leftlink6\nhold: {lift: 0.02}\n", "c.yaml")
+    assert load_robot(file).tool_pose(np.zeros(6))[0][2] == pytest.approx(
+        load_robot(file, hold={"lift": 0.0}).tool_pose(np.zeros(6))[0][2] + 0.02
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("<sdf/>", ["<sdf>", "SRDF starts with <robot>"]),
+        ("<robot><group/></robot>", ["<group> needs name"]),
+        ('<robot><group name="g"><chain tip_link="x"/></group></robot>', ["<chain>", "base_link"]),
+        (groups(listed("g"), listed("g")), ["group 'g' is defined twice"]),
+        (groups('<group name="g"><group name="g"/></group>'), ["'g' holds itself"]),
+    ],
+)
+def test_srdf_refused(write: Writer, text: str, said: list[str]) -> None:
+    path = write(robot(*ARM))
+    with pytest.raises(InvalidRobotError) as caught:
+        load_robot(path, srdf=write(text, "bad.srdf"))
+    assert all(word in caught.value.message for word in ["bad.srdf", *said])
+
+
+def test_words_of_names() -> None:
+    assert {"left", "finger", "finger2", "joint"} <= words("leftFinger2_joint")
+    assert {"l", "finger"} <= words("LFinger21")
+    assert "hand" not in words("handle_joint")
