@@ -25,6 +25,7 @@ from optipromp.robots.tree import (
 )
 from optipromp.robots.urdf import UrdfJoint, UrdfModel
 
+_NO_DIGITS = str.maketrans("", "", "0123456789")
 NO_ARM = HEAD | TORSO | PALM | LEG  # words of groups that are no arm, or more than one
 
 
@@ -218,17 +219,20 @@ def _beyond(tree: Tree, base: str) -> set[str]:
 def _beginning(tree: Tree, end: UrdfJoint, usable: AbstractSet[str]) -> str:
     """The link the arm begins at: beyond the last body that carries another arm, a leg or a head.
 
-    A body that has more joints before it than beyond it begins no arm.
+    A body that has more joints before it than beyond it begins no arm. Nor does a body with a head
+    whose joints before and beyond have one name but for digits: it is a link of the arm.
     """
     path = tree.movable(end.child)
     for k in range(len(path) - 1, 0, -1):
-        branches = [
+        beside = [
             joint
             for joint in tree.onward(tree.body(path[k].parent))
             if joint.name in usable and joint != path[k]
         ]
-        wide = any(tree.reach(j) > 1 or words(j.name) & HEAD for j in branches)
-        if wide and k < len(path) - k:
+        heads = [joint for joint in beside if words(joint.name) & HEAD]
+        limbs = any(tree.reach(joint) > 1 for joint in beside if joint not in heads)
+        series = len({joint.name.translate(_NO_DIGITS) for joint in path[k - 1 : k + 1]}) == 1
+        if k < len(path) - k and (limbs or (heads and not series)):
             return path[k].parent
     return tree.model.root
 
