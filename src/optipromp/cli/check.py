@@ -95,6 +95,10 @@ def check(
         typer.Option(metavar="LINK", help="Of a robot: joints before this link are held."),
     ] = None,
     srdf: Annotated[Path | None, typer.Option(help="Of a robot: groups that tell the arm.")] = None,
+    package_dir: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FOLDER", help="Of a robot: holds packages of package:// names."),
+    ] = None,
     as_json: AsJson = False,
 ) -> int:
     """Check a scene, robot, demonstrations or plan, and say what it holds.
@@ -112,11 +116,13 @@ def check(
     from optipromp.robots.library import NOTHING, Choice
 
     kind = kind_of(item)
-    given = Choice(tip, base, srdf)
+    given = Choice(tip, base, srdf, package_dirs=tuple(package_dir or ()))
     if kind is Kind.ROBOT:
         summary = _robot(item, given)
     elif given != NOTHING:
-        raise InvalidRequestError(f"{item} is no robot but a {kind}: no --tip, --base or --srdf")
+        raise InvalidRequestError(
+            f"{item} is no robot but a {kind}: no --tip, --base, --srdf or --package-dir"
+        )
     else:
         summary = _SUMMARIES[kind](item)
     status = Code(summary.pop("status", Code.SUCCESS))

@@ -1,6 +1,6 @@
 """Robots by name or by file: a bare URDF, or a YAML file beside one."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -15,6 +15,7 @@ from optipromp.errors import InvalidRobotError
 from optipromp.robots.arm import Arm, choose_arm
 from optipromp.robots.chain import Chain, serial_chain
 from optipromp.robots.model import BodySpheres, Robot
+from optipromp.robots.packages import expanded, with_meshes_found
 from optipromp.robots.self_collision import with_self_pairs
 from optipromp.robots.spheres import cover_geometry
 from optipromp.robots.srdf import beside, read_srdf
@@ -41,13 +42,15 @@ class Choice:
     """What a caller chooses of a robot file or URDF; None leaves it to the file, then to the rule.
 
     ``tip``: the flange link; ``base``: the link the arm begins at; ``srdf``: a file of groups;
-    ``hold``: values [rad or m] of joints that are not of the arm, such as fingers.
+    ``hold``: values [rad or m] of joints that are not of the arm, such as fingers;
+    ``package_dirs``: folders that hold packages.
     """
 
     tip: str | None = None
     base: str | None = None
     srdf: str | Path | None = None
     hold: Mapping[str, float] = field(default_factory=dict)
+    package_dirs: tuple[str | Path, ...] = ()
 
 
 NOTHING = Choice()
@@ -61,8 +64,9 @@ def load_robot(
     base: str | None = None,
     srdf: str | Path | None = None,
     hold: Mapping[str, float] | None = None,
+    package_dirs: Sequence[str | Path] = (),
 ) -> Robot:
-    """A robot without a tool: a built-in one by name, or from a ``.urdf`` or ``.yaml`` robot file.
+    """A robot without a tool: a built-in one by name, or from a ``.urdf``, xacro or robot file.
 
     A bare URDF has its arm chosen by :func:`optipromp.robots.arm.choose_arm` and spheres from its
     geometry; accelerations and jerks are unlimited; home is zero, or the limits nearest to it.
@@ -75,12 +79,16 @@ def load_robot(
         srdf: an SRDF whose groups tell the arm; without it one beside the URDF is read.
         hold: values [rad or m] of joints that are not of the arm, such as the fingers of a gripper;
             the others stand at zero, or at the limit nearest to it.
+        package_dirs: folders that hold the packages of ``package://`` names, or are such; searched
+            before those over the URDF, on AMENT_PREFIX_PATH and on ROS_PACKAGE_PATH.
 
     Raises:
         InvalidRobotError: no such robot (the message lists the built-in names), a description that
             cannot be used, or several arms that are alike (the message lists them).
     """
-    return load_arm(name_or_path, base_dir, Choice(tip, base, srdf, hold or {}))[0]
+    return load_arm(
+        name_or_path, base_dir, Choice(tip, base, srdf, hold or {}, tuple(package_dirs))
+    )[0]
 
 
 def load_arm(
@@ -90,21 +98,22 @@ def load_arm(
     if isinstance(name_or_path, str) and name_or_path in robot_names():
         if choice != NOTHING:
             raise InvalidRobotError(
-                f"robot '{name_or_path}' is built in: it takes no tip, base, srdf or hold"
+                f"robot '{name_or_path}' is built in: it takes no tip, base, srdf, hold or packages"
             )
         return _built_in(name_or_path)
     path = (base_dir or Path()) / name_or_path
     suffix = path.suffix.lower()
     names = ", ".join(robot_names())
-    if suffix not in (".urdf", ".yaml", ".yml"):
+    if suffix not in (".urdf", ".xacro", ".yaml", ".yml"):
         raise InvalidRobotError(
-            f"no robot '{name_or_path}'; built-in: {names}; or the path of a .urdf or .yaml file"
+            f"no robot '{name_or_path}'; built-in: {names}; "
+            "or the path of a .urdf, .xacro or .yaml file"
         )
     if not path.is_file():
         raise InvalidRobotError(f"{path}: no such file; built-in robots: {names}")
-    if suffix != ".urdf":
+    if suffix in (".yaml", ".yml"):
         return _from_file(path, choice)
-    model = read_urdf(path)
+    model = _read(path, 1.0, [Path(folder) for folder in choice.package_dirs])
     return _build(RobotFile(format=1, name=model.name, urdf=path.name), model, path, choice)
 
 
@@ -142,6 +151,7 @@ class RobotFile(BaseModel):
     flange: str | None = None  # the tip
     base: str | None = None  # joints before this link are held
     srdf: str | None = None  # its groups tell the arm
+    package_dirs: list[str] = []  # folders that hold the packages of package:// names
     hold: dict[str, Finite] = {}  # values of joints that are not of the arm [rad or m]
     scale: Positive = 1.0  # metres in one unit of length of the URDF
     velocity: list[Positive] | None = None  # overrides the URDF
@@ -159,8 +169,17 @@ def robot_from_file(path: Path) -> Robot:
 
 def _from_file(path: Path, choice: Choice) -> tuple[Robot, Arm]:
     entry = read_robot_file(path)
-    urdf = path.parent / entry.urdf
-    return _build(entry, read_urdf(urdf, entry.scale), path, choice)
+    model = _read(path.parent / entry.urdf, entry.scale, _package_dirs(entry, path, choice))
+    return _build(entry, model, path, choice)
+
+
+def _read(path: Path, scale: float, package_dirs: list[Path]) -> UrdfModel:
+    content = expanded(path, package_dirs) if path.suffix.lower() == ".xacro" else None
+    return read_urdf(path, scale, content)
+
+
+def _package_dirs(entry: RobotFile, path: Path, choice: Choice) -> list[Path]:
+    return [*map(Path, choice.package_dirs), *(path.parent / each for each in entry.package_dirs)]
 
 
 def read_robot_file(path: Path) -> RobotFile:
@@ -207,6 +226,8 @@ def _build(
         if link not in known:
             shown = ", ".join(list(model.links)[:20])
             raise InvalidRobotError(f"{path}: unknown link '{link}'; links: {shown}")
+    covered = [link for link in model.links if link not in entry.spheres]
+    model = with_meshes_found(model, covered, _package_dirs(entry, path, choice))
     robot = Robot(
         name=entry.name,
         joint_names=names,

@@ -91,13 +91,15 @@ class UrdfModel:
     joints: Mapping[str, UrdfJoint]
 
 
-def read_urdf(path: Path, scale: float = 1.0) -> UrdfModel:
+def read_urdf(path: Path, scale: float = 1.0, content: bytes | None = None) -> UrdfModel:
     """Read the URDF file at ``path``; lengths in it are multiplied by ``scale``.
+
+    ``content`` is read in place of the file's: what a xacro file expands to.
 
     Raises InvalidRobotError, naming the file, the line or the link or joint, the value and what
     would be right.
     """
-    return _Reader(path, scale).read(read_xml(path))
+    return _Reader(path, scale).read(read_xml(path, content))
 
 
 class _Reader:

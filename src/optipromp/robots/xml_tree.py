@@ -60,8 +60,10 @@ class _Builder(ContentHandler):
         self.open.pop()
 
 
-def read_xml(path: Path) -> Node:
+def read_xml(path: Path, content: bytes | None = None) -> Node:
     """The root element of the XML file at ``path``, in any encoding XML knows.
+
+    ``content`` is read in place of the file's.
 
     Raises InvalidRobotError when the file cannot be read, is not well-formed XML, declares
     entities or refers to external ones (none is ever opened), or holds unexpanded xacro.
@@ -72,7 +74,7 @@ def read_xml(path: Path) -> Node:
     from defusedxml.common import DefusedXmlException
 
     try:
-        content = path.read_bytes()
+        content = path.read_bytes() if content is None else content
     except OSError as error:
         raise InvalidRobotError(f"{path}: cannot be read: {error.strerror or error}") from error
     if not content.strip():

@@ -1,0 +1,99 @@
+"""Where the packages of a robot description are: ``package://`` names, and xacro expanded."""
+
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+
+from optipromp.errors import InvalidRobotError
+from optipromp.robots.urdf import UrdfGeometry, UrdfModel
+
+PREFIX = "package://"
+_FOUND_BY_NAME = re.compile(r"\$\(find(?:-pkg-share)?\s+([\w.-]+)\s*\)|package://([\w.-]+)/")
+
+
+def package_folders(name: str, urdf: Path, given: Sequence[Path] = ()) -> list[Path]:
+    """Folders that package ``name`` may be, existing ones first to last in the order of search.
+
+    A folder of ``given`` that has the package's name or holds it; then folders over the URDF; then
+    those of AMENT_PREFIX_PATH (``share/<name>``) and of ROS_PACKAGE_PATH.
+    """
+    here = urdf.resolve().parent
+    over = [here, *here.parents]
+    ament = [Path(part) / "share" for part in _paths("AMENT_PREFIX_PATH")]
+    places = [*given, *over, *ament, *_paths("ROS_PACKAGE_PATH")]
+    folders = [each for place in places for each in (place, place / name) if each.name == name]
+    return [each for each in dict.fromkeys(folders) if each.is_dir()]
+
+
+def with_meshes_found(
+    model: UrdfModel, links: Sequence[str], package_dirs: Sequence[Path]
+) -> UrdfModel:
+    """``model`` with the ``package://`` meshes of ``links`` as files, where one is found.
+
+    Only what covers a link counts: its collision geometry, or its visual where it has none.
+    Raises InvalidRobotError for a mesh of these that is in none of the folders searched.
+    """
+
+    def found(link: str, shape: UrdfGeometry) -> UrdfGeometry:
+        if not shape.mesh.startswith(PREFIX):
+            return shape
+        name, _, rest = shape.mesh.removeprefix(PREFIX).partition("/")
+        folders = package_folders(name, model.path, package_dirs)
+        for folder in folders:
+            if (folder / rest).is_file():
+                return replace(shape, mesh=str((folder / rest).resolve()))
+        seen = f"not in {', '.join(map(str, folders))}" if folders else f"no folder '{name}'"
+        raise InvalidRobotError(
+            f"{model.path}: link '{link}' mesh '{shape.mesh}': no such file ({seen}); give the "
+            f"folder that holds '{name}' as package_dirs= or --package-dir, or put it on "
+            "AMENT_PREFIX_PATH or ROS_PACKAGE_PATH, or over the URDF"
+        )
+
+    changed = dict(model.links)
+    for name in links:
+        link = changed[name]
+        shapes = tuple(found(name, shape) for shape in link.collisions or link.visuals)
+        if link.collisions:
+            changed[name] = replace(link, collisions=shapes)
+        else:
+            changed[name] = replace(link, visuals=shapes)
+    return replace(model, links=MappingProxyType(changed))
+
+
+def expanded(path: Path, package_dirs: Sequence[Path]) -> bytes:
+    """The URDF that the xacro file at ``path`` expands to, with its arguments' defaults.
+
+    Raises InvalidRobotError when the extra that reads xacro is not installed, or with what xacro
+    says is wrong.
+    """
+    try:
+        import xacro
+        from xacrodoc import packages
+    except ImportError as error:
+        raise InvalidRobotError(
+            f"{path}: reading xacro needs xacrodoc (pip install 'optipromp[xacro]'); or expand it "
+            f"first: xacro {path.name} > {path.name.split('.')[0]}.urdf"
+        ) from error
+    packages.reset()
+    if package_dirs:
+        packages.look_in([str(folder) for folder in package_dirs])
+    packages.walk_up_from(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+        names = {name for pair in _FOUND_BY_NAME.findall(text) for name in pair if name}
+        folders = {name: package_folders(name, path, package_dirs) for name in names}
+        packages.update_package_cache({name: some[0] for name, some in folders.items() if some})
+        return bytes(xacro.process_file(str(path)).toxml(), "utf-8")
+    except Exception as error:  # xacro raises whatever goes wrong in the file
+        said = " ".join(str(error).split())
+        raise InvalidRobotError(
+            f"{path}: xacro cannot expand it: {type(error).__name__}: {said}; packages are looked "
+            "for in package_dirs= or --package-dir and over the file"
+        ) from error
+
+
+def _paths(variable: str) -> list[Path]:
+    return [Path(part) for part in os.environ.get(variable, "").split(os.pathsep) if part]

@@ -1,0 +1,134 @@
+"""Meshes in packages, DAE meshes, and xacro."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.robots.conftest import joint
+from typer.testing import CliRunner
+
+from optipromp.cli.main import app
+from optipromp.errors import InvalidRobotError
+from optipromp.robots.library import load_robot
+
+Writer = Callable[..., Path]
+TETRAHEDRON = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]])
+FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+
+
+def mesh(folder: Path, name: str = "part.obj", size: float = 1.0) -> Path:
+    import trimesh
+
+    folder.mkdir(parents=True, exist_ok=True)
+    trimesh.Trimesh(size * TETRAHEDRON, FACES).export(str(folder / name))
+    return folder / name
+
+
+def with_mesh(file: str) -> str:
+    body = f'<collision><geometry><mesh filename="{file}"/></geometry></collision>'
+    links = f'<link name="a"/><link name="b">{body}</link>'
+    return f'<robot name="r">{links}{joint("ab", "a", "b")}</robot>'
+
+
+def reach(path: Path, **choice: object) -> float:
+    """The farthest point [m] of the spheres, in the frame of the link b."""
+    spheres = load_robot(path, **choice).spheres  # type: ignore[arg-type]
+    return float((np.linalg.norm(spheres.center, axis=1) + spheres.radius).max())
+
+
+@pytest.fixture(autouse=True)
+def no_ros(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH"):
+        monkeypatch.delenv(name, raising=False)
+
+
+WHERE = {  # folder of the package, argument, variable
+    "over the URDF": ("robot.pkg", None, None),
+    "the package given": ("far/my_arm", "far/my_arm", None),
+    "its parent given": ("far/my_arm", "far", None),
+    "ament": ("ws/share/my_arm", None, ("AMENT_PREFIX_PATH", "ws")),
+    "ROS 1": ("src/my_arm", None, ("ROS_PACKAGE_PATH", "src")),
+    "ROS 1, the package": ("src/my_arm", None, ("ROS_PACKAGE_PATH", "src/my_arm")),
+}
+
+
+@pytest.mark.parametrize("case", WHERE)
+def test_packages(
+    write: Writer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, case: str
+) -> None:
+    folder, given, variable = WHERE[case]
+    mesh(tmp_path / folder.replace("robot.pkg", "my_arm") / "meshes")
+    path = write(with_mesh("package://my_arm/meshes/part.obj"))
+    if variable:
+        monkeypatch.setenv(variable[0], f"/nowhere:{tmp_path / variable[1]}")
+    assert 0.1 <= reach(path, package_dirs=[tmp_path / given] if given else []) < 0.2
+
+
+def test_what_is_given_comes_first(write: Writer, tmp_path: Path) -> None:
+    mesh(tmp_path / "my_arm", size=1.0)
+    mesh(tmp_path / "other" / "my_arm", size=3.0)
+    path = write(with_mesh("package://my_arm/part.obj"))
+    assert reach(path) < 0.2
+    assert reach(path, package_dirs=[tmp_path / "other"]) >= 0.3
+    result = CliRunner().invoke(app, ["check", str(path), "--package-dir", str(tmp_path / "other")])
+    assert result.exit_code == 0
+    head = "format: 1\nname: mine\nurdf: robot.urdf\npackage_dirs: [other]\n"
+    assert reach(write(head, "mine.yaml")) >= 0.3
+
+
+def test_a_mesh_in_no_package(write: Writer, tmp_path: Path) -> None:
+    path = write(with_mesh("package://my_arm/part.obj"))
+    with pytest.raises(InvalidRobotError) as caught:
+        load_robot(path)
+    for word in ("robot.urdf", "link 'b'", "package://my_arm/part.obj", "no folder 'my_arm'",
+                 "package_dirs=", "AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH"):  # fmt: skip
+        assert word in caught.value.message
+    (tmp_path / "my_arm").mkdir()
+    with pytest.raises(InvalidRobotError, match=r"not in .*my_arm"):
+        load_robot(path)
+    spheres = "format: 1\nname: n\nurdf: robot.urdf\nspheres: {b: [[0, 0, 0, 0.1]]}\n"
+    assert load_robot(write(spheres, "own.yaml")).n_joints == 1  # the mesh is not needed
+
+
+def test_dae(write: Writer, tmp_path: Path) -> None:
+    pytest.importorskip("collada")
+    mesh(tmp_path, "part.dae")
+    mesh(tmp_path, "part.obj")
+    in_dae = reach(write(with_mesh("part.dae")))
+    assert in_dae == pytest.approx(reach(write(with_mesh("part.obj"))), rel=0.05)
+
+
+XACRO = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:arg name="length" default="0.3"/>
+<xacro:include filename="$(find my_arm)/parts.xacro"/>
+<link name="a"/>
+<link name="b"><collision><geometry>
+<mesh filename="package://my_arm/part.obj"/></geometry></collision></link>
+<xacro:hinge name="ab" parent="a" child="b" z="${2 * $(arg length)}"/>
+</robot>"""
+PARTS = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:macro name="hinge" params="name parent child z">
+<joint name="${name}" type="revolute"><parent link="${parent}"/><child link="${child}"/>
+<origin xyz="0 0 ${z}"/><axis xyz="0 0 1"/><limit lower="-1" upper="1"/></joint>
+</xacro:macro></robot>"""
+
+
+def test_xacro(write: Writer, tmp_path: Path) -> None:
+    pytest.importorskip("xacrodoc")
+    mesh(tmp_path / "else" / "my_arm")
+    (tmp_path / "else" / "my_arm" / "parts.xacro").write_text(PARTS)
+    path = write(XACRO, "robot.urdf.xacro")
+    robot = load_robot(path, package_dirs=[tmp_path / "else"])
+    assert robot.tool_pose(np.zeros(1))[0][2] == pytest.approx(0.6)
+    with pytest.raises(InvalidRobotError, match=r"\.xacro: xacro cannot expand it.*my_arm"):
+        load_robot(path)
+
+
+def test_xacro_without_the_extra(write: Writer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xacrodoc", None)
+    with pytest.raises(InvalidRobotError) as caught:
+        load_robot(write(XACRO, "robot.urdf.xacro"))
+    for word in ("robot.urdf.xacro", "optipromp[xacro]", "xacro robot.urdf.xacro > robot.urdf"):
+        assert word in caught.value.message
