@@ -54,3 +54,21 @@ def test_wrong_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, argument
     assert len(result.stderr.strip().splitlines()) == 1
     assert json.loads(invoke(*arguments, "--json").stdout)["files"] == {}
     assert not list(tmp_path.iterdir())
+
+
+def test_a_plan_becomes_a_bag_that_is_valid(tmp_path: Path) -> None:
+    assert call("plan", "scenario-3", "--no-figures", "--out", str(tmp_path / "reach"))[0] == 0
+    bag = tmp_path / "reach.mcap"
+    code, stdout, _ = call(
+        "export", str(tmp_path / "reach"), "--mcap", str(bag), "--prefix", "fr3_", "--json"
+    )
+    assert code == 0
+    assert json.loads(stdout)["files"] == {"mcap": str(bag)}
+    topics = {item.topic: item.message for item in ros.read_bag(bag)}
+    assert set(topics) == {"/planning_scene", "/joint_trajectory", "/display_planned_path"}
+    assert topics["/joint_trajectory"].joint_names[0] == "fr3_joint1"
+    assert len(topics["/joint_trajectory"].points) > 4000
+    assert call("validate", str(bag), "--scene", "scenario-3")[0] == 1  # two trajectories
+    scene = tmp_path / "scene.mcap"
+    assert call("export", "scenario-3", "--mcap", str(scene))[0] == 0
+    assert [item.topic for item in ros.read_bag(scene)] == ["/planning_scene"]
