@@ -3,6 +3,7 @@
 Needs the extra ``sim``: ``pip install 'optipromp[sim]'``.
 """
 
+from optipromp.simulation.arm_executor import SimulatedArm
 from optipromp.simulation.execute import Run, simulate
 from optipromp.simulation.outcome import Cause, Contact, Outcome
 from optipromp.simulation.parameters import (
@@ -28,6 +29,7 @@ __all__ = [
     "RobotParameters",
     "Rollout",
     "Run",
+    "SimulatedArm",
     "SimulationParameters",
     "StemParameters",
     "ThingParameters",

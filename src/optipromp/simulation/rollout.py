@@ -104,6 +104,7 @@ class Execution:
         self.wanted, self.inertial = np.zeros((2, self.model.nv))
         self.torque, self.most_asked, self.worst_error = np.zeros((3, n))
         self.records: list[tuple[Any, ...]] = []
+        self.steps, self.warnings = 0, ()  # type: int, tuple[str, ...]
         shown, entities = world.shown, world.entities
         self.fruit_entities = np.array([f.entity for f in shown], dtype=np.int64)
         self.stem_entities = np.array([f.stem_entity for f in shown], dtype=np.int64)
@@ -122,23 +123,32 @@ class Execution:
         acceleration = drives.segments(gain, rates=True)
         still = (at < 0) | (at > moving)
         rate[still], acceleration[still] = 0.0, 0.0
-        warnings: tuple[str, ...] = ()
-        model, data = self.model, self.data
-        first_half, second_half = self.mujoco.mj_step1, self.mujoco.mj_step2
-        with _quiet(self.mujoco):
-            self._record(q[0])
+        with quiet(self.mujoco):
+            self.record(q[0])
             for k in range(total):
-                first_half(model, data)
-                if k % self.tick == 0:
-                    self._control(q[k], rate[k], acceleration[k])
-                second_half(model, data)
-                if not is_sound(self.at.warnings, self.at.positions, self.at.velocities):
-                    warnings = self._warnings()
+                if not self.advance(q[k], rate[k], acceleration[k], q[k + 1]):
                     break
-                self._observe(q[k + 1])
-                if (k + 1) % self.every == 0:
-                    self._record(q[k + 1])
-        return self._rollout((before + moving) * self.step, warnings), self.log
+        return self.rollout((before + moving) * self.step), self.log
+
+    def advance(
+        self, q: FloatArray, rate: FloatArray, acceleration: FloatArray, after: FloatArray
+    ) -> bool:
+        """One step of the engine: the controller is asked for the first three (S,) by segment.
+
+        ``after`` (S,) is where the segments should be then. False after a NaN or a warning.
+        """
+        self.mujoco.mj_step1(self.model, self.data)
+        if self.steps % self.tick == 0:
+            self._control(q, rate, acceleration)
+        self.mujoco.mj_step2(self.model, self.data)
+        if not is_sound(self.at.warnings, self.at.positions, self.at.velocities):
+            self.warnings = self._warnings()
+            return False
+        self._observe(after)
+        self.steps += 1
+        if self.steps % self.every == 0:
+            self.record(after)
+        return True
 
     def _control(self, q: FloatArray, rate: FloatArray, acceleration: FloatArray) -> None:
         at, n = self.at, len(q)
@@ -167,7 +177,7 @@ class Execution:
             found = [f"not a number at {data.time:.3f} s"]
         return tuple(found)
 
-    def _record(self, q: FloatArray) -> None:
+    def record(self, q: FloatArray) -> None:
         data = self.data
         forces = self.log.take_recent()
         on_stems = forces[self.stem_entities][:, self.robot_entities].max(axis=1)
@@ -180,7 +190,8 @@ class Execution:
             )
         )  # fmt: skip
 
-    def _rollout(self, motion: float, warnings: tuple[str, ...]) -> Rollout:
+    def rollout(self, motion: float) -> Rollout:
+        """The records, of a motion that ended at ``motion`` [s]."""
         robot, drives, stems = self.world.robot, self.world.drives, self.stems
         columns = [np.array(column) for column in zip(*self.records, strict=True)]
         times, states, velocity, torque, targets, attached, force, stem = columns
@@ -205,7 +216,7 @@ class Execution:
             ),
             attached=frozen(attached.reshape(len(times), len(shown)), np.bool_),
             fruit_force=frozen(force), stem_force=frozen(stem), states=frozen(states),
-            motion=motion, warnings=warnings,
+            motion=motion, warnings=self.warnings,
             limit_use={"position": position, **used(robot, self.motion), "torque": torque_use},
             tension={f.id: stems.tension[f.built.key] for f in shown if f.weld >= 0},
             torn_at={f.id: stems.torn[f.built.key] for f in shown if f.built.key in stems.torn},
@@ -240,7 +251,7 @@ class _Views(NamedTuple):
         )  # fmt: skip
 
 
-class _quiet:  # noqa: N801
+class quiet:  # noqa: N801
     """Keeps MuJoCo from writing its warnings to a file; they are read from the data instead."""
 
     def __init__(self, mujoco: Any) -> None:

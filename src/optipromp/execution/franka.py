@@ -1,0 +1,153 @@
+"""A Franka arm, by ``franky`` or by ``panda-python``. Neither has been run here on a real arm.
+
+Both stream joint references into an impedance controller at up to 1 kHz. The module of the maker is
+imported when an executor is made.
+"""
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from optipromp.errors import InvalidRequestError
+from optipromp.execution.executor import Follower, Guard
+from optipromp.robots.library import load_robot
+from optipromp.robots.model import Robot
+from optipromp.trajectory import State
+
+STIFFNESS = (600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0)  # [N m/rad] default of panda-python
+DAMPING = (50.0, 50.0, 50.0, 20.0, 20.0, 20.0, 10.0)  # [N m s/rad] the same
+
+
+def _module(name: str, package: str) -> Any:
+    import importlib
+
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise InvalidRequestError(
+            f"{package} is not installed ({error}); run: pip install {package}"
+        ) from None
+
+
+class PandaPy(Follower):
+    """By ``panda-python`` (extra ``panda-py``): ``JointPosition``, a joint impedance controller.
+
+    Args:
+        host: of the arm.
+        robot: joints and limits; None: the built-in Panda.
+        guard: when to refuse and when to stop.
+        stiffness: (7,) [N m/rad].
+        damping: (7,) [N m s/rad].
+
+    Raises:
+        InvalidRequestError: panda-python is not installed.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        robot: Robot | None = None,
+        guard: Guard | None = None,
+        *,
+        stiffness: Sequence[float] = STIFFNESS,
+        damping: Sequence[float] = DAMPING,
+    ) -> None:
+        module = _module("panda_py", "panda-python")
+        super().__init__(robot or load_robot("panda"), guard)
+        self._controllers = _module("panda_py.controllers", "panda-python")
+        self.panda = module.Panda(host)
+        self._gains = {"stiffness": np.array(stiffness), "damping": np.array(damping)}
+        self._controller: Any = None
+
+    def state(self) -> State:
+        """Measured positions and velocities; the acceleration is the commanded one."""
+        found = self.panda.get_state()
+        return State(np.array(found.q), np.array(found.dq), np.array(found.ddq_d))
+
+    @contextmanager
+    def stream(self) -> Iterator[Iterator[float]]:
+        """See :class:`Follower`."""
+        self._controller = self._controllers.JointPosition(**self._gains)
+        self._controller.set_control(np.array(self.panda.get_state().q))
+        self.panda.start_controller(self._controller)
+        try:
+            with self.panda.create_context(frequency=1000.0) as context:
+                yield self._ticks(context)
+        finally:
+            self.panda.stop_controller()
+            self._controller = None
+
+    @staticmethod
+    def _ticks(context: Any) -> Iterator[float]:
+        began = None
+        while context.ok():
+            now = time.perf_counter()
+            began = now if began is None else began
+            yield now - began
+
+    def command(self, reference: State) -> None:
+        """See :class:`Follower`."""
+        self._controller.set_control(reference.q, reference.velocity)
+
+
+class Franky(Follower):
+    """By ``franky-control`` (extra ``franky``): ``JointImpedanceTracker``.
+
+    Args:
+        host: of the arm.
+        robot: joints and limits; None: the built-in Panda.
+        guard: when to refuse and when to stop.
+        stiffness: (7,) [N m/rad].
+        damping: (7,) [N m s/rad].
+        rate: of the references [Hz].
+
+    Raises:
+        InvalidRequestError: franky is not installed.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        robot: Robot | None = None,
+        guard: Guard | None = None,
+        *,
+        stiffness: Sequence[float] = STIFFNESS,
+        damping: Sequence[float] = DAMPING,
+        rate: float = 500.0,
+    ) -> None:
+        self._franky = _module("franky", "franky-control")
+        super().__init__(robot or load_robot("panda"), guard)
+        self.arm = self._franky.Robot(host)
+        self._gains = {"stiffness": np.array(stiffness), "damping": np.array(damping)}
+        self._period, self._tracker = 1.0 / rate, None  # type: Any, Any
+
+    def state(self) -> State:
+        """Measured positions and velocities; the acceleration is the commanded one."""
+        found = self.arm.state
+        return State(np.array(found.q), np.array(found.dq), np.array(found.ddq_d))
+
+    @contextmanager
+    def stream(self) -> Iterator[Iterator[float]]:
+        """See :class:`Follower`."""
+        with self._franky.JointImpedanceTracker(
+            self.arm, period=self._period, **self._gains
+        ) as tracker:
+            self._tracker = tracker
+            try:
+                yield self._ticks()
+            finally:
+                self._tracker = None
+
+    def _ticks(self) -> Iterator[float]:
+        began = None
+        while self._tracker.tick() is not None:
+            now = time.perf_counter()
+            began = now if began is None else began
+            yield now - began
+
+    def command(self, reference: State) -> None:
+        """See :class:`Follower`."""
+        self._tracker.set_target(reference.q, reference.velocity)
