@@ -1,6 +1,6 @@
 """Plans many scenes and checks their curves by SciPy: limits at 1 kHz and between, and durations.
 
-    python scripts/check_curves.py --plans 1000
+    python scripts/check_curves.py --plans 1010
 
 The scenes: every preset and the planners ``promp`` and ``opti-promp`` of both kinds on the Panda;
 free reaches between random configurations on Panda and SCARA. The table compares each duration

@@ -15,6 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PUBLIC = (
     "optipromp", "optipromp.geometry", "optipromp.scenes", "optipromp.robots", "optipromp.promp",
     "optipromp.pushing", "optipromp.optimization.costs", "optipromp.planning", "optipromp.ros",
+    "optipromp.execution",
 )  # fmt: skip
 UNSHOWN = {  # aliases and constants, and kernels that no user calls
     "DriftRule", "Message", "PLANNERS", "Planner", "Role", "STRATEGIES", "Shape", "Strategy",
@@ -25,7 +26,7 @@ UNSHOWN = {  # aliases and constants, and kernels that no user calls
 @pytest.mark.parametrize(
     "page",
     ["README.md", "docs/index.md", "docs/add-a-cost-term.md", "docs/add-a-robot.md",
-     "docs/ros.md", "docs/scene-format.md"],
+     "docs/real-robot.md", "docs/ros.md", "docs/scene-format.md"],
 )  # fmt: skip
 def test_the_python_of_a_page_runs(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

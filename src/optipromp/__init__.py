@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from optipromp.scenes.scene import Scene as Scene
     from optipromp.scenes.scene import SceneObject as SceneObject
     from optipromp.simulation import simulate as simulate
+    from optipromp.trajectory import State as State
     from optipromp.trajectory import Trajectory as Trajectory
 
 _HOMES = {
@@ -67,7 +68,7 @@ _HOMES = {
     "scenes.io": ("load_scene", "save_scene"),
     "scenes.scene": ("Scene", "SceneObject"),
     "simulation": ("simulate",),
-    "trajectory": ("Trajectory",),
+    "trajectory": ("State", "Trajectory"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

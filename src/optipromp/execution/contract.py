@@ -21,7 +21,7 @@ from optipromp.errors import InvalidRequestError
 from optipromp.execution.executor import Executed, Executor
 from optipromp.trajectory import State, Trajectory
 
-STEP = 0.05  # [rad or m] of every joint
+MOVED = 0.05  # [rad or m] of every joint
 
 
 class ExecutorContract(ABC):
@@ -44,7 +44,7 @@ class ExecutorContract(ABC):
         """The arm's time [s]; a simulation may run faster than the world."""
         return time.perf_counter()
 
-    def curve(self, arm: Executor, step: float = STEP) -> Trajectory:
+    def curve(self, arm: Executor, step: float = MOVED) -> Trajectory:
         """A smooth step of every joint from where the arm is."""
         begin, s = arm.state().q, np.linspace(0.0, 1.0, 21)[:, None]
         q = begin + step * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
@@ -102,11 +102,11 @@ class ExecutorContract(ABC):
         curve = self.curve(arm)
         done = arm.execute(curve, lambda now, _: now > 0.5 * self.duration)
         self._aborted(arm, done)
-        progress = (done.reference - done.reference[0]) / STEP
+        progress = (done.reference - done.reference[0]) / MOVED
         assert progress[-1].min() > 0.2
         assert progress[-1].max() < 0.95
         speed = np.diff(done.reference, axis=0) / np.diff(done.times)[:, None]
-        assert np.abs(speed).max() < 1.5 * STEP * 1.875 / self.duration
+        assert np.abs(speed).max() < 1.5 * MOVED * 1.875 / self.duration
 
     def test_another_thread_can_abort(self) -> None:
         """``abort`` ends ``execute``; then the next curve can be executed."""
@@ -126,7 +126,7 @@ class ExecutorContract(ABC):
                 thread.join()
 
         self._aborted(arm, arm.execute(curve, watch))
-        assert arm.execute(self.curve(arm, -0.5 * STEP)).finished
+        assert arm.execute(self.curve(arm, -0.5 * MOVED)).finished
 
     def test_to_abort_at_rest_does_nothing(self) -> None:
         """A curve that comes later is followed."""

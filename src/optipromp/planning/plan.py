@@ -230,10 +230,8 @@ def _plan(
 
     _, touching = judging.clearances(scene, task.robot, task.start[None])
     if touching:
-        return finish(
-            _stay(task), Code.START_IN_COLLISION,
-            "at the start " + "; ".join(map(str, touching)),
-        )  # fmt: skip
+        told = "at the start " + "; ".join(map(str, touching))
+        return finish(_stay(task), Code.START_IN_COLLISION, told)
     if not task.state.moving and task.at_goal(judging.GOAL_TOLERANCE, judging.AXIS_TOLERANCE):
         return finish(_stay(task))
 

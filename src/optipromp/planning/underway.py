@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import compress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -69,13 +70,9 @@ def underway(task: Task, previous: Plan | None, at: float | None) -> Task:
     if upright and height >= -UNDERWAY.before and ahead > 0.0 and aside < UNDERWAY.aside:
         depth = 0.0 if task.robot.tool is None else task.robot.tool.depth
         rim = float(point @ up) + depth
-        ahead_of = [float(o.position @ up) + o.radius > rim for o in task.neighbours]
-        left, passed = (
-            tuple(
-                o for o, is_left in zip(task.neighbours, ahead_of, strict=True) if is_left is side
-            )
-            for side in (True, False)
-        )
+        above = [float(fruit.position @ up) + fruit.radius > rim for fruit in task.neighbours]
+        left = tuple(compress(task.neighbours, above))
+        passed = tuple(compress(task.neighbours, [not is_left for is_left in above]))
         task = replace(task, neighbours=left, passed=passed, entry=frozen(point))
     if previous is None or at is None:
         return task

@@ -133,7 +133,7 @@ def _rotation(axis: FloatArray, target: FloatArray, across: FloatArray) -> Float
     return turn
 
 
-class State(NamedTuple):
+class Iterate(NamedTuple):
     """A point of the iteration."""
 
     multipliers: FloatArray  # a (m, n)
@@ -155,7 +155,7 @@ class Solution(NamedTuple):
     exact row, and whether exact rows are met and the merit has settled.
     """
 
-    state: State
+    state: Iterate
     iterations: int
     missed: float
     converged: bool
@@ -172,10 +172,10 @@ class Search:
     mean: FloatArray
     covariance: FloatArray
 
-    def at(self, a: FloatArray) -> State:
+    def at(self, a: FloatArray) -> Iterate:
         """The state at multipliers a (m, n)."""
         offset = (self.covariance @ a.reshape(-1)).reshape(a.shape)
-        return State(a, offset, *self.rows.evaluate(self.task_map, self.mean + offset))
+        return Iterate(a, offset, *self.rows.evaluate(self.task_map, self.mean + offset))
 
     def spread(self, jacobian: FloatArray) -> FloatArray:
         """J Σ_q Jᵀ (mr, mr) for J (m, r, n), one block a point."""
@@ -185,8 +185,8 @@ class Search:
         return total.transpose(1, 0, 2).reshape(m * r, m * r)
 
     def step(
-        self, state: State, spread: FloatArray, variance: FloatArray, damping: float
-    ) -> tuple[State, float]:
+        self, state: Iterate, spread: FloatArray, variance: FloatArray, damping: float
+    ) -> tuple[Iterate, float]:
         """The minimiser of the linearised problem.
 
         λ = (S + R + D)⁻¹ (e + J(q_k - μ)), a = Jᵀλ.
@@ -211,13 +211,13 @@ class Search:
         a = (dual[:, None, :] @ jacobian)[:, 0]
         moved = (self.covariance @ a.reshape(-1)).reshape(a.shape)
         promised = right - (jacobian @ moved[:, :, None])[:, :, 0]
-        return State(a, moved, promised, jacobian), float(np.linalg.norm(dual[variance == 0.0]))
+        return Iterate(a, moved, promised, jacobian), float(np.linalg.norm(dual[variance == 0.0]))
 
-    def between(self, state: State, goal: State, share: float) -> State:
+    def between(self, state: Iterate, goal: Iterate, share: float) -> Iterate:
         """The state at a share of the way from one to another."""
         a = state.multipliers + share * (goal.multipliers - state.multipliers)
         offset = state.offset + share * (goal.offset - state.offset)
-        return State(a, offset, *self.rows.evaluate(self.task_map, self.mean + offset))
+        return Iterate(a, offset, *self.rows.evaluate(self.task_map, self.mean + offset))
 
     def solve(self, start: FloatArray, iterations: int, tolerance: float) -> Solution:
         """Minimise from a = ``start`` (m, n), in at most so many linearisations; see the module.
@@ -250,8 +250,8 @@ class Search:
         return Solution(state, done, missed, settled and missed <= tolerance)
 
     def shortened(
-        self, state: State, goal: State, here: tuple[float, ...], penalty: float, gain: float
-    ) -> tuple[State, tuple[float, float, float], float] | None:
+        self, state: Iterate, goal: Iterate, here: tuple[float, ...], penalty: float, gain: float
+    ) -> tuple[Iterate, tuple[float, float, float], float] | None:
         """Where the way to ``goal``, cut to a radian and halved, first lowers the merit enough,
         its merit, and the share of the way that is.
         """
@@ -266,7 +266,7 @@ class Search:
             share *= 0.5
         return None
 
-    def closed(self, state: State) -> State:
+    def closed(self, state: Iterate) -> Iterate:
         """Close exact rows left open by damped steps of least change; the others are let go."""
         exact = self.rows.variance == 0.0
         missed = float((state.residual[exact] ** 2).sum())
@@ -275,7 +275,7 @@ class Search:
             if missed <= _CLOSING**2 or damping > 1e3:
                 break
             spread = self.spread(state.jacobian)
-            left = State(nothing, nothing, np.where(exact, state.residual, 0.0), state.jacobian)
+            left = Iterate(nothing, nothing, np.where(exact, state.residual, 0.0), state.jacobian)
             loose = np.where(exact, 0.0, 1e6 * (spread.diagonal().max() + 1e-300))
             step, _ = self.step(left, spread, loose, damping)
             largest = float(np.abs(step.offset).max())

@@ -229,7 +229,7 @@ def _overlay(axes: "Axes", camera: Camera, plan: "Plan", thin: float = 1.0) -> N
         return x, y
 
     for motion in drawn.motions(plan):
-        tool, _ = plan.robot.tool_pose(motion.trajectory.positions)
+        tool, _ = plan.robot.tool_pose(motion.trajectory.resample(50.0).positions)
         width = thin * motion.width
         axes.plot(*flat(tool), color=motion.colour, lw=width, zorder=3)
     path = drawn.tool_path(plan)
