@@ -100,6 +100,15 @@ def test_dae(write: Writer, tmp_path: Path) -> None:
     assert in_dae == pytest.approx(reach(write(with_mesh("part.obj"))), rel=0.05)
 
 
+def test_unit_of_dae(write: Writer, tmp_path: Path) -> None:
+    pytest.importorskip("collada")
+    file = mesh(tmp_path / "my_arm", "part.dae", size=1000.0)  # a part of 0.1 m in millimetres
+    unit = '<unit name="millimeter" meter="0.001"/><up_axis>'
+    file.write_text(file.read_text().replace("<up_axis>", unit))
+    assert 0.1 <= reach(write(with_mesh("my_arm/part.dae"))) < 0.2
+    assert 0.1 <= reach(write(with_mesh("package://my_arm/part.dae"))) < 0.2
+
+
 XACRO = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
 <xacro:arg name="length" default="0.3"/>
 <xacro:include filename="$(find my_arm)/parts.xacro"/>

@@ -12,6 +12,8 @@ from optipromp.robots.urdf import UrdfGeometry, UrdfModel
 
 PREFIX = "package://"
 _FOUND_BY_NAME = re.compile(r"\$\(find(?:-pkg-share)?\s+([\w.-]+)\s*\)|package://([\w.-]+)/")
+_UNIT = re.compile(rb"""<unit\b[^>]*\bmeter=["']([0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?)["']""")
+_HEAD = 65536  # bytes of a DAE file that hold its <asset>, which comes first in the standard
 
 
 def package_folders(name: str, urdf: Path, given: Sequence[Path] = ()) -> list[Path]:
@@ -31,7 +33,7 @@ def package_folders(name: str, urdf: Path, given: Sequence[Path] = ()) -> list[P
 def with_meshes_found(
     model: UrdfModel, links: Sequence[str], package_dirs: Sequence[Path]
 ) -> UrdfModel:
-    """``model`` with the ``package://`` meshes of ``links`` as files, where one is found.
+    """``model`` with the ``package://`` meshes of ``links`` as files, and those of DAE in metres.
 
     Only what covers a link counts: its collision geometry, or its visual where it has none.
     Raises InvalidRobotError for a mesh of these that is in none of the folders searched.
@@ -39,12 +41,14 @@ def with_meshes_found(
 
     def found(link: str, shape: UrdfGeometry) -> UrdfGeometry:
         if not shape.mesh.startswith(PREFIX):
-            return shape
+            file = model.path.resolve().parent / shape.mesh.removeprefix("file://")
+            return _in_metres(shape, file) if shape.mesh else shape
         name, _, rest = shape.mesh.removeprefix(PREFIX).partition("/")
         folders = package_folders(name, model.path, package_dirs)
         for folder in folders:
-            if (folder / rest).is_file():
-                return replace(shape, mesh=str((folder / rest).resolve()))
+            file = (folder / rest).resolve()
+            if file.is_file():
+                return _in_metres(replace(shape, mesh=str(file)), file)
         seen = f"not in {', '.join(map(str, folders))}" if folders else f"no folder '{name}'"
         raise InvalidRobotError(
             f"{model.path}: link '{link}' mesh '{shape.mesh}': no such file ({seen}); give the "
@@ -61,6 +65,19 @@ def with_meshes_found(
         else:
             changed[name] = replace(link, visuals=shapes)
     return replace(model, links=MappingProxyType(changed))
+
+
+def _in_metres(shape: UrdfGeometry, file: Path) -> UrdfGeometry:
+    """``shape`` scaled by the unit that a DAE file states: ``<unit meter="0.001"/>``.
+
+    RViz does so too; trimesh leaves the unit out.
+    """
+    if file.suffix.lower() != ".dae" or not file.is_file():
+        return shape
+    with file.open("rb") as content:
+        unit = _UNIT.search(content.read(_HEAD))
+    metres = float(unit.group(1)) if unit else 1.0
+    return replace(shape, size=tuple(metres * scale for scale in shape.size))
 
 
 def expanded(path: Path, package_dirs: Sequence[Path]) -> bytes:
