@@ -258,6 +258,21 @@ def test_two_arms_alike_are_a_question(write: Writer) -> None:
     assert "leftlink6" in result.stdout
 
 
+def test_check_says_what_was_chosen(write: Writer) -> None:
+    turned = joint("t", "alink6", "tcp", kind="fixed", axis="", limit="",
+                   origin='<origin rpy="0 1.5707963 0"/>')  # fmt: skip
+    path = write(robot(*TORSO, *series("head_", "column", 2), *series("a", "column", 6), turned))
+    for tip, angle in (("alink6", "along the axis of a6"), ("tcp", "90 degrees from the axis")):
+        result = CliRunner().invoke(app, ["check", str(path), "--tip", tip])
+        assert result.exit_code == 0
+        said = dict(line.split(maxsplit=1) for line in result.stdout.splitlines()[1:])
+        assert said["flange"] == tip
+        assert said["base"] == "column"
+        assert said["held"] == "lift, head_1, head_2"
+        assert angle in result.stdout
+    assert "tip 'tcp' (same joints)" in CliRunner().invoke(app, ["check", str(path)]).stdout
+
+
 @pytest.mark.parametrize(
     ("choice", "said"),
     [

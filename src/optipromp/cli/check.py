@@ -12,6 +12,7 @@ from optipromp.errors import Code, InvalidRequestError, InvalidSceneError
 
 if TYPE_CHECKING:
     from optipromp.robots.library import Choice
+    from optipromp.robots.model import Robot
 
 _SCENE_KEYS = frozenset({"objects", "robot", "target", "goal", "approach", "start"})
 _PLAN_KEYS = frozenset({"planner", "status", "metrics", "terms"})
@@ -172,6 +173,7 @@ def _robot(item: str, choice: "Choice") -> dict[str, Any]:
         "name": robot.name,
         "joints": list(robot.joint_names),
         "flange": arm.tip,
+        "tool_axis": _tool_axis(robot),
         "base": arm.base,
         "chosen": arm.why,
         "tool": list(arm.tool),
@@ -185,6 +187,16 @@ def _robot(item: str, choice: "Choice") -> dict[str, Any]:
         "body_spheres": len(robot.spheres.radius),
         "self_pairs": len(robot.self_pairs),
     }
+
+
+def _tool_axis(robot: "Robot") -> str:
+    """How the axis that a tool is mounted along stands to the last joint's."""
+    import numpy as np
+
+    axis, last = robot.kinematics.axis[-1], robot.joint_names[int(robot.kinematics.dof[-1])]
+    across = abs(float(robot.flange_rotation[:, 2] @ axis))
+    turn = round(float(np.degrees(np.arccos(min(across, 1.0)))))
+    return f"{turn} degrees from the axis of {last}" if turn else f"along the axis of {last}"
 
 
 def _demonstrations(item: str) -> dict[str, Any]:

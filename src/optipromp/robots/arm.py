@@ -10,7 +10,7 @@ from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 
 from optipromp.errors import InvalidRobotError
-from optipromp.robots.srdf import Srdf
+from optipromp.robots.srdf_groups import Srdf
 from optipromp.robots.tree import (
     CENTRE,
     FLANGE,

@@ -18,7 +18,7 @@ from optipromp.robots.model import BodySpheres, Robot
 from optipromp.robots.packages import expanded, with_meshes_found
 from optipromp.robots.self_collision import with_self_pairs
 from optipromp.robots.spheres import cover_geometry
-from optipromp.robots.srdf import beside, read_srdf
+from optipromp.robots.srdf_groups import beside, read_srdf
 from optipromp.robots.urdf import LENGTH_LIMIT, UrdfModel, read_urdf
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -27,7 +27,9 @@ Coordinate = Annotated[float, Field(ge=-LENGTH_LIMIT, le=LENGTH_LIMIT, allow_inf
 Radius = Annotated[float, Field(gt=0.0, le=LENGTH_LIMIT, allow_inf_nan=False)]
 Point = tuple[Coordinate, Coordinate, Coordinate]
 
-SAME = 1e-4  # [m or -] chosen: joints of one robot differ less between files (rounded angles)
+SAME_JOINTS = (
+    1e-4  # [m or -] chosen: joints of one robot differ less between files (rounded angles)
+)
 _DATA = Path(__file__).resolve().parent / "data"
 
 
@@ -113,8 +115,9 @@ def load_arm(
         raise InvalidRobotError(f"{path}: no such file; built-in robots: {names}")
     if suffix in (".yaml", ".yml"):
         return _from_file(path, choice)
-    model = _read(path, 1.0, [Path(folder) for folder in choice.package_dirs])
-    return _build(RobotFile(format=1, name=model.name, urdf=path.name), model, path, choice)
+    entry = RobotFile(format=1, name=path.stem, urdf=path.name)
+    model = _read(entry, path, choice)
+    return _build(entry.model_copy(update={"name": model.name}), model, path, choice)
 
 
 @lru_cache
@@ -130,7 +133,7 @@ def built_in_twin(robot: Robot) -> str | None:
     for name in robot_names():
         other = load_robot(name)
         if other.joint_names == robot.joint_names and all(
-            mine.shape == theirs.shape and np.allclose(mine, theirs, rtol=0.0, atol=SAME)
+            mine.shape == theirs.shape and np.allclose(mine, theirs, rtol=0.0, atol=SAME_JOINTS)
             for mine, theirs in zip(robot.kinematics, other.kinematics, strict=True)
         ):
             return name
@@ -169,17 +172,18 @@ def robot_from_file(path: Path) -> Robot:
 
 def _from_file(path: Path, choice: Choice) -> tuple[Robot, Arm]:
     entry = read_robot_file(path)
-    model = _read(path.parent / entry.urdf, entry.scale, _package_dirs(entry, path, choice))
-    return _build(entry, model, path, choice)
+    return _build(entry, _read(entry, path, choice), path, choice)
 
 
-def _read(path: Path, scale: float, package_dirs: list[Path]) -> UrdfModel:
-    content = expanded(path, package_dirs) if path.suffix.lower() == ".xacro" else None
-    return read_urdf(path, scale, content)
-
-
-def _package_dirs(entry: RobotFile, path: Path, choice: Choice) -> list[Path]:
-    return [*map(Path, choice.package_dirs), *(path.parent / each for each in entry.package_dirs)]
+def _read(entry: RobotFile, path: Path, choice: Choice) -> UrdfModel:
+    """The model of the entry of a robot file at ``path``, the meshes that cover it found."""
+    folders = [*choice.package_dirs, *(path.parent / each for each in entry.package_dirs)]
+    package_dirs = [Path(folder) for folder in folders]
+    urdf = path.parent / entry.urdf
+    content = expanded(urdf, package_dirs) if urdf.suffix.lower() == ".xacro" else None
+    model = read_urdf(urdf, entry.scale, content)
+    covered = [link for link in model.links if link not in entry.spheres]
+    return with_meshes_found(model, covered, package_dirs)
 
 
 def read_robot_file(path: Path) -> RobotFile:
@@ -226,8 +230,6 @@ def _build(
         if link not in known:
             shown = ", ".join(list(model.links)[:20])
             raise InvalidRobotError(f"{path}: unknown link '{link}'; links: {shown}")
-    covered = [link for link in model.links if link not in entry.spheres]
-    model = with_meshes_found(model, covered, _package_dirs(entry, path, choice))
     robot = Robot(
         name=entry.name,
         joint_names=names,
