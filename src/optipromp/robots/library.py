@@ -1,5 +1,6 @@
 """Robots by name or by file: a bare URDF, or a YAML file beside one."""
 
+import math
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,9 +12,10 @@ from optipromp.arrays import FloatArray, frozen
 from optipromp.documents import read_document
 from optipromp.errors import InvalidRobotError
 from optipromp.robots.chain import Chain, serial_chain
+from optipromp.robots.mesh_covers import Cover
 from optipromp.robots.model import BodySpheres, Robot
 from optipromp.robots.self_collision import with_self_pairs
-from optipromp.robots.spheres import cover_geometry
+from optipromp.robots.spheres import cover_links
 from optipromp.robots.urdf import LENGTH_LIMIT, UrdfModel, read_urdf
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -133,6 +135,7 @@ def _build(entry: RobotFile, model: UrdfModel, path: Path) -> Robot:
         if link not in known:
             shown = ", ".join(list(model.links)[:20])
             raise InvalidRobotError(f"{path}: unknown link '{link}'; links: {shown}")
+    covers = _covers(entry, model, chain)
     robot = Robot(
         name=entry.name,
         joint_names=names,
@@ -142,7 +145,7 @@ def _build(entry: RobotFile, model: UrdfModel, path: Path) -> Robot:
         acceleration=_per_joint(path, "acceleration", entry.acceleration, names, unlimited),
         jerk=_per_joint(path, "jerk", entry.jerk, names, unlimited),
         kinematics=chain.kinematics,
-        spheres=_body_spheres(entry, model, chain),
+        spheres=_body_spheres(entry, model, chain, covers),
         link_names=tuple(model.links),
         self_pairs=frozen(np.zeros((0, 2)), np.int64),
         flange_rotation=frozen(chain.flange.rotation),
@@ -167,11 +170,20 @@ def _per_joint(
     return frozen(default if given is None else given)
 
 
-def _body_spheres(entry: RobotFile, model: UrdfModel, chain: Chain) -> BodySpheres:
+def _covers(entry: RobotFile, model: UrdfModel, chain: Chain) -> dict[str, Cover]:
+    """What covers each link: the spheres that the robot file gives, or a cover of its geometry."""
+    fitted = cover_links(model, [link for link in chain.placements if link not in entry.spheres])
+    given = {link: np.array(rows, dtype=float) for link, rows in entry.spheres.items()}
+    covers = fitted | {link: Cover(rows, math.nan) for link, rows in given.items()}
+    return {link: covers[link] for link in chain.placements}
+
+
+def _body_spheres(
+    entry: RobotFile, model: UrdfModel, chain: Chain, covers: dict[str, Cover]
+) -> BodySpheres:
     segment, center, radius, link = [], [np.zeros((0, 3))], [np.zeros(0)], []
     for index, (name, place) in enumerate(chain.placements.items()):
-        given = entry.spheres.get(name)
-        cover = cover_geometry(model, name) if given is None else np.array(given, dtype=float)
+        cover = covers[name].spheres
         if not len(cover):
             continue
         if place.driver:
