@@ -17,7 +17,7 @@ from optipromp.pushing.model import Combined, Continued, PushModel
 from optipromp.pushing.path import STEP, ToolPath, along, evenly, length
 from optipromp.pushing.rules import neighbours
 from optipromp.pushing.standing import Standing
-from optipromp.robots.library import load_robot, robot_names
+from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
 from optipromp.robots.tools import make_tool, with_tool
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
@@ -96,19 +96,13 @@ def _robot_with_tool(scene: Scene) -> tuple[Robot, BodyPoints]:
     tool = None
     if scene.tool is not None:
         tool = (scene.tool.kind, tuple(sorted(scene.tool.parameters.items())))
-    if scene.robot in robot_names():  # unlike a file, a built-in robot never changes
-        return _built_in(scene.robot, tool)
     return _equip(load_robot(scene.robot, scene.base_dir), tool)
 
 
 ToolKey = tuple[str, tuple[tuple[str, Any], ...]] | None
 
 
-@functools.lru_cache(maxsize=32)
-def _built_in(name: str, tool: ToolKey) -> tuple[Robot, BodyPoints]:
-    return _equip(load_robot(name), tool)
-
-
+@functools.lru_cache(maxsize=32)  # by identity: a file that has not changed gives the same robot
 def _equip(robot: Robot, tool: ToolKey) -> tuple[Robot, BodyPoints]:
     if tool is not None:
         kind, parameters = tool

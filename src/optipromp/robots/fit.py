@@ -77,14 +77,17 @@ class _Fit:
         solid = enclosed(touched)
         out, into = distance_transform_edt(~solid), distance_transform_edt(solid)
         self.depth = self.voxel * np.where(solid, into - 1.0, -out)  # at the voxels' middles
-        self.outside = self.surface[into[tuple(at.T)] < 2.0]  # the surface that others can touch
+        outer = into[tuple(at.T)] < 2.0  # where others can touch it
         inside = np.argwhere(solid)
         depth = self.depth[tuple(inside.T)]
         order = np.argsort(-depth, kind="stable")  # of the candidates in a cell the deepest stays
-        inside = inside[order][_thinned(inside[order], _CENTERS)]
+        sparse = max(1.0, (len(inside) / _CENTERS) ** (1.0 / 3.0))
+        inside = inside[order][_thinned(inside[order], sparse, _CENTERS)]
         self.centers = self._middle(inside)
-        self.points = self.surface[_thinned(self.surface - self.low, _POINTS)]
-        cost = cdist(self.points, self.centers) - self.depth[tuple(inside.T)]
+        thin = _thinned(self.surface - self.low, self.voxel)
+        self.points, self.outside = self.surface[thin], self.surface[thin[outer[thin]]]
+        few = self.points[_thinned(self.points - self.low, 2.0 * self.voxel, _POINTS)]
+        cost = cdist(few, self.centers) - self.depth[tuple(inside.T)]
         self.cost = cost.astype(np.float32)
         self.chosen = [int(self.cost.max(axis=0).argmin())]
         self.excess = float(self.cost[:, self.chosen].max())
@@ -138,7 +141,7 @@ class _Fit:
     def cover(self) -> tuple[FloatArray, float]:
         """The cover of all points of the surface, its centres moved by voxels."""
         at = self.at[self.chosen]
-        points = self.surface[_thinned((self.surface - self.low) / self.voxel, None)]
+        points = self.points
         best, held = np.inf, at
         for _ in range(_ROUNDS):
             cost = cdist(points, self._middle(at)) - self.depth[tuple(at.T)]
@@ -148,13 +151,14 @@ class _Fit:
             best, held = excess, at
             at = np.array([self._moved(at[k], points[owner == k]) for k in np.unique(owner)])
         centers = self._middle(held)
-        away = cdist(self.surface, centers)
-        owner = (away - self.depth[tuple(held.T)])[::3].argmin(axis=1)
-        used = np.unique(owner)
-        corners = away.reshape(-1, 3, len(centers))  # a sphere that holds them holds the piece
-        radius = np.array([corners[owner == k, :, k].max() for k in used]) * _SLACK
+        away = cdist(self.surface[::3], centers) - self.depth[tuple(held.T)]
+        owner, pieces = away.argmin(axis=1), self.surface.reshape(-1, 9)
+        used = np.unique(owner)  # a sphere that holds the corners of a piece holds the piece
+        radius = np.array(
+            [cdist(pieces[owner == k].reshape(-1, 3), centers[[k]]).max() for k in used]
+        )
         depth = cKDTree(self.outside).query(centers[used])[0]
-        return np.column_stack([centers[used], radius]), float((radius - depth).max())
+        return np.column_stack([centers[used], radius * _SLACK]), float((radius - depth).max())
 
     def _moved(self, at: IntArray, points: FloatArray) -> IntArray:
         """The voxel near ``at`` from which ``points`` are covered with the least excess."""
@@ -199,15 +203,12 @@ def enclosed(touched: BoolArray) -> BoolArray:
     return solid
 
 
-def _thinned(points: FloatArray | IntArray, most: int | None) -> IntArray:
-    """Indices of the first point in each cell of a grid: at most ``most``, or of unit cells."""
-    edge = 1.0
-    if most is not None:
-        edge = max(float(np.ptp(points, axis=0).max()) / most, 1e-9)
+def _thinned(points: FloatArray | IntArray, edge: float, most: float = np.inf) -> IntArray:
+    """Indices of the first point in each cell of a grid; ``edge`` grows until ``most`` are left."""
     while True:
         cell = np.maximum(np.floor(points / edge), 0.0).astype(np.int64)
         code = np.ravel_multi_index(tuple(cell.T), tuple(cell.max(axis=0) + 1))
         first: IntArray = np.sort(np.unique(code, return_index=True)[1])
-        if most is None or len(first) <= most:
+        if len(first) <= most:
             return first
-        edge *= max(1.03, (len(first) / most) ** (1.0 / 3.0))
+        edge *= max(1.05, (len(first) / most) ** (1.0 / 3.0))

@@ -13,9 +13,11 @@ from optipromp.documents import read_document
 from optipromp.errors import InvalidRobotError
 from optipromp.robots.chain import Chain, serial_chain
 from optipromp.robots.mesh_covers import Cover
+from optipromp.robots.meshes import mesh_files
 from optipromp.robots.model import BodySpheres, Robot
 from optipromp.robots.self_collision import with_self_pairs
 from optipromp.robots.spheres import cover_links
+from optipromp.robots.srdf import disabled_pairs, srdf_beside, srdf_files
 from optipromp.robots.urdf import LENGTH_LIMIT, UrdfModel, read_urdf
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -36,7 +38,8 @@ def robot_names() -> tuple[str, ...]:
 def load_robot(name_or_path: str | Path, base_dir: Path | None = None) -> Robot:
     """A robot without a tool: a built-in one by name, or from a ``.urdf`` or ``.yaml`` robot file.
 
-    A relative path starts at ``base_dir`` (default: the working directory). A bare URDF has its
+    A relative path starts at ``base_dir`` (default: the working directory). Files that have not
+    changed since this process read them are not read again. A bare URDF has its
     flange at the deepest leaf and spheres from its geometry; accelerations and jerks are unlimited;
     home is zero, or the limits nearest to it.
 
@@ -55,15 +58,52 @@ def load_robot(name_or_path: str | Path, base_dir: Path | None = None) -> Robot:
         )
     if not path.is_file():
         raise InvalidRobotError(f"{path}: no such file; built-in robots: {names}")
-    if suffix != ".urdf":
-        return robot_from_file(path)
-    model = read_urdf(path)
-    return _build(RobotFile(format=1, name=model.name, urdf=path.name), model, path)
+    return _from_file(path)
 
 
 @lru_cache
 def _built_in(name: str) -> Robot:
     return robot_from_file(_DATA / f"{name}.yaml")
+
+
+Stamps = tuple[tuple[Path, tuple[int, int] | None], ...]
+_held: dict[Path, tuple[UrdfModel, list[Path], Stamps, Robot]] = {}
+_HELD = 16  # robots
+
+
+def _from_file(path: Path) -> Robot:
+    """The robot of a file: the one that was read before, unless a file of it has changed."""
+    if held := _held.get(path.absolute()):
+        model, files, stamps, robot = held
+        if stamps == _stamps([*files, *srdf_files(model)]):
+            return robot
+    if path.suffix.lower() == ".urdf":
+        model = read_urdf(path)
+        entry = RobotFile(format=1, name=model.name, urdf=path.name)
+    else:
+        entry = read_robot_file(path)
+        model = read_urdf(path.parent / entry.urdf, entry.scale)
+    bare = [name for name in model.links if name not in entry.spheres]
+    files = [path, model.path, *mesh_files(model, bare)]
+    stamps = _stamps([*files, *srdf_files(model)])
+    robot = _build(entry, model, path)
+    while len(_held) >= _HELD:
+        _held.pop(next(iter(_held)), None)
+    _held[path.absolute()] = model, files, stamps, robot
+    return robot
+
+
+def _stamps(files: list[Path]) -> Stamps:
+    """Time and size of each file; None for one that is not there."""
+    out: list[tuple[Path, tuple[int, int] | None]] = []
+    for file in files:
+        try:
+            status = file.stat()
+        except OSError:
+            out.append((file, None))
+        else:
+            out.append((file, (status.st_mtime_ns, status.st_size)))
+    return tuple(out)
 
 
 class RobotFile(BaseModel):
@@ -89,9 +129,7 @@ class RobotFile(BaseModel):
 
 def robot_from_file(path: Path) -> Robot:
     """The robot that the YAML robot file at ``path`` describes. Raises InvalidRobotError."""
-    entry = read_robot_file(path)
-    urdf = path.parent / entry.urdf
-    return _build(entry, read_urdf(urdf, entry.scale), path)
+    return _from_file(path)
 
 
 def read_robot_file(path: Path) -> RobotFile:
@@ -136,6 +174,11 @@ def _build(entry: RobotFile, model: UrdfModel, path: Path) -> Robot:
             shown = ", ".join(list(model.links)[:20])
             raise InvalidRobotError(f"{path}: unknown link '{link}'; links: {shown}")
     covers = _covers(entry, model, chain)
+    excess = {
+        link: cover.excess
+        for link, cover in covers.items()
+        if len(cover.spheres) and math.isfinite(cover.excess)
+    }
     robot = Robot(
         name=entry.name,
         joint_names=names,
@@ -155,8 +198,11 @@ def _build(entry: RobotFile, model: UrdfModel, path: Path) -> Robot:
         gripper_radius=0.0,
         home=home,
         held_joints=chain.held_joints,
+        excess=excess,
     )
-    return with_self_pairs(robot, entry.allow_self)
+    srdf = srdf_beside(model)
+    disabled = [] if srdf is None else disabled_pairs(srdf, model)
+    return with_self_pairs(robot, [*entry.allow_self, *disabled], excess)
 
 
 def _per_joint(

@@ -1,5 +1,6 @@
 """The meshes of links: files found, read and checked."""
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,17 @@ def mesh_file(model: UrdfModel, link: str, shape: UrdfGeometry) -> Path:
             return candidate
     where = mesh_name(model, link, shape)
     raise InvalidRobotError(f"{where}: no such file, looked for {candidates[0]}")
+
+
+def mesh_files(model: UrdfModel, links: Collection[str]) -> list[Path]:
+    """The files of the meshes by which links are covered. Raises as :func:`mesh_file`."""
+    found = [
+        mesh_file(model, link, shape)
+        for link in links
+        for shape in model.links[link].collisions or model.links[link].visuals
+        if shape.kind == "mesh"
+    ]
+    return list(dict.fromkeys(found))
 
 
 def triangles(model: UrdfModel, link: str, shape: UrdfGeometry) -> FloatArray:
