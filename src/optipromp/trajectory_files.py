@@ -1,6 +1,5 @@
 """Trajectories to files and back: CSV, NPZ and plan folders."""
 
-import csv as tables
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError, OptiPrompError
 from optipromp.files import read_npz
+from optipromp.tables import read_table
 from optipromp.trajectory import Trajectory
 
 CURVE = ("times", "positions", "velocities", "accelerations")
@@ -183,29 +183,10 @@ def _from_npz(path: Path, joint_names: Sequence[str]) -> Trajectory:
 
 
 def _from_csv(path: Path, joint_names: Sequence[str]) -> Trajectory:
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = [(n, row) for n, row in enumerate(tables.reader(file), start=1) if row]
-    except OSError as cause:
-        raise InvalidRequestError(f"cannot read {path}: {cause.strerror}") from None
-    except (UnicodeDecodeError, tables.Error) as cause:
-        raise InvalidRequestError(f"{path} is not a UTF-8 CSV file ({cause})") from None
-    header = [name.strip() for name in lines[0][1]] if lines else []
+    table = read_table(path, InvalidRequestError, "time,<joint>,...")
+    header = table.header
     if header.count("time") != 1 or len(set(header)) != len(header):
         raise InvalidRequestError("expected a header time,<joint>,..., each name once")
-    table = np.empty((len(lines) - 1, len(header)))
-    for row, (line, values) in enumerate(lines[1:]):
-        if len(values) != len(header):
-            raise InvalidRequestError(
-                f"line {line}: {len(values)} values, the header has {len(header)}"
-            )
-        for column, text in enumerate(values):
-            try:
-                table[row, column] = float(text)
-            except ValueError:
-                raise InvalidRequestError(
-                    f"line {line}: {header[column]} is {text!r}, expected a number"
-                ) from None
     rates = {name + kind for name in header for kind in KINDS[1:]}
     names = [name for name in header if name != "time" and name not in rates]
     rows: list[FloatArray | None] = []
@@ -214,8 +195,8 @@ def _from_csv(path: Path, joint_names: Sequence[str]) -> Trajectory:
         if given and len(given) < len(names):
             lacking = next(name + kind for name in names if name + kind not in header)
             raise InvalidRequestError(f"it has {given[0]}, but not {lacking}: all joints, or none")
-        columns = [header.index(name) for name in given]
-        rows.append(table[:, columns] if given else None)
+        rows.append(table.numbers([header.index(name) for name in given]) if given else None)
     if rows[0] is None:
         raise InvalidRequestError("it has no column of a joint")
-    return curve(table[:, header.index("time")], rows, names, joint_names)
+    times = table.numbers([header.index("time")])[:, 0]
+    return curve(times, rows, names, joint_names)

@@ -5,6 +5,7 @@ import json
 import pytest
 from typer.testing import CliRunner
 
+from optipromp import ros
 from optipromp.cli.main import app
 
 
@@ -54,3 +55,21 @@ def test_wrong_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, argument
     assert len(result.stderr.strip().splitlines()) == 1
     assert json.loads(invoke(*arguments, "--json").stdout)["files"] == {}
     assert not list(tmp_path.iterdir())
+
+
+def test_a_plan_becomes_a_bag_that_is_valid(tmp_path):
+    reach, bag = tmp_path / "reach", tmp_path / "reach.mcap"
+    planned = ["plan", "scenario-3", "--no-figures", "--out", str(reach)]
+    assert CliRunner().invoke(app, planned).exit_code == 0
+    result = invoke(reach, "--mcap", bag, "--prefix", "fr3_", "--json")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["files"] == {"mcap": str(bag)}
+    topics = {item.topic: item.message for item in ros.read_bag(bag)}
+    assert set(topics) == {"/planning_scene", "/joint_trajectory", "/display_planned_path"}
+    assert topics["/joint_trajectory"].joint_names[0] == "fr3_joint1"
+    assert len(topics["/joint_trajectory"].points) > 4000
+    judged = CliRunner().invoke(app, ["validate", str(bag), "--scene", "scenario-3"])
+    assert judged.exit_code == 0
+    scene = tmp_path / "scene.mcap"
+    assert invoke("scenario-3", "--mcap", scene).exit_code == 0
+    assert [item.topic for item in ros.read_bag(scene)] == ["/planning_scene"]

@@ -53,6 +53,9 @@ def export(
     rate: Annotated[
         float, typer.Option(metavar="HZ", help="Of the JointTrajectory's points in the bag.")
     ] = 1000.0,
+    prefix: Annotated[
+        str, typer.Option(metavar="TEXT", help="Before the joints' names in the bag, as in fr3_.")
+    ] = "",
     as_json: AsJson = False,
 ) -> int:
     """Write a scene or a plan in the formats of other programs.
@@ -69,7 +72,7 @@ def export(
     """
     wanted = [
         ("--mjcf", mjcf, ".xml", _mjcf), ("--gltf", gltf, ".glb", _gltf),
-        ("--mcap", mcap, ".mcap", lambda content, path: _mcap(content, path, rate)),
+        ("--mcap", mcap, ".mcap", lambda content, path: _mcap(content, path, rate, prefix)),
     ]  # fmt: skip
     chosen = [(name, path, end, write) for name, path, end, write in wanted if path is not None]
     if not chosen:
@@ -128,13 +131,13 @@ def _gltf(content: _Content, path: Path) -> None:
     write_atomically(path, glb(*content))
 
 
-def _mcap(content: _Content, path: Path, rate: float) -> None:
+def _mcap(content: _Content, path: Path, rate: float, prefix: str) -> None:
     from optipromp import ros
 
-    items = [ros.Recorded("/planning_scene", ros.planning_scene(content.scene))]
+    items = [ros.Recorded("/planning_scene", ros.planning_scene(content.scene, prefix))]
     if content.trajectory is not None:
-        points = ros.joint_trajectory(content.trajectory, rate)
-        shown = ros.display_trajectory([content.trajectory], content.robot.name)
+        points = ros.joint_trajectory(content.trajectory, rate, prefix)
+        shown = ros.display_trajectory([content.trajectory], content.robot.name, prefix=prefix)
         items += [ros.Recorded("/joint_trajectory", points),
                   ros.Recorded("/display_planned_path", shown)]  # fmt: skip
     ros.write_bag(path, items)

@@ -5,7 +5,8 @@ imported when an executor is made.
 """
 
 import time
-from collections.abc import Iterator, Sequence
+from abc import abstractmethod
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -32,7 +33,39 @@ def _module(name: str, package: str) -> Any:
         ) from None
 
 
-class PandaPy(Follower):
+class _Franka(Follower):
+    """What both adapters share: joints and limits, gains, and the state as libfranka gives it."""
+
+    def __init__(
+        self,
+        robot: Robot | None,
+        guard: Guard | None,
+        stiffness: Sequence[float],
+        damping: Sequence[float],
+    ) -> None:
+        super().__init__(robot or load_robot("panda"), guard)
+        self._gains = {"stiffness": np.array(stiffness), "damping": np.array(damping)}
+
+    @abstractmethod
+    def _read(self) -> Any:
+        """The state of libfranka."""
+
+    def state(self) -> State:
+        """Measured positions and velocities; the acceleration is the commanded one."""
+        found = self._read()
+        return State(np.array(found.q), np.array(found.dq), np.array(found.ddq_d))
+
+
+def _since(ticks: Callable[[], bool]) -> Iterator[float]:
+    """Times since the first tick [s], until there is none."""
+    began = None
+    while ticks():
+        now = time.perf_counter()
+        began = now if began is None else began
+        yield now - began
+
+
+class PandaPy(_Franka):
     """By ``panda-python`` (extra ``panda-py``): ``JointPosition``, a joint impedance controller.
 
     Args:
@@ -56,44 +89,33 @@ class PandaPy(Follower):
         damping: Sequence[float] = DAMPING,
     ) -> None:
         module = _module("panda_py", "panda-python")
-        super().__init__(robot or load_robot("panda"), guard)
+        super().__init__(robot, guard, stiffness, damping)
         self._controllers = _module("panda_py.controllers", "panda-python")
         self.panda = module.Panda(host)
-        self._gains = {"stiffness": np.array(stiffness), "damping": np.array(damping)}
         self._controller: Any = None
 
-    def state(self) -> State:
-        """Measured positions and velocities; the acceleration is the commanded one."""
-        found = self.panda.get_state()
-        return State(np.array(found.q), np.array(found.dq), np.array(found.ddq_d))
+    def _read(self) -> Any:
+        return self.panda.get_state()
 
     @contextmanager
     def stream(self) -> Iterator[Iterator[float]]:
         """See :class:`Follower`."""
         self._controller = self._controllers.JointPosition(**self._gains)
-        self._controller.set_control(np.array(self.panda.get_state().q))
+        self._controller.set_control(np.array(self._read().q))
         self.panda.start_controller(self._controller)
         try:
             with self.panda.create_context(frequency=1000.0) as context:
-                yield self._ticks(context)
+                yield _since(context.ok)
         finally:
             self.panda.stop_controller()
             self._controller = None
-
-    @staticmethod
-    def _ticks(context: Any) -> Iterator[float]:
-        began = None
-        while context.ok():
-            now = time.perf_counter()
-            began = now if began is None else began
-            yield now - began
 
     def command(self, reference: State) -> None:
         """See :class:`Follower`."""
         self._controller.set_control(reference.q, reference.velocity)
 
 
-class Franky(Follower):
+class Franky(_Franka):
     """By ``franky-control`` (extra ``franky``): ``JointImpedanceTracker``.
 
     Args:
@@ -119,34 +141,20 @@ class Franky(Follower):
         rate: float = 500.0,
     ) -> None:
         self._franky = _module("franky", "franky-control")
-        super().__init__(robot or load_robot("panda"), guard)
+        super().__init__(robot, guard, stiffness, damping)
         self.arm = self._franky.Robot(host)
-        self._gains = {"stiffness": np.array(stiffness), "damping": np.array(damping)}
-        self._period, self._tracker = 1.0 / rate, None  # type: Any, Any
+        self._period = 1.0 / rate
+        self._tracker: Any = None
 
-    def state(self) -> State:
-        """Measured positions and velocities; the acceleration is the commanded one."""
-        found = self.arm.state
-        return State(np.array(found.q), np.array(found.dq), np.array(found.ddq_d))
+    def _read(self) -> Any:
+        return self.arm.state
 
     @contextmanager
     def stream(self) -> Iterator[Iterator[float]]:
         """See :class:`Follower`."""
-        with self._franky.JointImpedanceTracker(
-            self.arm, period=self._period, **self._gains
-        ) as tracker:
-            self._tracker = tracker
-            try:
-                yield self._ticks()
-            finally:
-                self._tracker = None
-
-    def _ticks(self) -> Iterator[float]:
-        began = None
-        while self._tracker.tick() is not None:
-            now = time.perf_counter()
-            began = now if began is None else began
-            yield now - began
+        made = self._franky.JointImpedanceTracker(self.arm, period=self._period, **self._gains)
+        with made as self._tracker:
+            yield _since(lambda: self._tracker.tick() is not None)
 
     def command(self, reference: State) -> None:
         """See :class:`Follower`."""

@@ -53,31 +53,62 @@ def extremes(trajectory: Trajectory) -> Extremes:
 
 @kernel
 def find_extremes(c, times, values, when):  # type: ignore[no-untyped-def]
-    """Rows of :class:`Extremes` (5, n) from coefficients ``c`` (T-1, n, 6), in place."""
+    """Rows of :class:`Extremes` (5, n) from coefficients ``c`` (T-1, n, 6), in place.
+
+    First the ends of the intervals are looked at. Then the inside of those where a derivative may
+    be larger: it differs from the nearer end by at most half of its largest slope.
+    """
     places, turning, p = np.empty(8), np.empty(8), np.empty(6)
     for t in range(c.shape[0]):
         h = times[t + 1] - times[t]
         for j in range(c.shape[1]):
-            count, unit = 0, h**3  # places where the derivative next to come has its extremes
-            for order in (3, 2, 1, 0):
-                degree = 5 - order
-                for k in range(degree + 1):
-                    p[k] = c[t, j, k + order] * _falling(k + order, order)
-                count = _roots_of_slope(p, degree, places, count, turning)
+            for order in range(4):
+                _derived(c[t, j], order, h, p)
+                for s in (0.0, 1.0):
+                    _noted(_value(p, 5 - order, s), order, times[t] + s * h, j, values, when)
+    for t in range(c.shape[0]):
+        h = times[t + 1] - times[t]
+        for j in range(c.shape[1]):
+            lowest = 4  # derivative that may be larger inside
+            for order in range(3, -1, -1):
+                _derived(c[t, j], order, h, p)
+                slope = 0.0
+                for k in range(1, 6 - order):
+                    slope += k * abs(p[k])
+                a, b = _value(p, 5 - order, 0.0), _value(p, 5 - order, 1.0)
+                if order == 0:
+                    inside = max(a, b) + 0.5 * slope > values[1, j]
+                    inside |= min(a, b) - 0.5 * slope < values[0, j]
+                else:
+                    inside = max(abs(a), abs(b)) + 0.5 * slope > values[order + 1, j]
+                if inside:
+                    lowest = order
+            count = 0  # of the places where the derivative next to come has its extremes
+            for order in range(3, lowest - 1, -1):
+                _derived(c[t, j], order, h, p)
+                count = _roots_of_slope(p, 5 - order, places, count, turning)
                 for i in range(count):
-                    places[i] = turning[i]
-                row = order + 1
-                for i in range(count + 2):
-                    s = 0.0 if i == count else 1.0 if i == count + 1 else places[i]
-                    value = _value(p, degree, s) / unit
-                    if order == 0:
-                        if value < values[0, j]:
-                            values[0, j], when[0, j] = value, times[t] + s * h
-                        if value > values[1, j]:
-                            values[1, j], when[1, j] = value, times[t] + s * h
-                    elif abs(value) > values[row, j]:
-                        values[row, j], when[row, j] = abs(value), times[t] + s * h
-                unit /= h
+                    s = places[i] = turning[i]
+                    _noted(_value(p, 5 - order, s), order, times[t] + s * h, j, values, when)
+
+
+@inner
+def _derived(c, order, h, p):  # type: ignore[no-untyped-def]
+    """Coefficients ``p`` of a derivative with respect to time, in s, in place."""
+    for k in range(6 - order):
+        p[k] = c[k + order] * _falling(k + order, order) / h**order
+
+
+@inner
+def _noted(value, order, time, j, values, when):  # type: ignore[no-untyped-def]
+    """Keep a value of a derivative of joint ``j`` if it is an extreme so far."""
+    if order == 0:
+        if value < values[0, j]:
+            values[0, j], when[0, j] = value, time
+        if value > values[1, j]:
+            values[1, j], when[1, j] = value, time
+    elif abs(value) > values[order + 1, j]:
+        values[order + 1, j], when[order + 1, j] = abs(value), time
 
 
 @inner

@@ -18,7 +18,7 @@ from optipromp.planning.parameters import TIMING, UNDERWAY
 from optipromp.planning.task import Task
 from optipromp.pushing.parameters import PUSH
 from optipromp.robots.model import Robot
-from optipromp.trajectory import State, Trajectory, control_points, derivatives
+from optipromp.trajectory import State, Trajectory, control_points
 
 
 def timed(
@@ -48,27 +48,32 @@ def shortest(
     """The trajectory through waypoints ``q`` (T, n) that ends soonest, from rest to rest.
 
     It keeps the robot's limits of velocity, acceleration and jerk at every instant and, from
-    waypoint ``slow`` on (None: nowhere), the ``tool_speed`` [m/s] in the mean of each interval.
+    waypoint ``slow`` on (None: nowhere), the ``tool_speed`` [m/s] in the mean of each interval. If
+    the tool is to be slow, the whole motion uses ``TIMING.among`` of the limits of velocity, of
+    acceleration its square, of jerk its cube.
     Where the tool's speed decides, the waypoints are evenly spaced. Where the joints' limits
     decide, the intervals near the ends are widened, and then each by its own need.
     """
     count, names = len(q), robot.joint_names
-    least = np.zeros(count - 1)
+    least, share = np.zeros(count - 1), 1.0
     if slow is not None:
+        share = TIMING.among
         points, _ = robot.tool_pose(q[slow:])
         least[slow:] = lengths(points[1:] - points[:-1]) / tool_speed
     even = np.arange(count, dtype=np.float64)
     dt = max(float(least.max()), TIMING.least_dt)
-    if stretch(robot, q, dt * even) <= 1.0:
-        return Trajectory.through(q, dt * even, names)
-    best = min((_within(robot, q, _ramped(count, r), least) for r in TIMING.ramps), key=_end)
-    times = best
+    made = Trajectory.through(q, dt * even, names)
+    if needs(robot, made).max() <= share:
+        return made
+    tried = (_within(robot, q, _ramped(count, ramp), least, share) for ramp in TIMING.ramps)
+    best = min(tried, key=_end)
+    made = best
     for _ in range(TIMING.refinements):
-        need = _smoothed(_needs(robot, q, times))
-        widths = np.diff(times) * np.clip(need**TIMING.gain, TIMING.shrink, TIMING.widen)
-        times = _within(robot, q, np.append(0.0, np.cumsum(widths)), least)
-        best = min(best, times, key=_end)
-    return Trajectory.through(q, best, names)
+        need = _smoothed(needs(robot, made) / share)
+        widths = np.diff(made.times) * np.clip(need**TIMING.gain, TIMING.shrink, TIMING.widen)
+        made = _within(robot, q, np.append(0.0, np.cumsum(widths)), least, share)
+        best = min(best, made, key=_end)
+    return best
 
 
 def joined(robot: Robot, state: State, made: Trajectory) -> Trajectory:
@@ -123,15 +128,10 @@ def stopped(robot: Robot, state: State) -> Trajectory:
     return made
 
 
-def stretch(robot: Robot, q: FloatArray, times: FloatArray) -> float:
-    """The least factor c by which ``times`` (T,) must be stretched for the limits to hold."""
-    return float(_needs(robot, q, times).max(initial=0.0))
-
-
-def _needs(robot: Robot, q: FloatArray, times: FloatArray) -> FloatArray:
-    """The stretch (T-1,) that each interval needs; see the module."""
-    (v, a), h = derivatives(q, times), np.diff(times)[:, None]
-    points = control_points(h, (q[:-1], v[:-1], a[:-1]), (q[1:], v[1:], a[1:]))
+def needs(robot: Robot, made: Trajectory) -> FloatArray:
+    """The stretch (T-1,) that each interval of a trajectory needs; see the module."""
+    h = np.diff(made.times)[:, None]
+    points = control_points(h, made.rows(slice(None, -1)), made.rows(slice(1, None)))
     return shares(robot, points, h)
 
 
@@ -146,18 +146,24 @@ def shares(robot: Robot, points: FloatArray, h: FloatArray) -> FloatArray:
     return worst
 
 
-def _within(robot: Robot, q: FloatArray, times: FloatArray, least: FloatArray) -> FloatArray:
-    """``times`` (T,), stretched evenly to keep the limits and intervals of ``least`` (T-1,)."""
-    factor = stretch(robot, q, times)
+def _within(
+    robot: Robot, q: FloatArray, times: FloatArray, least: FloatArray, share: float
+) -> Trajectory:
+    """``times`` (T,), stretched to keep a share of the limits and intervals of ``least`` (T-1,)."""
+    made = Trajectory.through(q, times, robot.joint_names)
+    factor = float(needs(robot, made).max()) / share
     widths = factor * np.diff(times)
     if (widths < least).any():
         times = np.append(0.0, np.cumsum(np.maximum(widths, least)))
-        factor = max(stretch(robot, q, times), 1.0)
-    return np.asarray(times * max(factor * (1.0 + 1e-9), TIMING.least_dt / np.diff(times).max()))
+        made = Trajectory.through(q, times, robot.joint_names)
+        factor = max(float(needs(robot, made).max()) / share, 1.0)
+    return made.slowed(
+        max(factor * (1.0 + 1e-9), TIMING.least_dt / float(np.diff(made.times).max()))
+    )
 
 
-def _end(times: FloatArray) -> float:
-    return float(times[-1])
+def _end(made: Trajectory) -> float:
+    return made.duration
 
 
 @functools.lru_cache(maxsize=64)

@@ -1,6 +1,5 @@
 """Demonstrations: what they are, and reading them from NPZ, CSV and folders of CSV."""
 
-import csv
 import os
 import warnings
 from collections.abc import Iterator, Sequence
@@ -15,6 +14,7 @@ from optipromp.arrays import FloatArray, read_only
 from optipromp.errors import InvalidDemonstrationError
 from optipromp.files import npz, read_npz, write_atomically
 from optipromp.promp.checks import PHASE_TOLERANCE, UnitsWarning, finite_array, matched, names_for
+from optipromp.tables import read_table
 
 _LARGEST = 4.0 * np.pi
 _FORMS = "Q, time, lengths; or positions (N, T, n) with an optional time (T,) or (N, T)"
@@ -256,46 +256,22 @@ def _read_npz(path: Path) -> Demonstrations:
 
 
 def _read_csv(path: Path) -> Demonstrations:
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = [(n, row) for n, row in enumerate(csv.reader(file), start=1) if row]
-    except OSError as cause:
-        raise InvalidDemonstrationError(f"cannot read {path}: {cause.strerror}") from None
-    except (UnicodeDecodeError, csv.Error) as cause:
-        raise InvalidDemonstrationError(f"{path} is not a UTF-8 CSV file ({cause})") from None
-    if not rows:
-        raise InvalidDemonstrationError(f"{path} is empty; expected a header time,<joint>,...")
-    header = [name.strip() for name in rows[0][1]]
+    table = read_table(path, InvalidDemonstrationError, "time,<joint>,...")
+    header = table.header
     rates = {name + kind for name in header for kind in ("_velocity", "_acceleration")}
     joints = [i for i, name in enumerate(header) if name not in {"time", "demo", *rates}]
     if header.count("time") != 1 or header.count("demo") > 1 or not joints or "" in header:
         raise InvalidDemonstrationError(
-            f"{path}, line {rows[0][0]}: expected a header time,<joint>,... with an optional "
+            f"{path}, line {table.first}: expected a header time,<joint>,... with an optional "
             f"column demo, comma-separated; got {','.join(header)!r}"
         )
+    values = table.numbers([header.index("time"), *joints])
     demo = header.index("demo") if "demo" in header else None
-    columns = [header.index("time"), *joints]
-    samples: dict[str, list[list[float]]] = {}
-    for line, row in rows[1:]:
-        if len(row) != len(header):
-            raise InvalidDemonstrationError(
-                f"{path}, line {line}: {len(row)} values, the header has {len(header)}"
-            )
-        values = []
-        for i in columns:
-            try:
-                values.append(float(row[i]))
-            except ValueError:
-                values.append(np.nan)
-            if not np.isfinite(values[-1]):
-                raise InvalidDemonstrationError(
-                    f"{path}, line {line}: {header[i]} is {row[i]!r}, expected a finite number"
-                )
-        samples.setdefault("" if demo is None else row[demo].strip(), []).append(values)
+    labels = ["" if demo is None else row[demo].strip() for row in table.rows]
     parts: list[tuple[str, ArrayLike, ArrayLike]] = []
-    for label, block in samples.items():
-        array = np.array(block)
-        parts.append((f"demo {label}" if label else "rows", array[:, 0], array[:, 1:]))
+    for label in dict.fromkeys(labels):
+        block = values[[other == label for other in labels]]
+        parts.append((f"demo {label}" if label else "rows", block[:, 0], block[:, 1:]))
     return _build(path, parts, [header[i] for i in joints])
 
 

@@ -178,6 +178,7 @@ class Execution:
         return tuple(found)
 
     def record(self, q: FloatArray) -> None:
+        """Keep the state of now; ``q`` (S,) is where the segments should be."""
         data = self.data
         forces = self.log.take_recent()
         on_stems = forces[self.stem_entities][:, self.robot_entities].max(axis=1)
