@@ -4,6 +4,7 @@ import io
 import json
 import math
 import os
+import sys
 import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
@@ -40,6 +41,22 @@ def write_atomically(path: Path, content: bytes) -> None:
         if temporary is not None:
             with suppress(OSError):
                 Path(temporary).unlink(missing_ok=True)
+
+
+def cache_folder() -> Path | None:
+    """The user's cache: ``OPTIPROMP_CACHE``, else the platform's; None where there is no home."""
+    asked = os.environ.get("OPTIPROMP_CACHE")
+    if asked:
+        return Path(asked)
+    try:
+        if sys.platform == "win32":
+            local = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData/Local"
+            return Path(local) / "optipromp"
+        if sys.platform == "darwin":
+            return Path.home() / "Library/Caches/optipromp"
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "optipromp"
+    except RuntimeError:
+        return None
 
 
 def check_folder(folder: Path) -> None:

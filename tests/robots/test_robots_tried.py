@@ -11,7 +11,8 @@ import pytest
 from scripts.robots_tried import EXPECTED, OUT, Expected, verdict
 
 from optipromp.robots.arm import choose_arm
-from optipromp.robots.srdf_groups import beside, read_srdf
+from optipromp.robots.srdf import srdf_beside
+from optipromp.robots.srdf_groups import read_srdf
 from optipromp.robots.urdf import read_urdf
 
 REFUSED = {"centauro_description/urdf/centauro.urdf"}  # a revolute wheel without limits
@@ -32,7 +33,7 @@ def robots() -> Path:
 def test_stock_files(robots: Path, expected: Expected, groups: bool) -> None:
     def choose() -> object:
         model = read_urdf(robots / expected.path)
-        srdf = beside(model) if groups else None
+        srdf = srdf_beside(model) if groups else None
         return choose_arm(model, srdf=None if srdf is None else read_srdf(srdf))
 
     said, told = verdict(expected, choose)

@@ -9,8 +9,6 @@ by less than a cell; at the samples it is never smaller.
 from __future__ import annotations
 
 import hashlib
-import os
-import sys
 import threading
 from contextlib import suppress
 from dataclasses import dataclass
@@ -20,7 +18,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray, frozen
 from optipromp.errors import InvalidRequestError, InvalidSceneError
-from optipromp.files import npz, read_npz, write_atomically
+from optipromp.files import cache_folder, npz, read_npz, write_atomically
 from optipromp.geometry.distances import GRID_PADDING
 from optipromp.geometry.shapes import MeshShape, PointCloudShape
 
@@ -74,7 +72,8 @@ def distance_grid(shape: MeshShape | PointCloudShape) -> DistanceGrid:
         held = _memory.get(key)
     if held is not None:
         return held
-    file = _cache_file(key)
+    folder = cache_folder()
+    file = None if folder is None else folder / "grids" / f"{key}.npz"
     grid = None if file is None else _load(file)
     if grid is None:
         grid = mesh_grid(shape) if isinstance(shape, MeshShape) else cloud_grid(shape)
@@ -217,24 +216,6 @@ def _key(shape: MeshShape | PointCloudShape) -> str:
         digest.update(str(part.shape).encode())
         digest.update(np.ascontiguousarray(part).tobytes())
     return digest.hexdigest()
-
-
-def _cache_file(key: str) -> Path | None:
-    asked = os.environ.get("OPTIPROMP_CACHE")
-    try:
-        if asked:
-            folder = Path(asked)
-        elif sys.platform == "win32":
-            folder = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData/Local")
-            folder /= "optipromp"
-        elif sys.platform == "darwin":
-            folder = Path.home() / "Library/Caches/optipromp"
-        else:
-            folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-            folder /= "optipromp"
-    except RuntimeError:  # no home
-        return None
-    return folder / "grids" / f"{key}.npz"
 
 
 def _load(file: Path) -> DistanceGrid | None:

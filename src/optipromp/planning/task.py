@@ -17,7 +17,7 @@ from optipromp.pushing.model import Combined, Continued, PushModel
 from optipromp.pushing.path import STEP, ToolPath, along, evenly, length
 from optipromp.pushing.rules import neighbours
 from optipromp.pushing.standing import Standing
-from optipromp.robots.library import load_robot, robot_names
+from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
 from optipromp.robots.tools import make_tool, with_tool
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
@@ -83,11 +83,11 @@ class Task:
         before = min([0.0, *heights]) - self.scene.approach.camera_distance
         return np.asarray(self.goal.position + before * up)
 
-    def at_goal(self, position_tolerance: float, axis_tolerance: float) -> bool:
-        """Whether the start is at the goal, within tolerances [m or rad] and [rad]."""
+    def at_goal(self, q: FloatArray, position_tolerance: float, axis_tolerance: float) -> bool:
+        """Whether ``q`` (n,) is at the goal, within tolerances [m or rad] and [rad]."""
         if isinstance(self.goal, JointGoal):
-            return bool(np.max(np.abs(self.start - self.goal.joints)) < position_tolerance)
-        point, axis = self.robot.tool_pose(self.start)
+            return bool(np.max(np.abs(q - self.goal.joints)) < position_tolerance)
+        point, axis = self.robot.tool_pose(q)
         near = np.linalg.norm(point - self.goal.position) < position_tolerance
         return bool(near and axis @ self.goal.axis > np.cos(axis_tolerance))
 
@@ -96,19 +96,13 @@ def _robot_with_tool(scene: Scene) -> tuple[Robot, BodyPoints]:
     tool = None
     if scene.tool is not None:
         tool = (scene.tool.kind, tuple(sorted(scene.tool.parameters.items())))
-    if scene.robot in robot_names():  # unlike a file, a built-in robot never changes
-        return _built_in(scene.robot, tool)
     return _equip(load_robot(scene.robot, scene.base_dir), tool)
 
 
 ToolKey = tuple[str, tuple[tuple[str, Any], ...]] | None
 
 
-@functools.lru_cache(maxsize=32)
-def _built_in(name: str, tool: ToolKey) -> tuple[Robot, BodyPoints]:
-    return _equip(load_robot(name), tool)
-
-
+@functools.lru_cache(maxsize=32)  # by identity: a file that has not changed gives the same robot
 def _equip(robot: Robot, tool: ToolKey) -> tuple[Robot, BodyPoints]:
     if tool is not None:
         kind, parameters = tool

@@ -48,26 +48,30 @@ def shortest(
     """The trajectory through waypoints ``q`` (T, n) that ends soonest, from rest to rest.
 
     It keeps the robot's limits of velocity, acceleration and jerk at every instant and, from
-    waypoint ``slow`` on (None: nowhere), the ``tool_speed`` [m/s] in the mean of each interval.
+    waypoint ``slow`` on (None: nowhere), the ``tool_speed`` [m/s] in the mean of each interval. If
+    the tool is to be slow, the whole motion uses ``TIMING.among`` of the limits of velocity, of
+    acceleration its square, of jerk its cube.
     Where the tool's speed decides, the waypoints are evenly spaced. Where the joints' limits
     decide, the intervals near the ends are widened, and then each by its own need.
     """
     count, names = len(q), robot.joint_names
-    least = np.zeros(count - 1)
+    least, share = np.zeros(count - 1), 1.0
     if slow is not None:
+        share = TIMING.among
         points, _ = robot.tool_pose(q[slow:])
         least[slow:] = lengths(points[1:] - points[:-1]) / tool_speed
     even = np.arange(count, dtype=np.float64)
     dt = max(float(least.max()), TIMING.least_dt)
     made = Trajectory.through(q, dt * even, names)
-    if needs(robot, made).max() <= 1.0:
+    if needs(robot, made).max() <= share:
         return made
-    best = min((_within(robot, q, _ramped(count, r), least) for r in TIMING.ramps), key=_end)
+    tried = (_within(robot, q, _ramped(count, ramp), least, share) for ramp in TIMING.ramps)
+    best = min(tried, key=_end)
     made = best
     for _ in range(TIMING.refinements):
-        need = _smoothed(needs(robot, made))
+        need = _smoothed(needs(robot, made) / share)
         widths = np.diff(made.times) * np.clip(need**TIMING.gain, TIMING.shrink, TIMING.widen)
-        made = _within(robot, q, np.append(0.0, np.cumsum(widths)), least)
+        made = _within(robot, q, np.append(0.0, np.cumsum(widths)), least, share)
         best = min(best, made, key=_end)
     return best
 
@@ -142,15 +146,17 @@ def shares(robot: Robot, points: FloatArray, h: FloatArray) -> FloatArray:
     return worst
 
 
-def _within(robot: Robot, q: FloatArray, times: FloatArray, least: FloatArray) -> Trajectory:
-    """``times`` (T,), stretched evenly to keep the limits and intervals of ``least`` (T-1,)."""
+def _within(
+    robot: Robot, q: FloatArray, times: FloatArray, least: FloatArray, share: float
+) -> Trajectory:
+    """``times`` (T,), stretched to keep a share of the limits and intervals of ``least`` (T-1,)."""
     made = Trajectory.through(q, times, robot.joint_names)
-    factor = float(needs(robot, made).max())
+    factor = float(needs(robot, made).max()) / share
     widths = factor * np.diff(times)
     if (widths < least).any():
         times = np.append(0.0, np.cumsum(np.maximum(widths, least)))
         made = Trajectory.through(q, times, robot.joint_names)
-        factor = max(float(needs(robot, made).max()), 1.0)
+        factor = max(float(needs(robot, made).max()) / share, 1.0)
     return made.slowed(
         max(factor * (1.0 + 1e-9), TIMING.least_dt / float(np.diff(made.times).max()))
     )

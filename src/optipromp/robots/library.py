@@ -1,5 +1,6 @@
 """Robots by name or by file: a bare URDF, or a YAML file beside one."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -14,11 +15,14 @@ from optipromp.documents import read_document
 from optipromp.errors import InvalidRobotError
 from optipromp.robots.arm import Arm, choose_arm
 from optipromp.robots.chain import Chain, serial_chain
+from optipromp.robots.mesh_covers import Cover
+from optipromp.robots.meshes import mesh_files
 from optipromp.robots.model import BodySpheres, Robot
 from optipromp.robots.packages import expanded, with_meshes_found
 from optipromp.robots.self_collision import with_self_pairs
-from optipromp.robots.spheres import cover_geometry
-from optipromp.robots.srdf_groups import beside, read_srdf
+from optipromp.robots.spheres import cover_links
+from optipromp.robots.srdf import disabled_pairs, srdf_beside, srdf_files
+from optipromp.robots.srdf_groups import read_srdf
 from optipromp.robots.urdf import LENGTH_LIMIT, UrdfModel, read_urdf
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -72,6 +76,7 @@ def load_robot(
 
     A bare URDF has its arm chosen by :func:`optipromp.robots.arm.choose_arm` and spheres from its
     geometry; accelerations and jerks are unlimited; home is zero, or the limits nearest to it.
+    Files that have not changed since this process read them are not read again.
 
     Args:
         name_or_path: of the robot; a relative path starts at ``base_dir``.
@@ -113,11 +118,7 @@ def load_arm(
         )
     if not path.is_file():
         raise InvalidRobotError(f"{path}: no such file; built-in robots: {names}")
-    if suffix in (".yaml", ".yml"):
-        return _from_file(path, choice)
-    entry = RobotFile(format=1, name=path.stem, urdf=path.name)
-    model = _read(entry, path, choice)
-    return _build(entry.model_copy(update={"name": model.name}), model, path, choice)
+    return _from_file(path, choice)
 
 
 @lru_cache
@@ -138,6 +139,50 @@ def built_in_twin(robot: Robot) -> str | None:
         ):
             return name
     return None
+
+
+Stamps = tuple[tuple[Path, tuple[int, int] | None], ...]
+_held: dict[str, tuple[UrdfModel, list[Path], Stamps, tuple[Robot, Arm]]] = {}
+_HELD = 16  # robots
+
+
+def _from_file(path: Path, choice: Choice) -> tuple[Robot, Arm]:
+    """The robot of a file: the one that was read before, unless a file of it has changed."""
+    key = f"{path.absolute()} {choice}"
+    if held := _held.get(key):
+        model, files, stamps, out = held
+        if stamps == _stamps([*files, *srdf_files(model)]):
+            return out
+    if path.suffix.lower() in (".urdf", ".xacro"):
+        entry = RobotFile(format=1, name=path.stem, urdf=path.name)
+        model = _read(entry, path, choice)
+        entry = entry.model_copy(update={"name": model.name})
+    else:
+        entry = read_robot_file(path)
+        model = _read(entry, path, choice)
+    bare = [name for name in model.links if name not in entry.spheres]
+    groups = _given_srdf(entry, path, choice)
+    files = [path, model.path, *([groups] if groups else []), *mesh_files(model, bare)]
+    stamps = _stamps([*files, *srdf_files(model)])
+    out = _build(entry, model, path, choice)
+    if model.path.suffix.lower() != ".xacro":  # it may include files that are not known here
+        while len(_held) >= _HELD:
+            _held.pop(next(iter(_held)), None)
+        _held[key] = model, files, stamps, out
+    return out
+
+
+def _stamps(files: list[Path]) -> Stamps:
+    """Time and size of each file; None for one that is not there."""
+    out: list[tuple[Path, tuple[int, int] | None]] = []
+    for file in files:
+        try:
+            status = file.stat()
+        except OSError:
+            out.append((file, None))
+        else:
+            out.append((file, (status.st_mtime_ns, status.st_size)))
+    return tuple(out)
 
 
 class RobotFile(BaseModel):
@@ -168,11 +213,6 @@ class RobotFile(BaseModel):
 def robot_from_file(path: Path) -> Robot:
     """The robot that the YAML robot file at ``path`` describes. Raises InvalidRobotError."""
     return _from_file(path, NOTHING)[0]
-
-
-def _from_file(path: Path, choice: Choice) -> tuple[Robot, Arm]:
-    entry = read_robot_file(path)
-    return _build(entry, _read(entry, path, choice), path, choice)
 
 
 def _read(entry: RobotFile, path: Path, choice: Choice) -> UrdfModel:
@@ -230,6 +270,12 @@ def _build(
         if link not in known:
             shown = ", ".join(list(model.links)[:20])
             raise InvalidRobotError(f"{path}: unknown link '{link}'; links: {shown}")
+    covers = _covers(entry, model, chain)
+    excess = {
+        link: cover.excess
+        for link, cover in covers.items()
+        if len(cover.spheres) and math.isfinite(cover.excess)
+    }
     robot = Robot(
         name=entry.name,
         joint_names=names,
@@ -239,7 +285,7 @@ def _build(
         acceleration=_per_joint(path, "acceleration", entry.acceleration, names, unlimited),
         jerk=_per_joint(path, "jerk", entry.jerk, names, unlimited),
         kinematics=chain.kinematics,
-        spheres=_body_spheres(entry, model, chain),
+        spheres=_body_spheres(entry, model, chain, covers),
         link_names=tuple(model.links),
         self_pairs=frozen(np.zeros((0, 2)), np.int64),
         flange_rotation=frozen(chain.flange.rotation),
@@ -249,19 +295,25 @@ def _build(
         gripper_radius=0.0,
         home=home,
         held_joints=chain.held_joints,
+        excess=excess,
     )
-    return with_self_pairs(robot, entry.allow_self), arm
+    srdf = _given_srdf(entry, path, choice) or srdf_beside(model)
+    disabled = [] if srdf is None else disabled_pairs(srdf, model)
+    return with_self_pairs(robot, [*entry.allow_self, *disabled], excess), arm
 
 
 def _chosen(entry: RobotFile, model: UrdfModel, path: Path, choice: Choice) -> Arm:
     tip, base = choice.tip or entry.flange, choice.base or entry.base
     if tip is not None:
         return choose_arm(model, tip, base)
-    if choice.srdf is not None:
-        groups: Path | None = Path(choice.srdf)
-    else:
-        groups = beside(model) if entry.srdf is None else path.parent / entry.srdf
+    groups = _given_srdf(entry, path, choice) or srdf_beside(model)
     return choose_arm(model, None, base, None if groups is None else read_srdf(groups))
+
+
+def _given_srdf(entry: RobotFile, path: Path, choice: Choice) -> Path | None:
+    if choice.srdf is not None:
+        return Path(choice.srdf)
+    return None if entry.srdf is None else path.parent / entry.srdf
 
 
 def _per_joint(
@@ -275,11 +327,20 @@ def _per_joint(
     return frozen(default if given is None else given)
 
 
-def _body_spheres(entry: RobotFile, model: UrdfModel, chain: Chain) -> BodySpheres:
+def _covers(entry: RobotFile, model: UrdfModel, chain: Chain) -> dict[str, Cover]:
+    """What covers each link: the spheres that the robot file gives, or a cover of its geometry."""
+    fitted = cover_links(model, [link for link in chain.placements if link not in entry.spheres])
+    given = {link: np.array(rows, dtype=float) for link, rows in entry.spheres.items()}
+    covers = fitted | {link: Cover(rows, math.nan) for link, rows in given.items()}
+    return {link: covers[link] for link in chain.placements}
+
+
+def _body_spheres(
+    entry: RobotFile, model: UrdfModel, chain: Chain, covers: dict[str, Cover]
+) -> BodySpheres:
     segment, center, radius, link = [], [np.zeros((0, 3))], [np.zeros(0)], []
     for index, (name, place) in enumerate(chain.placements.items()):
-        given = entry.spheres.get(name)
-        cover = cover_geometry(model, name) if given is None else np.array(given, dtype=float)
+        cover = covers[name].spheres
         if not len(cover):
             continue
         if place.driver:

@@ -1,5 +1,6 @@
-"""Spheres over the mesh of a link: each connected piece cut into slabs, each slab covered."""
+"""The meshes of links: files found, read and checked."""
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -7,44 +8,20 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray
 from optipromp.errors import InvalidRobotError
-from optipromp.robots.spheres import MAX_SPHERES, allowance, cover_box
 from optipromp.robots.urdf import LENGTH_LIMIT, UrdfGeometry, UrdfModel
 
-MAX_PIECES = 12  # a mesh of more pieces is covered as one
-MAX_SLABS = 16
+
+def mesh_name(model: UrdfModel, link: str, shape: UrdfGeometry) -> str:
+    """How messages name a mesh."""
+    return f"{model.path}: link '{link}' mesh '{shape.mesh}'"
 
 
-def cover_mesh(model: UrdfModel, link: str, shape: UrdfGeometry) -> FloatArray:
-    """Spheres (k, 4) that cover the solid whose surface the mesh is (its slabs' convex hulls).
+def mesh_file(model: UrdfModel, link: str, shape: UrdfGeometry) -> Path:
+    """The file that a mesh's name means, relative to the URDF's folder or the package's folder.
 
-    Raises InvalidRobotError, naming the link and the file, when the mesh is missing, cannot be
-    read, has no area or is larger than 20 m, or when the extra that reads meshes is not installed.
+    Raises InvalidRobotError, naming the link and the file, when there is none.
     """
-    where = f"{model.path}: link '{link}' mesh '{shape.mesh}'"
-    vertices, faces = _load(_resolve(model.path, shape.mesh, where), where)
-    if not np.isfinite(vertices).all():
-        raise InvalidRobotError(f"{where} is malformed: a vertex is not finite")
-    vertices = vertices * np.array(shape.size)
-    corners = vertices[faces]
-    area = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
-    extent = float(np.ptp(vertices, axis=0).max())
-    if not area.sum() > 1e-12 * max(extent, 1e-12) ** 2:
-        raise InvalidRobotError(f"{where} is degenerate: its surface has no area")
-    if float(np.abs(corners).max()) > LENGTH_LIMIT:
-        raise InvalidRobotError(
-            f"{where} spans {extent:g} m and lies beyond 20 m: millimetres? Give it a scale"
-        )
-    parts = pieces(vertices, faces)
-    if len(parts) > MAX_PIECES:
-        parts = [faces]
-    return np.concatenate([_cover_piece(vertices, piece) for piece in parts])
-
-
-def _resolve(urdf: Path, name: str, where: str) -> Path:
-    """The file that ``name`` means, relative to the URDF's folder or the package's folder."""
-    folder = urdf.resolve().parent
+    folder, name = model.path.resolve().parent, shape.mesh
     if name.startswith("package://"):
         package, _, rest = name.removeprefix("package://").partition("/")
         candidates = [up / package / rest for up in (folder, *folder.parents)]
@@ -54,7 +31,43 @@ def _resolve(urdf: Path, name: str, where: str) -> Path:
     for candidate in candidates:
         if candidate.is_file():
             return candidate
+    where = mesh_name(model, link, shape)
     raise InvalidRobotError(f"{where}: no such file, looked for {candidates[0]}")
+
+
+def mesh_files(model: UrdfModel, links: Collection[str]) -> list[Path]:
+    """The files of the meshes by which links are covered. Raises as :func:`mesh_file`."""
+    found = [
+        mesh_file(model, link, shape)
+        for link in links
+        for shape in model.links[link].collisions or model.links[link].visuals
+        if shape.kind == "mesh"
+    ]
+    return list(dict.fromkeys(found))
+
+
+def triangles(model: UrdfModel, link: str, shape: UrdfGeometry) -> FloatArray:
+    """The triangles (f, 3, 3) of a mesh in its own frame, scaled [m].
+
+    Raises InvalidRobotError, naming the link and the file, when the mesh is missing, cannot be
+    read, has no area or is larger than 20 m, or when the extra that reads meshes is not installed.
+    """
+    where = mesh_name(model, link, shape)
+    vertices, faces = _load(mesh_file(model, link, shape), where)
+    if not np.isfinite(vertices).all():
+        raise InvalidRobotError(f"{where} is malformed: a vertex is not finite")
+    corners: FloatArray = (vertices * np.array(shape.size))[faces]
+    area = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    extent = float(np.ptp(corners, axis=(0, 1)).max())
+    if not area.sum() > 1e-12 * max(extent, 1e-12) ** 2:
+        raise InvalidRobotError(f"{where} is degenerate: its surface has no area")
+    if float(np.abs(corners).max()) > LENGTH_LIMIT:
+        raise InvalidRobotError(
+            f"{where} spans {extent:g} m and lies beyond 20 m: millimetres? Give it a scale"
+        )
+    return corners
 
 
 def _load(path: Path, where: str) -> tuple[FloatArray, IntArray]:
@@ -89,51 +102,6 @@ def pieces(vertices: FloatArray, faces: IntArray) -> list[IntArray]:
     _, label = connected_components(graph, directed=False)
     of_face = label[joined[:, 0]]
     return [faces[of_face == value] for value in np.unique(of_face)]
-
-
-def _cover_piece(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    points = vertices[np.unique(faces)]
-    frame = box_axes(points)
-    local = vertices @ frame.T
-    used = local[np.unique(faces)]
-    low, high = used.min(axis=0), used.max(axis=0)
-    size = high - low
-    count = int(np.clip(round(float(2.0 * size[0] / max(size[1], 1e-9))), 1, MAX_SLABS))
-    cuts = np.linspace(low[0], high[0], count + 1)
-    edges = np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
-    a, b = local[edges[:, 0]], local[edges[:, 1]]
-    crossings = []
-    for cut in cuts:
-        side = (a[:, 0] - cut) * (b[:, 0] - cut) < 0.0
-        share = (cut - a[side, 0]) / (b[side, 0] - a[side, 0])
-        crossings.append(a[side] + share[:, None] * (b[side] - a[side]))
-    covers = []
-    for i in range(count):
-        inside = used[(used[:, 0] >= cuts[i]) & (used[:, 0] <= cuts[i + 1])]
-        # the convex hull of these points contains the slab of the solid
-        slab = np.concatenate([inside, crossings[i], crossings[i + 1]])
-        if len(slab):
-            covers.append(_cover_slab(slab, max(MAX_SPHERES // count, 2)))
-    cover = np.concatenate(covers)
-    return np.column_stack([cover[:, :3] @ frame, cover[:, 3] * (1.0 + 1e-9)])
-
-
-def _cover_slab(points: FloatArray, most: int) -> FloatArray:
-    """Spheres over the convex hull of ``points``: one where that is close, else a grid of ``most``.
-
-    Slabs lie along x: a sphere is judged by how far it reaches beyond them in y and z.
-    """
-    low, high = points.min(axis=0), points.max(axis=0)
-    middle, size = (low + high) / 2.0, high - low
-    half_width = float(size[1:].min()) / 2.0
-    radius = float(np.linalg.norm(points - middle, axis=1).max())
-    if radius - half_width <= max(0.015, 0.3 * half_width):
-        return np.array([[*middle, radius]])
-    grid = cover_box(size, allowance(half_width), most)
-    if float(grid[0, 3]) >= radius:
-        return np.array([[*middle, radius]])
-    grid[:, :3] += middle
-    return grid
 
 
 def box_axes(points: FloatArray) -> FloatArray:

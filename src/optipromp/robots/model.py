@@ -1,6 +1,7 @@
 """The robot as arrays: kinematics, limits, body spheres, tool."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -24,6 +25,14 @@ class BodySpheres(NamedTuple):
     radius: FloatArray  # (B,) [m]
     link: IntArray  # (B,) index into Robot.link_names
     distal: BoolArray  # (B,) last link or tool: in B_s but not in B_d
+
+
+class LeftOut(NamedTuple):
+    """Two links that are not kept apart, and why."""
+
+    link: str
+    other: str
+    why: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +63,8 @@ class Robot:
     home: FloatArray
     tool: "Tool | None" = None
     held_joints: tuple[str, ...] = ()
+    excess: Mapping[str, float] = field(default_factory=dict)  # [m] of fitted covers, by link
+    left_out: tuple[LeftOut, ...] = ()
 
     @property
     def n_joints(self) -> int:

@@ -5,14 +5,16 @@ the spheres may reach beyond the shape.
 """
 
 import math
+from collections.abc import Collection
 
 import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.robots.chain import rotation_of
+from optipromp.robots.mesh_covers import Cover, cover_meshes
 from optipromp.robots.urdf import UrdfGeometry, UrdfModel
 
-MAX_SPHERES = 40  # per box, cylinder or slab of a mesh
+MAX_SPHERES = 40  # per box or cylinder
 _SLACK = 1.0 + 1e-9  # against rounding, so that a point on the surface counts as covered
 
 
@@ -77,30 +79,43 @@ def cover_cylinder(radius: float, length: float, bulge: float) -> FloatArray:
     return out
 
 
-def cover_geometry(model: UrdfModel, link: str) -> FloatArray:
-    """Spheres (k, 4), in the link's frame, over its collision geometry (visual where it has none).
+def cover_links(model: UrdfModel, links: Collection[str]) -> dict[str, Cover]:
+    """Covers of links over their collision geometry (visual where it has none), in their frames.
 
     Raises InvalidRobotError for a mesh that is missing, malformed or degenerate.
     """
-    shapes = model.links[link].collisions or model.links[link].visuals
-    covers = [_placed(_cover(model, link, shape), shape) for shape in shapes]
-    return np.concatenate(covers) if covers else np.zeros((0, 4))
+    shapes = {link: model.links[link].collisions or model.links[link].visuals for link in links}
+    over_meshes = cover_meshes(
+        model, [(link, one) for link in links for one in shapes[link] if one.kind == "mesh"]
+    )
+    covers = {}
+    for link, own in shapes.items():
+        parts = [(over_meshes[one] if one.kind == "mesh" else _cover(one), one) for one in own]
+        placed = [_placed(cover.spheres, shape) for cover, shape in parts]
+        covers[link] = Cover(
+            np.concatenate(placed) if placed else np.zeros((0, 4)),
+            max((cover.excess for cover, _ in parts), default=0.0),
+        )
+    return covers
 
 
-def _cover(model: UrdfModel, link: str, shape: UrdfGeometry) -> FloatArray:
+def _cover(shape: UrdfGeometry) -> Cover:
+    """The cover of a primitive; its excess is that of the centres' depths in it."""
     if shape.kind == "sphere":
-        return np.array([[0.0, 0.0, 0.0, shape.size[0]]])
+        return Cover(np.array([[0.0, 0.0, 0.0, shape.size[0]]]), 0.0)
     if shape.kind == "box":
-        return cover_box(np.array(shape.size), allowance(min(shape.size) / 2.0))
-    if shape.kind == "mesh":
-        from optipromp.robots.meshes import cover_mesh
-
-        return cover_mesh(model, link, shape)
+        spheres = cover_box(np.array(shape.size), allowance(min(shape.size) / 2.0))
+        depth = (np.array(shape.size) / 2.0 - np.abs(spheres[:, :3])).min(axis=1)
+        return Cover(spheres, float((spheres[:, 3] - depth).max()))
     radius, length = shape.size
     if shape.kind == "cylinder":
-        return cover_cylinder(radius, length, allowance(min(radius, length / 2.0)))
+        spheres = cover_cylinder(radius, length, allowance(min(radius, length / 2.0)))
+        side = radius - np.hypot(spheres[:, 0], spheres[:, 1])
+        depth = np.minimum(side, length / 2.0 - np.abs(spheres[:, 2]))
+        return Cover(spheres, float((spheres[:, 3] - depth).max()))
     tip = np.array([0.0, 0.0, length / 2.0])
-    return cover_capsule(-tip, tip, radius, allowance(radius))
+    spheres = cover_capsule(-tip, tip, radius, allowance(radius))
+    return Cover(spheres, float((spheres[:, 3] - radius).max()))
 
 
 def allowance(half_width: float) -> float:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from optipromp.errors import InvalidRobotError
-from optipromp.robots.urdf import UrdfModel
 from optipromp.robots.xml_tree import Node, read_xml
 
 
@@ -70,21 +69,6 @@ def read_srdf(path: Path) -> Srdf:
                 )
             )
     return Srdf(path, root.attributes.get("name", ""), groups, tuple(hands))
-
-
-def beside(urdf: UrdfModel) -> Path | None:
-    """The SRDF that belongs to a URDF: of its stem, or the only one of its robot's name.
-
-    Looked for in the URDF's folder, in ``srdf/`` and ``config/`` there, and beside that folder.
-    """
-    here = urdf.path.resolve().parent
-    folders = [here, here / "srdf", here / "config", here.parent / "srdf", here.parent / "config"]
-    found = [path for folder in folders for path in sorted(folder.glob("*.srdf"))]
-    for path in found:
-        if path.stem == urdf.path.name.split(".")[0]:
-            return path
-    named = [path for path in found if path.stem == urdf.name]
-    return named[0] if len(named) == 1 else None
 
 
 def _group(path: Path, node: Node) -> Group:

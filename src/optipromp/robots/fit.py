@@ -1,0 +1,214 @@
+r"""Few spheres over the meshes of a robot.
+
+A sphere of radius r around a point at depth d inside a solid reaches at most :math:`r - d` beyond
+it. So to cover a point p from a centre c costs the excess
+
+.. math:: e(p, c) = |p - c| - d(c),
+
+and k spheres of the least excess are a k-centre problem with this distance. It is solved as Lloyd
+solves k means: each point goes to the centre that covers it with the least excess, each centre
+moves to the candidate that covers its points with the least. The covers grow by one sphere at a
+time, where the excess is largest, over all meshes together; so they end with about one excess.
+
+A solid is what a voxel grid says: the surface, and what it encloses along two of three axes. So a
+mesh need not be closed. The whole surface is covered: it is cut into triangles whose sides are at
+most 0.7 voxels long, and each of these lies in one sphere.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
+
+from optipromp.arrays import BoolArray, FloatArray, IntArray
+
+VOXEL = 0.0025  # [m] of the grid, for parts of up to 0.4 m
+TIGHT = 0.008  # [m] of excess at which a cover gets no further sphere
+LOOSE = 0.030  # [m] of excess down to which every cover grows, whatever it takes, up to
+MOST = 40  # spheres
+_FINE, _COARSE = 40, 160  # voxels along the longest side: at least, at most
+_VOXELS = 400_000
+_STEP = 0.7  # [voxels] longest side of a piece of the surface
+_POINTS, _CENTERS = 1_200, 2_500  # of a mesh while its cover grows; all points count at the end
+_SHARES = (0.6, 0.85)  # of the excess, that the half of a split may have
+_ROUNDS = 12  # of Lloyd's, at most
+_SLACK = 1.0 + 1e-9  # against rounding
+
+
+def fit_covers(meshes: Sequence[FloatArray], spheres: float) -> list[tuple[FloatArray, float]]:
+    """Covers of meshes, each given by its triangles (f, 3, 3) [m].
+
+    A cover is its spheres (k, 4), centres and radii, and how far they reach beyond the mesh at
+    most, within about a voxel [m]. ``spheres`` is how many a mesh gets on average: fewer where all
+    covers reach at most :data:`TIGHT`, more for those that reach more than :data:`LOOSE`.
+    """
+    fits = [_Fit(triangles) for triangles in meshes]
+    while growing := [fit for fit in fits if not fit.done and fit.excess > TIGHT]:
+        loosest = max(growing, key=lambda fit: fit.excess)
+        spent = sum(len(fit.chosen) for fit in fits) >= round(spheres * len(fits))
+        if spent and loosest.excess <= LOOSE:
+            break
+        loosest.split()
+    for fit in fits:
+        fit.exchange()
+    return [fit.cover() for fit in fits]
+
+
+class _Fit:
+    """A cover while it grows: ``chosen`` indices of candidate centres, and their ``excess``."""
+
+    def __init__(self, triangles: FloatArray) -> None:
+        self.low = triangles.min(axis=(0, 1))
+        size = np.ptp(triangles, axis=(0, 1))
+        longest = float(size.max())
+        self.voxel = max(
+            min(VOXEL, longest / _FINE),
+            longest / _COARSE,
+            float(np.prod(size) / _VOXELS) ** (1.0 / 3.0),
+        )
+        self.surface = cut(triangles, _STEP * self.voxel).reshape(-1, 3)  # three rows a piece
+        self.origin = self.low - 2.5 * self.voxel
+        shape = np.ceil(size / self.voxel).astype(np.int64) + 6
+        touched = np.zeros(shape, dtype=bool)
+        at = np.floor((self.surface - self.origin) / self.voxel).astype(np.int64)
+        touched[tuple(at.T)] = True
+        solid = enclosed(touched)
+        out, into = distance_transform_edt(~solid), distance_transform_edt(solid)
+        self.depth = self.voxel * np.where(solid, into - 1.0, -out)  # at the voxels' middles
+        outer = into[tuple(at.T)] < 2.0  # where others can touch it
+        inside = np.argwhere(solid)
+        depth = self.depth[tuple(inside.T)]
+        order = np.argsort(-depth, kind="stable")  # of the candidates in a cell the deepest stays
+        sparse = max(1.0, (len(inside) / _CENTERS) ** (1.0 / 3.0))
+        inside = inside[order][_thinned(inside[order], sparse, _CENTERS)]
+        self.centers = self._middle(inside)
+        thin = _thinned(self.surface - self.low, self.voxel)
+        self.points, self.outside = self.surface[thin], self.surface[thin[outer[thin]]]
+        few = self.points[_thinned(self.points - self.low, 2.0 * self.voxel, _POINTS)]
+        cost = cdist(few, self.centers) - self.depth[tuple(inside.T)]
+        self.cost = cost.astype(np.float32)
+        self.chosen = [int(self.cost.max(axis=0).argmin())]
+        self.excess = float(self.cost[:, self.chosen].max())
+        self.at = inside
+        self.done = False
+
+    def _middle(self, index: IntArray) -> FloatArray:
+        middle: FloatArray = self.origin + (index + 0.5) * self.voxel
+        return middle
+
+    def split(self) -> None:
+        """Put a second centre into the loosest sphere, and let all centres settle."""
+        excess, chosen = self._split(self.chosen)
+        self.done = len(chosen) in (len(self.chosen), MOST)  # the first: no centre does better
+        self.excess, self.chosen = excess, chosen
+
+    def exchange(self) -> None:
+        """Take each centre out in turn and split another; keep what is better."""
+        for center in list(self.chosen):
+            if center in self.chosen and len(self.chosen) > 1:
+                rest = [other for other in self.chosen if other != center]
+                self.excess, self.chosen = min(
+                    (self.excess, self.chosen), self._split(self._settled(rest)[1])
+                )
+
+    def _split(self, chosen: list[int]) -> tuple[float, list[int]]:
+        cost = self.cost[:, chosen]
+        needed, owner = cost.min(axis=1), cost.argmin(axis=1)
+        worst = int(needed.argmax())
+        mine = np.flatnonzero(owner == owner[worst])
+        tried = [(float(needed[worst]), chosen)]
+        for share in _SHARES:
+            limit = share * needed[worst]
+            able = np.flatnonzero(self.cost[worst] <= limit)
+            if len(able):  # the centre that covers the worst point and most of its neighbours
+                most = (self.cost[np.ix_(mine, able)] <= limit).sum(axis=0).argmax()
+                tried.append(self._settled([*chosen, int(able[most])]))
+        return min(tried)
+
+    def _settled(self, chosen: list[int]) -> tuple[float, list[int]]:
+        best = (np.inf, chosen)
+        for _ in range(_ROUNDS):
+            cost = self.cost[:, chosen]
+            excess, owner = float(cost.min(axis=1).max()), cost.argmin(axis=1)
+            if excess >= best[0]:
+                break
+            best = (excess, chosen)
+            chosen = [int(self.cost[owner == k].max(axis=0).argmin()) for k in np.unique(owner)]
+        return best
+
+    def cover(self) -> tuple[FloatArray, float]:
+        """The cover of all points of the surface, its centres moved by voxels."""
+        at = self.at[self.chosen]
+        points = self.points
+        best, held = np.inf, at
+        for _ in range(_ROUNDS):
+            cost = cdist(points, self._middle(at)) - self.depth[tuple(at.T)]
+            excess, owner = float(cost.min(axis=1).max()), cost.argmin(axis=1)
+            if excess >= best - 1e-6:
+                break
+            best, held = excess, at
+            at = np.array([self._moved(at[k], points[owner == k]) for k in np.unique(owner)])
+        centers = self._middle(held)
+        away = cdist(self.surface[::3], centers) - self.depth[tuple(held.T)]
+        owner, pieces = away.argmin(axis=1), self.surface.reshape(-1, 9)
+        used = np.unique(owner)  # a sphere that holds the corners of a piece holds the piece
+        radius = np.array(
+            [cdist(pieces[owner == k].reshape(-1, 3), centers[[k]]).max() for k in used]
+        )
+        depth = cKDTree(self.outside).query(centers[used])[0]
+        return np.column_stack([centers[used], radius * _SLACK]), float((radius - depth).max())
+
+    def _moved(self, at: IntArray, points: FloatArray) -> IntArray:
+        """The voxel near ``at`` from which ``points`` are covered with the least excess."""
+        near = at + _AROUND
+        near = near[((near >= 0) & (near < self.depth.shape)).all(axis=1)]
+        depth = self.depth[tuple(near.T)]
+        near, depth = near[depth >= 0.0], depth[depth >= 0.0]
+        cost = cdist(points, self._middle(near)).max(axis=0) - depth
+        best: IntArray = near[int(cost.argmin())]
+        return best
+
+
+_AROUND = np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def cut(triangles: FloatArray, step: float) -> FloatArray:
+    """The same surface (c, 3, 3) as triangles (f, 3, 3) with no side over ``step`` [m].
+
+    The longest side is halved until it is short, so that a thin triangle gives few.
+    """
+    done, face = [], np.arange(3)
+    while len(triangles):
+        sides = np.linalg.norm(triangles[:, [1, 2, 0]] - triangles, axis=2)
+        longest = sides.argmax(axis=1)
+        long = sides.max(axis=1) > step
+        done.append(triangles[~long])
+        turn = (longest[long, None] + face) % 3
+        a, b, c = np.moveaxis(np.take_along_axis(triangles[long], turn[:, :, None], axis=1), 1, 0)
+        middle = 0.5 * (a + b)
+        triangles = np.concatenate([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])
+    return np.concatenate(done)
+
+
+def enclosed(touched: BoolArray) -> BoolArray:
+    """The voxels of a surface, and those that it encloses along two of the three axes."""
+    axes = np.zeros(touched.shape, dtype=np.int8)
+    for axis in range(3):
+        before = np.logical_or.accumulate(touched, axis=axis)
+        after = np.flip(np.logical_or.accumulate(np.flip(touched, axis), axis=axis), axis)
+        axes += before & after
+    solid: BoolArray = touched | (axes >= 2)
+    return solid
+
+
+def _thinned(points: FloatArray | IntArray, edge: float, most: float = np.inf) -> IntArray:
+    """Indices of the first point in each cell of a grid; ``edge`` grows until ``most`` are left."""
+    while True:
+        cell = np.maximum(np.floor(points / edge), 0.0).astype(np.int64)
+        code = np.ravel_multi_index(tuple(cell.T), tuple(cell.max(axis=0) + 1))
+        first: IntArray = np.sort(np.unique(code, return_index=True)[1])
+        if len(first) <= most:
+            return first
+        edge *= max(1.05, (len(first) / most) ** (1.0 / 3.0))

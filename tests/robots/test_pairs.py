@@ -1,0 +1,229 @@
+"""Which links of a robot from a file are kept apart: SRDF, and what random configurations say."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optipromp.errors import InvalidRobotError
+from optipromp.robots import Robot, load_robot
+from optipromp.robots.chain import rotation_of, serial_chain
+from optipromp.robots.meshes import mesh_file
+from optipromp.robots.urdf import read_urdf
+
+Writer = Callable[..., Path]
+
+
+def chain(joint: Callable[..., str], radius: float = 0.05, count: int = 5) -> str:
+    """Links l0 to l4, capsules of 0.3 m, each turning about z at the end of the one before."""
+    body = (
+        '<collision><origin xyz="0.15 0 0" rpy="0 1.5707963 0"/><geometry>'
+        f'<capsule radius="{radius}" length="0.2"/></geometry></collision>'
+    )
+    links = "".join(f'<link name="l{i}">{body}</link>' for i in range(count))
+    joints = "".join(
+        joint(
+            f"j{i}", f"l{i}", f"l{i + 1}",
+            limit='<limit lower="-3" upper="3" velocity="1"/>',
+            origin='<origin xyz="0.3 0 0"/>',
+        )
+        for i in range(count - 1)
+    )  # fmt: skip
+    return f'<robot name="snake">{links}{joints}</robot>'
+
+
+def kept_apart(robot: Robot) -> set[tuple[str, str]]:
+    pairs = robot.spheres.link[robot.self_pairs]
+    return {(robot.link_names[a], robot.link_names[b]) for a, b in pairs}
+
+
+def srdf(*pairs: tuple[str, str], name: str = "snake") -> str:
+    rows = "".join(f'<disable_collisions link1="{a}" link2="{b}"/>' for a, b in pairs)
+    return f'<robot name="{name}">{rows}</robot>'
+
+
+def test_pairs_that_an_srdf_disables(write: Writer, joint: Callable[..., str]) -> None:
+    path = write(chain(joint), "snake.urdf")
+    before = kept_apart(load_robot(path))
+    assert before == {(f"l{i}", f"l{j}") for i in range(5) for j in range(i + 2, 5)}
+    write(srdf(("l3", "l1"), ("l0", "gripper")), "snake.srdf")
+    assert before - kept_apart(load_robot(path)) == {("l1", "l3")}
+
+
+@pytest.mark.parametrize(
+    ("name", "robot", "honoured"),
+    [
+        ("snake.srdf", "snake", True),
+        ("other.srdf", "snake", True),  # the only one of that robot
+        ("snake.srdf", "lizard", False),
+        ("other.srdf", "lizard", False),
+    ],
+)
+def test_whose_srdf_it_is(
+    write: Writer, joint: Callable[..., str], name: str, robot: str, honoured: bool
+) -> None:
+    path = write(chain(joint), "snake_with_hand.urdf")
+    write(srdf(("l1", "l3"), name=robot), name)
+    assert (("l1", "l3") in kept_apart(load_robot(path))) is not honoured
+
+
+def test_an_srdf_in_the_folder_beside(write: Writer, joint: Callable[..., str]) -> None:
+    path = write(chain(joint), "snake.urdf")
+    (path.parent / "srdf").mkdir()
+    write(srdf(("l1", "l3")), "srdf/snake.srdf")
+    assert ("l1", "l3") not in kept_apart(load_robot(path))
+
+
+def test_a_malformed_srdf_is_named(write: Writer, joint: Callable[..., str]) -> None:
+    path = write(chain(joint), "snake.urdf")
+    write("<robot", "other.srdf")
+    load_robot(path)  # of something else
+    write("<robot", "snake.srdf")
+    with pytest.raises(InvalidRobotError, match=r"snake\.srdf"):
+        load_robot(path)
+
+
+def test_links_that_never_come_near_are_left_out(write: Writer, joint: Callable[..., str]) -> None:
+    text = chain(joint).replace('lower="-3" upper="3"', 'lower="-0.2" upper="0.2"')
+    robot = load_robot(write(text, "stiff.urdf"))
+    assert ("l0", "l4") not in kept_apart(robot)
+    assert {("l0", "l4"): "never near"}.items() <= {
+        (a, b): why for a, b, why in robot.left_out
+    }.items()
+
+
+def test_only_the_covers_touch_at_home(write: Writer, joint: Callable[..., str]) -> None:
+    """l0 is a box that a cover exceeds; l2 stands 5 mm before it at home, and may fold into it."""
+    box = '<geometry><box size="0.3 0.3 0.02"/></geometry>'
+    links = (
+        f'<link name="l0"><collision>{box}</collision></link><link name="l1"/>'
+        '<link name="l2"><collision><origin xyz="0.1 0 0.035"/><geometry><sphere radius="0.02"/>'
+        '</geometry></collision><collision><origin xyz="0.4 0 0.2"/><geometry>'
+        '<sphere radius="0.05"/></geometry></collision></link>'
+    )
+    joints = joint("j0", "l0", "l1", origin="") + joint(
+        "j1", "l1", "l2", origin="", axis='<axis xyz="0 1 0"/>'
+    )
+    robot = load_robot(write(f'<robot name="r">{links}{joints}</robot>'))
+    assert robot.excess["l0"] > 0.005
+    [(link, other, why)] = robot.left_out
+    assert (link, other) == ("l0", "l2")
+    assert "only the covers touch, at home" in why
+    assert ("l0", "l2") in kept_apart(robot)  # by their other spheres
+    centers, radius = robot.sphere_centers(robot.home), robot.spheres.radius
+    i, j = robot.self_pairs.T
+    assert (np.linalg.norm(centers[i] - centers[j], axis=1) >= radius[i] + radius[j]).all()
+
+
+# -- against the meshes of robots of the trade ---------------------------------------------------
+
+STOCK = {
+    "ur5": ("ur_description/urdf/ur5_robot.urdf", 0.97),
+    "panda": ("panda_description/urdf/panda.urdf", 0.97),
+    "xarm7": ("xarm_description/urdf/xarm7.urdf", 0.97),
+    "kinova": ("kinova_description/robots/kinova.urdf", 0.94),
+}
+TOOLS = ("hand", "finger")
+CONFIGURATIONS = 300
+
+
+def stock(name: str) -> Path:
+    from importlib.metadata import PackageNotFoundError, files
+
+    try:
+        listed = files("example-robot-data") or []
+    except PackageNotFoundError:
+        pytest.skip("example-robot-data is not installed: pip install '.[models]'")
+    found = [p for p in listed if str(p).endswith(STOCK[name][0])]
+    return Path(str(found[0].locate())).resolve()
+
+
+def hulls(path: Path) -> dict[str, tuple[object, np.ndarray]]:
+    """The convex hull of each link, for Coal, and the points of its meshes (m, 3)."""
+    coal, trimesh = pytest.importorskip("coal"), pytest.importorskip("trimesh")
+    if "kinova" in path.name:  # its meshes are COLLADA
+        pytest.importorskip("collada")
+    model, out = read_urdf(path), {}
+    for name, link in model.links.items():
+        parts = []
+        for shape in link.collisions or link.visuals:
+            if shape.kind == "box":
+                points = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, -1).T * shape.size
+                parts.append(points @ rotation_of(shape.rpy).T + shape.xyz)
+            if shape.kind == "mesh":
+                mesh = trimesh.load(str(mesh_file(model, name, shape)), force="mesh")
+                even, _ = trimesh.sample.sample_surface_even(mesh, 3000, seed=0)
+                points = np.concatenate([mesh.vertices, even]) * shape.size
+                parts.append(points @ rotation_of(shape.rpy).T + shape.xyz)
+        if parts:
+            points = np.concatenate(parts)
+            hull = trimesh.convex.convex_hull(points)
+            corners, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+            for corner in hull.vertices:
+                corners.append(corner)
+            for face in hull.faces:
+                faces.append(coal.Triangle(*(int(i) for i in face)))
+            out[name] = coal.Convex(corners, faces), points
+    return out
+
+
+@pytest.mark.parametrize("name", STOCK)
+def test_a_stock_robot(name: str) -> None:
+    """Covered whole, by few spheres; and free of itself where its convex meshes are."""
+    coal = pytest.importorskip("coal")
+    path = stock(name)
+    bodies, robot, model = hulls(path), load_robot(path), read_urdf(path)
+    places = serial_chain(model).placements
+    arm = [i for i, n in enumerate(robot.link_names) if not any(word in n for word in TOOLS)]
+    assert np.isin(robot.spheres.link, arm).sum() <= 65
+    for link, (_, points) in bodies.items():
+        mine = robot.spheres.link == robot.link_names.index(link)
+        place = places[link]
+        here = points @ place.rotation.T + place.translation
+        away = np.linalg.norm(here[:, None] - robot.spheres.center[mine], axis=2)
+        assert (away - robot.spheres.radius[mine]).min(axis=1).max() <= 1e-9, link
+        assert robot.excess[link] <= 0.03, link
+
+    low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
+    high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
+    q = np.random.default_rng(1).uniform(low, high, (CONFIGURATIONS, robot.n_joints))
+    centers, (i, j) = robot.sphere_centers(q), robot.self_pairs.T
+    gaps = np.linalg.norm(centers[:, i] - centers[:, j], axis=2)
+    ours = (gaps < robot.spheres.radius[i] + robot.spheres.radius[j]).any(axis=1)
+
+    wrong = may_touch(path)
+    origins, rotations = robot.segment_frames(q)
+    pairs = [
+        (a, b)
+        for a in bodies
+        for b in bodies
+        if places[a].segment <= places[b].segment - 2 and frozenset((a, b)) not in wrong
+    ]
+    theirs = np.zeros(len(q), dtype=bool)
+    for t in range(len(q)):
+        at = {}
+        for link in bodies:
+            place = places[link]
+            turn, origin = np.eye(3), np.zeros(3)
+            if place.segment >= 0:
+                turn, origin = rotations[t, place.segment], origins[t, place.segment]
+            at[link] = coal.Transform3s(turn @ place.rotation, turn @ place.translation + origin)
+        theirs[t] = any(
+            coal.collide(
+                bodies[a][0], at[a], bodies[b][0], at[b],
+                coal.CollisionRequest(), coal.CollisionResult(),
+            )
+            for a, b in pairs
+        )  # fmt: skip
+    assert (ours == theirs).mean() >= STOCK[name][1]
+
+
+def may_touch(path: Path) -> set[frozenset[str]]:
+    """The pairs that the maker's SRDF disables."""
+    from xml.etree import ElementTree
+
+    file = {"ur5_robot": "ur5"}.get(path.stem, path.stem)
+    tree = ElementTree.parse(path.parent.parent / "srdf" / f"{file}.srdf")
+    found = tree.getroot().iter("disable_collisions")
+    return {frozenset((e.attrib["link1"], e.attrib["link2"])) for e in found}
