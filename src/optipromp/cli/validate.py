@@ -130,10 +130,8 @@ def _print(found: "Verdict", document: dict[str, Any], curve: "Trajectory") -> N
             table.add_row(violation.kind, violation.subject, when, amount)
         console.print(table)
     console.print(found.message, markup=False)
+    off = f"{m.goal_error:.4f}" if m.goal_axis_error is None else f"{1e3 * m.goal_error:.2f} mm"
     console.print(
         f"limits in use: velocity {m.velocity_ratio:.0%}, acceleration {m.acceleration_ratio:.0%}, "
-        f"jerk {m.jerk_ratio:.0%}; {1e3 * m.goal_error:.2f} mm off the goal"
-        if m.goal_axis_error is not None
-        else f"limits in use: velocity {m.velocity_ratio:.0%}, acceleration "
-        f"{m.acceleration_ratio:.0%}, jerk {m.jerk_ratio:.0%}; {m.goal_error:.4f} off the goal"
+        f"jerk {m.jerk_ratio:.0%}; {off} off the goal"
     )

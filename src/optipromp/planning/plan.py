@@ -228,12 +228,14 @@ def _plan(
             first=outcome.first, via=outcome.via, pushed=task.pushed,
         )  # fmt: skip
 
+    stay = _stay(task)
     _, touching = judging.clearances(scene, task.robot, task.start[None])
     if touching:
         told = "at the start " + "; ".join(map(str, touching))
-        return finish(_stay(task), Code.START_IN_COLLISION, told)
-    if not task.state.moving and task.at_goal(judging.GOAL_TOLERANCE, judging.AXIS_TOLERANCE):
-        return finish(_stay(task))
+        return finish(stay, Code.START_IN_COLLISION, told)
+    tolerances = judging.GOAL_TOLERANCE, judging.AXIS_TOLERANCE
+    if all(task.at_goal(q, *tolerances) for q in stay.trajectory.positions):
+        return finish(stay)
 
     say("inverse kinematics")
     before = time.perf_counter()
@@ -245,7 +247,7 @@ def _plan(
     )  # fmt: skip
     clock["inverse kinematics"] = time.perf_counter() - before
     if not len(chosen):
-        return finish(_stay(task), Code.GOAL_UNREACHABLE, reason)
+        return finish(stay, Code.GOAL_UNREACHABLE, reason)
     if planner != "opti-promp":
         say(planner)
         return finish(primitive.plan_primitive(task, promp, options, chosen, planner, seed))

@@ -83,11 +83,11 @@ class Task:
         before = min([0.0, *heights]) - self.scene.approach.camera_distance
         return np.asarray(self.goal.position + before * up)
 
-    def at_goal(self, position_tolerance: float, axis_tolerance: float) -> bool:
-        """Whether the start is at the goal, within tolerances [m or rad] and [rad]."""
+    def at_goal(self, q: FloatArray, position_tolerance: float, axis_tolerance: float) -> bool:
+        """Whether ``q`` (n,) is at the goal, within tolerances [m or rad] and [rad]."""
         if isinstance(self.goal, JointGoal):
-            return bool(np.max(np.abs(self.start - self.goal.joints)) < position_tolerance)
-        point, axis = self.robot.tool_pose(self.start)
+            return bool(np.max(np.abs(q - self.goal.joints)) < position_tolerance)
+        point, axis = self.robot.tool_pose(q)
         near = np.linalg.norm(point - self.goal.position) < position_tolerance
         return bool(near and axis @ self.goal.axis > np.cos(axis_tolerance))
 
