@@ -66,6 +66,11 @@ def test_packages(
     assert 0.1 <= reach(path, package_dirs=[tmp_path / given] if given else []) < 0.2
 
 
+def test_three_slashes(write: Writer, tmp_path: Path) -> None:
+    mesh(tmp_path / "my_arm")
+    assert reach(write(with_mesh("package:///my_arm/part.obj"))) < 0.2
+
+
 def test_what_is_given_comes_first(write: Writer, tmp_path: Path) -> None:
     mesh(tmp_path / "my_arm", size=1.0)
     mesh(tmp_path / "other" / "my_arm", size=3.0)

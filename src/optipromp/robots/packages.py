@@ -43,7 +43,7 @@ def with_meshes_found(
         if not shape.mesh.startswith(PREFIX):
             file = model.path.resolve().parent / shape.mesh.removeprefix("file://")
             return _in_metres(shape, file) if shape.mesh else shape
-        name, _, rest = shape.mesh.removeprefix(PREFIX).partition("/")
+        name, _, rest = shape.mesh.removeprefix(PREFIX).lstrip("/").partition("/")
         folders = package_folders(name, model.path, package_dirs)
         for folder in folders:
             file = (folder / rest).resolve()
