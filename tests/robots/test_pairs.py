@@ -152,7 +152,7 @@ def hulls(path: Path) -> dict[str, tuple[object, np.ndarray]]:
                 points = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, -1).T * shape.size
                 parts.append(points @ rotation_of(shape.rpy).T + shape.xyz)
             if shape.kind == "mesh":
-                mesh = trimesh.load(str(mesh_file(model, name, shape)), force="mesh")
+                mesh = trimesh.load(str(mesh_file(path, name, shape)), force="mesh")
                 even, _ = trimesh.sample.sample_surface_even(mesh, 3000, seed=0)
                 points = np.concatenate([mesh.vertices, even]) * shape.size
                 parts.append(points @ rotation_of(shape.rpy).T + shape.xyz)

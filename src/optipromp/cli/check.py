@@ -1,14 +1,18 @@
 """``optipromp check``: is this file right?"""
 
 import warnings
+from collections import Counter
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from optipromp.cli.console import OK, AsJson, command, exit_code, print_json, stdout
 from optipromp.errors import Code, InvalidRequestError, InvalidSceneError
+
+if TYPE_CHECKING:
+    from optipromp.robots.model import Robot
 
 _SCENE_KEYS = frozenset({"objects", "robot", "target", "goal", "approach", "start"})
 _PLAN_KEYS = frozenset({"planner", "status", "metrics", "terms"})
@@ -84,6 +88,10 @@ def check(
             metavar="ITEM", help="A scene, a robot or demonstrations: a path or a built-in name."
         ),
     ],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Of a robot: leave cover.png there, its body spheres."),
+    ] = None,
     as_json: AsJson = False,
 ) -> int:
     """Check a scene, robot, demonstrations or plan, and say what it holds.
@@ -95,11 +103,15 @@ def check(
 
     \b
     optipromp check scenario-4
-    optipromp check my-robot.urdf
+    optipromp check my-robot.urdf --out pictures
     optipromp check recordings/
     """
     kind = kind_of(item)
+    if out is not None and kind is not Kind.ROBOT:
+        raise InvalidRequestError(f"{item} is no robot but a {kind}: --out leaves nothing")
     summary = _SUMMARIES[kind](item)
+    if out is not None:
+        _leave_picture(item, out)
     status = Code(summary.pop("status", Code.SUCCESS))
     if as_json:
         print_json({"status": status, "message": "", "kind": kind, "item": item, **summary})
@@ -112,6 +124,8 @@ def check(
 
 
 def _words(value: object) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_words(item)}" for key, item in value.items()) or "none"
     if isinstance(value, list | tuple):
         return ", ".join(_words(item) for item in value) or "none"
     if isinstance(value, float):
@@ -152,8 +166,28 @@ def _robot(item: str) -> dict[str, Any]:
         "velocity": robot.velocity.tolist(),
         "acceleration": robot.acceleration.tolist(),
         "links": list(robot.link_names),
+        **_body(robot),
+    }
+
+
+def _leave_picture(item: str, out: Path) -> None:
+    from optipromp.files import write_atomically
+    from optipromp.robots.library import load_robot
+    from optipromp.viewer.cover import cover_figure
+    from optipromp.viewer.figures import png
+
+    write_atomically(out / "cover.png", png(cover_figure(load_robot(item))))
+
+
+def _body(robot: "Robot") -> dict[str, Any]:
+    """What is said of a robot's body spheres; lengths in metres."""
+    spheres = Counter(robot.link_names[i] for i in robot.spheres.link)
+    return {
         "body_spheres": len(robot.spheres.radius),
+        "spheres": dict(spheres),
+        "excess": {link: round(value, 4) for link, value in robot.excess.items()},
         "self_pairs": len(robot.self_pairs),
+        "may_touch": [f"{one.link} and {one.other} ({one.why})" for one in robot.left_out],
     }
 
 

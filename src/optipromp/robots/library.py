@@ -14,10 +14,10 @@ from optipromp.errors import InvalidRobotError
 from optipromp.robots.chain import Chain, serial_chain
 from optipromp.robots.mesh_covers import Cover
 from optipromp.robots.meshes import mesh_files
-from optipromp.robots.model import BodySpheres, Robot
+from optipromp.robots.model import BodySpheres, LinkGeometry, Robot
 from optipromp.robots.self_collision import with_self_pairs
 from optipromp.robots.spheres import cover_links
-from optipromp.robots.srdf import disabled_pairs, srdf_beside, srdf_files
+from optipromp.robots.touching import disabled_pairs, srdf_beside, srdf_files
 from optipromp.robots.urdf import LENGTH_LIMIT, UrdfModel, read_urdf
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -199,6 +199,11 @@ def _build(entry: RobotFile, model: UrdfModel, path: Path) -> Robot:
         home=home,
         held_joints=chain.held_joints,
         excess=excess,
+        geometry=tuple(
+            LinkGeometry(link, place.segment, place.rotation, place.translation, shapes, model.path)
+            for link, place in chain.placements.items()
+            if (shapes := model.links[link].collisions or model.links[link].visuals)
+        ),
     )
     srdf = srdf_beside(model)
     disabled = [] if srdf is None else disabled_pairs(srdf, model)
