@@ -122,7 +122,7 @@ STOCK = {
     "ur5": ("ur_description/urdf/ur5_robot.urdf", 0.97),
     "panda": ("panda_description/urdf/panda.urdf", 0.97),
     "xarm7": ("xarm_description/urdf/xarm7.urdf", 0.97),
-    "kinova": ("kinova_description/robots/kinova.urdf", 0.94),
+    "kinova": ("kinova_description/robots/kinova.urdf", 0.92),
 }
 TOOLS = ("hand", "finger")
 CONFIGURATIONS = 300

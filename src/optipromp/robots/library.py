@@ -1,6 +1,7 @@
 """Robots by name or by file: a bare URDF, or a YAML file beside one."""
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,7 +15,7 @@ from optipromp.errors import InvalidRobotError
 from optipromp.robots.chain import Chain, serial_chain
 from optipromp.robots.mesh_covers import Cover
 from optipromp.robots.meshes import mesh_files
-from optipromp.robots.model import BodySpheres, LinkGeometry, Robot
+from optipromp.robots.model import BodySpheres, LeftOut, LinkGeometry, Robot
 from optipromp.robots.self_collision import with_self_pairs
 from optipromp.robots.spheres import cover_links
 from optipromp.robots.touching import disabled_pairs, srdf_beside, srdf_files
@@ -207,7 +208,10 @@ def _build(entry: RobotFile, model: UrdfModel, path: Path) -> Robot:
     )
     srdf = srdf_beside(model)
     disabled = [] if srdf is None else disabled_pairs(srdf, model)
-    return with_self_pairs(robot, [*entry.allow_self, *disabled], excess)
+    robot = with_self_pairs(robot, [*entry.allow_self, *disabled], excess)
+    given = [LeftOut(a, b, "robot file") for a, b in entry.allow_self]
+    given += [LeftOut(a, b, srdf.name) for a, b in disabled if srdf is not None]
+    return replace(robot, left_out=(*given, *robot.left_out))
 
 
 def _per_joint(
