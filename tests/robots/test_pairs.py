@@ -120,7 +120,7 @@ def test_only_the_covers_touch_at_home(write: Writer, joint: Callable[..., str])
 
 STOCK = {
     "ur5": ("ur_description/urdf/ur5_robot.urdf", 0.97),
-    "panda": ("panda_description/urdf/panda.urdf", 0.97),
+    "panda": ("panda_description/urdf/panda.urdf", 0.96),
     "xarm7": ("xarm_description/urdf/xarm7.urdf", 0.97),
     "kinova": ("kinova_description/robots/kinova.urdf", 0.92),
 }
