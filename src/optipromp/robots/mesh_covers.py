@@ -15,7 +15,7 @@ from optipromp.robots.meshes import mesh_file, triangles
 from optipromp.robots.urdf import UrdfGeometry, UrdfModel
 
 PER_MESH = 7.5  # spheres, on average over the meshes of a robot: 60 for eight links
-_VERSION = 1  # part of the cache key: raise it when the same meshes get other covers
+_COVERS_VERSION = 1  # part of the cache key: raise it when the same meshes get other covers
 
 
 class Cover(NamedTuple):
@@ -62,7 +62,7 @@ def _cache_file(keys: list[tuple[Path, tuple[float, ...]]]) -> Path | None:
     folder = cache_folder()
     if folder is None:
         return None
-    digest = hashlib.sha256(f"{_VERSION} {PER_MESH}".encode())
+    digest = hashlib.sha256(f"{_COVERS_VERSION} {PER_MESH}".encode())
     for path, scale in keys:
         try:
             content = path.read_bytes()
