@@ -109,7 +109,8 @@ def test_a_duration_that_the_limits_do_not_allow_is_no_success(planned: Planned)
 def test_without_a_duration_a_limit_is_used_up(planner: str, planned: Planned) -> None:
     m = planned("scenario-3", planner, approach_speed=100.0).metrics
     used = max(m.velocity_ratio, m.acceleration_ratio ** (1 / 2), m.jerk_ratio ** (1 / 3))
-    assert 0.9 * TIMING.among < used <= TIMING.among  # half the limits where fruits are pushed
+    most = TIMING.among if planner == "opti-promp" else 1.0  # half the limits on a path
+    assert 0.9 * most < used <= most
 
 
 def tool_speeds(result: Plan) -> np.ndarray:

@@ -74,7 +74,7 @@ def test_a_target_that_moved_is_reached_without_beginning_again(before: Plan, sh
     assert after.success
     assert after.metrics.goal_error < 1e-3
     assert_begins(after, before.trajectory.at(at))
-    assert after.trajectory.duration < before.trajectory.duration - at + 0.5
+    assert after.trajectory.duration < 1.4 * (before.trajectory.duration - at)
     tip, _ = after.robot.tool_pose(after.trajectory.resample(100).positions)
     height = tip @ scene.frame[2]
     if share > 0.4:  # on its approach the tool does not go back

@@ -179,7 +179,7 @@ class TimingParameters(Checked):
     )  # fmt: skip
     among: float = parameter(
         0.5, "1", "measured",
-        "share of the velocity limits where fruits are pushed; at 1, 9 of 1,600 picks fail that "
+        "share of the velocity limits where a path is followed; at 1, 9 of 1,600 runs fail that "
         "succeed at 0.5, and one succeeds that fails",
     )  # fmt: skip
     refinements: int = parameter(

@@ -27,16 +27,19 @@ def timed(
     q: FloatArray,
     slow: int | None,
     speed: float | None = None,
+    share: float = 1.0,
 ) -> Trajectory:
     """Waypoints (T, n) as a trajectory of the duration asked for, or of the shortest possible one.
 
     From waypoint ``slow`` on (None: nowhere) the tool stays below ``options.approach_speed``, or
-    else below ``speed`` (None: that of the model of what hangs) [m/s].
+    else below ``speed`` (None: that of the model of what hangs) [m/s]. The motion is slowed evenly
+    to a ``share`` of the limits of velocity, of acceleration its square, of jerk its cube.
     """
     limit = options.approach_speed or speed or PUSH.hanging.speed
     if options.duration is not None:
         slow = None
     made = shortest(task.robot, q, slow, limit)
+    made = made.slowed(max(1.0, float(needs(task.robot, made).max()) / share))
     if options.duration is not None:
         made = made.slowed(options.duration / made.duration)
     return joined(task.robot, task.state, made) if task.state.moving else made
@@ -48,30 +51,26 @@ def shortest(
     """The trajectory through waypoints ``q`` (T, n) that ends soonest, from rest to rest.
 
     It keeps the robot's limits of velocity, acceleration and jerk at every instant and, from
-    waypoint ``slow`` on (None: nowhere), the ``tool_speed`` [m/s] in the mean of each interval. If
-    the tool is to be slow, the whole motion uses ``TIMING.among`` of the limits of velocity, of
-    acceleration its square, of jerk its cube.
+    waypoint ``slow`` on (None: nowhere), the ``tool_speed`` [m/s] in the mean of each interval.
     Where the tool's speed decides, the waypoints are evenly spaced. Where the joints' limits
     decide, the intervals near the ends are widened, and then each by its own need.
     """
     count, names = len(q), robot.joint_names
-    least, share = np.zeros(count - 1), 1.0
+    least = np.zeros(count - 1)
     if slow is not None:
-        share = TIMING.among
         points, _ = robot.tool_pose(q[slow:])
         least[slow:] = lengths(points[1:] - points[:-1]) / tool_speed
     even = np.arange(count, dtype=np.float64)
     dt = max(float(least.max()), TIMING.least_dt)
     made = Trajectory.through(q, dt * even, names)
-    if needs(robot, made).max() <= share:
+    if needs(robot, made).max() <= 1.0:
         return made
-    tried = (_within(robot, q, _ramped(count, ramp), least, share) for ramp in TIMING.ramps)
-    best = min(tried, key=_end)
+    best = min((_within(robot, q, _ramped(count, r), least) for r in TIMING.ramps), key=_end)
     made = best
     for _ in range(TIMING.refinements):
-        need = _smoothed(needs(robot, made) / share)
+        need = _smoothed(needs(robot, made))
         widths = np.diff(made.times) * np.clip(need**TIMING.gain, TIMING.shrink, TIMING.widen)
-        made = _within(robot, q, np.append(0.0, np.cumsum(widths)), least, share)
+        made = _within(robot, q, np.append(0.0, np.cumsum(widths)), least)
         best = min(best, made, key=_end)
     return best
 
@@ -146,17 +145,15 @@ def shares(robot: Robot, points: FloatArray, h: FloatArray) -> FloatArray:
     return worst
 
 
-def _within(
-    robot: Robot, q: FloatArray, times: FloatArray, least: FloatArray, share: float
-) -> Trajectory:
-    """``times`` (T,), stretched to keep a share of the limits and intervals of ``least`` (T-1,)."""
+def _within(robot: Robot, q: FloatArray, times: FloatArray, least: FloatArray) -> Trajectory:
+    """``times`` (T,), stretched evenly to keep the limits and intervals of ``least`` (T-1,)."""
     made = Trajectory.through(q, times, robot.joint_names)
-    factor = float(needs(robot, made).max()) / share
+    factor = float(needs(robot, made).max())
     widths = factor * np.diff(times)
     if (widths < least).any():
         times = np.append(0.0, np.cumsum(np.maximum(widths, least)))
         made = Trajectory.through(q, times, robot.joint_names)
-        factor = max(float(needs(robot, made).max()) / share, 1.0)
+        factor = max(float(needs(robot, made).max()), 1.0)
     return made.slowed(
         max(factor * (1.0 + 1e-9), TIMING.least_dt / float(np.diff(made.times).max()))
     )
