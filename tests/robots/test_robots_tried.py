@@ -11,8 +11,8 @@ import pytest
 from scripts.robots_tried import EXPECTED, OUT, Expected, verdict
 
 from optipromp.robots.arm import choose_arm
-from optipromp.robots.srdf import srdf_beside
 from optipromp.robots.srdf_groups import read_srdf
+from optipromp.robots.touching import srdf_beside
 from optipromp.robots.urdf import read_urdf
 
 REFUSED = {"centauro_description/urdf/centauro.urdf"}  # a revolute wheel without limits

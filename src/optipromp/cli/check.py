@@ -1,6 +1,7 @@
 """``optipromp check``: is this file right?"""
 
 import warnings
+from collections import Counter
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -100,6 +101,10 @@ def check(
         list[Path] | None,
         typer.Option(metavar="FOLDER", help="Of a robot: holds packages of package:// names."),
     ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Of a robot: leave cover.png there, its body spheres."),
+    ] = None,
     as_json: AsJson = False,
 ) -> int:
     """Check a scene, robot, demonstrations or plan, and say what it holds.
@@ -112,6 +117,7 @@ def check(
     \b
     optipromp check scenario-4
     optipromp check my-robot.urdf --tip left_tool0
+    optipromp check my-robot.urdf --out pictures
     optipromp check recordings/
     """
     from optipromp.robots.library import NOTHING, Choice
@@ -120,9 +126,11 @@ def check(
     given = Choice(tip, base, srdf, package_dirs=tuple(package_dir or ()))
     if kind is Kind.ROBOT:
         summary = _robot(item, given)
-    elif given != NOTHING:
+        if out is not None:
+            _leave_picture(item, out, given)
+    elif given != NOTHING or out is not None:
         raise InvalidRequestError(
-            f"{item} is no robot but a {kind}: no --tip, --base, --srdf or --package-dir"
+            f"{item} is no robot but a {kind}: no --tip, --base, --srdf, --package-dir or --out"
         )
     else:
         summary = _SUMMARIES[kind](item)
@@ -138,6 +146,8 @@ def check(
 
 
 def _words(value: object) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_words(item)}" for key, item in value.items()) or "none"
     if isinstance(value, list | tuple):
         return ", ".join(_words(item) for item in value) or "none"
     if isinstance(value, float):
@@ -184,8 +194,28 @@ def _robot(item: str, choice: "Choice") -> dict[str, Any]:
         "velocity": robot.velocity.tolist(),
         "acceleration": robot.acceleration.tolist(),
         "links": list(robot.link_names),
+        **_body(robot),
+    }
+
+
+def _leave_picture(item: str, out: Path, choice: "Choice") -> None:
+    from optipromp.files import write_atomically
+    from optipromp.robots.library import load_arm
+    from optipromp.viewer.cover import cover_figure
+    from optipromp.viewer.figures import png
+
+    write_atomically(out / "cover.png", png(cover_figure(load_arm(item, choice=choice)[0])))
+
+
+def _body(robot: "Robot") -> dict[str, Any]:
+    """What is said of a robot's body spheres; lengths in metres."""
+    spheres = Counter(robot.link_names[i] for i in robot.spheres.link)
+    return {
         "body_spheres": len(robot.spheres.radius),
+        "spheres": dict(spheres),
+        "excess": {link: round(value, 4) for link, value in robot.excess.items()},
         "self_pairs": len(robot.self_pairs),
+        "may_touch": [f"{one.link} and {one.other} ({one.why})" for one in robot.left_out],
     }
 
 

@@ -27,7 +27,7 @@ from optipromp.arrays import BoolArray, FloatArray, IntArray
 VOXEL = 0.0025  # [m] of the grid, for parts of up to 0.4 m
 TIGHT = 0.008  # [m] of excess at which a cover gets no further sphere
 LOOSE = 0.030  # [m] of excess down to which every cover grows, whatever it takes, up to
-MOST = 40  # spheres
+MOST_SPHERES = 40  # spheres
 _FINE, _COARSE = 40, 160  # voxels along the longest side: at least, at most
 _VOXELS = 400_000
 _STEP = 0.7  # [voxels] longest side of a piece of the surface
@@ -101,7 +101,10 @@ class _Fit:
     def split(self) -> None:
         """Put a second centre into the loosest sphere, and let all centres settle."""
         excess, chosen = self._split(self.chosen)
-        self.done = len(chosen) in (len(self.chosen), MOST)  # the first: no centre does better
+        self.done = len(chosen) in (
+            len(self.chosen),
+            MOST_SPHERES,
+        )  # the first: no centre does better
         self.excess, self.chosen = excess, chosen
 
     def exchange(self) -> None:
@@ -162,7 +165,7 @@ class _Fit:
 
     def _moved(self, at: IntArray, points: FloatArray) -> IntArray:
         """The voxel near ``at`` from which ``points`` are covered with the least excess."""
-        near = at + _AROUND
+        near = at + _NEARBY
         near = near[((near >= 0) & (near < self.depth.shape)).all(axis=1)]
         depth = self.depth[tuple(near.T)]
         near, depth = near[depth >= 0.0], depth[depth >= 0.0]
@@ -171,7 +174,7 @@ class _Fit:
         return best
 
 
-_AROUND = np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+_NEARBY = np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def cut(triangles: FloatArray, step: float) -> FloatArray:

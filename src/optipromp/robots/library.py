@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,12 +17,12 @@ from optipromp.robots.arm import Arm, choose_arm
 from optipromp.robots.chain import Chain, serial_chain
 from optipromp.robots.mesh_covers import Cover
 from optipromp.robots.meshes import mesh_files
-from optipromp.robots.model import BodySpheres, Robot
+from optipromp.robots.model import BodySpheres, LeftOut, LinkGeometry, Robot
 from optipromp.robots.packages import expanded, with_meshes_found
 from optipromp.robots.self_collision import with_self_pairs
 from optipromp.robots.spheres import cover_links
-from optipromp.robots.srdf import disabled_pairs, srdf_beside, srdf_files
 from optipromp.robots.srdf_groups import read_srdf
+from optipromp.robots.touching import disabled_pairs, srdf_beside, srdf_files
 from optipromp.robots.urdf import LENGTH_LIMIT, UrdfModel, read_urdf
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -296,10 +296,18 @@ def _build(
         home=home,
         held_joints=chain.held_joints,
         excess=excess,
+        geometry=tuple(
+            LinkGeometry(link, place.segment, place.rotation, place.translation, shapes, model.path)
+            for link, place in chain.placements.items()
+            if (shapes := model.links[link].collisions or model.links[link].visuals)
+        ),
     )
     srdf = _given_srdf(entry, path, choice) or srdf_beside(model)
     disabled = [] if srdf is None else disabled_pairs(srdf, model)
-    return with_self_pairs(robot, [*entry.allow_self, *disabled], excess), arm
+    robot = with_self_pairs(robot, [*entry.allow_self, *disabled], excess)
+    given = [LeftOut(a, b, "robot file") for a, b in entry.allow_self]
+    given += [LeftOut(a, b, srdf.name) for a, b in disabled if srdf is not None]
+    return replace(robot, left_out=(*given, *robot.left_out)), arm
 
 
 def _chosen(entry: RobotFile, model: UrdfModel, path: Path, choice: Choice) -> Arm:

@@ -15,7 +15,7 @@ from optipromp.robots.meshes import mesh_file, triangles
 from optipromp.robots.urdf import UrdfGeometry, UrdfModel
 
 PER_MESH = 7.5  # spheres, on average over the meshes of a robot: 60 for eight links
-_VERSION = 1  # part of the cache key: raise it when the same meshes get other covers
+_COVERS_VERSION = 1  # part of the cache key: raise it when the same meshes get other covers
 
 
 class Cover(NamedTuple):
@@ -37,7 +37,7 @@ def cover_meshes(
     Raises InvalidRobotError for a mesh that is missing, malformed or degenerate.
     """
     first: dict[tuple[Path, tuple[float, ...]], tuple[str, UrdfGeometry]] = {}
-    keys = [(mesh_file(model, link, shape), shape.size) for link, shape in meshes]
+    keys = [(mesh_file(model.path, link, shape), shape.size) for link, shape in meshes]
     for key, mesh in zip(keys, meshes, strict=True):
         first.setdefault(key, mesh)
     if not first:
@@ -47,7 +47,7 @@ def cover_meshes(
     if covers is None:
         from optipromp.robots.fit import fit_covers
 
-        solids = [triangles(model, link, shape) for link, shape in first.values()]
+        solids = [triangles(model.path, link, shape) for link, shape in first.values()]
         covers = [Cover(*fitted) for fitted in fit_covers(solids, PER_MESH)]
         if file is not None:
             arrays = {f"{i}": np.vstack([c.spheres, [c.excess] * 4]) for i, c in enumerate(covers)}
@@ -62,7 +62,7 @@ def _cache_file(keys: list[tuple[Path, tuple[float, ...]]]) -> Path | None:
     folder = cache_folder()
     if folder is None:
         return None
-    digest = hashlib.sha256(f"{_VERSION} {PER_MESH}".encode())
+    digest = hashlib.sha256(f"{_COVERS_VERSION} {PER_MESH}".encode())
     for path, scale in keys:
         try:
             content = path.read_bytes()

@@ -11,17 +11,17 @@ from optipromp.errors import InvalidRobotError
 from optipromp.robots.urdf import LENGTH_LIMIT, UrdfGeometry, UrdfModel
 
 
-def mesh_name(model: UrdfModel, link: str, shape: UrdfGeometry) -> str:
+def mesh_name(urdf: Path, link: str, shape: UrdfGeometry) -> str:
     """How messages name a mesh."""
-    return f"{model.path}: link '{link}' mesh '{shape.mesh}'"
+    return f"{urdf}: link '{link}' mesh '{shape.mesh}'"
 
 
-def mesh_file(model: UrdfModel, link: str, shape: UrdfGeometry) -> Path:
+def mesh_file(urdf: Path, link: str, shape: UrdfGeometry) -> Path:
     """The file that a mesh's name means, relative to the URDF's folder or the package's folder.
 
     Raises InvalidRobotError, naming the link and the file, when there is none.
     """
-    folder, name = model.path.resolve().parent, shape.mesh
+    folder, name = urdf.resolve().parent, shape.mesh
     if name.startswith("package://"):
         package, _, rest = name.removeprefix("package://").partition("/")
         candidates = [up / package / rest for up in (folder, *folder.parents)]
@@ -31,14 +31,14 @@ def mesh_file(model: UrdfModel, link: str, shape: UrdfGeometry) -> Path:
     for candidate in candidates:
         if candidate.is_file():
             return candidate
-    where = mesh_name(model, link, shape)
+    where = mesh_name(urdf, link, shape)
     raise InvalidRobotError(f"{where}: no such file, looked for {candidates[0]}")
 
 
 def mesh_files(model: UrdfModel, links: Collection[str]) -> list[Path]:
     """The files of the meshes by which links are covered. Raises as :func:`mesh_file`."""
     found = [
-        mesh_file(model, link, shape)
+        mesh_file(model.path, link, shape)
         for link in links
         for shape in model.links[link].collisions or model.links[link].visuals
         if shape.kind == "mesh"
@@ -46,14 +46,14 @@ def mesh_files(model: UrdfModel, links: Collection[str]) -> list[Path]:
     return list(dict.fromkeys(found))
 
 
-def triangles(model: UrdfModel, link: str, shape: UrdfGeometry) -> FloatArray:
+def triangles(urdf: Path, link: str, shape: UrdfGeometry) -> FloatArray:
     """The triangles (f, 3, 3) of a mesh in its own frame, scaled [m].
 
     Raises InvalidRobotError, naming the link and the file, when the mesh is missing, cannot be
     read, has no area or is larger than 20 m, or when the extra that reads meshes is not installed.
     """
-    where = mesh_name(model, link, shape)
-    vertices, faces = _load(mesh_file(model, link, shape), where)
+    where = mesh_name(urdf, link, shape)
+    vertices, faces = _load(mesh_file(urdf, link, shape), where)
     if not np.isfinite(vertices).all():
         raise InvalidRobotError(f"{where} is malformed: a vertex is not finite")
     corners: FloatArray = (vertices * np.array(shape.size))[faces]

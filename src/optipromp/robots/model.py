@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from optipromp.robots.kernels import Kinematics
 
 if TYPE_CHECKING:
     from optipromp.robots.tool_protocol import Tool
+    from optipromp.robots.urdf import UrdfGeometry
 
 __all__ = ["BodySpheres", "Kinematics", "Robot"]
 
@@ -25,6 +27,17 @@ class BodySpheres(NamedTuple):
     radius: FloatArray  # (B,) [m]
     link: IntArray  # (B,) index into Robot.link_names
     distal: BoolArray  # (B,) last link or tool: in B_s but not in B_d
+
+
+class LinkGeometry(NamedTuple):
+    """What a link's cover covers: x_segment = rotation @ x_link + translation; see Kinematics."""
+
+    link: str
+    segment: int  # -1 for the fixed base
+    rotation: FloatArray  # (3, 3)
+    translation: FloatArray  # (3,) [m]
+    shapes: "tuple[UrdfGeometry, ...]"
+    urdf: Path
 
 
 class LeftOut(NamedTuple):
@@ -65,6 +78,7 @@ class Robot:
     held_joints: tuple[str, ...] = ()
     excess: Mapping[str, float] = field(default_factory=dict)  # [m] of fitted covers, by link
     left_out: tuple[LeftOut, ...] = ()
+    geometry: tuple[LinkGeometry, ...] = ()  # of links that have one
 
     @property
     def n_joints(self) -> int:

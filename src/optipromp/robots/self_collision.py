@@ -40,7 +40,8 @@ def leave_out(
     Looked at are pairs of links named in ``excess``. Left out are links whose covers touch at more
     than :data:`MOSTLY` of SORTING_POSTURES random configurations (fixed seed), or keep
     :data:`FAR` at all of them. Of links whose covers touch at home by less than they reach beyond
-    the links, which may be free there, only the spheres that touch are left out.
+    the links, which may be free there, only the spheres that touch are left out; a home with a
+    joint at its limit is where nobody chose to be, and says nothing.
     """
     link, names = robot.spheres.link, robot.link_names
     pairs = pairs[np.lexsort((link[pairs[:, 1]], link[pairs[:, 0]]))] if excess else pairs
@@ -51,6 +52,7 @@ def leave_out(
     links, first = np.unique(link[looked], axis=0, return_index=True)
     postures = _postures(robot, SORTING_POSTURES)
     nearest = np.array([np.minimum.reduceat(_gaps(robot, q, looked), first) for q in postures])
+    chosen = ((robot.home > robot.lower) & (robot.home < robot.upper)).all()
     home = np.split(_gaps(robot, robot.home, looked), first[1:])
     out = []
     for (a, b), own, at_home, gaps in zip(
@@ -62,7 +64,7 @@ def leave_out(
             why = f"covers touch at {100.0 * share:.0f} % of configurations"
         elif gaps.min() > FAR and at_home.min() > FAR:
             why = "never near"
-        elif -beyond < at_home.min() < 0.0:
+        elif chosen and -beyond < at_home.min() < 0.0:
             touching = at_home < 0.0
             why = f"{touching.sum()} of {len(own)} pairs of spheres: only the covers touch, at home"
             kept.append(own[~touching])
