@@ -233,8 +233,7 @@ def _plan(
     if touching:
         told = "at the start " + "; ".join(map(str, touching))
         return finish(stay, Code.START_IN_COLLISION, told)
-    tolerances = judging.GOAL_TOLERANCE, judging.AXIS_TOLERANCE
-    if all(task.at_goal(q, *tolerances) for q in stay.trajectory.positions):
+    if all(task.at_goal(q) for q in stay.trajectory.positions):
         return finish(stay)
 
     say("inverse kinematics")

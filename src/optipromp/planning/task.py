@@ -8,6 +8,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, lengths
 from optipromp.errors import InvalidRequestError, StartInvalidError
+from optipromp.judging import AXIS_TOLERANCE, GOAL_TOLERANCE
 from optipromp.optimization.evaluation import BodyPoints
 from optipromp.optimization.problem import Surroundings
 from optipromp.pushing import hanging, standing
@@ -83,13 +84,13 @@ class Task:
         before = min([0.0, *heights]) - self.scene.approach.camera_distance
         return np.asarray(self.goal.position + before * up)
 
-    def at_goal(self, q: FloatArray, position_tolerance: float, axis_tolerance: float) -> bool:
-        """Whether ``q`` (n,) is at the goal, within tolerances [m or rad] and [rad]."""
+    def at_goal(self, q: FloatArray) -> bool:
+        """Whether ``q`` (n,) is at the goal, within the judge's tolerances."""
         if isinstance(self.goal, JointGoal):
-            return bool(np.max(np.abs(q - self.goal.joints)) < position_tolerance)
+            return bool(np.max(np.abs(q - self.goal.joints)) < GOAL_TOLERANCE)
         point, axis = self.robot.tool_pose(q)
-        near = np.linalg.norm(point - self.goal.position) < position_tolerance
-        return bool(near and axis @ self.goal.axis > np.cos(axis_tolerance))
+        near = np.linalg.norm(point - self.goal.position) < GOAL_TOLERANCE
+        return bool(near and axis @ self.goal.axis > np.cos(AXIS_TOLERANCE))
 
 
 def _robot_with_tool(scene: Scene) -> tuple[Robot, BodyPoints]:
