@@ -15,6 +15,7 @@ import numpy as np
 from scipy.interpolate import BPoly
 
 from optipromp.planning import Plan, plan
+from optipromp.pushing.parameters import PUSH
 from optipromp.robots.library import load_robot
 from optipromp.scenes.generate import generate
 from optipromp.scenes.scene import JointGoal, Scene
@@ -77,8 +78,9 @@ def before(made: Plan) -> float:
     )
     if made.scene.goal is None and made.scene.pushables:  # the tool is slow on its approach
         points, _ = robot.tool_pose(q[made.first :])
-        far = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        dt = max(dt, float(far.max() / (far / np.diff(made.trajectory.times[made.first :])).max()))
+        far = float(np.linalg.norm(np.diff(points, axis=0), axis=1).max())
+        hangs = made.scene.target.stem is not None
+        dt = max(dt, far / (PUSH.hanging.speed if hangs else PUSH.standing.speed))
     return dt * (len(q) - 1)
 
 

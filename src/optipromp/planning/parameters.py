@@ -177,11 +177,6 @@ class TimingParameters(Checked):
         (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.0), "1", "choice",
         "tried: time in which a motion comes to speed, over that of its cruise",
     )  # fmt: skip
-    among: float = parameter(
-        0.5, "1", "measured",
-        "share of the velocity limits where a path is followed; at 1, 9 of 1,600 runs fail that "
-        "succeed at 0.5, and one succeeds that fails",
-    )  # fmt: skip
     refinements: int = parameter(
         5, "1", "measured", "of the intervals; they make free reaches 15 % shorter, 20 no more"
     )

@@ -27,7 +27,7 @@ from optipromp.optimization.problem import Problem
 from optipromp.planning import follow
 from optipromp.planning.follow import Start, Waypoints, free_count
 from optipromp.planning.options import PlanOptions
-from optipromp.planning.parameters import SOLVE, TIMING
+from optipromp.planning.parameters import SOLVE
 from optipromp.planning.primitive import led_through
 from optipromp.planning.result import Planned, Stage
 from optipromp.planning.task import Task, push_model, pushed_aside, tool_motion
@@ -239,11 +239,9 @@ class Solver:
         message: str,
     ) -> Attempt:  # fmt: skip
         task, path = self.task, start.path
-        first, speed, share = None, None, 1.0
-        if path is not None:
-            first, speed, share = start.waypoints.first, path.speed, TIMING.among
+        first, speed = (None, None) if path is None else (start.waypoints.first, path.speed)
         if start.times is None:
-            trajectory = timed(task, self.options, q, first, speed, share)
+            trajectory = timed(task, self.options, q, first, speed)
         else:
             names = task.robot.joint_names
             trajectory = Trajectory.through(q, start.times, names, begin=task.state)

@@ -27,19 +27,16 @@ def timed(
     q: FloatArray,
     slow: int | None,
     speed: float | None = None,
-    share: float = 1.0,
 ) -> Trajectory:
     """Waypoints (T, n) as a trajectory of the duration asked for, or of the shortest possible one.
 
     From waypoint ``slow`` on (None: nowhere) the tool stays below ``options.approach_speed``, or
-    else below ``speed`` (None: that of the model of what hangs) [m/s]. The motion is slowed evenly
-    to a ``share`` of the limits of velocity, of acceleration its square, of jerk its cube.
+    else below ``speed`` (None: that of the model of what hangs) [m/s].
     """
     limit = options.approach_speed or speed or PUSH.hanging.speed
     if options.duration is not None:
         slow = None
     made = shortest(task.robot, q, slow, limit)
-    made = made.slowed(max(1.0, float(needs(task.robot, made).max()) / share))
     if options.duration is not None:
         made = made.slowed(options.duration / made.duration)
     return joined(task.robot, task.state, made) if task.state.moving else made
