@@ -8,11 +8,15 @@ a temporary folder, as is a scene that uses them: a goal for the tool, and a pos
 """
 
 import tempfile
+import warnings
 from pathlib import Path
 
 import numpy as np
 
 from optipromp import load_robot, load_scene, plan
+
+# Nobody has shown this arm how to move: the library says so once, and takes smooth motions.
+warnings.filterwarnings("ignore", message="no built-in demonstrations")
 
 AXES = {"yaw": "0 0 1", "pitch": "0 1 0", "roll": "0 0 1"}
 CHAIN = [  # joint, what it does, where it stands on the link before [m], length of its link [m]
