@@ -302,9 +302,11 @@ def _terms(
 
 def _stay(task: Task) -> Planned:
     """A trajectory that does not move; where the arm moves, one that comes to rest."""
-    still = Trajectory.through(np.tile(task.start, (3, 1)), 0.1, task.robot.joint_names)
     if task.state.moving:
         still = stopped(task.robot, task.state)
+    else:
+        rest, times = np.zeros((3, task.robot.n_joints)), np.array([0.0, 0.1, 0.2])
+        still = Trajectory(times, task.start + rest, rest, rest, task.robot.joint_names)
     return Planned(still, still, still, 1, (), False, {})
 
 

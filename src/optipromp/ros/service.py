@@ -18,7 +18,6 @@ from optipromp.ros.trajectories import display_trajectory, joint_trajectory, rob
 from optipromp.ros.types import Message, constants, message
 from optipromp.trajectory import State
 
-REQUEST = "moveit_msgs/msg/MotionPlanRequest"
 RESPONSE = "moveit_msgs/msg/MotionPlanResponse"
 ERROR_CODES = "moveit_msgs/msg/MoveItErrorCodes"
 MOVEIT: dict[Code, str] = {
