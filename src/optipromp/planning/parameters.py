@@ -172,7 +172,7 @@ class UnderwayParameters(Checked):
 class TreeParameters(Checked):
     """A way round obstacles (``planning/tree.py``)."""
 
-    samples: int = parameter(20_000, "1", "choice", "that the trees grow towards, at most")
+    samples: int = parameter(100_000, "1", "choice", "that the trees grow towards, at most")
     reach: float = parameter(1.0, "rad", "choice", "longest edge of a tree")
     step: float = parameter(0.03, "m", "choice", "of the body between two checks along an edge")
     seeded: float = parameter(0.5, "1", "choice", "share of samples near the primitive's")

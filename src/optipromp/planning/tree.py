@@ -89,9 +89,9 @@ def _grown(
     body: Body, robot: Robot, start: FloatArray, goals: FloatArray, seeds: FloatArray,
     rng: np.random.Generator, deadline: float,
 ) -> FloatArray | None:  # fmt: skip
-    low = np.maximum(robot.lower, -np.pi * (1 + np.isinf(robot.lower)))
-    high = np.minimum(robot.upper, np.pi * (1 + np.isinf(robot.upper)))
-    room, n = TREE.samples * 8, robot.n_joints
+    low = np.where(np.isinf(robot.lower), start - np.pi, robot.lower)
+    high = np.where(np.isinf(robot.upper), start + np.pi, robot.upper)
+    room, n = TREE.samples, robot.n_joints
     nodes, parent = np.empty((2, room, n)), np.full((2, room), -1, dtype=np.int64)
     nodes[0, 0], nodes[1, : len(goals)] = start, goals
     count = np.array([1, len(goals)])
