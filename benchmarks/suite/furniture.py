@@ -75,8 +75,9 @@ def furniture(context: Context) -> Values:
                     longer = ours / float(np.linalg.norm(theirs, axis=1).sum())
             found.append((1e3 * took, made.success, longer, slower))
     rows["all"] = [row for found in rows.values() for row in found]
-    for family, found in rows.items():
-        name, (took_all, success, longer_all, slower_all) = f"furniture/{family}", zip(*found)
+    for group, found in rows.items():
+        took_all, success, longer_all, slower_all = zip(*found, strict=True)
+        name = f"furniture/{group}"
         out[f"{name}/median"] = Measured(median(took_all), {"max": max(took_all)})
         out[f"{name}/95th percentile"] = percentile(took_all, 0.95)
         out[f"{name}/success"] = 100.0 * float(np.mean(success))

@@ -17,7 +17,7 @@ from optipromp.planning.parameters import TREE, WAYPOINT
 from optipromp.planning.task import Task, resolve
 from optipromp.scenes.generate import FURNITURE, Furniture, generate
 from optipromp.scenes.pose import Pose
-from optipromp.scenes.scene import JointGoal, Scene, SceneObject
+from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
 
 NONE = np.zeros((0, 7))
 COUNT = 12  # scenes of a family
@@ -52,6 +52,19 @@ def test_goals_among_furniture_are_reached(family: Furniture) -> None:
         assert made.success, (family, seed, made.message)
         assert isinstance(scene.goal, JointGoal)
         np.testing.assert_allclose(made.trajectory.positions[-1], scene.goal.joints, atol=1e-9)
+
+
+@pytest.mark.parametrize("family", FURNITURE)
+def test_poses_of_the_tool_among_furniture_are_reached_on_any_branch(family: Furniture) -> None:
+    for seed in range(7050, 7050 + COUNT):
+        scene = generate(family, seed)
+        assert isinstance(scene.goal, JointGoal)
+        point, axis = resolve(scene).robot.tool_pose(scene.goal.joints)
+        made = plan(replace(scene, goal=PoseGoal(point, axis)))
+        assert made.success, (family, seed, made.message)
+        there, along = made.robot.tool_pose(made.trajectory.positions[-1])
+        np.testing.assert_allclose(there, point, atol=1e-3)
+        assert along @ axis > np.cos(np.deg2rad(1.0))
 
 
 @pytest.mark.parametrize("family", FURNITURE)

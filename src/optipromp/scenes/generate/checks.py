@@ -16,14 +16,13 @@ from optipromp.robots import ik
 from optipromp.robots.cup_cover import NECK_RADIUS
 from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
-from optipromp.robots.roll import level, rolls
+from optipromp.robots.roll import level, rolled, rolls
 from optipromp.robots.tool_protocol import Tool
 from optipromp.robots.tools import WALL, make_tool, with_tool
 from optipromp.scenes.scene import Scene, SceneObject
 
 SAMPLE = 0.004  # [m] between checks along a stem
 STARTS = 200  # of the inverse kinematics
-ROLLS = 12  # turns about the tool axis tried for each solution
 
 
 class OverlapError(Exception):
@@ -183,19 +182,6 @@ def _rooted_in_tool(scene: Scene, item: SceneObject, tool: Tool | None) -> bool:
         if np.hypot(max(aside - radius, 0.0), beyond) < item.stem.radius:
             return True
     return False
-
-
-def rolled(robot: Robot, goals: FloatArray) -> FloatArray:
-    """The goals (m, n) with the joints that only roll the tool at :data:`ROLLS` values."""
-    jp, ja = robot.tool_jacobian(goals)
-    idle = np.flatnonzero(np.abs(jp).max(axis=(0, 1)) + np.abs(ja).max(axis=(0, 1)) < 1e-9)
-    if not len(idle):
-        return goals
-    out = np.repeat(goals, ROLLS, axis=0)
-    for joint in idle:
-        low, high = max(robot.lower[joint], -np.pi), min(robot.upper[joint], np.pi)
-        out[:, joint] = np.tile(np.linspace(low, high, ROLLS), len(goals))
-    return np.vstack([goals, out])
 
 
 def free(scene: Scene, robot: Robot, q: FloatArray, clearance: float = 0.0) -> BoolArray:
