@@ -1,5 +1,6 @@
 """Random clusters of fruits on stems before a ripe one, their neighbours and a gutter."""
 
+from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -21,6 +22,9 @@ MOUTH_CLEARANCE = 0.004  # [m] between the target and the cup's outer wall, at t
 BEFORE = (0.03, 0.15)  # [m] of a pushable before the target, centre to centre
 STEM_LENGTH = (0.10, 0.30)
 INCLINATION = np.deg2rad(25.0)
+
+TIGHT_GAP = (0.0, 0.012)  # [m] between a fruit and another one, surface to surface
+TIGHT_HEIGHT = (-0.012, 0.012)  # [m] of a fruit above the target
 
 NEIGHBOUR_DISTANCE = (0.12, 0.25)  # [m] to a side, centre to centre
 NEIGHBOUR_RADIUS = (0.05, 0.10)
@@ -111,3 +115,20 @@ def _gutter(target: FloatArray, side: GutterSide, rng: np.random.Generator) -> S
     size = [GUTTER_LENGTH, GUTTER_LENGTH, height]
     size[across] = width
     return SceneObject("gutter", "static", Box((size[0], size[1], size[2])), target + offset)
+
+
+def tight(name: str, count: int, rng: np.random.Generator) -> Scene:
+    """One sample of ``count`` pushables close to the target and to one another, at its height."""
+    scene = sample(name, 0, False, None, rng)
+    fruits = [scene.objects[0]]
+    for i in range(count):
+        radius, beside = float(rng.uniform(*FRUIT_RADII)), fruits[int(rng.integers(len(fruits)))]
+        turn, gap = float(rng.uniform(0.0, 2.0 * np.pi)), float(rng.uniform(*TIGHT_GAP))
+        drop = float(rng.uniform(*TIGHT_HEIGHT))
+        apart = radius + beside.radius + gap
+        height = float(np.clip(fruits[0].position[2] + drop - beside.position[2], -apart, apart))
+        level = np.sqrt(apart**2 - height**2)
+        position = beside.position + [level * np.cos(turn), level * np.sin(turn), height]
+        shape, stem = Sphere(radius), _stem(position, rng)
+        fruits.append(SceneObject(f"n{i + 1}", "pushable", shape, position, stem=stem))
+    return replace(scene, objects=tuple(fruits))
