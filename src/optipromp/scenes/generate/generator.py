@@ -20,7 +20,7 @@ from optipromp.scenes.generate.furniture import FURNITURE, Furniture
 from optipromp.scenes.scene import Scene
 from optipromp.scenes.values import suggest
 
-Preset = Literal["cluster", "side-clusters", "table-top", "mixed", "shelf"]
+Preset = Literal["cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "shelf"]
 PRESETS: tuple[Preset, ...] = get_args(Preset)
 PATIENCE = 1000  # samples before the discrete choices are sampled again
 MOST_REDRAWS = 50_000
@@ -63,6 +63,11 @@ def generate_with_report(preset: Preset | Furniture, seed: int) -> tuple[Scene, 
     - ``table-top``: a cluster, and a gutter 0.03 to 0.08 from the target's centre on any side but
       the approach.
     - ``mixed``: all of these at once.
+    - ``tight``: 2 to 4 pushables, each 0 to 12 mm from the target or from another pushable, surface
+      to surface, and no higher or lower than the target by more than 12 mm; otherwise as
+      ``cluster``.
+    - ``limp``: as ``cluster``, but the stems hang plumb, to 2 degrees. Nothing then implies that a
+      stem is stiffer than green tissue (:data:`optipromp.pushing.parameters.PUSH`).
     - ``shelf``: a can behind 2 to 6 upright cans and boxes on a shelf; horizontal approach with
       the Franka hand.
     - ``bookshelf``, ``box``, ``cage``, ``table-pick``, ``under-table``: a goal in joints with the
@@ -115,8 +120,12 @@ def _kind(preset: Preset | Furniture, seed: int, rng: np.random.Generator) -> Sa
     if preset == "shelf":
         count = int(rng.integers(2, 7))
         return lambda rng: shelves.sample(name, count, rng)
+    if preset == "tight":
+        close = int(rng.integers(2, 5))
+        return lambda rng: bunches.tight(name, close, rng)
     count = int(rng.integers(1, 5))
+    lean = bunches.PLUMB if preset == "limp" else bunches.INCLINATION
     sides = preset in ("side-clusters", "mixed")
     gutter = bunches.GUTTER_SIDES[int(rng.integers(len(bunches.GUTTER_SIDES)))]
     chosen = gutter if preset in ("table-top", "mixed") else None
-    return lambda rng: bunches.sample(name, count, sides, chosen, rng)
+    return lambda rng: bunches.sample(name, count, sides, chosen, rng, lean)
