@@ -49,7 +49,7 @@ class Choice:
 
     ``tip``: the flange link; ``base``: the link the arm begins at; ``srdf``: a file of groups;
     ``hold``: values [rad or m] of joints that are not of the arm, such as fingers;
-    ``package_dirs``: folders that hold packages.
+    ``package_dirs``: folders that hold packages. Relative paths start where the robot's does.
     """
 
     tip: str | None = None
@@ -108,7 +108,13 @@ def load_arm(
                 f"robot '{name_or_path}' is built in: it takes no tip, base, srdf, hold or packages"
             )
         return _built_in(name_or_path)
-    path = (base_dir or Path()) / name_or_path
+    folder = base_dir or Path()
+    choice = replace(
+        choice,
+        srdf=None if choice.srdf is None else folder / choice.srdf,
+        package_dirs=tuple(folder / each for each in choice.package_dirs),
+    )
+    path = folder / name_or_path
     suffix = path.suffix.lower()
     names = ", ".join(robot_names())
     if suffix not in (".urdf", ".xacro", ".yaml", ".yml"):
