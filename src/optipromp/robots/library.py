@@ -310,7 +310,12 @@ def _build(
     )
     srdf = _given_srdf(entry, path, choice) or srdf_beside(model)
     disabled = [] if srdf is None else disabled_pairs(srdf, model)
-    robot = with_self_pairs(robot, [*entry.allow_self, *disabled], excess)
+    surfaces = {
+        link: cover.surface @ place.rotation.T + place.translation
+        for link, cover in covers.items()
+        if len(cover.surface) and (place := chain.placements[link])
+    }
+    robot = with_self_pairs(robot, [*entry.allow_self, *disabled], excess, surfaces)
     given = [LeftOut(a, b, "robot file") for a, b in entry.allow_self]
     given += [LeftOut(a, b, srdf.name) for a, b in disabled if srdf is not None]
     return replace(robot, left_out=(*given, *robot.left_out)), arm
