@@ -15,6 +15,7 @@ from optipromp.documents import read_document
 from optipromp.errors import InvalidRobotError
 from optipromp.robots.arm import Arm, choose_arm
 from optipromp.robots.chain import Chain, serial_chain
+from optipromp.robots.dynamics import dynamics
 from optipromp.robots.mesh_covers import Cover
 from optipromp.robots.meshes import mesh_files
 from optipromp.robots.model import BodySpheres, LeftOut, LinkGeometry, Robot
@@ -307,6 +308,7 @@ def _build(
             for link, place in chain.placements.items()
             if (shapes := model.links[link].collisions or model.links[link].visuals)
         ),
+        dynamics=dynamics(model, chain),
     )
     srdf = _given_srdf(entry, path, choice) or srdf_beside(model)
     disabled = [] if srdf is None else disabled_pairs(srdf, model)

@@ -81,7 +81,7 @@ def place(robot: Robot, way: FloatArray, axis: FloatArray) -> Placement:
 
     Args:
         robot: with its tool.
-        way: points (P, 3) of the tool in the frame of the preset's base [m]; the first is the start.
+        way: points (P, 3) of the tool in the frame of the preset's base [m], from its start.
         axis: (3,) of the tool, all along.
 
     Raises:
