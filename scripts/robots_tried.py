@@ -17,6 +17,7 @@ from optipromp.errors import InvalidRobotError
 from optipromp.robots.arm import Arm
 from optipromp.robots.library import load_arm
 
+PICKING = "## Arms that pick"  # what robots_pick.py writes, to the end of the page
 OUT = Path(__file__).resolve().parents[1] / "docs" / "robots-tried.md"
 
 
@@ -144,7 +145,8 @@ def main() -> None:
         "|---|---|---|---|---|---|",
         *(f"| {' | '.join(cells)} |" for cells in rows),
     ]
-    OUT.write_text("\n".join(lines) + "\n")
+    _, heading, kept = OUT.read_text().partition(f"\n{PICKING}\n")
+    OUT.write_text("\n".join(lines) + "\n" + heading + kept)
     print(f"{OUT}: {wrong} of {len(rows)} wrong")
     sys.exit(wrong > 1)
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from optipromp.cli.console import OK, AsJson, Generated, command, print_json, stdout
+from optipromp.cli.robot import Named, names_robot
 
 
 @command()
@@ -32,9 +33,10 @@ def generate(
     """Sample random scenes and write them as scene files.
 
     The same seed gives the same scene. Another robot than the Panda has its base placed so that it
-    reaches the scenes, and a cup with a neck as long as its wrist asks for. Scenes that are impossible (objects inside one another) or
-    that no arm could solve (target out of reach or inside the gutter, every goal configuration in
-    collision) are sampled again; how many, and why, is printed.
+    reaches the scenes, and a cup with a neck as long as its wrist asks for. Scenes that are
+    impossible (objects inside one another) or that no arm could solve (target out of reach or
+    inside the gutter, every goal configuration in collision) are sampled again; how many, and why,
+    is printed.
 
     [bold]Examples[/bold]
 

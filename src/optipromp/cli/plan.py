@@ -314,8 +314,8 @@ def plan_folder(
             words = f"{done_so_far} of {len(files)} planned, {good} succeeded"
             shown(done_so_far, len(files), words)
 
-        scenes = [named.of(load_scene(file)) for file in files] if named else files
-        results = plan_many(scenes, workers=workers, progress=done, **request)
+        stated = [named.of(load_scene(file)) for file in files] if named else files
+        results = plan_many(stated, workers=workers, progress=done, **request)
     seconds = time.perf_counter() - began
     entries = [Entry(*item) for item in zip(files, homes, results, strict=True)]
     succeeded = sum(entry.status is Code.SUCCESS for entry in entries)

@@ -111,12 +111,13 @@ def generate_with_report(
         patience -= 1
         try:
             scene = sampler(rng)
-            if other:
-                scene = at_robot(scene, robot, choice)
         except OverlapError as overlap:
             reasons[str(overlap)] += 1
             continue
-        fault = interpenetration(scene) or unsolvable(scene)
+        fault = interpenetration(scene)
+        if fault is None:
+            scene = at_robot(scene, robot, choice) if other else scene
+            fault = unsolvable(scene)
         if fault is None:
             report = GenerationReport(preset, seed, reasons.total(), dict(sorted(reasons.items())))
             return scene, report
