@@ -27,6 +27,7 @@ NEAREST, BEYOND = 0.2, 0.3  # [m] chosen: from the base's axis to the way; arm's
 YAWS = (0.0, 0.5 * np.pi, -0.5 * np.pi, np.pi)  # [rad] tried, the first that is best
 STARTS, BRANCHES = 24, 4  # of inverse kinematics; solutions followed at each place
 MARGIN, ROOM, RATE = 0.3, 0.05, 0.2  # [rad or m], [m], [m/rad] chosen: as good as one another
+LOW = bunches.BEFORE[1] + bunches.FRUIT_RADII[1]  # [m] of the lowest pushable below the target
 BESIDE = 0.1  # [m] from the tool's axis, chosen: where pushables hang, and are pushed to
 NECKS = 0.005  # [m] steps in the length of a cup's neck
 MISS = 1e-4  # [m] an error of inverse kinematics above it is a miss
@@ -61,9 +62,8 @@ def _with_cup(arm: Robot) -> tuple[Placement, float]:
     The neck is so long that the links but the last stay below the lowest pushable.
     """
     placed, length = _placed(arm, bunches.NECK), bunches.NECK
-    short = bunches.BEFORE[1] + bunches.FRUIT_RADII[1] - placed.low
-    if short > 0.0:
-        length += float(np.ceil(short / NECKS) * NECKS)
+    if placed.low < LOW:
+        length += float(np.ceil((LOW - placed.low) / NECKS) * NECKS)
         placed = _placed(arm, length)
     return placed, round(length, 3)
 
@@ -129,9 +129,10 @@ def _unwound(robot: Robot, q: FloatArray) -> FloatArray:
 
 
 def spare(robot: Robot, q: FloatArray) -> float:
-    """The least room of configurations (m, n): to the limits, between links, to singularities.
+    """The least room of configurations (m, n), of four kinds.
 
-    Each is over what is as good of it: :data:`MARGIN`, ROOM and RATE.
+    To the limits, between links, to singularities, and of the arm below the tool: each over what is
+    as good of it, :data:`MARGIN`, ROOM, RATE and LOW.
     """
     margin = float(np.minimum(q - robot.lower, robot.upper - q).min())
     jp, ja = robot.tool_jacobian(q)
@@ -142,4 +143,4 @@ def spare(robot: Robot, q: FloatArray) -> float:
         i, j = robot.self_pairs.T
         gap = np.linalg.norm(centers[:, i] - centers[:, j], axis=2) - radius[i] - radius[j]
         room = float(gap.min())
-    return min(margin / MARGIN, room / ROOM, rate / RATE)
+    return min(margin / MARGIN, room / ROOM, rate / RATE, lowest(robot, q) / LOW)
