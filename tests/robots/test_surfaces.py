@@ -42,7 +42,7 @@ def test_rods_and_triangles() -> None:
 def test_links_whose_covers_alone_touch(
     write: Callable[..., Path], joint: Callable[..., str]
 ) -> None:
-    """A ball passes 12 mm over a plate, within the plate's cover; a second one touches the plate."""
+    """A ball passes 12 mm over a plate, within the plate's cover; another one touches it."""
     plate = '<origin xyz="0 0.18 0"/><geometry><box size="0.3 0.3 0.02"/></geometry>'
     links = (
         f'<link name="l0"><collision>{plate}</collision></link><link name="l1"/>'
