@@ -88,7 +88,7 @@ def main() -> None:
         "",
         f"{given.count} scenes of the preset `cluster` an arm (seeds from {SEED}), placed in its",
         "reach by `optipromp generate --robot FILE`, planned without demonstrations (the built-in",
-        "Panda with its own) and executed in the simulation with the masses and torque limits of the",
+        "Panda with its own) and executed in the simulation with masses and torque limits of the",
         "URDF. Times are over those of the built-in Panda, planned alternately in one process.",
         "Written by `scripts/robots_pick.py`.",
         "",
