@@ -18,6 +18,7 @@ from optipromp.robots.chain import Chain, serial_chain
 from optipromp.robots.dynamics import dynamics
 from optipromp.robots.mesh_covers import Cover
 from optipromp.robots.meshes import mesh_files
+from optipromp.robots.mjcf import is_mjcf, read_mjcf
 from optipromp.robots.model import BodySpheres, LeftOut, LinkGeometry, Robot
 from optipromp.robots.packages import expanded, with_meshes_found
 from optipromp.robots.self_collision import with_self_pairs
@@ -73,7 +74,8 @@ def load_robot(
     hold: Mapping[str, float] | None = None,
     package_dirs: Sequence[str | Path] = (),
 ) -> Robot:
-    """A robot without a tool: a built-in one by name, or from a ``.urdf``, xacro or robot file.
+    """A robot without a tool: a built-in one by name, or from a ``.urdf``, xacro, MJCF (``.xml``)
+    or robot file.
 
     A bare URDF has its arm chosen by :func:`optipromp.robots.arm.choose_arm` and spheres from its
     geometry; accelerations and jerks are unlimited; home is zero, or the limits nearest to it.
@@ -118,10 +120,10 @@ def load_arm(
     path = folder / name_or_path
     suffix = path.suffix.lower()
     names = ", ".join(robot_names())
-    if suffix not in (".urdf", ".xacro", ".yaml", ".yml"):
+    if suffix not in (".urdf", ".xacro", ".xml", ".mjcf", ".yaml", ".yml"):
         raise InvalidRobotError(
             f"no robot '{name_or_path}'; built-in: {names}; "
-            "or the path of a .urdf, .xacro or .yaml file"
+            "or the path of a .urdf, .xacro, .xml (MJCF) or .yaml file"
         )
     if not path.is_file():
         raise InvalidRobotError(f"{path}: no such file; built-in robots: {names}")
@@ -160,7 +162,7 @@ def _from_file(path: Path, choice: Choice) -> tuple[Robot, Arm]:
         model, files, stamps, out = held
         if stamps == _stamps([*files, *srdf_files(model)]):
             return out
-    if path.suffix.lower() in (".urdf", ".xacro"):
+    if path.suffix.lower() not in (".yaml", ".yml"):
         entry = RobotFile(format=1, name=path.stem, urdf=path.name)
         model = _read(entry, path, choice)
         entry = entry.model_copy(update={"name": model.name})
@@ -169,7 +171,8 @@ def _from_file(path: Path, choice: Choice) -> tuple[Robot, Arm]:
         model = _read(entry, path, choice)
     bare = [name for name in model.links if name not in entry.spheres]
     groups = _given_srdf(entry, path, choice)
-    files = [path, model.path, *([groups] if groups else []), *mesh_files(model, bare)]
+    beside = model.path.parent.glob("*.xml") if is_mjcf(model.path) else ()  # it may include them
+    files = [path, model.path, *beside, *([groups] if groups else []), *mesh_files(model, bare)]
     stamps = _stamps([*files, *srdf_files(model)])
     out = _build(entry, model, path, choice)
     if model.path.suffix.lower() != ".xacro":  # it may include files that are not known here
@@ -227,8 +230,13 @@ def _read(entry: RobotFile, path: Path, choice: Choice) -> UrdfModel:
     folders = [*choice.package_dirs, *(path.parent / each for each in entry.package_dirs)]
     package_dirs = [Path(folder) for folder in folders]
     urdf = path.parent / entry.urdf
-    content = expanded(urdf, package_dirs) if urdf.suffix.lower() == ".xacro" else None
-    model = read_urdf(urdf, entry.scale, content)
+    if is_mjcf(urdf):
+        if entry.scale != 1.0:
+            raise InvalidRobotError(f"{path}: scale is for URDFs; {entry.urdf} is an MJCF")
+        model = read_mjcf(urdf)
+    else:
+        content = expanded(urdf, package_dirs) if urdf.suffix.lower() == ".xacro" else None
+        model = read_urdf(urdf, entry.scale, content)
     covered = [link for link in model.links if link not in entry.spheres]
     return with_meshes_found(model, covered, package_dirs)
 
