@@ -92,7 +92,8 @@ def main() -> None:
         "URDF. Times are over those of the built-in Panda, planned alternately in one process.",
         "Written by `scripts/robots_pick.py`.",
         "",
-        "| arm | joints | spheres | neck of the cup | valid plans | picked | picked, % | median time | p95 |",
+        "| arm | joints | spheres | neck of the cup | valid plans | picked | picked, % | "
+        "median time | p95 |",
         "|---|---|---|---|---|---|---|---|---|",
         *rows,
     ]

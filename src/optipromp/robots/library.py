@@ -5,13 +5,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from optipromp.arrays import FloatArray, frozen
-from optipromp.documents import read_document
 from optipromp.errors import InvalidRobotError
 from optipromp.robots.arm import Arm, choose_arm
 from optipromp.robots.chain import Chain, serial_chain
@@ -21,17 +18,12 @@ from optipromp.robots.meshes import mesh_files
 from optipromp.robots.mjcf import is_mjcf, read_mjcf
 from optipromp.robots.model import BodySpheres, LeftOut, LinkGeometry, Robot
 from optipromp.robots.packages import expanded, with_meshes_found
+from optipromp.robots.robot_file import RobotFile, read_robot_file
 from optipromp.robots.self_collision import with_self_pairs
-from optipromp.robots.spheres import cover_links
+from optipromp.robots.spheres import cover_links, stands_on_its_plane
 from optipromp.robots.srdf_groups import read_srdf
 from optipromp.robots.touching import disabled_pairs, srdf_beside, srdf_files
-from optipromp.robots.urdf import LENGTH_LIMIT, UrdfModel, read_urdf
-
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-Coordinate = Annotated[float, Field(ge=-LENGTH_LIMIT, le=LENGTH_LIMIT, allow_inf_nan=False)]
-Radius = Annotated[float, Field(gt=0.0, le=LENGTH_LIMIT, allow_inf_nan=False)]
-Point = tuple[Coordinate, Coordinate, Coordinate]
+from optipromp.robots.urdf import UrdfModel, read_urdf
 
 SAME_JOINTS = (
     1e-4  # [m or -] chosen: joints of one robot differ less between files (rounded angles)
@@ -195,31 +187,6 @@ def _stamps(files: list[Path]) -> Stamps:
     return tuple(out)
 
 
-class RobotFile(BaseModel):
-    """The keys of a robot file; lists of numbers are in the order of the chain's joints.
-
-    A link that has an entry under ``spheres`` (an empty list counts) is covered by those; every
-    other link is covered from its URDF geometry.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-    format: Literal[1]
-    name: str = Field(min_length=1)
-    urdf: str = Field(min_length=1)
-    flange: str | None = None  # the tip
-    base: str | None = None  # joints before this link are held
-    srdf: str | None = None  # its groups tell the arm
-    package_dirs: list[str] = []  # folders that hold the packages of package:// names
-    hold: dict[str, Finite] = {}  # values of joints that are not of the arm [rad or m]
-    scale: Positive = 1.0  # metres in one unit of length of the URDF
-    velocity: list[Positive] | None = None  # overrides the URDF
-    acceleration: list[Positive] | None = None
-    jerk: list[Positive] | None = None
-    home: list[Finite] | None = None
-    spheres: dict[str, list[tuple[Coordinate, Coordinate, Coordinate, Radius]]] = {}
-    allow_self: list[tuple[str, str]] = []
-
-
 def robot_from_file(path: Path) -> Robot:
     """The robot that the YAML robot file at ``path`` describes. Raises InvalidRobotError."""
     return _from_file(path, NOTHING)[0]
@@ -239,27 +206,6 @@ def _read(entry: RobotFile, path: Path, choice: Choice) -> UrdfModel:
         model = read_urdf(urdf, entry.scale, content)
     covered = [link for link in model.links if link not in entry.spheres]
     return with_meshes_found(model, covered, package_dirs)
-
-
-def read_robot_file(path: Path) -> RobotFile:
-    """Read and check a robot file; an unknown key is refused by name. Raises InvalidRobotError."""
-    content = read_document(path, InvalidRobotError, "a robot file")
-    if not isinstance(content, dict):
-        raise InvalidRobotError(f"{path}: a robot file is a mapping of keys, starting 'format: 1'")
-    try:
-        return RobotFile.model_validate(content)
-    except ValidationError as error:
-        problems = "; ".join(_problem(e) for e in error.errors()[:5])
-        raise InvalidRobotError(f"{path}: {problems}") from error
-
-
-def _problem(error: Any) -> str:
-    where = ".".join(str(part) for part in error["loc"])
-    if error["type"] == "extra_forbidden":
-        return f"unknown key '{where}'; known: {', '.join(RobotFile.model_fields)}"
-    if error["type"] == "missing":
-        return f"key '{where}' is missing"
-    return f"{where}: {error['msg']}, got {error['input']!r}"
 
 
 def _build(
@@ -368,6 +314,7 @@ def _body_spheres(
     entry: RobotFile, model: UrdfModel, chain: Chain, covers: dict[str, Cover]
 ) -> BodySpheres:
     segment, center, radius, link = [], [np.zeros((0, 3))], [np.zeros(0)], []
+    standing = stands_on_its_plane(covers, chain.placements)
     for index, (name, place) in enumerate(chain.placements.items()):
         cover = covers[name].spheres
         if not len(cover):
@@ -378,7 +325,10 @@ def _body_spheres(
                 "driven by a joint of the chain; only a serial chain moves. Choose another flange, "
                 f"or give '{name}' no spheres in a robot file (spheres: {{{name}: []}})"
             )
-        center.append(cover[:, :3] @ place.rotation.T + place.translation)
+        placed = cover[:, :3] @ place.rotation.T + place.translation
+        if standing and place.segment < 0 and len(covers[name].surface):
+            placed[:, 2] = np.maximum(placed[:, 2], cover[:, 3])
+        center.append(placed)
         radius.append(cover[:, 3])
         segment += [place.segment] * len(cover)
         link += [index] * len(cover)

@@ -5,16 +5,17 @@ the spheres may reach beyond the shape.
 """
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
 from optipromp.arrays import FloatArray
-from optipromp.robots.chain import rotation_of
+from optipromp.robots.chain import Placement, rotation_of
 from optipromp.robots.mesh_covers import Cover, cover_meshes
 from optipromp.robots.surfaces import of_box, of_rod
 from optipromp.robots.urdf import UrdfGeometry, UrdfModel
 
+MOUNTED = 0.005  # [m] chosen: how far from z = 0 a base may end that stands there
 MAX_SPHERES = 40  # per box or cylinder
 _SLACK = 1.0 + 1e-9  # against rounding, so that a point on the surface counts as covered
 
@@ -100,6 +101,20 @@ def cover_links(model: UrdfModel, links: Collection[str]) -> dict[str, Cover]:
             np.concatenate([np.zeros((0, 3)), *surfaces]),
         )
     return covers
+
+
+def stands_on_its_plane(covers: Mapping[str, Cover], places: Mapping[str, Placement]) -> bool:
+    """Whether the fixed links end at z = 0 of the root, where the robot is mounted.
+
+    Their covers are then raised, so that what the robot stands on does not count as touched.
+    """
+    fixed = [(covers[name].surface, place) for name, place in places.items() if place.segment < 0]
+    lowest = [
+        float((surface @ place.rotation[2]).min() + place.translation[2])
+        for surface, place in fixed
+        if len(surface)
+    ]
+    return abs(min(lowest, default=np.inf)) <= MOUNTED
 
 
 def _cover(shape: UrdfGeometry) -> Cover:
