@@ -15,7 +15,8 @@ from pydantic import TypeAdapter
 
 from optipromp.errors import Code, OptiPrompError
 from optipromp.experiments.baselines import Answer, StudyPlanner, attempt
-from optipromp.scenes.generate import Preset, generate, generate_with_report, perceived
+from optipromp.robots.library import NOTHING, Choice
+from optipromp.scenes.generate import PANDA, Preset, generate, generate_with_report, perceived
 from optipromp.scenes.scene import Scene
 
 NO_PLAN = "no_plan"
@@ -129,6 +130,8 @@ def run_scene(
     noise_angle: float,
     version: str,
     only_valid: bool = False,
+    robot: str | Path = PANDA,
+    choice: Choice = NOTHING,
 ) -> list[Row]:
     """Run every planner on one scene.
 
@@ -140,8 +143,10 @@ def run_scene(
         noise_angle: [degrees].
         version: written into the rows.
         only_valid: plans that the judge refuses are not executed, and count as failures.
+        robot: whose scene it is: name or path.
+        choice: of the robot's file.
     """
-    scene, report = generate_with_report(preset, seed)
+    scene, report = generate_with_report(preset, seed, robot, choice)
     rng = np.random.default_rng([seed, 1])
     seen = perceived(scene, rng, noise_position, float(np.deg2rad(noise_angle)))
 
@@ -194,9 +199,11 @@ def _executed(made: Answer, scene: Scene, seed: int, only_valid: bool) -> dict[s
     }
 
 
-def warm_up(preset: Preset, planners: Iterable[StudyPlanner]) -> None:
+def warm_up(
+    preset: Preset, planners: Iterable[StudyPlanner], robot: str | Path, choice: Choice
+) -> None:
     """Load and compile what plans need, so that no row's time holds it."""
-    scene = generate(preset, 0)
+    scene = generate(preset, 0, robot, choice)
     for planner in planners:
         with suppress(OptiPrompError):
             attempt(scene, planner)

@@ -10,6 +10,7 @@ import numpy as np
 from optipromp.arrays import BoolArray, FloatArray, IntArray, all_finite
 from optipromp.errors import InvalidRequestError
 from optipromp.robots import kernels
+from optipromp.robots.dynamics import Dynamics
 from optipromp.robots.kernels import Kinematics
 
 if TYPE_CHECKING:
@@ -79,6 +80,7 @@ class Robot:
     excess: Mapping[str, float] = field(default_factory=dict)  # [m] of fitted covers, by link
     left_out: tuple[LeftOut, ...] = ()
     geometry: tuple[LinkGeometry, ...] = ()  # of links that have one
+    dynamics: Dynamics | None = None
 
     @property
     def n_joints(self) -> int:

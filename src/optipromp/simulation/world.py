@@ -278,7 +278,7 @@ class _Draft:
 
     def world(self, model: Any, overlapping: tuple[tuple[str, str], ...]) -> World:
         return World(
-            model, self.scene, self.robot, self.parameters, drives(self.robot, self.parameters),
+            model, self.scene, self.robot, self.parameters, drives(self.robot),
             tuple(self.entities), frozen(_owners(model), np.int64),
             tuple(self._located(model, *item) for item in self.fruits), overlapping,
             self.spec,
