@@ -15,6 +15,7 @@ from pydantic import TypeAdapter
 
 from optipromp.errors import Code, OptiPrompError
 from optipromp.experiments.baselines import Answer, StudyPlanner, attempt
+from optipromp.experiments.variations import VARIATIONS, Variation
 from optipromp.robots.library import NOTHING, Choice
 from optipromp.scenes.generate import PANDA, Preset, generate, generate_with_report, perceived
 from optipromp.scenes.scene import Scene
@@ -23,6 +24,9 @@ NO_PLAN = "no_plan"
 """Cause of a run that was not executed because there was nothing to execute."""
 ERROR = "error"
 """Cause of a run that broke off; its message says how."""
+
+
+Key = tuple[str, int, str, str]
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,7 @@ class Row:
         plan_time: wall time of planning [s].
         simulation_time: wall time of the execution [s].
         version: of the library, with a digest of its source.
+        variation: of the physics in which the plan was executed; empty for none.
     """
 
     preset: str
@@ -78,11 +83,12 @@ class Row:
     plan_time: float = 0.0
     simulation_time: float = 0.0
     version: str = ""
+    variation: str = ""
 
     @property
-    def key(self) -> tuple[str, int, str]:
-        """Preset, seed and planner: no study holds two such rows."""
-        return self.preset, self.seed, self.planner
+    def key(self) -> Key:
+        """Preset, seed, planner and variation: no study holds two such rows."""
+        return self.preset, self.seed, self.planner, self.variation
 
 
 COLUMNS: tuple[str, ...] = tuple(field.name for field in fields(Row))
@@ -132,6 +138,7 @@ def run_scene(
     only_valid: bool = False,
     robot: str | Path = PANDA,
     choice: Choice = NOTHING,
+    vary: bool = False,
 ) -> list[Row]:
     """Run every planner on one scene.
 
@@ -145,6 +152,7 @@ def run_scene(
         only_valid: plans that the judge refuses are not executed, and count as failures.
         robot: whose scene it is: name or path.
         choice: of the robot's file.
+        vary: every plan is executed under all of :data:`VARIATIONS`.
     """
     scene, report = generate_with_report(preset, seed, robot, choice)
     rng = np.random.default_rng([seed, 1])
@@ -156,19 +164,23 @@ def run_scene(
     )  # fmt: skip
     rows = []
     for planner in planners:
-        try:
-            made = attempt(seen, planner, seed=seed)
-            values = _executed(made, scene, seed, only_valid)
-        except OptiPrompError as error:
-            values = {"plan_status": str(error.code), "cause": ERROR, "message": error.message}
-        except Exception as error:  # a study tells of a broken run, and goes on
-            words = f"{type(error).__name__}: {error}"
-            values = {"plan_status": ERROR, "cause": ERROR, "message": words}
-        rows.append(row(planner=planner, **values))
+        made: Answer | None = None
+        for name, change in (VARIATIONS if vary else {"": None}).items():
+            try:
+                made = made or attempt(seen, planner, seed=seed)
+                values = _executed(made, scene, seed, only_valid, change)
+            except OptiPrompError as error:
+                values = {"plan_status": str(error.code), "cause": ERROR, "message": error.message}
+            except Exception as error:  # a study tells of a broken run, and goes on
+                words = f"{type(error).__name__}: {error}"
+                values = {"plan_status": ERROR, "cause": ERROR, "message": words}
+            rows.append(row(planner=planner, variation=name, **values))
     return rows
 
 
-def _executed(made: Answer, scene: Scene, seed: int, only_valid: bool) -> dict[str, Any]:
+def _executed(
+    made: Answer, scene: Scene, seed: int, only_valid: bool, change: Variation | None
+) -> dict[str, Any]:
     """What became of a plan in the true scene, as values of a row."""
     values: dict[str, Any] = {
         "plan_status": str(made.status), "plan_time": made.seconds, "predicted_harm": made.harm,
@@ -179,7 +191,10 @@ def _executed(made: Answer, scene: Scene, seed: int, only_valid: bool) -> dict[s
     from optipromp.simulation import simulate
 
     began = time.perf_counter()
-    outcome = simulate(made.trajectory, scene, seed=seed).outcome
+    varied, parameters = scene, None
+    if change is not None:
+        varied, parameters = change(scene, np.random.default_rng([seed, 2]))
+    outcome = simulate(made.trajectory, varied, parameters=parameters, seed=seed).outcome
     target = scene.target
     static = (contact.peak_force for contact in outcome.static_contacts)
     return {
