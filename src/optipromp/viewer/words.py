@@ -4,35 +4,11 @@ import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
     from optipromp.planning import Plan
 
 
-def plan_report(plan: "Plan") -> "RenderableType":
-    """What the plan is, whether it holds, and the figures it is judged by."""
-    from rich.console import Group
-    from rich.markup import escape
-    from rich.table import Table
-    from rich.text import Text
-
-    strategy = f", {plan.strategy}" if plan.strategy else ""
-    colour = "green" if plan.success else "red"
-    total = plan.time.get("total", math.nan)
-    head = Text.from_markup(
-        f"[bold]{escape(plan.scene.name)}[/bold]  {plan.planner}{strategy}  "
-        f"[bold {colour}]{plan.status}[/bold {colour}] in {_seconds(total)}"
-    )
-    table = Table(box=None, show_header=False, padding=(0, 2))
-    for label, value in _rows(plan):
-        table.add_row(label, value)
-    parts: list[RenderableType] = [head]
-    if plan.message:
-        parts.append(Text(plan.message))
-    return Group(*parts, table)
-
-
-def _rows(plan: "Plan") -> list[tuple[str, str]]:
+def plan_rows(plan: "Plan") -> list[tuple[str, str]]:
+    """What the plan is judged by: names and figures."""
     m = plan.metrics
     rows = [
         ("target", f"{_mm(m.goal_error)} off, {_degrees(m.goal_axis_error)} off axis"),
@@ -83,5 +59,6 @@ def _degrees(value: float | None) -> str:
     return "–" if value is None or not math.isfinite(value) else f"{math.degrees(value):.2f}°"
 
 
-def _seconds(value: float) -> str:
+def seconds(value: float) -> str:
+    """A time in words."""
     return f"{1e3 * value:.0f} ms" if value < 1.0 else f"{value:.1f} s"
