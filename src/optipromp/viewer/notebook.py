@@ -147,7 +147,8 @@ def table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
     """An HTML table of texts; the first of each row is its name."""
     out = ["<table>"]
     if head:
-        out.append("<tr>" + "".join(f"<th>{escape(text)}</th>" for text in head) + "</tr>")
+        cells = "".join(f"<th>{escape(text)}</th>" for text in head)
+        out.append(f'<tr class="head">{cells}</tr>')
     for name, *values in rows:
         cells = "".join(f"<td>{escape(value)}</td>" for value in values)
         out.append(f'<tr><th scope="row">{escape(name)}</th>{cells}</tr>')

@@ -1,0 +1,64 @@
+"""``optipromp report``: one HTML file about a plan or a study, to be sent."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from optipromp.cli.console import OK, AsJson, command, print_json, stdout, waiting
+from optipromp.errors import Code, InvalidRequestError
+
+
+@command()
+def report(
+    item: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PLAN_DIR|STUDY_DIR", help="What 'plan --out' or 'study --out' left."
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.html", help="Where the report goes; else beside what it tells."),
+    ] = None,
+    as_json: AsJson = False,
+) -> int:
+    """Write one HTML file about a plan or a study: no network, at most 5 MB.
+
+    Of a plan: 3-D, pictures, metrics beside the paper's, settings, versions,
+    the command; with outcome and film where 'simulate' left them there. Of a
+    study: rates with intervals, causes, and the worst cases with pictures.
+    3-D needs the extra 'view', pictures of worst cases the extra 'sim'.
+
+    [bold]Examples[/bold]
+
+    \b
+    optipromp plan scenario-3 --out reach
+    optipromp simulate reach --video
+    optipromp report reach --out reach.html
+    """
+    from optipromp.experiments.study import ROWS
+    from optipromp.files import write_atomically
+    from optipromp.reports import plan_report, study_report
+
+    folder = item if item.is_dir() else item.parent
+    path = out or folder / "report.html"
+    if path.suffix.lower() != ".html":
+        raise InvalidRequestError(f"--out is {str(path)!r}: its name must end in .html")
+    with waiting("writing the report ...") as say:
+        if (folder / "plan.json").is_file():
+            content = plan_report(folder)
+        elif (folder / ROWS).is_file():
+            content = study_report(folder, progress=say)
+        else:
+            raise InvalidRequestError(
+                f"{item} is neither a plan's folder (plan.json) nor a study's ({ROWS})"
+            )
+        write_atomically(path, content)
+    if as_json:
+        print_json(
+            {"status": Code.SUCCESS, "message": "", "file": str(path), "bytes": len(content)}
+        )
+    else:
+        stdout().print(f"wrote {path} ({len(content) / 1e6:.1f} MB)", markup=False)
+    return OK
