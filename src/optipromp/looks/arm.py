@@ -27,7 +27,7 @@ GLASS = 0.4  # opacity of a cup: the fruit in it is to be seen
 FINE = 0.003  # [m] cells in which the corners of a fine mesh become one: a pixel of a film
 MANY = 4000  # triangles of a link up to which a mesh is kept as it is
 NECK = 0.010  # [m] of a cup's neck
-ELBOW = 0.6  # share of the shorter body along a joint's axis
+ELBOW = 0.6  # share of the longer body along a joint's axis
 _BALL = np.unique(sphere(np.zeros(3), 1.0, 24).reshape(-1, 3).round(9), axis=0)
 _MODELS = "cmeel.prefix/share/example-robot-data/robots/panda_description/meshes/visual"
 Solids = dict[str, list[FloatArray]]  # triangles (m, 3, 3) by colour, in the frame of a segment
@@ -199,8 +199,10 @@ def _drum(robot: Robot, s: int) -> list[Part]:
         for along, radii in reaches
     ]
     radius, half = 1.03 * max(widths), 0.12 * max(widths)
-    if high - low > ELBOW * min(spans[0][1] - spans[0][0], spans[1][1] - spans[1][0]):
-        radius, half = 0.7 * max(widths), 0.515 * (high - low)
+    longer = max(spans, key=lambda span: span[1] - span[0])
+    if high - low > ELBOW * (longer[1] - longer[0]):
+        middle, half = 0.5 * sum(longer), 0.52 * (longer[1] - longer[0])
+        radius = 0.7 * max(widths)
     profile = np.array([[0.0, -half], [0.96 * radius, -half], [radius, -0.7 * half],
                         [radius, 0.7 * half], [0.96 * radius, half], [0.0, half]])  # fmt: skip
     faces = revolve(profile, 32) @ frame_along(axis).T + middle * axis

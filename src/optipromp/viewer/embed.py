@@ -120,17 +120,18 @@ class _Recording:
         self._part("/base", part)
 
     def _camera(self, scene: Scene) -> None:
-        """Across the row, a little from above, near enough to see the fruits and the whole tool."""
+        """From beside the row beyond what hangs; from the robot's side into a shelf."""
         focus = self.robot.tool_pose(self.robot.home)[0]
         if len(scene.objects):
             focus = scene.positions.mean(axis=0)
         middle = scene.base @ (0.8 * focus)
         away = scene.base.rotation @ focus
-        heading = np.arctan2(away[1], away[0]) - 0.6
+        hangs = any(item.stem is not None for item in scene.objects)
+        heading = np.arctan2(away[1], away[0]) + (-0.6 if hangs else np.pi - 0.9)
         reach = 1.2 * max(float(np.linalg.norm(focus)), 0.6)
         camera = self.server.initial_camera
         camera.look_at = middle
-        camera.position = middle + reach * np.array([np.cos(heading), np.sin(heading), 0.15])
+        camera.position = middle + reach * np.array([np.cos(heading), np.sin(heading), 0.15 if hangs else 0.4])
 
     def line(self, name: str, points: FloatArray, colour: str, width: float) -> None:
         pieces = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
