@@ -23,7 +23,7 @@ __all__ = ["arm_parts"]
 
 LINK, BASE, DRUM = "#e3e6e9", "#8c9199", "#474d55"
 TOOL_COLOURS = {"mouth": "#a9d8ec", "neck": "#3b434c", "palm": "#dfe2e5", "finger": "#3b434c"}
-GLASS = 0.4  # opacity of a cup: the fruit in it is to be seen
+GLASS = 0.28  # opacity of a cup: the fruit in it is to be seen
 FINE = 0.003  # [m] cells in which the corners of a fine mesh become one: a pixel of a film
 MANY = 4000  # triangles of a link up to which a mesh is kept as it is
 NECK = 0.010  # [m] of a cup's neck

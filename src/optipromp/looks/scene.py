@@ -197,7 +197,7 @@ def _table(row: _Row, item: SceneObject, roots: FloatArray, ground: float) -> li
     legs = []
     for end in (low[1] + 0.04, high[1] - 0.04):
         line = np.array([[middle, end, ground], [middle, end, low[2]]])
-        legs.append(tube(line @ row.axes.T, 0.014, 16))
+        legs.append(tube(line @ row.axes.T, 0.01, 16))
     hangers = [
         tube(np.stack([root, _nearest(item, root)]), 0.0015, 8)
         for root in roots

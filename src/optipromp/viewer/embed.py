@@ -131,7 +131,9 @@ class _Recording:
         reach = 1.2 * max(float(np.linalg.norm(focus)), 0.6)
         camera = self.server.initial_camera
         camera.look_at = middle
-        camera.position = middle + reach * np.array([np.cos(heading), np.sin(heading), 0.15 if hangs else 0.4])
+        camera.position = middle + reach * np.array(
+            [np.cos(heading), np.sin(heading), 0.15 if hangs else 0.4]
+        )
 
     def line(self, name: str, points: FloatArray, colour: str, width: float) -> None:
         pieces = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
