@@ -16,7 +16,7 @@ from optipromp.experiments.study import Study, run_study
 from optipromp.output import write_plan
 from optipromp.planning import plan
 from optipromp.reports import plan_report, study_report
-from optipromp.reports.html import MOST
+from optipromp.reports.html import LARGEST_FILE
 from optipromp.reports.studies import worst_of
 from optipromp.scenes import load_scene
 from optipromp.simulation import simulate
@@ -64,7 +64,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_report_of_a_plan_holds_all_that_it_tells(folder: Path) -> None:
     content = plan_report(folder)
-    assert len(content) < MOST
+    assert len(content) < LARGEST_FILE
     found = Read(content)
     assert not found.open
     assert found.addresses
@@ -86,7 +86,7 @@ def test_a_film_that_is_too_large_is_left_out(folder: Path, tmp_path: Path) -> N
         (tmp_path / path.name).write_bytes(path.read_bytes())
     (tmp_path / "run.mp4").write_bytes(bytes(4_000_000))
     content = plan_report(tmp_path)
-    assert len(content) < MOST
+    assert len(content) < LARGEST_FILE
     assert "video/mp4" not in content.decode("utf-8")
 
 
@@ -119,7 +119,7 @@ def test_the_report_of_a_study_has_rates_causes_and_worst_cases(studied: Path) -
     said: list[str] = []
     content = study_report(studied, worst=1, progress=said.append)
     found = Read(content)
-    assert len(content) < MOST
+    assert len(content) < LARGEST_FILE
     assert all(address.startswith("data:image/png") for address in found.addresses)
     for words in ("Study of 4 runs", "95 % (Wilson)", "Worst cases", "--seeds 7:9", "promp"):
         assert words in found.text

@@ -29,7 +29,7 @@ OVER = 0.006  # [m] between the highest root and the gutter
 HANGS = 0.08  # [m] between a root and what a stem hangs from, at most
 REACHES = 0.15  # [m] of a hanger beside it, at most
 GROUND = 1.6  # [m] half the floor's side
-THICK = 0.01  # [m] of the floor
+FLOOR_DEPTH = 0.01  # [m] of the floor
 
 
 def scene_parts(scene: Scene) -> tuple[Part, ...]:
@@ -135,9 +135,9 @@ def scenery(scene: Scene) -> tuple[Part, ...]:
     if ground is not None:
         center = 0.5 * scene.positions.mean(axis=0) @ row.axes
         low, high = center - GROUND, center + GROUND
-        low[2], high[2] = ground - THICK, ground
+        low[2], high[2] = ground - FLOOR_DEPTH, ground
         parts.append(Part.of("floor", row.solid(low, high), FLOOR))
-        if ground < -THICK:
+        if ground < -FLOOR_DEPTH:
             pedestal = np.array([[-0.1, -0.1, ground], [0.1, 0.1, -0.001]])
             parts.append(Part.of("pedestal", row.solid(*pedestal), POST))
     local = roots @ row.axes

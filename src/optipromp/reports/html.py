@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from optipromp.viewer import notebook
 
-MOST = 5_000_000  # bytes of a report
+LARGEST_FILE = 5_000_000  # bytes of a report
 PACKAGES = "optipromp", "numpy", "scipy", "numba", "mujoco", "viser"
 STYLE = """
 :root { color-scheme: light; }
@@ -25,11 +25,10 @@ th, td { text-align: left; vertical-align: top; padding: 4px 14px 4px 0;
 tr.head th { color: #66707a; font-weight: 600; font-size: 13px; }
 td { font-variant-numeric: tabular-nums; }
 img, video { max-width: 100%; height: auto; display: block; }
-iframe { width: 100%; height: 560px; border: 1px solid #d5d9dd; border-radius: 4px; }
 code { background: #f3f5f7; padding: 2px 6px; border-radius: 4px; overflow-wrap: anywhere; }
 figure { margin: 10px 0 18px; break-inside: avoid; } figcaption { font-size: 13px; color: #47515a; }
 .cases { display: grid; grid-template-columns: repeat(auto-fill, minmax(320px, 1fr)); gap: 18px; }
-@media (max-width: 600px) { iframe { height: 360px; } body { padding: 0 12px 24px; } }
+@media (max-width: 600px) { iframe { height: 360px !important; } body { padding: 0 12px 24px; } }
 @media print { body { max-width: none; font-size: 10.5pt; padding: 0; } .screen { display: none; }
   h2 { break-after: avoid; } table, tr { break-inside: avoid; } a { color: inherit; }
   .cases { grid-template-columns: 1fr 1fr; } @page { margin: 15mm; } }

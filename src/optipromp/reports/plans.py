@@ -12,7 +12,7 @@ from optipromp.experiments.scenarios import CASES, ScenarioRow
 from optipromp.output import load_plan
 from optipromp.planning import Plan
 from optipromp.reports.html import (
-    MOST,
+    LARGEST_FILE,
     film,
     made_with,
     page,
@@ -23,12 +23,10 @@ from optipromp.reports.html import (
 )
 from optipromp.viewer.embed import plan_page
 from optipromp.viewer.figures import changed_terms, cost_figure, joint_figure, png
-from optipromp.viewer.notebook import frame
+from optipromp.viewer.notebook import DPI, HEIGHT, frame
 from optipromp.viewer.reach import reach_figure
 from optipromp.viewer.words import plan_rows, seconds
 
-DPI = 110
-HEIGHT = 560  # [pixel] of the 3-D view
 OURS = "—"
 
 
@@ -71,7 +69,7 @@ def plan_report(folder: Path | str) -> bytes:
     moving = folder / "run.mp4"
     if moving.is_file():
         shown = film(moving.read_bytes(), "The run in the physics simulation")
-        if sum(map(len, parts)) + len(shown) < MOST:
+        if sum(map(len, parts)) + len(shown) < LARGEST_FILE:
             parts.insert(2, section("Film", shown, screen=True))
     return page(title, parts)
 

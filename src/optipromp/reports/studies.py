@@ -15,8 +15,8 @@ from optipromp.experiments.study_output import study_figure
 from optipromp.reports.html import made_with, page, paragraph, picture, section, table
 from optipromp.simulation import Run
 from optipromp.viewer.figures import png
+from optipromp.viewer.notebook import DPI
 
-DPI = 110
 SIZE = 640, 360  # [pixel] of a worst case's picture
 WORST = 6  # cases that are shown
 FELT = 0.2  # [N] below which no force is a moment to show

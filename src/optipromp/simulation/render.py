@@ -19,7 +19,7 @@ __all__ = ["View", "animation", "film", "frames", "moments", "png"]
 
 SMALL = 640, 360  # [pixel] of an animation
 VIVID = 45  # between the strongest and the weakest of a pixel's red, green and blue
-MOST = 40  # times that a vivid pixel counts
+VIVID_WEIGHT = 40  # times that a vivid pixel counts
 LINGER = 1.5  # [s] that the last picture of a film stays, with the outcome
 DARK, PALE, GOOD, BAD = (18, 22, 26), (240, 243, 245), (120, 214, 130), (255, 138, 122)
 
@@ -119,7 +119,7 @@ def _palette(pictures: Sequence[Picture]) -> Picture:
     pixels = np.concatenate([picture[::2, ::2].reshape(-1, 3) for picture in pictures[::-6]])
     vivid = pixels[np.ptp(pixels, axis=1) > VIVID]
     times = len(pixels) // max(len(vivid), 1)
-    return np.concatenate([pixels, *[vivid] * min(times, MOST)])[:, None]
+    return np.concatenate([pixels, *[vivid] * min(times, VIVID_WEIGHT)])[:, None]
 
 
 def png(picture: Picture) -> bytes:

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from optipromp.planning import Plan
 
 NEEDED = "a 3-D view needs viser: pip install 'optipromp[view]'"
-RATE = 12.0  # [Hz] of the recorded motion; between its frames nothing moves
-LINGER = 1.0  # [s] at the end, before it begins anew
-STILL = 1e-4  # [m] by which an object moves to be sent again
+FRAME_RATE = 12.0  # [Hz] of the recorded motion; between its frames nothing moves
+PAUSE = 1.0  # [s] at the end, before it begins anew
+UNMOVED = 1e-4  # [m] by which an object moves to be sent again
 
 
 def scene_page(scene: Scene, robot: Robot | None = None, q: FloatArray | None = None) -> str:
@@ -48,15 +48,17 @@ def plan_page(plan: "Plan") -> str:
     task, curve = resolve(plan.scene, plan.robot), plan.trajectory
     with _Recording(plan.scene, plan.robot) as recording:
         for k, motion in enumerate(reversed(motions(plan))):
-            points = plan.robot.tool_pose(motion.trajectory.resample(RATE).positions)[0]
+            points = plan.robot.tool_pose(motion.trajectory.resample(FRAME_RATE).positions)[0]
             recording.line(motion.name, points, motion.colour, 3.0 if k else 6.0)
-        for time in np.linspace(0.0, curve.duration, max(round(RATE * curve.duration), 1) + 1):
+        for time in np.linspace(
+            0.0, curve.duration, max(round(FRAME_RATE * curve.duration), 1) + 1
+        ):
             recording.pose(curve.sample(time)[0][0])
             now = int(np.searchsorted(curve.times, time + 1e-9)) - 1
             for item in placed(plan, task, Moment(max(now, 0), float(time), "")):
                 recording.put(item.item, item.position, item.rotation, item.stem)
-            recording.wait(1.0 / RATE)
-        recording.wait(LINGER)
+            recording.wait(1.0 / FRAME_RATE)
+        recording.wait(PAUSE)
         return recording.html()
 
 
@@ -151,7 +153,7 @@ class _Recording:
         self, item: SceneObject, position: FloatArray, rotation: FloatArray,
         stem: FloatArray | None,
     ) -> None:  # fmt: skip
-        if np.linalg.norm(position - self.places[item.id]) < STILL:
+        if np.linalg.norm(position - self.places[item.id]) < UNMOVED:
             return
         self.places[item.id] = position
         node = self.objects[item.id]

@@ -23,8 +23,8 @@ from optipromp.viewer.words import plan_rows
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DPI = 90  # of pictures in a notebook
-HEIGHT = 520  # [pixel] of a 3-D view in a notebook
+DPI = 100  # of pictures in notebooks and reports
+HEIGHT = 540  # [pixel] of a 3-D view there
 
 
 @dataclass(frozen=True, eq=False)
