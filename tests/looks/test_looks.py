@@ -12,7 +12,7 @@ from optipromp.looks.faces import coarser, revolve, sphere, triangles
 from optipromp.planning.task import resolve
 from optipromp.robots import load_robot
 from optipromp.robots.tools import TOOL_LINK, TOOLS, with_tool
-from optipromp.scenes import SceneObject, load_scene
+from optipromp.scenes import SceneObject, Stem, load_scene
 
 SCENES = [f"scenario-{k}" for k in (1, 2, 3, 4)]
 
@@ -107,6 +107,16 @@ def test_stems_hang_from_a_gutter_over_them_or_from_what_the_scene_has() -> None
     assert (roots < high).all()
     assert parts["posts"].vertices[:, 2].min() == pytest.approx(0.0, abs=0.02)
     assert not {"gutter", "posts"} & {part.name for part in scenery(load_scene("scenario-1"))}
+
+
+def test_what_grows_upwards_does_not_hang() -> None:
+    scene = load_scene("scenario-3")
+    upright = [
+        replace(item, stem=Stem(np.array([item.position, item.position - [0.0, 0.0, 0.2]])))
+        for item in scene.objects
+        if item.stem is not None
+    ]
+    assert [part.name for part in scenery(replace(scene, objects=tuple(upright)))] == ["floor"]
 
 
 def test_there_is_one_floor() -> None:

@@ -126,8 +126,11 @@ def scenery(scene: Scene) -> tuple[Part, ...]:
     """Floor and, where stems hang from nothing in the scene, a gutter that they hang from."""
     if not len(scene.objects):
         return ()
-    stems = [item.stem for item in scene.objects if item.stem is not None]
-    roots = np.reshape([stem.root for stem in stems], (-1, 3))
+    hanging = [
+        item.stem.root for item in scene.objects
+        if item.stem is not None and (item.stem.root - item.position) @ scene.up > 0.0
+    ]  # fmt: skip
+    roots = np.reshape(hanging, (-1, 3))
     holding = next((i for i in scene.static if any(_off(i, r) < HANGS for r in roots)), None)
     row = _Row.of(scene, roots)
     ground = _ground(scene)
