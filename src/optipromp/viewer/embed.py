@@ -12,7 +12,7 @@ from optipromp.errors import InvalidRequestError
 from optipromp.looks import Part, arm_parts, object_parts, scenery
 from optipromp.looks.faces import tube
 from optipromp.looks.part import rgb
-from optipromp.looks.scene import STEM
+from optipromp.looks.scene import STEM, box_distance
 from optipromp.planning.task import resolve
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene, SceneObject
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 NEEDED = "a 3-D view needs viser: pip install 'optipromp[view]'"
 FRAME_RATE = 12.0  # [Hz] of the recorded motion; between its frames nothing moves
 PAUSE = 1.0  # [s] at the end, before it begins anew
+VIEWS = (-0.6, 0.15), (0.6, 0.15), (-1.4, 0.2), (1.4, 0.2), (np.pi - 0.9, 0.4), (np.pi + 0.9, 0.4)
+"""Places of the camera: turn from away from the robot [rad], height in shares of the distance."""
+SHARES = np.linspace(0.05, 0.95, 40)  # of the way to an object at which others are looked for
 UNMOVED = 1e-4  # [m] by which an object moves to be sent again
 
 
@@ -122,20 +125,21 @@ class _Recording:
         self._part("/base", part)
 
     def _camera(self, scene: Scene) -> None:
-        """From beside the row beyond what hangs; from the robot's side into a shelf."""
+        """From where the fewest fruits are hidden, beyond the row if that is such a place."""
         focus = self.robot.tool_pose(self.robot.home)[0]
         if len(scene.objects):
             focus = scene.positions.mean(axis=0)
-        middle = scene.base @ (0.8 * focus)
-        away = scene.base.rotation @ focus
-        hangs = any(item.stem is not None for item in scene.objects)
-        heading = np.arctan2(away[1], away[0]) + (-0.6 if hangs else np.pi - 0.9)
-        reach = 1.2 * max(float(np.linalg.norm(focus)), 0.6)
+        middle, up = 0.8 * focus, scene.up
+        away = focus - (focus @ up) * up
+        away /= max(float(np.linalg.norm(away)), 1e-9)
+        reach = 1.05 * max(float(np.linalg.norm(focus)), 0.6)
+        eyes = [
+            middle + reach * (Rotation.from_rotvec(turn * up).apply(away) + lift * up)
+            for turn, lift in VIEWS
+        ]
+        eye = min(eyes, key=lambda eye: _hidden(scene, eye))
         camera = self.server.initial_camera
-        camera.look_at = middle
-        camera.position = middle + reach * np.array(
-            [np.cos(heading), np.sin(heading), 0.15 if hangs else 0.4]
-        )
+        camera.look_at, camera.position = scene.base @ middle, scene.base @ eye
 
     def line(self, name: str, points: FloatArray, colour: str, width: float) -> None:
         pieces = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
@@ -167,3 +171,13 @@ class _Recording:
 
     def html(self) -> str:
         return str(self.serializer.as_html())
+
+
+def _hidden(scene: Scene, eye: FloatArray) -> int:
+    """How often a static object stands between an eye (3,) and a target or pushable."""
+    seen = [item.position for item in scene.objects if item.role in ("target", "pushable")]
+    return sum(
+        any(box_distance(item, eye + share * (point - eye)) == 0.0 for share in SHARES)
+        for point in seen
+        for item in scene.static
+    )
