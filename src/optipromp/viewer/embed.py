@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 NEEDED = "a 3-D view needs viser: pip install 'optipromp[view]'"
 FRAME_RATE = 12.0  # [Hz] of the recorded motion; between its frames nothing moves
+FRAMES = 240  # at most, of a long motion
 PAUSE = 1.0  # [s] at the end, before it begins anew
 VIEWS = (-0.6, 0.15), (0.6, 0.15), (-1.4, 0.2), (1.4, 0.2), (np.pi - 0.9, 0.4), (np.pi + 0.9, 0.4)
 """Places of the camera: turn from away from the robot [rad], height in shares of the distance."""
@@ -53,14 +54,13 @@ def plan_page(plan: "Plan") -> str:
         for k, motion in enumerate(reversed(motions(plan))):
             points = plan.robot.tool_pose(motion.trajectory.resample(FRAME_RATE).positions)[0]
             recording.line(motion.name, points, motion.colour, 3.0 if k else 6.0)
-        for time in np.linspace(
-            0.0, curve.duration, max(round(FRAME_RATE * curve.duration), 1) + 1
-        ):
+        count = min(max(round(FRAME_RATE * curve.duration), 1), FRAMES)
+        for time in np.linspace(0.0, curve.duration, count + 1):
             recording.pose(curve.sample(time)[0][0])
             now = int(np.searchsorted(curve.times, time + 1e-9)) - 1
             for item in placed(plan, task, Moment(max(now, 0), float(time), "")):
                 recording.put(item.item, item.position, item.rotation, item.stem)
-            recording.wait(1.0 / FRAME_RATE)
+            recording.wait(curve.duration / count)
         recording.wait(PAUSE)
         return recording.html()
 
