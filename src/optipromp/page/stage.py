@@ -1,0 +1,280 @@
+"""The 3-D part of the page: nodes of one robot, its scene and a plan, in one browser window."""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from optipromp.arrays import FloatArray
+from optipromp.page.content import FAR, NEAR, Bundle, Clearances, between, tube
+from optipromp.page.parts import Part, arm_parts, scene_parts, stem_part
+from optipromp.planning import Plan
+from optipromp.robots.model import Robot
+from optipromp.scenes.scene import Scene
+from optipromp.viewer.drawn import PRIMITIVE, Placed, motions
+
+_WIDTH = {"conditioned ProMP": 4.0, "followed path": 3.0, "optimised": 5.0}  # [pixel]
+_CANDIDATE_ROWS = 24  # points of a candidate's line
+_STEP = 60  # points of a motion's line
+_BALL = 10  # corners around a body sphere
+_ARROW = {"shaft_radius": 0.0025, "head_radius": 0.006, "head_length": 0.014}  # [m]
+_FORCE = 0.02  # [m/N] length of a force's arrow
+_SIDE, _PUSH = (32, 90, 167), (200, 50, 43)
+
+LAYERS = (
+    "initial bundle", "candidate paths", "trajectories", "passing sides", "pushed objects",
+    "body spheres", "conditioned on",
+)  # fmt: skip
+
+
+class Stage:
+    """Nodes under ``/root`` of a window's scene; nothing is shared between windows.
+
+    Args:
+        api: the scene of one client (``viser.ClientHandle.scene``).
+        root: name of the first node.
+        offset: (3,) of everything in the world [m].
+    """
+
+    def __init__(self, api: Any, root: str = "a", offset: Sequence[float] = (0.0, 0.0, 0.0)):
+        self.api, self.root, self.offset = api, f"/{root}", np.asarray(offset)
+        self.scene: Scene | None = None
+        self.robot: Robot | None = None
+        self.near: Clearances | None = None
+        self._segments: list[Any] = []
+        self._parts: dict[str, tuple[Part, Any]] = {}
+        self._shown: dict[str, Any] = {}
+        self._hidden = {"body spheres", "pushed objects"}
+        self.on_click: Callable[[str], None] | None = None
+
+    def clear(self) -> None:
+        """Remove every node."""
+        self.api.remove_by_name(self.root)
+        self._segments, self._parts, self._shown = [], {}, {}
+        self.scene = self.robot = self.near = None
+
+    # -- the arm and the objects ----------------------------------------------------------------
+
+    def show(self, scene: Scene, robot: Robot, q: FloatArray) -> None:
+        """Show a scene as perceived and its robot at ``q`` (n,); what has not changed stays."""
+        if self.scene is None:
+            base = scene.base
+            self.api.add_frame(self.root, show_axes=False, wxyz=base.orientation,
+                               position=base.position + self.offset)  # fmt: skip
+        if self.robot is not robot:
+            self._mount(robot)
+        wanted = {part.name: part for part in scene_parts(scene)}
+        for name in self._parts.keys() - wanted.keys():
+            self._parts.pop(name)[1].remove()
+        for name, part in wanted.items():
+            old = self._parts.get(name)
+            if old is None or not _alike(old[0], part):
+                self._parts[name] = part, self._mesh(f"{self.root}/things", part)
+                self._listen(part)
+        self.scene, self.robot = scene, robot
+        self.place(())
+        self.pose(q)
+
+    def _mount(self, robot: Robot) -> None:
+        if self._segments:
+            self.api.remove_by_name(f"{self.root}/arm")
+        self._segments = [
+            self.api.add_frame(f"{self.root}/arm/{s}", show_axes=False)
+            for s in range(robot.n_segments)
+        ]
+        self._shown.pop("body spheres", None)
+        for part in arm_parts(robot):
+            where = f"{self.root}/arm" + ("" if part.segment < 0 else f"/{part.segment}")
+            self._mesh(where, part)
+
+    def _mesh(self, where: str, part: Part) -> Any:
+        return self.api.add_mesh_simple(
+            f"{where}/{part.name.replace('/', '_')}", part.vertices, part.faces, color=part.colour,
+            opacity=part.opacity if part.opacity < 1.0 else None, side="double",
+            cast_shadow=part.opacity >= 1.0,
+        )  # fmt: skip
+
+    def _listen(self, part: Part) -> None:
+        owner = part.owner
+        if owner and self.on_click is not None:
+            told = self.on_click
+            self._parts[part.name][1].on_click(lambda _: told(owner))
+
+    def pose(self, q: FloatArray) -> None:
+        """Move the arm to ``q`` (n,)."""
+        assert self.robot is not None
+        origins, rotations = self.robot.segment_frames(q)
+        turns = Rotation.from_matrix(rotations).as_quat()
+        for node, origin, turn in zip(self._segments, origins, turns, strict=True):
+            node.position, node.wxyz = origin, np.roll(turn, 1)
+        if "body spheres" not in self._hidden:
+            self._balls().batched_positions = self.robot.sphere_centers(q).astype(np.float32)
+
+    def place(self, items: Iterable[Placed]) -> None:
+        """Put objects where they are at a moment; those that are not named stand as perceived."""
+        moved = {item.item.id: item for item in items}
+        assert self.scene is not None
+        for part, node in list(self._parts.values()):
+            item = moved.get(part.owner)
+            if part.stem:
+                found = None if item is None else item.stem
+                old = self._shown.get(part.name)
+                if found is None or item is None or item.shift < 1e-6:
+                    node.visible = True
+                    if old is not None:
+                        self._shown.pop(part.name).remove()
+                else:
+                    node.visible = False
+                    bent = stem_part(f"{part.name} bent", found, part)
+                    self._shown[part.name] = self._mesh(f"{self.root}/bent", bent)
+                continue
+            if item is None:
+                node.position, node.wxyz = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
+                continue
+            turn = item.rotation @ item.item.rotation.T
+            node.position = item.position - turn @ item.item.position
+            node.wxyz = np.roll(Rotation.from_matrix(turn).as_quat(), 1)
+
+    # -- what belongs to a plan -----------------------------------------------------------------
+
+    def layer(self, name: str, shown: bool) -> None:
+        """Show or hide a layer of :data:`LAYERS`."""
+        (self._hidden.discard if shown else self._hidden.add)(name)
+        if name == "body spheres" and self.robot is not None:
+            self._balls().visible = shown
+        for key, node in self._shown.items():
+            if key.partition("|")[0] == name:
+                node.visible = shown
+
+    def visible(self, name: str) -> bool:
+        """Whether a layer is shown."""
+        return name not in self._hidden
+
+    def _add(self, key: str, make: Callable[..., Any], *args: Any, **options: Any) -> None:
+        visible = key.partition("|")[0] not in self._hidden
+        self._shown[key] = make(
+            f"{self.root}/{key.replace('|', '/')}", *args, visible=visible, **options
+        )
+
+    def drop(self, layer: str) -> None:
+        """Remove what a layer holds."""
+        for key in [key for key in self._shown if key.partition("|")[0] == layer]:
+            self._shown.pop(key).remove()
+
+    def trajectories(self, plan: Plan) -> None:
+        """The tool's lines of the plan's trajectories."""
+        found = {motion.name: motion for motion in motions(plan)}
+        for name in _WIDTH.keys() - found.keys():
+            if (old := self._shown.pop(f"trajectories|{name}", None)) is not None:
+                old.remove()
+        for name, motion in found.items():
+            q = motion.trajectory.positions
+            rows = np.unique(np.linspace(0, len(q) - 1, _STEP).round().astype(int))
+            self._line(f"trajectories|{name}", plan.robot.tool_pose(q[rows])[0],
+                       rgb(motion.colour), _WIDTH[name])  # fmt: skip
+
+    def _line(self, key: str, points: FloatArray, colour: Any, width: float) -> None:
+        pieces = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
+        self._add(key, self.api.add_line_segments, pieces, colour, thickness=width,
+                  thickness_units="screen")  # fmt: skip
+
+    def bundle(self, found: Bundle | None, layer: str = "initial bundle") -> None:
+        """A primitive's tube of two standard deviations, and samples of it."""
+        self.drop(layer)
+        if found is None:
+            return
+        corners, faces = tube(found.mean, found.radius)
+        self._add(f"{layer}|tube", self.api.add_mesh_simple, corners, faces, color=rgb(PRIMITIVE),
+                  opacity=0.18, side="double", cast_shadow=False)  # fmt: skip
+        samples = np.stack([found.samples[:, :-1], found.samples[:, 1:]], axis=2)
+        self._add(f"{layer}|samples", self.api.add_line_segments,
+                  samples.reshape(-1, 2, 3).astype(np.float32), rgb(PRIMITIVE), thickness=1.0,
+                  thickness_units="screen")  # fmt: skip
+
+    def candidates(self, found: Sequence[tuple[FloatArray, float]], threshold: float) -> None:
+        """Candidate tool paths, red where the predicted harm is above the threshold."""
+        self.drop("candidate paths")
+        if not found:
+            return
+        lines, colours = [], []
+        for points, harm in found:
+            rows = np.linspace(0, len(points) - 1, _CANDIDATE_ROWS).round().astype(int)
+            lines.append(np.stack([points[rows[:-1]], points[rows[1:]]], axis=1))
+            colour = between(np.array(harm), threshold, 0.0)
+            colours.append(np.broadcast_to(colour, (len(lines[-1]), 2, 3)))
+        self._add("candidate paths|all", self.api.add_line_segments,
+                  np.concatenate(lines).astype(np.float32), np.concatenate(colours),
+                  thickness=2.0, thickness_units="screen")  # fmt: skip
+
+    def sides(self, found: Sequence[tuple[str, FloatArray, FloatArray]]) -> None:
+        """Arrows from each pushable to where the tool passes."""
+        self.drop("passing sides")
+        if found:
+            points = np.array([[begin, end] for _, begin, end in found], dtype=np.float32)
+            self._add("passing sides|all", self.api.add_arrows, points, _SIDE, **_ARROW)
+
+    def via(self, points: Sequence[tuple[str, FloatArray, str]]) -> None:
+        """The points of the tool that a primitive was conditioned on."""
+        self.drop("conditioned on")
+        for name, point, colour in points:
+            self._add(f"conditioned on|{name}", self.api.add_icosphere, radius=0.006,
+                      color=rgb(colour), position=point)  # fmt: skip
+
+    def ghosts(self, items: Iterable[Placed]) -> None:
+        """Small balls where pushed objects are predicted to be at the end."""
+        self.drop("pushed objects")
+        for item in items:
+            if item.shift > 1e-3:
+                self._add(f"pushed objects|{item.item.id}", self.api.add_label, item.label,
+                          position=item.position, font_screen_scale=0.8)  # fmt: skip
+
+    def colour(self, row: int) -> None:
+        """Colour the body spheres by their clearance in row ``row`` of :attr:`near`."""
+        if self.near is not None and "body spheres" not in self._hidden:
+            self._balls().batched_colors = between(self.near.nearest[row], NEAR, FAR)
+
+    def _balls(self) -> Any:
+        assert self.robot is not None
+        if "body spheres" not in self._shown:
+            import trimesh
+
+            ball = trimesh.creation.uv_sphere(count=[_BALL, _BALL])
+            radius = np.asarray(self.robot.spheres.radius)
+            self._add("body spheres", self.api.add_batched_meshes_simple, ball.vertices,
+                      ball.faces, np.tile([1.0, 0.0, 0.0, 0.0], (len(radius), 1)),
+                      self.robot.sphere_centers(self.robot.home), batched_scales=radius,
+                      batched_colors=np.full((len(radius), 3), 170, np.uint8), opacity=0.45,
+                      lod="off", cast_shadow=False)  # fmt: skip
+        return self._shown["body spheres"]
+
+    def forces(self, points: FloatArray, forces: FloatArray) -> None:
+        """Contact forces (k, 3) [N] as arrows that end at points (k, 3) [m]."""
+        self.drop("forces")
+        if len(points):
+            arrows = np.stack([points - _FORCE * forces, points], axis=1).astype(np.float32)
+            self._add("forces|all", self.api.add_arrows, arrows, _PUSH, **_ARROW)
+
+    def say(self, text: str, at: FloatArray | None) -> None:
+        """A label at a point (3,) [m] of the scene; empty: none."""
+        self.drop("message")
+        if text and at is not None:
+            self._add("message|text", self.api.add_label, _wrapped(text), position=at,
+                      anchor="bottom-left")  # fmt: skip
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """``#rrggbb`` as numbers."""
+    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
+
+
+def _alike(one: Part, other: Part) -> bool:
+    return (one.colour, one.opacity) == (other.colour, other.opacity) and np.array_equal(
+        one.vertices, other.vertices
+    )
+
+
+def _wrapped(text: str) -> str:
+    import textwrap
+
+    return "\n".join(textwrap.wrap(text, 48)[:5])
