@@ -38,6 +38,7 @@ class LinkGeometry(NamedTuple):
     translation: FloatArray  # (3,) [m]
     shapes: "tuple[UrdfGeometry, ...]"
     urdf: Path
+    looks: "tuple[UrdfGeometry, ...]" = ()  # its visual geometry
 
 
 class LeftOut(NamedTuple):

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from optipromp.arrays import FloatArray
+from optipromp.looks.faces import shape_faces, sphere, tube
 from optipromp.robots.model import Robot
 from optipromp.robots.tools import TOOL_LINK
 from optipromp.scenes.scene import Pose, Scene, SceneObject
 from optipromp.trajectory import Trajectory
 from optipromp.viewer.drawn import COLOURS, OPTIMISED, PUSHABLES
-from optipromp.viewer.picture import shape_faces, sphere, tube
 
 __all__ = ["glb"]
 
