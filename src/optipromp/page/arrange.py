@@ -1,6 +1,7 @@
 """Changes to a scene: what can be taken hold of, and the scene after it was moved."""
 
-from dataclasses import dataclass, fields, is_dataclass, replace
+import inspect
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -74,11 +75,12 @@ def _shifted(item: SceneObject, shift: FloatArray, part: str) -> SceneObject:
 
 def tool_radius(scene: Scene) -> float | None:
     """The radius of the scene's tool [m]; None where the scene names no tool that has one."""
-    if scene.tool is None or not is_dataclass(kind := TOOLS[scene.tool.kind]):
+    if scene.tool is None:
         return None
-    known = {item.name: item.default for item in fields(kind)}
-    found = scene.tool.parameters.get("radius", known.get("radius"))
-    return float(found) if isinstance(found, int | float) else None
+    known = inspect.signature(TOOLS[scene.tool.kind]).parameters
+    if "radius" not in known:
+        return None
+    return float(scene.tool.parameters.get("radius", known["radius"].default))
 
 
 def with_radius(scene: Scene, radius: float) -> Scene:

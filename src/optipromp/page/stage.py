@@ -1,17 +1,21 @@
 """The 3-D part of the page: nodes of one robot, its scene and a plan, in one browser window."""
 
+import textwrap
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from optipromp.arrays import FloatArray
+from optipromp.looks import Part, arm_parts, object_parts, scenery
+from optipromp.looks.part import rgb
+from optipromp.looks.scene import STEM
 from optipromp.page.content import FAR, NEAR, Bundle, Clearances, between, tube
-from optipromp.page.parts import Part, arm_parts, scene_parts, stem_part
 from optipromp.planning import Plan
 from optipromp.robots.model import Robot
-from optipromp.scenes.scene import Scene
+from optipromp.scenes.scene import Scene, SceneObject
 from optipromp.viewer.drawn import PRIMITIVE, Placed, motions
 
 _WIDTH = {"conditioned ProMP": 4.0, "followed path": 3.0, "optimised": 5.0}  # [pixel]
@@ -43,98 +47,114 @@ class Stage:
         self.robot: Robot | None = None
         self.near: Clearances | None = None
         self._segments: list[Any] = []
-        self._parts: dict[str, tuple[Part, Any]] = {}
+        self._meshes: dict[str, tuple[Part, Any]] = {}
+        self._items: dict[str, SceneObject] = {}
         self._shown: dict[str, Any] = {}
-        self._hidden = {"body spheres", "pushed objects"}
+        self._hidden = {"body spheres"}
         self.on_click: Callable[[str], None] | None = None
 
     def clear(self) -> None:
         """Remove every node."""
         self.api.remove_by_name(self.root)
-        self._segments, self._parts, self._shown = [], {}, {}
+        self._segments, self._meshes, self._items, self._shown = [], {}, {}, {}
         self.scene = self.robot = self.near = None
 
     # -- the arm and the objects ----------------------------------------------------------------
 
-    def show(self, scene: Scene, robot: Robot, q: FloatArray) -> None:
-        """Show a scene as perceived and its robot at ``q`` (n,); what has not changed stays."""
+    def show(self, scene: Scene, robot: Robot, *, row: bool = True) -> None:
+        """Show a scene as perceived, with its robot; what has not changed is not sent again.
+
+        The row that fruits hang from is drawn anew if ``row``.
+        """
         if self.scene is None:
-            base = scene.base
-            self.api.add_frame(self.root, show_axes=False, wxyz=base.orientation,
-                               position=base.position + self.offset)  # fmt: skip
+            self.api.add_frame(self.root, show_axes=False, wxyz=scene.base.orientation,
+                               position=scene.base.position + self.offset)  # fmt: skip
         if self.robot is not robot:
             self._mount(robot)
-        wanted = {part.name: part for part in scene_parts(scene)}
-        for name in self._parts.keys() - wanted.keys():
-            self._parts.pop(name)[1].remove()
-        for name, part in wanted.items():
-            old = self._parts.get(name)
-            if old is None or not _alike(old[0], part):
-                self._parts[name] = part, self._mesh(f"{self.root}/things", part)
-                self._listen(part)
+        for gone in self._items.keys() - {item.id for item in scene.objects}:
+            del self._items[gone]
+            for name in [n for n, (part, _) in self._meshes.items() if part.owner == gone]:
+                self._meshes.pop(name)[1].remove()
+        for item in scene.objects:
+            if self._items.get(item.id) is not item:
+                for part in object_parts(scene, item):
+                    node = self._mesh(part)
+                    node.position, node.wxyz = item.position, item.orientation
+                if item.stem is not None:
+                    self._stem(item, item.stem.points)
+                self._items[item.id] = item
+        if row:
+            wanted = {f"row {part.name}": part for part in scenery(scene)}
+            for name in [n for n in self._meshes if n.startswith("row ") and n not in wanted]:
+                self._meshes.pop(name)[1].remove()
+            for name, part in wanted.items():
+                self._mesh(replace(part, name=name))
         self.scene, self.robot = scene, robot
-        self.place(())
-        self.pose(q)
 
     def _mount(self, robot: Robot) -> None:
-        if self._segments:
-            self.api.remove_by_name(f"{self.root}/arm")
+        self.api.remove_by_name(f"{self.root}/arm")
+        self.api.add_frame(f"{self.root}/arm", show_axes=False)
         self._segments = [
             self.api.add_frame(f"{self.root}/arm/{s}", show_axes=False)
             for s in range(robot.n_segments)
         ]
-        self._shown.pop("body spheres", None)
+        if "body spheres" in self._shown:
+            self._shown.pop("body spheres").remove()
         for part in arm_parts(robot):
             where = f"{self.root}/arm" + ("" if part.segment < 0 else f"/{part.segment}")
-            self._mesh(where, part)
+            self._added(where, part)
 
-    def _mesh(self, where: str, part: Part) -> Any:
+    def _mesh(self, part: Part) -> Any:
+        """The node of a part of the scene, sent anew where it looks different."""
+        old, node = self._meshes.get(part.name, (None, None))
+        if old is None or not _alike(old, part):
+            node = self._added(f"{self.root}/things", part)
+            if part.owner and self.on_click is not None:
+                told = self.on_click
+                node.on_click(lambda _: told(part.owner))
+            self._meshes[part.name] = part, node
+        return node
+
+    def _added(self, where: str, part: Part) -> Any:
         return self.api.add_mesh_simple(
             f"{where}/{part.name.replace('/', '_')}", part.vertices, part.faces, color=part.colour,
             opacity=part.opacity if part.opacity < 1.0 else None, side="double",
             cast_shadow=part.opacity >= 1.0,
         )  # fmt: skip
 
-    def _listen(self, part: Part) -> None:
-        owner = part.owner
-        if owner and self.on_click is not None:
-            told = self.on_click
-            self._parts[part.name][1].on_click(lambda _: told(owner))
+    def _stem(self, item: SceneObject, points: FloatArray) -> None:
+        assert item.stem is not None
+        radius = np.full(len(points), item.stem.radius)
+        corners, faces = tube(np.asarray(points), radius, 8)
+        self._mesh(Part(f"stem:{item.id}", -1, corners, faces, rgb(STEM), owner=item.id))
 
     def pose(self, q: FloatArray) -> None:
         """Move the arm to ``q`` (n,)."""
         assert self.robot is not None
         origins, rotations = self.robot.segment_frames(q)
-        turns = Rotation.from_matrix(rotations).as_quat()
+        turns = Rotation.from_matrix(rotations).as_quat(scalar_first=True)
         for node, origin, turn in zip(self._segments, origins, turns, strict=True):
-            node.position, node.wxyz = origin, np.roll(turn, 1)
+            node.position, node.wxyz = origin, turn
         if "body spheres" not in self._hidden:
             self._balls().batched_positions = self.robot.sphere_centers(q).astype(np.float32)
 
     def place(self, items: Iterable[Placed]) -> None:
-        """Put objects where they are at a moment; those that are not named stand as perceived."""
-        moved = {item.item.id: item for item in items}
-        assert self.scene is not None
-        for part, node in list(self._parts.values()):
-            item = moved.get(part.owner)
-            if part.stem:
-                found = None if item is None else item.stem
-                old = self._shown.get(part.name)
-                if found is None or item is None or item.shift < 1e-6:
-                    node.visible = True
-                    if old is not None:
-                        self._shown.pop(part.name).remove()
-                else:
-                    node.visible = False
-                    bent = stem_part(f"{part.name} bent", found, part)
-                    self._shown[part.name] = self._mesh(f"{self.root}/bent", bent)
-                continue
-            if item is None:
-                node.position, node.wxyz = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
-                continue
-            turn = item.rotation @ item.item.rotation.T
-            node.position = item.position - turn @ item.item.position
-            node.wxyz = np.roll(Rotation.from_matrix(turn).as_quat(), 1)
+        """Put objects where they are at a moment."""
+        for item in items:
+            self.put(item.item, item.position, item.rotation, item.stem)
+
+    def put(
+        self, item: SceneObject, position: FloatArray, rotation: FloatArray,
+        stem: FloatArray | None,
+    ) -> None:  # fmt: skip
+        """Put an object at a place (3,) with a rotation (3, 3) and its stem along (k, 3)."""
+        self._items.pop(item.id, None)  # the next scene puts it back
+        turn = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
+        for part, node in list(self._meshes.values()):
+            if part.owner == item.id and not part.name.startswith("stem:"):
+                node.position, node.wxyz = position, turn
+        if item.stem is not None and stem is not None:
+            self._stem(item, stem)
 
     # -- what belongs to a plan -----------------------------------------------------------------
 
@@ -263,18 +283,10 @@ class Stage:
                       anchor="bottom-left")  # fmt: skip
 
 
-def rgb(colour: str) -> tuple[int, int, int]:
-    """``#rrggbb`` as numbers."""
-    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
-
-
 def _alike(one: Part, other: Part) -> bool:
-    return (one.colour, one.opacity) == (other.colour, other.opacity) and np.array_equal(
-        one.vertices, other.vertices
-    )
+    looks = (one.colour, one.opacity) == (other.colour, other.opacity)
+    return looks and np.array_equal(one.vertices, other.vertices)
 
 
 def _wrapped(text: str) -> str:
-    import textwrap
-
     return "\n".join(textwrap.wrap(text, 48)[:5])
