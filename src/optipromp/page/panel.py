@@ -13,6 +13,7 @@ from optipromp.page import arrange
 from optipromp.page.content import Chart, charts
 from optipromp.page.stage import LAYERS
 from optipromp.page.table import RED, table
+from optipromp.page.tabs import Recording, Replays, Runs
 from optipromp.page.window import Window
 from optipromp.planning import PLANNERS, STRATEGIES
 
@@ -48,6 +49,13 @@ class Panel:
         ):  # fmt: skip
             with self.tabs.add_tab(label):
                 build()
+        with self.tabs.add_tab("Record"):
+            self.recording = Recording(self)
+        with self.tabs.add_tab("Replay"):
+            Replays(self)
+        if window.source.rows:
+            with self.tabs.add_tab("Study"):
+                Runs(self)
         window.told.append(self._refresh)
         window.clocked.append(self._mark)
 
@@ -103,10 +111,10 @@ class Panel:
     # -- planning -------------------------------------------------------------------------------
 
     def _planning(self) -> None:
-        window, gui = self.window, self.gui
-        self.planner = gui.add_dropdown("planner", PLANNERS, initial_value=window.settings["planner"])
+        window, gui, now = self.window, self.gui, self.window.settings
+        self.planner = gui.add_dropdown("planner", PLANNERS, initial_value=now["planner"])
         self.on(self.planner, "planner", lambda v: self._set(planner=v))
-        strategy = gui.add_dropdown("strategy", STRATEGIES, initial_value=window.settings["strategy"])
+        strategy = gui.add_dropdown("strategy", STRATEGIES, initial_value=now["strategy"])
         self.on(strategy, "strategy", lambda v: self._set(strategy=v))
         self.radius = gui.add_slider("gripper radius [mm]", 20.0, 80.0, 1.0, 50.0)
         self.on(self.radius, "radius", lambda v: window.change(
@@ -269,7 +277,7 @@ class Panel:
         """After a change of the time: slider and charts."""
         window = self.window
         if window.plan is not None:
-            end = round(window.plan.trajectory.duration, 3)
+            end = round(window.duration, 3)
             if self.time.max != end:
                 self.time.max = end
             self.time.value = min(round(window.now, 3), end)

@@ -8,9 +8,8 @@ from typing import Any
 
 from optipromp.errors import InvalidRequestError
 from optipromp.page.panel import Panel
+from optipromp.page.sources import Source
 from optipromp.page.window import Window
-from optipromp.planning import Plan
-from optipromp.scenes.scene import Scene
 
 NEEDED = "the page needs viser: pip install 'optipromp[view]'"
 
@@ -19,8 +18,7 @@ class Page:
     """A running server. :meth:`stop` ends it and its threads.
 
     Args:
-        scene: that each window opens with.
-        plan: of that scene, shown as it is.
+        source: that each window opens with.
         host: address that is listened at.
         port: 0: any that is free.
         out: folder that windows save into.
@@ -30,26 +28,18 @@ class Page:
     """
 
     def __init__(
-        self, scene: Scene, plan: Plan | None = None, *, host: str = "localhost", port: int = 0,
-        out: Path = Path("out"),
-    ) -> None:  # fmt: skip
-        try:
-            import viser
-        except ImportError:
-            raise InvalidRequestError(NEEDED) from None
-        self.scene, self.plan, self.out = scene, plan, out
+        self, source: Source, *, host: str = "localhost", port: int = 0, out: Path = Path("out")
+    ) -> None:
+        self.source, self.out = source, out
         self.windows: dict[int, Window] = {}
         self.panels: dict[int, Panel] = {}
-        port = usable(host, port)
-        with redirect_stdout(io.StringIO()):  # the command says where the page is
-            self.server: Any = viser.ViserServer(host=host, port=port, verbose=False)
-        self.server.request_share_url = lambda *_, **__: None  # a client could publish the page
+        self.server = _listening(host, usable(host, port))
         self.url = f"http://{host}:{self.server.get_port()}"
         self.server.on_client_connect(self._enter)
         self.server.on_client_disconnect(self._leave)
 
     def _enter(self, client: Any) -> None:
-        window = Window(client, self.scene, self.plan, self.out)
+        window = Window(client, self.source, self.out)
         self.windows[client.client_id] = window
 
         def begin() -> None:
@@ -70,6 +60,18 @@ class Page:
             window.close()
         with redirect_stdout(io.StringIO()):
             self.server.stop()
+
+
+def _listening(host: str, port: int) -> Any:
+    """viser's server, silent, and without its tunnel: any window could publish the page by it."""
+    try:
+        import viser
+    except ImportError:
+        raise InvalidRequestError(NEEDED) from None
+    with redirect_stdout(io.StringIO()):  # the command says where the page is
+        server: Any = viser.ViserServer(host=host, port=port, verbose=False)
+    server.request_share_url = lambda *_, **__: None
+    return server
 
 
 def usable(host: str, port: int) -> int:

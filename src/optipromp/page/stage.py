@@ -280,7 +280,7 @@ class Stage:
         self.drop("message")
         if text and at is not None:
             self._add("message|text", self.api.add_label, _wrapped(text), position=at,
-                      anchor="bottom-left")  # fmt: skip
+                      anchor="bottom-center")  # fmt: skip
 
 
 def _alike(one: Part, other: Part) -> bool:
@@ -289,4 +289,4 @@ def _alike(one: Part, other: Part) -> bool:
 
 
 def _wrapped(text: str) -> str:
-    return "\n".join(textwrap.wrap(text, 48)[:5])
+    return "\n".join(textwrap.wrap(text, 36)[:7])

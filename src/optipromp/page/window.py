@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,8 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.errors import OptiPrompError
 from optipromp.page import arrange, content
+from optipromp.page.replay import APART, Replay, execute
+from optipromp.page.sources import Source
 from optipromp.page.stage import Stage
 from optipromp.page.worker import Worker
 from optipromp.planning import Plan, PlanOptions
@@ -22,7 +24,9 @@ from optipromp.viewer.drawn import conditioned_on, moment
 
 HASTE = 0.08  # [s] that a plan may take while something is dragged; of 150 ms to the screen
 UPWARDS = 0.7  # cosine; an approach steeper than that is looked at from beyond the target
-DISTANCE, AHEAD = 0.95, 0.10  # [m] of the camera, and of what it looks at before the target
+DISTANCE = 0.95  # [m] of the camera
+AHEAD, ASIDE = 0.10, 0.08  # [m] from the target to what it looks at, and to the right of it
+PLANNED = ("initial bundle", "candidate paths", "trajectories", "passing sides", "pushed objects")
 _planning = threading.Lock()  # windows plan one after another: two at once gain nothing
 
 
@@ -33,14 +37,13 @@ class Window:
 
     Args:
         client: of viser; None of its nodes is seen by another client.
-        scene: shown first.
-        plan: of that scene, shown as it is; None: one is made.
+        source: shown first; where it has no plan, one is made.
         out: folder that the page saves into.
     """
 
-    def __init__(self, client: Any, scene: Scene, plan: Plan | None, out: Path) -> None:
-        self.client, self.out = client, out
-        self.original = self.scene = scene
+    def __init__(self, client: Any, source: Source, out: Path) -> None:
+        self.client, self.source, self.out = client, source, out
+        self.original = self.scene = source.scene
         self.settings: dict[str, Any] = {"planner": "opti-promp", "strategy": "joint"}
         self.options = PlanOptions()
         self.plan: Plan | None = None
@@ -59,7 +62,9 @@ class Window:
         self.say: Callable[[str, bool], None] = lambda text, bad: None
         self.told: list[Callable[[], None]] = []  # after a plan and all that belongs to it
         self.clocked: list[Callable[[], None]] = []  # after a change of the time
-        self.given = plan
+        self.replays: list[Replay] = list(source.replays)
+        self.replayed: tuple[tuple[Replay, Stage], ...] = ()
+        self.forces = ""  # of the replay, in words
 
     def post(self, kind: str, job: Callable[[], None]) -> None:
         """Have a job done in the window's thread."""
@@ -67,12 +72,16 @@ class Window:
 
     def start(self) -> None:
         """Show the first scene, and a plan."""
-        plan, self.given = self.given, None
-        self.open(self.scene, plan)
+        self.open(self.source.scene, self.source.plan)
+        if self.replays:
+            self.replay(self.replays[:2])
 
     def open(self, scene: Scene, plan: Plan | None = None) -> None:
         """Show another scene; a plan of it as it is, or a new one."""
         self.original = self.scene = scene
+        self.now = 0.0
+        self.select("")
+        self.replay(())
         self._look(scene)
         if plan is None:
             self.replan()
@@ -88,16 +97,18 @@ class Window:
         out = middle - (middle @ up) * up
         out = out / max(float(np.linalg.norm(out)), 1e-6)
         away = 0.8 * out + 0.5 * y + 0.1 * up if z @ up > UPWARDS else -0.7 * z + 0.5 * y + 0.6 * up
-        focus = middle - AHEAD * z
+        away = away / np.linalg.norm(away)
+        focus = middle - AHEAD * z - ASIDE * np.cross(away, up)  # the panel is on the right
         camera = self.client.camera
         camera.up_direction = (0.0, 0.0, 1.0)
-        camera.position = scene.base @ (focus + DISTANCE * away / np.linalg.norm(away))
+        camera.position = scene.base @ (focus + DISTANCE * away)
         camera.look_at = scene.base @ focus
 
     # -- planning -------------------------------------------------------------------------------
 
     def replan(self, *, live: bool = False, since: float | None = None) -> None:
         """Plan the scene as it stands; ``live``: in haste, without what surrounds a plan."""
+        self.replay(())
         began = time.perf_counter()
         options = self.options
         if live:
@@ -137,7 +148,7 @@ class Window:
                 self.stage.via(conditioned_on(plan))
                 if self.now == 0.0:
                     self.now = moment(plan, resolve(plan.scene, plan.robot)).time
-            self.go(min(self.now, plan.trajectory.duration))
+            self.go(self.now)
             self.say(words + (f"  \n{wrong}" if wrong else ""), bool(wrong))
 
     def details(self) -> None:
@@ -163,31 +174,81 @@ class Window:
 
     # -- the clock ------------------------------------------------------------------------------
 
+    @property
+    def duration(self) -> float:
+        """Of what the clock runs through: a plan, or executed plans [s]."""
+        if self.replayed:
+            return max(replay.duration for replay, _ in self.replayed)
+        return 0.0 if self.plan is None else self.plan.trajectory.duration
+
     def go(self, now: float) -> None:
         """Show the arm and the objects at a time [s]."""
-        plan = self.plan
-        if plan is None:
-            return
-        self.now = float(np.clip(now, 0.0, plan.trajectory.duration))
+        self.now = float(np.clip(now, 0.0, self.duration))
+        if self.replayed:
+            told = [f"**{r.name}**  \n{r.show(stage, self.now)}" for r, stage in self.replayed]
+            self.forces = "\n\n".join(told)
+        elif self.plan is not None:
+            self._place(self.plan)
+        for clocked in self.clocked:
+            clocked()
+
+    def _place(self, plan: Plan) -> None:
         self.stage.pose(plan.trajectory.sample(np.array([self.now]))[0][0])
         if self._pushed is not None and self.stage.visible("pushed objects"):
             self.stage.place(self._pushed.at(self.now))
         if self.near is not None:
             self.stage.colour(int(np.abs(self.chart_times - self.now).argmin()))
-        for clocked in self.clocked:
-            clocked()
 
     def play(self, running: bool) -> None:
         """Let the clock run, from the beginning where it is at the end; or stop it."""
-        if running and self.plan is not None and self.now >= self.plan.trajectory.duration:
+        if running and self.now >= self.duration:
             self.go(0.0)
         self.worker.running = running
 
     def _tick(self, seconds: float) -> None:
         with self.client.atomic():
             self.go(self.now + self.speed * min(seconds, 0.2))
-        if self.plan is None or self.now >= self.plan.trajectory.duration:
+        if self.now >= self.duration:
             self.play(False)
+            self.go(self.now)
+
+    # -- executed plans -------------------------------------------------------------------------
+
+    def execute(self) -> None:
+        """Execute the plan in the simulation, and replay it."""
+        plan = self.plan
+        if plan is None:
+            return
+        self.say(f"executing {plan.planner} in the simulation ...", False)
+        with _planning:
+            self.replays.append(execute(plan, f"{len(self.replays) + 1}: {plan.planner}"))
+        self.replay(self.replays[-1:])
+
+    def replay(self, chosen: Sequence[Replay]) -> None:
+        """Replay executed plans, side by side where there are two; none: back to the plan."""
+        if not chosen and not self.replayed:
+            return
+        for _, stage in self.replayed:
+            stage.drop("forces")
+            if stage is not self.stage:
+                stage.clear()
+        self.replayed = ()
+        for layer in PLANNED:
+            self.stage.layer(layer, not chosen)
+        if chosen:
+            frame = chosen[0].scene
+            apart = APART * (frame.base.rotation @ frame.frame[1])
+            stages = [self.stage, *(Stage(self.client.scene, "b", apart) for _ in chosen[1:])]
+            with self.client.atomic():
+                for replay, stage in zip(chosen, stages, strict=True):
+                    stage.show(replay.scene, replay.robot)
+                    stage.say(replay.message, None)
+                self.replayed = tuple(zip(chosen, stages, strict=True))
+                self.say("  \n".join(f"{r.name}: {r.message}" for r in chosen),
+                         not all(r.success for r in chosen))  # fmt: skip
+                self.go(0.0)
+        elif self.plan is not None:
+            self.stage.show(self.plan.scene, self.plan.robot)
             self.go(self.now)
 
     # -- moving things --------------------------------------------------------------------------
