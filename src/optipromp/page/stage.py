@@ -24,6 +24,7 @@ _STEP = 60  # points of a motion's line
 _BALL = 10  # corners around a body sphere
 _ARROW = {"shaft_radius": 0.0025, "head_radius": 0.006, "head_length": 0.014}  # [m]
 _FORCE = 0.02  # [m/N] length of a force's arrow
+_FLAT = {"cast_shadow": False, "receive_shadow": False}  # 14 times as many pictures a second
 _SIDE, _PUSH = (32, 90, 167), (200, 50, 43)
 
 LAYERS = (
@@ -48,7 +49,8 @@ class Stage:
         self.near: Clearances | None = None
         self._segments: list[Any] = []
         self._meshes: dict[str, tuple[Part, Any]] = {}
-        self._items: dict[str, SceneObject] = {}
+        self._items: dict[str, SceneObject] = {}  # whose looks are drawn
+        self._stands: dict[str, SceneObject] = {}  # that stand where they are perceived
         self._shown: dict[str, Any] = {}
         self._hidden = {"body spheres"}
         self.on_click: Callable[[str], None] | None = None
@@ -56,34 +58,40 @@ class Stage:
     def clear(self) -> None:
         """Remove every node."""
         self.api.remove_by_name(self.root)
-        self._segments, self._meshes, self._items, self._shown = [], {}, {}, {}
+        self._segments, self._shown = [], {}
+        self._meshes, self._items, self._stands = {}, {}, {}
         self.scene = self.robot = self.near = None
 
     # -- the arm and the objects ----------------------------------------------------------------
 
-    def show(self, scene: Scene, robot: Robot, *, row: bool = True) -> None:
+    def show(self, scene: Scene, robot: Robot, *, haste: bool = False) -> None:
         """Show a scene as perceived, with its robot; what has not changed is not sent again.
 
-        The row that fruits hang from is drawn anew if ``row``.
+        In ``haste`` known objects are only moved: neither their looks nor the row that they hang
+        from are drawn anew.
         """
         if self.scene is None:
+            self.api.configure_default_lights(cast_shadow=False)
             self.api.add_frame(self.root, show_axes=False, wxyz=scene.base.orientation,
                                position=scene.base.position + self.offset)  # fmt: skip
         if self.robot is not robot:
             self._mount(robot)
         for gone in self._items.keys() - {item.id for item in scene.objects}:
             del self._items[gone]
+            self._stands.pop(gone, None)
             for name in [n for n, (part, _) in self._meshes.items() if part.owner == gone]:
                 self._meshes.pop(name)[1].remove()
         for item in scene.objects:
-            if self._items.get(item.id) is not item:
+            old = self._items.get(item.id)
+            if old is None or (old is not item and not haste):
                 for part in object_parts(scene, item):
-                    node = self._mesh(part)
-                    node.position, node.wxyz = item.position, item.orientation
-                if item.stem is not None:
-                    self._stem(item, item.stem.points)
+                    self._mesh(part)
                 self._items[item.id] = item
-        if row:
+            if self._stands.get(item.id) is not item:
+                stem = None if item.stem is None else item.stem.points
+                self.put(item, item.position, item.rotation, stem)
+                self._stands[item.id] = item
+        if not haste:
             wanted = {f"row {part.name}": part for part in scenery(scene)}
             for name in [n for n in self._meshes if n.startswith("row ") and n not in wanted]:
                 self._meshes.pop(name)[1].remove()
@@ -118,8 +126,7 @@ class Stage:
     def _added(self, where: str, part: Part) -> Any:
         return self.api.add_mesh_simple(
             f"{where}/{part.name.replace('/', '_')}", part.vertices, part.faces, color=part.colour,
-            opacity=part.opacity if part.opacity < 1.0 else None, side="double",
-            cast_shadow=part.opacity >= 1.0,
+            opacity=part.opacity if part.opacity < 1.0 else None, side="double", **_FLAT,
         )  # fmt: skip
 
     def _stem(self, item: SceneObject, points: FloatArray) -> None:
@@ -148,7 +155,7 @@ class Stage:
         stem: FloatArray | None,
     ) -> None:  # fmt: skip
         """Put an object at a place (3,) with a rotation (3, 3) and its stem along (k, 3)."""
-        self._items.pop(item.id, None)  # the next scene puts it back
+        self._stands.pop(item.id, None)
         turn = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
         for part, node in list(self._meshes.values()):
             if part.owner == item.id and not part.name.startswith("stem:"):
@@ -206,7 +213,7 @@ class Stage:
             return
         corners, faces = tube(found.mean, found.radius)
         self._add(f"{layer}|tube", self.api.add_mesh_simple, corners, faces, color=rgb(PRIMITIVE),
-                  opacity=0.18, side="double", cast_shadow=False)  # fmt: skip
+                  opacity=0.18, side="double", **_FLAT)  # fmt: skip
         samples = np.stack([found.samples[:, :-1], found.samples[:, 1:]], axis=2)
         self._add(f"{layer}|samples", self.api.add_line_segments,
                   samples.reshape(-1, 2, 3).astype(np.float32), rgb(PRIMITIVE), thickness=1.0,
@@ -265,7 +272,7 @@ class Stage:
                       ball.faces, np.tile([1.0, 0.0, 0.0, 0.0], (len(radius), 1)),
                       self.robot.sphere_centers(self.robot.home), batched_scales=radius,
                       batched_colors=np.full((len(radius), 3), 170, np.uint8), opacity=0.45,
-                      lod="off", cast_shadow=False)  # fmt: skip
+                      lod="off", **_FLAT)  # fmt: skip
         return self._shown["body spheres"]
 
     def forces(self, points: FloatArray, forces: FloatArray) -> None:

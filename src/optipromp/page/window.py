@@ -123,7 +123,7 @@ class Window:
         words = f"**{plan.status}**, planned in {took:.0f} ms"
         if since is not None:
             words += f", {1e3 * (time.perf_counter() - since):.0f} ms after the drag"
-        self._show(plan, words, row=not live)
+        self._show(plan, words, haste=live)
         if not live:
             self.post("details", self.details)
 
@@ -134,16 +134,16 @@ class Window:
             self.stage.say(words, arrange.culprit(self.scene, error, self.selected))
             self.say(words, True)
 
-    def _show(self, plan: Plan, words: str, *, row: bool = True) -> None:
+    def _show(self, plan: Plan, words: str, *, haste: bool = False) -> None:
         self.plan, self._pushed, self.near, self.stage.near = plan, None, None, None
         wrong = arrange.complaint(plan)
         with self.client.atomic():
-            self.stage.show(plan.scene, plan.robot, row=row)
+            self.stage.show(plan.scene, plan.robot, haste=haste)
             self.stage.trajectories(plan)
             self.stage.say(
                 wrong, arrange.culprit(plan.scene, plan, self.selected) if wrong else None
             )
-            if row:
+            if not haste:
                 self.stage.sides(content.passing(plan))
                 self.stage.via(conditioned_on(plan))
                 if self.now == 0.0:
