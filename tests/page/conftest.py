@@ -12,7 +12,7 @@ import pytest
 FLAGS = (
     "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
 )  # fmt: skip
-PATIENCE = 60.0  # [s] pictures are drawn by the processor here, beside all else
+PATIENCE = 180.0  # [s] pictures are drawn by the processor here, beside all else
 
 
 @pytest.fixture(scope="session")
