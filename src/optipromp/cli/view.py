@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from optipromp.cli.console import OK, command, say_if_compiling, stdout
+from optipromp.cli.console import OK, command, say_if_compiling, stdout, waiting
 
 
 @command()
@@ -28,7 +28,7 @@ def view(
     ] = 8080,
     host: Annotated[
         str,
-        typer.Option(help="Address to listen at; others than this machine reach 0.0.0.0 only."),
+        typer.Option(help="Address to listen at; 0.0.0.0 lets other machines in."),
     ] = "localhost",
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")
@@ -51,9 +51,12 @@ def view(
     """
     from optipromp.page.server import Page
     from optipromp.page.sources import open_source
+    from optipromp.planning import warm_up
 
     source = open_source(item, beside)
     say_if_compiling()
+    with waiting("loading ..."):
+        warm_up()  # so that the first plan does not wait for it
     page = Page(source, host=host, port=port, out=out)
     try:
         stdout().print(f"{page.url}  (Ctrl-C ends it)", markup=False)

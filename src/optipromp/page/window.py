@@ -24,8 +24,9 @@ from optipromp.viewer.drawn import conditioned_on, moment
 
 HASTE = 0.08  # [s] that a plan may take while something is dragged; of 150 ms to the screen
 UPWARDS = 0.7  # cosine; an approach steeper than that is looked at from beyond the target
-DISTANCE = 0.95  # [m] of the camera
-AHEAD, ASIDE = 0.10, 0.08  # [m] from the target to what it looks at, and to the right of it
+DISTANCE, FARTHER = 0.95, 1.15  # [m] of the camera; on a narrow screen
+AHEAD, ASIDE, BELOW = 0.10, 0.08, 0.40  # [m] from the target to what is looked at
+NARROW = 640  # [pixel] width of a screen on which the panel is below
 PLANNED = ("initial bundle", "candidate paths", "trajectories", "passing sides", "pushed objects")
 _planning = threading.Lock()  # windows plan one after another: two at once gain nothing
 
@@ -96,12 +97,17 @@ class Window:
         middle = scene.positions.mean(axis=0) if scene.target is None else scene.target.position
         out = middle - (middle @ up) * up
         out = out / max(float(np.linalg.norm(out)), 1e-6)
-        away = 0.8 * out + 0.5 * y + 0.1 * up if z @ up > UPWARDS else -0.7 * z + 0.5 * y + 0.6 * up
+        steep = z @ up > UPWARDS
+        away = 0.8 * out + 0.5 * y - 0.12 * up if steep else -0.7 * z + 0.5 * y + 0.6 * up
         away = away / np.linalg.norm(away)
-        focus = middle - AHEAD * z - ASIDE * np.cross(away, up)  # the panel is on the right
         camera = self.client.camera
+        if camera.image_width < NARROW:  # the panel covers the lower half there
+            focus, distance = middle - BELOW * up, FARTHER
+        else:
+            focus = middle - AHEAD * z - ASIDE * np.cross(away, up)  # and the right here
+            distance = DISTANCE
         camera.up_direction = (0.0, 0.0, 1.0)
-        camera.position = scene.base @ (focus + DISTANCE * away)
+        camera.position = scene.base @ (focus + distance * away)
         camera.look_at = scene.base @ focus
 
     # -- planning -------------------------------------------------------------------------------
