@@ -287,7 +287,7 @@ class Stage:
         self.drop("message")
         if text and at is not None:
             self._add("message|text", self.api.add_label, _wrapped(text), position=at,
-                      anchor="bottom-center")  # fmt: skip
+                      anchor="bottom-right")  # fmt: skip
 
 
 def _alike(one: Part, other: Part) -> bool:
