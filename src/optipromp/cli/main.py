@@ -20,6 +20,7 @@ from optipromp.cli import (
     generate,
     learn,
     plan,
+    report,
     ros_node,
     scenarios,
     simulate,
@@ -69,6 +70,7 @@ app.command("view")(view.view)
 app.command("export")(export.export)
 app.command("generate")(generate.generate)
 app.command("study")(study.study)
+app.command("report")(report.report)
 app.command("learn")(learn.learn)
 app.command("check")(check.check)
 app.command("list")(catalogue.catalogue)

@@ -22,11 +22,12 @@ from optipromp.robots.urdf import UrdfGeometry
 __all__ = ["arm_parts"]
 
 LINK, BASE, DRUM = "#e3e6e9", "#8c9199", "#474d55"
-TOOL_COLOURS = {"mouth": "#3d93b8", "neck": "#3b434c", "palm": "#dfe2e5", "finger": "#3b434c"}
-GLASS = 0.5  # opacity of a cup: the fruit in it is to be seen
-FINE = 0.002  # [m] cells in which the corners of a fine mesh become one: a pixel of a film
+TOOL_COLOURS = {"mouth": "#a9d8ec", "neck": "#3b434c", "palm": "#dfe2e5", "finger": "#3b434c"}
+GLASS = 0.28  # opacity of a cup: the fruit in it is to be seen
+FINE = 0.003  # [m] cells in which the corners of a fine mesh become one: a pixel of a film
 MANY = 4000  # triangles of a link up to which a mesh is kept as it is
 NECK = 0.010  # [m] of a cup's neck
+ELBOW = 0.6  # share of the longer body along a joint's axis
 _BALL = np.unique(sphere(np.zeros(3), 1.0, 24).reshape(-1, 3).round(9), axis=0)
 _MODELS = "cmeel.prefix/share/example-robot-data/robots/panda_description/meshes/visual"
 Solids = dict[str, list[FloatArray]]  # triangles (m, 3, 3) by colour, in the frame of a segment
@@ -65,16 +66,18 @@ def _given(robot: Robot) -> list[tuple[str, int, Solids]]:
     """Link, segment and surfaces of the links whose geometry can be read whole."""
     out = []
     for link in robot.geometry:
-        solids: Solids = {}
-        try:
-            for shape in link.looks or link.shapes:
-                for colour, corners in _surfaces(link, shape):
-                    local = corners @ rotation_of(shape.rpy).T + shape.xyz
-                    placed = local @ link.rotation.T + link.translation
-                    solids.setdefault(colour, []).append(placed)
-        except Exception:
-            continue
-        out.append((link.link, link.segment, solids))
+        for shapes in filter(None, (link.looks, link.shapes)):
+            try:
+                found = [(shape, *each) for shape in shapes for each in _surfaces(link, shape)]
+            except Exception:
+                continue
+            solids: Solids = {}
+            for shape, colour, corners in found:
+                local = corners @ rotation_of(shape.rpy).T + shape.xyz
+                placed = local @ link.rotation.T + link.translation
+                solids.setdefault(colour, []).append(placed)
+            out.append((link.link, link.segment, solids))
+            break
     return out
 
 
@@ -166,7 +169,11 @@ def _hull(centers: FloatArray, radii: FloatArray) -> FloatArray:
 
 
 def _drum(robot: Robot, s: int) -> list[Part]:
-    """A flat dark cylinder about joint ``s`` where the bodies on its two sides overlap."""
+    """A dark cylinder about joint ``s`` where the bodies on its two sides overlap.
+
+    Bodies that lie end to end along the axis get a ring about them; bodies that lie side by side
+    along most of it, as at an elbow, a pin through both.
+    """
     kin, cover = robot.kinematics, robot.spheres
     axis = kin.axis[s]
     spans, reaches = [], []
@@ -191,7 +198,11 @@ def _drum(robot: Robot, s: int) -> list[Part]:
         float(np.sqrt(np.maximum(radii**2 - (along - middle) ** 2, 0.0)).max())
         for along, radii in reaches
     ]
-    radius, half = 1.02 * max(widths), 0.12 * max(widths)
+    radius, half = 1.03 * max(widths), 0.12 * max(widths)
+    longer = max(spans, key=lambda span: span[1] - span[0])
+    if high - low > ELBOW * (longer[1] - longer[0]):
+        middle, half = 0.5 * sum(longer), 0.52 * (longer[1] - longer[0])
+        radius = 0.7 * max(widths)
     profile = np.array([[0.0, -half], [0.96 * radius, -half], [radius, -0.7 * half],
                         [radius, 0.7 * half], [0.96 * radius, half], [0.0, half]])  # fmt: skip
     faces = revolve(profile, 32) @ frame_along(axis).T + middle * axis

@@ -10,7 +10,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.geometry.shapes import HalfSpace, MeshShape, PointCloudShape, Sphere
-from optipromp.looks.faces import box, frame_along, revolve, shape_faces, tube
+from optipromp.looks.faces import box, frame_along, revolve, shape_faces, sphere, tube
 from optipromp.looks.part import Part
 from optipromp.scenes.scene import Scene, SceneObject
 
@@ -20,14 +20,16 @@ ROLES = {"target": "#d11a2a", "avoid": "#7f9a5c", "static": "#b39b7c"}
 UNRIPE = ("#a9c46a", "#c6cf86", "#8fb554", "#d3d7a0")  # of fruits on stems, in turn
 PUSHABLES = ("#6aa832", "#00897b", "#b8960c", "#2f5d1e", "#9a6b3c", "#5f7f8c")  # others, in turn
 LEAF, STEM, TRUSS = "#3f8a2e", "#4c8030", "#6f8a4a"
-GUTTER, POST, FLOOR = "#f2f3ef", "#a7adb3", "#dfe3dc"
+GUTTER, POST, FLOOR = "#f2f3ef", "#a7adb3", "#e9ece5"
 SEE_THROUGH = 0.3  # opacity of what is to be avoided
 SEPALS = 7
-TROUGH = 0.16, 0.07, 0.45  # [m] of the gutter: width, height, length beyond the last stem
+LARGE = 0.04  # [m] radius of a ball that shows its corners
+TROUGH = 0.16, 0.07, 0.55  # [m] of the gutter: width, height, length beyond the last stem
 OVER = 0.006  # [m] between the highest root and the gutter
-HANGS = 0.03  # [m] between a root and what a stem hangs from, at most
+HANGS = 0.08  # [m] between a root and what a stem hangs from, at most
+REACHES = 0.15  # [m] of a hanger beside it, at most
 GROUND = 1.6  # [m] half the floor's side
-THICK = 0.01  # [m] of the floor
+FLOOR_DEPTH = 0.01  # [m] of the floor
 
 
 def scene_parts(scene: Scene) -> tuple[Part, ...]:
@@ -43,11 +45,11 @@ def scene_parts(scene: Scene) -> tuple[Part, ...]:
 def object_parts(scene: Scene, item: SceneObject) -> tuple[Part, ...]:
     """An object of a scene in its own frame, without its stem: ``role:id``, and its calyx."""
     opacity = SEE_THROUGH if item.role == "avoid" else 1.0
-    cut = np.inf if not isinstance(item.shape, HalfSpace) else 4.0
-    body = Part.of(
-        f"{item.role}:{item.id}", shape_faces(item.shape, np.zeros(3), np.eye(3), cut),
-        _colour(scene, item), opacity=opacity, owner=item.id,
-    )  # fmt: skip
+    faces = shape_faces(item.shape, np.zeros(3), np.eye(3), np.inf)
+    if isinstance(item.shape, Sphere) and item.radius > LARGE:
+        faces = sphere(np.zeros(3), item.radius, 48)
+    name, colour = f"{item.role}:{item.id}", _colour(scene, item)
+    body = Part.of(name, faces, colour, opacity=opacity, owner=item.id)
     if item.stem is None or isinstance(item.shape, MeshShape | PointCloudShape):
         return (body,)
     first = np.diff(np.asarray(item.stem.points)[:2], axis=0)[0]
@@ -124,23 +126,29 @@ def scenery(scene: Scene) -> tuple[Part, ...]:
     """Floor and, where stems hang from nothing in the scene, a gutter that they hang from."""
     if not len(scene.objects):
         return ()
-    stems = [item.stem for item in scene.objects if item.stem is not None]
-    loose = [np.asarray(stem.root) for stem in stems if not _held(scene, np.asarray(stem.root))]
-    roots = np.reshape(loose, (-1, 3))
+    hanging = [
+        item.stem.root for item in scene.objects
+        if item.stem is not None and (item.stem.root - item.position) @ scene.up > 0.0
+    ]  # fmt: skip
+    roots = np.reshape(hanging, (-1, 3))
+    holding = next((i for i in scene.static if any(_off(i, r) < HANGS for r in roots)), None)
     row = _Row.of(scene, roots)
     ground = _ground(scene)
     parts = []
     if ground is not None:
         center = 0.5 * scene.positions.mean(axis=0) @ row.axes
         low, high = center - GROUND, center + GROUND
-        low[2], high[2] = ground - THICK, ground
+        low[2], high[2] = ground - FLOOR_DEPTH, ground
         parts.append(Part.of("floor", row.solid(low, high), FLOOR))
-        if ground < -THICK:
+        if ground < -FLOOR_DEPTH:
             pedestal = np.array([[-0.1, -0.1, ground], [0.1, 0.1, -0.001]])
             parts.append(Part.of("pedestal", row.solid(*pedestal), POST))
     local = roots @ row.axes
-    if len(roots) and local[:, 2].max() > 0.1:  # not under the arm's base
-        parts += _gutter(row, local, 0.0 if ground is None else ground)
+    level = 0.0 if ground is None else ground
+    if holding is not None:
+        parts += _table(row, holding, roots, level)
+    elif len(roots) and local[:, 2].max() > 0.1:  # not under the arm's base
+        parts += _gutter(row, local, level)
     return tuple(parts)
 
 
@@ -184,6 +192,24 @@ def _gutter(row: _Row, roots: FloatArray, ground: float) -> list[Part]:
     return parts + [Part.of("hangers", np.concatenate(hangers), TRUSS)] * bool(hangers)
 
 
+def _table(row: _Row, item: SceneObject, roots: FloatArray, ground: float) -> list[Part]:
+    """Two legs under an object that stems hang from, and hangers to it."""
+    local = _corners(item) @ item.rotation.T + item.position
+    low, high = (local @ row.axes).min(axis=0), (local @ row.axes).max(axis=0)
+    middle = 0.5 * (low[0] + high[0])
+    legs = []
+    for end in (low[1] + 0.04, high[1] - 0.04):
+        line = np.array([[middle, end, ground], [middle, end, low[2]]])
+        legs.append(tube(line @ row.axes.T, 0.01, 16))
+    hangers = [
+        tube(np.stack([root, _nearest(item, root)]), 0.0015, 8)
+        for root in roots
+        if 0.001 < _off(item, root) < REACHES
+    ]
+    parts = [Part.of("legs", np.concatenate(legs), POST)]
+    return parts + [Part.of("hangers", np.concatenate(hangers), TRUSS)] * bool(hangers)
+
+
 def _ground(scene: Scene) -> float | None:
     """Height of the floor: under the base, or under the lowest object; None where there is one."""
     if any(isinstance(item.shape, HalfSpace) for item in scene.objects):
@@ -197,14 +223,19 @@ def _ground(scene: Scene) -> float | None:
     return min(lowest)
 
 
-def _held(scene: Scene, root: FloatArray) -> bool:
-    """Whether a static object is near a root: within its bounding box, a little grown."""
-    for item in scene.static:
-        if isinstance(item.shape, HalfSpace):
-            continue
-        faces = shape_faces(item.shape, np.zeros(3), np.eye(3), np.inf).reshape(-1, 3)
-        local = (root - item.position) @ item.rotation
-        low, high = faces.min(axis=0) - HANGS, faces.max(axis=0) + HANGS
-        if ((local > low) & (local < high)).all():
-            return True
-    return False
+def _corners(item: SceneObject) -> FloatArray:
+    return shape_faces(item.shape, np.zeros(3), np.eye(3), np.inf).reshape(-1, 3)
+
+
+def _nearest(item: SceneObject, point: FloatArray) -> FloatArray:
+    """The point (3,) of an object's bounding box that is nearest to a point."""
+    corners, local = _corners(item), (point - item.position) @ item.rotation
+    inside = np.clip(local, corners.min(axis=0), corners.max(axis=0))
+    return np.asarray(item.rotation @ inside + item.position)
+
+
+def _off(item: SceneObject, point: FloatArray) -> float:
+    """Distance of a point from an object's bounding box [m]."""
+    if isinstance(item.shape, HalfSpace):
+        return np.inf
+    return float(np.linalg.norm(point - _nearest(item, point)))

@@ -11,6 +11,7 @@ from optipromp.arrays import BoolArray, FloatArray, IntArray, all_finite
 from optipromp.errors import InvalidRequestError
 from optipromp.robots import kernels
 from optipromp.robots.kernels import Kinematics
+from optipromp.shown import Shown
 
 if TYPE_CHECKING:
     from optipromp.robots.tool_protocol import Tool
@@ -49,8 +50,8 @@ class LeftOut(NamedTuple):
     why: str
 
 
-@dataclass(frozen=True, eq=False)
-class Robot:
+@dataclass(frozen=True, eq=False, repr=False)
+class Robot(Shown):
     """A serial robot with n independent joints and S moving segments. SI units, radians.
 
     Limits are (n,) arrays; ``velocity``, ``acceleration`` and ``jerk`` may be infinite where the
@@ -80,6 +81,10 @@ class Robot:
     excess: Mapping[str, float] = field(default_factory=dict)  # [m] of fitted covers, by link
     left_out: tuple[LeftOut, ...] = ()
     geometry: tuple[LinkGeometry, ...] = ()  # of links that have one
+
+    def _words(self) -> str:
+        tool = "no tool" if self.tool is None else type(self.tool).__name__
+        return f"{self.name}: {self.n_joints} joints, {tool}, {len(self.spheres.radius)} spheres"
 
     @property
     def n_joints(self) -> int:
