@@ -20,6 +20,7 @@ from optipromp.page.sources import open_source, row_scene
 from optipromp.page.table import violations
 from optipromp.planning import plan
 from optipromp.scenes.io import load_scene
+from optipromp.viewer.nodes import tube
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +64,7 @@ def test_the_bundle_ends_where_the_plan_does(made) -> None:
     assert np.allclose(found.mean[[0, -1]], ends, atol=1e-9)
     assert found.radius[0] < 1e-6  # exact at the start
     assert found.radius[-1] < 0.01 < found.radius.max()  # and known at the goal, but not between
-    corners, faces = content.tube(found.mean, found.radius, 8)
+    corners, faces = tube(found.mean, found.radius, 8)
     ring = corners.reshape(len(found.mean), 8, 3)
     assert np.allclose(ring.mean(axis=1), found.mean)
     off = np.linalg.norm(ring - found.mean[:, None], axis=2)

@@ -237,22 +237,3 @@ def _by_joint(names: Sequence[str], values: FloatArray) -> tuple[tuple[str, Floa
     return tuple(
         (name, values[:, j], JOINT_COLOURS[j % len(JOINT_COLOURS)]) for j, name in enumerate(names)
     )
-
-
-def tube(points: FloatArray, radius: FloatArray, around: int = 14) -> tuple[FloatArray, IntArray]:
-    """Corners (V, 3) and triangles (F, 3) of a tube of a radius (T,) along points (T, 3)."""
-    tangent = np.gradient(points, axis=0)
-    tangent /= np.maximum(lengths(tangent), 1e-12)[:, None]
-    side = np.empty_like(points)
-    last = np.eye(3)[int(np.abs(tangent[0]).argmin())]
-    for k, t in enumerate(tangent):  # each section's first direction is the last one's, levelled
-        last = last - (last @ t) * t
-        last /= max(float(np.linalg.norm(last)), 1e-12)
-        side[k] = last
-    angle = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)[None, :, None]
-    ring = np.cos(angle) * side[:, None] + np.sin(angle) * np.cross(tangent, side)[:, None]
-    corners = points[:, None] + np.maximum(radius, 1e-5)[:, None, None] * ring
-    a = np.arange((len(points) - 1) * around).reshape(-1, around)
-    b = np.roll(a, -1, axis=1)
-    faces = np.stack([a, b, b + around, a, b + around, a + around], axis=-1)
-    return corners.reshape(-1, 3), faces.reshape(-1, 3)
