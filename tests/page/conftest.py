@@ -55,6 +55,7 @@ class Opened:
     def settle(self) -> None:
         """Wait until the window's thread has nothing left to do."""
         assert self.window.worker.wait(PATIENCE)
+        assert "error: " not in self.panel.status.content  # a job broke off
 
     def do(self, job: Callable[[], None]) -> None:
         """Have a job done in the window's thread."""
@@ -90,7 +91,7 @@ def opener(
             page = Page(source, out=out or tmp_path_factory.mktemp("saved"))
             pages.append(page)
         before, errors = set(page.windows), []
-        tab = chromium.new_page(viewport={"width": 900, "height": 700})
+        tab = chromium.new_page(viewport={"width": 800, "height": 560})
         tabs.append(tab)
         tab.on("pageerror", lambda error: errors.append(str(error)))
         tab.goto(page.url)

@@ -283,7 +283,6 @@ class Window:
                 self.dragged(at, event.phase, since)
 
         self._gizmo.on_update(moved)
-        self._gizmo.on_drag_end(moved)
 
     def release(self) -> None:
         """Remove the handle."""
