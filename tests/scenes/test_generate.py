@@ -8,6 +8,7 @@ from optipromp.errors import InvalidRequestError
 from optipromp.geometry import Box, Sphere, distances
 from optipromp.planning.task import resolve
 from optipromp.robots import ik
+from optipromp.robots.roll import rolled
 from optipromp.robots.tools import Cup, FrankaHand
 from optipromp.scenes import (
     Approach,
@@ -22,7 +23,6 @@ from optipromp.scenes.generate import PRESETS, generate, generate_with_report, p
 from optipromp.scenes.generate.checks import (
     _rooted_in_tool,
     equipped,
-    rolled,
     segments,
     to_segment,
     unsolvable,

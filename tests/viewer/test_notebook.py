@@ -92,7 +92,7 @@ def test_the_view_of_a_plan_moves_arm_and_fruits_as_planned(made: Plan) -> None:
     messages = recorded(plan_page(made))
     last = made.robot.n_segments - 1
     at = {"arm": [], "fruit": []}
-    names = {f"/base/arm/{last}": "arm", "/base/pushable:n1": "fruit"}
+    names = {f"/base/arm/{last}": "arm", "/base/things/pushable:n1": "fruit"}
     for time, message in messages:
         if message["type"] == "SetPositionMessage" and message["name"] in names:
             at[names[message["name"]]].append((time, message["position"]))
@@ -109,6 +109,6 @@ def test_a_view_of_an_arm_alone_shows_it_at_home() -> None:
     pytest.importorskip("viser")
     robot = load_robot("scara")
     nodes = {m["name"] for _, m in recorded(robot.show().html) if "Mesh" in m["type"]}
-    assert {"/base/base", "/base/arm/2/forearm"} <= nodes
+    assert {"/base/arm/base", "/base/arm/2/forearm"} <= nodes
     scene = load_scene("scenario-1")
     assert len(scene_page(scene, resolve(scene).robot)) > len(robot.show().html)

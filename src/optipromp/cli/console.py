@@ -39,7 +39,8 @@ P = ParamSpec("P")
 
 Planner = Literal["promp", "i-promp", "opti-promp"]
 Strategy = Literal["joint", "sequential"]
-Preset = Literal["cluster", "side-clusters", "table-top", "mixed", "shelf"]
+Preset = Literal["cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "shelf"]
+Generated = Literal[Preset, "bookshelf", "box", "cage", "table-pick", "under-table"]
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
 Seed = Annotated[int, typer.Option(min=0, help="Same seed, same outcome.")]

@@ -6,16 +6,18 @@ from typing import Annotated
 
 import typer
 
-from optipromp.cli.console import OK, AsJson, Preset, command, print_json, stdout
+from optipromp.cli.console import OK, AsJson, Generated, command, print_json, stdout
 
 
 @command()
 def generate(
     preset: Annotated[
-        Preset,
+        Generated,
         typer.Option(
             help="cluster: 1-4 fruits before the ripe one; side-clusters: and neighbours; "
-            "table-top: and a gutter; mixed: all of these; shelf: cans and boxes."
+            "table-top: and a gutter; mixed: all of these; tight: fruits that nearly touch; limp: "
+            "plumb stems; shelf: cans and boxes; bookshelf, box, cage, table-pick, under-table: a "
+            "goal in joints among furniture."
         ),
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the scene files go.")],

@@ -26,6 +26,7 @@ from optipromp.cli import (
     simulate,
     study,
     validate,
+    view,
 )
 
 app = typer.Typer(
@@ -65,6 +66,7 @@ app.command("plan")(plan.plan)
 app.command("scenarios")(scenarios.scenarios)
 app.command("simulate")(simulate.simulate)
 app.command("validate")(validate.validate)
+app.command("view")(view.view)
 app.command("export")(export.export)
 app.command("generate")(generate.generate)
 app.command("study")(study.study)

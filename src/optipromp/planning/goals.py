@@ -11,7 +11,7 @@ from optipromp.optimization.evaluation import Evaluation
 from optipromp.planning.parameters import GOAL
 from optipromp.planning.task import Task
 from optipromp.robots import ik
-from optipromp.robots.roll import level
+from optipromp.robots.roll import level, rolled
 from optipromp.scenes.scene import JointGoal, PoseGoal
 
 
@@ -135,6 +135,10 @@ def choose(
     if not len(kept) and not late and isinstance(task.goal, PoseGoal):
         goals = find(task, seed, GOAL.many_starts)
         kept, blocked = free(task, goals)
+        if not len(kept) and not task.scene.pushables:  # what pushes is not turned about its axis
+            turned = rolled(task.robot, goals)
+            order = np.argsort(-clearance(task, turned), kind="stable")
+            kept, _ = free(task, turned[order[: GOAL.many_starts]])
     if len(kept):
         return kept, True, ""
     return (

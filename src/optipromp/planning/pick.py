@@ -24,18 +24,16 @@ from optipromp.optimization.costs.obstacles import ClearanceCost, ObstacleCost, 
 from optipromp.optimization.costs.tool import CorridorCost, GoalCost, LevelCost, UprightCost
 from optipromp.optimization.evaluation import Evaluation
 from optipromp.optimization.problem import Problem
-from optipromp.planning import follow
-from optipromp.planning.follow import Start, Waypoints, free_count
+from optipromp.planning import follow, ways
+from optipromp.planning.follow import Start
+from optipromp.planning.goals import clearance
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.parameters import SOLVE
-from optipromp.planning.primitive import led_through
 from optipromp.planning.result import Planned, Stage
 from optipromp.planning.task import Task, push_model, pushed_aside, tool_motion
 from optipromp.planning.timing import timed
 from optipromp.planning.underway import rest, straight
-from optipromp.promp.conditioning import condition
 from optipromp.promp.model import ProMP
-from optipromp.promp.points import JointPoint
 from optipromp.pushing.model import Prediction, PushModel, search
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import ToolPath, through
@@ -46,7 +44,6 @@ from optipromp.trajectory import Trajectory
 INVALID = 2.5  # harm added where the trajectory is not valid; less than that of a swallowed fruit
 GOALS = 3  # goal configurations that a path is followed to, at most
 TRIES = 6  # paths that are followed while no trajectory is valid
-SAMPLE_ROUNDS = 4  # rounds of samples of the primitive, where no motion to a goal is valid
 RULE_SPEED = PUSH.hanging.speed  # of the tool along a path that the rule gives
 
 
@@ -75,6 +72,9 @@ def pick(
         attempt = first_valid(solver, begin)
         if attempt is None:
             continue
+        if not attempt.valid and clearance(solver.task, attempt.reach).min() < 0.0:
+            begin = ways.led_round(solver.task, attempt.start, options, rng, deadline)
+            attempt = first_valid(solver, begin) or attempt
         tries += 1
         q = attempt.trajectory.positions[attempt.start.waypoints.first :]
         prediction = None if model is None else model.predict(*tool_motion(task.robot, q))
@@ -87,7 +87,9 @@ def pick(
         if least <= good or solver.late() or (tries >= TRIES and not best[0].valid):
             break
     if best is None:
-        attempt = first_valid(solver, free_starts(solver.task, options, promp, goals, rng))
+        attempt = first_valid(
+            solver, ways.free_starts(solver.task, options, promp, goals, rng, deadline)
+        )
         assert attempt is not None  # there is at least one goal configuration
         best = attempt, None
     attempt, prediction = best
@@ -142,29 +144,6 @@ def first_valid(solver: Solver, starts: Iterable[Start]) -> Attempt | None:
     return best
 
 
-def free_starts(
-    task: Task, options: PlanOptions, promp: ProMP, goals: FloatArray, rng: np.random.Generator
-) -> Iterator[Start]:
-    """Starts of a reach whose tool is free on its way, to goal configurations ``goals`` (m, n).
-
-    First the primitive conditioned on start and goal, the nearest goal first; then samples of it.
-    """
-    robot = task.robot
-    order = np.argsort(np.abs(goals - task.start).max(axis=1), kind="stable")
-    counts = {}
-    for k in order.tolist():
-        counts[k] = options.waypoints or free_count(goals[k] - task.start, options.max_step)
-        q = led_through(promp, task.start, np.array([1.0]), goals[k][None], np.zeros(1), counts[k])
-        yield Start(q, q, Waypoints(counts[k], counts[k] - 1), None)
-    for _ in range(SAMPLE_ROUNDS):
-        for k in order.tolist():
-            ends = [JointPoint(0.0, task.start), JointPoint(1.0, goals[k])]
-            (q,) = condition(promp, ends).sample(rng, 1, counts[k])
-            q = np.clip(q, robot.lower, robot.upper)
-            q[0], q[-1] = task.start, goals[k]
-            yield Start(q, q, Waypoints(counts[k], counts[k] - 1), None)
-
-
 @dataclass(frozen=True, eq=False)
 class Attempt:
     """A start and the trajectory that was optimised from it.
@@ -189,6 +168,11 @@ class Attempt:
     def valid(self) -> bool:
         """Whether the judge found no violation."""
         return not self.judgement.violations
+
+    @property
+    def reach(self) -> FloatArray:
+        """Waypoints (T, n) up to the first on the path."""
+        return self.trajectory.positions[: self.start.waypoints.first + 1]
 
 
 class Solver:

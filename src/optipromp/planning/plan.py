@@ -19,7 +19,7 @@ from optipromp import judging
 from optipromp.compiled import in_cache
 from optipromp.errors import Code, InvalidRequestError, NoPlanError, OptiPrompError
 from optipromp.optimization.kernels import add_stiffness
-from optipromp.planning import goals, primitive
+from optipromp.planning import goals, primitive, tree
 from optipromp.planning.options import Planner, PlanOptions, Strategy
 from optipromp.planning.paper_problem import functional_values
 from optipromp.planning.parameters import GOAL
@@ -119,13 +119,14 @@ def warm_up(scene: Scene | str = WARM_UP) -> None:
     options = PlanOptions(timeout=math.inf)
     with _threads().limit(limits=1, user_api="blas"):
         made = _plan(scene, None, "opti-promp", "joint", None, 0, options, None)
+        _search_once(made.scene)
     len(made.terms)  # computed when read
 
 
 @functools.cache
 def _compiled() -> None:
     """Compile the kernels, once in a process, where Numba's cache has none of them."""
-    if not in_cache(add_stiffness):
+    if not (in_cache(add_stiffness) and in_cache(tree.shorten)):
         warm_up()
 
 
@@ -145,8 +146,9 @@ def _compile_shelf(task: Task) -> float:
 def compile_kernels() -> None:
     """Fill Numba's cache.
 
-    The push model takes nearly as long to compile as all other kernels. Where there is a second
-    core, another process compiles it, while this one plans where nothing is to be pushed.
+    The push model and the search of a way take nearly as long to compile as all other kernels.
+    Where there is a second core, another process compiles them, while this one plans where nothing
+    is to be pushed.
     """
     scene = load_scene(WARM_UP)
     bare = replace(scene, objects=tuple(o for o in scene.objects if o.role != "pushable"))
@@ -166,8 +168,17 @@ def compile_kernels() -> None:
 
 
 def compile_push_model() -> None:
-    """Compile what predicts a push."""
-    _predict_once(resolve(load_scene(WARM_UP)))
+    """Compile what predicts a push, and what searches a way."""
+    scene = load_scene(WARM_UP)
+    _predict_once(resolve(scene))
+    _search_once(scene)
+
+
+def _search_once(scene: Scene) -> None:
+    """Search a way, for what that compiles."""
+    task = resolve(scene)
+    home = task.robot.home[None]
+    tree.way(task, home, home, np.random.default_rng(0))
 
 
 def _predict_once(task: Task) -> None:

@@ -44,8 +44,21 @@ def applies(scene: Scene, tool: Tool | None, neighbours: Sequence[SceneObject]) 
     It does not apply to more fruits than it can try in the time of a plan.
     """
     target = scene.target
-    hangs = target is not None and target.stem is not None
-    return hangs and tool is not None and 0 < len(neighbours) <= HANGING.most
+    if tool is None or target is None or target.stem is None or len(neighbours) > HANGING.most:
+        return False
+    return len(neighbours) > 0 or _meets(scene, tool, target)
+
+
+def _meets(scene: Scene, tool: Tool, target: SceneObject) -> bool:
+    """Whether a tool that comes straight to the target may touch another fruit that hangs."""
+    x_g, y_g, z_g = scene.frame
+    for obj in scene.pushables:
+        off = obj.position - target.position
+        near = tool.mouth[1] + obj.radius + HANGING.beside
+        below = float(off @ z_g) < tool.depth + obj.radius + HANGING.beside
+        if obj.stem is not None and below and math.hypot(off @ x_g, off @ y_g) < near:
+            return True
+    return False
 
 
 class Hanging(PushModel):
@@ -167,7 +180,8 @@ class Hanging(PushModel):
         )
         drift = Drift(
             tuple(fruit.id for fruit in self.neighbours),
-            np.array([fruit.position for fruit in self.neighbours]), directions, windows,
+            np.array([fruit.position for fruit in self.neighbours]).reshape(-1, 3), directions,
+            windows,
         )  # fmt: skip
         radii = np.array([fruit.radius for fruit in self.neighbours])
         corners = path_past(

@@ -260,7 +260,7 @@ def path_past(
     local = np.empty((2 * len(levels) + 3, 3))
     local[0, :2], local[0, 2] = (camera - goal) @ lateral.T, bottom
     aside = flat + offsets[:, None] * directions
-    farthest = math.sqrt(max(float(point @ point) for point in aside))
+    farthest = math.sqrt(max((float(point @ point) for point in aside), default=0.0))
     count = _corners(
         levels, np.ascontiguousarray(drift.windows), heights, flat, directions,
         np.ascontiguousarray(offsets), farthest, local,

@@ -5,6 +5,8 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.robots.model import Robot
 
+ROLLS = 12  # values of a joint that only rolls the tool
+
 
 def level(robot: Robot, q: FloatArray, normal: FloatArray, *, path: bool = False) -> FloatArray:
     r"""Configurations with the hand rolled so that it opens across ``normal``.
@@ -62,3 +64,19 @@ def rolls(robot: Robot) -> bool:
     aside = np.cross(kin.axis[-1], robot.tool_point)
     alone = int((kin.dof == kin.dof[-1]).sum()) == 1
     return bool(alone and kin.kind[-1] != 1 and along > 1.0 - 1e-9 and np.linalg.norm(aside) < 1e-9)
+
+
+def rolled(robot: Robot, goals: FloatArray) -> FloatArray:
+    """Configurations ``goals`` (m, n), then the same with the tool rolled about its axis.
+
+    Each joint that only rolls the tool takes :data:`ROLLS` values within a turn and its limits.
+    """
+    jp, ja = robot.tool_jacobian(goals)
+    idle = np.flatnonzero(np.abs(jp).max(axis=(0, 1)) + np.abs(ja).max(axis=(0, 1)) < 1e-9)
+    if not len(idle):
+        return goals
+    out = np.repeat(goals, ROLLS, axis=0)
+    for joint in idle:
+        low, high = max(robot.lower[joint], -np.pi), min(robot.upper[joint], np.pi)
+        out[:, joint] = np.tile(np.linspace(low, high, ROLLS), len(goals))
+    return np.vstack([goals, out])

@@ -9,14 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
-from optipromp.looks import Part, arm_parts, object_parts, scenery
-from optipromp.looks.faces import tube
-from optipromp.looks.part import rgb
-from optipromp.looks.scene import STEM, box_distance
+from optipromp.looks.scene import box_distance
 from optipromp.planning.task import resolve
 from optipromp.robots.model import Robot
-from optipromp.scenes.scene import Scene, SceneObject
-from optipromp.viewer.drawn import Moment, motions, placed
+from optipromp.scenes.scene import Scene
+from optipromp.viewer.drawn import Moment, Placed, motions, placed
+from optipromp.viewer.nodes import Nodes
 
 if TYPE_CHECKING:
     from optipromp.planning import Plan
@@ -39,7 +37,7 @@ def scene_page(scene: Scene, robot: Robot | None = None, q: FloatArray | None = 
     """
     task = resolve(scene, robot)
     with _Recording(scene, task.robot) as recording:
-        recording.pose(task.start if q is None else q)
+        recording.nodes.pose(task.start if q is None else q)
         return recording.html()
 
 
@@ -53,13 +51,13 @@ def plan_page(plan: "Plan") -> str:
     with _Recording(plan.scene, plan.robot) as recording:
         for k, motion in enumerate(reversed(motions(plan))):
             points = plan.robot.tool_pose(motion.trajectory.resample(FRAME_RATE).positions)[0]
-            recording.line(motion.name, points, motion.colour, 3.0 if k else 6.0)
+            recording.nodes.line(motion.name, points, motion.colour, 3.0 if k else 6.0)
         count = min(max(round(FRAME_RATE * curve.duration), 1), FRAMES)
         for time in np.linspace(0.0, curve.duration, count + 1):
-            recording.pose(curve.sample(time)[0][0])
+            recording.nodes.pose(curve.sample(time)[0][0])
             now = int(np.searchsorted(curve.times, time + 1e-9)) - 1
             for item in placed(plan, task, Moment(max(now, 0), float(time), "")):
-                recording.put(item.item, item.position, item.rotation, item.stem)
+                recording.put(item)
             recording.wait(curve.duration / count)
         recording.wait(PAUSE)
         return recording.html()
@@ -76,31 +74,10 @@ class _Recording:
         self.robot = robot
         with redirect_stdout(io.StringIO()):
             self.server: Any = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
-        self.api = self.server.scene
-        self.api.set_up_direction("+z")
-        base = scene.base
-        self.api.add_frame(
-            "/base", show_axes=False, wxyz=base.orientation, position=base.position
-        )  # fmt: skip
-        self.segments = [
-            self.api.add_frame(f"/base/arm/{s}", show_axes=False) for s in range(robot.n_segments)
-        ]
-        for part in arm_parts(robot):
-            self._part("/base" if part.segment < 0 else f"/base/arm/{part.segment}", part)
-        for part in scenery(scene):
-            self._part("/base", part)
-        self.objects: dict[str, Any] = {}
-        self.places: dict[str, FloatArray] = {}
-        for item in scene.objects:
-            where = f"/base/{item.role}:{item.id}"
-            self.objects[item.id] = self.api.add_frame(
-                where, show_axes=False, wxyz=item.orientation, position=item.position
-            )
-            for part in object_parts(scene, item):
-                self._part(where, part)
-            if item.stem is not None:
-                self._stem(item, np.asarray(item.stem.points))
-            self.places[item.id] = np.asarray(item.position)
+        self.server.scene.set_up_direction("+z")
+        self.nodes = Nodes(self.server.scene, "base", shadows=True)
+        self.nodes.show(scene, robot)
+        self.places = {item.id: np.asarray(item.position) for item in scene.objects}
         self._camera(scene)
         self.serializer = self.server.get_scene_serializer()
 
@@ -110,19 +87,6 @@ class _Recording:
     def __exit__(self, *_: object) -> None:
         with redirect_stdout(io.StringIO()):
             self.server.stop()
-
-    def _part(self, where: str, part: Part) -> None:
-        self.api.add_mesh_simple(
-            f"{where}/{part.name.replace('/', '_')}", part.vertices.astype(np.float32),
-            part.faces.astype(np.uint32), color=part.colour, side="double",
-            opacity=part.opacity if part.opacity < 1.0 else None,
-            cast_shadow=part.opacity >= 1.0,
-        )  # fmt: skip
-
-    def _stem(self, item: SceneObject, points: FloatArray) -> None:
-        assert item.stem is not None
-        part = Part.of(f"stem:{item.id}", tube(points, item.stem.radius, 6), STEM)
-        self._part("/base", part)
 
     def _camera(self, scene: Scene) -> None:
         """From where the fewest fruits are hidden, beyond the row if that is such a place."""
@@ -141,30 +105,10 @@ class _Recording:
         camera = self.server.initial_camera
         camera.look_at, camera.position = scene.base @ middle, scene.base @ eye
 
-    def line(self, name: str, points: FloatArray, colour: str, width: float) -> None:
-        pieces = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
-        self.api.add_line_segments(
-            f"/base/{name}", pieces, rgb(colour), thickness=width, thickness_units="screen"
-        )
-
-    def pose(self, q: FloatArray) -> None:
-        origins, rotations = self.robot.segment_frames(q)
-        turns = Rotation.from_matrix(rotations).as_quat(scalar_first=True)
-        for node, origin, turn in zip(self.segments, origins, turns, strict=True):
-            node.position, node.wxyz = origin, turn
-
-    def put(
-        self, item: SceneObject, position: FloatArray, rotation: FloatArray,
-        stem: FloatArray | None,
-    ) -> None:  # fmt: skip
-        if np.linalg.norm(position - self.places[item.id]) < UNMOVED:
-            return
-        self.places[item.id] = position
-        node = self.objects[item.id]
-        node.position = position
-        node.wxyz = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
-        if stem is not None:
-            self._stem(item, stem)
+    def put(self, item: Placed) -> None:
+        if np.linalg.norm(item.position - self.places[item.item.id]) >= UNMOVED:
+            self.places[item.item.id] = item.position
+            self.nodes.put(item.item, item.position, item.rotation, item.stem)
 
     def wait(self, seconds: float) -> None:
         self.serializer.insert_sleep(seconds)

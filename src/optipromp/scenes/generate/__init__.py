@@ -1,5 +1,6 @@
 """Random scenes by seed that an arm could solve, and the errors of a detector."""
 
+from optipromp.scenes.generate.furniture import FURNITURE, Furniture
 from optipromp.scenes.generate.generator import (
     PRESETS,
     GenerationReport,
@@ -10,7 +11,9 @@ from optipromp.scenes.generate.generator import (
 from optipromp.scenes.generate.noise import perceived
 
 __all__ = [
+    "FURNITURE",
     "PRESETS",
+    "Furniture",
     "GenerationReport",
     "Preset",
     "generate",

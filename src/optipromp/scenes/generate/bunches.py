@@ -1,5 +1,6 @@
 """Random clusters of fruits on stems before a ripe one, their neighbours and a gutter."""
 
+from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -21,6 +22,10 @@ MOUTH_CLEARANCE = 0.004  # [m] between the target and the cup's outer wall, at t
 BEFORE = (0.03, 0.15)  # [m] of a pushable before the target, centre to centre
 STEM_LENGTH = (0.10, 0.30)
 INCLINATION = np.deg2rad(25.0)
+PLUMB = np.deg2rad(2.0)
+
+TIGHT_GAP = (0.0, 0.012)  # [m] between a fruit and another one, surface to surface
+TIGHT_HEIGHT = (-0.012, 0.012)  # [m] of a fruit above the target
 
 NEIGHBOUR_DISTANCE = (0.12, 0.25)  # [m] to a side, centre to centre
 NEIGHBOUR_RADIUS = (0.05, 0.10)
@@ -35,12 +40,13 @@ GUTTER_BOTTOM = (-0.08, 0.02)  # [m] of a gutter beside the target, above the ta
 
 
 def sample(
-    name: str, count: int, sides: bool, gutter: GutterSide | None, rng: np.random.Generator
-) -> Scene:
+    name: str, count: int, sides: bool, gutter: GutterSide | None, rng: np.random.Generator,
+    inclination: float = INCLINATION,
+) -> Scene:  # fmt: skip
     """One sample of ``count`` pushables, possible or not.
 
     With ``sides`` there is a neighbouring cluster on either side, with ``gutter`` a gutter on that
-    side.
+    side. Stems lean by up to ``inclination`` [rad].
     """
     gripper = float(rng.uniform(*GRIPPER_RADIUS))
     target = rng.uniform(TARGET_LOW, TARGET_HIGH)
@@ -56,13 +62,15 @@ def sample(
     largest = min(FRUIT_RADII[1], gripper - MOUTH_CLEARANCE)
     radius = float(rng.uniform(FRUIT_RADII[0], largest))
     # what hangs under a gutter that is nearer than the shortest stem hangs on the gutter
-    ripe = SceneObject("ripe", "target", Sphere(radius), target, stem=_stem(target, rng, roof))
+    ripe = SceneObject(
+        "ripe", "target", Sphere(radius), target, stem=_stem(target, rng, roof, inclination)
+    )
     fruits = [ripe]
     for i in range(count):
         offset = np.array([*rng.uniform(-gripper, gripper, 2), -rng.uniform(*BEFORE)])
         position = target + offset
         shape = Sphere(float(rng.uniform(*FRUIT_RADII)))
-        stem = _stem(position, rng)
+        stem = _stem(position, rng, None, inclination)
         fruits.append(SceneObject(f"n{i + 1}", "pushable", shape, position, stem=stem))
     return Scene(
         name=name,
@@ -74,10 +82,30 @@ def sample(
     )
 
 
-def _stem(position: FloatArray, rng: np.random.Generator, roof: float | None = None) -> Stem:
+def tight(name: str, count: int, rng: np.random.Generator) -> Scene:
+    """One sample of ``count`` pushables close to the target and to one another, at its height."""
+    scene = sample(name, 0, False, None, rng)
+    fruits = [scene.objects[0]]
+    for i in range(count):
+        radius, beside = float(rng.uniform(*FRUIT_RADII)), fruits[int(rng.integers(len(fruits)))]
+        turn, gap = float(rng.uniform(0.0, 2.0 * np.pi)), float(rng.uniform(*TIGHT_GAP))
+        drop = float(rng.uniform(*TIGHT_HEIGHT))
+        apart = radius + beside.radius + gap
+        height = float(np.clip(fruits[0].position[2] + drop - beside.position[2], -apart, apart))
+        level = np.sqrt(apart**2 - height**2)
+        position = beside.position + [level * np.cos(turn), level * np.sin(turn), height]
+        shape, stem = Sphere(radius), _stem(position, rng)
+        fruits.append(SceneObject(f"n{i + 1}", "pushable", shape, position, stem=stem))
+    return replace(scene, objects=tuple(fruits))
+
+
+def _stem(
+    position: FloatArray, rng: np.random.Generator, roof: float | None = None,
+    inclination: float = INCLINATION,
+) -> Stem:  # fmt: skip
     """A straight stem, ended where it meets a ``roof`` [m]."""
     length = float(rng.uniform(*STEM_LENGTH))
-    tilt, turn = float(rng.uniform(0.0, INCLINATION)), float(rng.uniform(0.0, 2.0 * np.pi))
+    tilt, turn = float(rng.uniform(0.0, inclination)), float(rng.uniform(0.0, 2.0 * np.pi))
     line = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
     if roof is not None:
         length = min(length, (roof - position[2] - STEM_RADIUS - 1e-3) / line[2])

@@ -9,21 +9,20 @@ import functools
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import BoolArray, FloatArray
 from optipromp.geometry import distances, pack
 from optipromp.geometry.shapes import Sphere
 from optipromp.robots import ik
 from optipromp.robots.cup_cover import NECK_RADIUS
 from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
-from optipromp.robots.roll import level, rolls
+from optipromp.robots.roll import level, rolled, rolls
 from optipromp.robots.tool_protocol import Tool
 from optipromp.robots.tools import WALL, make_tool, with_tool
 from optipromp.scenes.scene import Scene, SceneObject
 
 SAMPLE = 0.004  # [m] between checks along a stem
 STARTS = 200  # of the inverse kinematics
-ROLLS = 12  # turns about the tool axis tried for each solution
 
 
 class OverlapError(Exception):
@@ -132,7 +131,8 @@ def equipped(scene: Scene) -> Robot:
 def unsolvable(scene: Scene) -> str | None:
     """The reason why no arm motion can end at the target; None where one may."""
     target = scene.target
-    assert target is not None  # every generated scene has one
+    if target is None:
+        return None  # a goal in joints: its sampler has kept start and goal free
     static = scene.obstacles("static")
     if len(static.kind):
         inside, _ = distances(static, target.position[None])
@@ -150,7 +150,7 @@ def unsolvable(scene: Scene) -> str | None:
         turned = level(robot, goals, scene.frame[0])
     else:
         turned = rolled(robot, goals)
-    if not _free(scene, robot, turned).any():
+    if not free(scene, robot, turned).any():
         return "goal always in collision"
     return None
 
@@ -184,30 +184,17 @@ def _rooted_in_tool(scene: Scene, item: SceneObject, tool: Tool | None) -> bool:
     return False
 
 
-def rolled(robot: Robot, goals: FloatArray) -> FloatArray:
-    """The goals (m, n) with the joints that only roll the tool at :data:`ROLLS` values."""
-    jp, ja = robot.tool_jacobian(goals)
-    idle = np.flatnonzero(np.abs(jp).max(axis=(0, 1)) + np.abs(ja).max(axis=(0, 1)) < 1e-9)
-    if not len(idle):
-        return goals
-    out = np.repeat(goals, ROLLS, axis=0)
-    for joint in idle:
-        low, high = max(robot.lower[joint], -np.pi), min(robot.upper[joint], np.pi)
-        out[:, joint] = np.tile(np.linspace(low, high, ROLLS), len(goals))
-    return np.vstack([goals, out])
-
-
-def _free(scene: Scene, robot: Robot, q: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """(m,) whether configurations touch neither static objects nor the arm itself."""
+def free(scene: Scene, robot: Robot, q: FloatArray, clearance: float = 0.0) -> BoolArray:
+    """(m,) whether ``q`` (m, n) keep ``clearance`` [m] from static objects, and from themselves."""
     centers, radius = robot.sphere_centers(q), robot.spheres.radius
-    free = np.ones(len(q), dtype=bool)
+    out = np.ones(len(q), dtype=bool)
     static = scene.obstacles("static")
     if len(static.kind):
         away, _ = distances(static, centers.reshape(-1, 3))
         nearest = away.min(axis=1).reshape(len(q), -1) - radius
-        free &= nearest.min(axis=1) >= 0.0
+        out &= nearest.min(axis=1) >= clearance
     if len(robot.self_pairs):
         i, j = robot.self_pairs.T
         gap = np.linalg.norm(centers[:, i] - centers[:, j], axis=2) - radius[i] - radius[j]
-        free &= gap.min(axis=1) >= 0.0
-    return free
+        out &= gap.min(axis=1) >= 0.0
+    return out

@@ -4,6 +4,7 @@ The discrete choices (the number of pushables, the side of the gutter) are sampl
 while the rest is sampled again. Otherwise crowded scenes, which are hard to place, would be rare.
 """
 
+import functools
 import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -13,12 +14,13 @@ from typing import Literal, get_args
 import numpy as np
 
 from optipromp.errors import InvalidRequestError
-from optipromp.scenes.generate import bunches, shelves
+from optipromp.scenes.generate import bunches, furniture, shelves
 from optipromp.scenes.generate.checks import OverlapError, interpenetration, unsolvable
+from optipromp.scenes.generate.furniture import FURNITURE, Furniture
 from optipromp.scenes.scene import Scene
 from optipromp.scenes.values import suggest
 
-Preset = Literal["cluster", "side-clusters", "table-top", "mixed", "shelf"]
+Preset = Literal["cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "shelf"]
 PRESETS: tuple[Preset, ...] = get_args(Preset)
 PATIENCE = 1000  # samples before the discrete choices are sampled again
 MOST_REDRAWS = 50_000
@@ -37,18 +39,18 @@ class GenerationReport:
         reasons: why they were impossible, and how often.
     """
 
-    preset: Preset
+    preset: Preset | Furniture
     seed: int
     redraws: int
     reasons: Mapping[str, int] = field(default_factory=dict)
 
 
-def generate(preset: Preset, seed: int) -> Scene:
+def generate(preset: Preset | Furniture, seed: int) -> Scene:
     """The scene of a preset and a seed; see :func:`generate_with_report`."""
     return generate_with_report(preset, seed)[0]
 
 
-def generate_with_report(preset: Preset, seed: int) -> tuple[Scene, GenerationReport]:
+def generate_with_report(preset: Preset | Furniture, seed: int) -> tuple[Scene, GenerationReport]:
     """Sample a random scene.
 
     Presets (lengths in metres; every number uniform in its range):
@@ -61,22 +63,30 @@ def generate_with_report(preset: Preset, seed: int) -> tuple[Scene, GenerationRe
     - ``table-top``: a cluster, and a gutter 0.03 to 0.08 from the target's centre on any side but
       the approach.
     - ``mixed``: all of these at once.
+    - ``tight``: 2 to 4 pushables, each 0 to 12 mm from the target or from another pushable, surface
+      to surface, and no higher or lower than the target by more than 12 mm; otherwise as
+      ``cluster``.
+    - ``limp``: as ``cluster``, but the stems hang plumb, to 2 degrees. Nothing then implies that a
+      stem is stiffer than green tissue (:data:`optipromp.pushing.parameters.PUSH`).
     - ``shelf``: a can behind 2 to 6 upright cans and boxes on a shelf; horizontal approach with
       the Franka hand.
+    - ``bookshelf``, ``box``, ``cage``, ``table-pick``, ``under-table``: a goal in joints with the
+      Franka hand among furniture. Every second start is among it too.
 
     A scene is sampled again only where objects interpenetrate, or where no arm could solve it: the
     target out of reach, inside something static, a stem rooted where the cup must pass, or every
     goal configuration in collision.
 
     Args:
-        preset: one of :data:`PRESETS`.
+        preset: one of :data:`PRESETS` or :data:`FURNITURE`.
         seed: not negative; the same seed gives the same scene.
 
     Raises:
         InvalidRequestError: an unknown preset or a negative seed.
     """
-    if preset not in PRESETS:
-        raise InvalidRequestError(f"preset is {preset!r}: {suggest(preset, PRESETS)}")
+    if preset not in (*PRESETS, *FURNITURE):
+        told = suggest(preset, (*PRESETS, *FURNITURE))
+        raise InvalidRequestError(f"preset is {preset!r}: {told}")
     if seed < 0:
         raise InvalidRequestError(f"seed is {seed}; it must not be negative")
     rng = np.random.default_rng([zlib.crc32(preset.encode()), seed])
@@ -97,19 +107,25 @@ def generate_with_report(preset: Preset, seed: int) -> tuple[Scene, GenerationRe
             report = GenerationReport(preset, seed, reasons.total(), dict(sorted(reasons.items())))
             return scene, report
         reasons[fault] += 1
-    raise InvalidRequestError(  # cannot happen with the five presets above
+    raise InvalidRequestError(  # cannot happen with the presets above
         f"no possible scene of {preset} within {MOST_REDRAWS} samples: {dict(reasons)}"
     )
 
 
-def _kind(preset: Preset, seed: int, rng: np.random.Generator) -> Sampler:
+def _kind(preset: Preset | Furniture, seed: int, rng: np.random.Generator) -> Sampler:
     """Sample the discrete choices; returns the sampler of the rest."""
     name = f"{preset}-{seed}"
+    if preset in FURNITURE:
+        return functools.partial(furniture.sample, preset, name)
     if preset == "shelf":
         count = int(rng.integers(2, 7))
         return lambda rng: shelves.sample(name, count, rng)
+    if preset == "tight":
+        close = int(rng.integers(2, 5))
+        return lambda rng: bunches.tight(name, close, rng)
     count = int(rng.integers(1, 5))
+    lean = bunches.PLUMB if preset == "limp" else bunches.INCLINATION
     sides = preset in ("side-clusters", "mixed")
     gutter = bunches.GUTTER_SIDES[int(rng.integers(len(bunches.GUTTER_SIDES)))]
     chosen = gutter if preset in ("table-top", "mixed") else None
-    return lambda rng: bunches.sample(name, count, sides, chosen, rng)
+    return lambda rng: bunches.sample(name, count, sides, chosen, rng, lean)

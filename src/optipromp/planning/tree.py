@@ -1,0 +1,325 @@
+"""A way round obstacles: two trees of configurations that grow towards each other (RRT-Connect).
+
+One tree grows from the start, the other from all goal configurations (Kuffner and LaValle, 2000).
+Shortcuts then shorten the way. It is a start of the optimisation, which rounds its corners: along
+its edges collisions are looked for at places, not between them.
+"""
+
+import time
+from typing import NamedTuple
+
+import numpy as np
+
+from optipromp.arrays import BoolArray, FloatArray, IntArray, lengths
+from optipromp.compiled import inlined, inner
+from optipromp.geometry.distances import distance_and_gradient
+from optipromp.geometry.obstacles import Obstacles
+from optipromp.planning.parameters import TREE
+from optipromp.planning.task import Task
+from optipromp.robots.kernels import Kinematics, carried_points, chain_frames
+from optipromp.robots.model import Robot
+
+BATCH = 500  # samples between two looks at the clock
+STRIDE = 8  # of the places along an edge: the first look at it is coarse
+
+
+class Body(NamedTuple):
+    """What a configuration is checked for; arrays as in :class:`BodyPoints` and `Surroundings`."""
+
+    kin: Kinematics
+    segment: IntArray
+    local: FloatArray
+    radius: FloatArray
+    link_start: IntArray
+    link_bound: FloatArray
+    link_distal: BoolArray
+    groups: IntArray
+    pairs: IntArray
+    static: Obstacles
+    dynamic: Obstacles
+    shared: int
+    lever: FloatArray  # (n,) [m per unit] how far a joint moves any point of the body at most
+    step: float  # [m] that the body moves between two places along an edge, at most
+    # room for the kinematics of one configuration
+    origins: FloatArray
+    rotations: FloatArray
+    axes: FloatArray
+    points: FloatArray
+
+
+def way(
+    task: Task,
+    goals: FloatArray,
+    seeds: FloatArray,
+    rng: np.random.Generator,
+    deadline: float = np.inf,
+) -> FloatArray | None:
+    """Corners (k, n) of a way from the start to one of the goals; None where none was found.
+
+    The tool pushes something aside only where there is no other way.
+
+    Args:
+        task: the arm, its start and what stands around it.
+        goals: (m, n) configurations, free.
+        seeds: (s, n) configurations that a part of the samples are drawn near; may be empty.
+        rng: of the samples.
+        deadline: of ``time.perf_counter()``.
+    """
+    around = task.surroundings
+    for pushed in sorted({around.shared, len(around.dynamic.kind)}, reverse=True):
+        best: FloatArray | None = None
+        for _ in range(TREE.ways):
+            body = body_of(task, pushed)
+            corners = _grown(body, task.robot, task.start, goals, seeds, rng, deadline)
+            if corners is None:
+                break
+            corners = _shortened(body, corners, rng)
+            if best is None or _length(corners) < _length(best):
+                best = corners
+        if best is not None:
+            return best
+    return None
+
+
+def _length(corners: FloatArray) -> float:
+    return float(lengths(np.diff(corners, axis=0)).sum())
+
+
+def _grown(
+    body: Body, robot: Robot, start: FloatArray, goals: FloatArray, seeds: FloatArray,
+    rng: np.random.Generator, deadline: float,
+) -> FloatArray | None:  # fmt: skip
+    low = np.where(np.isinf(robot.lower), start - np.pi, robot.lower)
+    high = np.where(np.isinf(robot.upper), start + np.pi, robot.upper)
+    room, n = TREE.samples, robot.n_joints
+    nodes, parent = np.empty((2, room, n)), np.full((2, room), -1, dtype=np.int64)
+    nodes[0, 0], nodes[1, : len(goals)] = start, goals
+    count = np.array([1, len(goals)])
+    for _ in range(0, TREE.samples, BATCH):
+        if time.perf_counter() > deadline:
+            return None
+        samples = rng.uniform(low, high, (BATCH, n))
+        if len(seeds):
+            near = rng.random(BATCH) < TREE.seeded
+            picked = seeds[rng.integers(len(seeds), size=int(near.sum()))]
+            samples[near] = picked + TREE.spread * rng.standard_normal(picked.shape)
+            samples = np.clip(samples, low, high)
+        if grow(body, samples, nodes, parent, count, TREE.reach, np.empty(n)):
+            first = _back(nodes[0], parent[0], count[0] - 1)[::-1]
+            return np.vstack([first, _back(nodes[1], parent[1], count[1] - 1)[1:]])
+    return None
+
+
+def _back(nodes: FloatArray, parent: IntArray, index: int) -> FloatArray:
+    """Nodes from ``index`` back to the root of its tree."""
+    out = []
+    while index >= 0:
+        out.append(nodes[index])
+        index = parent[index]
+    return np.array(out)
+
+
+def _shortened(body: Body, corners: FloatArray, rng: np.random.Generator) -> FloatArray:
+    room = np.empty((len(corners) + 2 * TREE.shortcuts, corners.shape[1]))
+    room[: len(corners)] = corners
+    places, along = rng.random((TREE.shortcuts, 2)), np.empty(len(room))
+    left = shorten(body, room, len(corners), places, along, *np.empty((3, corners.shape[1])))
+    return room[:left].copy()
+
+
+def body_of(task: Task, shared: int) -> Body:
+    """The arm of a task, ready for the kernels; see :class:`Surroundings` for ``shared``."""
+    robot, body, around = task.robot, task.body, task.surroundings
+    segments = robot.n_segments
+    return Body(
+        robot.kinematics, body.segment, body.local, body.radius, body.link_start, body.link_bound,
+        body.link_distal, body.groups, body.pairs, around.static, around.dynamic, shared,
+        levers(robot), TREE.step, np.empty((1, segments, 3)), np.empty((1, segments, 3, 3)),
+        np.empty((1, segments, 3)), np.empty((1, len(body), 3)),
+    )  # fmt: skip
+
+
+def levers(robot: Robot) -> FloatArray:
+    """How far a unit of each joint (n,) moves any point of the robot, at most [m]."""
+    kin, spheres = robot.kinematics, robot.spheres
+    far = np.zeros(robot.n_segments)  # of any point from the segment's origin
+    own = lengths(spheres.center) + spheres.radius
+    np.maximum.at(far, spheres.segment[spheres.segment >= 0], own[spheres.segment >= 0])
+    far[-1] = max(far[-1], float(np.linalg.norm(robot.tool_point)))
+    out = np.zeros(robot.n_joints)
+    for s in reversed(range(robot.n_segments)):
+        if s + 1 < robot.n_segments:
+            slide = 0.0
+            if kin.kind[s + 1] == 1:
+                j = kin.dof[s + 1]
+                slide = float(max(abs(robot.lower[j]), abs(robot.upper[j])))
+            far[s] = max(far[s], float(np.linalg.norm(kin.translation[s + 1])) + slide + far[s + 1])
+        lever = 1.0 if kin.kind[s] == 1 else far[s]
+        out[kin.dof[s]] += abs(kin.multiplier[s]) * lever
+    return out
+
+
+@inlined
+def blocked(body, q):  # type: ignore[no-untyped-def]
+    """Whether the body at ``q`` (n,) touches an obstacle or itself."""
+    origins, points, spheres = body.origins, body.points, body.radius.shape[0]
+    chain_frames(body.kin, q, origins[0], body.rotations[0], body.axes[0])
+    carried_points(body.segment, body.local, origins, body.rotations, points)
+    p = points[0]
+    for link in range(body.link_start.shape[0] - 1):
+        if meets(body, p, link, spheres, body.static, body.static.kind.shape[0]):
+            return True
+        last = body.shared if body.link_distal[link] else body.dynamic.kind.shape[0]
+        if meets(body, p, link, spheres, body.dynamic, last):
+            return True
+    for g in range(body.groups.shape[0]):
+        first, second = body.groups[g, 0], body.groups[g, 1]
+        if not closer(
+            p, spheres + 2 + first, spheres + 2 + second,
+            body.link_bound[first] + body.link_bound[second],
+        ):  # fmt: skip
+            continue
+        for k in range(body.groups[g, 2], body.groups[g, 3]):
+            i, j = body.pairs[k, 0], body.pairs[k, 1]
+            if closer(p, i, j, body.radius[i] + body.radius[j]):
+                return True
+    return False
+
+
+@inlined
+def closer(p, i, j, apart):  # type: ignore[no-untyped-def]
+    """Whether points i and j of ``p`` (P, 3) are nearer than ``apart``."""
+    x, y, z = p[i, 0] - p[j, 0], p[i, 1] - p[j, 1], p[i, 2] - p[j, 2]
+    return x * x + y * y + z * z < apart * apart
+
+
+@inlined
+def meets(body, p, link, spheres, obstacles, last):  # type: ignore[no-untyped-def]
+    """Whether a link meets one of the first ``last`` obstacles."""
+    c, bound = p[spheres + 2 + link], body.link_bound[link]
+    for k in range(last):
+        o, far = obstacles.position[k], obstacles.bound[k] + bound
+        x, y, z = c[0] - o[0], c[1] - o[1], c[2] - o[2]
+        if x * x + y * y + z * z >= far * far:
+            continue
+        d, _, _, _ = distance_and_gradient(obstacles, k, c[0], c[1], c[2])
+        if d >= bound:
+            continue
+        for b in range(body.link_start[link], body.link_start[link + 1]):
+            d, _, _, _ = distance_and_gradient(obstacles, k, p[b, 0], p[b, 1], p[b, 2])
+            if d < body.radius[b]:
+                return True
+    return False
+
+
+@inner
+def open_edge(body, a, b, q):  # type: ignore[no-untyped-def]
+    """Whether the edge from ``a`` to ``b`` (n,) is free, but for ``a`` itself; ``q`` is room."""
+    moved = 0.0
+    for j in range(a.shape[0]):
+        moved += body.lever[j] * abs(b[j] - a[j])
+    count = int(moved / body.step) + 1
+    for offset in range(STRIDE):
+        for i in range(count - offset, 0, -STRIDE):
+            for j in range(a.shape[0]):
+                q[j] = a[j] + (b[j] - a[j]) * i / count
+            if blocked(body, q):
+                return False
+    return True
+
+
+@inner
+def nearest(nodes, count, q):  # type: ignore[no-untyped-def]
+    """Index of the node next to ``q`` (n,), and its squared distance."""
+    best, least = 0, np.inf
+    for i in range(count):
+        squared = 0.0
+        for j in range(q.shape[0]):
+            squared += (nodes[i, j] - q[j]) ** 2
+        if squared < least:
+            best, least = i, squared
+    return best, least
+
+
+@inner
+def extend(body, nodes, parent, count, tree, q, reach, room):  # type: ignore[no-untyped-def]
+    """Grow a tree towards ``q`` (n,) by ``reach``: 2: it is there, 1: nearer, 0: blocked."""
+    if count[tree] >= nodes.shape[1]:
+        return 0
+    near, squared = nearest(nodes[tree], count[tree], q)
+    share = min(1.0, reach / np.sqrt(max(squared, 1e-18)))
+    new = nodes[tree, count[tree]]
+    for j in range(q.shape[0]):
+        new[j] = nodes[tree, near, j] + share * (q[j] - nodes[tree, near, j])
+    if not open_edge(body, nodes[tree, near], new, room):
+        return 0
+    parent[tree, count[tree]] = near
+    count[tree] += 1
+    return 2 if share == 1.0 else 1
+
+
+@inner
+def grow(body, samples, nodes, parent, count, reach, room):  # type: ignore[no-untyped-def]
+    """Grow both trees by samples (s, n), the smaller one first, until they meet.
+
+    ``nodes`` (2, N, n), ``parent`` (2, N) and ``count`` (2,) change in place. Returns whether they
+    met; their last nodes are then the same.
+    """
+    for s in range(samples.shape[0]):
+        one = 0 if count[0] <= count[1] else 1
+        if extend(body, nodes, parent, count, one, samples[s], reach, room) == 0:
+            continue
+        new, state = nodes[one, count[one] - 1], 1
+        while state == 1:
+            state = extend(body, nodes, parent, count, 1 - one, new, reach, room)
+        if state == 2:
+            return True
+    return False
+
+
+@inner
+def shorten(body, path, count, places, along, a, b, room):  # type: ignore[no-untyped-def]
+    """Replace parts of a path (the first ``count`` rows) by straight lines between two places.
+
+    ``places`` (p, 2) are shares of the path's length. The other arrays are room for as many rows
+    as ``path`` has, and for three configurations. Returns the number of rows that are left.
+    """
+    n = path.shape[1]
+    for k in range(places.shape[0]):
+        along[0] = 0.0
+        for i in range(1, count):
+            squared = 0.0
+            for j in range(n):
+                squared += (path[i, j] - path[i - 1, j]) ** 2
+            along[i] = along[i - 1] + np.sqrt(squared)
+        low = min(places[k, 0], places[k, 1]) * along[count - 1]
+        high = max(places[k, 0], places[k, 1]) * along[count - 1]
+        i, i2 = 0, count - 2  # pieces that hold the two places
+        while i < count - 2 and along[i + 1] < low:
+            i += 1
+        while i2 > i and along[i2] > high:
+            i2 -= 1
+        if i2 == i:
+            continue
+        u = (low - along[i]) / max(along[i + 1] - along[i], 1e-12)
+        v = (high - along[i2]) / max(along[i2 + 1] - along[i2], 1e-12)
+        straight = 0.0
+        for j in range(n):
+            a[j] = path[i, j] + u * (path[i + 1, j] - path[i, j])
+            b[j] = path[i2, j] + v * (path[i2 + 1, j] - path[i2, j])
+            straight += (b[j] - a[j]) ** 2
+        if np.sqrt(straight) > (high - low) * (1.0 - 1e-3) or not open_edge(body, a, b, room):
+            continue
+        shift = i + 3 - (i2 + 1)  # rows i + 1 … i2 become two
+        if count + shift > path.shape[0]:
+            break
+        for j in range(n):
+            if shift > 0:
+                for r in range(count - 1, i2, -1):
+                    path[r + shift, j] = path[r, j]
+            else:
+                for r in range(i2 + 1, count):
+                    path[r + shift, j] = path[r, j]
+            path[i + 1, j], path[i + 2, j] = a[j], b[j]
+        count += shift
+    return count
