@@ -22,6 +22,7 @@ import numpy as np
 from scipy.linalg.lapack import dpbsv
 
 from optipromp.arrays import FloatArray, frozen, lengths
+from optipromp.geometry.shapes import Capsule
 from optipromp.pushing.parameters import PUSH
 from optipromp.scenes.scene import SceneObject
 
@@ -44,6 +45,7 @@ class Stems(NamedTuple):
         length: (N,) from the root to the fruit's centre [m].
         mass: (N,) of the fruits [kg].
         radius: (N,) of the fruits; ``thickness`` (N,) radii of the stems [m].
+        upper: (N,) share of the stem at which a long fruit's second ball is; 1 for a ball.
         shape: (N, ELEMENTS + 1, L) W, deflection of the grid's points by those of the loaded ones.
         stiffness: (N, L, L) K [N/m].
         compliance: (N, L, L) the inverse of K [m/N].
@@ -56,6 +58,7 @@ class Stems(NamedTuple):
     mass: FloatArray
     radius: FloatArray
     thickness: FloatArray
+    upper: FloatArray
     shape: FloatArray
     stiffness: FloatArray
     compliance: FloatArray
@@ -64,27 +67,45 @@ class Stems(NamedTuple):
 
 def stems(objects: Sequence[SceneObject], up: FloatArray = UP) -> Stems:
     """The stems of fruits that hang, as if straight from root to fruit; ``up`` as :func:`bent`."""
+    balls = [balls_of(fruit) for fruit in objects]
     return bent(
         np.array([t.stem.points[-1] for t in objects if t.stem is not None]).reshape(-1, 3),
-        np.array([t.position for t in objects]).reshape(-1, 3),
-        np.array([t.radius for t in objects]),
+        np.array([center for center, _, _ in balls]).reshape(-1, 3),
+        np.array([radius for _, radius, _ in balls]),
         np.array([t.stem.radius for t in objects if t.stem is not None]),
         up,
+        np.array([apart for _, _, apart in balls]),
     )
+
+
+def balls_of(fruit: SceneObject) -> tuple[FloatArray, float, float]:
+    """The two balls that the model takes a fruit for, one behind the other along its stem.
+
+    A capsule is taken for the balls at its ends; any other shape for one ball that holds it.
+
+    Returns:
+        Centre (3,) of the lower one, radius, and the distance of the upper one; 0 for one ball [m].
+    """
+    if not isinstance(fruit.shape, Capsule) or fruit.stem is None:
+        return fruit.position, fruit.radius, 0.0
+    end = 0.5 * fruit.shape.length * fruit.rotation[:, 2]
+    away = -1.0 if float(end @ fruit.stem.vector) > 0.0 else 1.0
+    return fruit.position + away * end, fruit.shape.radius, fruit.shape.length
 
 
 def bent(
     root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: FloatArray,
-    up: FloatArray = UP,
+    up: FloatArray = UP, apart: FloatArray | float = 0.0,
 ) -> Stems:  # fmt: skip
     """Stems of radius ``thickness`` (N,), from roots (N, 3) to fruits (N, 3) of radius (N,) [m].
 
-    ``up`` (3,) is opposite to gravity.
+    ``up`` (3,) is opposite to gravity. A long fruit has a second ball ``apart`` (N,) from the first
+    towards the root [m].
     """
     count, n, loaded = len(root), FINER * ELEMENTS, len(LOADED)
     length, axes = _frames(root, fruit)
     along = axes[:, 2]
-    mass = FRUIT_DENSITY * 4.0 / 3.0 * np.pi * radius**3
+    mass = FRUIT_DENSITY * 4.0 / 3.0 * np.pi * radius**3 + FRUIT_DENSITY * np.pi * apart * radius**2
     down = along @ up
     x, y, z = (along - down[:, None] * up).T
     lean = np.hypot(np.hypot(x, y), z)
@@ -93,7 +114,9 @@ def bent(
     bending = np.maximum(MODULUS * np.pi / 64.0 * DIAMETER**4, grown)
     tension = mass * GRAVITY * np.abs(down)
     h = length / n
-    stiffer = np.where((np.arange(n) + 0.5) / n > (1.0 - radius / length)[:, None], STIFF_END, 1.0)
+    stiffer = np.where(
+        (np.arange(n) + 0.5) / n > (1.0 - (radius + apart) / length)[:, None], STIFF_END, 1.0
+    )
     stiffer[:, 0] *= 0.5  # clamped: the beam is mirrored at its root
     ei = np.zeros((count, n + 2))  # by h³, at the grid's points from the root; none beyond the end
     ei[:, :n] = bending[:, None] * stiffer / h[:, None] ** 3
@@ -113,7 +136,8 @@ def bent(
     steps = np.diff(shape, axis=1)
     shortening = np.einsum("nki,nkj->nij", steps, steps) / (FINER * h)[:, None, None]
     return Stems(
-        root, axes, length, mass, radius, thickness, shape, stiffness, between, shortening,
+        root, axes, length, mass, radius, thickness, 1.0 - apart / length, shape, stiffness,
+        between, shortening,
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from optipromp.arrays import FloatArray, frozen
 from optipromp.geometry import distances
 from optipromp.geometry.obstacles import Obstacles, near
-from optipromp.pushing.bending import Stems, moved, stems
+from optipromp.pushing.bending import Stems, balls_of, moved, stems
 from optipromp.pushing.cup import Mouth
 from optipromp.pushing.harm import BRIEFLY, Harm, score_of
 from optipromp.pushing.model import Moved, PushModel, Round, Schedule
@@ -266,7 +266,7 @@ def _sampled(fruits: Sequence[SceneObject], samples: int, up: FloatArray) -> Ste
     shifted, swung = _normal((samples, len(fruits), 3))
     shift = np.reshape(spread, (-1, 1)) * shifted
     swing = turn[:, None] * (swung - (swung @ up)[..., None] * up)  # level
-    place = np.array([fruit.position for fruit in fruits])
+    place = np.array([balls_of(fruit)[0] for fruit in fruits])
     places = np.concatenate([place[None], place + shift])
     roots = np.concatenate([seen.root[None], seen.root + shift + swing])
     return moved(seen, roots, places)

@@ -6,7 +6,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from optipromp.arrays import FloatArray
-from optipromp.geometry.shapes import Box, Sphere
+from optipromp.geometry.shapes import Box, Capsule, Sphere
 from optipromp.scenes.scene import STEM_RADIUS, Approach, Scene, SceneObject, Stem, ToolSpec
 
 GutterSide = Literal["+x", "-x", "+y", "-y", "above"]
@@ -26,6 +26,8 @@ PLUMB = np.deg2rad(2.0)
 
 TIGHT_GAP = (0.0, 0.012)  # [m] between a fruit and another one, surface to surface
 TIGHT_HEIGHT = (-0.012, 0.012)  # [m] of a fruit above the target
+
+ELONGATION = (1.2, 1.4)  # length of a long fruit over its width; picked strawberries: about 1.3
 
 NEIGHBOUR_DISTANCE = (0.12, 0.25)  # [m] to a side, centre to centre
 NEIGHBOUR_RADIUS = (0.05, 0.10)
@@ -97,6 +99,26 @@ def tight(name: str, count: int, rng: np.random.Generator) -> Scene:
         shape, stem = Sphere(radius), _stem(position, rng)
         fruits.append(SceneObject(f"n{i + 1}", "pushable", shape, position, stem=stem))
     return replace(scene, objects=tuple(fruits))
+
+
+def elongated(scene: Scene, rng: np.random.Generator) -> Scene:
+    """The scene with its fruits made longer, each along its stem, which begins at its end."""
+    return replace(
+        scene,
+        objects=tuple(item if item.stem is None else _longer(item, rng) for item in scene.objects),
+    )
+
+
+def _longer(item: SceneObject, rng: np.random.Generator) -> SceneObject:
+    assert item.stem is not None
+    factor, width = float(rng.uniform(*ELONGATION)), item.radius
+    line = item.stem.vector / float(np.linalg.norm(item.stem.vector))
+    points = np.array(item.stem.points)
+    points[0] += factor * width * line
+    turn = np.append(1.0 + line[2], np.cross([0.0, 0.0, 1.0], line))  # the shape's z to the stem
+    shape = Capsule(width, 2.0 * (factor - 1.0) * width)
+    turn /= np.linalg.norm(turn)
+    return replace(item, shape=shape, orientation=turn, stem=Stem(points, item.stem.radius))
 
 
 def _stem(

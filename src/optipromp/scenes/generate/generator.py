@@ -20,7 +20,9 @@ from optipromp.scenes.generate.furniture import FURNITURE, Furniture
 from optipromp.scenes.scene import Scene
 from optipromp.scenes.values import suggest
 
-Preset = Literal["cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "shelf"]
+Preset = Literal[
+    "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "shelf"
+]
 PRESETS: tuple[Preset, ...] = get_args(Preset)
 PATIENCE = 1000  # samples before the discrete choices are sampled again
 MOST_REDRAWS = 50_000
@@ -68,6 +70,8 @@ def generate_with_report(preset: Preset | Furniture, seed: int) -> tuple[Scene, 
       ``cluster``.
     - ``limp``: as ``cluster``, but the stems hang plumb, to 2 degrees. Nothing then implies that a
       stem is stiffer than green tissue (:data:`optipromp.pushing.parameters.PUSH`).
+    - ``elongated``: as ``cluster``, but the fruits are 1.2 to 1.4 times as long as wide: capsules
+      along their stems, which begin at the upper end.
     - ``shelf``: a can behind 2 to 6 upright cans and boxes on a shelf; horizontal approach with
       the Franka hand.
     - ``bookshelf``, ``box``, ``cage``, ``table-pick``, ``under-table``: a goal in joints with the
@@ -124,6 +128,8 @@ def _kind(preset: Preset | Furniture, seed: int, rng: np.random.Generator) -> Sa
         close = int(rng.integers(2, 5))
         return lambda rng: bunches.tight(name, close, rng)
     count = int(rng.integers(1, 5))
+    if preset == "elongated":
+        return lambda rng: bunches.elongated(bunches.sample(name, count, False, None, rng), rng)
     lean = bunches.PLUMB if preset == "limp" else bunches.INCLINATION
     sides = preset in ("side-clusters", "mixed")
     gutter = bunches.GUTTER_SIDES[int(rng.integers(len(bunches.GUTTER_SIDES)))]
