@@ -29,7 +29,7 @@ FEW = 4000  # triangles of a link up to which a mesh is kept as it is
 MANY = 16000  # triangles of a link, at most: an arm's page stays below 3 MB
 NECK = 0.010  # [m] of a cup's neck
 ELBOW = 0.6  # share of the longer body along a joint's axis
-_BALL = np.unique(sphere(np.zeros(3), 1.0, 24).reshape(-1, 3).round(9), axis=0)
+_UNIT_BALL = np.unique(sphere(np.zeros(3), 1.0, 24).reshape(-1, 3).round(9), axis=0)
 _MODELS = "cmeel.prefix/share/example-robot-data/robots/panda_description/meshes/visual"
 Solids = dict[str, list[FloatArray]]  # triangles (m, 3, 3) by colour, in the frame of a segment
 
@@ -161,7 +161,7 @@ def _parts(name: str, segment: int, solids: Solids) -> list[Part]:
 
 def _hull(centers: FloatArray, radii: FloatArray) -> FloatArray:
     """The triangles (m, 3, 3) of the convex hull of spheres."""
-    points = (centers[:, None] + radii[:, None, None] * _BALL).reshape(-1, 3)
+    points = (centers[:, None] + radii[:, None, None] * _UNIT_BALL).reshape(-1, 3)
     hull = ConvexHull(points)
     corners = points[hull.simplices]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

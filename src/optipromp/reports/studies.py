@@ -19,7 +19,7 @@ from optipromp.viewer.notebook import DPI
 
 SIZE = 640, 360  # [pixel] of a worst case's picture
 WORST = 6  # cases that are shown
-FELT = 0.2  # [N] below which no force is a moment to show
+SLIGHT = 0.2  # [N] below which no force is a moment to show
 
 
 def study_report(
@@ -148,7 +148,7 @@ def worst_moment(run: Run) -> float:
         return min(rollout.torn_at.values())
     others = [k for k, name in enumerate(rollout.fruit_ids) if name != run.outcome.target]
     force = np.concatenate([rollout.fruit_force[:, others], rollout.stem_force], axis=1)
-    if not force.size or force.max() < FELT:
+    if not force.size or force.max() < SLIGHT:
         return float(rollout.times[-1])
     return float(rollout.times[int(force.max(axis=1).argmax())])
 

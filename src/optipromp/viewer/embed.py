@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 NEEDED = "a 3-D view needs viser: pip install 'optipromp[view]'"
 FRAME_RATE = 12.0  # [Hz] of the recorded motion; between its frames nothing moves
 FRAMES = 240  # at most, of a long motion
-PAUSE = 1.0  # [s] at the end, before it begins anew
+REST = 1.0  # [s] at the end, before it begins anew
 VIEWS = (-0.6, 0.15), (0.6, 0.15), (-1.4, 0.2), (1.4, 0.2), (np.pi - 0.9, 0.4), (np.pi + 0.9, 0.4)
 """Places of the camera: turn from away from the robot [rad], height in shares of the distance."""
 SHARES = np.linspace(0.05, 0.95, 40)  # of the way to an object at which others are looked for
@@ -36,9 +36,9 @@ def scene_page(scene: Scene, robot: Robot | None = None, q: FloatArray | None = 
         InvalidRequestError: viser is not installed.
     """
     task = resolve(scene, robot)
-    with _Recording(scene, task.robot) as recording:
-        recording.nodes.pose(task.start if q is None else q)
-        return recording.html()
+    with _Playback(scene, task.robot) as playback:
+        playback.nodes.pose(task.start if q is None else q)
+        return playback.html()
 
 
 def plan_page(plan: "Plan") -> str:
@@ -48,22 +48,22 @@ def plan_page(plan: "Plan") -> str:
         InvalidRequestError: viser is not installed.
     """
     task, curve = resolve(plan.scene, plan.robot), plan.trajectory
-    with _Recording(plan.scene, plan.robot) as recording:
+    with _Playback(plan.scene, plan.robot) as playback:
         for k, motion in enumerate(reversed(motions(plan))):
             points = plan.robot.tool_pose(motion.trajectory.resample(FRAME_RATE).positions)[0]
-            recording.nodes.line(motion.name, points, motion.colour, 3.0 if k else 6.0)
+            playback.nodes.line(motion.name, points, motion.colour, 3.0 if k else 6.0)
         count = min(max(round(FRAME_RATE * curve.duration), 1), FRAMES)
         for time in np.linspace(0.0, curve.duration, count + 1):
-            recording.nodes.pose(curve.sample(time)[0][0])
+            playback.nodes.pose(curve.sample(time)[0][0])
             now = int(np.searchsorted(curve.times, time + 1e-9)) - 1
             for item in placed(plan, task, Moment(max(now, 0), float(time), "")):
-                recording.put(item)
-            recording.wait(curve.duration / count)
-        recording.wait(PAUSE)
-        return recording.html()
+                playback.put(item)
+            playback.wait(curve.duration / count)
+        playback.wait(REST)
+        return playback.html()
 
 
-class _Recording:
+class _Playback:
     """A server that no one is connected to, and what it would tell a window over time."""
 
     def __init__(self, scene: Scene, robot: Robot) -> None:
@@ -81,7 +81,7 @@ class _Recording:
         self._camera(scene)
         self.serializer = self.server.get_scene_serializer()
 
-    def __enter__(self) -> "_Recording":
+    def __enter__(self) -> "_Playback":
         return self
 
     def __exit__(self, *_: object) -> None:
