@@ -65,8 +65,13 @@ class Stems(NamedTuple):
     shortening: FloatArray
 
 
-def stems(objects: Sequence[SceneObject], up: FloatArray = UP) -> Stems:
-    """The stems of fruits that hang, as if straight from root to fruit; ``up`` as :func:`bent`."""
+def stems(
+    objects: Sequence[SceneObject], up: FloatArray = UP, factor: FloatArray | float = 1.0
+) -> Stems:
+    """The stems of fruits that hang, as if straight from root to fruit; ``up`` as :func:`bent`.
+
+    Stiffnesses, told or assumed, are multiplied by ``factor`` (N,).
+    """
     balls = [balls_of(fruit) for fruit in objects]
     return bent(
         np.array([t.stem.points[-1] for t in objects if t.stem is not None]).reshape(-1, 3),
@@ -75,6 +80,9 @@ def stems(objects: Sequence[SceneObject], up: FloatArray = UP) -> Stems:
         np.array([t.stem.radius for t in objects if t.stem is not None]),
         up,
         np.array([apart for _, _, apart in balls]),
+        np.array([t.physical.get("mass", np.nan) for t in objects]),
+        np.array([t.physical.get("stem_stiffness", np.nan) for t in objects]),
+        factor,
     )
 
 
@@ -95,23 +103,27 @@ def balls_of(fruit: SceneObject) -> tuple[FloatArray, float, float]:
 
 def bent(
     root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: FloatArray,
-    up: FloatArray = UP, apart: FloatArray | float = 0.0,
+    up: FloatArray = UP, apart: FloatArray | float = 0.0, mass: FloatArray | float = np.nan,
+    stiffness: FloatArray | float = np.nan, factor: FloatArray | float = 1.0,
 ) -> Stems:  # fmt: skip
     """Stems of radius ``thickness`` (N,), from roots (N, 3) to fruits (N, 3) of radius (N,) [m].
 
     ``up`` (3,) is opposite to gravity. A long fruit has a second ball ``apart`` (N,) from the first
-    towards the root [m].
+    towards the root [m]. Where ``mass`` (N,) [kg] and ``stiffness`` EI (N,) [N m²] are not numbers,
+    they are assumed. Stiffnesses are multiplied by ``factor`` (N,).
     """
     count, n, loaded = len(root), FINER * ELEMENTS, len(LOADED)
     length, axes = _frames(root, fruit)
     along = axes[:, 2]
-    mass = FRUIT_DENSITY * 4.0 / 3.0 * np.pi * radius**3 + FRUIT_DENSITY * np.pi * apart * radius**2
+    ball = FRUIT_DENSITY * 4.0 / 3.0 * np.pi * radius**3
+    mass = np.where(np.isnan(mass), ball + FRUIT_DENSITY * np.pi * apart * radius**2, mass)
     down = along @ up
     x, y, z = (along - down[:, None] * up).T
     lean = np.hypot(np.hypot(x, y), z)
     # the moment m g sinθ (L - s) turns the stem by m g sinθ L² / 2EI
     grown = mass * GRAVITY * lean * length**2 / (2.0 * GROWN_TURN)
-    bending = np.maximum(MODULUS * np.pi / 64.0 * DIAMETER**4, grown)
+    assumed = np.maximum(MODULUS * np.pi / 64.0 * DIAMETER**4, grown)
+    bending = factor * np.where(np.isnan(stiffness), assumed, stiffness)
     tension = mass * GRAVITY * np.abs(down)
     h = length / n
     stiffer = np.where(
@@ -130,13 +142,13 @@ def bent(
     band[:, 2, :-2] = ei[:, 2:n]
     compliance = np.array([dpbsv(one, _UNIT, lower=1)[1] for one in band]).reshape(count, n, loaded)
     between = np.ascontiguousarray(compliance[:, _AT])
-    stiffness = np.linalg.inv(between)
+    condensed = np.linalg.inv(between)
     shape = np.zeros((count, ELEMENTS + 1, loaded))
-    shape[:, 1:] = compliance[:, FINER - 1 :: FINER] @ stiffness
+    shape[:, 1:] = compliance[:, FINER - 1 :: FINER] @ condensed
     steps = np.diff(shape, axis=1)
     shortening = np.einsum("nki,nkj->nij", steps, steps) / (FINER * h)[:, None, None]
     return Stems(
-        root, axes, length, mass, radius, thickness, 1.0 - apart / length, shape, stiffness,
+        root, axes, length, mass, radius, thickness, 1.0 - apart / length, shape, condensed,
         between, shortening,
     )  # fmt: skip
 

@@ -1,5 +1,6 @@
 """Random clusters of fruits on stems before a ripe one, their neighbours and a gutter."""
 
+import itertools
 from dataclasses import replace
 from typing import Literal, get_args
 
@@ -16,8 +17,11 @@ BELOW_BUNCH = (1.42, 1.10, -1.26, -2.42, -1.69, 1.02, 0.8)
 """Panda with the tool upright at (0.45, 0, 0.50), as in scenarios 3 and 4 [rad]."""
 
 TARGET_LOW, TARGET_HIGH = (0.40, -0.06, 0.85), (0.50, 0.06, 0.93)
+START = (0.45, 0.0, 0.50)  # [m] of the tool point
+LOWEST = 0.60  # [m] of the tool on its approach: below the lowest pushable
 GRIPPER_RADIUS = (0.02, 0.03)
 FRUIT_RADII = (0.015, 0.020)
+NECK = 0.10  # [m] length of the cup's neck
 MOUTH_CLEARANCE = 0.004  # [m] between the target and the cup's outer wall, at the least
 BEFORE = (0.03, 0.15)  # [m] of a pushable before the target, centre to centre
 STEM_LENGTH = (0.10, 0.30)
@@ -39,6 +43,13 @@ GUTTER_LENGTH = 1.0
 GUTTER_WIDTH = (0.08, 0.20)
 GUTTER_HEIGHT = (0.06, 0.16)
 GUTTER_BOTTOM = (-0.08, 0.02)  # [m] of a gutter beside the target, above the target
+
+
+def way() -> FloatArray:
+    """Points (P, 3) of the tool from its start to the far ends of where targets hang [m]."""
+    ends = itertools.product(*zip(TARGET_LOW[:2], TARGET_HIGH[:2], strict=True))
+    lines = [[(x, y, LOWEST), (x, y, TARGET_HIGH[2])] for x, y in ends]
+    return np.array([START, *itertools.chain(*lines)])
 
 
 def sample(
@@ -77,7 +88,7 @@ def sample(
     return Scene(
         name=name,
         robot="panda",
-        tool=ToolSpec("cup", {"radius": gripper, "height": 0.05, "length": 0.10}),
+        tool=ToolSpec("cup", {"radius": gripper, "height": 0.05, "length": NECK}),
         start=np.array(BELOW_BUNCH),
         objects=(*fruits, *objects),
         approach=Approach(),

@@ -5,8 +5,6 @@ arm itself. A scene is not sampled again because the motion is hard, or because 
 neighbour.
 """
 
-import functools
-
 import numpy as np
 
 from optipromp.arrays import BoolArray, FloatArray
@@ -14,7 +12,6 @@ from optipromp.geometry import distances, pack
 from optipromp.geometry.shapes import Capsule, Sphere
 from optipromp.robots import ik
 from optipromp.robots.cup_cover import NECK_RADIUS
-from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
 from optipromp.robots.roll import level, rolled, rolls
 from optipromp.robots.tool_protocol import Tool
@@ -130,14 +127,9 @@ def segments(one: FloatArray, other: FloatArray) -> float:
     return float(np.linalg.norm(r + s * d1 - t * d2))
 
 
-@functools.lru_cache(maxsize=4)
-def _bare(name: str) -> Robot:
-    return load_robot(name)
-
-
 def equipped(scene: Scene) -> Robot:
-    """The scene's built-in robot with the scene's tool."""
-    robot, tool = _bare(scene.robot), scene.tool
+    """The scene's robot with the scene's tool."""
+    robot, tool = scene.load_robot(), scene.tool
     if tool is None:
         return robot
     return with_tool(robot, make_tool(tool.kind, tool.parameters))
