@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from optipromp.arrays import FloatArray, frozen
 from optipromp.errors import InvalidRequestError
+from optipromp.shown import Shown
 
 Motion = tuple[FloatArray, FloatArray, FloatArray]
 """Positions, velocities and accelerations, of one shape."""
@@ -49,8 +50,8 @@ class State:
         return bool(self.velocity.any() or self.acceleration.any())
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Shown):
     r"""A curve of n joints in time, with continuous positions, velocities and accelerations.
 
     It is given by T rows. Between two rows, h apart, each joint follows the one quintic polynomial
@@ -136,6 +137,11 @@ class Trajectory:
         still = np.zeros_like(q)
         rough = cls(at, q, still, still, joint_names)  # checks the arguments
         return cls(rough.times, q, *derivatives(q, rough.times, begin), joint_names)
+
+    def _words(self) -> str:
+        return (
+            f"of {len(self.joint_names)} joints, {len(self.times)} waypoints, {self.duration:.2f} s"
+        )
 
     @property
     def n_waypoints(self) -> int:

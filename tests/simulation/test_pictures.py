@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from optipromp.errors import InvalidRequestError
+from optipromp.planning import plan
 from optipromp.simulation import simulate
-from optipromp.simulation.render import View, animation, film, frames, png
+from optipromp.simulation.camera import axes, shot
+from optipromp.simulation.dress import SHOWN, dressed
+from optipromp.simulation.render import LINGER, View, animation, film, frames, moments, png
+from optipromp.simulation.world import build
 
 SMALL = View(width=160, height=120)
 
@@ -39,7 +43,55 @@ def test_a_film_can_be_played(run):
         stream = container.streams.video[0]
         assert stream.codec_context.name == "h264"
         shown = sum(1 for _ in container.decode(stream))
-    assert shown == pytest.approx(10 * run.rollout.times[-1], abs=2)
+        assert (stream.width, stream.height) == (160, 120)
+    assert shown == pytest.approx(10 * (run.rollout.times[-1] + LINGER), abs=2)
+    assert (View().width, View().height) == (1280, 720)
+
+
+def test_the_caption_tells_the_outcome_at_the_end(run):
+    end = run.rollout.times[[0, -1]]
+    bare, told = ([*frames(run, end, SMALL, caption=each)] for each in (False, True))
+    for k in (0, 1):
+        np.testing.assert_array_equal(bare[k][:90], told[k][:90])
+    bars = [picture[100:, 60:].astype(int) for picture in told]  # beside time and force
+    green = [int((bar[..., 1] > bar[..., 0] + 60).sum()) for bar in bars]
+    assert run.success
+    assert green[0] == 0 < green[1]
+
+
+def test_what_is_shown_moves_and_weighs_as_what_is_simulated(run):
+    world = build(run.scene, run.robot)
+    model = dressed(build(run.scene, run.robot))
+    for name in ("nq", "nv", "nbody"):
+        assert getattr(model, name) == getattr(world.model, name)
+    np.testing.assert_array_equal(model.body_mass, world.model.body_mass)
+    np.testing.assert_array_equal(model.body_inertia, world.model.body_inertia)
+    looks = [k for k in range(model.ngeom) if model.geom(k).name.startswith("look:")]
+    assert looks
+    assert not model.geom_contype[looks].any()
+    assert not model.geom_conaffinity[looks].any()
+    shown = {model.geom(k).name for k in np.flatnonzero(model.geom_group == SHOWN)}
+    assert "fruit:ripe" not in shown
+    assert {"look:-1:target:ripe", "look:-1:calyx:ripe", "stem:ripe:0"} <= shown
+
+
+def test_tool_and_fruits_stay_in_the_picture():
+    made = simulate(plan("scenario-4"))
+    world = build(made.scene, made.robot)
+    model, times = dressed(world), moments(made, 5)
+    camera = shot(world, model, made, times, View())
+    right, up, back = axes(camera.azimuth, camera.elevation)
+    tan = np.tan(0.5 * np.deg2rad(model.vis.global_.fovy))
+    for k, time in enumerate(times):
+        row = max(int(np.searchsorted(made.rollout.times, time + 1e-9)) - 1, 0)
+        points = [made.rollout.tool_point[row], *made.rollout.fruit_positions[row]]
+        away = np.array(points) - camera.lookat[k]
+        depth = camera.distance[k] - away @ back
+        assert (np.abs(away @ up) < tan * depth).all()
+        assert (np.abs(away @ right) < tan * depth * 16.0 / 9.0).all()
+        caption = -(1.0 - 4.0 / 26.0) * tan * depth[0]
+        assert away[0] @ up > caption  # the tool point is above the caption
+    assert np.abs(np.diff(camera.distance)).max() < 0.2  # it moves calmly
 
 
 def test_an_animation_is_a_gif(run):

@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from optipromp.geometry import HalfSpace
+from optipromp.looks import arm_parts
 from optipromp.planning import Plan, plan
 from optipromp.planning.task import resolve
 from optipromp.scenes import JointGoal, Pose, Scene, SceneObject, load_scene
@@ -87,20 +88,25 @@ def test_a_scene_has_its_objects_where_they_are() -> None:
     np.testing.assert_allclose(corners[:, 1], 0.5 - 0.3, atol=1e-6)
 
 
-def test_the_arm_has_its_spheres_where_they_are() -> None:
+def test_the_arm_has_its_looks_where_its_links_are() -> None:
     task = resolve(load_scene("scenario-4"))
     found = read(glb(task.scene, task.robot, task.start))
-    cover, centers = task.robot.spheres, task.robot.sphere_centers(task.start)
-    for s, name in enumerate(task.robot.joint_names):
-        rows = np.flatnonzero(
-            (cover.segment == s) & (cover.link != task.robot.link_names.index("tool"))
-        )
-        placed, mesh = found.graph[name]
-        corners = trimesh.transform_points(found.geometry[mesh].vertices, placed) @ Y_UP
-        low = (centers[rows] - cover.radius[rows, None]).min(axis=0)
-        high = (centers[rows] + cover.radius[rows, None]).max(axis=0)
-        np.testing.assert_allclose(corners.min(axis=0), low, atol=5e-3)
-        np.testing.assert_allclose(corners.max(axis=0), high, atol=5e-3)
+    origins, rotations = task.robot.segment_frames(task.start)
+    for s, name in enumerate([*task.robot.joint_names, "tool"]):
+        s = min(s, task.robot.n_segments - 1)
+        parts = [
+            part for part in arm_parts(task.robot)
+            if part.segment == s and part.name.startswith("tool") == (name == "tool")
+        ]  # fmt: skip
+        corners = []
+        for node in found.graph.nodes_geometry:
+            placed, mesh = found.graph[node]
+            if mesh == name or mesh.startswith(name + "_"):
+                corners.append(trimesh.transform_points(found.geometry[mesh].vertices, placed))
+        shown = np.concatenate(corners) @ Y_UP
+        wanted = np.concatenate([part.vertices for part in parts]) @ rotations[s].T + origins[s]
+        np.testing.assert_allclose(shown.min(axis=0), wanted.min(axis=0), atol=1e-5)
+        np.testing.assert_allclose(shown.max(axis=0), wanted.max(axis=0), atol=1e-5)
 
 
 def test_the_animation_takes_the_arm_along_the_trajectory(made: Plan) -> None:

@@ -1,5 +1,6 @@
 """What the commands share: options, where they print, how they wait, how they fail."""
 
+import math
 import sys
 import threading
 import warnings
@@ -15,8 +16,10 @@ from optipromp.errors import Code, OptiPrompError
 from optipromp.files import json_text
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import Console, RenderableType
     from rich.table import Table
+
+    from optipromp.planning import Plan
 
 OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 _OUTCOMES = frozenset(
@@ -199,3 +202,28 @@ def say_if_compiling() -> None:
         from optipromp.planning.plan import compile_kernels
 
         compile_kernels()
+
+
+def plan_report(plan: "Plan") -> "RenderableType":
+    """What the plan is, whether it holds, and the figures it is judged by."""
+    from rich.console import Group
+    from rich.markup import escape
+    from rich.table import Table
+    from rich.text import Text
+
+    from optipromp.viewer.words import plan_rows, seconds
+
+    strategy = f", {plan.strategy}" if plan.strategy else ""
+    colour = "green" if plan.success else "red"
+    total = plan.time.get("total", math.nan)
+    head = Text.from_markup(
+        f"[bold]{escape(plan.scene.name)}[/bold]  {plan.planner}{strategy}  "
+        f"[bold {colour}]{plan.status}[/bold {colour}] in {seconds(total)}"
+    )
+    table = Table(box=None, show_header=False, padding=(0, 2))
+    for label, value in plan_rows(plan):
+        table.add_row(label, value)
+    parts: list[RenderableType] = [head]
+    if plan.message:
+        parts.append(Text(plan.message))
+    return Group(*parts, table)

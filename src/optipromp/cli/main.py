@@ -20,11 +20,13 @@ from optipromp.cli import (
     generate,
     learn,
     plan,
+    report,
     ros_node,
     scenarios,
     simulate,
     study,
     validate,
+    view,
 )
 
 app = typer.Typer(
@@ -64,9 +66,11 @@ app.command("plan")(plan.plan)
 app.command("scenarios")(scenarios.scenarios)
 app.command("simulate")(simulate.simulate)
 app.command("validate")(validate.validate)
+app.command("view")(view.view)
 app.command("export")(export.export)
 app.command("generate")(generate.generate)
 app.command("study")(study.study)
+app.command("report")(report.report)
 app.command("learn")(learn.learn)
 app.command("check")(check.check)
 app.command("list")(catalogue.catalogue)

@@ -21,6 +21,7 @@ from optipromp.cli.console import (
     command,
     exit_code,
     grid,
+    plan_report,
     print_json,
     progress_bar,
     say_if_compiling,
@@ -183,8 +184,6 @@ def plan(
     if as_json:
         print_json(result.to_dict())
     else:
-        from optipromp.cli.report import plan_report
-
         console = stdout()
         console.print(plan_report(result))
         if out is not None:

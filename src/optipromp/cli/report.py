@@ -1,87 +1,64 @@
-"""A plan in words and numbers, for people."""
+"""``optipromp report``: one HTML file about a plan or a study, to be sent."""
 
-import math
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import Annotated
 
-if TYPE_CHECKING:
-    from rich.console import RenderableType
+import typer
 
-    from optipromp.planning import Plan
-
-
-def plan_report(plan: "Plan") -> "RenderableType":
-    """What the plan is, whether it holds, and the figures it is judged by."""
-    from rich.console import Group
-    from rich.markup import escape
-    from rich.table import Table
-    from rich.text import Text
-
-    strategy = f", {plan.strategy}" if plan.strategy else ""
-    colour = "green" if plan.success else "red"
-    total = plan.time.get("total", math.nan)
-    head = Text.from_markup(
-        f"[bold]{escape(plan.scene.name)}[/bold]  {plan.planner}{strategy}  "
-        f"[bold {colour}]{plan.status}[/bold {colour}] in {_seconds(total)}"
-    )
-    table = Table(box=None, show_header=False, padding=(0, 2))
-    for label, value in _rows(plan):
-        table.add_row(label, value)
-    parts: list[RenderableType] = [head]
-    if plan.message:
-        parts.append(Text(plan.message))
-    return Group(*parts, table)
+from optipromp.cli.console import OK, AsJson, command, print_json, stdout, waiting
+from optipromp.errors import Code, InvalidRequestError
 
 
-def _rows(plan: "Plan") -> list[tuple[str, str]]:
-    m = plan.metrics
-    rows = [
-        ("target", f"{_mm(m.goal_error)} off, {_degrees(m.goal_axis_error)} off axis"),
-        ("M_c", f"{_mm(m.M_c)} from a body point to the core of the nearest obstacle"),
-    ]
-    rows += [(f"M_p {name}", _passing(m.M_p[name], m.stem_projection[name])) for name in m.M_p]
-    for label, value in (
-        ("clearance, static", m.clearance_static),
-        ("clearance, arm to avoid", m.clearance_avoid),
-        ("clearance, tool to avoid", m.clearance_avoid_tool),
-        ("clearance, arm to itself", m.clearance_self),
-    ):
-        if value is not None and math.isfinite(value):
-            rows.append((label, _mm(value)))
-    rows += [
-        (
-            "duration",
-            f"{m.duration:.2f} s with {100 * m.velocity_ratio:.0f} % of the velocity and "
-            f"{100 * m.acceleration_ratio:.0f} % of the acceleration limits",
+@command()
+def report(
+    item: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PLAN_DIR|STUDY_DIR", help="What 'plan --out' or 'study --out' left."
         ),
-        ("joint limits", "kept" if m.limit_violation <= 0 else f"{m.limit_violation:.3g} beyond"),
-        ("largest step", f"{m.max_step:.4f} rad of a {m.path_length:.2f} rad path"),
-    ]
-    if plan.prediction is not None:
-        rows.append(("push", str(plan.prediction)))
-    for name, term in plan.terms.items():
-        told = f"{term.initial:.4g} → {term.followed:.4g} → {term.final:.4g}"
-        rows.append((f"cost, {name}", f"{told} (primitive, followed, optimised)"))
-    return rows
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.html", help="Where the report goes; else beside what it tells."),
+    ] = None,
+    as_json: AsJson = False,
+) -> int:
+    """Write one HTML file about a plan or a study: no network, at most 5 MB.
 
+    Of a plan: 3-D, pictures, metrics beside the paper's, settings, versions,
+    the command; with outcome and film where 'simulate' left them there. Of a
+    study: rates with intervals, causes, and the worst cases with pictures.
+    3-D needs the extra 'view', pictures of worst cases the extra 'sim'.
 
-def _passing(offset: float | None, stem: float | None) -> str:
-    if offset is None or not math.isfinite(offset):
-        return "not passed"
-    side = ""
-    if stem is not None and abs(stem) > 1e-6:
-        side = ", away from its stem" if offset * stem < 0 else ", on the side of its stem"
-    return f"{1e3 * offset:+.1f} mm{side}"
+    [bold]Examples[/bold]
 
+    \b
+    optipromp plan scenario-3 --out reach
+    optipromp simulate reach --video
+    optipromp report reach --out reach.html
+    """
+    from optipromp.experiments.study import ROWS
+    from optipromp.files import write_atomically
+    from optipromp.reports import plan_report, study_report
 
-def _mm(value: float | None) -> str:
-    if value is None or not math.isfinite(value):
-        return "–"
-    return f"{1e3 * value:.1f} mm" if abs(value) < 1.0 else f"{value:.3f} m"
-
-
-def _degrees(value: float | None) -> str:
-    return "–" if value is None or not math.isfinite(value) else f"{math.degrees(value):.2f}°"
-
-
-def _seconds(value: float) -> str:
-    return f"{1e3 * value:.0f} ms" if value < 1.0 else f"{value:.1f} s"
+    folder = item if item.is_dir() else item.parent
+    path = out or folder / "report.html"
+    if path.suffix.lower() != ".html":
+        raise InvalidRequestError(f"--out is {str(path)!r}: its name must end in .html")
+    with waiting("writing the report ...") as say:
+        if (folder / "plan.json").is_file():
+            content = plan_report(folder)
+        elif (folder / ROWS).is_file():
+            content = study_report(folder, progress=say)
+        else:
+            raise InvalidRequestError(
+                f"{item} is neither a plan's folder (plan.json) nor a study's ({ROWS})"
+            )
+        write_atomically(path, content)
+    if as_json:
+        print_json(
+            {"status": Code.SUCCESS, "message": "", "file": str(path), "bytes": len(content)}
+        )
+    else:
+        stdout().print(f"wrote {path} ({len(content) / 1e6:.1f} MB)", markup=False)
+    return OK

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, fields
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -19,6 +19,9 @@ from optipromp.experiments.variations import VARIATIONS, Variation
 from optipromp.robots.library import NOTHING, Choice
 from optipromp.scenes.generate import PANDA, Preset, generate, generate_with_report, perceived
 from optipromp.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    from optipromp.simulation import Run
 
 NO_PLAN = "no_plan"
 """Cause of a run that was not executed because there was nothing to execute."""
@@ -117,7 +120,7 @@ def source_version() -> str:
     root = Path(__file__).resolve().parents[1]
     digest = hashlib.sha256()
     for path in sorted(root.rglob("*.py")):
-        if path.relative_to(root).parts[0] in ("cli", "viewer"):
+        if path.relative_to(root).parts[0] in ("cli", "looks", "page", "reports", "viewer"):
             continue  # they change no row
         digest.update(path.relative_to(root).as_posix().encode())
         digest.update(path.read_bytes())
@@ -155,9 +158,7 @@ def run_scene(
         vary: every plan is executed under all of :data:`VARIATIONS`.
     """
     scene, report = generate_with_report(preset, seed, robot, choice)
-    rng = np.random.default_rng([seed, 1])
-    seen = perceived(scene, rng, noise_position, float(np.deg2rad(noise_angle)))
-
+    seen = _seen(scene, seed, noise_position, noise_angle)
     row = functools.partial(
         Row, preset=preset, seed=seed, noise_position=noise_position, noise_angle=noise_angle,
         pushables=len(scene.pushables), redraws=report.redraws, version=version,
@@ -176,6 +177,34 @@ def run_scene(
                 values = {"plan_status": ERROR, "cause": ERROR, "message": words}
             rows.append(row(planner=planner, variation=name, **values))
     return rows
+
+
+def again(row: Row, robot: str = PANDA) -> "Run | None":
+    """A run made once more, for its picture; None where its plan is not executed.
+
+    ``robot``: whose scene it is, a name or path.
+
+    Raises:
+        OptiPrompError: what broke the run off.
+    """
+    from optipromp.simulation import simulate
+
+    preset, planner = cast(Preset, row.preset), cast(StudyPlanner, row.planner)
+    scene = generate(preset, row.seed, robot)
+    seen = _seen(scene, row.seed, row.noise_position, row.noise_angle)
+    made = attempt(seen, planner, seed=row.seed)
+    if made.trajectory is None:
+        return None
+    parameters = None
+    if row.variation:
+        change = VARIATIONS[row.variation]
+        scene, parameters = change(scene, np.random.default_rng([row.seed, 2]))
+    return simulate(made.trajectory, scene, parameters=parameters, seed=row.seed)
+
+
+def _seen(scene: Scene, seed: int, noise_position: float, noise_angle: float) -> Scene:
+    rng = np.random.default_rng([seed, 1])
+    return perceived(scene, rng, noise_position, float(np.deg2rad(noise_angle)))
 
 
 def _executed(

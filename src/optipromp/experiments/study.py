@@ -160,13 +160,7 @@ class RowFile:
             os.truncate(self.path, len(whole))
         if not whole:
             self._append(",".join(COLUMNS) + "\n")
-        try:
-            table = csv.DictReader(io.StringIO(whole.decode("utf-8")))
-            return [row_from_text(line) for line in table]
-        except (ValueError, KeyError, TypeError, AttributeError, csv.Error) as error:
-            raise InvalidRequestError(
-                f"{self.path} holds something that is no row: {error}"
-            ) from None
+        return _parsed(whole, self.path)
 
     def append(self, row: Row) -> None:
         """Add a row, whole, and have it on disk."""
@@ -200,6 +194,28 @@ def _locked(path: Path) -> Iterator[None]:
         raise InvalidRequestError(
             f"another study writes into {path.parent}: wait for its end, or choose another folder"
         ) from None
+
+
+def rows_of(folder: Path) -> list[Row]:
+    """The whole rows in a study's folder, in the order they came; none where there is no file.
+
+    Raises:
+        InvalidRequestError: the file cannot be read, or holds something that is no row.
+    """
+    path = folder / ROWS
+    try:
+        content = path.read_bytes() if path.exists() else b""
+    except OSError as error:
+        raise InvalidRequestError(f"cannot read {path}: {error.strerror}") from None
+    return _parsed(content[: content.rfind(b"\n") + 1], path)
+
+
+def _parsed(content: bytes, path: Path) -> list[Row]:
+    try:
+        table = csv.DictReader(io.StringIO(content.decode("utf-8")))
+        return [row_from_text(line) for line in table]
+    except (ValueError, KeyError, TypeError, AttributeError, csv.Error) as error:
+        raise InvalidRequestError(f"{path} holds something that is no row: {error}") from None
 
 
 def run_study(

@@ -16,6 +16,7 @@ from optipromp.pushing.model import Prediction
 from optipromp.robots.model import Robot
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene
+from optipromp.shown import Shown
 from optipromp.trajectory import Trajectory
 from optipromp.trajectory_files import read_trajectory
 
@@ -130,8 +131,8 @@ class Terms(Mapping[str, Term]):
         return dict, (self._known(),)
 
 
-@dataclass(frozen=True, eq=False)
-class Plan:
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Shown):
     """A plan: a trajectory, its metrics, and whether it is a success.
 
     It keeps three trajectories: ``initial`` is the conditioned ProMP, ``followed`` is the ProMP led
@@ -179,6 +180,13 @@ class Plan:
     first: int = 0
     via: tuple[ViaPoint, ...] = ()
     pushed: tuple[FloatArray, FloatArray] | None = None
+
+    def _words(self) -> str:
+        strategy = f" {self.strategy}" if self.strategy else ""
+        return (
+            f"{self.scene.name}, {self.planner}{strategy}: {self.status}, "
+            f"{self.trajectory.duration:.2f} s"
+        )
 
     @property
     def success(self) -> bool:

@@ -17,13 +17,14 @@ from optipromp.files import npz, read_npz, write_atomically
 from optipromp.promp.basis import Basis
 from optipromp.promp.checks import finite_array, matched, names_for, positive
 from optipromp.promp.gaussian import check_covariance, root
+from optipromp.shown import Shown
 
 PROMP_FORMAT = 1
 _KEYS = ("format", "basis", "mean", "covariance", "noise", "joint_names")
 
 
-@dataclass(frozen=True, eq=False)
-class ProMP:
+@dataclass(frozen=True, eq=False, repr=False)
+class ProMP(Shown):
     r"""A distribution over trajectories of n joints (Paraschos et al., 2013).
 
     .. math:: y_t = \Phi_t w + \epsilon, \quad w \sim N(\mu_w, \Sigma_w), \quad
@@ -70,6 +71,10 @@ class ProMP:
         object.__setattr__(self, "covariance", read_only(covariance))
         object.__setattr__(self, "noise", read_only(np.broadcast_to(noise, (n,)).copy()))
         object.__setattr__(self, "joint_names", names_for(self.joint_names, n))
+
+    def _words(self) -> str:
+        names = ", ".join(self.joint_names)
+        return f"of {self.n_joints} joints ({names}), {self.basis.count} bases a joint"
 
     @property
     def n_joints(self) -> int:

@@ -258,7 +258,15 @@ def _build(
         held_joints=chain.held_joints,
         excess=excess,
         geometry=tuple(
-            LinkGeometry(link, place.segment, place.rotation, place.translation, shapes, model.path)
+            LinkGeometry(
+                link,
+                place.segment,
+                place.rotation,
+                place.translation,
+                shapes,
+                model.path,
+                model.links[link].visuals,
+            )
             for link, place in chain.placements.items()
             if (shapes := model.links[link].collisions or model.links[link].visuals)
         ),

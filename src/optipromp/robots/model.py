@@ -12,6 +12,7 @@ from optipromp.errors import InvalidRequestError
 from optipromp.robots import kernels
 from optipromp.robots.dynamics import Dynamics
 from optipromp.robots.kernels import Kinematics
+from optipromp.shown import Shown
 
 if TYPE_CHECKING:
     from optipromp.robots.tool_protocol import Tool
@@ -39,6 +40,7 @@ class LinkGeometry(NamedTuple):
     translation: FloatArray  # (3,) [m]
     shapes: "tuple[UrdfGeometry, ...]"
     urdf: Path
+    looks: "tuple[UrdfGeometry, ...]" = ()  # its visual geometry
 
 
 class LeftOut(NamedTuple):
@@ -49,8 +51,8 @@ class LeftOut(NamedTuple):
     why: str
 
 
-@dataclass(frozen=True, eq=False)
-class Robot:
+@dataclass(frozen=True, eq=False, repr=False)
+class Robot(Shown):
     """A serial robot with n independent joints and S moving segments. SI units, radians.
 
     Limits are (n,) arrays; ``velocity``, ``acceleration`` and ``jerk`` may be infinite where the
@@ -81,6 +83,10 @@ class Robot:
     left_out: tuple[LeftOut, ...] = ()
     geometry: tuple[LinkGeometry, ...] = ()  # of links that have one
     dynamics: Dynamics | None = None
+
+    def _words(self) -> str:
+        tool = "no tool" if self.tool is None else type(self.tool).__name__
+        return f"{self.name}: {self.n_joints} joints, {tool}, {len(self.spheres.radius)} spheres"
 
     @property
     def n_joints(self) -> int:

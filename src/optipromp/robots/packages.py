@@ -35,8 +35,9 @@ def with_meshes_found(
 ) -> UrdfModel:
     """``model`` with the ``package://`` meshes of ``links`` as files, and those of DAE in metres.
 
-    Only what covers a link counts: its collision geometry, or its visual where it has none.
-    Raises InvalidRobotError for a mesh of these that is in none of the folders searched.
+    Raises InvalidRobotError for a mesh that covers a link (its collision geometry, or its visual
+    where it has none) and is in none of the folders searched. A link of which only a visual mesh is
+    missing loses its visual geometry.
     """
 
     def found(link: str, shape: UrdfGeometry) -> UrdfGeometry:
@@ -61,7 +62,11 @@ def with_meshes_found(
         link = changed[name]
         shapes = tuple(found(name, shape) for shape in link.collisions or link.visuals)
         if link.collisions:
-            changed[name] = replace(link, collisions=shapes)
+            try:
+                visuals = tuple(found(name, shape) for shape in link.visuals)
+            except InvalidRobotError:
+                visuals = ()
+            changed[name] = replace(link, collisions=shapes, visuals=visuals)
         else:
             changed[name] = replace(link, visuals=shapes)
     return replace(model, links=MappingProxyType(changed))

@@ -19,6 +19,7 @@ from optipromp.robots.model import Robot
 from optipromp.scenes.objects import ROLES, STEM_RADIUS, Role, SceneObject, Stem
 from optipromp.scenes.pose import Pose
 from optipromp.scenes.values import array, suggest, unit
+from optipromp.shown import Shown
 
 __all__ = [
     "ROLES", "STEM_RADIUS", "Approach", "JointGoal", "Pose", "PoseGoal", "Role", "Scene",
@@ -119,8 +120,8 @@ class ToolSpec:
         object.__setattr__(self, "parameters", hashable)
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
+@dataclass(frozen=True, eq=False, repr=False)
+class Scene(Shown):
     """A scene: robot, objects, and a target or goal, stated in the frame of the robot's base.
 
     Args:
@@ -178,6 +179,11 @@ class Scene:
             raise InvalidSceneError(
                 "no target: one object must have role 'target' (or the scene a 'goal')"
             )
+
+    def _words(self) -> str:
+        counts = {role: len(rows) for role, rows in self._rows.items() if len(rows)}
+        objects = ", ".join(f"{count} {role}" for role, count in counts.items())
+        return f"{self.name}: {self.robot}; {objects or 'no objects'}"
 
     def load_robot(self) -> Robot:
         """The robot without a tool. Raises InvalidRobotError where it cannot be loaded."""

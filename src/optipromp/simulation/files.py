@@ -2,12 +2,15 @@
 
 import io
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from optipromp.errors import OptiPrompError
 from optipromp.files import json_text, write_atomically
+from optipromp.scenes.io import scene_to_dict
 from optipromp.simulation.execute import Run
 
 
@@ -36,12 +39,15 @@ def write_run(
     Raises:
         InvalidRequestError: the folder cannot be written.
     """
+    scene = None
+    with suppress(OptiPrompError):  # a mesh made in memory: the run is still worth writing
+        scene = scene_to_dict(run.scene, base_dir=folder)
     stream = io.BytesIO()
     np.savez_compressed(stream, **run.rollout.arrays())  # type: ignore[arg-type]
     files = {
         "rollout.npz": stream.getvalue(),
         **(further or {}),
-        "outcome.json": json_text(run_document(run)).encode("utf-8"),
+        "outcome.json": json_text(run_document(run) | {"scene_file": scene}).encode("utf-8"),
     }
     for name, content in files.items():
         write_atomically(folder / name, content)

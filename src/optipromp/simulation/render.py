@@ -1,8 +1,7 @@
 """Pictures and films of a run, off screen."""
 
 import io
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,35 +9,40 @@ from numpy.typing import NDArray
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
+from optipromp.simulation.camera import View, shot
+from optipromp.simulation.dress import dressed
 from optipromp.simulation.engine import engine
 from optipromp.simulation.execute import Run
-from optipromp.simulation.world import World, build
+from optipromp.simulation.world import build
 
-SMALL = (480, 360)  # [pixel] of an animation
+__all__ = ["View", "animation", "film", "frames", "moments", "png"]
+
+SMALL = 640, 360  # [pixel] of an animation
+VIVID = 45  # between the strongest and the weakest of a pixel's red, green and blue
+VIVID_WEIGHT = 40  # times that a vivid pixel counts
+LINGER = 1.5  # [s] that the last picture of a film stays, with the outcome
+DARK, PALE, GOOD, BAD = (18, 22, 26), (240, 243, 245), (120, 214, 130), (255, 138, 122)
 
 Picture = NDArray[np.uint8]  # (height, width, 3)
 
 
-@dataclass(frozen=True)
-class View:
-    """Where to look from.
-
-    Attributes:
-        azimuth: of the camera's gaze about the vertical [deg].
-        elevation: below the horizon negative [deg].
-        distance: from the middle of the picture [m]; None: so that fruits and tool fill it.
-        width, height: [pixel].
-    """
-
-    azimuth: float = 150.0
-    elevation: float = -8.0
-    distance: float | None = None
-    width: int = 960
-    height: int = 720
-
-
-def frames(run: Run, times: FloatArray, view: View | None = None) -> Iterator[Picture]:
+def frames(
+    run: Run,
+    times: FloatArray,
+    view: View | None = None,
+    *,
+    caption: bool = False,
+    fine: bool = True,
+) -> Iterator[Picture]:
     """Pictures of a run at ``times`` [s], each the record before it.
+
+    Args:
+        run: to be shown.
+        times: (N,) [s].
+        view: where to look from.
+        caption: whether time, largest force so far and, from the motion's end, the outcome are
+            written at the lower edge.
+        fine: whether edges are smoothed, which takes twice as long without a graphics card.
 
     Raises:
         InvalidRequestError: MuJoCo is not installed, or cannot draw off screen.
@@ -46,10 +50,9 @@ def frames(run: Run, times: FloatArray, view: View | None = None) -> Iterator[Pi
     view = view or View()
     mujoco = engine()
     world = build(run.scene, run.robot, run.parameters, run.seed)
-    model = world.model
+    model = dressed(world)
+    model.vis.quality.offsamples = 4 if fine else 0
     data = mujoco.MjData(model)
-    _dress(model, mujoco)
-    camera = _camera(mujoco, world, run, view)
     try:
         renderer = mujoco.Renderer(model, height=view.height, width=view.width)
     except Exception as error:  # whatever the platform's OpenGL raises
@@ -57,18 +60,20 @@ def frames(run: Run, times: FloatArray, view: View | None = None) -> Iterator[Pi
             f"MuJoCo cannot draw off screen ({error}); on Linux it needs libEGL (Debian: "
             "apt-get install libegl1), or set MUJOCO_GL"
         ) from None
+    camera = shot(world, model, run, times, view)
     with renderer:
-        for time in times:
-            index = int(np.searchsorted(run.rollout.times, time + 1e-9) - 1)
-            data.qpos[:] = run.rollout.states[max(index, 0)]
+        for k, time in enumerate(times):
+            index = max(int(np.searchsorted(run.rollout.times, time + 1e-9) - 1), 0)
+            data.qpos[:] = run.rollout.states[index]
             mujoco.mj_kinematics(model, data)
             mujoco.mj_camlight(model, data)
-            renderer.update_scene(data, camera)
-            yield renderer.render().copy()
+            renderer.update_scene(data, camera.at(k))
+            picture = renderer.render().copy()
+            yield _captioned(picture, run, index) if caption else picture
 
 
-def film(run: Run, view: View | None = None, *, fps: int = 30, slow: float = 1.0) -> bytes:
-    """An MP4 (H.264) of the whole run, ``slow`` times slower.
+def film(run: Run, view: View | None = None, *, fps: int = 25, slow: float = 1.0) -> bytes:
+    """An MP4 (H.264) of the whole run, ``slow`` times slower, with a caption.
 
     Raises:
         InvalidRequestError: MuJoCo or PyAV is not installed, or nothing can be drawn.
@@ -78,35 +83,50 @@ def film(run: Run, view: View | None = None, *, fps: int = 30, slow: float = 1.0
     except ImportError:
         raise InvalidRequestError("a film needs PyAV: pip install 'optipromp[sim]'") from None
     view = view or View()
-    buffer = io.BytesIO()
+    buffer, times = io.BytesIO(), moments(run, fps, slow)
+    last = round(LINGER * fps)
     with av.open(buffer, mode="w", format="mp4") as container:
         stream: Any = container.add_stream("libx264", rate=fps)
         stream.width, stream.height, stream.pix_fmt = view.width, view.height, "yuv420p"
         stream.options = {"crf": "22", "preset": "veryfast", "threads": "1"}
-        for picture in frames(run, moments(run, fps, slow), view):
-            for packet in stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")):
-                container.mux(packet)
+        for k, picture in enumerate(frames(run, times, view, caption=True, fine=False)):
+            for _ in range(1 if k + 1 < len(times) else 1 + last):
+                for packet in stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")):
+                    container.mux(packet)
         for packet in stream.encode():
             container.mux(packet)
     return buffer.getvalue()
 
 
 def animation(
-    run: Run, view: View | None = None, *, fps: int = 10, slow: float = 1.0, colours: int = 96
+    run: Run, view: View | None = None, *, fps: int = 10, slow: float = 1.0, colours: int = 224
 ) -> bytes:
     """A GIF of the whole run, by default half as wide as a film: a GIF keeps every pixel."""
     from PIL import Image
 
     view = view or View(width=SMALL[0], height=SMALL[1])
-    pictures = [Image.fromarray(picture) for picture in frames(run, moments(run, fps, slow), view)]
-    palette = pictures[len(pictures) // 2].quantize(colours)
-    few = [picture.quantize(colours, palette=palette) for picture in pictures]
+    shown = frames(run, moments(run, fps, slow), view, caption=True)
+    pictures = list(shown)
+    palette = Image.fromarray(_palette(pictures)).quantize(colours)
+    few = [
+        Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
+        for picture in pictures
+    ]
     buffer = io.BytesIO()
+    lasts = [round(1000 / fps)] * (len(few) - 1) + [round(1000 * LINGER)]
     few[0].save(
-        buffer, format="GIF", save_all=True, append_images=few[1:], duration=round(1000 / fps),
-        loop=0, optimize=True,
+        buffer, format="GIF", save_all=True, append_images=few[1:], duration=lasts, loop=0,
+        optimize=True,
     )  # fmt: skip
     return buffer.getvalue()
+
+
+def _palette(pictures: Sequence[Picture]) -> Picture:
+    """Pixels (k, 1, 3) to choose colours from: vivid ones, of small fruits, count half."""
+    pixels = np.concatenate([picture[::2, ::2].reshape(-1, 3) for picture in pictures[::-6]])
+    vivid = pixels[np.ptp(pixels, axis=1) > VIVID]
+    times = len(pixels) // max(len(vivid), 1)
+    return np.concatenate([pixels, *[vivid] * min(times, VIVID_WEIGHT)])[:, None]
 
 
 def png(picture: Picture) -> bytes:
@@ -124,24 +144,35 @@ def moments(run: Run, fps: int, slow: float = 1.0) -> FloatArray:
     return np.arange(0.0, end + 1e-9, 1.0 / (fps * slow))
 
 
-def _dress(model: Any, mujoco: Any) -> None:
-    """Soft light, fine edges."""
-    model.vis.headlight.ambient[:] = 0.45
-    model.vis.headlight.diffuse[:] = 0.25
-    model.vis.map.znear = 0.01
-    model.vis.quality.offsamples = 4
-    model.vis.quality.shadowsize = 1024
+def _captioned(picture: Picture, run: Run, index: int) -> Picture:
+    """The picture with a line of text at its lower edge."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    height, width, _ = picture.shape
+    size = max(height // 26, 10)
+    bar = 2 * size
+    strip = np.asarray(picture[-bar:] * 0.25 + np.array(DARK) * 0.75, dtype=np.uint8)
+    image = Image.fromarray(strip)
+    pen, font = ImageDraw.Draw(image), ImageFont.load_default(size)
+    at = 0.5 * bar
+    pen.text((size, at), f"{run.rollout.times[index]:.1f} s", PALE, font, anchor="lm")
+    pen.text((5 * size, at), _force_words(run, index), PALE, font, anchor="lm")
+    if run.rollout.times[index] >= run.rollout.motion:
+        words = "picked, nothing harmed" if run.success else f"failed: {run.outcome.cause}"
+        if run.success and run.outcome.picked is None:
+            words = "nothing harmed"
+        pen.text((width - size, at), words, GOOD if run.success else BAD, font, anchor="rm")
+    picture[-bar:] = np.asarray(image)
+    return picture
 
 
-def _camera(mujoco: Any, world: World, run: Run, view: View) -> Any:
-    """A camera that looks across the approach direction at the fruits and where the tool comes."""
-    camera = mujoco.MjvCamera()
-    mujoco.mjv_defaultFreeCamera(world.model, camera)
-    start = run.rollout.fruit_positions[0].reshape(-1, 3)
-    roots = [fruit.built.nodes[0] for fruit in world.shown if fruit.built.has_stem]
-    seen = np.vstack([run.rollout.tool_point[[-1]], *([start] if len(start) else []), *roots])
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    camera.lookat[:] = 0.5 * (low + high) - np.array([0.0, 0.0, 0.05])
-    camera.distance = view.distance or 1.3 * float(np.linalg.norm(high - low)) + 0.45
-    camera.azimuth, camera.elevation = view.azimuth, view.elevation
-    return camera
+def _force_words(run: Run, index: int) -> str:
+    """The largest force so far on what is not to be picked, and on what it was."""
+    rollout = run.rollout
+    others = [k for k, name in enumerate(rollout.fruit_ids) if name != run.outcome.target]
+    if not others:
+        return ""
+    peaks = rollout.fruit_force[: index + 1, others].max(axis=0)
+    most = int(np.argmax(peaks))
+    on = f" on {rollout.fruit_ids[others[most]]}" if peaks[most] > 0.0 else ""
+    return f"largest force {peaks[most]:.2f} N{on}"

@@ -31,6 +31,8 @@ class Rollout:
         fruit_force: (R, F) largest force of one other object on each since the last record [N].
         stem_force: (R, F) the same of arm or tool on its stem [N].
         states: (R, nq) MuJoCo's generalised positions, for pictures.
+        contacts: (C, 9) of what touches at each record, objects that stand still left out: record,
+            indices of two entities, point (3,) [m], force of the first on the second (3,) [N].
         motion: when the trajectory ends and the hold begins [s].
         warnings: of MuJoCo, or the place of a NaN; not empty means a failed run.
         limit_use: largest share of each limit.
@@ -53,6 +55,7 @@ class Rollout:
     fruit_force: FloatArray
     stem_force: FloatArray
     states: FloatArray
+    contacts: FloatArray
     motion: float
     warnings: tuple[str, ...]
     limit_use: Mapping[str, float] = field(default_factory=dict)
@@ -65,7 +68,7 @@ class Rollout:
         """The records as arrays by name, for an NPZ file."""
         names = (
             "times", "q", "velocity", "torque", "reference", "tool_point", "tool_axis",
-            "fruit_positions", "attached", "fruit_force", "stem_force", "states",
+            "fruit_positions", "attached", "fruit_force", "stem_force", "states", "contacts",
         )  # fmt: skip
         arrays = {name: getattr(self, name) for name in names}
         arrays["fruit_ids"] = np.array(self.fruit_ids, dtype=np.str_)
@@ -104,10 +107,12 @@ class Execution:
         self.wanted, self.inertial = np.zeros((2, self.model.nv))
         self.torque, self.most_asked, self.worst_error = np.zeros((3, n))
         self.records: list[tuple[Any, ...]] = []
+        self.contacts: list[FloatArray] = []
         self.steps, self.warnings = 0, ()  # type: int, tuple[str, ...]
         shown, entities = world.shown, world.entities
         self.fruit_entities = np.array([f.entity for f in shown], dtype=np.int64)
         self.stem_entities = np.array([f.stem_entity for f in shown], dtype=np.int64)
+        self.moving = np.array([e.kind not in ("static", "avoid") for e in entities])
         self.robot_entities = [i for i, e in enumerate(entities) if e.kind in ("link", "tool")]
 
     def run(self) -> tuple[Rollout, ContactLog]:
@@ -190,6 +195,20 @@ class Execution:
                 np.where(self.stem_entities >= 0, on_stems, 0.0),
             )
         )  # fmt: skip
+        self.contacts.append(self._touching(len(self.records) - 1))
+
+    def _touching(self, record: int) -> FloatArray:
+        """Rows of ``Rollout.contacts`` of now."""
+        found, force = self.data.contact, self.data.efc_force
+        at = np.asarray(found.efc_address)
+        owners = self.world.geom_entity[np.asarray(found.geom)].reshape(-1, 2)
+        rows = np.flatnonzero((at >= 0) & self.moving[owners].all(axis=1))
+        own = force[at[rows, None] + np.arange(3)] if len(rows) else np.zeros((0, 3))
+        frames = np.asarray(found.frame).reshape(-1, 3, 3)[rows]
+        world = np.einsum("ci,cij->cj", own, frames)
+        return np.column_stack(
+            [np.full(len(rows), record), owners[rows], np.asarray(found.pos)[rows], world]
+        )
 
     def rollout(self, motion: float) -> Rollout:
         """The records, of a motion that ended at ``motion`` [s]."""
@@ -217,6 +236,7 @@ class Execution:
             ),
             attached=frozen(attached.reshape(len(times), len(shown)), np.bool_),
             fruit_force=frozen(force), stem_force=frozen(stem), states=frozen(states),
+            contacts=frozen(np.concatenate(self.contacts)),
             motion=motion, warnings=self.warnings,
             limit_use={"position": position, **used(robot, self.motion), "torque": torque_use},
             tension={f.id: stems.tension[f.built.key] for f in shown if f.weld >= 0},

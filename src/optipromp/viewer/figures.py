@@ -118,6 +118,20 @@ def joint_figure(plan: "Plan") -> "Figure":
     return figure
 
 
+def trajectory_figure(trajectory: "Trajectory") -> "Figure":
+    """Joint positions over time."""
+    figure, panels = _joint_panels(len(trajectory.joint_names))
+    times = np.linspace(0.0, trajectory.duration, 301)
+    q = trajectory.sample(times)[0]
+    for joint, (panel, name) in enumerate(zip(panels, trajectory.joint_names, strict=True)):
+        panel.plot(times, q[:, joint], color=OPTIMISED, lw=1.6)
+        panel.set_title(f"{name} [rad or m]".replace("$", r"\$"), fontsize=9, loc="left")
+        panel.margins(x=0.0)
+        _plain(panel)
+    figure.suptitle("joints over time [s]", fontsize=11)
+    return figure
+
+
 def limits_figure(
     trajectory: "Trajectory", robot: "Robot", violations: "Sequence[Violation]", name: str
 ) -> "Figure":
@@ -163,12 +177,12 @@ def limits_figure(
     return figure
 
 
-def primitive_figure(promp: "ProMP", demonstrations: "Demonstrations") -> "Figure":
+def primitive_figure(promp: "ProMP", demonstrations: "Demonstrations | tuple[()]" = ()) -> "Figure":
     """Each joint over the phase: the demonstrations, the mean, and two standard deviations."""
     figure, panels = _joint_panels(promp.n_joints)
     phases = np.linspace(0.0, 1.0, 201)
     mean, band = promp.mean_trajectory(phases), 2.0 * promp.standard_deviation(phases)
-    faint = float(np.clip(20.0 / len(demonstrations), 0.3, 0.8))
+    faint = float(np.clip(20.0 / max(len(demonstrations), 1), 0.3, 0.8))
     for j, panel in enumerate(panels):
         for i, item in enumerate(demonstrations):
             label = "demonstrations" if i == 0 else None
@@ -189,7 +203,9 @@ def primitive_figure(promp: "ProMP", demonstrations: "Demonstrations") -> "Figur
     for handle in legend.legend_handles:
         if handle is not None and handle.get_label() == "demonstrations":
             handle.set_alpha(1.0)
-    counted = f"{len(demonstrations)} demonstrations, {promp.basis.count} bases a joint"
+    counted = f"{promp.basis.count} bases a joint"
+    if len(demonstrations):
+        counted = f"{len(demonstrations)} demonstrations, {counted}"
     figure.suptitle(f"{counted}: joints over the phase", fontsize=11)
     return figure
 

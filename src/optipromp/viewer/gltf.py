@@ -14,22 +14,21 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from optipromp.arrays import FloatArray
+from optipromp.looks import Part, arm_parts, object_parts, scenery
+from optipromp.looks.faces import tube
+from optipromp.looks.part import Colour, hex_colour
+from optipromp.looks.scene import stem_part
 from optipromp.robots.model import Robot
-from optipromp.robots.tools import TOOL_LINK
 from optipromp.scenes.scene import Pose, Scene, SceneObject
 from optipromp.trajectory import Trajectory
-from optipromp.viewer.drawn import COLOURS, OPTIMISED, PUSHABLES
-from optipromp.viewer.picture import shape_faces, sphere, tube
+from optipromp.viewer.drawn import OPTIMISED
 
 __all__ = ["glb"]
 
-_BASE, _LINK, _TOOL, _STEM = "#8c9199", "#d9dbde", "#2f6f8f", "#4c8030"
-_OPACITY = {"avoid": 0.35}
-_AROUND = 16  # corners around a body sphere
 _PATH_RADIUS = 0.001  # [m] a line of no width is hardly seen
+_ROUGH = 0.55  # of every surface; a choice
 _RATE = 50.0  # [Hz] of the animation's frames, at least
 _UPRIGHT = Pose(np.zeros(3), np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0]))  # z up to y up
-_DIGITS = 7  # of metres: corners nearer than that are one
 _FLOAT, _INDEX = 5126, 5125  # glTF's codes of numbers
 _CORNERS = 34962  # glTF's code of corners; the next is that of indices to them
 
@@ -40,9 +39,10 @@ def glb(
     """The file's content.
 
     Nodes: ``scene``, in it ``base`` (the frame of the robot's base), in it one node an object
-    (``target:ripe``), a stem (``stem:ripe``) and the arm: ``robot``, and nested in it one node a
-    moving segment with the name of its joint, the last of which holds ``tool``. With a trajectory,
-    the arm is animated (``plan``) and the tool point's path is drawn (``tool path``).
+    (``target:ripe``, in it ``calyx:ripe``), a stem (``stem:ripe``), a part of the scenery
+    (``gutter``, ``floor``) and the arm: ``robot``, and nested in it one node a moving segment with
+    the name of its joint, the last of which holds ``tool``. With a trajectory, the arm is animated
+    (``plan``) and the tool point's path is drawn (``tool path``).
 
     Args:
         scene: robot and objects.
@@ -51,7 +51,8 @@ def glb(
         trajectory: of the arm.
     """
     file = _File()
-    objects = [node for k in range(len(scene.objects)) for node in _object(file, scene, k)]
+    objects = [node for item in scene.objects for node in _object(file, scene, item)]
+    objects += [file.solid(part.name, [part]) for part in scenery(scene)]
     times, q = None, np.atleast_2d(start)
     if trajectory is not None:
         count = int(np.ceil(_RATE * trajectory.duration)) + 1
@@ -60,28 +61,21 @@ def glb(
     arm = _arm(file, robot, q, times)
     children = [arm, *objects]
     if trajectory is not None:
-        path = tube(robot.tool_pose(q)[0], _PATH_RADIUS, 6)
-        children.append(file.solid("tool path", path, OPTIMISED))
+        path = Part.of("tool path", tube(robot.tool_pose(q)[0], _PATH_RADIUS, 6), OPTIMISED)
+        children.append(file.solid(path.name, [path]))
     if scene.camera is not None:
         children.append(file.node("camera", scene.camera))
     base = file.node("base", scene.base, children=children)
     return file.content(file.node("scene", _UPRIGHT, children=[base]), scene.name)
 
 
-def _object(file: "_File", scene: Scene, index: int) -> list[int]:
-    item = scene.objects[index]
-    colour = COLOURS.get(item.role) or PUSHABLES[_turn(scene, item) % len(PUSHABLES)]
-    faces = shape_faces(item.shape, np.zeros(3), np.eye(3))
-    pose, opacity = Pose(item.position, item.orientation), _OPACITY.get(item.role, 1.0)
-    nodes = [file.solid(f"{item.role}:{item.id}", faces, colour, pose, opacity=opacity)]
+def _object(file: "_File", scene: Scene, item: SceneObject) -> list[int]:
+    body, *further = object_parts(scene, item)
+    inner = [file.solid(part.name, [part]) for part in further]
+    nodes = [file.solid(body.name, [body], Pose(item.position, item.orientation), children=inner)]
     if item.stem is not None:
-        faces = tube(np.asarray(item.stem.points), item.stem.radius, 8)
-        nodes.append(file.solid(f"stem:{item.id}", faces, _STEM))
+        nodes.append(file.solid(f"stem:{item.id}", [stem_part(item)]))
     return nodes
-
-
-def _turn(scene: Scene, item: SceneObject) -> int:
-    return [other.id for other in scene.pushables].index(item.id)
 
 
 def _arm(file: "_File", robot: Robot, q: FloatArray, times: FloatArray | None) -> int:
@@ -91,20 +85,20 @@ def _arm(file: "_File", robot: Robot, q: FloatArray, times: FloatArray | None) -
     shift = np.diff(origins, axis=1, prepend=np.zeros((len(q), 1, 3)))
     places = np.einsum("tsji,tsj->tsi", before, shift)
     turns = np.einsum("tsji,tsjk->tsik", before, rotations)
-    inner: list[int] = []
+    parts = arm_parts(robot)
+    tool = [part for part in parts if part.name.startswith("tool")]
+    inner = [file.solid("tool", tool)] if tool else []
     for s in reversed(range(robot.n_segments)):
         quaternions = _continuous(Rotation.from_matrix(turns[:, s]).as_quat())
         pose = Pose(places[0, s], np.roll(quaternions[0], 1))
-        if s == robot.n_segments - 1 and robot.tool is not None:
-            inner = [_tool(file, robot)]
-        cover = _spheres(robot, s)
-        node = file.solid(_segment_name(robot, s), cover, _LINK, pose, children=inner)
+        body = [part for part in parts if part.segment == s and part not in tool]
+        node = file.solid(_segment_name(robot, s), body, pose, children=inner)
         if times is not None:
             slides = robot.kinematics.kind[s] == 1
             values = places[:, s] if slides else quaternions
             file.animate(node, "translation" if slides else "rotation", times, values)
         inner = [node]
-    return file.solid("robot", _spheres(robot, -1), _BASE, children=inner)
+    return file.solid("robot", [part for part in parts if part.segment < 0], children=inner)
 
 
 def _segment_name(robot: Robot, s: int) -> str:
@@ -120,38 +114,9 @@ def _continuous(quaternions: FloatArray) -> FloatArray:
     return np.asarray(quaternions * signs[:, None])
 
 
-def _spheres(robot: Robot, segment: int) -> FloatArray:
-    """Faces (F, 4, 3) of the body spheres of a segment, the tool's left out."""
-    cover = robot.spheres
-    tool = -1 if robot.tool is None else robot.link_names.index(TOOL_LINK)
-    rows = np.flatnonzero((cover.segment == segment) & (cover.link != tool))
-    parts = [sphere(cover.center[k], float(cover.radius[k]), _AROUND) for k in rows]
-    return np.concatenate([np.zeros((0, 4, 3)), *parts])
-
-
-def _tool(file: "_File", robot: Robot) -> int:
-    assert robot.tool is not None
-    solids = robot.tool.solids()
-    faces = np.concatenate([shape_faces(s.shape, s.position, s.rotation) for s in solids])
-    pose = Pose(robot.flange_translation, robot.flange_rotation)
-    return file.solid("tool", faces, _TOOL, pose)
-
-
-def _triangles(faces: FloatArray) -> tuple[FloatArray, NDArray[np.uint32]]:
-    """Corners (V, 3) and triangles (M, 3) of quadrilaterals (F, 4, 3); those of no area go."""
-    points, index = np.unique(
-        np.round(faces.reshape(-1, 3), _DIGITS) + 0.0, axis=0, return_inverse=True
-    )
-    quads = index.reshape(-1, 4)
-    halves = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
-    a, b, c = halves.T
-    kept = halves[(a != b) & (b != c) & (c != a)]
-    return points, kept.astype(np.uint32)
-
-
-def _linear(colour: str, opacity: float) -> list[float]:
-    """``#rrggbb`` as glTF wants it: linear, with opacity."""
-    srgb = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+def _linear(colour: Colour, opacity: float) -> list[float]:
+    """A colour as glTF wants it: linear, with opacity."""
+    srgb = np.array(colour) / 255.0
     linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
     return [*linear.tolist(), opacity]
 
@@ -166,7 +131,7 @@ class _File:
         self._channels: list[dict[str, Any]] = []
         self._samplers: list[dict[str, Any]] = []
         self._block = bytearray()
-        self._materials: dict[tuple[str, float], int] = {}
+        self._materials: dict[tuple[Colour, float], int] = {}
 
     def _add(self, name: str, entry: dict[str, Any]) -> int:
         self._lists[name].append(entry)
@@ -182,19 +147,26 @@ class _File:
         return self._add("nodes", entry)
 
     def solid(
-        self, name: str, faces: FloatArray, colour: str, pose: Pose | None = None, *,
-        children: Sequence[int] = (), opacity: float = 1.0,
+        self, name: str, parts: Sequence[Part], pose: Pose | None = None, *,
+        children: Sequence[int] = (),
     ) -> int:  # fmt: skip
-        """A node with a mesh of faces (F, 4, 3); without faces, a bare node."""
+        """A node with a mesh of parts in its frame; without parts, a bare node."""
         node = self.node(name, pose, children=children)
-        if len(faces):
-            points, triangles = _triangles(faces)
-            primitive = {
-                "attributes": {"POSITION": self._numbers(points, "VEC3", _CORNERS)},
-                "indices": self._numbers(triangles.reshape(-1), "SCALAR", _CORNERS + 1),
-                "material": self._material(colour, opacity),
-            }
-            mesh = self._add("meshes", {"name": name, "primitives": [primitive]})
+        if parts:
+            primitives = [
+                {
+                    "attributes": {
+                        "POSITION": self._numbers(part.vertices, "VEC3", _CORNERS),
+                        "NORMAL": self._numbers(part.normals, "VEC3", _CORNERS),
+                    },
+                    "indices": self._numbers(
+                        part.faces.reshape(-1).astype(np.uint32), "SCALAR", _CORNERS + 1
+                    ),
+                    "material": self._material(part.colour, part.opacity),
+                }
+                for part in parts
+            ]
+            mesh = self._add("meshes", {"name": name, "primitives": primitives})
             self._lists["nodes"][node]["mesh"] = mesh
         return node
 
@@ -209,10 +181,18 @@ class _File:
         target = {"node": node, "path": path}
         self._channels.append({"sampler": len(self._samplers) - 1, "target": target})
 
-    def _material(self, colour: str, opacity: float) -> int:
+    def _material(self, colour: Colour, opacity: float) -> int:
         if (colour, opacity) not in self._materials:
-            surface = {"baseColorFactor": _linear(colour, opacity), "metallicFactor": 0.0}
-            entry = {"name": colour, "pbrMetallicRoughness": surface, "doubleSided": True}
+            surface = {
+                "baseColorFactor": _linear(colour, opacity),
+                "metallicFactor": 0.0,
+                "roughnessFactor": _ROUGH,
+            }
+            entry = {
+                "name": hex_colour(colour),
+                "pbrMetallicRoughness": surface,
+                "doubleSided": True,
+            }
             entry |= {"alphaMode": "BLEND"} if opacity < 1.0 else {}
             self._materials[colour, opacity] = self._add("materials", entry)
         return self._materials[colour, opacity]

@@ -1,0 +1,90 @@
+"""The page's server: one window's state for each browser window, on this machine only."""
+
+import io
+import socket
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import Any
+
+from optipromp.errors import InvalidRequestError
+from optipromp.page.panel import Panel
+from optipromp.page.sources import Source
+from optipromp.page.window import Window
+
+NEEDED = "the page needs viser: pip install 'optipromp[view]'"
+
+
+class Page:
+    """A running server. :meth:`stop` ends it and its threads.
+
+    Args:
+        source: that each window opens with.
+        host: address that is listened at.
+        port: 0: any that is free.
+        out: folder that windows save into.
+
+    Raises:
+        InvalidRequestError: viser is not installed; the port is taken.
+    """
+
+    def __init__(
+        self, source: Source, *, host: str = "localhost", port: int = 0, out: Path = Path("out")
+    ) -> None:
+        self.source, self.out = source, out
+        self.windows: dict[int, Window] = {}
+        self.panels: dict[int, Panel] = {}
+        self.server = _listening(host, usable(host, port))
+        self.url = f"http://{host}:{self.server.get_port()}"
+        self.server.on_client_connect(self._enter)
+        self.server.on_client_disconnect(self._leave)
+
+    def _enter(self, client: Any) -> None:
+        window = Window(client, self.source, self.out)
+        self.windows[client.client_id] = window
+
+        def begin() -> None:
+            self.panels[client.client_id] = Panel(window)
+            window.start()
+
+        window.post("start", begin)
+
+    def _leave(self, client: Any) -> None:
+        self.panels.pop(client.client_id, None)
+        window = self.windows.pop(client.client_id, None)
+        if window is not None:
+            window.close()
+
+    def stop(self) -> None:
+        """Close every window and the server."""
+        for window in list(self.windows.values()):
+            window.close()
+        with redirect_stdout(io.StringIO()):
+            self.server.stop()
+
+
+def _listening(host: str, port: int) -> Any:
+    """viser's server, silent, and without its tunnel: any window could publish the page by it."""
+    try:
+        import viser
+    except ImportError:
+        raise InvalidRequestError(NEEDED) from None
+    with redirect_stdout(io.StringIO()):  # the command says where the page is
+        server: Any = viser.ViserServer(host=host, port=port, verbose=False)
+    server.request_share_url = lambda *_, **__: None
+    return server
+
+
+def usable(host: str, port: int) -> int:
+    """The port, or any free one for 0.
+
+    Raises:
+        InvalidRequestError: it cannot be listened at.
+    """
+    try:
+        family, *_ = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((host, port))
+            return int(probe.getsockname()[1])
+    except (OSError, OverflowError) as error:
+        raise InvalidRequestError(f"cannot listen at {host}:{port}: {error}") from None

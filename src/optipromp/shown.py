@@ -1,0 +1,41 @@
+"""What values show of themselves in notebooks. The viewer is loaded when it is used."""
+
+from importlib import import_module
+from typing import Any
+
+
+class Shown:
+    """A value with a line of words, rich text in notebooks, a picture and a 3-D view."""
+
+    def _words(self) -> str:
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self._words()}>"
+
+    def _repr_html_(self) -> str:
+        return str(_notebook().rich(self))
+
+    def plot(self, *args: Any) -> Any:
+        """A picture: shown by a notebook; ``figure`` is matplotlib's, ``save(path)`` a PNG file.
+
+        A primitive's takes the demonstrations that it was learnt from, if there are any.
+
+        Raises:
+            InvalidRequestError: there is no picture of such a value.
+        """
+        return _notebook().plot(self, *args)
+
+    def show(self) -> Any:
+        """A 3-D view to turn and play: shown by a notebook; ``open()`` opens a browser.
+
+        ``save(path)`` writes it as one HTML file that needs no network.
+
+        Raises:
+            InvalidRequestError: viser is not installed, or there is no 3-D view of such a value.
+        """
+        return _notebook().show(self)
+
+
+def _notebook() -> Any:
+    return import_module("optipromp.viewer.notebook")

@@ -1,0 +1,127 @@
+"""A scene or a plan as one web page to turn and play, without a server and without a network."""
+
+import io
+from contextlib import redirect_stdout
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from optipromp.arrays import FloatArray
+from optipromp.errors import InvalidRequestError
+from optipromp.looks.scene import box_distance
+from optipromp.planning.task import resolve
+from optipromp.robots.model import Robot
+from optipromp.scenes.scene import Scene
+from optipromp.viewer.drawn import Moment, Placed, motions, placed
+from optipromp.viewer.nodes import Nodes
+
+if TYPE_CHECKING:
+    from optipromp.planning import Plan
+
+NEEDED = "a 3-D view needs viser: pip install 'optipromp[view]'"
+FRAME_RATE = 12.0  # [Hz] of the recorded motion; between its frames nothing moves
+FRAMES = 240  # at most, of a long motion
+REST = 1.0  # [s] at the end, before it begins anew
+VIEWS = (-0.6, 0.15), (0.6, 0.15), (-1.4, 0.2), (1.4, 0.2), (np.pi - 0.9, 0.4), (np.pi + 0.9, 0.4)
+"""Places of the camera: turn from away from the robot [rad], height in shares of the distance."""
+SHARES = np.linspace(0.05, 0.95, 40)  # of the way to an object at which others are looked for
+UNMOVED = 1e-4  # [m] by which an object moves to be sent again
+
+
+def scene_page(scene: Scene, robot: Robot | None = None, q: FloatArray | None = None) -> str:
+    """The HTML of a scene with its robot at ``q`` (n,), by default at its start.
+
+    Raises:
+        InvalidRequestError: viser is not installed.
+    """
+    task = resolve(scene, robot)
+    with _Playback(scene, task.robot) as playback:
+        playback.nodes.pose(task.start if q is None else q)
+        return playback.html()
+
+
+def plan_page(plan: "Plan") -> str:
+    """The HTML of a plan: the arm moves along it, fruits move as predicted, lines of the tool.
+
+    Raises:
+        InvalidRequestError: viser is not installed.
+    """
+    task, curve = resolve(plan.scene, plan.robot), plan.trajectory
+    with _Playback(plan.scene, plan.robot) as playback:
+        for k, motion in enumerate(reversed(motions(plan))):
+            points = plan.robot.tool_pose(motion.trajectory.resample(FRAME_RATE).positions)[0]
+            playback.nodes.line(motion.name, points, motion.colour, 3.0 if k else 6.0)
+        count = min(max(round(FRAME_RATE * curve.duration), 1), FRAMES)
+        for time in np.linspace(0.0, curve.duration, count + 1):
+            playback.nodes.pose(curve.sample(time)[0][0])
+            now = int(np.searchsorted(curve.times, time + 1e-9)) - 1
+            for item in placed(plan, task, Moment(max(now, 0), float(time), "")):
+                playback.put(item)
+            playback.wait(curve.duration / count)
+        playback.wait(REST)
+        return playback.html()
+
+
+class _Playback:
+    """A server that no one is connected to, and what it would tell a window over time."""
+
+    def __init__(self, scene: Scene, robot: Robot) -> None:
+        try:
+            import viser
+        except ImportError:
+            raise InvalidRequestError(NEEDED) from None
+        self.robot = robot
+        with redirect_stdout(io.StringIO()):
+            self.server: Any = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+        self.server.scene.set_up_direction("+z")
+        self.nodes = Nodes(self.server.scene, "base", shadows=True)
+        self.nodes.show(scene, robot)
+        self.places = {item.id: np.asarray(item.position) for item in scene.objects}
+        self._camera(scene)
+        self.serializer = self.server.get_scene_serializer()
+
+    def __enter__(self) -> "_Playback":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with redirect_stdout(io.StringIO()):
+            self.server.stop()
+
+    def _camera(self, scene: Scene) -> None:
+        """From where the fewest fruits are hidden, beyond the row if that is such a place."""
+        focus = self.robot.tool_pose(self.robot.home)[0]
+        if len(scene.objects):
+            focus = scene.positions.mean(axis=0)
+        middle, up = 0.8 * focus, scene.up
+        away = focus - (focus @ up) * up
+        away /= max(float(np.linalg.norm(away)), 1e-9)
+        reach = 1.05 * max(float(np.linalg.norm(focus)), 0.6)
+        eyes = [
+            middle + reach * (Rotation.from_rotvec(turn * up).apply(away) + lift * up)
+            for turn, lift in VIEWS
+        ]
+        eye = min(eyes, key=lambda eye: _hidden(scene, eye))
+        camera = self.server.initial_camera
+        camera.look_at, camera.position = scene.base @ middle, scene.base @ eye
+
+    def put(self, item: Placed) -> None:
+        if np.linalg.norm(item.position - self.places[item.item.id]) >= UNMOVED:
+            self.places[item.item.id] = item.position
+            self.nodes.put(item.item, item.position, item.rotation, item.stem)
+
+    def wait(self, seconds: float) -> None:
+        self.serializer.insert_sleep(seconds)
+
+    def html(self) -> str:
+        return str(self.serializer.as_html())
+
+
+def _hidden(scene: Scene, eye: FloatArray) -> int:
+    """How often a static object stands between an eye (3,) and a target or pushable."""
+    seen = [item.position for item in scene.objects if item.role in ("target", "pushable")]
+    return sum(
+        any(box_distance(item, eye + share * (point - eye)) == 0.0 for share in SHARES)
+        for point in seen
+        for item in scene.static
+    )

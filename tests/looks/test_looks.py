@@ -1,0 +1,151 @@
+"""The looks of robots and scenes."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optipromp.geometry import Box, HalfSpace
+from optipromp.looks import arm_parts, object_parts, scene_parts, scenery
+from optipromp.looks.faces import coarser, revolve, sphere, triangles
+from optipromp.planning.task import resolve
+from optipromp.robots import load_robot
+from optipromp.robots.tools import TOOL_LINK, TOOLS, with_tool
+from optipromp.scenes import SceneObject, Stem, load_scene
+
+SCENES = [f"scenario-{k}" for k in (1, 2, 3, 4)]
+
+CUBE = "\n".join(
+    [f"v {x} {y} {z}" for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    + ["f 1 3 4 2", "f 5 6 8 7", "f 1 2 6 5", "f 3 7 8 4", "f 1 5 7 3", "f 2 4 8 6"]
+)
+ARM = """<robot name="own">
+  <link name="base">{visual}<collision><geometry><box size="0.2 0.2 0.2"/></geometry></collision>
+  </link>
+  <link name="fore"><collision><geometry><sphere radius="0.05"/></geometry></collision></link>
+  <joint name="turn" type="revolute"><parent link="base"/><child link="fore"/>
+    <origin xyz="0 0 0.3"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1"/></joint>
+</robot>"""
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_part_is_a_sound_surface(name: str) -> None:
+    task = resolve(load_scene(name))
+    for parts in (arm_parts(task.robot), scene_parts(task.scene)):
+        assert len({part.name for part in parts}) == len(parts)
+        for part in parts:
+            assert np.isfinite(part.vertices).all()
+            assert 0 <= part.faces.min() <= part.faces.max() < len(part.vertices)
+            assert -1 <= part.segment < task.robot.n_segments
+            assert 0.0 < part.opacity <= 1.0
+            np.testing.assert_allclose(np.linalg.norm(part.normals, axis=1), 1.0, atol=1e-6)
+    assert {item.id for item in task.scene.objects} == {
+        part.owner for part in scene_parts(task.scene) if part.owner
+    }
+
+
+def test_an_arm_without_meshes_shows_the_hulls_of_its_spheres() -> None:
+    robot = load_robot("scara")
+    cover = robot.spheres
+    for part in arm_parts(robot):
+        if part.name in robot.link_names:
+            rows = cover.link == robot.link_names.index(part.name)
+            low = (cover.center[rows] - cover.radius[rows, None]).min(axis=0)
+            high = (cover.center[rows] + cover.radius[rows, None]).max(axis=0)
+            np.testing.assert_allclose(part.vertices.min(axis=0), low, atol=1e-3)
+            np.testing.assert_allclose(part.vertices.max(axis=0), high, atol=1e-3)
+    assert {"base", "lift", "upper_arm", "forearm", "joint:1", "joint:2"} == {
+        part.name for part in arm_parts(robot)
+    }
+
+
+@pytest.mark.parametrize("kind", ["cup", "franka_hand"])
+def test_a_tool_looks_as_large_as_it_is(kind: str) -> None:
+    robot = with_tool(
+        load_robot("panda"), TOOLS[kind](**({"radius": 0.04} if kind == "cup" else {}))
+    )
+    parts = [part for part in arm_parts(robot) if part.name.startswith(TOOL_LINK)]
+    points = np.concatenate([part.vertices for part in parts]) - robot.flange_translation
+    heights = points @ robot.flange_rotation[:, 2]
+    assert heights.max() == pytest.approx(robot.tool.tip, abs=4e-3)
+    assert heights.min() == pytest.approx(0.0, abs=0.03)  # the maker's hand encloses the flange
+
+
+def test_visual_meshes_are_shown_and_missing_ones_are_not_missed(tmp_path: Path) -> None:
+    pytest.importorskip("trimesh")
+    mesh = '<visual><geometry><mesh filename="{}" scale="0.1 0.1 0.4"/></geometry></visual>'
+    (tmp_path / "cube.obj").write_text(CUBE)
+    shown = {}
+    for name in ("cube.obj", "gone.obj", "package://gone/cube.obj"):
+        (tmp_path / "own.urdf").write_text(ARM.format(visual=mesh.format(name)))
+        robot = load_robot(tmp_path / "own.urdf")
+        shown[name] = next(part for part in arm_parts(robot) if part.name == "base").vertices
+    assert shown["cube.obj"].max(axis=0).tolist() == [0.1, 0.1, 0.4]
+    for name in ("gone.obj", "package://gone/cube.obj"):
+        np.testing.assert_allclose(np.abs(shown[name]), 0.1)  # the box
+
+
+def test_a_calyx_sits_where_the_stem_begins() -> None:
+    scene = load_scene("scenario-3")
+    item = next(item for item in scene.objects if item.id == "n1")
+    body, calyx = object_parts(scene, item)
+    assert np.linalg.norm(body.vertices, axis=1).max() == pytest.approx(item.radius, rel=1e-3)
+    along = np.diff(item.stem.points[:2], axis=0)[0]
+    along = item.rotation.T @ along / np.linalg.norm(along)
+    assert (calyx.vertices @ along).min() > 0.0
+    assert (calyx.vertices @ along).max() == pytest.approx(item.radius, rel=0.2)
+
+
+def test_stems_hang_from_a_gutter_over_them_or_from_what_the_scene_has() -> None:
+    free = load_scene("scenario-3")
+    parts = {part.name: part for part in scenery(free)}
+    roots = np.array([item.stem.root for item in free.objects if item.stem is not None])
+    low, high = parts["gutter"].vertices.min(axis=0), parts["gutter"].vertices.max(axis=0)
+    assert roots[:, 2].max() < low[2] < roots[:, 2].max() + 0.01
+    assert ((low < roots) | [False, False, True]).all()
+    assert (roots < high).all()
+    assert parts["posts"].vertices[:, 2].min() == pytest.approx(0.0, abs=0.02)
+    assert not {"gutter", "posts"} & {part.name for part in scenery(load_scene("scenario-1"))}
+
+
+def test_what_grows_upwards_does_not_hang() -> None:
+    scene = load_scene("scenario-3")
+    upright = [
+        replace(item, stem=Stem(np.array([item.position, item.position - [0.0, 0.0, 0.2]])))
+        for item in scene.objects
+        if item.stem is not None
+    ]
+    assert [part.name for part in scenery(replace(scene, objects=tuple(upright)))] == ["floor"]
+
+
+def test_there_is_one_floor() -> None:
+    scene = load_scene("scenario-4")
+    low = SceneObject("low", "static", Box((0.1, 0.1, 0.1)), np.array([0.4, 0.0, -0.2]))
+    own = SceneObject("own", "static", HalfSpace(), np.array([0.0, 0.0, -0.3]))
+    floors = [
+        [part.vertices[:, 2].max() for part in scenery(each) if part.name == "floor"]
+        for each in (
+            scene,
+            replace(scene, objects=(*scene.objects, low)),
+            replace(scene, objects=(*scene.objects, own)),
+        )
+    ]
+    assert floors == [[pytest.approx(0.0)], [pytest.approx(-0.25)], []]
+
+
+def test_round_surfaces_share_corners_and_edges_do_not() -> None:
+    ball, _ = triangles(sphere(np.zeros(3), 1.0, 28))
+    assert len(ball) == 13 * 28 + 2
+    rod = revolve(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0], [0.0, 2.0]]), 24)
+    vertices, faces = triangles(rod)
+    assert len(vertices) == 2 * (2 * 24 + 1)  # each rim twice
+    assert len(faces) == 4 * 24
+
+
+def test_a_coarser_mesh_is_smaller_and_where_it_was() -> None:
+    quads = sphere(np.zeros(3), 0.1, 100)
+    corners = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    few = coarser(corners, 0.02)
+    assert len(few) < 0.2 * len(corners)
+    assert np.linalg.norm(few, axis=-1).min() > 0.08

@@ -1,0 +1,110 @@
+"""A headless Chromium, and pages opened in it."""
+
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+FLAGS = (
+    "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+)  # fmt: skip
+PATIENCE = 180.0  # [s] pictures are drawn by the processor here, beside all else
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Any]:
+    """A browser that draws without a graphics card."""
+    path = shutil.which("chromium") or shutil.which("chromium-browser")
+    if path is None:
+        pytest.skip("no chromium: apt-get install chromium")
+    api = pytest.importorskip("playwright.sync_api")
+    with api.sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=path, args=list(FLAGS))
+        yield browser
+        browser.close()
+
+
+@dataclass
+class Opened:
+    """A page of the server in a browser tab, and the server's side of it."""
+
+    page: Any
+    tab: Any
+    window: Any
+    errors: list[str]
+
+    @property
+    def panel(self) -> Any:
+        """The controls."""
+        return self.page.panels[self.window.client.client_id]
+
+    def press(self, label: str) -> None:
+        """Press a button, and wait until all it causes is done."""
+        self.tab.get_by_role("button", name=label, exact=True).dispatch_event("click")
+        time.sleep(0.3)
+        self.settle()
+
+    def show(self, tab: str) -> None:
+        """Bring a tab of the panel to the front."""
+        self.tab.get_by_role("tab", name=tab).click(force=True)
+
+    def settle(self) -> None:
+        """Wait until the window's thread has nothing left to do."""
+        assert self.window.worker.wait(PATIENCE)
+        assert "error: " not in self.panel.status.content  # a job broke off
+
+    def do(self, job: Callable[[], None]) -> None:
+        """Have a job done in the window's thread."""
+        self.window.post(f"test {time.monotonic()}", job)
+        self.settle()
+
+    def until(self, holds: Callable[[], bool], what: str) -> None:
+        """Wait until something holds."""
+        end = time.monotonic() + PATIENCE
+        while not holds():
+            assert time.monotonic() < end, what
+            self.tab.wait_for_timeout(50)
+
+    def told(self, words: str) -> None:
+        """Wait until the page's state says so."""
+        self.tab.locator(".status").filter(has_text=words).wait_for(
+            timeout=1e3 * PATIENCE, state="attached"
+        )
+
+
+@pytest.fixture(scope="module")
+def opener(
+    chromium: Any, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Callable[..., Opened]]:
+    """Opens pages of a source; they are closed after the module's tests."""
+    from optipromp.page.server import Page
+
+    pages: list[Any] = []
+    tabs: list[Any] = []
+
+    def open_page(source: Any = None, page: Any = None, out: Path | None = None) -> Opened:
+        if page is None:
+            page = Page(source, out=out or tmp_path_factory.mktemp("saved"))
+            pages.append(page)
+        before, errors = set(page.windows), []
+        tab = chromium.new_page(viewport={"width": 800, "height": 560})
+        tabs.append(tab)
+        tab.on("pageerror", lambda error: errors.append(str(error)))
+        tab.goto(page.url)
+        end = time.monotonic() + PATIENCE
+        while not (new := set(page.panels) - before):
+            assert time.monotonic() < end, "the page does not connect"
+            tab.wait_for_timeout(50)
+        opened = Opened(page, tab, page.windows[new.pop()], errors)
+        opened.settle()
+        return opened
+
+    yield open_page
+    for tab in tabs:
+        tab.close()
+    for page in pages:
+        page.stop()
