@@ -73,7 +73,7 @@ def test_the_search_calls_blocked_what_the_judge_finds_in_contact(family: Furnit
     rng = np.random.default_rng(1)
     q = rng.uniform(task.robot.lower, task.robot.upper, (400, 7))
     found = np.empty(len(q), dtype=np.bool_)
-    all_blocked(tree.body_of(task, task.surroundings.shared), q, found)
+    all_blocked(tree.collider(task, task.surroundings.shared), q, found)
     judged = [bool(judging.clearances(task.scene, task.robot, one[None])[1]) for one in q]
     assert found.tolist() == judged
     assert 0 < found.sum() < len(q)
@@ -102,7 +102,7 @@ def test_shortcuts_shorten_and_keep_both_ends() -> None:
     for seed in range(7400, 7410):
         task = task_of("under-table", seed)
         assert isinstance(task.goal, JointGoal)
-        body, rng = tree.body_of(task, 0), np.random.default_rng(seed)
+        body, rng = tree.collider(task, 0), np.random.default_rng(seed)
         grown = tree._grown(body, task.robot, task.start, task.goal.joints[None], NONE, rng, np.inf)
         assert grown is not None
         short = tree._shortened(body, grown, rng)

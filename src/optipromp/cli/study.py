@@ -83,9 +83,7 @@ def study(
     optipromp study --planners opti-promp --noise-position 0.005 --noise-angle 5 --out noisy
     """
     from optipromp.experiments.baselines import STUDY_PLANNERS
-    from optipromp.experiments.statistics import calibration, summary
     from optipromp.experiments.study import Study, run_study
-    from optipromp.experiments.study_output import write_results
     from optipromp.scenes.generate import PANDA, PRESETS
 
     chosen: Any = _names(preset, PRESETS)
@@ -112,6 +110,14 @@ def study(
             shown(done, total, ", ".join((f"{done} of {total} runs", *shares)))
 
         rows = run_study(plan, out, workers=workers, progress=progress)
+    return _tell(rows, out, as_json)
+
+
+def _tell(rows: list["Row"], out: Path, as_json: bool) -> int:
+    """Write the results beside the rows, and print them."""
+    from optipromp.experiments.statistics import calibration, summary
+    from optipromp.experiments.study_output import write_results
+
     cells = summary(rows)
     written = write_results(rows, cells, out)
     if as_json:

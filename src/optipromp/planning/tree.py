@@ -23,7 +23,7 @@ BATCH = 500  # samples between two looks at the clock
 STRIDE = 8  # of the places along an edge: the first look at it is coarse
 
 
-class Body(NamedTuple):
+class Collider(NamedTuple):
     """What a configuration is checked for; arrays as in :class:`BodyPoints` and `Surroundings`."""
 
     kin: Kinematics
@@ -69,7 +69,7 @@ def way(
     for pushed in sorted({around.shared, len(around.dynamic.kind)}, reverse=True):
         best: FloatArray | None = None
         for _ in range(TREE.ways):
-            body = body_of(task, pushed)
+            body = collider(task, pushed)
             corners = _grown(body, task.robot, task.start, goals, seeds, rng, deadline)
             if corners is None:
                 break
@@ -86,7 +86,7 @@ def _length(corners: FloatArray) -> float:
 
 
 def _grown(
-    body: Body, robot: Robot, start: FloatArray, goals: FloatArray, seeds: FloatArray,
+    body: Collider, robot: Robot, start: FloatArray, goals: FloatArray, seeds: FloatArray,
     rng: np.random.Generator, deadline: float,
 ) -> FloatArray | None:  # fmt: skip
     low = np.where(np.isinf(robot.lower), start - np.pi, robot.lower)
@@ -119,7 +119,7 @@ def _back(nodes: FloatArray, parent: IntArray, index: int) -> FloatArray:
     return np.array(out)
 
 
-def _shortened(body: Body, corners: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _shortened(body: Collider, corners: FloatArray, rng: np.random.Generator) -> FloatArray:
     room = np.empty((len(corners) + 2 * TREE.shortcuts, corners.shape[1]))
     room[: len(corners)] = corners
     places, along = rng.random((TREE.shortcuts, 2)), np.empty(len(room))
@@ -127,11 +127,11 @@ def _shortened(body: Body, corners: FloatArray, rng: np.random.Generator) -> Flo
     return room[:left].copy()
 
 
-def body_of(task: Task, shared: int) -> Body:
+def collider(task: Task, shared: int) -> Collider:
     """The arm of a task, ready for the kernels; see :class:`Surroundings` for ``shared``."""
     robot, body, around = task.robot, task.body, task.surroundings
     segments = robot.n_segments
-    return Body(
+    return Collider(
         robot.kinematics, body.segment, body.local, body.radius, body.link_start, body.link_bound,
         body.link_distal, body.groups, body.pairs, around.static, around.dynamic, shared,
         levers(robot), TREE.step, np.empty((1, segments, 3)), np.empty((1, segments, 3, 3)),

@@ -105,12 +105,9 @@ def relax(
             what = k if look else number[i, k]
             share = 1.0
             if what == 0:
-                gap, n0, n1, n2 = fruit_gap(x0, x1, x2, radius, at, cup)
-                if upper[i] < 1.0:
-                    y0, y1, y2 = place(root, axes, shape, u, i, length[i] - up[i], upper[i])
-                    over, m0, m1, m2 = fruit_gap(y0, y1, y2, radius, at, cup)
-                    if over < gap:
-                        gap, n0, n1, n2, share = over, m0, m1, m2, upper[i]
+                gap, n0, n1, n2, share = _on_cup(
+                    root, axes, shape, length, upper, u, up, center, i, radius, at, cup
+                )
             elif what <= others:
                 gap, n0, n1, n2, share = between(
                     root, axes, shape, length, radii, thickness, upper, u, up, center, resting,
@@ -120,13 +117,9 @@ def relax(
                 if resting[i] and p > 0:
                     continue
                 wall = firm[i, what - others - 1]
-                gap, n0, n1, n2 = distance_and_gradient(solid, wall, x0, x1, x2)
-                if upper[i] < 1.0:
-                    y0, y1, y2 = place(root, axes, shape, u, i, length[i] - up[i], upper[i])
-                    over, m0, m1, m2 = distance_and_gradient(solid, wall, y0, y1, y2)
-                    if over < gap:
-                        gap, n0, n1, n2, share = over, m0, m1, m2, upper[i]
-                gap -= radius
+                gap, n0, n1, n2, share = _on_wall(
+                    root, axes, shape, length, upper, u, up, center, i, radius, solid, wall
+                )
             else:
                 share = shares[i, k]
                 if look:
@@ -178,17 +171,13 @@ def relax(
             if what == 0:
                 pressed[i] = hard
                 if earlier[i] != 0.0:
-                    z0, z1, z2 = x0 - began[i, 0], x1 - began[i, 1], x2 - began[i, 2]
-                    if share < 1.0:  # the upper ball began as far from the lower one as it was
-                        a0, a1, a2 = place(root, axes, shape, before, i, length[i] - up[i], share)
-                        b0, b1, b2 = place(root, axes, shape, before, i, length[i] - up[i], 1.0)
-                        z0, z1, z2 = (
-                            y0 - began[i, 0] - a0 + b0, y1 - began[i, 1] - a1 + b1,
-                            y2 - began[i, 2] - a2 + b2,
-                        )  # fmt: skip
+                    slip = _slip_on_cup(
+                        root, axes, shape, length, u, before, up, center, began, i, share
+                    )
                     _rub(
-                        axes, shape, shortening, u, i, share, z0 - shift.x, z1 - shift.y,
-                        z2 - shift.z, n0, n1, n2, RUBBING * earlier[i], j, v, gradient, inverse,
+                        axes, shape, shortening, u, i, share, slip[0] - shift.x, slip[1] - shift.y,
+                        slip[2] - shift.z, n0, n1, n2, RUBBING * earlier[i], j, v, gradient,
+                        inverse,
                     )  # fmt: skip
         forces[p, i] = largest
         stem_forces[p, i] = math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
@@ -198,6 +187,60 @@ def relax(
             y0, y1, y2 = place(root, axes, shape, u, i, length[i] - up[i], 1.0)
             center[i, 0], center[i, 1], center[i, 2] = y0, y1, y2
     return moved, woken
+
+
+@inlined
+def _on_cup(
+    root: FloatArray, axes: FloatArray, shape: FloatArray, length: FloatArray, upper: FloatArray,
+    u: FloatArray, up: FloatArray, center: FloatArray, i: int, radius: float, at: MouthPose,
+    cup: Mouth,
+) -> tuple[float, float, float, float, float]:  # fmt: skip
+    """Gap of fruit i to the cup, the direction it is pushed in, and the share of its stem."""
+    gap, n0, n1, n2 = fruit_gap(center[i, 0], center[i, 1], center[i, 2], radius, at, cup)
+    if upper[i] < 1.0:
+        x, y, z = place(root, axes, shape, u, i, length[i] - up[i], upper[i])
+        over, m0, m1, m2 = fruit_gap(x, y, z, radius, at, cup)
+        if over < gap:
+            return over, m0, m1, m2, upper[i]
+    return gap, n0, n1, n2, 1.0
+
+
+@inlined
+def _on_wall(
+    root: FloatArray, axes: FloatArray, shape: FloatArray, length: FloatArray, upper: FloatArray,
+    u: FloatArray, up: FloatArray, center: FloatArray, i: int, radius: float, solid: Obstacles,
+    wall: int,
+) -> tuple[float, float, float, float, float]:  # fmt: skip
+    """:func:`_on_cup` for a static object."""
+    gap, n0, n1, n2 = distance_and_gradient(
+        solid, wall, center[i, 0], center[i, 1], center[i, 2]
+    )  # fmt: skip
+    if upper[i] < 1.0:
+        x, y, z = place(root, axes, shape, u, i, length[i] - up[i], upper[i])
+        over, m0, m1, m2 = distance_and_gradient(solid, wall, x, y, z)
+        if over < gap:
+            return over - radius, m0, m1, m2, upper[i]
+    return gap - radius, n0, n1, n2, 1.0
+
+
+@inner
+def _slip_on_cup(
+    root: FloatArray, axes: FloatArray, shape: FloatArray, length: FloatArray, u: FloatArray,
+    before: FloatArray, up: FloatArray, center: FloatArray, began: FloatArray, i: int, share: float,
+) -> tuple[float, float, float]:  # fmt: skip
+    """How far a ball of fruit i has moved in this step [m]: the lower one, or that at ``share``.
+
+    The upper ball began as far from the lower one as it was.
+    """
+    x, y, z = center[i, 0] - began[i, 0], center[i, 1] - began[i, 1], center[i, 2] - began[i, 2]
+    if share < 1.0:
+        chord = length[i] - up[i]
+        for sign, at, deflections in (
+            (1.0, share, u), (-1.0, 1.0, u), (-1.0, share, before), (1.0, 1.0, before)
+        ):  # fmt: skip
+            a, b, c = place(root, axes, shape, deflections, i, chord, at)
+            x, y, z = x + sign * a, y + sign * b, z + sign * c
+    return x, y, z
 
 
 @inner

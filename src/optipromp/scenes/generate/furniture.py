@@ -24,11 +24,11 @@ THICK = 0.02  # [m] of boards and walls
 CLEARANCE = 0.01  # [m] of the body spheres from what stands there, at start and goal
 TILT = 0.35  # [rad] of the hand, at most, from the family's way of reaching
 NEAR_HOME = 0.3  # [rad] of a start's joints from home, at most
-APART = 1.0  # [rad] between start and goal, at least, as a norm
-TRIES = 40  # poses of the hand tried before the furniture is sampled again
-STARTS = 16  # of the inverse kinematics of a pose
+FAR_ENOUGH = 1.0  # [rad] between start and goal, at least, as a norm
+POSES = 40  # poses of the hand tried before the furniture is sampled again
+IK_STARTS = 16  # of the inverse kinematics of a pose
 
-DOWN, AHEAD = np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])
+DOWN, LEVEL = np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ def sample(preset: Furniture, name: str, rng: np.random.Generator) -> Scene:
     start = _near_home(scene, robot, rng)
     if rng.random() < 0.5:
         start = _reaching(scene, robot, places, rng)
-    if np.linalg.norm(goal - start) < APART:
+    if np.linalg.norm(goal - start) < FAR_ENOUGH:
         raise OverlapError("start beside the goal")
     return Scene(
         name=name, robot="panda", tool=scene.tool, start=start, objects=scene.objects,
@@ -71,7 +71,7 @@ def sample(preset: Furniture, name: str, rng: np.random.Generator) -> Scene:
 
 
 def _near_home(scene: Scene, robot: Robot, rng: np.random.Generator) -> FloatArray:
-    q = robot.home + rng.uniform(-NEAR_HOME, NEAR_HOME, (TRIES, robot.n_joints))
+    q = robot.home + rng.uniform(-NEAR_HOME, NEAR_HOME, (POSES, robot.n_joints))
     found = np.flatnonzero(free(scene, robot, np.clip(q, robot.lower, robot.upper), CLEARANCE))
     if not len(found):
         raise OverlapError("no free start near home")
@@ -82,12 +82,12 @@ def _reaching(
     scene: Scene, robot: Robot, places: list[Place], rng: np.random.Generator
 ) -> FloatArray:
     """A free configuration (n,) with the hand in one of the places."""
-    for _ in range(TRIES):
+    for _ in range(POSES):
         place = places[int(rng.integers(len(places)))]
         axis = place.along + np.tan(TILT) * rng.uniform(-1.0, 1.0, 3)
         axis /= np.linalg.norm(axis)
         point, seed = rng.uniform(place.low, place.high), int(rng.integers(2**31))
-        found = ik.solve(robot, point, axis, starts=STARTS, seed=seed).joints
+        found = ik.solve(robot, point, axis, starts=IK_STARTS, seed=seed).joints
         if not len(found):
             continue
         q = np.array(found[int(rng.integers(len(found)))])
@@ -127,7 +127,7 @@ def _bookshelf(rng: np.random.Generator) -> tuple[list[SceneObject], list[Place]
             Place(
                 np.array([front + 0.05, middle - 0.35 * wide, floor + 0.08]),
                 np.array([front + 0.6 * depth, middle + 0.35 * wide, floor + tall - 0.10]),
-                AHEAD,
+                LEVEL,
             )
         )
     return objects, places
@@ -173,7 +173,7 @@ def _cage(rng: np.random.Generator) -> tuple[list[SceneObject], list[Place]]:
         objects.append(SceneObject(f"bar-{k}", "static", bar, place))
     reach = np.array([0.3 * edge, 0.3 * edge])
     low, high = at + [*-reach, 0.10], at + [*reach, height - 0.10]
-    return objects, [Place(low, high, AHEAD)]
+    return objects, [Place(low, high, LEVEL)]
 
 
 def _table(rng: np.random.Generator, height: float) -> list[SceneObject]:
@@ -209,7 +209,7 @@ def _under_table(rng: np.random.Generator) -> tuple[list[SceneObject], list[Plac
     """A goal under the table's top."""
     height = float(rng.uniform(0.40, 0.60))
     low = np.array([0.42, -0.30, height - 0.30])
-    return _table(rng, height), [Place(low, np.array([0.70, 0.30, height - 0.10]), AHEAD)]
+    return _table(rng, height), [Place(low, np.array([0.70, 0.30, height - 0.10]), LEVEL)]
 
 
 FAMILIES: dict[Furniture, Sampler] = {

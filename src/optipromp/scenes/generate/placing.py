@@ -22,10 +22,10 @@ from optipromp.scenes.generate import bunches
 from optipromp.scenes.pose import Pose
 from optipromp.scenes.scene import Scene, ToolSpec
 
-STEP = 0.1  # [m] chosen: between places tried for the base
+GRID = 0.1  # [m] chosen: between places tried for the base
 NEAREST, BEYOND = 0.2, 0.3  # [m] chosen: from the base's axis to the way; arm's length and tool
 YAWS = (0.0, 0.5 * np.pi, -0.5 * np.pi, np.pi)  # [rad] tried, the first that is best
-STARTS, BRANCHES = 24, 4  # of inverse kinematics; solutions followed at each place
+BEGINNINGS, BRANCHES = 24, 4  # of inverse kinematics; solutions followed at each place
 MARGIN, ROOM, RATE = 0.3, 0.05, 0.2  # [rad or m], [m], [m/rad] chosen: as good as one another
 LOW = bunches.BEFORE[1] + bunches.FRUIT_RADII[1]  # [m] of the lowest pushable below the target
 BESIDE = 0.1  # [m] from the tool's axis, chosen: where pushables hang, and are pushed to
@@ -76,7 +76,7 @@ def _placed(arm: Robot, length: float) -> Placement:
 def place(robot: Robot, way: FloatArray, axis: FloatArray) -> Placement:
     """The place from which a robot's tool can go along ``way``.
 
-    Places on a grid of :data:`STEP` about the base, and the branches of inverse kinematics there,
+    Places on a grid of :data:`GRID` about the base, and the branches of inverse kinematics there,
     are ranked by :func:`spare`.
 
     Args:
@@ -90,7 +90,7 @@ def place(robot: Robot, way: FloatArray, axis: FloatArray) -> Placement:
     middle = 0.5 * (way.min(axis=0) + way.max(axis=0))
     far = float(np.linalg.norm(robot.kinematics.translation, axis=1).sum()) + BEYOND
     best, found = -np.inf, None
-    radii, heights = np.arange(NEAREST, far, STEP), np.arange(-far, far, STEP)
+    radii, heights = np.arange(NEAREST, far, GRID), np.arange(-far, far, GRID)
     for yaw, radius, height in itertools.product(YAWS, radii, heights):
         if np.hypot(radius, height) > far:
             continue
@@ -98,7 +98,7 @@ def place(robot: Robot, way: FloatArray, axis: FloatArray) -> Placement:
         centre = np.array([radius * np.cos(yaw), radius * np.sin(yaw), height])
         pose = Pose(centre - turn @ middle, turn.orientation)
         line, axes = pose @ way, np.tile(turn @ axis, (len(way), 1))
-        for begin in ik.solve(robot, line[0], axes[0], starts=STARTS).joints[:BRANCHES]:
+        for begin in ik.solve(robot, line[0], axes[0], starts=BEGINNINGS).joints[:BRANCHES]:
             q, errors = ik.track(robot, line, axes, _unwound(robot, begin))
             if errors.max() < MISS and (score := spare(robot, q)) > best:
                 best, found = score, Placement(pose, frozen(q[0]), lowest(robot, q))
