@@ -80,8 +80,8 @@ def _placed(arm: Robot, length: float) -> Standpoint:
 def place(robot: Robot, way: FloatArray, axis: FloatArray) -> Standpoint:
     """The place from which a robot's tool can go along ``way``.
 
-    Places on a grid of :data:`PLACES_APART` about the base, and the branches of inverse kinematics there,
-    are ranked by :func:`spare`.
+    Places on a grid of :data:`PLACES_APART` about the base, and the branches of inverse kinematics
+    there, are ranked by :func:`spare`.
 
     Args:
         robot: with its tool.
