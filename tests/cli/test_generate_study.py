@@ -1,4 +1,5 @@
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -102,3 +103,24 @@ def test_scenes_of_another_robot_and_a_plan_with_it(tmp_path: Path) -> None:
     assert json.loads(RUN.invoke(app, wrong).stdout)["status"] == "START_INVALID"
     wrong = ["plan", str(out / "cluster-0.yaml"), "--tip", "l9", "--json"]
     assert "l9" in json.loads(RUN.invoke(app, wrong).stdout)["message"]
+
+
+@pytest.mark.filterwarnings("ignore:no built-in demonstrations")
+def test_the_ten_minutes_of_add_a_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The steps of docs/add-a-robot.md: what the page says to type works for an arm never seen."""
+    pytest.importorskip("mujoco")
+    page = Path(__file__).resolve().parents[2] / "docs/add-a-robot.md"
+    section = page.read_text().split("## In ten minutes")[1].split("## ")[0]
+    commands = [" ".join(words.split()) for words in re.findall(r"`optipromp ([^`]*)`", section)]
+    assert [words.split()[0] for words in commands] == [
+        "check", "generate", "plan", "simulate", "study",
+    ]  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my-arm.urdf").write_text(six())
+    for words in commands:
+        quick = words.replace("--count 10", "--count 2").replace("--seeds 0:50", "--seeds 0:1")
+        result = RUN.invoke(app, quick.replace(" --video", "").split())
+        assert result.exit_code == 0, f"{words}: {result.output}"
+    assert (tmp_path / "look/cover.png").is_file()
+    assert (tmp_path / "plans/cluster-0/outcome.json").is_file()
+    assert (tmp_path / "study/rows.csv").is_file()

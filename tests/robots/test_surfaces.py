@@ -8,10 +8,10 @@ import pytest
 
 from optipromp.arrays import rotation
 from optipromp.robots import load_robot
-from optipromp.robots.surfaces import NEAR, Neighbourhood, of_box, of_rod, surface
+from optipromp.robots.surfaces import TOUCHING, Neighbourhood, of_box, of_rod, surface
 
 
-@pytest.mark.parametrize("gap", [0.0, 0.002, 0.5 * NEAR])
+@pytest.mark.parametrize("gap", [0.0, 0.002, 0.5 * TOUCHING])
 def test_what_touches_is_found_at_any_turn(gap: float) -> None:
     """Two boxes, a corner of one at ``gap`` from a face of the other."""
     near, box = Neighbourhood(of_box(np.array([0.2, 0.3, 0.1]))), of_box(np.full(3, 0.06))
@@ -22,7 +22,7 @@ def test_what_touches_is_found_at_any_turn(gap: float) -> None:
         lowest = float((box @ turn.T)[:, 2].min())
         at = np.array([*rng.uniform(-0.05, 0.05, 2), 0.05 - lowest + max(gap - 0.003, 0.0)])
         assert near.touched(box, turn[None], at[None])[0]
-        assert not near.touched(box, turn[None], at[None] + [0.0, 0.0, 2.0 * NEAR])[0]
+        assert not near.touched(box, turn[None], at[None] + [0.0, 0.0, 2.0 * TOUCHING])[0]
 
 
 def test_rods_and_triangles() -> None:
@@ -36,7 +36,7 @@ def test_rods_and_triangles() -> None:
     triangle = np.array([[[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]]])
     cells = surface(triangle)
     inside = np.random.default_rng(1).dirichlet([1.0, 1.0, 1.0], 500) @ triangle[0]
-    assert np.linalg.norm(inside[:, None] - cells, axis=2).min(axis=1).max() < 0.5 * NEAR
+    assert np.linalg.norm(inside[:, None] - cells, axis=2).min(axis=1).max() < 0.5 * TOUCHING
 
 
 def test_links_whose_covers_alone_touch(

@@ -1,7 +1,7 @@
 """Robots: description files, kinematics, body spheres, tools."""
 
 from optipromp.robots.grippers import FingerGripper, Scissor
-from optipromp.robots.library import load_robot, robot_names
+from optipromp.robots.library import Choice, load_robot, robot_names
 from optipromp.robots.mesh_tool import MeshTool
 from optipromp.robots.model import BodySpheres, Robot
 from optipromp.robots.tool_geometry import cover_solids, solids_inertia
@@ -10,6 +10,7 @@ from optipromp.robots.tools import Cup, FrankaHand, with_tool, without_tool
 
 __all__ = [
     "BodySpheres",
+    "Choice",
     "Cup",
     "FingerGripper",
     "FrankaHand",

@@ -4,9 +4,9 @@ import numpy as np
 
 from optipromp.arrays import BoolArray, FloatArray
 
-CELL = 0.003  # [m] chosen: edge of the cells of a surface
-STEP = 0.7  # [cells] longest side of the pieces whose corners mark cells
-NEAR = CELL * (1.5 * np.sqrt(3.0) + 2.0 * STEP / np.sqrt(3.0))
+SURFACE_CELL = 0.003  # [m] chosen: edge of the cells of a surface
+PIECE = 0.7  # [cells] longest side of the pieces whose corners mark cells
+TOUCHING = SURFACE_CELL * (1.5 * np.sqrt(3.0) + 2.0 * PIECE / np.sqrt(3.0))
 """Surfaces that touch have cells whose middles are no farther apart than this [m]: of either, half
 a diagonal from a corner that marks it, and that corner within its piece of the contact. Another
 half is because the other's middle is rounded to a cell."""
@@ -16,17 +16,17 @@ def surface(triangles: FloatArray) -> FloatArray:
     """The middles (k, 3) of the cells that triangles (f, 3, 3) pass through [m]."""
     from optipromp.robots.fit import cut  # with SciPy's image functions, which load slowly
 
-    corners = cut(triangles, STEP * CELL).reshape(-1, 3)
+    corners = cut(triangles, PIECE * SURFACE_CELL).reshape(-1, 3)
     low = corners.min(axis=0)
-    cells = np.floor((corners - low) / CELL).astype(np.int64)
+    cells = np.floor((corners - low) / SURFACE_CELL).astype(np.int64)
     shape = tuple(cells.max(axis=0) + 1)
     codes = np.unique(np.ravel_multi_index(tuple(cells.T), shape))
-    return np.asarray(low + (np.column_stack(np.unravel_index(codes, shape)) + 0.5) * CELL)
+    return np.asarray(low + (np.column_stack(np.unravel_index(codes, shape)) + 0.5) * SURFACE_CELL)
 
 
 def of_box(size: FloatArray) -> FloatArray:
-    """Points (k, 3) of the surface of a box of full sizes (3,), at most :data:`CELL` apart."""
-    ticks = [np.linspace(-0.5 * s, 0.5 * s, int(np.ceil(s / CELL)) + 1) for s in size]
+    """Points (k, 3) of the surface of a box of sizes (3,), :data:`SURFACE_CELL` apart at most."""
+    ticks = [np.linspace(-0.5 * s, 0.5 * s, int(np.ceil(s / SURFACE_CELL)) + 1) for s in size]
     faces = []
     for axis in range(3):
         for end in (0, -1):
@@ -37,28 +37,30 @@ def of_box(size: FloatArray) -> FloatArray:
 
 def of_rod(radius: float, length: float, round_ends: float) -> FloatArray:
     """The same of a cylinder along z; its ends bulge by ``round_ends``: 0, or the radius."""
-    bend = np.linspace(0.0, 0.5 * np.pi, int(np.ceil(1.6 * radius / CELL)) + 2)
+    bend = np.linspace(0.0, 0.5 * np.pi, int(np.ceil(1.6 * radius / SURFACE_CELL)) + 2)
     end = np.column_stack([radius * np.sin(bend), 0.5 * length + round_ends * np.cos(bend)])
-    side = np.linspace(-0.5, 0.5, int(np.ceil(length / CELL)) + 1) * length
+    side = np.linspace(-0.5, 0.5, int(np.ceil(length / SURFACE_CELL)) + 1) * length
     along = np.column_stack([np.full(len(side), radius), side])
     rings = []
     for r, z in np.concatenate([end, along, end * [1.0, -1.0]]):
-        turn = np.linspace(0.0, 2.0 * np.pi, int(np.ceil(2.0 * np.pi * r / CELL)) + 1)
+        turn = np.linspace(0.0, 2.0 * np.pi, int(np.ceil(2.0 * np.pi * r / SURFACE_CELL)) + 1)
         rings.append(np.column_stack([r * np.cos(turn), r * np.sin(turn), np.full(len(turn), z)]))
     return np.concatenate(rings)
 
 
 class Neighbourhood:
-    """The cells as near as :data:`NEAR` to a surface (k, 3), in the frame of its link's segment."""
+    """The cells within :data:`TOUCHING` of a surface (k, 3), in the frame of its segment."""
 
     def __init__(self, points: FloatArray) -> None:
         from scipy.ndimage import distance_transform_edt
 
-        self.low = points.min(axis=0) - 1.5 * NEAR
-        size = np.ceil((points.max(axis=0) + 1.5 * NEAR - self.low) / CELL).astype(np.int64)
+        self.low = points.min(axis=0) - 1.5 * TOUCHING
+        size = np.ceil((points.max(axis=0) + 1.5 * TOUCHING - self.low) / SURFACE_CELL).astype(
+            np.int64
+        )
         away = np.ones(tuple(size), dtype=bool)
-        away[tuple(np.floor((points - self.low) / CELL).astype(np.int64).T)] = False
-        self.cells = CELL * distance_transform_edt(away) <= NEAR
+        away[tuple(np.floor((points - self.low) / SURFACE_CELL).astype(np.int64).T)] = False
+        self.cells = SURFACE_CELL * distance_transform_edt(away) <= TOUCHING
         self.last = size - 1
 
     def touched(self, points: FloatArray, turns: FloatArray, shifts: FloatArray) -> BoolArray:
@@ -68,7 +70,7 @@ class Neighbourhood:
         """
         out = np.zeros(len(shifts), dtype=bool)
         for k, (turn, shift) in enumerate(zip(turns, shifts, strict=True)):
-            cells = np.floor((points @ turn.T + (shift - self.low)) / CELL).astype(np.int64)
+            cells = np.floor((points @ turn.T + (shift - self.low)) / SURFACE_CELL).astype(np.int64)
             inside = cells[((cells >= 0) & (cells <= self.last)).all(axis=1)]
             out[k] = self.cells[tuple(inside.T)].any()
         return out

@@ -22,11 +22,15 @@ from optipromp.scenes.generate import bunches
 from optipromp.scenes.pose import Pose
 from optipromp.scenes.scene import Scene, ToolSpec
 
-GRID = 0.1  # [m] chosen: between places tried for the base
+PLACES_APART = 0.1  # [m] chosen: between places tried for the base
 NEAREST, BEYOND = 0.2, 0.3  # [m] chosen: from the base's axis to the way; arm's length and tool
 YAWS = (0.0, 0.5 * np.pi, -0.5 * np.pi, np.pi)  # [rad] tried, the first that is best
-BEGINNINGS, BRANCHES = 24, 4  # of inverse kinematics; solutions followed at each place
-MARGIN, ROOM, RATE = 0.3, 0.05, 0.2  # [rad or m], [m], [m/rad] chosen: as good as one another
+IK_STARTS, BRANCHES = 24, 4  # of inverse kinematics; solutions followed at each place
+MARGIN, ROOM, SPEED_RATIO = (
+    0.3,
+    0.05,
+    0.2,
+)  # [rad or m], [m], [m/rad] chosen: as good as one another
 LOW = bunches.BEFORE[1] + bunches.FRUIT_RADII[1]  # [m] of the lowest pushable below the target
 BESIDE = 0.1  # [m] from the tool's axis, chosen: where pushables hang, and are pushed to
 NECKS = 0.005  # [m] steps in the length of a cup's neck
@@ -34,7 +38,7 @@ MISS = 1e-4  # [m] an error of inverse kinematics above it is a miss
 
 
 @dataclass(frozen=True, eq=False)
-class Placement:
+class Standpoint:
     """``pose``: of the preset's base in the robot's base frame; ``start`` (n,) of its motions.
 
     ``low`` [m]: how far the links but the last stay below the tool point, beside the tool.
@@ -56,7 +60,7 @@ def at_robot(scene: Scene, robot: str | Path, choice: Choice) -> Scene:
 
 
 @functools.lru_cache(maxsize=16)
-def _with_cup(arm: Robot) -> tuple[Placement, float]:
+def _with_cup(arm: Robot) -> tuple[Standpoint, float]:
     """The placement of an arm, and the length of the cup's neck that it needs [m].
 
     The neck is so long that the links but the last stay below the lowest pushable.
@@ -68,16 +72,16 @@ def _with_cup(arm: Robot) -> tuple[Placement, float]:
     return placed, round(length, 3)
 
 
-def _placed(arm: Robot, length: float) -> Placement:
+def _placed(arm: Robot, length: float) -> Standpoint:
     cup = make_tool("cup", {"radius": bunches.GRIPPER_RADIUS[1], "height": 0.05, "length": length})
     return place(with_tool(arm, cup), bunches.way(), np.array([0.0, 0.0, 1.0]))
 
 
-def place(robot: Robot, way: FloatArray, axis: FloatArray) -> Placement:
+def place(robot: Robot, way: FloatArray, axis: FloatArray) -> Standpoint:
     """The place from which a robot's tool can go along ``way``.
 
-    Places on a grid of :data:`GRID` about the base, and the branches of inverse kinematics there,
-    are ranked by :func:`spare`.
+    Places on a grid of :data:`PLACES_APART` about the base, and the branches of inverse kinematics
+    there, are ranked by :func:`spare`.
 
     Args:
         robot: with its tool.
@@ -90,7 +94,7 @@ def place(robot: Robot, way: FloatArray, axis: FloatArray) -> Placement:
     middle = 0.5 * (way.min(axis=0) + way.max(axis=0))
     far = float(np.linalg.norm(robot.kinematics.translation, axis=1).sum()) + BEYOND
     best, found = -np.inf, None
-    radii, heights = np.arange(NEAREST, far, GRID), np.arange(-far, far, GRID)
+    radii, heights = np.arange(NEAREST, far, PLACES_APART), np.arange(-far, far, PLACES_APART)
     for yaw, radius, height in itertools.product(YAWS, radii, heights):
         if np.hypot(radius, height) > far:
             continue
@@ -98,10 +102,10 @@ def place(robot: Robot, way: FloatArray, axis: FloatArray) -> Placement:
         centre = np.array([radius * np.cos(yaw), radius * np.sin(yaw), height])
         pose = Pose(centre - turn @ middle, turn.orientation)
         line, axes = pose @ way, np.tile(turn @ axis, (len(way), 1))
-        for begin in ik.solve(robot, line[0], axes[0], starts=BEGINNINGS).joints[:BRANCHES]:
+        for begin in ik.solve(robot, line[0], axes[0], starts=IK_STARTS).joints[:BRANCHES]:
             q, errors = ik.track(robot, line, axes, _unwound(robot, begin))
             if errors.max() < MISS and (score := spare(robot, q)) > best:
-                best, found = score, Placement(pose, frozen(q[0]), lowest(robot, q))
+                best, found = score, Standpoint(pose, frozen(q[0]), lowest(robot, q))
     if found is None:
         raise InvalidRequestError(f"{robot.name}: no place of its base lets it reach the scenes")
     return found
@@ -132,7 +136,7 @@ def spare(robot: Robot, q: FloatArray) -> float:
     """The least room of configurations (m, n), of four kinds.
 
     To the limits, between links, to singularities, and of the arm below the tool: each over what is
-    as good of it, :data:`MARGIN`, ROOM, RATE and LOW.
+    as good of it, :data:`MARGIN`, ROOM, SPEED_RATIO and LOW.
     """
     margin = float(np.minimum(q - robot.lower, robot.upper - q).min())
     jp, ja = robot.tool_jacobian(q)
@@ -143,4 +147,4 @@ def spare(robot: Robot, q: FloatArray) -> float:
         i, j = robot.self_pairs.T
         gap = np.linalg.norm(centers[:, i] - centers[:, j], axis=2) - radius[i] - radius[j]
         room = float(gap.min())
-    return min(margin / MARGIN, room / ROOM, rate / RATE, lowest(robot, q) / LOW)
+    return min(margin / MARGIN, room / ROOM, rate / SPEED_RATIO, lowest(robot, q) / LOW)
