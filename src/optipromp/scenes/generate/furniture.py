@@ -26,7 +26,7 @@ TILT = 0.35  # [rad] of the hand, at most, from the family's way of reaching
 NEAR_HOME = 0.3  # [rad] of a start's joints from home, at most
 FAR_ENOUGH = 1.0  # [rad] between start and goal, at least, as a norm
 POSES = 40  # poses of the hand tried before the furniture is sampled again
-IK_STARTS = 16  # of the inverse kinematics of a pose
+POSE_STARTS = 16  # of the inverse kinematics of a pose
 
 DOWN, LEVEL = np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])
 
@@ -87,7 +87,7 @@ def _reaching(
         axis = place.along + np.tan(TILT) * rng.uniform(-1.0, 1.0, 3)
         axis /= np.linalg.norm(axis)
         point, seed = rng.uniform(place.low, place.high), int(rng.integers(2**31))
-        found = ik.solve(robot, point, axis, starts=IK_STARTS, seed=seed).joints
+        found = ik.solve(robot, point, axis, starts=POSE_STARTS, seed=seed).joints
         if not len(found):
             continue
         q = np.array(found[int(rng.integers(len(found)))])
