@@ -15,6 +15,7 @@ from tests.page.conftest import Opened
 
 from optipromp.output import load_plan, write_plan
 from optipromp.page import arrange
+from optipromp.page.look import look
 from optipromp.page.sources import Source, open_source
 from optipromp.planning import plan
 from optipromp.promp import ProMP, load_demonstrations
@@ -52,44 +53,49 @@ def test_page_shows_the_plan_that_the_library_makes(opened: Opened) -> None:
     for name in ("initial bundle/tube", "candidate paths/all", "trajectories/optimised",
                  "passing sides/all"):  # fmt: skip
         assert node(opened, name).visible, name
-    assert [chart.title.split(" [")[0] for chart, _ in opened.panel.charts] == [
+    assert [chart.title.split(" [")[0] for chart, _ in opened.panel.plots.charts] == [
         "joints", "joint speeds", "tool speed", "clearances", "costs, joint",
     ]  # fmt: skip
     assert opened.errors == []
 
 
+def by_hand(opened: Opened, point, path: int, done) -> None:
+    """Press the mouse at a point (3,), move it down by ``path`` pixels, let go; until ``done``.
+
+    A browser that draws one picture a second misses quick movements: each try is slower.
+    """
+    for k in range(6):
+        pause = 150.0 * 2**k
+        opened.do(lambda: look(opened.window.client.camera, opened.window.original))
+        opened.tab.wait_for_timeout(pause)
+        x, y = on_screen(opened, point)
+        opened.tab.mouse.move(x, y)
+        opened.tab.wait_for_timeout(pause)
+        opened.tab.mouse.down()
+        for step in range(5 if path else 0):
+            opened.tab.mouse.move(x, y + path * (step + 1) / 5)
+            opened.tab.wait_for_timeout(0.5 * pause)
+        opened.tab.mouse.up()
+        opened.tab.wait_for_timeout(2.0 * pause)
+        opened.settle()
+        if done():
+            return
+    pytest.fail("the mouse does nothing")
+
+
 def test_a_fruit_is_clicked_and_dragged_with_the_mouse(opened: Opened) -> None:
-    before = load_scene("scenario-3")
-    fruit = before.target.position
-    opened.tab.mouse.click(*on_screen(opened, fruit))
-    opened.until(lambda: opened.window.selected is not None, "the click selects nothing")
-    assert opened.window.selected.ids == ("ripe",)
-    opened.do(lambda: opened.window.select("n1"))
-    opened.tab.wait_for_timeout(1000)
-    was = arrange.place(before, opened.window.selected)
-    x, y = on_screen(opened, was + [0.0, 0.0, 0.06])  # on the handle's upright arrow
-    opened.tab.mouse.move(x, y)
-    opened.tab.wait_for_timeout(800)
-    opened.tab.mouse.down()
-    for k in range(5):
-        opened.tab.mouse.move(x, y + 6 * k)
-        opened.tab.wait_for_timeout(150)
-    opened.tab.mouse.up()
-    opened.until(
-        lambda: (
-            "details" not in opened.window.worker._jobs
-            and not np.allclose(arrange.place(opened.window.scene, opened.window.selected), was)
-        ),
-        "the drag moves nothing",
-    )
-    opened.settle()
-    opened.told("after the drag")
-    now = arrange.place(opened.window.scene, opened.window.selected)
-    assert now[2] < was[2] - 0.005
+    window = opened.window
+    by_hand(opened, window.scene.target.position, 0, lambda: window.selected is not None)
+    assert window.selected.ids == ("ripe",)
+    opened.do(lambda: window.select("n1"))
+    was = window.scene.pushables[0].position
+    arrow = was + [0.0, 0.0, 0.06]  # on the handle's upright arrow
+    by_hand(opened, arrow, 30, lambda: window.scene.pushables[0].position[2] < was[2] - 0.005)
+    now = window.scene.pushables[0].position
     assert np.allclose(now[:2], was[:2], atol=1e-6)
-    made = plan(opened.window.scene)
-    assert np.array_equal(opened.window.plan.trajectory.positions, made.trajectory.positions)
-    opened.do(opened.window.reset)
+    opened.told("after the drag")
+    assert np.array_equal(window.plan.trajectory.positions, plan(window.scene).trajectory.positions)
+    opened.do(window.reset)
 
 
 def test_while_dragging_the_plan_follows_and_release_plans_in_full(opened: Opened) -> None:
@@ -163,7 +169,7 @@ def test_play_runs_to_the_end_and_a_step_is_a_step(opened: Opened) -> None:
     assert np.allclose(at, window.plan.robot.segment_frames(q)[0][-1], atol=1e-6)
     opened.press("◀ step")
     assert window.now == pytest.approx(window.duration - 0.02)
-    needle = opened.panel.charts[0][1].data
+    needle = opened.panel.plots.charts[0][1].data
     at = needle[0][np.argmax(needle[-1])]
     assert at == pytest.approx(window.now)
 

@@ -22,10 +22,11 @@ _ARROW = {"shaft_radius": 0.0025, "head_radius": 0.006, "head_length": 0.014}  #
 _FORCE = 0.02  # [m/N] length of a force's arrow
 _SIDE, _PUSH = (32, 90, 167), (200, 50, 43)
 
-LAYERS = (
+PLANNED = (
     "initial bundle", "candidate paths", "trajectories", "passing sides", "pushed objects",
-    "body spheres", "conditioned on",
+    "conditioned on",
 )  # fmt: skip
+LAYERS = (*PLANNED, "body spheres")
 
 
 class Stage(Nodes):
@@ -36,6 +37,7 @@ class Stage(Nodes):
         self.near: Clearances | None = None
         self._shown: dict[str, Any] = {}
         self._hidden = {"body spheres"}
+        self._muted = False
 
     def clear(self) -> None:
         """Remove every node."""
@@ -63,21 +65,26 @@ class Stage(Nodes):
     def layer(self, name: str, shown: bool) -> None:
         """Show or hide a layer of :data:`LAYERS`."""
         (self._hidden.discard if shown else self._hidden.add)(name)
-        if name == "body spheres" and self.robot is not None:
-            self._balls().visible = shown
-        for key, node in self._shown.items():
-            if key.partition("|")[0] == name:
-                node.visible = shown
+        if name == "body spheres" and shown and self.robot is not None:
+            self._balls()
+        self._refresh()
+
+    def mute(self, muted: bool) -> None:
+        """Hide all layers of a plan, or show again those that are not hidden."""
+        self._muted = muted
+        self._refresh()
 
     def visible(self, name: str) -> bool:
         """Whether a layer is shown."""
-        return name not in self._hidden
+        return name not in self._hidden and not (self._muted and name in PLANNED)
+
+    def _refresh(self) -> None:
+        for key, node in self._shown.items():
+            node.visible = self.visible(key.partition("|")[0])
 
     def _add(self, key: str, make: Callable[..., Any], *args: Any, **options: Any) -> None:
-        visible = key.partition("|")[0] not in self._hidden
-        self._shown[key] = make(
-            f"{self.root}/{key.replace('|', '/')}", *args, visible=visible, **options
-        )
+        name, visible = f"{self.root}/{key.replace('|', '/')}", self.visible(key.partition("|")[0])
+        self._shown[key] = make(name, *args, visible=visible, **options)
 
     def drop(self, layer: str) -> None:
         """Remove what a layer holds."""
@@ -95,7 +102,7 @@ class Stage(Nodes):
             rows = np.unique(np.linspace(0, len(q) - 1, _STEP).round().astype(int))
             self._shown[f"trajectories|{name}"] = self.line(
                 f"trajectories/{name}", plan.robot.tool_pose(q[rows])[0], motion.colour,
-                _WIDTH[name], visible="trajectories" not in self._hidden,
+                _WIDTH[name], visible=self.visible("trajectories"),
             )  # fmt: skip
 
     def bundle(self, found: Bundle | None, layer: str = "initial bundle") -> None:
