@@ -9,7 +9,8 @@ from optipromp.scenes.scene import Scene
 
 UPWARDS = 0.7  # cosine; an approach steeper than that is looked at from beyond the target
 DISTANCE, FARTHER, PAIR = 0.95, 1.15, 0.7  # [m] of the camera; on a narrow screen; more for a pair
-AHEAD, ASIDE, BELOW = 0.10, 0.08, 0.40  # [m] from the target to what is looked at
+LOOK_AHEAD, LOOK_ASIDE, LOOK_BELOW = 0.10, 0.08, 0.40  # [m] from the target to what is looked at
+LOWEST = 0.15  # [m] of the camera above the base: not under the floor
 NARROW = 640  # [pixel] width of a screen on which the panel is below
 
 
@@ -31,12 +32,14 @@ def look(camera: Any, scene: Scene, beside: FloatArray | None = None) -> None:
     away = 0.8 * out + 0.5 * y - 0.12 * up if steep else -0.7 * z + 0.5 * y + 0.6 * up
     away = away / np.linalg.norm(away)
     if camera.image_width < NARROW:  # the panel covers the lower half there
-        focus, distance = middle - BELOW * up, FARTHER
+        focus, distance = middle - min(LOOK_BELOW, 0.7 * max(float(middle @ up), 0.0)) * up, FARTHER
     else:
-        focus = middle - AHEAD * z - ASIDE * np.cross(away, up)  # and the right here
+        focus = middle - LOOK_AHEAD * z - LOOK_ASIDE * np.cross(away, up)  # and the right here
         distance = DISTANCE
     if beside is not None:
         focus, distance = focus + 0.35 * beside, distance + PAIR
+    place = focus + distance * away
+    place = place + max(LOWEST - float(place @ up), 0.0) * up
     camera.up_direction = (0.0, 0.0, 1.0)
-    camera.position = scene.base @ (focus + distance * away)
+    camera.position = scene.base @ place
     camera.look_at = scene.base @ focus

@@ -14,12 +14,12 @@ from optipromp.page.content import charts
 from optipromp.page.plots import Plots
 from optipromp.page.stage import LAYERS
 from optipromp.page.table import RED, table
-from optipromp.page.tabs import Recording, Replays, Runs
+from optipromp.page.tabs import RecordTab, ReplayTab, StudyTab
 from optipromp.page.window import Window
 from optipromp.planning import PLANNERS, STRATEGIES
 
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0}
-STEP = 0.02  # [s] of a single step
+TIME_STEP = 0.02  # [s] of a single step
 NOTHING = "nothing"
 _PLAYING, _PAUSED = "pause", "play"
 _NUMBERS = {  # options shown: name -> (label, factor to the unit shown, least, most, step)
@@ -49,12 +49,12 @@ class Panel:
             with self.tabs.add_tab(label):
                 build()
         with self.tabs.add_tab("Record"):
-            self.recording = Recording(self)
+            self.recording = RecordTab(self)
         with self.tabs.add_tab("Replay"):
-            Replays(self)
+            ReplayTab(self)
         if window.source.rows:
             with self.tabs.add_tab("Study"):
-                Runs(self)
+                StudyTab(self)
         window.told.append(self._refresh)
         window.clocked.append(self._mark)
 
@@ -88,7 +88,7 @@ class Panel:
 
     def _clock(self) -> None:
         window = self.window
-        self.time = self.gui.add_slider("time [s]", 0.0, 1.0, STEP, 0.0)
+        self.time = self.gui.add_slider("time [s]", 0.0, 1.0, TIME_STEP, 0.0)
         self.on(self.time, "time", self._slid)
         self.steps = self.gui.add_button_group("", (_PAUSED, _PLAYING, "◀ step", "step ▶"))
         self.on(self.steps, "play", self._clicked)
@@ -105,7 +105,7 @@ class Panel:
             window.play(name == _PAUSED)
         else:
             window.play(False)
-            window.go(window.now + (STEP if name.startswith("step") else -STEP))
+            window.go(window.now + (TIME_STEP if name.startswith("step") else -TIME_STEP))
 
     # -- planning -------------------------------------------------------------------------------
 

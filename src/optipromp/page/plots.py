@@ -8,7 +8,7 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.page.content import Chart
 
-HEIGHT = 170  # [pixel]
+CHART_HEIGHT = 170  # [pixel]
 _NEEDLE = "#222222"
 
 
@@ -50,7 +50,7 @@ class Plots:
         series = [{"label": name, "stroke": colour, "width": 1.5, "points": {"show": False}}
                   for name, _, colour in (*chart.curves, *needle)]  # fmt: skip
         return self.gui.add_uplot(
-            columns(chart, now), ({}, *series), title=chart.title, height=HEIGHT,
+            columns(chart, now), ({}, *series), title=chart.title, height=CHART_HEIGHT,
             scales={"x": {"time": False}}, legend={"show": len(chart.curves) > 1},
         )  # fmt: skip
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.looks.part import rgb
-from optipromp.page.content import FAR, NEAR, Bundle, Clearances, between
+from optipromp.page.content import GREEN_AT, RED_AT, Bundle, Clearances, between
 from optipromp.planning import Plan
 from optipromp.robots.model import Robot
 from optipromp.viewer.drawn import PRIMITIVE, Placed, motions
@@ -16,8 +16,8 @@ from optipromp.viewer.nodes import FLAT, Nodes, tube
 
 _WIDTH = {"conditioned ProMP": 4.0, "followed path": 3.0, "optimised": 5.0}  # [pixel]
 _CANDIDATE_ROWS = 24  # points of a candidate's line
-_STEP = 60  # points of a motion's line
-_BALL = 10  # corners around a body sphere
+_LINE_POINTS = 60  # points of a motion's line
+_BALL_CORNERS = 10  # corners around a body sphere
 _ARROW = {"shaft_radius": 0.0025, "head_radius": 0.006, "head_length": 0.014}  # [m]
 _FORCE = 0.02  # [m/N] length of a force's arrow
 _SIDE, _PUSH = (32, 90, 167), (200, 50, 43)
@@ -29,7 +29,7 @@ PLANNED = (
 LAYERS = (*PLANNED, "body spheres")
 
 
-class Stage(Nodes):
+class PlanNodes(Nodes):
     """A robot, its scene and its plan in one window; nothing is shared between windows."""
 
     def __init__(self, api: Any, root: str = "a", offset: Sequence[float] = (0.0, 0.0, 0.0)):
@@ -99,7 +99,7 @@ class Stage(Nodes):
                 old.remove()
         for name, motion in found.items():
             q = motion.trajectory.positions
-            rows = np.unique(np.linspace(0, len(q) - 1, _STEP).round().astype(int))
+            rows = np.unique(np.linspace(0, len(q) - 1, _LINE_POINTS).round().astype(int))
             self._shown[f"trajectories|{name}"] = self.line(
                 f"trajectories/{name}", plan.robot.tool_pose(q[rows])[0], motion.colour,
                 _WIDTH[name], visible=self.visible("trajectories"),
@@ -158,14 +158,14 @@ class Stage(Nodes):
     def colour(self, row: int) -> None:
         """Colour the body spheres by their clearance in row ``row`` of :attr:`near`."""
         if self.near is not None and "body spheres" not in self._hidden:
-            self._balls().batched_colors = between(self.near.nearest[row], NEAR, FAR)
+            self._balls().batched_colors = between(self.near.nearest[row], RED_AT, GREEN_AT)
 
     def _balls(self) -> Any:
         assert self.robot is not None
         if "body spheres" not in self._shown:
             import trimesh
 
-            ball = trimesh.creation.uv_sphere(count=[_BALL, _BALL])
+            ball = trimesh.creation.uv_sphere(count=[_BALL_CORNERS, _BALL_CORNERS])
             radius = np.asarray(self.robot.spheres.radius)
             self._add("body spheres", self.api.add_batched_meshes_simple, ball.vertices,
                       ball.faces, np.tile([1.0, 0.0, 0.0, 0.0], (len(radius), 1)),

@@ -20,7 +20,7 @@ LEARNT = "learnt band"
 _TELL = "Drag the tool by its handle; the joints follow. Then accept or discard, save, learn."
 
 
-class Recording:
+class RecordTab:
     """Controls of a recording; the window's scene gives robot and start."""
 
     def __init__(self, panel: "Panel") -> None:
@@ -107,7 +107,7 @@ class Recording:
         self.told.content = text
 
 
-class Replays:
+class ReplayTab:
     """Controls of executed plans."""
 
     def __init__(self, panel: "Panel") -> None:
@@ -139,7 +139,7 @@ class Replays:
             self.forces.content = text
 
 
-class Runs:
+class StudyTab:
     """The runs of a study; each opens its scene as its planner perceived it."""
 
     def __init__(self, panel: "Panel") -> None:

@@ -13,9 +13,9 @@ from optipromp.arrays import FloatArray
 from optipromp.errors import OptiPrompError
 from optipromp.page import arrange, content
 from optipromp.page.look import look
-from optipromp.page.replay import APART, Replay, execute
+from optipromp.page.replay import ROLLOUTS_APART, Replay, execute
 from optipromp.page.sources import Source
-from optipromp.page.stage import Stage
+from optipromp.page.stage import PlanNodes
 from optipromp.page.worker import Worker
 from optipromp.planning import Plan, PlanOptions
 from optipromp.planning import plan as make_plan
@@ -46,12 +46,12 @@ class Window:
         self.plan: Plan | None = None
         self.now, self.speed = 0.0, 1.0
         self.selected: arrange.Grip | None = None
-        self.stage = Stage(client.scene)
+        self.stage = PlanNodes(client.scene)
         self.stage.on_click = lambda name: self.post("select", lambda: self.select(name))
         self.worker = Worker(self._tick, self._failed)
         self.near: content.Clearances | None = None
         self.chart_times: FloatArray = np.zeros(0)
-        self._pushed: content.Pushed | None = None
+        self._pushed: content.PushedPlaces | None = None
         self._gizmo: Any = None
         self.dragging: Callable[[FloatArray, str], None] | None = None
         self.since = 0.0  # of the drag that is answered next
@@ -60,7 +60,7 @@ class Window:
         self.told: list[Callable[[], None]] = []  # after a plan and all that belongs to it
         self.clocked: list[Callable[[], None]] = []  # after a change of the time
         self.replays: list[Replay] = list(source.replays)
-        self.replayed: tuple[tuple[Replay, Stage], ...] = ()
+        self.replayed: tuple[tuple[Replay, PlanNodes], ...] = ()
         self.forces = ""  # of the replay, in words
 
     def post(self, kind: str, job: Callable[[], None]) -> None:
@@ -219,12 +219,10 @@ class Window:
         self.stage.mute(bool(chosen))
         if chosen:
             scene = chosen[0].scene
-            apart = -APART * scene.frame[1]
+            apart = -ROLLOUTS_APART * scene.frame[1]
             look(self.client.camera, scene, apart if len(chosen) > 1 else None)
-            stages = [
-                self.stage,
-                *(Stage(self.client.scene, "b", scene.base.rotation @ apart) for _ in chosen[1:]),
-            ]
+            there = scene.base.rotation @ apart
+            stages = [self.stage, *(PlanNodes(self.client.scene, "b", there) for _ in chosen[1:])]
             with self.client.atomic():
                 for replay, stage in zip(chosen, stages, strict=True):
                     stage.show(replay.scene, replay.robot)
