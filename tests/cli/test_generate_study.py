@@ -3,6 +3,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.scenes.test_placing import six
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
@@ -39,7 +40,7 @@ def test_generate_refuses_an_unknown_preset(tmp_path: Path) -> None:
 
 @pytest.fixture
 def quick(monkeypatch):
-    def run_scene(preset, seed, planners, noise_position, noise_angle, version, only_valid=False):
+    def run_scene(preset, seed, planners, noise_position, noise_angle, version, *_):
         row = Row(
             preset=preset, seed=seed, planner="", noise_position=noise_position,
             noise_angle=noise_angle, pushables=1, redraws=0, plan_status="success", success=False,
@@ -85,3 +86,19 @@ def test_study_refuses_what_is_wrong_in_one_line(options, words, tmp_path: Path)
     assert result.exit_code == 2
     assert words in result.stderr
     assert "Traceback" not in result.output
+
+
+def test_scenes_of_another_robot_and_a_plan_with_it(tmp_path: Path) -> None:
+    """--robot of generate names the robot in the file; --robot of plan takes its place."""
+    (tmp_path / "six.urdf").write_text(six())
+    told = ["--robot", str(tmp_path / "six.urdf"), "--tip", "tool0", "--base", "base"]
+    out = tmp_path / "scenes"
+    result = RUN.invoke(app, ["generate", "--preset", "cluster", *told, "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    scene = load_scene(out / "cluster-0.yaml")
+    assert scene.choice.tip == "tool0"
+    assert scene.load_robot().joint_names == tuple(f"j{k}" for k in range(6))
+    wrong = ["plan", str(out / "cluster-0.yaml"), "--robot", "panda", "--json"]
+    assert json.loads(RUN.invoke(app, wrong).stdout)["status"] == "START_INVALID"
+    wrong = ["plan", str(out / "cluster-0.yaml"), "--tip", "l9", "--json"]
+    assert "l9" in json.loads(RUN.invoke(app, wrong).stdout)["message"]

@@ -37,7 +37,7 @@ def quick(monkeypatch):
     """Runs that cost nothing, and a list of the scenes that were run."""
     asked: list[tuple[str, int, tuple[str, ...]]] = []
 
-    def run_scene(preset, seed, planners, noise_position, noise_angle, version, only_valid=False):
+    def run_scene(preset, seed, planners, noise_position, noise_angle, version, *_):
         asked.append((preset, seed, tuple(planners)))
         return [
             replace(ROW, preset=preset, seed=seed, planner=planner, success=planner == "promp")

@@ -14,11 +14,15 @@ DT = 0.04  # [s]
 TARGET = np.array([0.4, 0.1, 0.9])
 
 
-def hung(*fruits: tuple[Any, Any], radius: float = 0.015) -> Stems:
-    """Fruits at places relative to the target's, on stems ``vector`` to their roots."""
+def hung(*fruits: tuple[Any, Any], radius: float = 0.015, apart: float = 0.0) -> Stems:
+    """Fruits at places relative to the target's, on stems ``vector`` to their roots.
+
+    With ``apart`` [m] they are long: capsules along their stems, the place is the lower ball's.
+    """
     fruit = TARGET + np.array([place for place, _ in fruits], dtype=float)
     root = fruit + np.array([vector for _, vector in fruits], dtype=float)
-    return bent(root, fruit, np.full(len(fruit), radius), np.full(len(fruit), 0.0015))
+    radii, thickness = np.full(len(fruit), radius), np.full(len(fruit), 0.0015)
+    return bent(root, fruit, radii, thickness, apart=np.full(len(fruit), apart))
 
 
 def along(*corners: Any, step: float = 0.003) -> np.ndarray:

@@ -8,6 +8,7 @@ import pytest
 from tests.pushing.fruits import TARGET, UP
 
 from optipromp.geometry import Box, Sphere
+from optipromp.planning.task import push_model, resolve
 from optipromp.pushing.hanging import (
     HANGING,
     Hanging,
@@ -21,6 +22,7 @@ from optipromp.pushing.rules import neighbours, rule_paths
 from optipromp.robots.library import load_robot
 from optipromp.robots.tools import Cup, FrankaHand, with_tool
 from optipromp.scenes import Scene, SceneObject, Stem
+from optipromp.scenes.generate import generate
 
 CUP = Cup(radius=0.025, opening=0.046)
 CAMERA = TARGET - [0.0, 0.0, 0.25]
@@ -310,3 +312,39 @@ def test_the_model_knows_fruits_that_are_no_neighbours_too() -> None:
     many = model(UNDER, *around[::-1])
     assert many.count == 1 + HANGING.most
     assert [t.id for t in many.fruits[2:]] == [t.id for t in around[: HANGING.most - 1]]
+
+
+def told(scene: Scene, **physical: float) -> Scene:
+    return replace(
+        scene,
+        objects=tuple(
+            item if item.stem is None else replace(item, physical=physical)
+            for item in scene.objects
+        ),
+    )
+
+
+def model_of(scene: Scene) -> Hanging:
+    task = resolve(scene)
+    model = push_model(task, task.robot.home)
+    assert isinstance(model, Hanging)
+    return model
+
+
+def test_the_model_takes_mass_and_stiffness_that_the_scene_tells() -> None:
+    scene = generate("cluster", 66001)
+    model = model_of(told(scene, mass=0.05, stem_stiffness=2e-3))
+    assert (model.stems.mass == 0.05).all()
+    doubled = model_of(told(scene, mass=1e-9, stem_stiffness=4e-3))
+    single = model_of(told(scene, mass=1e-9, stem_stiffness=2e-3))
+    np.testing.assert_allclose(doubled.stems.stiffness, 2.0 * single.stems.stiffness, rtol=1e-5)
+
+
+def test_an_uncertain_stiffness_differs_between_the_states_but_not_in_the_perceived_one() -> None:
+    scene = generate("cluster", 66001)
+    sure, unsure = model_of(scene), model_of(told(scene, stem_stiffness_spread=2.0))
+    n = sure.count
+    np.testing.assert_array_equal(unsure.stems.stiffness[:n], sure.stems.stiffness[:n])
+    np.testing.assert_array_equal(unsure.stems.root, sure.stems.root)
+    ratio = unsure.stems.stiffness[n:, -1, -1] / sure.stems.stiffness[n:, -1, -1]
+    assert np.ptp(np.log2(ratio)) > 0.2

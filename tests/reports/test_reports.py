@@ -1,5 +1,6 @@
 """Reports, read as a browser would: nothing outside the file, and the figures of what it tells."""
 
+import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -18,6 +19,7 @@ from optipromp.planning import plan
 from optipromp.reports import plan_report, study_report
 from optipromp.reports.html import LARGEST_FILE
 from optipromp.reports.studies import worst_of
+from optipromp.robots.library import NOTHING, Choice
 from optipromp.scenes import load_scene
 from optipromp.simulation import simulate
 from optipromp.simulation.files import write_run
@@ -156,3 +158,15 @@ def test_the_command_writes_the_file_and_refuses_other_folders(
         study_report(tmp_path)
     np.testing.assert_array_equal(sorted(p.suffix for p in tmp_path.iterdir()),
                                   [".csv", ".html", ".html"])  # fmt: skip
+
+
+def test_a_study_of_another_robot_is_told_of_with_that_robot(studied: Path, tmp_path: Path) -> None:
+    (tmp_path / "rows.csv").write_bytes((studied / "rows.csv").read_bytes())
+    for robot, words in (
+        (f"gone.urdf {NOTHING}", "--robot gone.urdf"),
+        (f"gone.urdf {Choice(tip='hand')}", "--robot ROBOT"),
+    ):
+        (tmp_path / "study.json").write_text(json.dumps({"robot": robot}))
+        found = Read(study_report(tmp_path, worst=1))
+        assert words in found.text
+        assert len(found.addresses) == 1  # no picture of a run with another robot

@@ -30,7 +30,8 @@ from optipromp.scenes.generate.checks import (
 from optipromp.scenes.generate.shelves import Footprint, apart
 
 SEEDS = range(500, 512)
-BUNCHES = [preset for preset in PRESETS if preset != "shelf"]
+BUNCHES = [preset for preset in PRESETS if preset not in ("shelf", "elongated")]
+BEFORE = [preset for preset in BUNCHES if preset != "tight"]
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +76,7 @@ def test_a_scene_outlives_its_file(preset: str, tmp_path) -> None:
 
 
 def test_numbers_stay_within_what_the_preset_says(scenes) -> None:
-    for scene in of(scenes, *BUNCHES):
+    for scene in of(scenes, *BEFORE):
         gripper = scene.tool.parameters["radius"]
         assert 0.02 <= gripper <= 0.03
         assert 1 <= len(scene.pushables) <= 4
@@ -89,6 +90,47 @@ def test_numbers_stay_within_what_the_preset_says(scenes) -> None:
             assert 0.03 <= -off[2] <= 0.15
             assert np.abs(off[:2]).max() <= gripper
             assert 0.10 <= fruit.stem.length <= 0.30
+
+
+def test_tight_fruits_are_close_and_level(scenes) -> None:
+    for scene in of(scenes, "tight"):
+        fruits = [scene.target, *scene.pushables]
+        assert 2 <= len(scene.pushables) <= 4
+        for k, fruit in enumerate(scene.pushables, start=1):
+            gaps = [
+                np.linalg.norm(fruit.position - other.position) - fruit.radius - other.radius
+                for other in fruits[:k]
+            ]
+            assert -1e-12 <= min(gaps) <= 0.012 + 1e-12
+            assert abs(fruit.position[2] - scene.target.position[2]) <= 0.012 + 1e-12
+
+
+def test_limp_stems_hang_plumb(scenes) -> None:
+    for scene in of(scenes, "limp"):
+        for fruit in (scene.target, *scene.pushables):
+            way = fruit.stem.vector / np.linalg.norm(fruit.stem.vector)
+            assert way[2] >= np.cos(np.deg2rad(2.0)) - 1e-12
+
+
+def test_long_fruits_lie_along_their_stems_and_apart(scenes) -> None:
+    for scene in of(scenes, "elongated"):
+        fruits = [scene.target, *scene.pushables]
+        for fruit in fruits:
+            wide, long = 2 * fruit.shape.radius, fruit.shape.length + 2 * fruit.shape.radius
+            assert 1.2 <= long / wide <= 1.4
+            way = fruit.stem.vector / np.linalg.norm(fruit.stem.vector)
+            np.testing.assert_allclose(fruit.rotation[:, 2], way, atol=1e-9)
+            np.testing.assert_allclose(
+                fruit.stem.points[0], fruit.position + 0.5 * long * way, atol=1e-9
+            )
+        share = np.linspace(-0.5, 0.5, 60)[:, None]
+        for one, other in itertools.combinations(fruits, 2):
+            cores = [
+                fruit.position + share * fruit.shape.length * fruit.rotation[:, 2]
+                for fruit in (one, other)
+            ]
+            least = np.linalg.norm(cores[0][:, None] - cores[1][None], axis=2).min()
+            assert least >= one.shape.radius + other.shape.radius
 
 
 def test_every_count_and_every_side_come_up() -> None:

@@ -264,3 +264,25 @@ def test_many_objects_load_in_bounded_time(tmp_path):
     ]
     scene = load_scene(write(tmp_path / "many.json", document))
     assert len(scene.obstacles("avoid").kind) == 3000
+
+
+def test_what_is_chosen_of_a_robots_file(tmp_path):
+    """Paths follow the scene to another folder; wrong keys are refused by name."""
+    robot = {
+        "file": "arms/a.urdf", "tip": "left_tool0", "base": "torso", "srdf": "arms/a.srdf",
+        "hold": {"finger": 0.02}, "package_dirs": ["ws"],
+    }  # fmt: skip
+    scene = load_scene(write(tmp_path / "scene.json", MINIMAL | {"robot": robot}))
+    assert (scene.robot, scene.choice.tip, scene.choice.base) == (
+        "arms/a.urdf", "left_tool0", "torso",
+    )  # fmt: skip
+    (tmp_path / "far").mkdir()
+    save_scene(scene, tmp_path / "far/scene.yaml")
+    moved = scene_to_dict(load_scene(tmp_path / "far/scene.yaml"), base_dir=tmp_path)
+    assert moved["robot"] == robot
+    with pytest.raises(InvalidSceneError, match=r"robot: unknown key 'tipp'.*tip"):
+        scene_from_dict(MINIMAL | {"robot": robot | {"tipp": "x"}})
+    with pytest.raises(InvalidSceneError, match=r"robot\.tip is 3: must be text"):
+        scene_from_dict(MINIMAL | {"robot": robot | {"tip": 3}})
+    with pytest.raises(InvalidSceneError, match=r"robot\.file is missing"):
+        scene_from_dict(MINIMAL | {"robot": {"tip": "x"}})

@@ -64,6 +64,9 @@ NAN, INF = math.nan, math.inf
         (with_fruit(covariance=[[1, 0, 0], [0, -1, 0], [0, 0, 1]]), "positive semi-definite"),
         (with_fruit(covariance=[[1, 2, 0], [0, 1, 0], [0, 0, 1]]), "not symmetric"),
         (with_fruit(physical={"mass": NAN}), "physical.mass is nan"),
+        (with_fruit(physical={"weight": 1.0}), "'weight' is unknown: valid are mass"),
+        (with_fruit(physical={"stem_stiffness": 0.0}), "stem_stiffness is 0"),
+        (with_fruit(physical={"stem_stiffness_spread": 1.0}), "must be above 1"),
         # roles, ids, targets
         (with_object(role="pushabel"), "objects[1].role is 'pushabel': valid are target, pushable"),
         (with_object(role="pushabel"), "did you mean 'pushable'?"),

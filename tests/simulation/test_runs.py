@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optipromp.errors import InvalidRequestError, InvalidSceneError
-from optipromp.geometry.shapes import HalfSpace, MeshShape, PointCloudShape, Sphere
+from optipromp.errors import InvalidRequestError
+from optipromp.geometry.shapes import HalfSpace, MeshShape, PointCloudShape
 from optipromp.planning import plan
 from optipromp.planning.task import resolve
 from optipromp.scenes.scene import SceneObject
@@ -150,13 +150,6 @@ def test_every_shape_can_be_a_static_object(bench, tmp_path, monkeypatch):
     assert sum(name.startswith("static:hull") for name in names) == 1
     assert sum(name.startswith("static:cloud") for name in names) == 200
     assert simulate(bench.still((0.3, 0.3, 0.0)), scene).outcome.static_contacts == ()
-
-
-def test_an_unknown_physical_property_is_refused_by_name(bench):
-    obj = SceneObject("a", "pushable", Sphere(0.02), np.zeros(3), physical={"weight": 1.0})
-    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)), obj)
-    with pytest.raises(InvalidSceneError, match="'weight' is unknown: valid are mass"):
-        simulate(bench.still(), scene)
 
 
 def test_wrong_requests_are_refused(bench, plans):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from optipromp.cli.console import OK, AsJson, command, exit_code, print_json, stdout
+from optipromp.cli.robot import Named, names_robot
 from optipromp.errors import Code, InvalidRequestError, InvalidSceneError
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ def kind_of(item: str) -> Kind:
             f"no file and nothing built in is called {item}; there is {names}"
         )
     match path.suffix.lower():
-        case ".urdf" | ".xml" | ".xacro":
+        case ".urdf" | ".xml" | ".mjcf" | ".xacro":
             return Kind.ROBOT
         case ".csv" | ".mcap" | ".db3":
             return Kind.DEMONSTRATIONS
@@ -82,6 +83,7 @@ def _inside(path: Path) -> Kind:
 
 
 @command()
+@names_robot()
 def check(
     item: Annotated[
         str,
@@ -89,23 +91,13 @@ def check(
             metavar="ITEM", help="A scene, a robot or demonstrations: a path or a built-in name."
         ),
     ],
-    tip: Annotated[
-        str | None, typer.Option(metavar="LINK", help="Of a robot: the flange link.")
-    ] = None,
-    base: Annotated[
-        str | None,
-        typer.Option(metavar="LINK", help="Of a robot: joints before this link are held."),
-    ] = None,
-    srdf: Annotated[Path | None, typer.Option(help="Of a robot: groups that tell the arm.")] = None,
-    package_dir: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="FOLDER", help="Of a robot: holds packages of package:// names."),
-    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Of a robot: leave cover.png there, its body spheres."),
     ] = None,
     as_json: AsJson = False,
+    *,
+    named: Named,
 ) -> int:
     """Check a scene, robot, demonstrations or plan, and say what it holds.
 
@@ -120,15 +112,12 @@ def check(
     optipromp check my-robot.urdf --out pictures
     optipromp check recordings/
     """
-    from optipromp.robots.library import NOTHING, Choice
-
     kind = kind_of(item)
-    given = Choice(tip, base, srdf, package_dirs=tuple(package_dir or ()))
     if kind is Kind.ROBOT:
-        summary = _robot(item, given)
+        summary = _robot(item, named.choice)
         if out is not None:
-            _leave_picture(item, out, given)
-    elif given != NOTHING or out is not None:
+            _leave_picture(item, out, named.choice)
+    elif named or out is not None:
         raise InvalidRequestError(
             f"{item} is no robot but a {kind}: no --tip, --base, --srdf, --package-dir or --out"
         )

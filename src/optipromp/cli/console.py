@@ -39,7 +39,9 @@ P = ParamSpec("P")
 
 Planner = Literal["promp", "i-promp", "opti-promp"]
 Strategy = Literal["joint", "sequential"]
-Preset = Literal["cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "shelf"]
+Preset = Literal[
+    "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "shelf"
+]
 Generated = Literal[Preset, "bookshelf", "box", "cage", "table-pick", "under-table"]
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]

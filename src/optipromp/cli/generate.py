@@ -7,17 +7,19 @@ from typing import Annotated
 import typer
 
 from optipromp.cli.console import OK, AsJson, Generated, command, print_json, stdout
+from optipromp.cli.robot import Named, names_robot
 
 
 @command()
+@names_robot("Whose scenes: built-in name or file (panda).")
 def generate(
     preset: Annotated[
         Generated,
         typer.Option(
             help="cluster: 1-4 fruits before the ripe one; side-clusters: and neighbours; "
             "table-top: and a gutter; mixed: all of these; tight: fruits that nearly touch; limp: "
-            "plumb stems; shelf: cans and boxes; bookshelf, box, cage, table-pick, under-table: a "
-            "goal in joints among furniture."
+            "plumb stems; elongated: long fruits; shelf: cans and boxes; bookshelf, box, cage, "
+            "table-pick, under-table: a goal in joints among furniture."
         ),
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the scene files go.")],
@@ -26,29 +28,34 @@ def generate(
     ] = 0,
     count: Annotated[int, typer.Option(min=1, help="How many scenes.")] = 1,
     as_json: AsJson = False,
+    *,
+    named: Named,
 ) -> int:
     """Sample random scenes and write them as scene files.
 
-    The same seed gives the same scene. Scenes that are impossible (objects inside one another) or
-    that no arm could solve (target out of reach or inside the gutter, every goal configuration in
-    collision) are sampled again; how many, and why, is printed.
+    The same seed gives the same scene. Another robot than the Panda has its base placed so that it
+    reaches the scenes, and a cup with a neck as long as its wrist asks for. Scenes that are
+    impossible (objects inside one another) or that no arm could solve (target out of reach or
+    inside the gutter, every goal configuration in collision) are sampled again; how many, and why,
+    is printed.
 
     [bold]Examples[/bold]
 
     \b
     optipromp generate --preset mixed --seed 100 --count 20 --out scenes
+    optipromp generate --preset cluster --robot ur5.urdf --tip tool0 --count 20 --out ur5-scenes
     optipromp plan scenes --out plans
     optipromp simulate plans/mixed-100
     """
     from optipromp.files import check_folder
-    from optipromp.scenes.generate import generate_with_report
+    from optipromp.scenes.generate import PANDA, generate_with_report
     from optipromp.scenes.io import save_scene
 
     check_folder(out)
     documents = []
     reasons: Counter[str] = Counter()
     for number in range(seed, seed + count):
-        scene, report = generate_with_report(preset, number)
+        scene, report = generate_with_report(preset, number, named.name or PANDA, named.choice)
         path = out / f"{scene.name}.yaml"
         save_scene(scene, path)
         reasons.update(report.reasons)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from optipromp.cli.console import OK, AsJson, command, grid, print_json, stdout, waiting
+from optipromp.cli.robot import Named, names_robot
 from optipromp.errors import InvalidRequestError
 
 if TYPE_CHECKING:
@@ -25,6 +26,10 @@ NAMELESS = (
 
 
 @command()
+@names_robot(
+    "Put the columns, told by name, into this robot's order; columns without names are taken to be "
+    "in it."
+)
 def learn(
     demonstrations: Annotated[
         Path,
@@ -33,14 +38,6 @@ def learn(
         ),
     ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where the primitive goes (.npz).")],
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ROBOT",
-            help="Put the columns, told by name, into this robot's order; columns without names "
-            "are taken to be in it.",
-        ),
-    ] = None,
     topic: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="Of a bag's joint states (/joint_states)."),
@@ -58,6 +55,8 @@ def learn(
         bool, typer.Option("--figure/--no-figure", help="Draw FILE with the suffix .png.")
     ] = True,
     as_json: AsJson = False,
+    *,
+    named: Named,
 ) -> int:
     """Learn a movement primitive, for plan --demonstrations.
 
@@ -79,7 +78,7 @@ def learn(
         raise InvalidRequestError(f"--out {out}: the file of a primitive ends in .npz")
     check_folder(out.parent)
     with waiting("learning ...") as say:
-        recorded, recording = _read(demonstrations, robot, topic)
+        recorded, recording = _read(demonstrations, named, topic)
         basis, held_out = _basis(recorded, bases, width, say)
         promp = (fit_em if em else fit)(recorded, basis)
         rest = residuals(recorded, basis)
@@ -125,17 +124,17 @@ def read_any(
 
 
 def _read(
-    path: Path, robot: str | None, topic: str | None
+    path: Path, named: Named, topic: str | None
 ) -> tuple["Demonstrations", "Recording | None"]:
     """The demonstrations, in the robot's order where one is given; of a bag also its cuts."""
     from optipromp.promp import Demonstrations
     from optipromp.promp.checks import unnamed
 
     joints = None
-    if robot is not None:
-        from optipromp.robots.library import load_robot
+    if named.name is not None:
+        from optipromp.robots.library import load_arm
 
-        joints = load_robot(robot).joint_names
+        joints = load_arm(named.name, choice=named.choice)[0].joint_names
     recorded, recording = read_any(path, joints, topic)
     nameless = unnamed(recorded.joint_names)
     if joints is not None:

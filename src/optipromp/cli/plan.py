@@ -28,6 +28,7 @@ from optipromp.cli.console import (
     stdout,
     waiting,
 )
+from optipromp.cli.robot import Named, names_robot
 from optipromp.errors import Code, InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
@@ -109,6 +110,7 @@ def failed_plan(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str
 
 
 @command(failure=failed_plan)
+@names_robot("In place of the scene's: built-in name or file.")
 def plan(
     scene: SceneOrFolder,
     planner: ChosenPlanner = "opti-promp",
@@ -126,6 +128,8 @@ def plan(
     figures: Figures = None,
     workers: Workers = None,
     as_json: AsJson = False,
+    *,
+    named: Named,
 ) -> int:
     """Plan a reach to the target of SCENE and judge it.
 
@@ -142,6 +146,7 @@ def plan(
     optipromp plan scenario-3 --constraints paper --set paper.drift_offset=0.03
     optipromp plan scenario-3 --set static_clearance=0.02 --set max_step=0.03
     optipromp plan scenario-3 --demonstrations recorded.npz
+    optipromp plan my-scene.yaml --robot ur5.urdf --tip tool0
     optipromp plan scenes --out plans
     optipromp plan seen-again.yaml --previous reach --at 1.5
     """
@@ -165,8 +170,8 @@ def plan(
     if scene not in scene_names() and Path(scene).is_dir():
         if previous is not None:
             raise InvalidRequestError("--previous goes with one scene, not with a folder of them")
-        return plan_folder(Path(scene), out, rate, bool(figures), workers, as_json, request)
-    loaded = load_scene(scene)
+        return plan_folder(Path(scene), out, rate, bool(figures), workers, as_json, request, named)
+    loaded = named.of(load_scene(scene))
     say_if_compiling()
     running = None
     if previous is not None:
@@ -286,9 +291,11 @@ def plan_folder(
     workers: int | None,
     as_json: bool,
     request: dict[str, Any],
+    named: Named,
 ) -> int:
     """Plan every scene in ``folder``; ``request`` is what :func:`plan_many` takes besides."""
     from optipromp.planning import plan_many
+    from optipromp.scenes.io import load_scene
 
     files = scene_files(folder)
     homes: Sequence[Path | None] = [None] * len(files) if out is None else outputs(files, out)
@@ -306,7 +313,8 @@ def plan_folder(
             words = f"{done_so_far} of {len(files)} planned, {good} succeeded"
             shown(done_so_far, len(files), words)
 
-        results = plan_many(files, workers=workers, progress=done, **request)
+        stated = [named.of(load_scene(file)) for file in files] if named else files
+        results = plan_many(stated, workers=workers, progress=done, **request)
     seconds = time.perf_counter() - began
     entries = [Entry(*item) for item in zip(files, homes, results, strict=True)]
     succeeded = sum(entry.status is Code.SUCCESS for entry in entries)

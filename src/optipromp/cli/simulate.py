@@ -21,6 +21,7 @@ from optipromp.cli.console import (
     stdout,
     waiting,
 )
+from optipromp.cli.robot import Named, names_robot
 from optipromp.errors import InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ def failed_run(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str,
 
 
 @command(failure=failed_run)
+@names_robot("In place of the scene's: built-in name or file.")
 def simulate(
     scene_or_plan: Annotated[
         str,
@@ -76,6 +78,8 @@ def simulate(
         float, typer.Option(metavar="FACTOR", help="How many times slower a film runs.")
     ] = 1.0,
     as_json: AsJson = False,
+    *,
+    named: Named,
 ) -> int:
     """Execute a plan in the physics simulation and judge what happened there.
 
@@ -100,7 +104,7 @@ def simulate(
     parameters = SimulationParameters()
     if speed is not None:
         parameters = replace(parameters, control=replace(parameters.control, speed=speed))
-    plan = _plan(scene_or_plan, planner, strategy, seed)
+    plan = _plan(scene_or_plan, planner, strategy, seed, named)
     truth = None if true_scene is None else load_scene(true_scene)
     with waiting(f"executing in {(truth or plan.scene).name} ..."):
         run = execute(plan, truth, parameters=parameters, seed=seed)
@@ -131,7 +135,7 @@ def _check(slow: float, folder: Path) -> None:
     check_folder(folder)
 
 
-def _plan(item: str, planner: Planner, strategy: Strategy, seed: int) -> "Plan":
+def _plan(item: str, planner: Planner, strategy: Strategy, seed: int, named: Named) -> "Plan":
     from optipromp.cli.check import Kind, kind_of
     from optipromp.output import load_plan
     from optipromp.planning import plan as make_plan
@@ -139,10 +143,12 @@ def _plan(item: str, planner: Planner, strategy: Strategy, seed: int) -> "Plan":
 
     kind = Kind.PLAN if Path(item).name == "plan.json" else kind_of(item)
     if kind is Kind.PLAN:
+        if named:
+            raise InvalidRequestError(f"{item} is a plan, which has its robot; name none")
         return load_plan(item)
     if kind is not Kind.SCENE:
         raise InvalidRequestError(f"{item} is a {kind.value}; simulate takes a scene or a plan")
-    scene = load_scene(item)
+    scene = named.of(load_scene(item))
     say_if_compiling()
     with waiting(f"planning {scene.name} ...") as say:
         return make_plan(scene, planner=planner, strategy=strategy, seed=seed, progress=say)

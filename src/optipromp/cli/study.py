@@ -17,6 +17,7 @@ from optipromp.cli.console import (
     say_if_compiling,
     stdout,
 )
+from optipromp.cli.robot import Named, names_robot
 from optipromp.errors import InvalidRequestError
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 
 @command()
+@names_robot("Whose scenes: built-in name or file (panda).")
 def study(
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Where rows go; rows that are there are kept.")
@@ -56,6 +58,8 @@ def study(
     ] = False,
     workers: Workers = None,
     as_json: AsJson = False,
+    *,
+    named: Named,
 ) -> int:
     """Run planners on random scenes and execute their plans in the physics simulation.
 
@@ -66,17 +70,27 @@ def study(
 
     \b
     optipromp study --preset cluster,shelf --seeds 1000:1200 --out fresh
+    optipromp study --preset cluster --planners opti-promp --robot ur5.urdf --out ur5
     optipromp study --planners opti-promp --noise-position 0.005 --noise-angle 5 --out noisy
     """
     from optipromp.experiments.baselines import STUDY_PLANNERS
     from optipromp.experiments.statistics import calibration, summary
     from optipromp.experiments.study import Study, run_study
     from optipromp.experiments.study_output import write_results
-    from optipromp.scenes.generate import PRESETS
+    from optipromp.scenes.generate import PANDA, PRESETS
 
     chosen: Any = _names(preset, PRESETS)
     compared: Any = _names(planners, STUDY_PLANNERS)
-    plan = Study(chosen, compared, _range(seeds), noise_position, noise_angle, only_valid)
+    plan = Study(
+        chosen,
+        compared,
+        _range(seeds),
+        noise_position,
+        noise_angle,
+        only_valid,
+        named.name or PANDA,
+        named.choice,
+    )
     say_if_compiling()
     successes: dict[str, list[bool]] = {}
     with progress_bar(20) as shown:

@@ -15,7 +15,8 @@ from pydantic import TypeAdapter
 
 from optipromp.errors import Code, OptiPrompError
 from optipromp.experiments.baselines import Answer, StudyPlanner, attempt
-from optipromp.scenes.generate import Preset, generate, generate_with_report, perceived
+from optipromp.robots.library import NOTHING, Choice
+from optipromp.scenes.generate import PANDA, Preset, generate, generate_with_report, perceived
 from optipromp.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -132,6 +133,8 @@ def run_scene(
     noise_angle: float,
     version: str,
     only_valid: bool = False,
+    robot: str | Path = PANDA,
+    choice: Choice = NOTHING,
 ) -> list[Row]:
     """Run every planner on one scene.
 
@@ -143,8 +146,10 @@ def run_scene(
         noise_angle: [degrees].
         version: written into the rows.
         only_valid: plans that the judge refuses are not executed, and count as failures.
+        robot: whose scene it is: name or path.
+        choice: of the robot's file.
     """
-    scene, report = generate_with_report(preset, seed)
+    scene, report = generate_with_report(preset, seed, robot, choice)
     seen = _seen(scene, seed, noise_position, noise_angle)
     row = functools.partial(
         Row, preset=preset, seed=seed, noise_position=noise_position, noise_angle=noise_angle,
@@ -164,8 +169,10 @@ def run_scene(
     return rows
 
 
-def again(row: Row) -> "Run | None":
+def again(row: Row, robot: str = PANDA) -> "Run | None":
     """A run made once more, for its picture; None where its plan is not executed.
+
+    ``robot``: whose scene it is, a name or path.
 
     Raises:
         OptiPrompError: what broke the run off.
@@ -173,7 +180,7 @@ def again(row: Row) -> "Run | None":
     from optipromp.simulation import simulate
 
     preset, planner = cast(Preset, row.preset), cast(StudyPlanner, row.planner)
-    scene = generate(preset, row.seed)
+    scene = generate(preset, row.seed, robot)
     seen = _seen(scene, row.seed, row.noise_position, row.noise_angle)
     made = attempt(seen, planner, seed=row.seed)
     if made.trajectory is None:
@@ -217,9 +224,11 @@ def _executed(made: Answer, scene: Scene, seed: int, only_valid: bool) -> dict[s
     }
 
 
-def warm_up(preset: Preset, planners: Iterable[StudyPlanner]) -> None:
+def warm_up(
+    preset: Preset, planners: Iterable[StudyPlanner], robot: str | Path, choice: Choice
+) -> None:
     """Load and compile what plans need, so that no row's time holds it."""
-    scene = generate(preset, 0)
+    scene = generate(preset, 0, robot, choice)
     for planner in planners:
         with suppress(OptiPrompError):
             attempt(scene, planner)

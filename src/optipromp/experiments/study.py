@@ -28,7 +28,8 @@ from optipromp.experiments.runs import (
 )
 from optipromp.files import check_folder, json_text, write_atomically
 from optipromp.processes import cores, run_each
-from optipromp.scenes.generate import PRESETS, Preset
+from optipromp.robots.library import NOTHING, Choice
+from optipromp.scenes.generate import PANDA, PRESETS, Preset
 from optipromp.scenes.values import suggest
 
 ROWS, SETTINGS = "rows.csv", "study.json"
@@ -45,6 +46,8 @@ class Study:
         noise_position: standard deviation of detected positions [m].
         noise_angle: standard deviation of detected stem directions [degrees].
         only_valid: plans that the judge refuses are not executed, and count as failures.
+        robot: whose scenes: name or path.
+        choice: of the robot's file.
 
     Raises:
         InvalidRequestError: an unknown preset or planner, none, one twice, an empty or negative
@@ -57,6 +60,8 @@ class Study:
     noise_position: float = 0.0
     noise_angle: float = 0.0
     only_valid: bool = False
+    robot: str | Path = PANDA
+    choice: Choice = NOTHING
 
     def __post_init__(self) -> None:
         for name, given, valid in (
@@ -96,6 +101,7 @@ class Study:
             "noise_position": self.noise_position,
             "noise_angle": self.noise_angle,
             "only_valid": self.only_valid,
+            **({} if self.robot == PANDA else {"robot": f"{self.robot} {self.choice}"}),
             "version": source_version(),
         }
 
@@ -233,7 +239,9 @@ def run_study(
             if progress is not None:
                 progress(finished, total, row)
 
-    common = (study.noise_position, study.noise_angle, source_version(), study.only_valid)
+    robot = study.robot, study.choice
+    noise = study.noise_position, study.noise_angle
+    common = (*noise, source_version(), study.only_valid, *robot)
 
     def hear(index: int, result: Sequence[Row] | BrokenProcessPool) -> None:
         if isinstance(result, BrokenProcessPool):
@@ -242,7 +250,7 @@ def run_study(
 
     run_each(
         run_scene, [(*task, *common) for task in tasks], hear, workers=workers or cores(),
-        prepare=functools.partial(warm_up, study.presets[0], study.planners),
+        prepare=functools.partial(warm_up, study.presets[0], study.planners, *robot),
     )  # fmt: skip
     held = {row.key: row for row in file.rows}
     keys = [(*scene, planner) for scene in study.scenes() for planner in study.planners]

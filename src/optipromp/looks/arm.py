@@ -25,10 +25,11 @@ LINK, BASE, DRUM = "#e3e6e9", "#8c9199", "#474d55"
 TOOL_COLOURS = {"mouth": "#a9d8ec", "neck": "#3b434c", "palm": "#dfe2e5", "finger": "#3b434c"}
 GLASS = 0.28  # opacity of a cup: the fruit in it is to be seen
 FINE = 0.003  # [m] cells in which the corners of a fine mesh become one: a pixel of a film
-MANY = 4000  # triangles of a link up to which a mesh is kept as it is
+FEW = 4000  # triangles of a link up to which a mesh is kept as it is
+MANY = 16000  # triangles of a link, at most: an arm's page stays below 3 MB
 NECK = 0.010  # [m] of a cup's neck
 ELBOW = 0.6  # share of the longer body along a joint's axis
-_BALL = np.unique(sphere(np.zeros(3), 1.0, 24).reshape(-1, 3).round(9), axis=0)
+_UNIT_BALL = np.unique(sphere(np.zeros(3), 1.0, 24).reshape(-1, 3).round(9), axis=0)
 _MODELS = "cmeel.prefix/share/example-robot-data/robots/panda_description/meshes/visual"
 Solids = dict[str, list[FloatArray]]  # triangles (m, 3, 3) by colour, in the frame of a segment
 
@@ -145,21 +146,22 @@ def _models() -> Path | None:
 
 
 def _parts(name: str, segment: int, solids: Solids) -> list[Part]:
-    """One part a colour; the mesh made coarser where it is fine."""
-    out = []
-    count = sum(len(corners) for each in solids.values() for corners in each)
-    for k, (colour, each) in enumerate(solids.items()):
-        corners = np.concatenate(each)
-        if count > MANY:
-            corners = coarser(corners, FINE)
-        if len(corners):
-            out.append(Part.of(f"{name}/{k}" if k else name, corners, colour, segment=segment))
-    return out
+    """One part a colour; the mesh made coarser until it has few enough triangles."""
+    meshes = {colour: np.concatenate(each) for colour, each in solids.items()}
+    cell = FINE
+    while sum(map(len, meshes.values())) > (FEW if cell == FINE else MANY):
+        meshes = {colour: coarser(corners, cell) for colour, corners in meshes.items()}
+        cell *= 1.4
+    return [
+        Part.of(f"{name}/{k}" if k else name, corners, colour, segment=segment)
+        for k, (colour, corners) in enumerate(meshes.items())
+        if len(corners)
+    ]
 
 
 def _hull(centers: FloatArray, radii: FloatArray) -> FloatArray:
     """The triangles (m, 3, 3) of the convex hull of spheres."""
-    points = (centers[:, None] + radii[:, None, None] * _BALL).reshape(-1, 3)
+    points = (centers[:, None] + radii[:, None, None] * _UNIT_BALL).reshape(-1, 3)
     hull = ConvexHull(points)
     corners = points[hull.simplices]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

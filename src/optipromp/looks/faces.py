@@ -133,8 +133,7 @@ def triangles(faces: FloatArray) -> tuple[FloatArray, IntArray]:
     place, normal = place[area > 0.0], normal[area > 0.0]
     if not len(place):
         return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
-    _, at = np.unique(place.reshape(-1, 3), axis=0, return_inverse=True)
-    at = at.reshape(-1)
+    _, at = _alike(place.reshape(-1, 3))
     unit = np.repeat(normal / np.linalg.norm(normal, axis=1)[:, None], 3, axis=0)
     count = np.bincount(at)
     order = np.argsort(at, kind="stable")  # corners by place; each meets all others of its place
@@ -148,18 +147,27 @@ def triangles(faces: FloatArray) -> tuple[FloatArray, IntArray]:
     np.add.at(mean, one[alike], np.repeat(normal, 3, axis=0)[other[alike]])
     mean /= np.linalg.norm(mean, axis=1)[:, None]
     keys = np.column_stack([at, np.round(mean, 2)]) + 0.0
-    _, first, index = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    first, index = _alike(keys)
     return place.reshape(-1, 3)[first], index.reshape(-1, 3).astype(np.int64)
 
 
 def coarser(corners: FloatArray, cell: float) -> FloatArray:
     """Triangles (M, 3, 3) with corners moved to the mean of their cell of a grid; fewer of them."""
     points = corners.reshape(-1, 3)
-    _, cells = np.unique(np.floor(points / cell), axis=0, return_inverse=True)
-    cells = cells.reshape(-1)
+    _, cells = _alike(np.floor(points / cell))
     count = np.bincount(cells)
     mean = np.stack([np.bincount(cells, column) for column in points.T], axis=1) / count[:, None]
     a, b, c = (index := cells.reshape(-1, 3)).T
     kept = np.sort(index[(a != b) & (b != c) & (c != a)], axis=1)
-    _, first = np.unique(kept, axis=0, return_index=True)
+    first, _ = _alike(kept)
     return np.asarray(mean[index[(a != b) & (b != c) & (c != a)][np.sort(first)]])
+
+
+def _alike(rows: FloatArray | IntArray) -> tuple[IntArray, IntArray]:
+    """The first of each kind of row (k, d), and the kind (k,) of each, faster than np.unique's."""
+    order = np.lexsort(rows.T)
+    new = np.ones(len(rows), dtype=np.bool_)
+    new[1:] = (np.diff(rows[order], axis=0) != 0).any(axis=1)
+    kind = np.empty(len(rows), dtype=np.int64)
+    kind[order] = np.cumsum(new) - 1
+    return order[new], kind

@@ -131,7 +131,9 @@ def scenery(scene: Scene) -> tuple[Part, ...]:
         if item.stem is not None and (item.stem.root - item.position) @ scene.up > 0.0
     ]  # fmt: skip
     roots = np.reshape(hanging, (-1, 3))
-    holding = next((i for i in scene.static if any(_off(i, r) < HANGS for r in roots)), None)
+    holding = next(
+        (i for i in scene.static if any(box_distance(i, r) < HANGS for r in roots)), None
+    )
     row = _Row.of(scene, roots)
     ground = _ground(scene)
     parts = []
@@ -204,7 +206,7 @@ def _table(row: _Row, item: SceneObject, roots: FloatArray, ground: float) -> li
     hangers = [
         tube(np.stack([root, _nearest(item, root)]), 0.0015, 8)
         for root in roots
-        if 0.001 < _off(item, root) < REACHES
+        if 0.001 < box_distance(item, root) < REACHES
     ]
     parts = [Part.of("legs", np.concatenate(legs), POST)]
     return parts + [Part.of("hangers", np.concatenate(hangers), TRUSS)] * bool(hangers)
@@ -234,8 +236,8 @@ def _nearest(item: SceneObject, point: FloatArray) -> FloatArray:
     return np.asarray(item.rotation @ inside + item.position)
 
 
-def _off(item: SceneObject, point: FloatArray) -> float:
-    """Distance of a point from an object's bounding box [m]."""
+def box_distance(item: SceneObject, point: FloatArray) -> float:
+    """Distance of a point (3,) from an object's bounding box, infinite for a half-space [m]."""
     if isinstance(item.shape, HalfSpace):
         return np.inf
     return float(np.linalg.norm(point - _nearest(item, point)))

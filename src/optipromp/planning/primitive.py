@@ -47,18 +47,20 @@ def _prior_covariance(basis: Basis) -> FloatArray:
     return np.asarray(np.linalg.inv(precision), dtype=np.float64)
 
 
-def smooth_prior(robot: Robot, basis: Basis = BASIS) -> ProMP:
+def smooth_prior(robot: Robot, basis: Basis = BASIS, about: FloatArray | None = None) -> ProMP:
     """A ProMP of smooth motions that rest at both ends; it knows no task.
 
-    It stands in for the ProMP of an arm without demonstrations, and it widens a learnt ProMP.
+    It stands in for the ProMP of an arm without demonstrations. ``about`` (n,) is its mean
+    [rad or m]; None: the robot's home.
     """
-    return _smooth(robot.joint_names, tuple(robot.home.tolist()), basis)
+    mean = robot.home if about is None else about
+    return _smooth(robot.joint_names, tuple(mean.tolist()), basis)
 
 
 @functools.lru_cache(maxsize=8)
-def _smooth(joint_names: tuple[str, ...], home: tuple[float, ...], basis: Basis) -> ProMP:
-    covariance = _of_joints(len(home), _prior_covariance(basis))
-    mean = np.repeat(np.array(home)[:, None], basis.count, axis=1)
+def _smooth(joint_names: tuple[str, ...], about: tuple[float, ...], basis: Basis) -> ProMP:
+    covariance = _of_joints(len(about), _prior_covariance(basis))
+    mean = np.repeat(np.array(about)[:, None], basis.count, axis=1)
     return ProMP(basis, mean, covariance, joint_names=joint_names)
 
 
@@ -67,7 +69,7 @@ def _tell_unlearnt(name: str, joint_names: tuple[str, ...]) -> None:
     """Warn, once for a robot in a process."""
     warnings.warn(
         f"no built-in demonstrations are of the joints of robot '{name}' "
-        f"({', '.join(joint_names)}): the primitive is any smooth motion about its home; "
+        f"({', '.join(joint_names)}): the primitive is any smooth motion about the start; "
         "demonstrations= or --demonstrations gives it one that was learnt",
         stacklevel=4,
     )
@@ -106,8 +108,8 @@ def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis =
         task: the scene and its robot.
         demonstrations: a learnt ProMP, demonstrations to learn from (``.npz`` of a ProMP or of
             demonstrations, CSV, a folder of CSVs), or None for the built-in ones of its joints (by
-            :func:`optipromp.robots.library.built_in_twin`); a robot without gets the smooth prior,
-            with a warning, once for a robot.
+            :func:`optipromp.robots.library.built_in_twin`); a robot without gets the smooth prior
+            about the start, with a warning, once for a robot.
         basis: of a ProMP that is learnt here.
 
     Raises:
@@ -122,7 +124,7 @@ def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis =
     elif (known := built_in_twin(robot)) is not None:
         promp = _built_in(known, basis)
     else:
-        promp = smooth_prior(robot, basis)
+        promp = smooth_prior(robot, basis, task.start)
         _tell_unlearnt(robot.name, robot.joint_names)
     return widened(promp, robot.joint_names)
 

@@ -18,7 +18,6 @@ from optipromp.pushing.model import Combined, Continued, PushModel
 from optipromp.pushing.path import STEP, ToolPath, along, evenly, length
 from optipromp.pushing.rules import neighbours
 from optipromp.pushing.standing import Standing
-from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
 from optipromp.robots.tools import make_tool, with_tool
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
@@ -97,7 +96,7 @@ def _robot_with_tool(scene: Scene) -> tuple[Robot, BodyPoints]:
     tool = None
     if scene.tool is not None:
         tool = (scene.tool.kind, tuple(sorted(scene.tool.parameters.items())))
-    return _equip(load_robot(scene.robot, scene.base_dir), tool)
+    return _equip(scene.load_robot(), tool)
 
 
 ToolKey = tuple[str, tuple[tuple[str, Any], ...]] | None

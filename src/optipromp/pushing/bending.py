@@ -22,6 +22,7 @@ import numpy as np
 from scipy.linalg.lapack import dpbsv
 
 from optipromp.arrays import FloatArray, frozen, lengths
+from optipromp.geometry.shapes import Capsule
 from optipromp.pushing.parameters import PUSH
 from optipromp.scenes.scene import SceneObject
 
@@ -44,6 +45,7 @@ class Stems(NamedTuple):
         length: (N,) from the root to the fruit's centre [m].
         mass: (N,) of the fruits [kg].
         radius: (N,) of the fruits; ``thickness`` (N,) radii of the stems [m].
+        upper: (N,) share of the stem at which a long fruit's second ball is; 1 for a ball.
         shape: (N, ELEMENTS + 1, L) W, deflection of the grid's points by those of the loaded ones.
         stiffness: (N, L, L) K [N/m].
         compliance: (N, L, L) the inverse of K [m/N].
@@ -56,44 +58,77 @@ class Stems(NamedTuple):
     mass: FloatArray
     radius: FloatArray
     thickness: FloatArray
+    upper: FloatArray
     shape: FloatArray
     stiffness: FloatArray
     compliance: FloatArray
     shortening: FloatArray
 
 
-def stems(objects: Sequence[SceneObject], up: FloatArray = UP) -> Stems:
-    """The stems of fruits that hang, as if straight from root to fruit; ``up`` as :func:`bent`."""
+def stems(
+    objects: Sequence[SceneObject], up: FloatArray = UP, factor: FloatArray | float = 1.0
+) -> Stems:
+    """The stems of fruits that hang, as if straight from root to fruit; ``up`` as :func:`bent`.
+
+    Stiffnesses, told or assumed, are multiplied by ``factor`` (N,).
+    """
+    balls = [balls_of(fruit) for fruit in objects]
     return bent(
         np.array([t.stem.points[-1] for t in objects if t.stem is not None]).reshape(-1, 3),
-        np.array([t.position for t in objects]).reshape(-1, 3),
-        np.array([t.radius for t in objects]),
+        np.array([center for center, _, _ in balls]).reshape(-1, 3),
+        np.array([radius for _, radius, _ in balls]),
         np.array([t.stem.radius for t in objects if t.stem is not None]),
         up,
+        np.array([apart for _, _, apart in balls]),
+        np.array([t.physical.get("mass", np.nan) for t in objects]),
+        np.array([t.physical.get("stem_stiffness", np.nan) for t in objects]),
+        factor,
     )
+
+
+def balls_of(fruit: SceneObject) -> tuple[FloatArray, float, float]:
+    """The two balls that the model takes a fruit for, one behind the other along its stem.
+
+    A capsule is taken for the balls at its ends; any other shape for one ball that holds it.
+
+    Returns:
+        Centre (3,) of the lower one, radius, and the distance of the upper one; 0 for one ball [m].
+    """
+    if not isinstance(fruit.shape, Capsule) or fruit.stem is None:
+        return fruit.position, fruit.radius, 0.0
+    end = 0.5 * fruit.shape.length * fruit.rotation[:, 2]
+    away = -1.0 if float(end @ fruit.stem.vector) > 0.0 else 1.0
+    return fruit.position + away * end, fruit.shape.radius, fruit.shape.length
 
 
 def bent(
     root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: FloatArray,
-    up: FloatArray = UP,
+    up: FloatArray = UP, apart: FloatArray | float = 0.0, mass: FloatArray | float = np.nan,
+    stiffness: FloatArray | float = np.nan, factor: FloatArray | float = 1.0,
 ) -> Stems:  # fmt: skip
     """Stems of radius ``thickness`` (N,), from roots (N, 3) to fruits (N, 3) of radius (N,) [m].
 
-    ``up`` (3,) is opposite to gravity.
+    ``up`` (3,) is opposite to gravity. A long fruit has a second ball ``apart`` (N,) from the first
+    towards the root [m]. Where ``mass`` (N,) [kg] and ``stiffness`` EI (N,) [N m²] are not numbers,
+    they are assumed. Stiffnesses are multiplied by ``factor`` (N,).
     """
     count, n, loaded = len(root), FINER * ELEMENTS, len(LOADED)
     length, axes = _frames(root, fruit)
     along = axes[:, 2]
-    mass = FRUIT_DENSITY * 4.0 / 3.0 * np.pi * radius**3
+    ball = FRUIT_DENSITY * 4.0 / 3.0 * np.pi * radius**3
+    mass = np.where(np.isnan(mass), ball + FRUIT_DENSITY * np.pi * apart * radius**2, mass)
     down = along @ up
     x, y, z = (along - down[:, None] * up).T
     lean = np.hypot(np.hypot(x, y), z)
     # the moment m g sinθ (L - s) turns the stem by m g sinθ L² / 2EI
     grown = mass * GRAVITY * lean * length**2 / (2.0 * GROWN_TURN)
-    bending = np.maximum(MODULUS * np.pi / 64.0 * DIAMETER**4, grown)
+    assumed = np.maximum(MODULUS * np.pi / 64.0 * DIAMETER**4, grown)
+    bending = factor * np.where(np.isnan(stiffness), assumed, stiffness)
     tension = mass * GRAVITY * np.abs(down)
     h = length / n
-    stiffer = np.where((np.arange(n) + 0.5) / n > (1.0 - radius / length)[:, None], STIFF_END, 1.0)
+    stiffer = np.where(
+        (np.arange(n) + 0.5) / n > (1.0 - (radius + apart) / length)[:, None], STIFF_END, 1.0
+    )
     stiffer[:, 0] *= 0.5  # clamped: the beam is mirrored at its root
     ei = np.zeros((count, n + 2))  # by h³, at the grid's points from the root; none beyond the end
     ei[:, :n] = bending[:, None] * stiffer / h[:, None] ** 3
@@ -107,13 +142,14 @@ def bent(
     band[:, 2, :-2] = ei[:, 2:n]
     compliance = np.array([dpbsv(one, _UNIT, lower=1)[1] for one in band]).reshape(count, n, loaded)
     between = np.ascontiguousarray(compliance[:, _AT])
-    stiffness = np.linalg.inv(between)
+    condensed = np.linalg.inv(between)
     shape = np.zeros((count, ELEMENTS + 1, loaded))
-    shape[:, 1:] = compliance[:, FINER - 1 :: FINER] @ stiffness
+    shape[:, 1:] = compliance[:, FINER - 1 :: FINER] @ condensed
     steps = np.diff(shape, axis=1)
     shortening = np.einsum("nki,nkj->nij", steps, steps) / (FINER * h)[:, None, None]
     return Stems(
-        root, axes, length, mass, radius, thickness, shape, stiffness, between, shortening,
+        root, axes, length, mass, radius, thickness, 1.0 - apart / length, shape, condensed,
+        between, shortening,
     )  # fmt: skip
 
 

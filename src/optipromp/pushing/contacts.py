@@ -99,21 +99,24 @@ def overlapping(s: Stems, u: FloatArray, overlap: BoolArray) -> None:
     """
     root, axes, shape, length = s.root, s.axes, s.shape, s.length
     for i in range(len(root)):
-        x0, x1, x2 = place(root, axes, shape, u, i, length[i], 1.0)
         for o in range(len(root)):
-            y0, y1, y2 = place(root, axes, shape, u, o, length[o], 1.0)
-            d, _, _, _ = apart(x0, x1, x2, y0, y1, y2)
-            overlap[i, o, 0] = d < s.radius[i] + s.radius[o]
-            share = level(root, axes, o, length[o], x0, x1, x2)
-            y0, y1, y2 = place(root, axes, shape, u, o, length[o], share)
-            d, _, _, _ = apart(x0, x1, x2, y0, y1, y2)
-            overlap[i, o, 1] = d < s.radius[i] + s.thickness[o]
+            overlap[i, o, 0] = overlap[i, o, 1] = False
+            for a in (1.0, s.upper[i]):
+                x0, x1, x2 = place(root, axes, shape, u, i, length[i], a)
+                for b in (1.0, s.upper[o]):
+                    y0, y1, y2 = place(root, axes, shape, u, o, length[o], b)
+                    d, _, _, _ = apart(x0, x1, x2, y0, y1, y2)
+                    overlap[i, o, 0] |= d < s.radius[i] + s.radius[o]
+                share = level(root, axes, o, length[o], x0, x1, x2)
+                y0, y1, y2 = place(root, axes, shape, u, o, length[o], share)
+                d, _, _, _ = apart(x0, x1, x2, y0, y1, y2)
+                overlap[i, o, 1] |= d < s.radius[i] + s.thickness[o]
 
 
 @inner
 def list_firm(
-    center: FloatArray, radius: FloatArray, firm: IntArray, listed_at: FloatArray,
-    on_fruit: IntArray, solid: Obstacles,
+    s: Stems, center: FloatArray, firm: IntArray, listed_at: FloatArray, on_fruit: IntArray,
+    solid: Obstacles,
 ) -> None:  # fmt: skip
     """Obstacles within :data:`LISTED` of each fruit that has moved since, into ``firm``."""
     before = 3 * (len(center) - 1) + 1
@@ -124,9 +127,10 @@ def list_firm(
             continue
         listed_at[i, 0], listed_at[i, 1], listed_at[i, 2] = x, y, z
         on_fruit[i] = before
+        reach = s.radius[i] + (1.0 - s.upper[i]) * s.length[i] + LISTED
         for k in range(firm.shape[1]):
             gap, _, _, _ = distance_and_gradient(solid, k, x, y, z)
-            if gap - radius[i] < LISTED:
+            if gap < reach:
                 firm[i, on_fruit[i] - before] = k
                 on_fruit[i] += 1
 
@@ -141,7 +145,7 @@ def list_pieces(s: Stems, c: Contacts, at: MouthPose, cup: Mouth) -> None:
         c.bottom[i] = _level_with(root, axes, i, length[i], at, cup.base)
         low = _level_with(root, axes, i, length[i], at, under)
         c.first[i] = int(c.top[i] * n) + 1
-        end = int(low * n) if low > 0.0 else int((1.0 - radius[i] / length[i]) * n)
+        end = int(low * n) if low > 0.0 else int((s.upper[i] - radius[i] / length[i]) * n)
         c.on_all[i] = c.on_fruit[i] + 2 + max(end - c.first[i] + 1, 0)
 
 
@@ -156,8 +160,8 @@ def _level_with(
 @inlined
 def between(
     root: FloatArray, axes: FloatArray, shape: FloatArray, length: FloatArray, radius: FloatArray,
-    thickness: FloatArray, u: FloatArray, up: FloatArray, center: FloatArray, resting: BoolArray,
-    overlap: BoolArray, i: int, what: int,
+    thickness: FloatArray, upper: FloatArray, u: FloatArray, up: FloatArray, center: FloatArray,
+    resting: BoolArray, overlap: BoolArray, i: int, what: int,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
     """Contact ``what`` of a fruit and its stem with another fruit and its stem.
 
@@ -170,23 +174,36 @@ def between(
     o += 1 if o >= i else 0
     if resting[i] and resting[o]:
         return np.inf, 0.0, 0.0, 0.0, 1.0
-    x0, x1, x2 = center[i, 0], center[i, 1], center[i, 2]
-    y0, y1, y2 = center[o, 0], center[o, 1], center[o, 2]
-    if what % 3 == 1:
-        if overlap[i, o, 0]:
-            return np.inf, 0.0, 0.0, 0.0, 1.0
-        gap, n0, n1, n2 = apart(x0, x1, x2, y0, y1, y2)
-        return gap - (radius[i] + radius[o]), n0, n1, n2, 1.0
-    if what % 3 == 2:
-        share = level(root, axes, o, length[o], x0, x1, x2)
-        if share == 0.0 or overlap[i, o, 1]:
-            return np.inf, 0.0, 0.0, 0.0, 1.0
-        y0, y1, y2 = place(root, axes, shape, u, o, length[o] - up[o], share)
-        gap, n0, n1, n2 = apart(x0, x1, x2, y0, y1, y2)
-        return gap - (radius[i] + thickness[o]), n0, n1, n2, 1.0
-    share = level(root, axes, i, length[i], y0, y1, y2)
-    if share == 0.0 or share > 1.0 - radius[i] / length[i] or overlap[o, i, 1]:
+    if (what % 3 == 1 and overlap[i, o, 0]) or (what % 3 == 2 and overlap[i, o, 1]):
         return np.inf, 0.0, 0.0, 0.0, 1.0
-    x0, x1, x2 = place(root, axes, shape, u, i, length[i] - up[i], share)
-    gap, n0, n1, n2 = apart(x0, x1, x2, y0, y1, y2)
-    return gap - (radius[o] + thickness[i]), n0, n1, n2, share
+    if what % 3 == 0 and overlap[o, i, 1]:
+        return np.inf, 0.0, 0.0, 0.0, 1.0
+    least, m0, m1, m2, at = np.inf, 0.0, 0.0, 0.0, 1.0
+    for first in range(2 if what % 3 and upper[i] < 1.0 else 1):  # the balls of fruit i
+        share = 1.0
+        x0, x1, x2 = center[i, 0], center[i, 1], center[i, 2]
+        if first:
+            share = upper[i]
+            x0, x1, x2 = place(root, axes, shape, u, i, length[i] - up[i], share)
+        for second in range(2 if what % 3 != 2 and upper[o] < 1.0 else 1):  # those of fruit o
+            y0, y1, y2 = center[o, 0], center[o, 1], center[o, 2]
+            if second:
+                y0, y1, y2 = place(root, axes, shape, u, o, length[o] - up[o], upper[o])
+            if what % 3 == 1:
+                keep = radius[i] + radius[o]
+            elif what % 3 == 2:
+                along = level(root, axes, o, length[o], x0, x1, x2)
+                if along == 0.0:
+                    continue
+                y0, y1, y2 = place(root, axes, shape, u, o, length[o] - up[o], along)
+                keep = radius[i] + thickness[o]
+            else:
+                share = level(root, axes, i, length[i], y0, y1, y2)
+                if share == 0.0 or share > upper[i] - radius[i] / length[i]:
+                    continue
+                x0, x1, x2 = place(root, axes, shape, u, i, length[i] - up[i], share)
+                keep = radius[o] + thickness[i]
+            gap, n0, n1, n2 = apart(x0, x1, x2, y0, y1, y2)
+            if gap - keep < least:
+                least, m0, m1, m2, at = gap - keep, n0, n1, n2, share
+    return least, m0, m1, m2, at

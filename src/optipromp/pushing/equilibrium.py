@@ -76,7 +76,7 @@ def relax(
         The largest change of a deflection [m], and whether a fruit was touched for the first time.
     """
     root, axes, shape, shortening, stiffness = s.root, s.axes, s.shape, s.shortening, s.stiffness
-    length, radii, thickness, mass = s.length, s.radius, s.thickness, s.mass
+    length, radii, thickness, mass, upper = s.length, s.radius, s.thickness, s.mass, s.upper
     u, before, ahead, up, center, began = f.u, f.before, f.ahead, f.up, f.center, f.began
     resting, pressed, earlier, firmly = f.resting, f.pressed, f.earlier, f.firmly
     overlap, firm, on_fruits, on_all = c.overlap, c.firm, c.on_fruit, c.on_all
@@ -94,7 +94,7 @@ def relax(
             begin(stiffness, free, u, ahead, i, inertia, gradient, inverse)
         pressed[i], firmly[i] = 0.0, False
         largest = t0 = t1 = t2 = 0.0
-        last = 1.0 - radius / length[i]
+        last = upper[i] - radius / length[i]
         h, rho, _, _, _ = in_cup(x0, x1, x2, at)
         within = h > cup.base and rho < cup.inner
         looked_at = on_all[i] if look else close[i]
@@ -106,16 +106,26 @@ def relax(
             share = 1.0
             if what == 0:
                 gap, n0, n1, n2 = fruit_gap(x0, x1, x2, radius, at, cup)
+                if upper[i] < 1.0:
+                    y0, y1, y2 = place(root, axes, shape, u, i, length[i] - up[i], upper[i])
+                    over, m0, m1, m2 = fruit_gap(y0, y1, y2, radius, at, cup)
+                    if over < gap:
+                        gap, n0, n1, n2, share = over, m0, m1, m2, upper[i]
             elif what <= others:
                 gap, n0, n1, n2, share = between(
-                    root, axes, shape, length, radii, thickness, u, up, center, resting, overlap,
-                    i, what,
+                    root, axes, shape, length, radii, thickness, upper, u, up, center, resting,
+                    overlap, i, what,
                 )  # fmt: skip
             elif what < on_fruit:
                 if resting[i] and p > 0:
                     continue
                 wall = firm[i, what - others - 1]
                 gap, n0, n1, n2 = distance_and_gradient(solid, wall, x0, x1, x2)
+                if upper[i] < 1.0:
+                    y0, y1, y2 = place(root, axes, shape, u, i, length[i] - up[i], upper[i])
+                    over, m0, m1, m2 = distance_and_gradient(solid, wall, y0, y1, y2)
+                    if over < gap:
+                        gap, n0, n1, n2, share = over, m0, m1, m2, upper[i]
                 gap -= radius
             else:
                 share = shares[i, k]
@@ -161,17 +171,24 @@ def relax(
                     axes, shape, shortening, u, i, share, z0 - along * at.u, z1 - along * at.v,
                     z2 - along * at.w, n0, n1, n2, ON_STEM * hard, j, v, gradient, inverse,
                 )  # fmt: skip
-            elif share == 1.0:
+            elif what == 0 or what > others or what % 3:  # on the fruit, not on its stem
                 largest = max(largest, hard)
             if others < what < on_fruit:
                 firmly[i] = True
             if what == 0:
                 pressed[i] = hard
                 if earlier[i] != 0.0:
+                    z0, z1, z2 = x0 - began[i, 0], x1 - began[i, 1], x2 - began[i, 2]
+                    if share < 1.0:  # the upper ball began as far from the lower one as it was
+                        a0, a1, a2 = place(root, axes, shape, before, i, length[i] - up[i], share)
+                        b0, b1, b2 = place(root, axes, shape, before, i, length[i] - up[i], 1.0)
+                        z0, z1, z2 = (
+                            y0 - began[i, 0] - a0 + b0, y1 - began[i, 1] - a1 + b1,
+                            y2 - began[i, 2] - a2 + b2,
+                        )  # fmt: skip
                     _rub(
-                        axes, shape, shortening, u, i, 1.0, x0 - began[i, 0] - shift.x,
-                        x1 - began[i, 1] - shift.y, x2 - began[i, 2] - shift.z, n0, n1, n2,
-                        RUBBING * earlier[i], j, v, gradient, inverse,
+                        axes, shape, shortening, u, i, share, z0 - shift.x, z1 - shift.y,
+                        z2 - shift.z, n0, n1, n2, RUBBING * earlier[i], j, v, gradient, inverse,
                     )  # fmt: skip
         forces[p, i] = largest
         stem_forces[p, i] = math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)

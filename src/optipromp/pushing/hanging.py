@@ -14,7 +14,7 @@ import numpy as np
 from optipromp.arrays import FloatArray, frozen
 from optipromp.geometry import distances
 from optipromp.geometry.obstacles import Obstacles, near
-from optipromp.pushing.bending import Stems, moved, stems
+from optipromp.pushing.bending import Stems, balls_of, moved, stems
 from optipromp.pushing.cup import Mouth
 from optipromp.pushing.harm import BRIEFLY, Harm, score_of
 from optipromp.pushing.model import Moved, PushModel, Round, Schedule
@@ -263,17 +263,26 @@ def _sampled(fruits: Sequence[SceneObject], samples: int, up: FloatArray) -> Ste
               for known, fruit in zip(sure, fruits, strict=True)]  # fmt: skip
     degrees = [HANGING.turn if known else HANGING.detected_turn for known in sure]
     turn = np.deg2rad(degrees) * seen.length
-    shifted, swung = _normal((samples, len(fruits), 3))
+    shifted, swung, stiffer = _normal((samples, len(fruits), 3))
     shift = np.reshape(spread, (-1, 1)) * shifted
     swing = turn[:, None] * (swung - (swung @ up)[..., None] * up)  # level
-    place = np.array([fruit.position for fruit in fruits])
+    place = np.array([balls_of(fruit)[0] for fruit in fruits])
     places = np.concatenate([place[None], place + shift])
     roots = np.concatenate([seen.root[None], seen.root + shift + swing])
-    return moved(seen, roots, places)
+    wide = np.array([fruit.physical.get("stem_stiffness_spread", 1.0) for fruit in fruits])
+    if (wide == 1.0).all():
+        return moved(seen, roots, places)
+    factors = [np.ones(len(fruits)), *(wide**one for one in stiffer[..., 0])]
+    states = [
+        moved(stems(fruits, up, factor), root[None], place[None])
+        for factor, root, place in zip(factors, roots, places, strict=True)
+    ]
+    return Stems(*(np.concatenate(values) for values in zip(*states, strict=True)))
 
 
 @lru_cache(maxsize=16)
-def _normal(shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-    """Two arrays of standard normal numbers, always the same."""
+def _normal(shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Three arrays of standard normal numbers, always the same."""
     rng = np.random.default_rng(0)
-    return frozen(rng.standard_normal(shape)), frozen(rng.standard_normal(shape))
+    one, two, three = (frozen(rng.standard_normal(shape)) for _ in range(3))
+    return one, two, three

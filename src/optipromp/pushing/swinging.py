@@ -119,7 +119,7 @@ def _advance(
             f.before[i, a] = f.u[i, a]
             d.last[i, a] = 0.0
         f.earlier[i], d.eased[i] = f.pressed[i], 1.0
-    list_firm(f.center, s.radius, c.firm, c.listed_at, c.on_fruit, solid)
+    list_firm(s, f.center, c.firm, c.listed_at, c.on_fruit, solid)
     list_pieces(s, c, at, cup)
     stirred = np.inf
     for _ in range(ITERATIONS):
@@ -237,7 +237,7 @@ def mean_score(
         low, high = d * count, (d + 1) * count
         one = Stems(
             s.root[low:high], s.axes[low:high], s.length[low:high], s.mass[low:high],
-            s.radius[low:high], s.thickness[low:high], s.shape[low:high],
+            s.radius[low:high], s.thickness[low:high], s.upper[low:high], s.shape[low:high],
             s.stiffness[low:high], s.compliance[low:high], s.shortening[low:high],
         )  # fmt: skip
         left = min(worst * samples - total, hopeless)

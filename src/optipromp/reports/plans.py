@@ -71,6 +71,8 @@ def plan_report(folder: Path | str) -> bytes:
         shown = film(moving.read_bytes(), "The run in the physics simulation")
         if sum(map(len, parts)) + len(shown) < LARGEST_FILE:
             parts.insert(2, section("Film", shown, screen=True))
+    if sum(map(len, parts)) > LARGEST_FILE:
+        parts[1] = section("3-D", paragraph("Left out: it is too large.", "faint"), screen=True)
     return page(title, parts)
 
 

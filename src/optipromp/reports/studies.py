@@ -2,24 +2,27 @@
 
 import json
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from optipromp.errors import Code, InvalidRequestError
+from optipromp.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.experiments.runs import ERROR, NO_PLAN, Row, again
 from optipromp.experiments.statistics import Calibration, Cell, calibration, summary
 from optipromp.experiments.study import ROWS, SETTINGS, rows_of
 from optipromp.experiments.study_output import study_figure
 from optipromp.reports.html import made_with, page, paragraph, picture, section, table
+from optipromp.robots.library import NOTHING
+from optipromp.scenes.generate import PANDA
 from optipromp.simulation import Run
 from optipromp.viewer.figures import png
 from optipromp.viewer.notebook import DPI
 
 SIZE = 640, 360  # [pixel] of a worst case's picture
 WORST = 6  # cases that are shown
-FELT = 0.2  # [N] below which no force is a moment to show
+SLIGHT = 0.2  # [N] below which no force is a moment to show
 
 
 def study_report(
@@ -60,9 +63,9 @@ def study_report(
         ),
         section("Causes of failure", table(_causes(cells), ("preset", "planner", "failed by"))),
         *_prediction(found),
-        *_worst(rows, worst, progress),
+        *_worst(rows, worst, progress, _robot(settings)),
         section("Settings", table([(name, str(value)) for name, value in settings.items()])),
-        made_with(_command(rows), {}),
+        made_with(_command(rows, _robot(settings)), {}),
     ]  # fmt: skip
     return page(title, parts)
 
@@ -111,7 +114,15 @@ def worst_of(rows: Sequence[Row], count: int) -> list[Row]:
     return sorted(failed, key=lambda row: rank[row.key])[:count]
 
 
-def _worst(rows: Sequence[Row], count: int, progress: Callable[[str], None] | None) -> list[str]:
+def _robot(settings: Mapping[str, Any]) -> str | None:
+    """Whose scenes they are; None for a robot whose file was read with choices."""
+    told = str(settings.get("robot", f"{PANDA} {NOTHING}"))
+    return told.removesuffix(f" {NOTHING}") if told.endswith(f" {NOTHING}") else None
+
+
+def _worst(
+    rows: Sequence[Row], count: int, progress: Callable[[str], None] | None, robot: str | None
+) -> list[str]:
     shown = []
     for row in worst_of(rows, count):
         name = f"{row.preset}, seed {row.seed}, {row.planner}"
@@ -120,9 +131,9 @@ def _worst(rows: Sequence[Row], count: int, progress: Callable[[str], None] | No
         cause = row.cause.replace("_", " ")
         caption = f"{name}: {cause}. {row.message} (plan: {row.plan_status})"
         try:
-            run = None if row.cause == ERROR else again(row)
+            run = None if row.cause == ERROR or robot is None else again(row, robot)
             shown.append(paragraph(caption) if run is None else picture(_picture(run), caption))
-        except InvalidRequestError:  # nothing can be drawn off screen
+        except OptiPrompError:  # nothing can be drawn off screen, or the robot's file is not there
             shown.append(paragraph(caption))
     if not shown:
         return []
@@ -148,12 +159,12 @@ def worst_moment(run: Run) -> float:
         return min(rollout.torn_at.values())
     others = [k for k, name in enumerate(rollout.fruit_ids) if name != run.outcome.target]
     force = np.concatenate([rollout.fruit_force[:, others], rollout.stem_force], axis=1)
-    if not force.size or force.max() < FELT:
+    if not force.size or force.max() < SLIGHT:
         return float(rollout.times[-1])
     return float(rollout.times[int(force.max(axis=1).argmax())])
 
 
-def _command(rows: Sequence[Row]) -> str:
+def _command(rows: Sequence[Row], robot: str | None) -> str:
     presets, planners = (
         ",".join(dict.fromkeys(getattr(row, name) for row in rows))
         for name in ("preset", "planner")
@@ -161,6 +172,8 @@ def _command(rows: Sequence[Row]) -> str:
     seeds = [row.seed for row in rows]
     words = ["optipromp", "study", "--preset", presets, "--planners", planners]
     words += ["--seeds", f"{min(seeds)}:{max(seeds) + 1}"]
+    if robot != PANDA:
+        words += ["--robot", robot or "ROBOT"]
     for name in ("noise_position", "noise_angle"):
         if value := getattr(rows[0], name):
             words += ["--" + name.replace("_", "-"), f"{value:g}"]

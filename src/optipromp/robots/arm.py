@@ -143,8 +143,9 @@ def _other_ends(tree: Tree, arm: Arm) -> tuple[str, ...]:
 def flange_of(tree: Tree, last: str, plain: bool = False) -> str:
     """The flange of an arm whose last joint carries the link ``last``.
 
-    A link named flange or tool0; else, on a body that is a hand, its tool frame; else the end of
-    what is fixed to it, without sensors and (unless ``plain``) hands.
+    A link named tool0, flange or attachment (a site of an MJCF); else, on a body that is a hand,
+    its tool frame; else the end of what is fixed to it, without sensors and (unless ``plain``)
+    hands.
     """
     sensors = frozenset(part for _, part in tree.rigid(last)[1:] if words(part) & SENSOR)
     if plain:
@@ -154,7 +155,7 @@ def flange_of(tree: Tree, last: str, plain: bool = False) -> str:
         for _, part in tree.rigid(last)[1:]
         if any(joint.name in tree.hands for joint in tree.below[part]) or words(part) & PALM
     )
-    for name in ("tool0", "flange"):
+    for name in ("tool0", "flange", "attachment"):
         for _, part in tree.rigid(last, sensors):
             if name in words(part):
                 return part

@@ -38,6 +38,7 @@ class Chain:
     lower: FloatArray  # (n,) limits of every joint that the independent one drives, intersected
     upper: FloatArray
     velocity: FloatArray
+    effort: FloatArray  # (S,) of the segments' own joints, infinite where the file gives none
     kinematics: Kinematics
     flange: Placement
     held_joints: tuple[str, ...]  # off the chain, at rest
@@ -61,7 +62,8 @@ def serial_chain(
     Movable joints off the chain stand at their value in ``held`` [rad or m], else at zero or the
     limit nearest to it. Frames are those of the root, whatever the base.
     Raises InvalidRobotError when there is no movable joint on the path, when the limits of a mimic
-    joint and of its leader leave nothing in common, or when a joint cannot be held as asked.
+    joint and of its leader leave nothing in common, when a joint cannot be moved (it has no limits,
+    say), or cannot be held as asked.
     """
     above = {joint.child: joint for joint in model.joints.values()}
     order = _from_the_root(model)
@@ -79,6 +81,9 @@ def serial_chain(
         raise InvalidRobotError(
             f"{model.path}: no movable joint between the {start} and the flange '{tip}'"
         )
+    for joint in movable:
+        if joint.fault or (joint := model.joints[drives[joint.name].leader]).fault:
+            raise InvalidRobotError(joint.fault)
     names = tuple(dict.fromkeys(drives[joint.name].leader for joint in movable))
     index = {name: i for i, name in enumerate(names)}
     _check_held(model, held, drives, index)
@@ -127,6 +132,7 @@ def serial_chain(
         lower=frozen(lower),
         upper=frozen(upper),
         velocity=frozen(velocity),
+        effort=frozen([joint.effort for joint in movable]),
         kinematics=kinematics,
         flange=placements[tip],
         held_joints=tuple(name for name in model.joints if name in still),

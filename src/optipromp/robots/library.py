@@ -5,31 +5,25 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from optipromp.arrays import FloatArray, frozen
-from optipromp.documents import read_document
 from optipromp.errors import InvalidRobotError
 from optipromp.robots.arm import Arm, choose_arm
 from optipromp.robots.chain import Chain, serial_chain
+from optipromp.robots.dynamics import dynamics
 from optipromp.robots.mesh_covers import Cover
 from optipromp.robots.meshes import mesh_files
+from optipromp.robots.mjcf import is_mjcf, read_mjcf
 from optipromp.robots.model import BodySpheres, LeftOut, LinkGeometry, Robot
 from optipromp.robots.packages import expanded, with_meshes_found
+from optipromp.robots.robot_file import RobotFile, read_robot_file
 from optipromp.robots.self_collision import with_self_pairs
-from optipromp.robots.spheres import cover_links
+from optipromp.robots.spheres import cover_links, stands_on_its_plane
 from optipromp.robots.srdf_groups import read_srdf
 from optipromp.robots.touching import disabled_pairs, srdf_beside, srdf_files
-from optipromp.robots.urdf import LENGTH_LIMIT, UrdfModel, read_urdf
-
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-Coordinate = Annotated[float, Field(ge=-LENGTH_LIMIT, le=LENGTH_LIMIT, allow_inf_nan=False)]
-Radius = Annotated[float, Field(gt=0.0, le=LENGTH_LIMIT, allow_inf_nan=False)]
-Point = tuple[Coordinate, Coordinate, Coordinate]
+from optipromp.robots.urdf import UrdfModel, read_urdf
 
 SAME_JOINTS = (
     1e-4  # [m or -] chosen: joints of one robot differ less between files (rounded angles)
@@ -49,7 +43,7 @@ class Choice:
 
     ``tip``: the flange link; ``base``: the link the arm begins at; ``srdf``: a file of groups;
     ``hold``: values [rad or m] of joints that are not of the arm, such as fingers;
-    ``package_dirs``: folders that hold packages.
+    ``package_dirs``: folders that hold packages. Relative paths start where the robot's does.
     """
 
     tip: str | None = None
@@ -72,7 +66,8 @@ def load_robot(
     hold: Mapping[str, float] | None = None,
     package_dirs: Sequence[str | Path] = (),
 ) -> Robot:
-    """A robot without a tool: a built-in one by name, or from a ``.urdf``, xacro or robot file.
+    """A robot without a tool: a built-in one by name, or from a ``.urdf``, xacro, MJCF (``.xml``)
+    or robot file.
 
     A bare URDF has its arm chosen by :func:`optipromp.robots.arm.choose_arm` and spheres from its
     geometry; accelerations and jerks are unlimited; home is zero, or the limits nearest to it.
@@ -108,13 +103,19 @@ def load_arm(
                 f"robot '{name_or_path}' is built in: it takes no tip, base, srdf, hold or packages"
             )
         return _built_in(name_or_path)
-    path = (base_dir or Path()) / name_or_path
+    folder = base_dir or Path()
+    choice = replace(
+        choice,
+        srdf=None if choice.srdf is None else folder / choice.srdf,
+        package_dirs=tuple(folder / each for each in choice.package_dirs),
+    )
+    path = folder / name_or_path
     suffix = path.suffix.lower()
     names = ", ".join(robot_names())
-    if suffix not in (".urdf", ".xacro", ".yaml", ".yml"):
+    if suffix not in (".urdf", ".xacro", ".xml", ".mjcf", ".yaml", ".yml"):
         raise InvalidRobotError(
             f"no robot '{name_or_path}'; built-in: {names}; "
-            "or the path of a .urdf, .xacro or .yaml file"
+            "or the path of a .urdf, .xacro, .xml (MJCF) or .yaml file"
         )
     if not path.is_file():
         raise InvalidRobotError(f"{path}: no such file; built-in robots: {names}")
@@ -153,7 +154,7 @@ def _from_file(path: Path, choice: Choice) -> tuple[Robot, Arm]:
         model, files, stamps, out = held
         if stamps == _stamps([*files, *srdf_files(model)]):
             return out
-    if path.suffix.lower() in (".urdf", ".xacro"):
+    if path.suffix.lower() not in (".yaml", ".yml"):
         entry = RobotFile(format=1, name=path.stem, urdf=path.name)
         model = _read(entry, path, choice)
         entry = entry.model_copy(update={"name": model.name})
@@ -162,7 +163,8 @@ def _from_file(path: Path, choice: Choice) -> tuple[Robot, Arm]:
         model = _read(entry, path, choice)
     bare = [name for name in model.links if name not in entry.spheres]
     groups = _given_srdf(entry, path, choice)
-    files = [path, model.path, *([groups] if groups else []), *mesh_files(model, bare)]
+    beside = model.path.parent.glob("*.xml") if is_mjcf(model.path) else ()  # it may include them
+    files = [path, model.path, *beside, *([groups] if groups else []), *mesh_files(model, bare)]
     stamps = _stamps([*files, *srdf_files(model)])
     out = _build(entry, model, path, choice)
     if model.path.suffix.lower() != ".xacro":  # it may include files that are not known here
@@ -185,31 +187,6 @@ def _stamps(files: list[Path]) -> Stamps:
     return tuple(out)
 
 
-class RobotFile(BaseModel):
-    """The keys of a robot file; lists of numbers are in the order of the chain's joints.
-
-    A link that has an entry under ``spheres`` (an empty list counts) is covered by those; every
-    other link is covered from its URDF geometry.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-    format: Literal[1]
-    name: str = Field(min_length=1)
-    urdf: str = Field(min_length=1)
-    flange: str | None = None  # the tip
-    base: str | None = None  # joints before this link are held
-    srdf: str | None = None  # its groups tell the arm
-    package_dirs: list[str] = []  # folders that hold the packages of package:// names
-    hold: dict[str, Finite] = {}  # values of joints that are not of the arm [rad or m]
-    scale: Positive = 1.0  # metres in one unit of length of the URDF
-    velocity: list[Positive] | None = None  # overrides the URDF
-    acceleration: list[Positive] | None = None
-    jerk: list[Positive] | None = None
-    home: list[Finite] | None = None
-    spheres: dict[str, list[tuple[Coordinate, Coordinate, Coordinate, Radius]]] = {}
-    allow_self: list[tuple[str, str]] = []
-
-
 def robot_from_file(path: Path) -> Robot:
     """The robot that the YAML robot file at ``path`` describes. Raises InvalidRobotError."""
     return _from_file(path, NOTHING)[0]
@@ -220,31 +197,15 @@ def _read(entry: RobotFile, path: Path, choice: Choice) -> UrdfModel:
     folders = [*choice.package_dirs, *(path.parent / each for each in entry.package_dirs)]
     package_dirs = [Path(folder) for folder in folders]
     urdf = path.parent / entry.urdf
-    content = expanded(urdf, package_dirs) if urdf.suffix.lower() == ".xacro" else None
-    model = read_urdf(urdf, entry.scale, content)
+    if is_mjcf(urdf):
+        if entry.scale != 1.0:
+            raise InvalidRobotError(f"{path}: scale is for URDFs; {entry.urdf} is an MJCF")
+        model = read_mjcf(urdf)
+    else:
+        content = expanded(urdf, package_dirs) if urdf.suffix.lower() == ".xacro" else None
+        model = read_urdf(urdf, entry.scale, content)
     covered = [link for link in model.links if link not in entry.spheres]
     return with_meshes_found(model, covered, package_dirs)
-
-
-def read_robot_file(path: Path) -> RobotFile:
-    """Read and check a robot file; an unknown key is refused by name. Raises InvalidRobotError."""
-    content = read_document(path, InvalidRobotError, "a robot file")
-    if not isinstance(content, dict):
-        raise InvalidRobotError(f"{path}: a robot file is a mapping of keys, starting 'format: 1'")
-    try:
-        return RobotFile.model_validate(content)
-    except ValidationError as error:
-        problems = "; ".join(_problem(e) for e in error.errors()[:5])
-        raise InvalidRobotError(f"{path}: {problems}") from error
-
-
-def _problem(error: Any) -> str:
-    where = ".".join(str(part) for part in error["loc"])
-    if error["type"] == "extra_forbidden":
-        return f"unknown key '{where}'; known: {', '.join(RobotFile.model_fields)}"
-    if error["type"] == "missing":
-        return f"key '{where}' is missing"
-    return f"{where}: {error['msg']}, got {error['input']!r}"
 
 
 def _build(
@@ -309,10 +270,16 @@ def _build(
             for link, place in chain.placements.items()
             if (shapes := model.links[link].collisions or model.links[link].visuals)
         ),
+        dynamics=dynamics(model, chain),
     )
     srdf = _given_srdf(entry, path, choice) or srdf_beside(model)
     disabled = [] if srdf is None else disabled_pairs(srdf, model)
-    robot = with_self_pairs(robot, [*entry.allow_self, *disabled], excess)
+    surfaces = {
+        link: cover.surface @ place.rotation.T + place.translation
+        for link, cover in covers.items()
+        if len(cover.surface) and (place := chain.placements[link])
+    }
+    robot = with_self_pairs(robot, [*entry.allow_self, *disabled], excess, surfaces)
     given = [LeftOut(a, b, "robot file") for a, b in entry.allow_self]
     given += [LeftOut(a, b, srdf.name) for a, b in disabled if srdf is not None]
     return replace(robot, left_out=(*given, *robot.left_out)), arm
@@ -355,6 +322,7 @@ def _body_spheres(
     entry: RobotFile, model: UrdfModel, chain: Chain, covers: dict[str, Cover]
 ) -> BodySpheres:
     segment, center, radius, link = [], [np.zeros((0, 3))], [np.zeros(0)], []
+    standing = stands_on_its_plane(covers, chain.placements)
     for index, (name, place) in enumerate(chain.placements.items()):
         cover = covers[name].spheres
         if not len(cover):
@@ -365,7 +333,10 @@ def _body_spheres(
                 "driven by a joint of the chain; only a serial chain moves. Choose another flange, "
                 f"or give '{name}' no spheres in a robot file (spheres: {{{name}: []}})"
             )
-        center.append(cover[:, :3] @ place.rotation.T + place.translation)
+        placed = cover[:, :3] @ place.rotation.T + place.translation
+        if standing and place.segment < 0 and len(covers[name].surface):
+            placed[:, 2] = np.maximum(placed[:, 2], cover[:, 3])
+        center.append(placed)
         radius.append(cover[:, 3])
         segment += [place.segment] * len(cover)
         link += [index] * len(cover)

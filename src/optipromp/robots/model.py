@@ -10,6 +10,7 @@ import numpy as np
 from optipromp.arrays import BoolArray, FloatArray, IntArray, all_finite
 from optipromp.errors import InvalidRequestError
 from optipromp.robots import kernels
+from optipromp.robots.dynamics import Dynamics
 from optipromp.robots.kernels import Kinematics
 from optipromp.shown import Shown
 
@@ -81,6 +82,7 @@ class Robot(Shown):
     excess: Mapping[str, float] = field(default_factory=dict)  # [m] of fitted covers, by link
     left_out: tuple[LeftOut, ...] = ()
     geometry: tuple[LinkGeometry, ...] = ()  # of links that have one
+    dynamics: Dynamics | None = None
 
     def _words(self) -> str:
         tool = "no tool" if self.tool is None else type(self.tool).__name__

@@ -5,15 +5,17 @@ the spheres may reach beyond the shape.
 """
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
 from optipromp.arrays import FloatArray
-from optipromp.robots.chain import rotation_of
+from optipromp.robots.chain import Placement, rotation_of
 from optipromp.robots.mesh_covers import Cover, cover_meshes
+from optipromp.robots.surfaces import of_box, of_rod
 from optipromp.robots.urdf import UrdfGeometry, UrdfModel
 
+MOUNTED = 0.005  # [m] chosen: how far from z = 0 a base may end that stands there
 MAX_SPHERES = 40  # per box or cylinder
 _SLACK = 1.0 + 1e-9  # against rounding, so that a point on the surface counts as covered
 
@@ -92,30 +94,49 @@ def cover_links(model: UrdfModel, links: Collection[str]) -> dict[str, Cover]:
     for link, own in shapes.items():
         parts = [(over_meshes[one] if one.kind == "mesh" else _cover(one), one) for one in own]
         placed = [_placed(cover.spheres, shape) for cover, shape in parts]
+        surfaces = [_placed(cover.surface, shape) for cover, shape in parts]
         covers[link] = Cover(
-            np.concatenate(placed) if placed else np.zeros((0, 4)),
+            np.concatenate([np.zeros((0, 4)), *placed]),
             max((cover.excess for cover, _ in parts), default=0.0),
+            np.concatenate([np.zeros((0, 3)), *surfaces]),
         )
     return covers
+
+
+def stands_on_its_plane(covers: Mapping[str, Cover], places: Mapping[str, Placement]) -> bool:
+    """Whether the fixed links end at z = 0 of the root, where the robot is mounted.
+
+    Their covers are then raised, so that what the robot stands on does not count as touched.
+    """
+    fixed = [(covers[name].surface, place) for name, place in places.items() if place.segment < 0]
+    lowest = [
+        float((surface @ place.rotation[2]).min() + place.translation[2])
+        for surface, place in fixed
+        if len(surface)
+    ]
+    return abs(min(lowest, default=np.inf)) <= MOUNTED
 
 
 def _cover(shape: UrdfGeometry) -> Cover:
     """The cover of a primitive; its excess is that of the centres' depths in it."""
     if shape.kind == "sphere":
-        return Cover(np.array([[0.0, 0.0, 0.0, shape.size[0]]]), 0.0)
+        radius = shape.size[0]
+        return Cover(np.array([[0.0, 0.0, 0.0, radius]]), 0.0, of_rod(radius, 0.0, radius))
     if shape.kind == "box":
         spheres = cover_box(np.array(shape.size), allowance(min(shape.size) / 2.0))
         depth = (np.array(shape.size) / 2.0 - np.abs(spheres[:, :3])).min(axis=1)
-        return Cover(spheres, float((spheres[:, 3] - depth).max()))
+        return Cover(spheres, float((spheres[:, 3] - depth).max()), of_box(np.array(shape.size)))
     radius, length = shape.size
     if shape.kind == "cylinder":
         spheres = cover_cylinder(radius, length, allowance(min(radius, length / 2.0)))
         side = radius - np.hypot(spheres[:, 0], spheres[:, 1])
         depth = np.minimum(side, length / 2.0 - np.abs(spheres[:, 2]))
-        return Cover(spheres, float((spheres[:, 3] - depth).max()))
+        excess = float((spheres[:, 3] - depth).max())
+        return Cover(spheres, excess, of_rod(radius, length, 0.0))
     tip = np.array([0.0, 0.0, length / 2.0])
     spheres = cover_capsule(-tip, tip, radius, allowance(radius))
-    return Cover(spheres, float((spheres[:, 3] - radius).max()))
+    excess = float((spheres[:, 3] - radius).max())
+    return Cover(spheres, excess, of_rod(radius, length, radius))
 
 
 def allowance(half_width: float) -> float:
@@ -125,7 +146,7 @@ def allowance(half_width: float) -> float:
 
 def _placed(cover: FloatArray, shape: UrdfGeometry) -> FloatArray:
     centers = cover[:, :3] @ rotation_of(shape.rpy).T + np.array(shape.xyz)
-    return np.column_stack([centers, cover[:, 3]])
+    return np.column_stack([centers, cover[:, 3:]])
 
 
 def _grid(size: FloatArray, counts: tuple[int, int, int]) -> FloatArray:

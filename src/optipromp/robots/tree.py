@@ -24,7 +24,7 @@ SENSOR = _set(
 )
 LEG = _set("leg legs foot feet hip knee ankle calf thigh toe sole haa hfe kfe")
 TORSO = _set("torso waist spine trunk lumbar chest lift body base")
-FLANGE = _set("flange tool0")
+FLANGE = _set("flange tool0 attachment")
 CENTRE = _set("tcp tool tool0 ee eef effector grasp grasping center centre frame")
 LEAST_ABOVE = 3  # joints, chosen: equal branches beyond as many are fingers, not arms or legs
 

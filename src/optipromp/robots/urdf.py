@@ -8,12 +8,12 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, NoReturn
 
 from optipromp.errors import InvalidRobotError
+from optipromp.robots.urdf_tree import check_mimics, check_tree
 from optipromp.robots.xml_tree import Node, read_xml
 
 Vector = tuple[float, float, float]
@@ -43,12 +43,26 @@ class UrdfGeometry:
 
 
 @dataclass(frozen=True)
+class UrdfInertial:
+    """Mass [kg] of a link, and its tensor xx, xy, xz, yy, yz, zz about its centre [kg m²].
+
+    ``tensor`` is None where the file gives none.
+    """
+
+    mass: float
+    xyz: Vector
+    rpy: Vector
+    tensor: tuple[float, ...] | None
+
+
+@dataclass(frozen=True)
 class UrdfLink:
-    """A link and its geometry."""
+    """A link, its geometry, and its mass where the file gives one."""
 
     name: str
     collisions: tuple[UrdfGeometry, ...]
     visuals: tuple[UrdfGeometry, ...]
+    inertial: UrdfInertial | None = None
 
 
 @dataclass(frozen=True)
@@ -64,7 +78,8 @@ class UrdfMimic:
 class UrdfJoint:
     """A joint; ``axis`` has unit length; a continuous joint has infinite limits.
 
-    ``velocity`` is infinite when the file gives none.
+    ``velocity`` and ``effort`` are infinite when the file gives none. ``fault`` says why the joint
+    cannot be moved; such a joint can be held.
     """
 
     name: str
@@ -78,6 +93,8 @@ class UrdfJoint:
     upper: float
     velocity: float
     mimic: UrdfMimic | None
+    effort: float = math.inf
+    fault: str = ""
 
 
 @dataclass(frozen=True)
@@ -110,8 +127,12 @@ class _Reader:
         self.scale = scale
 
     def refuse(self, what: str, node: Node | None = None) -> NoReturn:
+        raise InvalidRobotError(self.at(what, node))
+
+    def at(self, what: str, node: Node | None) -> str:
+        """``what``, with the file and the line; nothing of nothing."""
         where = f"{self.path}:{node.line}" if node is not None else str(self.path)
-        raise InvalidRobotError(f"{where}: {what}")
+        return what and f"{where}: {what}"
 
     def read(self, root: Node) -> UrdfModel:
         if root.tag != "robot":
@@ -131,8 +152,8 @@ class _Reader:
                 joints[joint.name] = joint
         if not links:
             self.refuse("no <link> in it; a robot has at least a base link and one joint", root)
-        top = self.check_tree(links, joints)
-        self.check_mimics(joints)
+        top = check_tree(links, joints, self.refuse)
+        check_mimics(joints, self.refuse)
         name = root.attributes.get("name", self.path.stem)
         return UrdfModel(name, self.path, top, MappingProxyType(links), MappingProxyType(joints))
 
@@ -144,7 +165,27 @@ class _Reader:
         for child in node.children:
             if child.tag in found:
                 found[child.tag].append(self.geometry(child, f"link '{name}' <{child.tag}>"))
-        return UrdfLink(name, tuple(found["collision"]), tuple(found["visual"]))
+        collisions, visuals = tuple(found["collision"]), tuple(found["visual"])
+        return UrdfLink(name, collisions, visuals, self.inertial(node, f"link '{name}' <inertial>"))
+
+    def inertial(self, node: Node, owner: str) -> UrdfInertial | None:
+        holder = self.only(node, "inertial", owner)
+        mass = None if holder is None else self.only(holder, "mass", owner)
+        if holder is None or mass is None:
+            return None
+        value = self.numbers(mass, "value", 1, owner)[0]
+        if value < 0.0:
+            self.refuse(f"{owner} mass is {value:g} kg; it must not be negative", mass)
+        given = self.only(holder, "inertia", owner)
+        keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        tensor = (
+            None
+            if given is None
+            else tuple(
+                self.scale**2 * self.numbers(given, key, 1, owner, (0.0,))[0] for key in keys
+            )
+        )
+        return UrdfInertial(value, *self.origin(holder, owner), tensor)
 
     def geometry(self, node: Node, owner: str) -> UrdfGeometry:
         xyz, rpy = self.origin(node, owner)
@@ -186,9 +227,11 @@ class _Reader:
         parent, child = (self.end(node, tag, owner) for tag in ("parent", "child"))
         xyz, rpy = self.origin(node, owner)
         axis = self.axis(node, owner) if kind != "fixed" else (1.0, 0.0, 0.0)
-        lower, upper, velocity = self.limits(node, kind, owner)
+        lower, upper, velocity, effort, fault = self.limits(node, kind, owner)
         mimic = self.mimic(node, owner) if kind != "fixed" else None
-        return UrdfJoint(name, kind, parent, child, xyz, rpy, axis, lower, upper, velocity, mimic)
+        return UrdfJoint(
+            name, kind, parent, child, xyz, rpy, axis, lower, upper, velocity, mimic, effort, fault
+        )
 
     def end(self, node: Node, tag: str, owner: str) -> str:
         found = self.only(node, tag, owner)
@@ -210,26 +253,27 @@ class _Reader:
         length = math.sqrt(x * x + y * y + z * z)
         return (x / length, y / length, z / length)
 
-    def limits(self, node: Node, kind: JointKind, owner: str) -> tuple[float, float, float]:
+    def limits(
+        self, node: Node, kind: JointKind, owner: str
+    ) -> tuple[float, float, float, float, str]:
+        """Lower, upper, velocity, effort; and a fault of a joint that can only be held."""
         if kind == "fixed":
-            return 0.0, 0.0, math.inf
-        found = self.only(node, "limit", owner)
-        what = f"{owner} <limit>"
-        velocity = math.inf
+            return 0.0, 0.0, math.inf, math.inf, ""
+        found, what, fault = self.only(node, "limit", owner), f"{owner} <limit>", ""
+        velocity = effort = math.inf
         if found is not None and "velocity" in found.attributes:
             velocity = self.numbers(found, "velocity", 1, what)[0]
             if velocity <= 0.0:
-                self.refuse(f"{what} velocity is {velocity:g}; give a positive one, or none", found)
-        if kind == "prismatic":
-            velocity *= self.scale
+                fault = f"{what} velocity is {velocity:g}; give a positive one, or none"
+        if found is not None and "effort" in found.attributes:
+            effort = self.numbers(found, "effort", 1, what)[0] or math.inf
+        unit = self.scale if kind == "prismatic" else 1.0
         if kind == "continuous":
-            return -math.inf, math.inf, velocity
+            return -math.inf, math.inf, velocity, effort, self.at(fault, found or node)
         if found is None or not {"lower", "upper"} & set(found.attributes):
             right = "use type continuous if it turns freely" if kind == "revolute" else "in metres"
-            self.refuse(
-                f"{owner} is {kind} and has no limits; give lower and upper ({right})", node
-            )
-        unit = self.scale if kind == "prismatic" else 1.0
+            fault = f"{owner} is {kind} and has no limits; give lower and upper ({right})"
+            return -math.inf, math.inf, velocity * unit, effort, self.at(fault, node)
         lower = unit * self.numbers(found, "lower", 1, what, default=(0.0,))[0]
         upper = unit * self.numbers(found, "upper", 1, what, default=(0.0,))[0]
         if lower > upper:
@@ -241,7 +285,7 @@ class _Reader:
             )
         if kind == "prismatic" and reach > LENGTH_LIMIT:
             self.refuse(f"{what} reaches {reach:g} m, beyond 20 m: millimetres?", found)
-        return lower, upper, velocity
+        return lower, upper, velocity * unit, effort, self.at(fault, found)
 
     def mimic(self, node: Node, owner: str) -> UrdfMimic | None:
         found = self.only(node, "mimic", owner)
@@ -331,53 +375,3 @@ class _Reader:
                     node,
                 )
         return tuple(float(word) for word in words)
-
-    # -- structure ---------------------------------------------------------------------------
-
-    def check_tree(self, links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> str:
-        """The root link; every link hangs on it by one path."""
-        parent_joint: dict[str, UrdfJoint] = {}
-        for joint in joints.values():
-            for role, link in (("parent", joint.parent), ("child", joint.child)):
-                if link not in links:
-                    self.refuse(
-                        f"joint '{joint.name}' has the {role} link '{link}', which is not defined"
-                    )
-            if joint.child in parent_joint:
-                self.refuse(
-                    f"link '{joint.child}' has two parents: joints "
-                    f"'{parent_joint[joint.child].name}' and '{joint.name}'; a tree has one"
-                )
-            parent_joint[joint.child] = joint
-        roots = [link for link in links if link not in parent_joint]
-        if not roots:
-            self.refuse(f"cycle: every link has a parent, link '{next(iter(links))}' among them")
-        if len(roots) > 1:
-            self.refuse(f"{len(roots)} roots: links {_quoted(roots)}; a robot has one")
-        above = {child: {joint.parent} for child, joint in parent_joint.items()}
-        try:  # each link has one parent and there is one root: what it does not reach is a cycle
-            TopologicalSorter(above).prepare()
-        except CycleError as cycle:
-            lost = _quoted(cycle.args[1][1:])
-            self.refuse(f"cycle: links {lost} hang on one another, not on the root")
-        return roots[0]
-
-    def check_mimics(self, joints: Mapping[str, UrdfJoint]) -> None:
-        """Each mimic ends, over any number of steps, at a joint that moves by itself."""
-        leaders = {name: joint.mimic.joint for name, joint in joints.items() if joint.mimic}
-        for name, leader in leaders.items():
-            if leader not in joints:
-                self.refuse(f"joint '{name}' mimics '{leader}', which is not defined")
-            if joints[leader].kind == "fixed":
-                self.refuse(f"joint '{name}' mimics '{leader}', which is fixed")
-        try:
-            TopologicalSorter({name: {leader} for name, leader in leaders.items()}).prepare()
-        except CycleError as cycle:
-            ring = cycle.args[1][:0:-1]  # each mimics the next
-            what = "mimics itself" if len(ring) == 1 else "is in a ring of mimics"
-            self.refuse(f"joint '{ring[0]}' {what}: {_quoted(ring)}")
-
-
-def _quoted(names: list[str]) -> str:
-    shown = ", ".join(f"'{name}'" for name in names[:5])
-    return shown + (", ..." if len(names) > 5 else "")

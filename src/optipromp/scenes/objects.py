@@ -20,6 +20,11 @@ from optipromp.scenes.values import array, suggest, unit
 Role: TypeAlias = Literal["target", "pushable", "avoid", "static"]
 ROLES: tuple[Role, ...] = get_args(Role)
 
+PHYSICAL = (
+    "mass", "density", "friction", "stem_stiffness", "stem_stiffness_spread", "abscission_force",
+)  # fmt: skip
+"""What may be told of an object in ``physical``: [kg], [kg/m³], -, EI [N m²], -, [N]."""
+
 STEM_RADIUS = 0.003
 """Radius of a stem that says none [m]."""
 
@@ -102,7 +107,9 @@ class SceneObject:
             It is kept as a quaternion.
         stem: that it hangs on, if any.
         covariance: (3, 3) covariance of the detected position [m²], if given.
-        physical: further numbers by name (mass, stiffness, ...), for the simulation.
+        physical: further numbers by name, one of :data:`PHYSICAL`. The simulation knows all of
+            them, the push model mass and stem_stiffness; stem_stiffness_spread is the factor by
+            which the stiffness may well be higher or lower (one standard deviation of its log).
         sigma: in place of ``covariance``: standard deviation of each coordinate of the detected
             position [m]. It is kept as a covariance, and the attribute reads None.
 
@@ -137,7 +144,7 @@ class SceneObject:
                     f"stem.points[0] is {gap:.3g} m from the fruit's position: a stem must start "
                     "at its fruit"
                 )
-        object.__setattr__(self, "physical", dict(self.physical))
+        object.__setattr__(self, "physical", _checked(self.physical))
 
     @cached_property
     def rotation(self) -> FloatArray:
@@ -164,6 +171,18 @@ class SceneObject:
     def radius(self) -> float:
         """Radius of a ball about ``position`` that holds the shape [m]; of a sphere, its own."""
         return bounding_radius(self.shape)
+
+
+def _checked(physical: Mapping[str, float]) -> dict[str, float]:
+    for name, value in physical.items():
+        if name not in PHYSICAL:
+            raise InvalidSceneError(
+                f"physical property {name!r} is unknown: {suggest(name, PHYSICAL)}"
+            )
+        least = 1.0 if name == "stem_stiffness_spread" else 0.0
+        if not (math.isfinite(value) and value > least):
+            raise InvalidSceneError(f"physical.{name} is {value}: must be above {least:g}")
+    return dict(physical)
 
 
 def _covariance(values: FloatArray | None, sigma: float | None) -> FloatArray:

@@ -22,6 +22,7 @@ from optipromp.geometry.shapes import (
     Shape,
     Sphere,
 )
+from optipromp.robots.library import NOTHING, Choice
 from optipromp.robots.tools import make_tool
 from optipromp.scenes.rotations import IDENTITY
 from optipromp.scenes.scene import (
@@ -39,6 +40,7 @@ from optipromp.scenes.schema import (
     MeshToolModel,
     ObjectModel,
     PoseModel,
+    RobotModel,
     SceneModel,
     ShapeModel,
     StemModel,
@@ -93,7 +95,8 @@ def scene_from_dict(
             _check_distance("goal.position", goal.position, told, reachable=False)
         return Scene(
             name=model.name,
-            robot=model.robot,
+            robot=model.robot if isinstance(model.robot, str) else model.robot.file,
+            choice=_choice(model.robot),
             objects=tuple(objects),
             tool=_tool(model, scale, base_dir),
             start=None if model.start is None else np.array(model.start),
@@ -106,6 +109,12 @@ def scene_from_dict(
         )
     except InvalidSceneError as error:
         raise InvalidSceneError(f"{source}: {where}{error.message}") from None
+
+
+def _choice(given: str | RobotModel) -> Choice:
+    if isinstance(given, str):
+        return NOTHING
+    return Choice(given.tip, given.base, given.srdf, given.hold, tuple(given.package_dirs))
 
 
 def _frames(model: SceneModel, scale: float) -> dict[str, Pose]:

@@ -14,6 +14,8 @@ import numpy as np
 from optipromp.arrays import FloatArray, IntArray, frozen, joined, lengths, read_only
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry.obstacles import Measures, Obstacles, measures, packed
+from optipromp.robots.library import NOTHING, Choice, load_arm
+from optipromp.robots.model import Robot
 from optipromp.scenes.objects import ROLES, STEM_RADIUS, Role, SceneObject, Stem
 from optipromp.scenes.pose import Pose
 from optipromp.scenes.values import array, suggest, unit
@@ -134,6 +136,7 @@ class Scene(Shown):
         base_dir: folder that relative paths start from.
         base: pose of the robot's base in the world. It determines what is up, and what the world
             is to those who read the scene. Nothing else depends on it.
+        choice: what is chosen of the robot's file; paths in it are relative to ``base_dir``.
         camera: pose of the camera in the robot's base frame, if there is one. Nothing depends on
             it; it is kept for those who read the scene.
 
@@ -152,6 +155,7 @@ class Scene(Shown):
     base_dir: Path | None = None
     base: Pose = field(default_factory=Pose)
     camera: Pose | None = None
+    choice: Choice = NOTHING
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "objects", tuple(self.objects))
@@ -180,6 +184,10 @@ class Scene(Shown):
         counts = {role: len(rows) for role, rows in self._rows.items() if len(rows)}
         objects = ", ".join(f"{count} {role}" for role, count in counts.items())
         return f"{self.name}: {self.robot}; {objects or 'no objects'}"
+
+    def load_robot(self) -> Robot:
+        """The robot without a tool. Raises InvalidRobotError where it cannot be loaded."""
+        return load_arm(self.robot, self.base_dir, self.choice)[0]
 
     @cached_property
     def _rows(self) -> Mapping[str, IntArray]:

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import (
     BaseModel,
     ConfigDict,
+    Discriminator,
     Field,
+    Tag,
     ValidationError,
     create_model,
     model_validator,
@@ -248,6 +250,17 @@ else:
     ToolModel = Annotated[functools.reduce(operator.or_, _models), Field(discriminator="kind")]
 
 
+class RobotModel(_Model):
+    """A robot by its file; see :class:`optipromp.robots.library.Choice`."""
+
+    file: Text
+    tip: Text | None = None
+    base: Text | None = None
+    srdf: Text | None = None
+    hold: dict[Text, Number] = {}
+    package_dirs: list[Text] = []
+
+
 class OptionsModel(_Model):
     """Settings of the planners that belong to a scene."""
 
@@ -259,7 +272,10 @@ class SceneModel(_Model):
 
     format: Literal[1] = 1
     name: Text
-    robot: Text
+    robot: Annotated[
+        Annotated[Text, Tag("name")] | Annotated[RobotModel, Tag("file")],
+        Discriminator(lambda given: "file" if isinstance(given, dict) else "name"),
+    ]
     tool: ToolModel | None = None
     scale: Positive | None = None
     start: Annotated[list[Number], Field(min_length=1)] | None = None
@@ -308,8 +324,8 @@ def parse(document: Any, source: str) -> SceneModel:
 def _describe(error: ErrorDetails) -> str:
     path = ""
     for n, step in enumerate(error["loc"]):
-        if n == 1 and error["loc"][0] == "tool":
-            continue  # the kind of the tool, which is no key
+        if n == 1 and error["loc"][0] in ("robot", "tool"):
+            continue  # the kind of it, which is no key
         path += f"[{step}]" if isinstance(step, int) else f".{step}" if path else str(step)
     value = error["input"]
     context = error.get("ctx", {})

@@ -12,6 +12,7 @@ import numpy as np
 
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry.shapes import MeshShape, PointCloudShape, Shape
+from optipromp.robots.library import NOTHING
 from optipromp.scenes.reading import PRIMITIVES, check_magnitude
 from optipromp.scenes.scene import STEM_RADIUS, Scene, SceneObject, ToolSpec
 
@@ -65,11 +66,20 @@ def _looks_like_millimetres(item: SceneObject) -> bool:
     return False
 
 
-def _robot(scene: Scene, base_dir: Path | None) -> str:
+def _robot(scene: Scene, base_dir: Path | None) -> str | dict[str, Any]:
+    def moved(path: str | Path) -> str:
+        return _relative((scene.base_dir or Path()) / path, base_dir)
+
     is_path = Path(scene.robot).suffix != "" or len(Path(scene.robot).parts) > 1
-    if not is_path or scene.base_dir is None:
-        return scene.robot
-    return _relative(scene.base_dir / scene.robot, base_dir)
+    robot = moved(scene.robot) if is_path else scene.robot
+    if scene.choice == NOTHING:
+        return robot
+    chosen = vars(scene.choice) | {
+        "srdf": None if scene.choice.srdf is None else moved(scene.choice.srdf),
+        "hold": dict(scene.choice.hold),
+        "package_dirs": [moved(folder) for folder in scene.choice.package_dirs],
+    }
+    return {"file": robot} | {name: value for name, value in chosen.items() if value}
 
 
 def _relative(path: Path, base_dir: Path | None) -> str:

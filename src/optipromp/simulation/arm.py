@@ -45,12 +45,12 @@ class Drives:
         return out
 
 
-def drives(robot: Robot, parameters: SimulationParameters) -> Drives:
-    """The drives of a robot; torque limits by its name, else unlimited."""
+def drives(robot: Robot) -> Drives:
+    """The drives of a robot; torques are unlimited where it states no limit."""
     kin = robot.kinematics
-    torque = parameters.robot.torques.get(robot.name)
-    if torque is None or len(torque) != robot.n_segments:
-        torque = (np.inf,) * robot.n_segments
+    torque = np.full(robot.n_segments, np.inf)
+    if robot.dynamics is not None:
+        torque = robot.dynamics.effort
     first = [int(np.flatnonzero(kin.dof == j)[0]) for j in range(robot.n_joints)]
     return Drives(
         frozen(kin.dof, np.int64), frozen(kin.multiplier), frozen(kin.offset), frozen(torque),
@@ -76,7 +76,6 @@ def add_robot(spec: Any, robot: Robot, parameters: SimulationParameters, first: 
     """Add base, links and tool. Geoms carry the entity ``first + link`` in their user data."""
     mujoco = engine()
     kin, body = robot.kinematics, spec.worldbody
-    masses = parameters.robot.masses.get(robot.name)
     _add_spheres(body, robot, -1, parameters, first)
     for s in range(robot.n_segments):
         body = body.add_body(
@@ -98,8 +97,7 @@ def add_robot(spec: Any, robot: Robot, parameters: SimulationParameters, first: 
         if np.isfinite(ends).all():
             joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
             joint.range = ends
-        given = masses[s] if masses is not None and len(masses) == robot.n_segments else None
-        _set_inertia(body, robot, s, given, parameters.robot.link_density)
+        _set_inertia(body, robot, s, parameters.robot.link_density)
         _add_spheres(body, robot, s, parameters, first)
     if robot.tool is not None:
         _add_tool(spec, body, robot, parameters, first + robot.link_names.index(TOOL_LINK))
@@ -130,15 +128,24 @@ def _add_spheres(
         )  # fmt: skip
 
 
-def _set_inertia(body: Any, robot: Robot, segment: int, mass: float | None, density: float) -> None:
-    """Mass (by density where none is given), and the inertia of balls where the spheres are."""
+def _set_inertia(body: Any, robot: Robot, segment: int, density: float) -> None:
+    """The inertia that the robot states; else that of its mass, in balls where the spheres are.
+
+    Where no mass is stated either it is by density.
+    """
     spheres = robot.spheres
     mine = spheres.segment == segment
     if robot.tool is not None:
         mine &= spheres.link != robot.link_names.index(TOOL_LINK)
     radius, center = spheres.radius[mine], spheres.center[mine]
     volume = 4.0 / 3.0 * np.pi * radius**3
-    if mass is None:  # spheres overlap by about half
+    mass = 0.0
+    if (given := robot.dynamics) is not None:
+        mass = float(given.mass[segment])
+        if given.inertia[segment].any():
+            _explicit(body, mass, given.center[segment], given.inertia[segment])
+            return
+    if mass == 0.0:  # spheres overlap by about half
         mass = max(0.5 * density * float(volume.sum()), LEAST_MASS)
     inertia, middle = LEAST_INERTIA * np.eye(3), np.zeros(3)
     if len(volume):

@@ -75,10 +75,9 @@ def _add(spec: Any, body: Any, parts: Iterable[Part]) -> None:
 
 
 def _light(model: Any) -> None:
-    """Soft light, fine edges."""
+    """Soft light."""
     model.vis.headlight.ambient[:] = 0.35
     model.vis.headlight.diffuse[:] = 0.30
     model.vis.headlight.specular[:] = 0.15
     model.vis.map.znear = 0.01
-    model.vis.quality.offsamples = 4
     model.light_castshadow[:] = 0  # a shadow doubles the time of a picture, and speckles

@@ -54,7 +54,7 @@ def mjcf(
         seed: of the fruits of real neighbouring clusters.
 
     Raises:
-        InvalidSceneError: a physical property that is unknown, a shape that cannot be built.
+        InvalidSceneError: a shape that cannot be built.
         InvalidRequestError: MuJoCo is not installed.
     """
     world = build(scene, robot, parameters, seed)

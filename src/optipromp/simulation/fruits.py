@@ -6,17 +6,14 @@ from typing import Any
 import numpy as np
 
 from optipromp.arrays import FloatArray, frozen
-from optipromp.errors import InvalidSceneError
 from optipromp.geometry.shapes import Capsule, Cylinder, Sphere
 from optipromp.robots.tool_protocol import quaternion
 from optipromp.scenes.scene import SceneObject, Stem
-from optipromp.scenes.values import suggest
 from optipromp.simulation.engine import engine
 from optipromp.simulation.entities import layers
 from optipromp.simulation.parameters import SimulationParameters, StemParameters
 from optipromp.simulation.solids import add_shape, volume
 
-PHYSICAL = ("mass", "density", "friction", "stem_stiffness", "abscission_force")
 RIPE = (0.80, 0.08, 0.10, 1.0)
 UNRIPE = (0.55, 0.72, 0.30, 1.0)
 STEM_COLOUR = (0.30, 0.50, 0.18, 1.0)
@@ -63,20 +60,6 @@ class BuiltFruit:
         return len(self.nodes) > 0
 
 
-def check_physical(obj: SceneObject) -> None:
-    """Raise InvalidSceneError for a physical property that is unknown or has no use."""
-    for name, value in obj.physical.items():
-        if name not in PHYSICAL:
-            raise InvalidSceneError(
-                f"object {obj.id!r}: physical property {name!r} is unknown: "
-                f"{suggest(name, PHYSICAL)}"
-            )
-        if not (np.isfinite(value) and value > 0):
-            raise InvalidSceneError(
-                f"object {obj.id!r}: physical.{name} is {value}: must be above 0"
-            )
-
-
 def add_fruit(
     spec: Any,
     obj: SceneObject,
@@ -93,7 +76,6 @@ def add_fruit(
     ``up`` (3,) is opposite to gravity.
     """
     mujoco = engine()
-    check_physical(obj)
     key = obj.id if key is None else key
     hangs = obj.stem is not None
     group = parameters.fruit if hangs else parameters.thing

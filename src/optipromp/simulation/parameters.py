@@ -5,7 +5,7 @@ the push models have too are taken from there.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -110,22 +110,10 @@ class ThingParameters(Checked):
 
 @dataclass(frozen=True)
 class RobotParameters(Checked):
-    """The arm; arrays by built-in robot's name, links in the order of the moving segments."""
+    """The arm. Its masses, inertias and torque limits are those that its URDF states."""
 
-    masses: Mapping[str, tuple[float, ...]] = parameter(
-        {
-            "panda": (4.970684, 0.646926, 3.228604, 3.587895, 1.225946, 1.666555, 0.735522),
-            "scara": (12.0, 3.0, 2.0),
-        },
-        "kg", "measured",
-        "panda: identified by Gaz et al. 2019 (10.1109/LRA.2019.2931248); scara: a guess",
-    )  # fmt: skip
-    torques: Mapping[str, tuple[float, ...]] = parameter(
-        {"panda": (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0), "scara": (400.0, 60.0, 40.0)},
-        "N m or N", "published", "panda: manufacturer's data; scara: a guess",
-    )  # fmt: skip
     link_density: float = parameter(
-        800.0, "kg/m^3", "guess", "links of other robots: the volume of their body spheres"
+        800.0, "kg/m^3", "guess", "links without a stated mass: the volume of their body spheres"
     )
     tool_mass: float = parameter(
         0.35, "kg", "guess", "of a tool without fingers: printed cup with its neck"

@@ -12,7 +12,7 @@ from optipromp.scenes.scene import Scene, SceneObject, Stem
 from optipromp.simulation.arm import Drives, add_robot, drives, link_entities
 from optipromp.simulation.engine import engine
 from optipromp.simulation.entities import Entity, layers
-from optipromp.simulation.fruits import BuiltFruit, add_fruit, check_physical
+from optipromp.simulation.fruits import BuiltFruit, add_fruit
 from optipromp.simulation.parameters import SimulationParameters
 from optipromp.simulation.solids import add_shape
 
@@ -110,7 +110,7 @@ def build(
         seed: of the fruits of real neighbouring clusters.
 
     Raises:
-        InvalidSceneError: a physical property that is unknown, a shape that cannot be built.
+        InvalidSceneError: a shape that cannot be built.
         InvalidRequestError: MuJoCo is not installed.
     """
     parameters = parameters or SimulationParameters()
@@ -191,7 +191,6 @@ class _Draft:
         self.fruits.append((obj, built, entity, stem))
 
     def _static(self, obj: SceneObject) -> None:
-        check_physical(obj)
         p = self.parameters.thing
         body = self.spec.worldbody.add_body(name=f"static:{obj.id}")
         add_shape(
@@ -279,7 +278,7 @@ class _Draft:
 
     def world(self, model: Any, overlapping: tuple[tuple[str, str], ...]) -> World:
         return World(
-            model, self.scene, self.robot, self.parameters, drives(self.robot, self.parameters),
+            model, self.scene, self.robot, self.parameters, drives(self.robot),
             tuple(self.entities), frozen(_owners(model), np.int64),
             tuple(self._located(model, *item) for item in self.fruits), overlapping,
             self.spec,

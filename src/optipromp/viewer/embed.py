@@ -5,9 +5,11 @@ from contextlib import redirect_stdout
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
+from optipromp.looks.scene import box_distance
 from optipromp.planning.task import resolve
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene
@@ -19,7 +21,11 @@ if TYPE_CHECKING:
 
 NEEDED = "a 3-D view needs viser: pip install 'optipromp[view]'"
 FRAME_RATE = 12.0  # [Hz] of the recorded motion; between its frames nothing moves
-PAUSE = 1.0  # [s] at the end, before it begins anew
+FRAMES = 240  # at most, of a long motion
+REST = 1.0  # [s] at the end, before it begins anew
+VIEWS = (-0.6, 0.15), (0.6, 0.15), (-1.4, 0.2), (1.4, 0.2), (np.pi - 0.9, 0.4), (np.pi + 0.9, 0.4)
+"""Places of the camera: turn from away from the robot [rad], height in shares of the distance."""
+SHARES = np.linspace(0.05, 0.95, 40)  # of the way to an object at which others are looked for
 UNMOVED = 1e-4  # [m] by which an object moves to be sent again
 
 
@@ -30,9 +36,9 @@ def scene_page(scene: Scene, robot: Robot | None = None, q: FloatArray | None = 
         InvalidRequestError: viser is not installed.
     """
     task = resolve(scene, robot)
-    with _Recording(scene, task.robot) as recording:
-        recording.nodes.pose(task.start if q is None else q)
-        return recording.html()
+    with _Playback(scene, task.robot) as playback:
+        playback.nodes.pose(task.start if q is None else q)
+        return playback.html()
 
 
 def plan_page(plan: "Plan") -> str:
@@ -42,23 +48,22 @@ def plan_page(plan: "Plan") -> str:
         InvalidRequestError: viser is not installed.
     """
     task, curve = resolve(plan.scene, plan.robot), plan.trajectory
-    with _Recording(plan.scene, plan.robot) as recording:
+    with _Playback(plan.scene, plan.robot) as playback:
         for k, motion in enumerate(reversed(motions(plan))):
             points = plan.robot.tool_pose(motion.trajectory.resample(FRAME_RATE).positions)[0]
-            recording.nodes.line(motion.name, points, motion.colour, 3.0 if k else 6.0)
-        for time in np.linspace(
-            0.0, curve.duration, max(round(FRAME_RATE * curve.duration), 1) + 1
-        ):
-            recording.nodes.pose(curve.sample(time)[0][0])
+            playback.nodes.line(motion.name, points, motion.colour, 3.0 if k else 6.0)
+        count = min(max(round(FRAME_RATE * curve.duration), 1), FRAMES)
+        for time in np.linspace(0.0, curve.duration, count + 1):
+            playback.nodes.pose(curve.sample(time)[0][0])
             now = int(np.searchsorted(curve.times, time + 1e-9)) - 1
             for item in placed(plan, task, Moment(max(now, 0), float(time), "")):
-                recording.put(item)
-            recording.wait(1.0 / FRAME_RATE)
-        recording.wait(PAUSE)
-        return recording.html()
+                playback.put(item)
+            playback.wait(curve.duration / count)
+        playback.wait(REST)
+        return playback.html()
 
 
-class _Recording:
+class _Playback:
     """A server that no one is connected to, and what it would tell a window over time."""
 
     def __init__(self, scene: Scene, robot: Robot) -> None:
@@ -76,7 +81,7 @@ class _Recording:
         self._camera(scene)
         self.serializer = self.server.get_scene_serializer()
 
-    def __enter__(self) -> "_Recording":
+    def __enter__(self) -> "_Playback":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -84,20 +89,21 @@ class _Recording:
             self.server.stop()
 
     def _camera(self, scene: Scene) -> None:
-        """From beside the row beyond what hangs; from the robot's side into a shelf."""
+        """From where the fewest fruits are hidden, beyond the row if that is such a place."""
         focus = self.robot.tool_pose(self.robot.home)[0]
         if len(scene.objects):
             focus = scene.positions.mean(axis=0)
-        middle = scene.base @ (0.8 * focus)
-        away = scene.base.rotation @ focus
-        hangs = any(item.stem is not None for item in scene.objects)
-        heading = np.arctan2(away[1], away[0]) + (-0.6 if hangs else np.pi - 0.9)
-        reach = 1.2 * max(float(np.linalg.norm(focus)), 0.6)
+        middle, up = 0.8 * focus, scene.up
+        away = focus - (focus @ up) * up
+        away /= max(float(np.linalg.norm(away)), 1e-9)
+        reach = 1.05 * max(float(np.linalg.norm(focus)), 0.6)
+        eyes = [
+            middle + reach * (Rotation.from_rotvec(turn * up).apply(away) + lift * up)
+            for turn, lift in VIEWS
+        ]
+        eye = min(eyes, key=lambda eye: _hidden(scene, eye))
         camera = self.server.initial_camera
-        camera.look_at = middle
-        camera.position = middle + reach * np.array(
-            [np.cos(heading), np.sin(heading), 0.15 if hangs else 0.4]
-        )
+        camera.look_at, camera.position = scene.base @ middle, scene.base @ eye
 
     def put(self, item: Placed) -> None:
         if np.linalg.norm(item.position - self.places[item.item.id]) >= UNMOVED:
@@ -109,3 +115,13 @@ class _Recording:
 
     def html(self) -> str:
         return str(self.serializer.as_html())
+
+
+def _hidden(scene: Scene, eye: FloatArray) -> int:
+    """How often a static object stands between an eye (3,) and a target or pushable."""
+    seen = [item.position for item in scene.objects if item.role in ("target", "pushable")]
+    return sum(
+        any(box_distance(item, eye + share * (point - eye)) == 0.0 for share in SHARES)
+        for point in seen
+        for item in scene.static
+    )

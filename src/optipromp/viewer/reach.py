@@ -9,10 +9,11 @@ from scipy.spatial import ConvexHull
 from optipromp.arrays import FloatArray
 from optipromp.geometry.shapes import HalfSpace
 from optipromp.looks.faces import shape_faces, sphere, tube
+from optipromp.looks.scene import PUSHABLES
 from optipromp.planning.task import resolve
 from optipromp.pushing.path import evenly, length
 from optipromp.viewer import drawn
-from optipromp.viewer.drawn import COLOURS, OPTIMISED, PUSHABLES, STILL, Moment, Motion, Placed
+from optipromp.viewer.drawn import COLOURS, OPTIMISED, STILL, Moment, Motion, Placed
 from optipromp.viewer.picture import Camera, Picture
 
 if TYPE_CHECKING:

@@ -2,6 +2,7 @@
 
 from optipromp.scenes.generate.furniture import FURNITURE, Furniture
 from optipromp.scenes.generate.generator import (
+    PANDA,
     PRESETS,
     GenerationReport,
     Preset,
@@ -12,6 +13,7 @@ from optipromp.scenes.generate.noise import perceived
 
 __all__ = [
     "FURNITURE",
+    "PANDA",
     "PRESETS",
     "Furniture",
     "GenerationReport",

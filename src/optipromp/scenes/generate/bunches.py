@@ -1,12 +1,13 @@
 """Random clusters of fruits on stems before a ripe one, their neighbours and a gutter."""
 
+import itertools
 from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
 
 from optipromp.arrays import FloatArray
-from optipromp.geometry.shapes import Box, Sphere
+from optipromp.geometry.shapes import Box, Capsule, Sphere
 from optipromp.scenes.scene import STEM_RADIUS, Approach, Scene, SceneObject, Stem, ToolSpec
 
 GutterSide = Literal["+x", "-x", "+y", "-y", "above"]
@@ -16,8 +17,11 @@ BELOW_BUNCH = (1.42, 1.10, -1.26, -2.42, -1.69, 1.02, 0.8)
 """Panda with the tool upright at (0.45, 0, 0.50), as in scenarios 3 and 4 [rad]."""
 
 TARGET_LOW, TARGET_HIGH = (0.40, -0.06, 0.85), (0.50, 0.06, 0.93)
+START = (0.45, 0.0, 0.50)  # [m] of the tool point
+LOWEST = 0.60  # [m] of the tool on its approach: below the lowest pushable
 GRIPPER_RADIUS = (0.02, 0.03)
 FRUIT_RADII = (0.015, 0.020)
+NECK = 0.10  # [m] length of the cup's neck
 MOUTH_CLEARANCE = 0.004  # [m] between the target and the cup's outer wall, at the least
 BEFORE = (0.03, 0.15)  # [m] of a pushable before the target, centre to centre
 STEM_LENGTH = (0.10, 0.30)
@@ -26,6 +30,8 @@ PLUMB = np.deg2rad(2.0)
 
 TIGHT_GAP = (0.0, 0.012)  # [m] between a fruit and another one, surface to surface
 TIGHT_HEIGHT = (-0.012, 0.012)  # [m] of a fruit above the target
+
+ELONGATION = (1.2, 1.4)  # length of a long fruit over its width; picked strawberries: about 1.3
 
 NEIGHBOUR_DISTANCE = (0.12, 0.25)  # [m] to a side, centre to centre
 NEIGHBOUR_RADIUS = (0.05, 0.10)
@@ -37,6 +43,13 @@ GUTTER_LENGTH = 1.0
 GUTTER_WIDTH = (0.08, 0.20)
 GUTTER_HEIGHT = (0.06, 0.16)
 GUTTER_BOTTOM = (-0.08, 0.02)  # [m] of a gutter beside the target, above the target
+
+
+def way() -> FloatArray:
+    """Points (P, 3) of the tool from its start to the far ends of where targets hang [m]."""
+    ends = itertools.product(*zip(TARGET_LOW[:2], TARGET_HIGH[:2], strict=True))
+    lines = [[(x, y, LOWEST), (x, y, TARGET_HIGH[2])] for x, y in ends]
+    return np.array([START, *itertools.chain(*lines)])
 
 
 def sample(
@@ -75,7 +88,7 @@ def sample(
     return Scene(
         name=name,
         robot="panda",
-        tool=ToolSpec("cup", {"radius": gripper, "height": 0.05, "length": 0.10}),
+        tool=ToolSpec("cup", {"radius": gripper, "height": 0.05, "length": NECK}),
         start=np.array(BELOW_BUNCH),
         objects=(*fruits, *objects),
         approach=Approach(),
@@ -97,6 +110,26 @@ def tight(name: str, count: int, rng: np.random.Generator) -> Scene:
         shape, stem = Sphere(radius), _stem(position, rng)
         fruits.append(SceneObject(f"n{i + 1}", "pushable", shape, position, stem=stem))
     return replace(scene, objects=tuple(fruits))
+
+
+def elongated(scene: Scene, rng: np.random.Generator) -> Scene:
+    """The scene with its fruits made longer, each along its stem, which begins at its end."""
+    return replace(
+        scene,
+        objects=tuple(item if item.stem is None else _longer(item, rng) for item in scene.objects),
+    )
+
+
+def _longer(item: SceneObject, rng: np.random.Generator) -> SceneObject:
+    assert item.stem is not None
+    factor, width = float(rng.uniform(*ELONGATION)), item.radius
+    line = item.stem.vector / float(np.linalg.norm(item.stem.vector))
+    points = np.array(item.stem.points)
+    points[0] += factor * width * line
+    turn = np.append(1.0 + line[2], np.cross([0.0, 0.0, 1.0], line))  # the shape's z to the stem
+    shape = Capsule(width, 2.0 * (factor - 1.0) * width)
+    turn /= np.linalg.norm(turn)
+    return replace(item, shape=shape, orientation=turn, stem=Stem(points, item.stem.radius))
 
 
 def _stem(

@@ -5,16 +5,13 @@ arm itself. A scene is not sampled again because the motion is hard, or because 
 neighbour.
 """
 
-import functools
-
 import numpy as np
 
 from optipromp.arrays import BoolArray, FloatArray
 from optipromp.geometry import distances, pack
-from optipromp.geometry.shapes import Sphere
+from optipromp.geometry.shapes import Capsule, Sphere
 from optipromp.robots import ik
 from optipromp.robots.cup_cover import NECK_RADIUS
-from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
 from optipromp.robots.roll import level, rolled, rolls
 from optipromp.robots.tool_protocol import Tool
@@ -32,26 +29,27 @@ class OverlapError(Exception):
 def interpenetration(scene: Scene) -> str | None:
     """What kinds of objects interpenetrate; None where the scene is possible.
 
-    The check covers fruits (spheres) against one another and against neighbours and static objects,
-    stems against all of these but their own fruits, and neighbours against static objects.
+    The check covers fruits (balls and capsules) against one another and against neighbours and
+    static objects, stems against all of these but their own fruits, and neighbours against static
+    objects.
     """
     fruits = [item for item in scene.objects if item.role in ("target", "pushable")]
-    hanging = [item for item in fruits if isinstance(item.shape, Sphere)]
-    for i, one in enumerate(hanging):
-        for other in hanging[i + 1 :]:
-            if _apart(one, other) < 0.0:
+    hanging = [item for item in fruits if isinstance(item.shape, Sphere | Capsule)]
+    cores = [_core(item) for item in hanging]
+    for i, (core, radius) in enumerate(cores):
+        for beside, keep in cores[i + 1 :]:
+            if segments(core, beside) < radius + keep:
                 return "fruit in fruit"
     if not hanging:
         return None  # a shelf: its sampler has kept the footprints apart
-    positions = np.array([item.position for item in hanging])
-    radii = np.array([item.radius for item in hanging])
     for objects, word in ((scene.static, "static"), (scene.avoid, "neighbour")):
         if not objects:
             continue
         surface = pack([(item.shape, item.position, item.rotation) for item in objects])
-        away, _ = distances(surface, positions)
-        if float((away - radii[:, None]).min()) < 0.0:
-            return f"fruit in {word}"
+        for core, radius in cores:
+            away, _ = distances(surface, _samples(core))
+            if float(away.min()) < radius:
+                return f"fruit in {word}"
         for item in hanging:
             if item.stem is None:
                 continue
@@ -69,8 +67,8 @@ def interpenetration(scene: Scene) -> str | None:
         for j, other in enumerate(hanging):
             if i == j:
                 continue
-            gap = to_segment(other.position, one.stem.points[0], one.stem.points[1])
-            if gap < other.radius + one.stem.radius:
+            core, radius = cores[j]
+            if segments(one.stem.points, core) < radius + one.stem.radius:
                 return "stem in fruit"
             if j > i and other.stem is not None:
                 between = segments(one.stem.points, other.stem.points)
@@ -81,6 +79,15 @@ def interpenetration(scene: Scene) -> str | None:
             if _apart(one, other) < 0.0:
                 return "neighbour in neighbour"
     return None
+
+
+def _core(item: SceneObject) -> tuple[FloatArray, float]:
+    """The segment (2, 3) and the radius [m] of a capsule; of a ball, its centre twice."""
+    half = np.zeros(3)
+    if isinstance(item.shape, Capsule):
+        half = 0.5 * item.shape.length * item.rotation[:, 2]
+    radius = item.shape.radius if isinstance(item.shape, Capsule) else item.radius
+    return np.array([item.position - half, item.position + half]), radius
 
 
 def _apart(one: SceneObject, other: SceneObject) -> float:
@@ -102,6 +109,11 @@ def to_segment(point: FloatArray, a: FloatArray, b: FloatArray) -> float:
 
 def segments(one: FloatArray, other: FloatArray) -> float:
     """Distance between two segments (2, 3) [m] (Ericson, Real-Time Collision Detection, 5.1.9)."""
+    if np.array_equal(one[0], one[1]) or np.array_equal(other[0], other[1]):
+        point, line = (one[0], other) if np.array_equal(one[0], one[1]) else (other[0], one)
+        if np.array_equal(line[0], line[1]):
+            return float(np.linalg.norm(point - line[0]))
+        return to_segment(point, line[0], line[1])
     d1, d2, r = one[1] - one[0], other[1] - other[0], one[0] - other[0]
     a, e, f = float(d1 @ d1), float(d2 @ d2), float(d2 @ r)
     b, c = float(d1 @ d2), float(d1 @ r)
@@ -115,14 +127,9 @@ def segments(one: FloatArray, other: FloatArray) -> float:
     return float(np.linalg.norm(r + s * d1 - t * d2))
 
 
-@functools.lru_cache(maxsize=4)
-def _bare(name: str) -> Robot:
-    return load_robot(name)
-
-
 def equipped(scene: Scene) -> Robot:
-    """The scene's built-in robot with the scene's tool."""
-    robot, tool = _bare(scene.robot), scene.tool
+    """The scene's robot with the scene's tool."""
+    robot, tool = scene.load_robot(), scene.tool
     if tool is None:
         return robot
     return with_tool(robot, make_tool(tool.kind, tool.parameters))

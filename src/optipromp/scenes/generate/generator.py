@@ -9,19 +9,25 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
 
 from optipromp.errors import InvalidRequestError
+from optipromp.robots.library import NOTHING, Choice
 from optipromp.scenes.generate import bunches, furniture, shelves
 from optipromp.scenes.generate.checks import OverlapError, interpenetration, unsolvable
 from optipromp.scenes.generate.furniture import FURNITURE, Furniture
+from optipromp.scenes.generate.placing import at_robot
 from optipromp.scenes.scene import Scene
 from optipromp.scenes.values import suggest
 
-Preset = Literal["cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "shelf"]
+Preset = Literal[
+    "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "shelf"
+]
 PRESETS: tuple[Preset, ...] = get_args(Preset)
+PANDA = "panda"
 PATIENCE = 1000  # samples before the discrete choices are sampled again
 MOST_REDRAWS = 50_000
 
@@ -45,12 +51,16 @@ class GenerationReport:
     reasons: Mapping[str, int] = field(default_factory=dict)
 
 
-def generate(preset: Preset | Furniture, seed: int) -> Scene:
+def generate(
+    preset: Preset | Furniture, seed: int, robot: str | Path = PANDA, choice: Choice = NOTHING
+) -> Scene:
     """The scene of a preset and a seed; see :func:`generate_with_report`."""
-    return generate_with_report(preset, seed)[0]
+    return generate_with_report(preset, seed, robot, choice)[0]
 
 
-def generate_with_report(preset: Preset | Furniture, seed: int) -> tuple[Scene, GenerationReport]:
+def generate_with_report(
+    preset: Preset | Furniture, seed: int, robot: str | Path = PANDA, choice: Choice = NOTHING
+) -> tuple[Scene, GenerationReport]:
     """Sample a random scene.
 
     Presets (lengths in metres; every number uniform in its range):
@@ -68,6 +78,8 @@ def generate_with_report(preset: Preset | Furniture, seed: int) -> tuple[Scene, 
       ``cluster``.
     - ``limp``: as ``cluster``, but the stems hang plumb, to 2 degrees. Nothing then implies that a
       stem is stiffer than green tissue (:data:`optipromp.pushing.parameters.PUSH`).
+    - ``elongated``: as ``cluster``, but the fruits are 1.2 to 1.4 times as long as wide: capsules
+      along their stems, which begin at the upper end.
     - ``shelf``: a can behind 2 to 6 upright cans and boxes on a shelf; horizontal approach with
       the Franka hand.
     - ``bookshelf``, ``box``, ``cage``, ``table-pick``, ``under-table``: a goal in joints with the
@@ -80,15 +92,24 @@ def generate_with_report(preset: Preset | Furniture, seed: int) -> tuple[Scene, 
     Args:
         preset: one of :data:`PRESETS` or :data:`FURNITURE`.
         seed: not negative; the same seed gives the same scene.
+        robot: name or path. Any but the built-in Panda has its base placed so that it reaches the
+            scene (:mod:`optipromp.scenes.generate.placing`): the sampled world is the same, stated
+            in the frame of that base.
+        choice: of the robot's file.
 
     Raises:
-        InvalidRequestError: an unknown preset or a negative seed.
+        InvalidRequestError: an unknown preset or a negative seed; another robot than the Panda for
+            scenes of furniture or a shelf; a robot that reaches the scenes from no place.
+        InvalidRobotError: a robot that cannot be loaded.
     """
     if preset not in (*PRESETS, *FURNITURE):
         told = suggest(preset, (*PRESETS, *FURNITURE))
         raise InvalidRequestError(f"preset is {preset!r}: {told}")
     if seed < 0:
         raise InvalidRequestError(f"seed is {seed}; it must not be negative")
+    other = robot != PANDA
+    if other and preset in ("shelf", *FURNITURE):
+        raise InvalidRequestError(f"scenes of the preset {preset} are for the built-in panda only")
     rng = np.random.default_rng([zlib.crc32(preset.encode()), seed])
     reasons: Counter[str] = Counter()
     sampler = _kind(preset, seed, rng)
@@ -102,7 +123,10 @@ def generate_with_report(preset: Preset | Furniture, seed: int) -> tuple[Scene, 
         except OverlapError as overlap:
             reasons[str(overlap)] += 1
             continue
-        fault = interpenetration(scene) or unsolvable(scene)
+        fault = interpenetration(scene)
+        if fault is None:
+            scene = at_robot(scene, robot, choice) if other else scene
+            fault = unsolvable(scene)
         if fault is None:
             report = GenerationReport(preset, seed, reasons.total(), dict(sorted(reasons.items())))
             return scene, report
@@ -124,6 +148,8 @@ def _kind(preset: Preset | Furniture, seed: int, rng: np.random.Generator) -> Sa
         close = int(rng.integers(2, 5))
         return lambda rng: bunches.tight(name, close, rng)
     count = int(rng.integers(1, 5))
+    if preset == "elongated":
+        return lambda rng: bunches.elongated(bunches.sample(name, count, False, None, rng), rng)
     lean = bunches.PLUMB if preset == "limp" else bunches.INCLINATION
     sides = preset in ("side-clusters", "mixed")
     gutter = bunches.GUTTER_SIDES[int(rng.integers(len(bunches.GUTTER_SIDES)))]

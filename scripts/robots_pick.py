@@ -1,0 +1,107 @@
+"""Stock arms pick their own ``cluster`` scenes in the simulation; a table for robots-tried.md.
+
+    python scripts/robots_pick.py FOLDER [--count 50] [--write] [ARM ...]
+
+FOLDER is ``share/example-robot-data/robots`` of the package example-robot-data (extra ``models``).
+Before each plan the built-in Panda plans its scene of the same seed: the times are compared within
+one process, on whatever machine this is. ``--write`` puts the table into docs/robots-tried.md.
+"""
+
+import argparse
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+from robots_tried import OUT, PICKING
+
+from optipromp.planning import plan, warm_up
+from optipromp.robots.library import NOTHING, Choice
+from optipromp.scenes.generate import generate
+from optipromp.simulation import simulate
+
+SEED = 77_000
+TIAGO = """format: 1
+name: tiago
+urdf: {urdf}
+base: base_link
+flange: wrist_ft_tool_link
+allow_self: [[torso_fixed_column_link, arm_1_link]]
+"""
+ARMS = {
+    "Panda's own URDF": "panda_description/urdf/panda.urdf",
+    "UR3": "ur_description/urdf/ur3_robot.urdf",
+    "UR5": "ur_description/urdf/ur5_robot.urdf",
+    "UR10": "ur_description/urdf/ur10_robot.urdf",
+    "xArm7": "xarm_description/urdf/xarm7.urdf",
+    "Kinova j2s6s200": "kinova_description/robots/kinova.urdf",
+    "TIAGo with its torso": "tiago_description/robots/tiago_no_hand.urdf",
+}
+
+
+def pick(name: str, path: str | Path, choice: Choice, count: int) -> str:
+    """A row of the table: what became of ``count`` scenes."""
+    valid, picked, own, panda, causes = 0, 0, [], [], []
+    generate("cluster", SEED, path, choice)
+    for seed in range(SEED, SEED + count):
+        for times, args in ((panda, ()), (own, (path, choice))):
+            scene = generate("cluster", seed, *args)
+            began = time.perf_counter()
+            made = plan(scene)
+            times.append(time.perf_counter() - began)
+        outcome = simulate(made).outcome
+        valid, picked = valid + made.success, picked + outcome.success
+        causes += [] if outcome.success else [f"{seed} {made.status} {outcome.cause}"]
+    ratio = np.median(own) / np.median(panda)
+    late = np.percentile(own, 95) / np.percentile(panda, 95)
+    print(f"{name}: {', '.join(causes)}", flush=True)
+    joints, spheres = made.robot.n_joints, len(made.robot.spheres.radius)
+    neck = made.scene.tool.parameters["length"] if made.scene.tool else 0.0
+    return (
+        f"| {name} | {joints} | {spheres} | {1e3 * neck:.0f} mm | {valid} | {picked} | "
+        f"{100.0 * picked / count:.0f} % | {ratio:.1f} | {late:.1f} |"
+    )
+
+
+def main() -> None:
+    """Run the arms that are named, or all; print the table, and write it where asked."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("arms", nargs="*")
+    parser.add_argument("--count", type=int, default=50)
+    parser.add_argument("--write", action="store_true")
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")  # of arms without demonstrations
+    warm_up()
+    rows = []
+    for name, file in {"built-in Panda": "panda", **ARMS}.items():
+        if given.arms and name not in given.arms:
+            continue
+        path: str | Path = file if file == "panda" else given.folder / file
+        if name.startswith("TIAGo"):
+            own = Path("tiago.yaml").absolute()
+            own.write_text(TIAGO.format(urdf=path))
+            path = own
+        rows.append(pick(name, path, NOTHING, given.count))
+    lines = [
+        PICKING,
+        "",
+        f"{given.count} scenes of the preset `cluster` an arm (seeds from {SEED}), placed in its",
+        "reach by `optipromp generate --robot FILE`, planned without demonstrations (the built-in",
+        "Panda with its own) and executed in the simulation with masses and torque limits of the",
+        "URDF. Times are over those of the built-in Panda, planned alternately in one process.",
+        "Written by `scripts/robots_pick.py`.",
+        "",
+        "| arm | joints | spheres | neck of the cup | valid plans | picked | picked, % | "
+        "median time | p95 |",
+        "|---|---|---|---|---|---|---|---|---|",
+        *rows,
+    ]
+    print("\n".join(lines))
+    if given.write:
+        kept = OUT.read_text().partition(f"\n{PICKING}\n")[0]
+        OUT.write_text(kept.rstrip() + "\n\n" + "\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()

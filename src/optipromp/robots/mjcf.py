@@ -1,0 +1,257 @@
+"""MJCF files, read by MuJoCo itself, as the same description that a URDF gives.
+
+Bodies and sites become links; a body of several joints, and a joint off its body's origin, get
+links between. Joint values are MuJoCo's (``ref`` counts). A free joint is taken as fixed; a body
+with one that carries no other joint is an object, and is left out. Planes and height fields are no
+part of a robot.
+"""
+
+import hashlib
+import math
+import struct
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.arrays import rotation as turned
+from optipromp.errors import InvalidRequestError, InvalidRobotError
+from optipromp.files import cache_folder, write_atomically
+from optipromp.robots.urdf import (
+    UrdfGeometry,
+    UrdfInertial,
+    UrdfJoint,
+    UrdfLink,
+    UrdfMimic,
+    UrdfModel,
+    Vector,
+)
+
+FREE, BALL, SLIDE = 0, 1, 2  # mjtJoint
+_SHAPES = {2: "sphere", 3: "capsule", 4: "box", 5: "cylinder", 6: "box", 7: "mesh"}  # mjtGeom
+_LIMIT = math.inf
+
+
+def is_mjcf(path: Path) -> bool:
+    """Whether a file is an MJCF, by its suffix and its root element."""
+    if path.suffix.lower() not in (".xml", ".mjcf"):
+        return False
+    with suppress(OSError):
+        return b"<mujoco" in path.read_bytes()
+    return False
+
+
+def read_mjcf(path: Path) -> UrdfModel:
+    """Read the MJCF file at ``path``. Its meshes are left in the cache folder, by their content.
+
+    Raises InvalidRobotError where MuJoCo is not installed or cannot read the file.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        raise InvalidRobotError(
+            f"{path}: reading MJCF needs MuJoCo: pip install 'optipromp[sim]'"
+        ) from None
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise InvalidRobotError(f"{path}: {' '.join(str(error).split())}") from error
+    return _Reader(path, model).read()
+
+
+class _Reader:
+    """Carries the compiled model while it is turned into links and joints."""
+
+    def __init__(self, path: Path, model: Any) -> None:
+        self.path, self.model = path, model
+        self.links: dict[str, UrdfLink] = {}
+        self.joints: dict[str, UrdfJoint] = {}
+        self.names = [model.body(b).name or f"body{b}" for b in range(model.nbody)]
+        self.joint_names = [model.joint(j).name or f"joint{j}" for j in range(model.njnt)]
+
+    def read(self) -> UrdfModel:
+        model, left_out = self.model, set()
+        for body in range(model.nbody):
+            parent = int(model.body_parentid[body])
+            if (body and parent in left_out) or self._is_object(body):
+                left_out.add(body)
+                continue
+            if body:
+                self._mount(body, self.names[parent])
+            self.links[self.names[body]] = self._link(body)
+        for site in range(model.nsite):
+            body, name = int(model.site_bodyid[site]), model.site(site).name
+            if name and body not in left_out and name not in self.links:
+                self.links[name] = UrdfLink(name, (), ())
+                self._fix(
+                    name, self.names[body], model.site_pos[site], _matrix(model.site_quat[site])
+                )
+        return UrdfModel(
+            self.model.names[: self.model.names.index(b"\0")].decode() or self.path.stem,
+            self.path, self.names[0], MappingProxyType(self.links), MappingProxyType(self.joints),
+        )  # fmt: skip
+
+    def _own(self, body: int) -> range:
+        first = int(self.model.body_jntadr[body])
+        return range(first, first + int(self.model.body_jntnum[body]))
+
+    def _is_object(self, body: int) -> bool:
+        """Whether a body is free and carries no joint: no part of the robot."""
+        types = self.model.jnt_type
+        if not any(types[j] == FREE for j in self._own(body)):
+            return False
+        inside = {body}
+        for other in range(body + 1, self.model.nbody):
+            if int(self.model.body_parentid[other]) in inside:
+                inside.add(other)
+        return not any(types[j] != FREE for each in inside for j in self._own(each))
+
+    def _mount(self, body: int, parent: str) -> None:
+        """Hang a body on its parent: a joint after the other, and what is left, fixed."""
+        model, name = self.model, self.names[body]
+        at, turn = np.array(model.body_pos[body]), _matrix(model.body_quat[body])
+        moving = [j for j in self._own(body) if model.jnt_type[j] != FREE]
+        origin = np.zeros(3)  # of the frame so far, in the body's own
+        for k, j in enumerate(moving):
+            anchor, axis = np.array(model.jnt_pos[j]), np.array(model.jnt_axis[j])
+            at, origin = at + turn @ (anchor - origin), anchor
+            ref = float(model.qpos0[model.jnt_qposadr[j]])
+            if model.jnt_type[j] == SLIDE:
+                at = at - turn @ axis * ref
+            else:
+                turn = turn @ turned(axis, -ref)
+            last = k == len(moving) - 1 and not anchor.any()
+            child = name if last else f"{name}:{self.joint_names[j]}"
+            if not last:
+                self.links[child] = UrdfLink(child, (), ())
+            self._join(j, parent, child, at, turn, axis)
+            parent, at, turn = child, np.zeros(3), np.eye(3)
+        if parent != name and (not moving or origin.any()):
+            self._fix(name, parent, at - turn @ origin, turn)
+
+    def _join(
+        self, j: int, parent: str, child: str, at: FloatArray, turn: FloatArray, axis: FloatArray
+    ) -> None:
+        model, name = self.model, self.joint_names[j]
+        kind, limited = int(model.jnt_type[j]), bool(model.jnt_limited[j])
+        low, high = (float(v) for v in model.jnt_range[j]) if limited else (-_LIMIT, _LIMIT)
+        fault = ""
+        if kind == BALL:
+            fault = f"{self.path}: joint '{name}' is a ball joint; an arm has hinges and slides"
+        elif kind == SLIDE and not limited:
+            fault = f"{self.path}: joint '{name}' slides and has no range [m]"
+        self.joints[name] = UrdfJoint(
+            name, "prismatic" if kind == SLIDE else "revolute" if limited else "continuous",
+            parent, child, _vector(at), _rpy(turn), _vector(axis), low, high, math.inf,
+            self._mimic(j), self._effort(j), fault,
+        )  # fmt: skip
+
+    def _fix(self, child: str, parent: str, at: FloatArray, turn: FloatArray) -> None:
+        name = f"{parent} to {child}"
+        self.joints[name] = UrdfJoint(
+            name, "fixed", parent, child, _vector(at), _rpy(turn), (1.0, 0.0, 0.0), 0.0, 0.0,
+            math.inf, None,
+        )  # fmt: skip
+
+    def _mimic(self, j: int) -> UrdfMimic | None:
+        """The joint that an equality holds joint ``j`` to, where it is linear."""
+        model = self.model
+        for e in range(model.neq):
+            first, second = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
+            linear = not model.eq_data[e, 2:5].any()
+            if int(model.eq_type[e]) == 2 and first == j and second >= 0 and linear:  # mjEQ_JOINT
+                refs = model.qpos0[model.jnt_qposadr[[first, second]]]
+                offset, share = (float(v) for v in model.eq_data[e, :2])
+                offset += float(refs[0] - share * refs[1])
+                return UrdfMimic(self.joint_names[second], share, offset)
+        return None
+
+    def _effort(self, j: int) -> float:
+        """The torque or force that the actuators of a joint, or its own range, allow."""
+        model, least = self.model, math.inf
+        if model.jnt_actfrclimited[j]:
+            least = float(np.abs(model.jnt_actfrcrange[j]).max())
+        for a in range(model.nu):
+            on_joint = int(model.actuator_trntype[a]) == 0 and int(model.actuator_trnid[a, 0]) == j
+            if on_joint and model.actuator_forcelimited[a]:
+                gear = abs(float(model.actuator_gear[a, 0]))
+                least = min(least, gear * float(np.abs(model.actuator_forcerange[a]).max()))
+        return least or math.inf
+
+    def _link(self, body: int) -> UrdfLink:
+        model = self.model
+        first = int(model.body_geomadr[body])
+        solid: dict[bool, list[UrdfGeometry]] = {True: [], False: []}
+        for g in range(first, first + int(model.body_geomnum[body])):
+            kind = _SHAPES.get(int(model.geom_type[g]))
+            if kind is not None:
+                collides = bool(model.geom_contype[g] or model.geom_conaffinity[g])
+                solid[collides].append(self._geometry(g, kind))
+        mass = float(model.body_mass[body])
+        xx, yy, zz = (float(v) for v in model.body_inertia[body])
+        inertial = UrdfInertial(
+            mass, _vector(model.body_ipos[body]), _rpy(_matrix(model.body_iquat[body])),
+            (xx, 0.0, 0.0, yy, 0.0, zz),
+        )  # fmt: skip
+        return UrdfLink(
+            self.names[body], tuple(solid[True]), tuple(solid[False]), inertial if mass else None
+        )
+
+    def _geometry(self, g: int, kind: Any) -> UrdfGeometry:
+        model = self.model
+        size = [float(v) for v in model.geom_size[g]]
+        place = _vector(model.geom_pos[g]), _rpy(_matrix(model.geom_quat[g]))
+        if kind == "mesh":
+            file = _stl(model, int(model.geom_dataid[g]))
+            return UrdfGeometry(kind, (1.0, 1.0, 1.0), *place, str(file))
+        if kind == "box":  # an ellipsoid is covered by its box
+            return UrdfGeometry(kind, tuple(2.0 * s for s in size), *place)
+        sizes = (size[0],) if kind == "sphere" else (size[0], 2.0 * size[1])
+        return UrdfGeometry(kind, sizes, *place)
+
+
+def _stl(model: Any, mesh: int) -> Path:
+    """A mesh, in the frame in which geoms place it, as a binary STL file named by its content."""
+    vert, face = int(model.mesh_vertadr[mesh]), int(model.mesh_faceadr[mesh])
+    vertices = model.mesh_vert[vert : vert + int(model.mesh_vertnum[mesh])]
+    faces = model.mesh_face[face : face + int(model.mesh_facenum[mesh])]
+    rows = np.zeros(len(faces), dtype=[("normal", "<3f4"), ("corners", "<9f4"), ("more", "<u2")])
+    rows["corners"] = vertices[faces].reshape(-1, 9)
+    content = bytes(80) + struct.pack("<I", len(faces)) + rows.tobytes()
+    folder = cache_folder() or Path(tempfile.gettempdir()) / "optipromp"
+    file = folder / "meshes" / f"{hashlib.sha256(content).hexdigest()}.stl"
+    if not file.is_file():
+        try:
+            write_atomically(file, content)
+        except InvalidRequestError as error:
+            raise InvalidRobotError(f"a mesh cannot be left in the cache: {error}") from error
+    return file
+
+
+def _vector(values: FloatArray) -> Vector:
+    x, y, z = (float(v) for v in values)
+    return x, y, z
+
+
+def _matrix(quaternion: FloatArray) -> FloatArray:
+    w, x, y, z = (float(v) for v in quaternion / np.linalg.norm(quaternion))
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _rpy(turn: FloatArray) -> Vector:
+    """URDF angles of a rotation: Rz(yaw) Ry(pitch) Rx(roll)."""
+    flat = math.hypot(turn[0, 0], turn[1, 0])
+    pitch = math.atan2(-turn[2, 0], flat)
+    if flat < 1e-9:  # roll and yaw turn about one axis
+        return math.atan2(-turn[1, 2], turn[1, 1]), pitch, 0.0
+    return math.atan2(turn[2, 1], turn[2, 2]), pitch, math.atan2(turn[1, 0], turn[0, 0])

@@ -1,0 +1,61 @@
+"""Robot files: what a URDF or MJCF cannot say, in YAML beside it."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from optipromp.documents import read_document
+from optipromp.errors import InvalidRobotError
+from optipromp.robots.urdf import LENGTH_LIMIT
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Coordinate = Annotated[float, Field(ge=-LENGTH_LIMIT, le=LENGTH_LIMIT, allow_inf_nan=False)]
+Radius = Annotated[float, Field(gt=0.0, le=LENGTH_LIMIT, allow_inf_nan=False)]
+
+
+class RobotFile(BaseModel):
+    """The keys of a robot file; lists of numbers are in the order of the chain's joints.
+
+    A link that has an entry under ``spheres`` (an empty list counts) is covered by those; every
+    other link is covered from its URDF geometry.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    format: Literal[1]
+    name: str = Field(min_length=1)
+    urdf: str = Field(min_length=1)
+    flange: str | None = None  # the tip
+    base: str | None = None  # joints before this link are held
+    srdf: str | None = None  # its groups tell the arm
+    package_dirs: list[str] = []  # folders that hold the packages of package:// names
+    hold: dict[str, Finite] = {}  # values of joints that are not of the arm [rad or m]
+    scale: Positive = 1.0  # metres in one unit of length of the URDF
+    velocity: list[Positive] | None = None  # overrides the URDF
+    acceleration: list[Positive] | None = None
+    jerk: list[Positive] | None = None
+    home: list[Finite] | None = None
+    spheres: dict[str, list[tuple[Coordinate, Coordinate, Coordinate, Radius]]] = {}
+    allow_self: list[tuple[str, str]] = []
+
+
+def read_robot_file(path: Path) -> RobotFile:
+    """Read and check a robot file; an unknown key is refused by name. Raises InvalidRobotError."""
+    content = read_document(path, InvalidRobotError, "a robot file")
+    if not isinstance(content, dict):
+        raise InvalidRobotError(f"{path}: a robot file is a mapping of keys, starting 'format: 1'")
+    try:
+        return RobotFile.model_validate(content)
+    except ValidationError as error:
+        problems = "; ".join(_problem(e) for e in error.errors()[:5])
+        raise InvalidRobotError(f"{path}: {problems}") from error
+
+
+def _problem(error: Any) -> str:
+    where = ".".join(str(part) for part in error["loc"])
+    if error["type"] == "extra_forbidden":
+        return f"unknown key '{where}'; known: {', '.join(RobotFile.model_fields)}"
+    if error["type"] == "missing":
+        return f"key '{where}' is missing"
+    return f"{where}: {error['msg']}, got {error['input']!r}"

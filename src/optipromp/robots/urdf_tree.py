@@ -1,0 +1,62 @@
+"""The links and joints of a URDF as a whole: one tree, and mimics that end somewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from graphlib import CycleError, TopologicalSorter
+from typing import TYPE_CHECKING, NoReturn
+
+if TYPE_CHECKING:
+    from optipromp.robots.urdf import UrdfJoint, UrdfLink
+
+Refuse = Callable[[str], NoReturn]
+
+
+def check_tree(
+    links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint], refuse: Refuse
+) -> str:
+    """The root link; every link hangs on it by one path."""
+    parent_joint: dict[str, UrdfJoint] = {}
+    for joint in joints.values():
+        for role, link in (("parent", joint.parent), ("child", joint.child)):
+            if link not in links:
+                refuse(f"joint '{joint.name}' has the {role} link '{link}', which is not defined")
+        if joint.child in parent_joint:
+            refuse(
+                f"link '{joint.child}' has two parents: joints "
+                f"'{parent_joint[joint.child].name}' and '{joint.name}'; a tree has one"
+            )
+        parent_joint[joint.child] = joint
+    roots = [link for link in links if link not in parent_joint]
+    if not roots:
+        refuse(f"cycle: every link has a parent, link '{next(iter(links))}' among them")
+    if len(roots) > 1:
+        refuse(f"{len(roots)} roots: links {_quoted(roots)}; a robot has one")
+    above = {child: {joint.parent} for child, joint in parent_joint.items()}
+    try:  # each link has one parent and there is one root: what it does not reach is a cycle
+        TopologicalSorter(above).prepare()
+    except CycleError as cycle:
+        lost = _quoted(cycle.args[1][1:])
+        refuse(f"cycle: links {lost} hang on one another, not on the root")
+    return roots[0]
+
+
+def check_mimics(joints: Mapping[str, UrdfJoint], refuse: Refuse) -> None:
+    """Each mimic ends, over any number of steps, at a joint that moves by itself."""
+    leaders = {name: joint.mimic.joint for name, joint in joints.items() if joint.mimic}
+    for name, leader in leaders.items():
+        if leader not in joints:
+            refuse(f"joint '{name}' mimics '{leader}', which is not defined")
+        if joints[leader].kind == "fixed":
+            refuse(f"joint '{name}' mimics '{leader}', which is fixed")
+    try:
+        TopologicalSorter({name: {leader} for name, leader in leaders.items()}).prepare()
+    except CycleError as cycle:
+        ring = cycle.args[1][:0:-1]  # each mimics the next
+        what = "mimics itself" if len(ring) == 1 else "is in a ring of mimics"
+        refuse(f"joint '{ring[0]}' {what}: {_quoted(ring)}")
+
+
+def _quoted(names: list[str]) -> str:
+    shown = ", ".join(f"'{name}'" for name in names[:5])
+    return shown + (", ..." if len(names) > 5 else "")

@@ -1,0 +1,129 @@
+"""Long fruits in the push model: capsules along their stems, as two balls."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.pushing.fruits import CUP, DT, TARGET, UP, along, hung
+
+from optipromp.arrays import FloatArray
+from optipromp.geometry import Box, Capsule
+from optipromp.geometry.obstacles import Obstacles, pack
+from optipromp.planning import plan
+from optipromp.pushing.bending import Stems, balls_of
+from optipromp.pushing.cup import cup_distance
+from optipromp.pushing.equilibrium import CONTACT
+from optipromp.pushing.swinging import harm, push
+from optipromp.scenes import SceneObject, Stem
+from optipromp.scenes.generate import generate
+from optipromp.simulation import simulate
+
+NOTHING = pack([])
+LONG = 0.012  # [m] between the balls
+
+
+def led(
+    stems: Stems, points: FloatArray, solid: Obstacles = NOTHING
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Positions (P, N, 3) of the lower balls, forces (P, N) on fruits and on stems."""
+    count, steps = len(stems.root), len(points)
+    out = np.zeros((steps, count, 3)), np.zeros((steps, count)), np.zeros((steps, count))
+    push(stems, points, np.tile(UP, (steps, 1)), DT, CUP, solid, np.inf, *out, np.zeros(5))
+    return out
+
+
+def test_a_fruit_that_is_hardly_long_moves_as_a_ball() -> None:
+    points = along((0.06, 0, -0.1), (0.03, 0, -0.02), (0.0, 0, 0))
+    place = ((0, 0, 0), (0.02, 0.0, 0.2)), ((0.02, 0.01, -0.05), (0.0, 0.05, 0.2))
+    ball, long = led(hung(*place), points), led(hung(*place, apart=1e-7), points)
+    np.testing.assert_allclose(ball[0], long[0], atol=1e-5)
+
+
+def test_the_upper_ball_is_pressed_where_the_lower_one_is_below_the_cup() -> None:
+    """The cup's neck and base pass above the lower ball, and meet the upper one."""
+    points = along((0.08, 0, 0.055), (0.02, 0, 0.055))  # the base is 25 mm above the fruit
+    vector = (0.0, 0.0, 0.25)
+    apart = 0.04
+    positions, forces, _ = led(hung(((0, 0, 0), vector), apart=apart), points)
+    assert forces[-1, 0] > 0.0
+    assert positions[-1, 0, 0] - TARGET[0] < -0.01
+    upper = positions[-1, 0] + apart * UP  # nearly: the stem has turned a little
+    off = upper - points[-1]
+    gap = cup_distance(float(np.hypot(off[0], off[1])), float(off[2]), CUP)[0] - 0.015
+    assert gap > -1.5 * forces.max() / CONTACT - 2e-3
+
+
+@pytest.mark.parametrize("height", [0.0, LONG])
+def test_two_long_fruits_keep_apart_at_either_end(height: float) -> None:
+    stems = hung(((0, 0, 0), (0.0, 0.0, 0.2)), ((-0.035, 0, height), (0.0, 0.0, 0.2)), apart=LONG)
+    positions, forces, _ = led(stems, along((0.06, 0, 0), (0.0, 0, 0)))
+    cores = [positions[-1, i] + np.linspace(0.0, LONG, 20)[:, None] * UP for i in (0, 1)]
+    least = np.linalg.norm(cores[0][:, None] - cores[1][None], axis=2).min()
+    assert least > 0.03 - 2.0 * forces.max() / CONTACT - 2e-3
+    assert positions[-1, 1, 0] < TARGET[0] - 0.05  # pushed on by the first
+
+
+def test_a_wall_behind_pinches_the_upper_end() -> None:
+    """The wall ends above the lower ball's centre: a ball there would slip below it."""
+    wall = pack([(Box((0.02, 1.0, 0.02)), TARGET + [-0.03, 0.0, 0.03], np.eye(3))])
+    points = along((0.06, 0, 0), (0.02, 0, 0))
+    axes = np.tile(UP, (len(points), 1))
+    stems = hung(((0.2, 0, 0), UP), ((0, 0, 0), (0.0, 0.0, 0.2)), apart=0.03)
+    free = harm(stems, points, axes, DT, CUP, NOTHING)
+    held = harm(stems, points, axes, DT, CUP, wall)
+    assert free.pinched == 0.0
+    assert held.pinched > 0.0
+    assert held.fruit > 2.0 * free.fruit
+
+
+def test_the_balls_of_a_capsule_lie_along_its_stem() -> None:
+    line = np.array([0.3, 0.1, 0.9]) / np.linalg.norm([0.3, 0.1, 0.9])
+    turn = np.append(1.0 + line[2], np.cross([0.0, 0.0, 1.0], line))
+    turn /= np.linalg.norm(turn)
+    for flipped in (turn, np.array([-turn[1], turn[0], turn[3], -turn[2]])):  # either end up
+        fruit = SceneObject(
+            "f", "pushable", Capsule(0.015, 0.01), TARGET, flipped,
+            Stem(np.array([TARGET + 0.02 * line, TARGET + 0.2 * line])),
+        )  # fmt: skip
+        center, radius, apart = balls_of(fruit)
+        np.testing.assert_allclose(center, TARGET - 0.005 * line, atol=1e-12)
+        assert (radius, apart) == (0.015, 0.01)
+
+
+def test_a_long_fruit_weighs_what_a_capsule_weighs() -> None:
+    (ball,), (long,) = hung(((0, 0, 0), UP)).mass, hung(((0, 0, 0), UP), apart=0.01).mass
+    assert long / ball == pytest.approx(1.0 + 0.01 * 0.75 / 0.015)
+
+
+def test_long_fruits_are_picked_in_the_simulation() -> None:
+    picked = 0
+    for seed in range(8800, 8808):
+        scene = generate("elongated", seed)
+        made = plan(scene)
+        assert made.prediction is not None
+        picked += simulate(made).outcome.success
+    assert picked >= 7
+
+
+def test_fruits_beside_the_target_are_predicted_and_picked_among() -> None:
+    picked = 0
+    for seed in range(8800, 8808):
+        made = plan(generate("tight", seed))
+        assert made.prediction is not None, seed
+        axis = made.scene.frame[2]
+        last = made.trajectory.positions[made.first :]
+        points = made.robot.tool_pose(last)[0] - made.robot.tool_pose(last[-1])[0]
+        aside = points - np.outer(points @ axis, axis)
+        near = points @ axis > -0.03  # the last 30 mm, in which the rim passes the fruits
+        assert np.linalg.norm(aside[near], axis=1).max() < 0.01
+        picked += simulate(made).outcome.success
+    assert picked >= 7
+
+
+def test_a_lone_target_needs_no_prediction() -> None:
+    scene = generate("tight", 8800)
+    assert scene.target is not None
+    up = np.array([0.0, 0.0, 0.4])
+    far = (replace(o, position=o.position + up, stem=None) for o in scene.pushables)
+    lone = replace(scene, objects=(scene.target, *far))
+    assert plan(lone).prediction is None

@@ -1,0 +1,144 @@
+"""MJCF files: the same kinematics, limits, bodies and masses that MuJoCo itself has."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optipromp.errors import InvalidRobotError
+from optipromp.robots import load_robot
+from optipromp.robots.library import load_arm
+
+mujoco = pytest.importorskip("mujoco")
+
+ARM = """<mujoco model="stock">
+  <compiler angle="degree"/>
+  <asset><mesh name="wedge" vertex="0 0 0  .1 0 0  0 .08 0  0 0 .06  .1 .08 .06"/></asset>
+  <worldbody>
+    <geom type="plane" size="5 5 .1"/>
+    <body name="base" pos=".1 -.2 .3" euler="10 20 -30">
+      <geom type="cylinder" size=".06 .05"/>
+      <body name="shoulder" pos="0 0 .12" euler="0 0 90">
+        <joint name="turn" axis="0 0 1" range="-170 170" actuatorfrcrange="-87 87"/>
+        <geom type="capsule" size=".05 .04" contype="0" conaffinity="0"/>
+        <geom type="sphere" size=".06" mass="2"/>
+        <body name="upper" pos="0 .05 .1" euler="90 0 0">
+          <joint name="lift" axis="0 1 0" pos=".02 0 -.01" ref="25" range="-100 100"/>
+          <joint name="twist" axis="1 0 0" pos="0 .03 0"/>
+          <geom type="box" size=".04 .05 .15" pos="0 0 .15" euler="0 15 0"/>
+          <body name="fore" pos="0 0 .32">
+            <joint name="slide" type="slide" axis="0 0 2" ref=".02" range="-.05 .2"/>
+            <geom type="mesh" mesh="wedge" pos="0 .01 0" euler="0 90 0"/>
+            <body name="wrist" pos="0 0 .2" euler="0 -90 0">
+              <joint name="roll" axis="1 0 0" range="-90 90"/>
+              <geom type="ellipsoid" size=".03 .04 .05"/>
+              <site name="attachment_site" pos="0 0 .06" euler="0 0 45"/>
+              <body name="left_finger" pos="0 .02 .08">
+                <joint name="left_finger_joint" type="slide" axis="0 1 0" range="0 .04"/>
+                <geom type="box" size=".01 .01 .03"/>
+              </body>
+              <body name="right_finger" pos="0 -.02 .08">
+                <joint name="right_finger_joint" type="slide" axis="0 -1 0" range="0 .04"/>
+                <geom type="box" size=".01 .01 .03"/>
+              </body>
+            </body>
+          </body>
+        </body>
+      </body>
+    </body>
+    <body name="cube" pos="1 0 0"><freejoint/><geom type="box" size=".02 .02 .02"/></body>
+  </worldbody>
+  <equality>
+    <joint joint1="right_finger_joint" joint2="left_finger_joint" polycoef="0 1 0 0 0"/>
+  </equality>
+  <actuator><motor joint="lift" gear="50" forcerange="-2 2" forcelimited="true"/></actuator>
+</mujoco>"""
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    out = tmp_path / "stock.xml"
+    out.write_text(ARM)
+    return out
+
+
+def test_the_arm_and_its_limits(path: Path) -> None:
+    robot, arm = load_arm(path)
+    assert robot.name == "stock"
+    assert robot.joint_names == ("turn", "lift", "twist", "slide", "roll")
+    assert arm.tip == "attachment_site"
+    assert np.allclose(np.rad2deg(robot.upper[[0, 1, 4]]), [170.0, 100.0, 90.0])
+    assert np.isinf(robot.upper[2])
+    assert (robot.lower[3], robot.upper[3]) == (-0.05, 0.2)
+    assert "cube" not in robot.link_names
+    assert robot.held_joints == ("left_finger_joint", "right_finger_joint")
+    assert robot.dynamics is not None
+    assert robot.dynamics.effort[:2].tolist() == [87.0, 100.0]
+    assert np.isinf(robot.dynamics.effort[2:]).all()
+
+
+def test_forward_kinematics_and_masses_of_mujoco(path: Path) -> None:
+    """Flange, tool axis and centres of mass at random configurations."""
+    robot = load_robot(path)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    bodies = ["shoulder", None, "upper", "fore", "wrist"]
+    assert robot.dynamics is not None
+    for _ in range(50):
+        low, high = np.maximum(robot.lower, -3.0), np.minimum(robot.upper, 3.0)
+        q = rng.uniform(low, high)
+        for name, value in zip(robot.joint_names, q, strict=True):
+            data.joint(name).qpos[0] = value
+        mujoco.mj_forward(model, data)
+        point, axis = robot.tool_pose(q)
+        site = data.site("attachment_site")
+        assert np.abs(point - site.xpos).max() < 1e-9
+        assert np.abs(axis - site.xmat.reshape(3, 3)[:, 2]).max() < 1e-9
+        origins, turns = robot.segment_frames(q)
+        for s, body in enumerate(bodies[:-1]):  # the last also carries the fingers
+            center = origins[s] + turns[s] @ robot.dynamics.center[s]
+            if body is not None:
+                assert np.abs(center - data.body(body).xipos).max() < 1e-9
+                here = turns[s] @ robot.dynamics.inertia[s] @ turns[s].T
+                turn = data.body(body).ximat.reshape(3, 3)
+                theirs = turn @ np.diag(model.body(body).inertia) @ turn.T
+                assert np.allclose(here, theirs, atol=1e-12)
+    carried = model.body("wrist").subtreemass[0]
+    assert robot.dynamics.mass[-1] == pytest.approx(carried)
+
+
+def test_the_spheres_cover_the_geoms(path: Path) -> None:
+    """Points of the mesh and of the box, where MuJoCo has them."""
+    robot = load_robot(path)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data, q = mujoco.MjData(model), np.array([0.3, 0.5, -0.4, 0.05, 0.2])
+    for name, value in zip(robot.joint_names, q, strict=True):
+        data.joint(name).qpos[0] = value
+    mujoco.mj_forward(model, data)
+    centers, radius = robot.sphere_centers(q), robot.spheres.radius
+    for g in range(model.ngeom):
+        kind, at, turn = int(model.geom_type[g]), data.geom_xpos[g], data.geom_xmat[g]
+        if kind == mujoco.mjtGeom.mjGEOM_MESH:
+            local = model.mesh_vert
+        elif kind == mujoco.mjtGeom.mjGEOM_BOX and model.geom_bodyid[g] != model.body("cube").id:
+            local = np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T * model.geom_size[g]
+        else:
+            continue
+        points = at + local @ turn.reshape(3, 3).T
+        away = np.linalg.norm(points[:, None] - centers, axis=2) - radius
+        assert away.min(axis=1).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('type="slide" axis="0 0 2" ref=".02" range="-.05 .2"', 'type="slide"', "has no range"),
+        ('name="twist" axis="1 0 0" pos="0 .03 0"', 'name="twist" type="ball"', "ball joint"),
+        ("</worldbody>", "", "stock.xml"),
+    ],
+)
+def test_what_is_refused(path: Path, old: str, new: str, told: str) -> None:
+    assert old in ARM
+    path.write_text(ARM.replace(old, new))
+    with pytest.raises(InvalidRobotError, match=told):
+        load_robot(path)

@@ -1,0 +1,89 @@
+"""Scenes placed in the reach of other robots than the one that they are stated for."""
+
+import numpy as np
+import pytest
+
+from optipromp.errors import InvalidRequestError
+from optipromp.planning import plan
+from optipromp.planning.task import resolve
+from optipromp.scenes.generate import bunches, generate
+
+SIX = (  # joint axis, length of the link beyond it [m]
+    ("0 0 1", 0.20), ("0 1 0", 0.40), ("0 1 0", 0.35), ("0 1 0", 0.10), ("0 0 1", 0.08),
+    ("0 1 0", 0.06),
+)  # fmt: skip
+
+
+def six(reach: float = 1.0) -> str:
+    """An arm of six joints whose links are ``reach`` times as long."""
+    parts, parent, height = ['<link name="base"/>'], "base", 0.15
+    for k, (axis, length) in enumerate(SIX):
+        length *= reach
+        parts.append(
+            f'<link name="l{k}"><inertial><mass value="1.5"/></inertial><collision><origin '
+            f'xyz="0 0 {length / 2}"/><geometry><capsule radius="0.04" length="{length / 2}"/>'
+            f'</geometry></collision></link><joint name="j{k}" type="revolute"><parent '
+            f'link="{parent}"/><child link="l{k}"/><origin xyz="0 0 {height}"/><axis xyz="{axis}"/>'
+            '<limit lower="-3" upper="3" velocity="2" effort="80"/></joint>'
+        )
+        parent, height = f"l{k}", length
+    parts.append(
+        f'<link name="tool0"/><joint name="mount" type="fixed"><parent link="{parent}"/>'
+        f'<child link="tool0"/><origin xyz="0 0 {height}"/></joint>'
+    )
+    return f'<robot name="six">{"".join(parts)}</robot>'
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    path = tmp_path_factory.mktemp("six") / "six.urdf"
+    path.write_text(six())
+    return path
+
+
+def test_the_world_is_the_same_before_another_robot(arm) -> None:
+    ours, panda = generate("cluster", 5, arm), generate("cluster", 5)
+    there = ours.base @ ours.positions
+    assert [item.id for item in ours.objects] == [item.id for item in panda.objects]
+    assert np.allclose(there, panda.positions, atol=1e-9)
+    assert np.allclose(ours.up, [0.0, 0.0, 1.0])
+    point, axis = resolve(ours).robot.tool_pose(ours.start)
+    assert np.allclose(ours.base @ point, bunches.START, atol=1e-6)
+    assert axis @ ours.up > 1.0 - 1e-9
+
+
+def test_the_arm_stays_below_the_lowest_pushable(arm) -> None:
+    """Beside the cup no sphere but the last link's is as high as pushables hang."""
+    scene = generate("cluster", 5, arm)
+    assert scene.tool is not None
+    assert scene.tool.parameters["length"] >= bunches.NECK
+    robot = resolve(scene).robot
+    point, axis = robot.tool_pose(scene.start)
+    off = robot.sphere_centers(scene.start)[~robot.spheres.distal] - point
+    along = off @ axis
+    aside = np.linalg.norm(off - along[:, None] * axis, axis=1)
+    radius = robot.spheres.radius[~robot.spheres.distal]
+    assert (along + radius)[aside - radius < 0.1].max(initial=-1.0) < -0.15
+
+
+@pytest.mark.filterwarnings("ignore:no built-in demonstrations")
+def test_another_robot_picks(arm) -> None:
+    pytest.importorskip("mujoco")
+    from optipromp.simulation import simulate
+
+    for seed in (1, 2):
+        made = plan(generate("cluster", seed, arm))
+        assert made.success, made.message
+        assert simulate(made).success
+
+
+def test_a_robot_that_cannot_reach_is_refused(tmp_path) -> None:
+    path = tmp_path / "small.urdf"
+    path.write_text(six(0.2))
+    with pytest.raises(InvalidRequestError, match="no place of its base"):
+        generate("cluster", 0, path)
+
+
+def test_shelves_are_for_the_panda(arm) -> None:
+    with pytest.raises(InvalidRequestError, match="panda only"):
+        generate("shelf", 0, arm)
