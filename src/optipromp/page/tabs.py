@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
+from optipromp.experiments.runs import scenes_of
 from optipromp.files import check_folder
 from optipromp.page.content import bundle
 from optipromp.page.record import Recorder
-from optipromp.page.sources import row_planner, row_scene
+from optipromp.page.sources import row_planner
 from optipromp.planning.task import resolve
 
 if TYPE_CHECKING:
@@ -156,7 +157,7 @@ class StudyTab:
         if planner is not None:
             window.settings["planner"] = planner
         self.told.content = f"In the study: {row.message or row.plan_status}"
-        window.open(row_scene(row))
+        window.open(scenes_of(row, window.source.robot)[1])
 
 
 def _title(row: "Row") -> str:
