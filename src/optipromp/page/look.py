@@ -32,7 +32,7 @@ def look(camera: Any, scene: Scene, beside: FloatArray | None = None) -> None:
     away = 0.8 * out + 0.5 * y - 0.12 * up if steep else -0.7 * z + 0.5 * y + 0.6 * up
     away = away / np.linalg.norm(away)
     if camera.image_width < NARROW:  # the panel covers the lower half there
-        focus, distance = middle - min(LOOK_BELOW, 0.7 * max(float(middle @ up), 0.0)) * up, FARTHER
+        focus, distance = middle - LOOK_BELOW * up, FARTHER
     else:
         focus = middle - LOOK_AHEAD * z - LOOK_ASIDE * np.cross(away, up)  # and the right here
         distance = DISTANCE
