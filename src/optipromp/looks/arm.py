@@ -14,6 +14,7 @@ from optipromp.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
 from optipromp.looks.faces import coarser, frame_along, revolve, shape_faces, sphere
 from optipromp.looks.part import Part, hex_colour
 from optipromp.robots.chain import rotation_of
+from optipromp.robots.cup_cover import NECK_RADIUS
 from optipromp.robots.meshes import mesh_file
 from optipromp.robots.model import LinkGeometry, Robot
 from optipromp.robots.tools import FINGERS, TOOL_LINK, Cup, FrankaHand
@@ -27,7 +28,6 @@ GLASS = 0.28  # opacity of a cup: the fruit in it is to be seen
 FINE = 0.003  # [m] cells in which the corners of a fine mesh become one: a pixel of a film
 FEW = 4000  # triangles of a link up to which a mesh is kept as it is
 MANY = 16000  # triangles of a link, at most: an arm's page stays below 3 MB
-NECK = 0.010  # [m] of a cup's neck
 ELBOW = 0.6  # share of the longer body along a joint's axis
 _UNIT_BALL = np.unique(sphere(np.zeros(3), 1.0, 24).reshape(-1, 3).round(9), axis=0)
 _MODELS = "cmeel.prefix/share/example-robot-data/robots/panda_description/meshes/visual"
@@ -252,7 +252,7 @@ def _mounted(robot: Robot, part: Part) -> Part:
 def _cup(cup: Cup) -> dict[str, list[FloatArray]]:
     """A turned cup with a rounded rim on its neck."""
     inner, outer = cup.mouth
-    base, rim, neck = cup.length, cup.length + cup.height, min(NECK, cup.radius)
+    base, rim, neck = cup.length, cup.length + cup.height, min(NECK_RADIUS, cup.radius)
     wall = outer - inner
     floor, bevel = min(wall, cup.height / 4.0), 0.3 * min(wall, 0.01)
     mouth = np.array([

@@ -13,7 +13,7 @@ from optipromp.simulation.execute import Run
 from optipromp.simulation.world import World
 
 AROUND = (150.0, 210.0, 125.0, 235.0, 100.0, 260.0, 60.0, 300.0, 30.0, 330.0)  # [deg] tried in turn
-ROOM = 1.25  # times what is to be seen, in the picture
+FILLED = 1.25  # times what is to be seen, in the picture
 CAPTION = 0.12  # of the height, left free for the caption
 NARROWEST = 0.40  # [m] of height in the picture
 CALM = 0.6  # [s] standard deviation over which the camera's motion is smoothed
@@ -81,7 +81,7 @@ def shot(world: World, model: Any, run: Run, times: FloatArray, view: View) -> S
     tan = float(np.tan(0.5 * np.deg2rad(model.vis.global_.fovy)))
     low[1] -= CAPTION * (high[1] - low[1])
     wide = (high[0] - low[0]) * view.height / view.width
-    distance = 0.5 * np.maximum(np.maximum(high[1] - low[1], wide) * ROOM, NARROWEST) / tan
+    distance = 0.5 * np.maximum(np.maximum(high[1] - low[1], wide) * FILLED, NARROWEST) / tan
     if view.distance is not None:
         distance[:] = view.distance
     middle = 0.5 * (low + high)
