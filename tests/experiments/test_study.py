@@ -178,7 +178,7 @@ def test_a_study_goes_on_where_it_was_left(quick, tmp_path: Path) -> None:
     assert steps[0] == (4, 9)
     assert steps[-1] == (9, 9)
     assert [row.key for row in rows] == [
-        ("cluster", seed, planner)
+        ("cluster", seed, planner, "")
         for seed in range(3)
         for planner in ("straight", "promp", "chomp")
     ]
@@ -279,3 +279,23 @@ def group_lives(group: int) -> bool:
     except ProcessLookupError:
         return False
     return True
+
+
+def test_two_studies_cannot_write_into_one_folder(tmp_path: Path) -> None:
+    wanted = Study(("cluster",), ("straight",), (0, 1))
+    hold = (
+        "import fcntl, sys; f = open(sys.argv[1], 'ab'); fcntl.flock(f, fcntl.LOCK_EX); "
+        "print(1, flush=True); input()"
+    )
+    other = subprocess.Popen(
+        [sys.executable, "-c", hold, str(tmp_path / ".lock")], text=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+    )  # fmt: skip
+    try:
+        assert other.stdout is not None
+        other.stdout.readline()
+        with pytest.raises(InvalidRequestError, match="another study writes into"):
+            run_study(wanted, tmp_path, workers=1)
+    finally:
+        other.communicate("\n")
+    assert len(run_study(wanted, tmp_path, workers=1)) == 1

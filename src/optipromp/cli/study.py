@@ -56,6 +56,14 @@ def study(
         bool,
         typer.Option("--only-valid", help="Do not execute plans that the judge refuses."),
     ] = False,
+    vary: Annotated[
+        bool,
+        typer.Option(
+            "--vary",
+            help="Execute each plan under a table of physical variations: softer and stiffer "
+            "stems, friction, mass, size, damping, a tool off its place, fruits lower than seen.",
+        ),
+    ] = False,
     workers: Workers = None,
     as_json: AsJson = False,
     *,
@@ -71,6 +79,7 @@ def study(
     \b
     optipromp study --preset cluster,shelf --seeds 1000:1200 --out fresh
     optipromp study --preset cluster --planners opti-promp --robot ur5.urdf --out ur5
+    optipromp study --preset cluster --planners opti-promp --vary --out varied
     optipromp study --planners opti-promp --noise-position 0.005 --noise-angle 5 --out noisy
     """
     from optipromp.experiments.baselines import STUDY_PLANNERS
@@ -90,6 +99,7 @@ def study(
         only_valid,
         named.name or PANDA,
         named.choice,
+        vary,
     )
     say_if_compiling()
     successes: dict[str, list[bool]] = {}
@@ -133,13 +143,13 @@ def _range(text: str) -> tuple[int, int]:
 
 
 TITLE = """picked and nothing harmed, in the physics simulation; 95 %: Wilson's interval
-plans: valid ones; static, torn: runs with such contact, torn fruit
+plans: those that promised it, kept: of these; static, torn: runs with such contact, torn fruit
 medians: force on unripe fruits [N], time to plan and to run [s]"""
 
 
 def table(cells: Sequence["Cell"]) -> "Table":
     """Rates, contacts, forces and median times of every preset and planner."""
-    figures = ("n", "%", "95 %", "plans", "static", "torn", "unripe", "plan", "run")
+    figures = ("n", "%", "95 %", "plans", "kept", "static", "torn", "unripe", "plan", "run")
     out = grid(("preset", "planner"), figures, title=TITLE, padding=(0, 0))
     for cell, first in _sections(out, cells):
         force = "–" if cell.unripe_force is None else f"{cell.unripe_force:.1f}"
@@ -151,6 +161,7 @@ def table(cells: Sequence["Cell"]) -> "Table":
             f"{100 * cell.rate:.1f}",
             f"{100 * cell.low:.0f}–{100 * cell.high:.0f}",
             str(cell.plans),
+            str(cell.kept),
             str(cell.static_contacts),
             str(cell.torn),
             force,

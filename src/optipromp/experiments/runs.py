@@ -15,6 +15,7 @@ from pydantic import TypeAdapter
 
 from optipromp.errors import Code, OptiPrompError
 from optipromp.experiments.baselines import Answer, StudyPlanner, attempt
+from optipromp.experiments.variations import VARIATIONS, Variation
 from optipromp.robots.library import NOTHING, Choice
 from optipromp.scenes.generate import PANDA, Preset, generate, generate_with_report, perceived
 from optipromp.scenes.scene import Scene
@@ -26,6 +27,9 @@ NO_PLAN = "no_plan"
 """Cause of a run that was not executed because there was nothing to execute."""
 ERROR = "error"
 """Cause of a run that broke off; its message says how."""
+
+
+Key = tuple[str, int, str, str]
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,7 @@ class Row:
         plan_time: wall time of planning [s].
         simulation_time: wall time of the execution [s].
         version: of the library, with a digest of its source.
+        variation: of the physics in which the plan was executed; empty for none.
     """
 
     preset: str
@@ -81,11 +86,12 @@ class Row:
     plan_time: float = 0.0
     simulation_time: float = 0.0
     version: str = ""
+    variation: str = ""
 
     @property
-    def key(self) -> tuple[str, int, str]:
-        """Preset, seed and planner: no study holds two such rows."""
-        return self.preset, self.seed, self.planner
+    def key(self) -> Key:
+        """Preset, seed, planner and variation: no study holds two such rows."""
+        return self.preset, self.seed, self.planner, self.variation
 
 
 COLUMNS: tuple[str, ...] = tuple(field.name for field in fields(Row))
@@ -135,6 +141,7 @@ def run_scene(
     only_valid: bool = False,
     robot: str | Path = PANDA,
     choice: Choice = NOTHING,
+    vary: bool = False,
 ) -> list[Row]:
     """Run every planner on one scene.
 
@@ -148,6 +155,7 @@ def run_scene(
         only_valid: plans that the judge refuses are not executed, and count as failures.
         robot: whose scene it is: name or path.
         choice: of the robot's file.
+        vary: every plan is executed under all of :data:`VARIATIONS`.
     """
     scene, report = generate_with_report(preset, seed, robot, choice)
     seen = _seen(scene, seed, noise_position, noise_angle)
@@ -157,15 +165,17 @@ def run_scene(
     )  # fmt: skip
     rows = []
     for planner in planners:
-        try:
-            made = attempt(seen, planner, seed=seed)
-            values = _executed(made, scene, seed, only_valid)
-        except OptiPrompError as error:
-            values = {"plan_status": str(error.code), "cause": ERROR, "message": error.message}
-        except Exception as error:  # a study tells of a broken run, and goes on
-            words = f"{type(error).__name__}: {error}"
-            values = {"plan_status": ERROR, "cause": ERROR, "message": words}
-        rows.append(row(planner=planner, **values))
+        made: Answer | None = None
+        for name, change in (VARIATIONS if vary else {"": None}).items():
+            try:
+                made = made or attempt(seen, planner, seed=seed)
+                values = _executed(made, scene, seed, only_valid, change)
+            except OptiPrompError as error:
+                values = {"plan_status": str(error.code), "cause": ERROR, "message": error.message}
+            except Exception as error:  # a study tells of a broken run, and goes on
+                words = f"{type(error).__name__}: {error}"
+                values = {"plan_status": ERROR, "cause": ERROR, "message": words}
+            rows.append(row(planner=planner, variation=name, **values))
     return rows
 
 
@@ -183,7 +193,11 @@ def again(row: Row, robot: str = PANDA) -> "Run | None":
     made = attempt(seen, cast(StudyPlanner, row.planner), seed=row.seed)
     if made.trajectory is None:
         return None
-    return simulate(made.trajectory, scene, seed=row.seed)
+    parameters = None
+    if row.variation:
+        change = VARIATIONS[row.variation]
+        scene, parameters = change(scene, np.random.default_rng([row.seed, 2]))
+    return simulate(made.trajectory, scene, parameters=parameters, seed=row.seed)
 
 
 def scenes_of(row: Row, robot: str = PANDA) -> tuple[Scene, Scene]:
@@ -197,7 +211,9 @@ def _seen(scene: Scene, seed: int, noise_position: float, noise_angle: float) ->
     return perceived(scene, rng, noise_position, float(np.deg2rad(noise_angle)))
 
 
-def _executed(made: Answer, scene: Scene, seed: int, only_valid: bool) -> dict[str, Any]:
+def _executed(
+    made: Answer, scene: Scene, seed: int, only_valid: bool, change: Variation | None
+) -> dict[str, Any]:
     """What became of a plan in the true scene, as values of a row."""
     values: dict[str, Any] = {
         "plan_status": str(made.status), "plan_time": made.seconds, "predicted_harm": made.harm,
@@ -208,7 +224,10 @@ def _executed(made: Answer, scene: Scene, seed: int, only_valid: bool) -> dict[s
     from optipromp.simulation import simulate
 
     began = time.perf_counter()
-    outcome = simulate(made.trajectory, scene, seed=seed).outcome
+    varied, parameters = scene, None
+    if change is not None:
+        varied, parameters = change(scene, np.random.default_rng([seed, 2]))
+    outcome = simulate(made.trajectory, varied, parameters=parameters, seed=seed).outcome
     target = scene.target
     static = (contact.peak_force for contact in outcome.static_contacts)
     return {

@@ -38,14 +38,15 @@ class Cell:
     """One planner on one preset.
 
     Attributes:
-        preset: of the scenes.
+        preset: of the scenes, or the variation of the physics.
         planner: that was run.
         runs: how many.
         successes: of them, by the physics.
         rate: of success.
         low: lower end of its 95 % interval.
         high: upper end.
-        plans: runs whose plan was valid by the judge.
+        plans: runs whose plan promised a success.
+        kept: of these, runs that succeeded; the other successes had been refused.
         causes: of failure, most frequent first.
         static_contacts: runs in which arm or tool pressed a static object.
         torn: runs in which a fruit came off.
@@ -65,6 +66,7 @@ class Cell:
     low: float
     high: float
     plans: int
+    kept: int
     causes: Mapping[str, int]
     static_contacts: int
     torn: int
@@ -80,10 +82,13 @@ class Cell:
 
 
 def summary(rows: Iterable[Row]) -> tuple[Cell, ...]:
-    """One cell for each preset and planner, in the order they first appear."""
+    """One cell for each preset and planner, in the order they first appear.
+
+    In a study of variations a cell is of a variation, over all presets.
+    """
     groups: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
-        groups.setdefault((row.preset, row.planner), []).append(row)
+        groups.setdefault((row.variation or row.preset, row.planner), []).append(row)
     presets = {preset: i for i, preset in enumerate(dict.fromkeys(p for p, _ in groups))}
     planners = {planner: i for i, planner in enumerate(dict.fromkeys(p for _, p in groups))}
     keys = sorted(groups, key=lambda key: (presets[key[0]], planners[key[1]]))
@@ -106,6 +111,7 @@ def _cell(preset: str, planner: str, rows: Sequence[Row]) -> Cell:
         low=low,
         high=high,
         plans=sum(row.plan_status == Code.SUCCESS for row in rows),
+        kept=sum(row.success and row.plan_status == Code.SUCCESS for row in rows),
         causes=dict(causes.most_common()),
         static_contacts=sum((row.static_force or 0.0) > STATIC_FORCE for row in rows),
         torn=sum(bool(row.torn) for row in rows),

@@ -12,7 +12,9 @@ import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +28,14 @@ from optipromp.experiments.runs import (
     source_version,
     warm_up,
 )
+from optipromp.experiments.variations import VARIATIONS
 from optipromp.files import check_folder, json_text, write_atomically
 from optipromp.processes import cores, run_each
 from optipromp.robots.library import NOTHING, Choice
 from optipromp.scenes.generate import PANDA, PRESETS, Preset
 from optipromp.scenes.values import suggest
 
-ROWS, SETTINGS = "rows.csv", "study.json"
+ROWS, SETTINGS, LOCK = "rows.csv", "study.json", ".lock"
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,7 @@ class Study:
         only_valid: plans that the judge refuses are not executed, and count as failures.
         robot: whose scenes: name or path.
         choice: of the robot's file.
+        vary: every plan is executed under all of :data:`VARIATIONS`.
 
     Raises:
         InvalidRequestError: an unknown preset or planner, none, one twice, an empty or negative
@@ -62,6 +66,7 @@ class Study:
     only_valid: bool = False
     robot: str | Path = PANDA
     choice: Choice = NOTHING
+    vary: bool = False
 
     def __post_init__(self) -> None:
         for name, given, valid in (
@@ -92,8 +97,14 @@ class Study:
             for preset in self.presets:
                 yield preset, seed
 
+    @property
+    def variations(self) -> tuple[str, ...]:
+        """Names of the variations; an empty one for none."""
+        return tuple(VARIATIONS) if self.vary else ("",)
+
     def __len__(self) -> int:
-        return len(self.presets) * len(self.planners) * (self.seeds[1] - self.seeds[0])
+        scenes = len(self.presets) * (self.seeds[1] - self.seeds[0])
+        return scenes * len(self.planners) * len(self.variations)
 
     def common(self) -> dict[str, Any]:
         """What all rows of one folder share."""
@@ -102,6 +113,7 @@ class Study:
             "noise_angle": self.noise_angle,
             "only_valid": self.only_valid,
             **({} if self.robot == PANDA else {"robot": f"{self.robot} {self.choice}"}),
+            "vary": self.vary,
             "version": source_version(),
         }
 
@@ -168,6 +180,22 @@ class RowFile:
             raise InvalidRequestError(f"cannot write {self.path}: {error.strerror}") from error
 
 
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Keep other processes out of a folder, where the system has locks of files."""
+    try:
+        with path.open("ab") as file:
+            if find_spec("fcntl") is not None:
+                import fcntl
+
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            yield
+    except BlockingIOError:
+        raise InvalidRequestError(
+            f"another study writes into {path.parent}: wait for its end, or choose another folder"
+        ) from None
+
+
 def rows_of(folder: Path) -> list[Row]:
     """The whole rows in a study's folder, in the order they came; none where there is no file.
 
@@ -228,20 +256,38 @@ def run_study(
         The study's rows, those of earlier calls too, in the study's order.
 
     Raises:
-        InvalidRequestError: see :class:`RowFile`; MuJoCo is missing; a worker died.
+        InvalidRequestError: see :class:`RowFile`; another study writes into the folder; MuJoCo is
+            missing; a worker died.
     """
     if workers is not None and workers < 1:
         raise InvalidRequestError(f"workers is {workers}; it must be at least 1")
     _need_simulation()
-    file = RowFile(folder, study)
+    check_folder(folder)
+    with _locked(folder / LOCK):
+        return _run(study, RowFile(folder, study), workers or cores(), progress)
+
+
+def _run(
+    study: Study,
+    file: RowFile,
+    workers: int,
+    progress: Callable[[int, int, Row | None], None] | None,
+) -> list[Row]:
+    """The rows of a study in its open file."""
     done = {row.key for row in file.rows}
     tasks = []
     for preset, seed in study.scenes():
-        missing = tuple(p for p in study.planners if (preset, seed, p) not in done)
+        missing = tuple(
+            p for p in study.planners
+            if any((preset, seed, p, variation) not in done for variation in study.variations)
+        )  # fmt: skip
         if missing:
             tasks.append((preset, seed, missing))
-    left = sum(len(missing) for _, _, missing in tasks)
-    finished, total = len(study) - left, len(study)
+    wanted = {
+        (*scene, planner, variation)
+        for scene in study.scenes() for planner in study.planners for variation in study.variations
+    }  # fmt: skip
+    finished, total = len(wanted & done), len(study)
     if progress is not None:
         progress(finished, total, None)
 
@@ -258,7 +304,7 @@ def run_study(
 
     robot = study.robot, study.choice
     noise = study.noise_position, study.noise_angle
-    common = (*noise, source_version(), study.only_valid, *robot)
+    common = (*noise, source_version(), study.only_valid, *robot, study.vary)
 
     def hear(index: int, result: Sequence[Row] | BrokenProcessPool) -> None:
         if isinstance(result, BrokenProcessPool):
@@ -266,16 +312,16 @@ def run_study(
         keep(result)
 
     run_each(
-        run_scene, [(*task, *common) for task in tasks], hear, workers=workers or cores(),
+        run_scene, [(*task, *common) for task in tasks], hear, workers=workers,
         prepare=functools.partial(warm_up, study.presets[0], study.planners, *robot),
     )  # fmt: skip
     held = {row.key: row for row in file.rows}
-    keys = [(*scene, planner) for scene in study.scenes() for planner in study.planners]
-    return [held[key] for key in keys]
+    return [
+        held[(*scene, planner, variation)]
+        for scene in study.scenes() for planner in study.planners for variation in study.variations
+    ]  # fmt: skip
 
 
 def _need_simulation() -> None:
-    from importlib.util import find_spec
-
     if find_spec("mujoco") is None:
         raise InvalidRequestError("a study needs MuJoCo: pip install 'optipromp[sim]'")

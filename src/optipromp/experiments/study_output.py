@@ -73,11 +73,15 @@ def _rates(axes: "Axes", cells: Sequence[Cell]) -> None:
     for preset in presets:
         runs = sorted({cell.runs for cell in cells if cell.preset == preset})
         labels.append(f"{preset}\n{'–'.join(map(str, runs))} scenes")
-    axes.set_xticks(range(len(presets)), labels)
+    many = len(presets) > 9  # variations: their names are long
+    axes.set_xticks(
+        range(len(presets)), presets if many else labels, rotation=90.0 if many else 0.0
+    )
     axes.set_ylim(0.0, 105.0)
     axes.set_ylabel("picked, nothing harmed [%]")
     axes.set_title("Success with 95 % intervals (Wilson)", fontsize=10)
-    axes.legend(frameon=False, fontsize=8, ncols=len(planners), **_BELOW)
+    where = {"loc": "lower left"} if many else {"ncols": len(planners), **_BELOW}
+    axes.legend(frameon=many, fontsize=8, **where)
     axes.spines[["top", "right"]].set_visible(False)
 
 
