@@ -10,7 +10,7 @@ from optipromp.scenes.scene import Scene
 UPWARDS = 0.7  # cosine; an approach steeper than that is looked at from beyond the target
 DISTANCE, FARTHER, PAIR = 0.95, 1.15, 0.7  # [m] of the camera; on a narrow screen; more for a pair
 LOOK_AHEAD, LOOK_ASIDE, LOOK_BELOW = 0.10, 0.08, 0.40  # [m] from the target to what is looked at
-LOWEST = 0.15  # [m] of the camera above the base: not under the floor
+CAMERA_LOWEST = 0.15  # [m] of the camera above the base: not under the floor
 NARROW = 640  # [pixel] width of a screen on which the panel is below
 
 
@@ -39,7 +39,7 @@ def look(camera: Any, scene: Scene, beside: FloatArray | None = None) -> None:
     if beside is not None:
         focus, distance = focus + 0.35 * beside, distance + PAIR
     place = focus + distance * away
-    place = place + max(LOWEST - float(place @ up), 0.0) * up
+    place = place + max(CAMERA_LOWEST - float(place @ up), 0.0) * up
     camera.up_direction = (0.0, 0.0, 1.0)
     camera.position = scene.base @ place
     camera.look_at = scene.base @ focus
