@@ -62,6 +62,13 @@ class Opened:
         self.window.post(f"test {time.monotonic()}", job)
         self.settle()
 
+    def listed(self, label: str, words: str, *, red: bool | None = None) -> None:
+        """Wait until the table has such a row, red or not."""
+        row = self.tab.locator("tr").filter(has_text=label).filter(has_text=words)
+        row.first.wait_for(timeout=1e3 * PATIENCE, state="attached")
+        if red is not None:
+            assert ("600" in (row.first.get_attribute("style") or "")) == red, label
+
     def until(self, holds: Callable[[], bool], what: str) -> None:
         """Wait until something holds."""
         end = time.monotonic() + PATIENCE

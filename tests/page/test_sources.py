@@ -6,17 +6,17 @@ import subprocess
 import sys
 import urllib.error
 import urllib.request
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from optipromp.errors import InvalidRequestError, InvalidSceneError
+from optipromp.experiments.runs import scenes_of
 from optipromp.experiments.study import Study, run_study
 from optipromp.page import arrange, content
 from optipromp.page.record import Recorder
-from optipromp.page.sources import open_source, row_scene
+from optipromp.page.sources import open_source
 from optipromp.page.table import violations
 from optipromp.planning import plan
 from optipromp.scenes.io import load_scene
@@ -116,10 +116,9 @@ def test_a_study_opens_with_its_runs(tmp_path: Path) -> None:
     source = open_source(str(tmp_path))
     (row,) = source.rows
     assert row.seed == 77000
-    assert np.array_equal(source.scene.positions, row_scene(row).positions)
-    assert not np.array_equal(
-        source.scene.positions, row_scene(replace(row, noise_position=0.0)).positions
-    )
+    true, seen = scenes_of(row, source.robot)
+    assert np.array_equal(source.scene.positions, seen.positions)
+    assert not np.array_equal(source.scene.positions, true.positions)
 
 
 def test_what_cannot_be_opened_is_named(tmp_path: Path) -> None:

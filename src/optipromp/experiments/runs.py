@@ -189,10 +189,8 @@ def again(row: Row, robot: str = PANDA) -> "Run | None":
     """
     from optipromp.simulation import simulate
 
-    preset, planner = cast(Preset, row.preset), cast(StudyPlanner, row.planner)
-    scene = generate(preset, row.seed, robot)
-    seen = _seen(scene, row.seed, row.noise_position, row.noise_angle)
-    made = attempt(seen, planner, seed=row.seed)
+    scene, seen = scenes_of(row, robot)
+    made = attempt(seen, cast(StudyPlanner, row.planner), seed=row.seed)
     if made.trajectory is None:
         return None
     parameters = None
@@ -200,6 +198,12 @@ def again(row: Row, robot: str = PANDA) -> "Run | None":
         change = VARIATIONS[row.variation]
         scene, parameters = change(scene, np.random.default_rng([row.seed, 2]))
     return simulate(made.trajectory, scene, parameters=parameters, seed=row.seed)
+
+
+def scenes_of(row: Row, robot: str = PANDA) -> tuple[Scene, Scene]:
+    """The scene of a run, and the same as its planner perceived it."""
+    scene = generate(cast(Preset, row.preset), row.seed, robot)
+    return scene, _seen(scene, row.seed, row.noise_position, row.noise_angle)
 
 
 def _seen(scene: Scene, seed: int, noise_position: float, noise_angle: float) -> Scene:

@@ -218,6 +218,23 @@ def _parsed(content: bytes, path: Path) -> list[Row]:
         raise InvalidRequestError(f"{path} holds something that is no row: {error}") from None
 
 
+def settings_of(folder: Path) -> tuple[dict[str, Any], str | None]:
+    """What the rows of a study have in common, and whose scenes they are.
+
+    The robot is None where its file was read with choices.
+
+    Raises:
+        InvalidRequestError: the file is missing or damaged.
+    """
+    try:
+        settings = dict(json.loads((folder / SETTINGS).read_text(encoding="utf-8")))
+    except (OSError, ValueError) as error:
+        raise InvalidRequestError(f"{folder / SETTINGS}: {error}") from None
+    told = str(settings.get("robot", f"{PANDA} {NOTHING}"))
+    plain = told.endswith(f" {NOTHING}")
+    return settings, told.removesuffix(f" {NOTHING}") if plain else None
+
+
 def run_study(
     study: Study,
     folder: Path,

@@ -18,8 +18,7 @@ from optipromp.planning.task import push_model, resolve
 from optipromp.promp.conditioning import condition
 from optipromp.promp.model import ProMP
 from optipromp.promp.points import JointPoint, TaskPoint
-from optipromp.pushing.model import search
-from optipromp.pushing.path import ToolPath
+from optipromp.pushing.model import Combined, PushModel, search
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import PoseGoal, Scene
 from optipromp.viewer.drawn import Moment, Placed, placed
@@ -29,7 +28,7 @@ CANDIDATES = 40  # shown at most
 SEARCHING = 1.0  # [s] that the search is repeated for, at most
 KEYS = 16  # moments at which the push is predicted
 WIDE = 2.0  # standard deviations that a tube or band shows
-NEAR, FAR = 0.0, 0.05  # [m] clearances that are red and green
+RED_AT, GREEN_AT = 0.0, 0.05  # [m] of clearance
 CHART_ROWS = 120  # times of a chart
 JOINT_COLOURS = (
     "#1f5fb4", "#d1661a", "#2f8f4e", "#c8322b", "#7d55a8", "#8a5a44", "#c05a9c", "#6f757d",
@@ -107,16 +106,30 @@ def candidates(plan: Plan) -> list[tuple[FloatArray, float]]:
     model = push_model(task, plan.trajectory.positions[-1])
     if model is None or not isinstance(task.goal, PoseGoal):
         return []
-    seen: dict[ToolPath, float] = {}
+    watched = _Watched(model)
     found = search(
-        model, task.goal.axis, np.random.default_rng(plan.seed),
-        time.perf_counter() + SEARCHING, seen.__setitem__,
-    )  # fmt: skip
+        watched, task.goal.axis, np.random.default_rng(plan.seed), time.perf_counter() + SEARCHING
+    )
     for path, good in found:
         if path.harm <= good:
             break
-    best = sorted(seen.items(), key=lambda item: item[1])[:CANDIDATES]
-    return [(path.points, harm) for path, harm in reversed(best)]
+    best = sorted(watched.seen.values(), key=lambda item: item[1])[:CANDIDATES]
+    return best[::-1]
+
+
+class _Watched(Combined):
+    """A push model that keeps the paths it is asked about, each with its last harm."""
+
+    def __init__(self, model: PushModel) -> None:
+        super().__init__(model)
+        self.seen: dict[int, tuple[FloatArray, float]] = {}
+
+    def harm(
+        self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
+    ) -> float:
+        value = super().harm(points, axes, states, limit)
+        self.seen[id(points)] = points, value
+        return value
 
 
 def between(value: FloatArray, worst: float, best: float) -> IntArray:
@@ -162,7 +175,7 @@ def clearances(scene: Scene, robot: Robot, q: FloatArray) -> Clearances:
 
 
 @dataclass(frozen=True, eq=False)
-class Pushed:
+class PushedPlaces:
     """Where the objects are predicted to be: ``places`` at each of the ``times`` [s]."""
 
     times: FloatArray
@@ -173,7 +186,7 @@ class Pushed:
         return self.places[int(np.abs(self.times - now).argmin())]
 
 
-def pushed(plan: Plan) -> Pushed:
+def pushed(plan: Plan) -> PushedPlaces:
     """The predicted places of the scene's objects along a plan."""
     task, q = resolve(plan.scene, plan.robot), plan.trajectory.positions
     model = push_model(task, q[-1])
@@ -182,7 +195,7 @@ def pushed(plan: Plan) -> Pushed:
     rows = np.unique(np.append(0, rows))
     times = plan.trajectory.times[rows]
     moments = [Moment(int(row), float(t), "") for row, t in zip(rows, times, strict=True)]
-    return Pushed(times, tuple(placed(plan, task, moment) for moment in moments))
+    return PushedPlaces(times, tuple(placed(plan, task, moment) for moment in moments))
 
 
 def passing(plan: Plan) -> list[tuple[str, FloatArray, FloatArray]]:

@@ -10,15 +10,16 @@ import numpy as np
 
 from optipromp.errors import InvalidRequestError, OptiPrompError
 from optipromp.page import arrange
-from optipromp.page.content import Chart, charts
+from optipromp.page.content import charts
+from optipromp.page.plots import Plots
 from optipromp.page.stage import LAYERS
 from optipromp.page.table import RED, table
-from optipromp.page.tabs import Recording, Replays, Runs
+from optipromp.page.tabs import RecordTab, ReplayTab, StudyTab
 from optipromp.page.window import Window
 from optipromp.planning import PLANNERS, STRATEGIES
 
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0}
-STEP = 0.02  # [s] of a single step
+TIME_STEP = 0.02  # [s] of a single step
 NOTHING = "nothing"
 _PLAYING, _PAUSED = "pause", "play"
 _NUMBERS = {  # options shown: name -> (label, factor to the unit shown, least, most, step)
@@ -27,9 +28,7 @@ _NUMBERS = {  # options shown: name -> (label, factor to the unit shown, least, 
     "corridor": ("corridor [mm]", 1e3, 0.0, 20.0, 0.5),
     "max_step": ("largest step [rad]", 1.0, 0.005, 0.2, 0.005),
 }
-CHART_HEIGHT = 170  # [pixel]
 CHART_EVERY = 0.1  # [s] between two marks of the time in the charts, while it runs
-_MARK = "#222222"
 
 
 class Panel:
@@ -45,17 +44,17 @@ class Panel:
         self.tabs = self.gui.add_tab_group()
         for label, build in (
             ("Plan", self._planning), ("Move", self._moving), ("Show", self._layers),
-            ("Plots", self._plots),
+            ("Plots", self._charts),
         ):  # fmt: skip
             with self.tabs.add_tab(label):
                 build()
         with self.tabs.add_tab("Record"):
-            self.recording = Recording(self)
+            self.recording = RecordTab(self)
         with self.tabs.add_tab("Replay"):
-            Replays(self)
+            ReplayTab(self)
         if window.source.rows:
             with self.tabs.add_tab("Study"):
-                Runs(self)
+                StudyTab(self)
         window.told.append(self._refresh)
         window.clocked.append(self._mark)
 
@@ -89,7 +88,7 @@ class Panel:
 
     def _clock(self) -> None:
         window = self.window
-        self.time = self.gui.add_slider("time [s]", 0.0, 1.0, STEP, 0.0)
+        self.time = self.gui.add_slider("time [s]", 0.0, 1.0, TIME_STEP, 0.0)
         self.on(self.time, "time", self._slid)
         self.steps = self.gui.add_button_group("", (_PAUSED, _PLAYING, "◀ step", "step ▶"))
         self.on(self.steps, "play", self._clicked)
@@ -106,7 +105,7 @@ class Panel:
             window.play(name == _PAUSED)
         else:
             window.play(False)
-            window.go(window.now + (STEP if name.startswith("step") else -STEP))
+            window.go(window.now + (TIME_STEP if name.startswith("step") else -TIME_STEP))
 
     # -- planning -------------------------------------------------------------------------------
 
@@ -225,9 +224,8 @@ class Panel:
             window.stage.show(window.plan.scene, window.plan.robot)
         window.go(window.now)
 
-    def _plots(self) -> None:
-        self.charts: list[tuple[Chart, Any]] = []
-        self.marked = -1.0
+    def _charts(self) -> None:
+        self.plots = Plots(self.gui)
 
     def _refresh(self) -> None:
         """After a plan: the table, the charts, the controls that the scene decides."""
@@ -244,34 +242,7 @@ class Panel:
         if radius is not None:
             self.radius.value = 1e3 * radius
         self.sigma.value = 1e3 * arrange.sigma(window.scene)
-        wanted = charts(plan, window.near, window.chart_times)
-        shape = [(c.title, tuple(name for name, _, _ in c.curves)) for c in wanted]
-        if shape == [(c.title, tuple(name for name, _, _ in c.curves)) for c, _ in self.charts]:
-            nodes = [node for _, node in self.charts]
-        else:
-            for _, node in self.charts:
-                node.remove()
-            with self.tabs_at("Plots"):
-                nodes = [self._chart(chart) for chart in wanted]
-        self.charts = list(zip(wanted, nodes, strict=True))
-        self.marked = -1.0
-
-    def tabs_at(self, label: str) -> Any:
-        """The tab of a label, to add to."""
-        return self.tabs._tab_handles[self.tabs._tab_labels.index(label)]
-
-    def _chart(self, chart: Chart) -> Any:
-        series: list[dict[str, Any]] = [{}]
-        series += [{"label": name, "stroke": colour, "width": 1.5, "points": {"show": False}}
-                   for name, _, colour in chart.curves]  # fmt: skip
-        if chart.timed:
-            series.append({"label": "now", "stroke": _MARK, "width": 1.0,
-                           "points": {"show": False}})  # fmt: skip
-        return self.gui.add_uplot(
-            marked(chart, self.window.now), tuple(series), title=chart.title,
-            scales={"x": {"time": False}}, legend={"show": len(chart.curves) > 1},
-            height=CHART_HEIGHT,
-        )  # fmt: skip
+        self.plots.show(charts(plan, window.near, window.chart_times), window.now)
 
     def _mark(self) -> None:
         """After a change of the time: slider and charts."""
@@ -286,22 +257,4 @@ class Panel:
         else:
             self.choice.value = window.selected.name
             self.place.value = tuple(arrange.place(window.scene, window.selected).tolist())
-        if window.worker.running and abs(window.now - self.marked) < CHART_EVERY * window.speed:
-            return
-        self.marked = window.now
-        for chart, node in self.charts:
-            if chart.timed or self.marked < 0.0:
-                node.data = marked(chart, window.now)
-
-
-def marked(chart: Chart, now: float) -> tuple[np.ndarray, ...]:
-    """Columns of a chart; where it is timed, the last is a needle at ``now``."""
-    if not chart.timed:
-        return chart.x, *(values for _, values, _ in chart.curves)
-    at = int(np.searchsorted(chart.x, now))
-    columns = [np.insert(values, at, [np.interp(now, chart.x, values)] * 3)
-               for _, values, _ in chart.curves]  # fmt: skip
-    low, high = min(c.min() for c in columns), max(c.max() for c in columns)
-    needle = np.full(len(chart.x) + 3, low)
-    needle[at + 1] = high
-    return np.insert(chart.x, at, [now] * 3), *columns, needle
+        self.plots.mark(window.now, CHART_EVERY * window.speed if window.worker.running else 0.0)

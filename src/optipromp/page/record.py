@@ -14,8 +14,8 @@ from optipromp.robots.model import Robot
 
 MISSED = 1e-3  # [m] from the handle to the tool beyond which a pose counts as out of reach
 SHORTEST = 1e-3  # [s] between two samples
-PAUSE = 0.2  # [s] that a pause of the hand takes at most in the demonstration
-FEWEST = 5  # samples of a demonstration
+LONGEST_PAUSE = 0.2  # [s] that a pause of the hand takes at most in the demonstration
+FEWEST_SAMPLES = 5  # samples of a demonstration
 
 
 @dataclass
@@ -54,7 +54,7 @@ class Recorder:
             return False
         self.q = found[0]
         if now >= self.last + SHORTEST:
-            self.times.append(self.times[-1] + min(now - self.last, PAUSE))
+            self.times.append(self.times[-1] + min(now - self.last, LONGEST_PAUSE))
             self.rows.append(self.q)
             self.last = now
         return True
@@ -65,7 +65,7 @@ class Recorder:
         Raises:
             InvalidRequestError: it has too few samples.
         """
-        if len(self.times) < FEWEST:
+        if len(self.times) < FEWEST_SAMPLES:
             raise InvalidRequestError(
                 f"the recording has {len(self.times)} samples: drag the tool further"
             )

@@ -11,15 +11,15 @@ from optipromp.arrays import FloatArray
 from optipromp.documents import read_document
 from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.files import read_npz
-from optipromp.page.stage import Stage
+from optipromp.page.stage import PlanNodes
 from optipromp.planning import Plan
 from optipromp.planning.task import resolve
 from optipromp.robots.model import Robot
 from optipromp.scenes.io import scene_from_dict
 from optipromp.scenes.scene import Scene
 
-APART = 1.3  # [m] between two rollouts side by side
-FELT = 0.02  # [N] least force of a contact that is drawn
+ROLLOUTS_APART = 1.3  # [m] between two rollouts side by side
+LEAST_FORCE = 0.02  # [N] least force of a contact that is drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class Replay:
         world = build(self.scene, self.robot, seed=self.seed)
         return world, world.data(self.robot.home)
 
-    def show(self, stage: Stage, now: float) -> str:
+    def show(self, stage: PlanNodes, now: float) -> str:
         """Put everything where it was at a time [s]; returns the forces then, in words."""
         from optipromp.simulation.engine import engine
 
@@ -68,7 +68,7 @@ class Replay:
             at, turn = data.xpos[fruit.body], data.xmat[fruit.body].reshape(3, 3)
             stage.put(items[fruit.id], np.array(at), turn, self._stem(fruit))
         found = arrays["contacts"][arrays["contacts"][:, 0] == row]
-        felt = found[np.linalg.norm(found[:, 6:], axis=1) > FELT]
+        felt = found[np.linalg.norm(found[:, 6:], axis=1) > LEAST_FORCE]
         stage.forces(felt[:, 3:6], felt[:, 6:])
         return self._words(felt)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.looks.part import rgb
-from optipromp.page.content import FAR, NEAR, Bundle, Clearances, between
+from optipromp.page.content import GREEN_AT, RED_AT, Bundle, Clearances, between
 from optipromp.planning import Plan
 from optipromp.robots.model import Robot
 from optipromp.viewer.drawn import PRIMITIVE, Placed, motions
@@ -16,19 +16,20 @@ from optipromp.viewer.nodes import FLAT, Nodes, tube
 
 _WIDTH = {"conditioned ProMP": 4.0, "followed path": 3.0, "optimised": 5.0}  # [pixel]
 _CANDIDATE_ROWS = 24  # points of a candidate's line
-_STEP = 60  # points of a motion's line
-_BALL = 10  # corners around a body sphere
+_LINE_POINTS = 60  # points of a motion's line
+_BALL_CORNERS = 10  # corners around a body sphere
 _ARROW = {"shaft_radius": 0.0025, "head_radius": 0.006, "head_length": 0.014}  # [m]
 _FORCE = 0.02  # [m/N] length of a force's arrow
 _SIDE, _PUSH = (32, 90, 167), (200, 50, 43)
 
-LAYERS = (
+PLANNED = (
     "initial bundle", "candidate paths", "trajectories", "passing sides", "pushed objects",
-    "body spheres", "conditioned on",
+    "conditioned on",
 )  # fmt: skip
+LAYERS = (*PLANNED, "body spheres")
 
 
-class Stage(Nodes):
+class PlanNodes(Nodes):
     """A robot, its scene and its plan in one window; nothing is shared between windows."""
 
     def __init__(self, api: Any, root: str = "a", offset: Sequence[float] = (0.0, 0.0, 0.0)):
@@ -36,6 +37,7 @@ class Stage(Nodes):
         self.near: Clearances | None = None
         self._shown: dict[str, Any] = {}
         self._hidden = {"body spheres"}
+        self._muted = False
 
     def clear(self) -> None:
         """Remove every node."""
@@ -63,21 +65,26 @@ class Stage(Nodes):
     def layer(self, name: str, shown: bool) -> None:
         """Show or hide a layer of :data:`LAYERS`."""
         (self._hidden.discard if shown else self._hidden.add)(name)
-        if name == "body spheres" and self.robot is not None:
-            self._balls().visible = shown
-        for key, node in self._shown.items():
-            if key.partition("|")[0] == name:
-                node.visible = shown
+        if name == "body spheres" and shown and self.robot is not None:
+            self._balls()
+        self._refresh()
+
+    def mute(self, muted: bool) -> None:
+        """Hide all layers of a plan, or show again those that are not hidden."""
+        self._muted = muted
+        self._refresh()
 
     def visible(self, name: str) -> bool:
         """Whether a layer is shown."""
-        return name not in self._hidden
+        return name not in self._hidden and not (self._muted and name in PLANNED)
+
+    def _refresh(self) -> None:
+        for key, node in self._shown.items():
+            node.visible = self.visible(key.partition("|")[0])
 
     def _add(self, key: str, make: Callable[..., Any], *args: Any, **options: Any) -> None:
-        visible = key.partition("|")[0] not in self._hidden
-        self._shown[key] = make(
-            f"{self.root}/{key.replace('|', '/')}", *args, visible=visible, **options
-        )
+        name, visible = f"{self.root}/{key.replace('|', '/')}", self.visible(key.partition("|")[0])
+        self._shown[key] = make(name, *args, visible=visible, **options)
 
     def drop(self, layer: str) -> None:
         """Remove what a layer holds."""
@@ -92,10 +99,10 @@ class Stage(Nodes):
                 old.remove()
         for name, motion in found.items():
             q = motion.trajectory.positions
-            rows = np.unique(np.linspace(0, len(q) - 1, _STEP).round().astype(int))
+            rows = np.unique(np.linspace(0, len(q) - 1, _LINE_POINTS).round().astype(int))
             self._shown[f"trajectories|{name}"] = self.line(
                 f"trajectories/{name}", plan.robot.tool_pose(q[rows])[0], motion.colour,
-                _WIDTH[name], visible="trajectories" not in self._hidden,
+                _WIDTH[name], visible=self.visible("trajectories"),
             )  # fmt: skip
 
     def bundle(self, found: Bundle | None, layer: str = "initial bundle") -> None:
@@ -151,14 +158,14 @@ class Stage(Nodes):
     def colour(self, row: int) -> None:
         """Colour the body spheres by their clearance in row ``row`` of :attr:`near`."""
         if self.near is not None and "body spheres" not in self._hidden:
-            self._balls().batched_colors = between(self.near.nearest[row], NEAR, FAR)
+            self._balls().batched_colors = between(self.near.nearest[row], RED_AT, GREEN_AT)
 
     def _balls(self) -> Any:
         assert self.robot is not None
         if "body spheres" not in self._shown:
             import trimesh
 
-            ball = trimesh.creation.uv_sphere(count=[_BALL, _BALL])
+            ball = trimesh.creation.uv_sphere(count=[_BALL_CORNERS, _BALL_CORNERS])
             radius = np.asarray(self.robot.spheres.radius)
             self._add("body spheres", self.api.add_batched_meshes_simple, ball.vertices,
                       ball.faces, np.tile([1.0, 0.0, 0.0, 0.0], (len(radius), 1)),

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
+from optipromp.experiments.runs import scenes_of
 from optipromp.files import check_folder
 from optipromp.page.content import bundle
 from optipromp.page.record import Recorder
-from optipromp.page.sources import row_planner, row_scene
+from optipromp.page.sources import row_planner
 from optipromp.planning.task import resolve
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ LEARNT = "learnt band"
 _TELL = "Drag the tool by its handle; the joints follow. Then accept or discard, save, learn."
 
 
-class Recording:
+class RecordTab:
     """Controls of a recording; the window's scene gives robot and start."""
 
     def __init__(self, panel: "Panel") -> None:
@@ -107,7 +108,7 @@ class Recording:
         self.told.content = text
 
 
-class Replays:
+class ReplayTab:
     """Controls of executed plans."""
 
     def __init__(self, panel: "Panel") -> None:
@@ -139,7 +140,7 @@ class Replays:
             self.forces.content = text
 
 
-class Runs:
+class StudyTab:
     """The runs of a study; each opens its scene as its planner perceived it."""
 
     def __init__(self, panel: "Panel") -> None:
@@ -156,7 +157,7 @@ class Runs:
         if planner is not None:
             window.settings["planner"] = planner
         self.told.content = f"In the study: {row.message or row.plan_status}"
-        window.open(row_scene(row))
+        window.open(scenes_of(row, window.source.robot)[1])
 
 
 def _title(row: "Row") -> str:

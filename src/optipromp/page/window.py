@@ -12,9 +12,10 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.errors import OptiPrompError
 from optipromp.page import arrange, content
-from optipromp.page.replay import APART, Replay, execute
+from optipromp.page.look import look
+from optipromp.page.replay import ROLLOUTS_APART, Replay, execute
 from optipromp.page.sources import Source
-from optipromp.page.stage import Stage
+from optipromp.page.stage import PlanNodes
 from optipromp.page.worker import Worker
 from optipromp.planning import Plan, PlanOptions
 from optipromp.planning import plan as make_plan
@@ -23,11 +24,6 @@ from optipromp.scenes.scene import Scene
 from optipromp.viewer.drawn import conditioned_on, moment
 
 HASTE = 0.08  # [s] that a plan may take while something is dragged; of 150 ms to the screen
-UPWARDS = 0.7  # cosine; an approach steeper than that is looked at from beyond the target
-DISTANCE, FARTHER = 0.95, 1.15  # [m] of the camera; on a narrow screen
-AHEAD, ASIDE, BELOW = 0.10, 0.08, 0.40  # [m] from the target to what is looked at
-NARROW = 640  # [pixel] width of a screen on which the panel is below
-PLANNED = ("initial bundle", "candidate paths", "trajectories", "passing sides", "pushed objects")
 _planning = threading.Lock()  # windows plan one after another: two at once gain nothing
 
 
@@ -50,12 +46,12 @@ class Window:
         self.plan: Plan | None = None
         self.now, self.speed = 0.0, 1.0
         self.selected: arrange.Grip | None = None
-        self.stage = Stage(client.scene)
+        self.stage = PlanNodes(client.scene)
         self.stage.on_click = lambda name: self.post("select", lambda: self.select(name))
         self.worker = Worker(self._tick, self._failed)
         self.near: content.Clearances | None = None
         self.chart_times: FloatArray = np.zeros(0)
-        self._pushed: content.Pushed | None = None
+        self._pushed: content.PushedPlaces | None = None
         self._gizmo: Any = None
         self.dragging: Callable[[FloatArray, str], None] | None = None
         self.since = 0.0  # of the drag that is answered next
@@ -64,7 +60,7 @@ class Window:
         self.told: list[Callable[[], None]] = []  # after a plan and all that belongs to it
         self.clocked: list[Callable[[], None]] = []  # after a change of the time
         self.replays: list[Replay] = list(source.replays)
-        self.replayed: tuple[tuple[Replay, Stage], ...] = ()
+        self.replayed: tuple[tuple[Replay, PlanNodes], ...] = ()
         self.forces = ""  # of the replay, in words
 
     def post(self, kind: str, job: Callable[[], None]) -> None:
@@ -83,32 +79,13 @@ class Window:
         self.now = 0.0
         self.select("")
         self.replay(())
-        self._look(scene)
+        look(self.client.camera, scene)
         if plan is None:
             self.replan()
         else:
             self.settings["planner"] = plan.planner
             self._show(plan, f"**{plan.status}**, as it was saved")
             self.details()
-
-    def _look(self, scene: Scene) -> None:
-        """Point the camera at the target: from beyond it, or from the robot's side of a shelf."""
-        up, (_, y, z) = scene.up, scene.frame
-        middle = scene.positions.mean(axis=0) if scene.target is None else scene.target.position
-        out = middle - (middle @ up) * up
-        out = out / max(float(np.linalg.norm(out)), 1e-6)
-        steep = z @ up > UPWARDS
-        away = 0.8 * out + 0.5 * y - 0.12 * up if steep else -0.7 * z + 0.5 * y + 0.6 * up
-        away = away / np.linalg.norm(away)
-        camera = self.client.camera
-        if camera.image_width < NARROW:  # the panel covers the lower half there
-            focus, distance = middle - BELOW * up, FARTHER
-        else:
-            focus = middle - AHEAD * z - ASIDE * np.cross(away, up)  # and the right here
-            distance = DISTANCE
-        camera.up_direction = (0.0, 0.0, 1.0)
-        camera.position = scene.base @ (focus + distance * away)
-        camera.look_at = scene.base @ focus
 
     # -- planning -------------------------------------------------------------------------------
 
@@ -239,12 +216,13 @@ class Window:
             if stage is not self.stage:
                 stage.clear()
         self.replayed = ()
-        for layer in PLANNED:
-            self.stage.layer(layer, not chosen)
+        self.stage.mute(bool(chosen))
         if chosen:
-            frame = chosen[0].scene
-            apart = APART * (frame.base.rotation @ frame.frame[1])
-            stages = [self.stage, *(Stage(self.client.scene, "b", apart) for _ in chosen[1:])]
+            scene = chosen[0].scene
+            apart = -ROLLOUTS_APART * scene.frame[1]
+            look(self.client.camera, scene, apart if len(chosen) > 1 else None)
+            there = scene.base.rotation @ apart
+            stages = [self.stage, *(PlanNodes(self.client.scene, "b", there) for _ in chosen[1:])]
             with self.client.atomic():
                 for replay, stage in zip(chosen, stages, strict=True):
                     stage.show(replay.scene, replay.robot)

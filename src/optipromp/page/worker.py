@@ -7,11 +7,11 @@ import traceback
 from collections.abc import Callable
 
 Job = Callable[[], None]
-RATE = 20.0  # [Hz] of a clock that runs
+CLOCK_RATE = 20.0  # [Hz] of a clock that runs
 
 
 class Worker:
-    """Runs jobs one after another. A new job of a kind takes the place of a waiting one.
+    """StudyTab jobs one after another. A new job of a kind takes the place of a waiting one.
 
     Args:
         tick: called with the seconds since the last call, while :attr:`running` and nothing waits.
@@ -58,7 +58,7 @@ class Worker:
         while True:
             with self._ready:
                 if not self._jobs and self._alive:
-                    self._ready.wait(1.0 / RATE if self.running else None)
+                    self._ready.wait(1.0 / CLOCK_RATE if self.running else None)
                 if not self._alive:
                     return
                 kind = next(iter(self._jobs), None)

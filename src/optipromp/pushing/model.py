@@ -13,7 +13,7 @@ import bisect
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -280,9 +280,8 @@ Judged = tuple[float, FloatArray, ToolPath]
 
 
 def search(
-    model: PushModel, axis: FloatArray, rng: np.random.Generator, deadline: float = np.inf,
-    watch: Callable[[ToolPath, float], None] | None = None,
-) -> Iterator[tuple[ToolPath, float]]:  # fmt: skip
+    model: PushModel, axis: FloatArray, rng: np.random.Generator, deadline: float = np.inf
+) -> Iterator[tuple[ToolPath, float]]:
     """Search tool paths of little harm.
 
     A path is yielded as soon as it is good, otherwise at the end of a run if it is the best so far.
@@ -293,8 +292,6 @@ def search(
         axis: (3,) of the tool along the path.
         rng: samples the candidates.
         deadline: value of ``time.perf_counter()`` after which no further candidate is tried.
-        watch: called with every candidate and its harm; a harm above that of the candidates that
-            are kept is a lower bound of it.
 
     Yields:
         A path with its harm, and the harm that counts as good at that time.
@@ -312,8 +309,6 @@ def search(
         if value < limit:
             axes = np.full((len(path.points), 3), axis)
             value += model.harm(path.points, axes, states, limit - value)
-        if watch is not None:
-            watch(path, value)
         return value
 
     for run in range(schedule.runs):

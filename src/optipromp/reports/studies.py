@@ -1,20 +1,17 @@
 """The report of a study: rates with intervals, causes, prediction, and the worst cases."""
 
-import json
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from optipromp.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.experiments.runs import ERROR, NO_PLAN, Row, again
 from optipromp.experiments.statistics import Calibration, Cell, calibration, summary
-from optipromp.experiments.study import ROWS, SETTINGS, rows_of
+from optipromp.experiments.study import ROWS, rows_of, settings_of
 from optipromp.experiments.study_output import study_figure
 from optipromp.reports.html import made_with, page, paragraph, picture, section, table
-from optipromp.robots.library import NOTHING
 from optipromp.scenes.generate import PANDA
 from optipromp.simulation import Run
 from optipromp.viewer.figures import png
@@ -45,7 +42,7 @@ def study_report(
     rows = rows_of(folder)
     if not rows:
         raise InvalidRequestError(f"{folder} holds no rows of a study ({ROWS})")
-    settings = json.loads((folder / SETTINGS).read_text(encoding="utf-8"))
+    settings, robot = settings_of(folder)
     cells = summary(rows)
     picked = sum(row.success for row in rows)
     title = f"Study of {len(rows)} runs"
@@ -63,9 +60,9 @@ def study_report(
         ),
         section("Causes of failure", table(_causes(cells), ("preset", "planner", "failed by"))),
         *_prediction(found),
-        *_worst(rows, worst, progress, _robot(settings)),
+        *_worst(rows, worst, progress, robot),
         section("Settings", table([(name, str(value)) for name, value in settings.items()])),
-        made_with(_command(rows, _robot(settings)), {}),
+        made_with(_command(rows, robot), {}),
     ]  # fmt: skip
     return page(title, parts)
 
@@ -112,12 +109,6 @@ def worst_of(rows: Sequence[Row], count: int) -> list[Row]:
     for row in failed:
         rank[row.key] = seen[row.cause] = seen.get(row.cause, -1) + 1
     return sorted(failed, key=lambda row: rank[row.key])[:count]
-
-
-def _robot(settings: Mapping[str, Any]) -> str | None:
-    """Whose scenes they are; None for a robot whose file was read with choices."""
-    told = str(settings.get("robot", f"{PANDA} {NOTHING}"))
-    return told.removesuffix(f" {NOTHING}") if told.endswith(f" {NOTHING}") else None
 
 
 def _worst(
