@@ -11,7 +11,7 @@ CLOCK_RATE = 20.0  # [Hz] of a clock that runs
 
 
 class Worker:
-    """StudyTab jobs one after another. A new job of a kind takes the place of a waiting one.
+    """Runs jobs one after another. A new job of a kind takes the place of a waiting one.
 
     Args:
         tick: called with the seconds since the last call, while :attr:`running` and nothing waits.

@@ -2,6 +2,7 @@
 
 The discrete choices (the number of pushables, the side of the gutter) are sampled once and kept
 while the rest is sampled again. Otherwise crowded scenes, which are hard to place, would be rare.
+They are sampled anew after :data:`PATIENCE` samples, so four pushables remain rarer than one.
 """
 
 import functools
