@@ -155,7 +155,7 @@ medians: force on unripe fruits [N], time to plan and to run [s]"""
 
 def table(cells: Sequence["Cell"]) -> "Table":
     """Rates, contacts, forces and median times of every preset and planner."""
-    figures = ("n", "%", "95 %", "plans", "kept", "static", "torn", "unripe", "plan", "run")
+    figures = ["n", "%", "95 %", "plans", "kept", "static", "torn", "unripe", "plan", "run"]
     if max(len(cell.preset) for cell in cells) > 15:  # names of variations: 80 columns are not wide
         figures = figures[:5]
     out = grid(("preset", "planner"), figures, title=TITLE, padding=(0, 0))
