@@ -20,7 +20,7 @@ from optipromp.scenes.pose import Pose
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
 
 NONE = np.zeros((0, 7))
-COUNT = 12  # scenes of a family
+COUNT = 8  # scenes of a family
 
 
 @kernel
