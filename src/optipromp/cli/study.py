@@ -89,16 +89,9 @@ def study(
     chosen: Any = _names(preset, PRESETS)
     compared: Any = _names(planners, STUDY_PLANNERS)
     plan = Study(
-        chosen,
-        compared,
-        _range(seeds),
-        noise_position,
-        noise_angle,
-        only_valid,
-        named.name or PANDA,
-        named.choice,
-        vary,
-    )
+        chosen, compared, _range(seeds), noise_position, noise_angle, only_valid,
+        named.name or PANDA, named.choice, vary,
+    )  # fmt: skip
     say_if_compiling()
     successes: dict[str, list[bool]] = {}
     with progress_bar(20) as shown:

@@ -68,19 +68,9 @@ def serial_chain(
     above = {joint.child: joint for joint in model.joints.values()}
     order = _from_the_root(model)
     base = model.root if base is None else base
-    path: list[UrdfJoint] = []
-    link = tip
-    while link in above and link != base:
-        path.append(above[link])
-        link = above[link].parent
-    path.reverse()
-    drives = _drives(model)
+    path = _path(model, above, base, tip)
     movable = [joint for joint in path if joint.kind != "fixed"]
-    if not movable:
-        start = f"root '{base}'" if base == model.root else f"base link '{base}'"
-        raise InvalidRobotError(
-            f"{model.path}: no movable joint between the {start} and the flange '{tip}'"
-        )
+    drives = _drives(model)
     for joint in movable:
         if joint.fault or (joint := model.joints[drives[joint.name].leader]).fault:
             raise InvalidRobotError(joint.fault)
@@ -138,6 +128,21 @@ def serial_chain(
         held_joints=tuple(name for name in model.joints if name in still),
         placements=MappingProxyType({name: placements[name] for name in model.links}),
     )
+
+
+def _path(model: UrdfModel, above: Mapping[str, UrdfJoint], base: str, tip: str) -> list[UrdfJoint]:
+    """The joints from ``base`` to ``tip``, of which one at least moves; ``above`` each link."""
+    path: list[UrdfJoint] = []
+    link = tip
+    while link in above and link != base:
+        path.append(above[link])
+        link = above[link].parent
+    if all(joint.kind == "fixed" for joint in path):
+        start = f"root '{base}'" if base == model.root else f"base link '{base}'"
+        raise InvalidRobotError(
+            f"{model.path}: no movable joint between the {start} and the flange '{tip}'"
+        )
+    return path[::-1]
 
 
 def rotation_of(rpy: Vector) -> FloatArray:
