@@ -72,7 +72,8 @@ def pick(
         attempt = first_valid(solver, begin)
         if attempt is None:
             continue
-        if not attempt.valid and clearance(solver.task, attempt.reach).min() < 0.0:
+        done = attempt.valid or solver.late()
+        if not done and clearance(solver.task, attempt.reach).min() < 0.0:
             begin = ways.led_round(solver.task, attempt.start, options, rng, deadline)
             attempt = first_valid(solver, begin) or attempt
         tries += 1
