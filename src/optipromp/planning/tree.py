@@ -67,9 +67,9 @@ def way(
     """
     around = task.surroundings
     for pushed in sorted({around.shared, len(around.dynamic.kind)}, reverse=True):
+        body = collider(task, pushed)
         best: FloatArray | None = None
         for _ in range(TREE.ways):
-            body = collider(task, pushed)
             corners = _grown(body, task.robot, task.start, goals, seeds, rng, deadline)
             if corners is None:
                 break

@@ -14,7 +14,7 @@ from optipromp.looks.scene import STEM
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene, SceneObject
 
-FLAT = {"cast_shadow": False, "receive_shadow": False}  # 14 times as many pictures a second
+FLAT = {"cast_shadow": False, "receive_shadow": False}  # slow without a graphics card
 
 
 class Nodes:
