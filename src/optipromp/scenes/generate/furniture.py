@@ -5,7 +5,7 @@ hand ends in the furniture. It begins near home, or elsewhere in the furniture.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -64,10 +64,7 @@ def sample(preset: Furniture, name: str, rng: np.random.Generator) -> Scene:
         start = _reaching(scene, robot, places, rng)
     if np.linalg.norm(goal - start) < FAR_ENOUGH:
         raise OverlapError("start beside the goal")
-    return Scene(
-        name=name, robot="panda", tool=scene.tool, start=start, objects=scene.objects,
-        goal=JointGoal(goal),
-    )  # fmt: skip
+    return replace(scene, start=start, goal=JointGoal(goal))
 
 
 def _near_home(scene: Scene, robot: Robot, rng: np.random.Generator) -> FloatArray:
