@@ -18,6 +18,7 @@ from optipromp.experiments.baselines import Answer, StudyPlanner, attempt
 from optipromp.experiments.variations import VARIATIONS, Variation
 from optipromp.robots.library import NOTHING, Choice
 from optipromp.scenes.generate import PANDA, Preset, generate, generate_with_report, perceived
+from optipromp.scenes.generate.plants import untold
 from optipromp.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -208,7 +209,7 @@ def scenes_of(row: Row, robot: str = PANDA) -> tuple[Scene, Scene]:
 
 def _seen(scene: Scene, seed: int, noise_position: float, noise_angle: float) -> Scene:
     rng = np.random.default_rng([seed, 1])
-    return perceived(scene, rng, noise_position, float(np.deg2rad(noise_angle)))
+    return perceived(untold(scene), rng, noise_position, float(np.deg2rad(noise_angle)))
 
 
 def _executed(

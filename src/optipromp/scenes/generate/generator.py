@@ -17,7 +17,7 @@ import numpy as np
 
 from optipromp.errors import InvalidRequestError
 from optipromp.robots.library import NOTHING, Choice
-from optipromp.scenes.generate import bunches, furniture, shelves
+from optipromp.scenes.generate import bunches, furniture, plants, shelves
 from optipromp.scenes.generate.checks import OverlapError, interpenetration, unsolvable
 from optipromp.scenes.generate.furniture import FURNITURE, Furniture
 from optipromp.scenes.generate.placing import at_robot
@@ -25,8 +25,9 @@ from optipromp.scenes.scene import Scene
 from optipromp.scenes.values import suggest
 
 Preset = Literal[
-    "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "shelf"
-]
+    "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss",
+    "field", "shelf",
+]  # fmt: skip
 PRESETS: tuple[Preset, ...] = get_args(Preset)
 PANDA = "panda"
 PATIENCE = 1000  # samples before the discrete choices are sampled again
@@ -148,6 +149,12 @@ def _kind(preset: Preset | Furniture, seed: int, rng: np.random.Generator) -> Sa
     if preset == "tight":
         close = int(rng.integers(2, 5))
         return lambda rng: bunches.tight(name, close, rng)
+    if preset == "truss":
+        shared = int(rng.integers(2, 5))
+        return lambda rng: plants.truss(name, shared, rng)
+    if preset == "field":
+        kind, most = ("cluster", "tight", "truss")[int(rng.integers(3))], int(rng.integers(2, 5))
+        return lambda rng: plants.field(name, kind, most, rng)
     count = int(rng.integers(1, 5))
     if preset == "elongated":
         return lambda rng: bunches.elongated(bunches.sample(name, count, False, None, rng), rng)

@@ -8,7 +8,8 @@ import numpy as np
 from optipromp.arrays import FloatArray, rotation
 from optipromp.errors import InvalidRequestError
 from optipromp.geometry.shapes import Sphere
-from optipromp.scenes.scene import Scene, SceneObject, Stem
+from optipromp.scenes.scene import Scene, SceneObject
+from optipromp.scenes.trusses import rooted
 
 
 def perceived(scene: Scene, rng: np.random.Generator, position_sd: float, angle_sd: float) -> Scene:
@@ -34,7 +35,7 @@ def perceived(scene: Scene, rng: np.random.Generator, position_sd: float, angle_
         return scene
     return replace(
         scene,
-        objects=tuple(_seen(item, rng, position_sd, angle_sd, scene.up) for item in scene.objects),
+        objects=rooted(_seen(item, rng, position_sd, angle_sd, scene.up) for item in scene.objects),
     )
 
 
@@ -53,7 +54,7 @@ def _seen(
     if item.stem is not None:
         away = item.stem.points - item.stem.points[0]
         begin = item.stem.points[0] + error
-        stem = Stem(begin + away @ _turn(away[1], turn).T, item.stem.radius)
+        stem = replace(item.stem, points=begin + away @ _turn(away[1], turn).T)
     return replace(item, position=item.position + error, stem=stem, covariance=spread)
 
 
