@@ -222,7 +222,8 @@ def _goal(
         position, direction = scene.goal.position, scene.goal.axis
     else:
         assert scene.target is not None  # the schema asks for a target or a goal
-        position, direction = scene.target.position, scene.frame[2]
+        position = scene.target.position + scene.approach.shift
+        direction = scene.frame[2]
     error, angle = math.dist(tip, position), _angle(axis.tolist(), direction.tolist())
     out = []
     if error > GOAL_TOLERANCE:

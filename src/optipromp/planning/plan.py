@@ -19,7 +19,7 @@ from optipromp import judging
 from optipromp.compiled import in_cache
 from optipromp.errors import Code, InvalidRequestError, NoPlanError, OptiPrompError
 from optipromp.optimization.kernels import add_stiffness
-from optipromp.planning import goals, primitive, tree
+from optipromp.planning import approaches, goals, primitive, tree
 from optipromp.planning.options import Planner, PlanOptions, Strategy
 from optipromp.planning.paper_problem import functional_values
 from optipromp.planning.parameters import GOAL
@@ -39,6 +39,7 @@ from optipromp.trajectory import State, Trajectory
 
 DEFAULTS = PlanOptions()
 WARM_UP = "scenario-3"
+RETRIED = Code.HARM_PREDICTED, Code.INVALID_PLAN, Code.GOAL_IN_COLLISION, Code.GOAL_UNREACHABLE
 
 
 Result = Plan | OptiPrompError
@@ -94,10 +95,40 @@ def plan(
     """
     _compiled()  # before the plan's clock starts
     with _threads().limit(limits=1, user_api="blas"):  # on small matrices threads only wait
-        return _plan(
+        made = _plan(
             scene, robot, planner, strategy, demonstrations, seed, options, progress,
             begun(start_state, previous, at), (previous, at),
         )  # fmt: skip
+        if made.status not in RETRIED or planner != "opti-promp" or start_state or previous:
+            return made
+
+        def again(other: Scene, seconds: float) -> Plan:
+            return _plan(
+                other, robot, planner, strategy, demonstrations, seed,
+                replace(options or DEFAULTS, timeout=seconds), progress,
+            )  # fmt: skip
+
+        return _otherwise(made, again, (options or DEFAULTS).timeout)
+
+
+def _otherwise(made: Plan, again: Callable[[Scene, float], Plan], timeout: float) -> Plan:
+    """The first harmless plan of the other approaches that the scene allows; else the best."""
+    began, before = time.perf_counter(), made.time["total"]
+    for other in approaches.others(made.scene, made.robot):
+        left = timeout - before - (time.perf_counter() - began)
+        if left <= 0.0:
+            break
+        made = min(made, again(other, left), key=_badness)
+        if made.success:
+            break
+    spent = time.perf_counter() - began
+    return replace(made, time={**made.time, "approaches": spent, "total": before + spent})
+
+
+def _badness(made: Plan) -> tuple[bool, float]:
+    """What ranks plans of different approaches: validity, then harm."""
+    valid = made.success or made.status == Code.HARM_PREDICTED
+    return not valid, np.inf if made.prediction is None else made.prediction.harm
 
 
 def check_planner(planner: str, strategy: str) -> None:
@@ -398,7 +429,8 @@ def plan_many(
 
     def done(index: int, result: Result | BrokenProcessPool) -> None:
         scene = scenes[index]
-        if isinstance(result, Plan) and isinstance(scene, Scene):
+        if isinstance(scene, Scene) and getattr(result, "scene", scene) is None:
+            assert isinstance(result, Plan)
             result = replace(result, scene=scene)
         elif isinstance(result, BrokenProcessPool):
             result = NoPlanError(str(result))
