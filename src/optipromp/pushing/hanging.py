@@ -169,7 +169,11 @@ class Hanging(PushModel):
         dt = HANGING.every * STEP / HANGING.model_speed
         seen = self._state(0)
         positions, *_ = led(seen, points[chosen], axes[chosen], dt, self.cup, self.static)
-        return Moved(tuple(fruit.id for fruit in self.fruits), positions[-1], np.zeros(self.count))
+        gone = positions[-1] - np.array([balls_of(fruit).center for fruit in self.fruits])
+        before = np.array([fruit.position for fruit in self.fruits])
+        return Moved(
+            tuple(fruit.id for fruit in self.fruits), before + gone, np.zeros(self.count)
+        )  # fmt: skip
 
     def _state(self, d: int) -> Stems:
         return Stems(*(values[d * self.count : (d + 1) * self.count] for values in self.stems))
