@@ -52,6 +52,15 @@ def study(
     noise_angle: Annotated[
         float, typer.Option(metavar="DEGREES", help="Standard deviation of detected stems.")
     ] = 0.0,
+    noise: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Of the detector: zero-mean (5 mm, 5 degrees), low and high (and all seen 10 mm "
+            "too low or high), missed (fruits not seen, hidden ones more often), detector (low "
+            "and missed).",
+        ),
+    ] = "",
     only_valid: Annotated[
         bool,
         typer.Option("--only-valid", help="Do not execute plans that the judge refuses."),
@@ -81,6 +90,7 @@ def study(
     optipromp study --preset cluster --planners opti-promp --robot ur5.urdf --out ur5
     optipromp study --preset cluster --planners opti-promp --vary --out varied
     optipromp study --planners opti-promp --noise-position 0.005 --noise-angle 5 --out noisy
+    optipromp study --preset tight --planners opti-promp --noise detector --out detected
     """
     from optipromp.experiments.baselines import STUDY_PLANNERS
     from optipromp.experiments.study import Study, run_study
@@ -90,7 +100,7 @@ def study(
     compared: Any = _names(planners, STUDY_PLANNERS)
     plan = Study(
         chosen, compared, _range(seeds), noise_position, noise_angle, only_valid,
-        named.name or PANDA, named.choice, vary,
+        named.name or PANDA, named.choice, vary, noise,
     )  # fmt: skip
     say_if_compiling()
     successes: dict[str, list[bool]] = {}

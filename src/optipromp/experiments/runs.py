@@ -17,7 +17,15 @@ from optipromp.errors import Code, OptiPrompError
 from optipromp.experiments.baselines import Answer, StudyPlanner, attempt
 from optipromp.experiments.variations import VARIATIONS, Variation
 from optipromp.robots.library import NOTHING, Choice
-from optipromp.scenes.generate import PANDA, Preset, generate, generate_with_report, perceived
+from optipromp.scenes.generate import (
+    NOISES,
+    PANDA,
+    Noise,
+    Preset,
+    generate,
+    generate_with_report,
+    noisy,
+)
 from optipromp.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -42,6 +50,7 @@ class Row:
         planner: see :data:`optipromp.experiments.baselines.STUDY_PLANNERS`.
         noise_position: standard deviation of detected positions [m].
         noise_angle: standard deviation of detected stem directions [degrees].
+        noise: name of a noise, one of :data:`optipromp.scenes.generate.NOISES`; empty for none.
         pushables: how many stand in the scene.
         redraws: impossible scenes sampled before this one.
         plan_status: code of the plan, which knows what was detected only.
@@ -87,6 +96,7 @@ class Row:
     simulation_time: float = 0.0
     version: str = ""
     variation: str = ""
+    noise: str = ""
 
     @property
     def key(self) -> Key:
@@ -104,7 +114,7 @@ def row_from_text(texts: Mapping[str, str]) -> Row:
     Raises:
         ValueError, KeyError: cells that are not a row's.
     """
-    values = {name: texts[name] for name in COLUMNS}
+    values = {name: texts[name] for name in COLUMNS if name in texts}  # older rows have fewer
     empty = dict.fromkeys(name for name in _MAY_BE_NONE if values[name] == "")
     return _reader().validate_python(values | empty)
 
@@ -135,8 +145,7 @@ def run_scene(
     preset: Preset,
     seed: int,
     planners: Iterable[StudyPlanner],
-    noise_position: float,
-    noise_angle: float,
+    noise: Noise | str,
     version: str,
     only_valid: bool = False,
     robot: str | Path = PANDA,
@@ -149,8 +158,7 @@ def run_scene(
         preset: of the scene.
         seed: of scene, noise, planners and physics.
         planners: in the order they run; all see the same errors of detection.
-        noise_position: [m].
-        noise_angle: [degrees].
+        noise: of the detector, or its name in :data:`NOISES`.
         version: written into the rows.
         only_valid: plans that the judge refuses are not executed, and count as failures.
         robot: whose scene it is: name or path.
@@ -158,10 +166,12 @@ def run_scene(
         vary: every plan is executed under all of :data:`VARIATIONS`.
     """
     scene, report = generate_with_report(preset, seed, robot, choice)
-    seen = _seen(scene, seed, noise_position, noise_angle)
+    errors = NOISES[noise] if isinstance(noise, str) else noise
+    seen = noisy(scene, seed, errors)
     row = functools.partial(
-        Row, preset=preset, seed=seed, noise_position=noise_position, noise_angle=noise_angle,
-        pushables=len(scene.pushables), redraws=report.redraws, version=version,
+        Row, preset=preset, seed=seed, noise_position=errors.position, noise_angle=errors.angle,
+        noise=noise if isinstance(noise, str) else "", pushables=len(scene.pushables),
+        redraws=report.redraws, version=version,
     )  # fmt: skip
     rows = []
     for planner in planners:
@@ -203,12 +213,8 @@ def again(row: Row, robot: str = PANDA) -> "Run | None":
 def scenes_of(row: Row, robot: str = PANDA) -> tuple[Scene, Scene]:
     """The scene of a run, and the same as its planner perceived it."""
     scene = generate(cast(Preset, row.preset), row.seed, robot)
-    return scene, _seen(scene, row.seed, row.noise_position, row.noise_angle)
-
-
-def _seen(scene: Scene, seed: int, noise_position: float, noise_angle: float) -> Scene:
-    rng = np.random.default_rng([seed, 1])
-    return perceived(scene, rng, noise_position, float(np.deg2rad(noise_angle)))
+    noise = NOISES[row.noise] if row.noise else Noise(row.noise_position, row.noise_angle)
+    return scene, noisy(scene, row.seed, noise)
 
 
 def _executed(

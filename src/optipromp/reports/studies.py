@@ -165,9 +165,9 @@ def _command(rows: Sequence[Row], robot: str | None) -> str:
     words += ["--seeds", f"{min(seeds)}:{max(seeds) + 1}"]
     if robot != PANDA:
         words += ["--robot", robot or "ROBOT"]
-    for name in ("noise_position", "noise_angle"):
+    for name in ("noise",) if rows[0].noise else ("noise_position", "noise_angle"):
         if value := getattr(rows[0], name):
-            words += ["--" + name.replace("_", "-"), f"{value:g}"]
+            words += ["--" + name.replace("_", "-"), value if name == "noise" else f"{value:g}"]
     return shlex.join([*words, "--out", "DIR"])
 
 
