@@ -69,13 +69,20 @@ def test_wilson_against_published_values() -> None:
 def test_summary_counts() -> None:
     rows = [
         replace(ROW, seed=0, success=True, cause=""),
-        replace(ROW, seed=1, static_force=3.0, cause="static_contact", unripe_force=2.5),
+        replace(
+            ROW,
+            seed=1,
+            static_force=3.0,
+            cause="static_contact",
+            unripe_force=2.5,
+            causes="static_contact crushed not_picked",
+        ),
         replace(ROW, seed=2, cause="no_plan", plan_status="INVALID_PLAN", unripe_force=None),
         replace(ROW, seed=3, torn="n1 n2"),
     ]
     (cell,) = summary(rows)
     assert (cell.runs, cell.successes, cell.plans) == (4, 1, 3)
-    assert cell.causes == {"static_contact": 1, "no_plan": 1, "crushed": 1}
+    assert cell.causes == {"crushed": 2, "static_contact": 1, "not_picked": 1, "no_plan": 1}
     assert (cell.static_contacts, cell.torn, cell.redraws) == (1, 1, 20)
     assert cell.unripe_force == 12.5
     assert cell.low < cell.rate == 0.25 < cell.high

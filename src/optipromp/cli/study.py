@@ -176,7 +176,9 @@ def table(cells: Sequence["Cell"]) -> "Table":
 
 def causes(cells: Sequence["Cell"]) -> "Table":
     """Why runs failed, most frequent first."""
-    out = grid(("preset", "planner"), title="causes of failure", padding=(0, 0))
+    out = grid(
+        ("preset", "planner"), title="causes of failure, a run may have several", padding=(0, 0)
+    )
     out.add_column("failed by")
     for cell, first in _sections(out, cells):
         words = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in cell.causes.items())

@@ -55,7 +55,7 @@ class Row:
         redraws: impossible scenes sampled before this one.
         plan_status: code of the plan, which knows what was detected only.
         success: what the physics says.
-        cause: why not; empty for a success.
+        cause: why not, the first of the ``causes``; empty for a success.
         message: in words.
         picked: the target is in the tool.
         swallowed: ids of other objects that are, separated by spaces.
@@ -70,6 +70,7 @@ class Row:
         simulation_time: wall time of the execution [s].
         version: of the library, with a digest of its source.
         variation: of the physics in which the plan was executed; empty for none.
+        causes: all that went wrong in the execution, separated by spaces.
     """
 
     preset: str
@@ -97,6 +98,7 @@ class Row:
     version: str = ""
     variation: str = ""
     noise: str = ""
+    causes: str = ""
 
     @property
     def key(self) -> Key:
@@ -240,6 +242,7 @@ def _executed(
         **values,
         "success": outcome.success,
         "cause": "" if outcome.cause is None else str(outcome.cause),
+        "causes": " ".join(outcome.causes),
         "message": outcome.message,
         "picked": outcome.picked,
         "swallowed": " ".join(outcome.swallowed_others),

@@ -46,7 +46,7 @@ def write_results(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> t
 
 
 def study_figure(cells: Sequence[Cell]) -> "Figure":
-    """Success by preset and planner with 95 % intervals; beside it each planner's failures."""
+    """Success by preset and planner with 95 % intervals; beside it the causes of failure."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11.0, 4.6), layout="constrained")
@@ -93,15 +93,13 @@ def _causes(axes: "Axes", cells: Sequence[Cell]) -> None:
         counts[cell.planner].update(cell.causes)
         runs[cell.planner] += cell.runs
     causes = [cause for cause, _ in sum(counts.values(), Counter[str]()).most_common()]
-    left = [0.0] * len(planners)
-    for i, cause in enumerate(causes):
-        share = [100.0 * counts[planner][cause] / runs[planner] for planner in planners]
-        axes.barh(planners, share, left=left, color=f"C{i % 10}", label=cause.replace("_", " "))
-        left = [a + b for a, b in zip(left, share, strict=True)]
+    width = 0.8 / len(planners)
+    for i, planner in enumerate(planners):
+        y = [k + (i - 0.5 * (len(planners) - 1)) * width for k in range(len(causes))]
+        share = [100.0 * counts[planner][cause] / runs[planner] for cause in causes]
+        axes.barh(y, share, 0.9 * width, color=COLOURS.get(planner))
+    axes.set_yticks(range(len(causes)), [cause.replace("_", " ") for cause in causes])
     axes.invert_yaxis()
-    axes.set_xlim(0.0, 100.0)
-    axes.set_xlabel("of all runs [%]")
+    axes.set_xlabel("of all runs [%]; a run may have several causes")
     axes.set_title("Why runs failed", fontsize=10)
-    if causes:
-        axes.legend(frameon=False, fontsize=8, ncols=3, **_BELOW)
     axes.spines[["top", "right"]].set_visible(False)
