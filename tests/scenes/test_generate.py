@@ -1,4 +1,5 @@
 import itertools
+import zlib
 from dataclasses import replace
 
 import numpy as np
@@ -26,6 +27,7 @@ from optipromp.scenes.generate import (
     Noise,
     generate,
     generate_with_report,
+    generator,
     perceived,
 )
 from optipromp.scenes.generate.checks import (
@@ -69,6 +71,16 @@ def test_the_report_counts_what_was_drawn_again() -> None:
     reports = [generate_with_report("mixed", seed)[1] for seed in range(5)]
     assert all(report.redraws == sum(report.reasons.values()) for report in reports)
     assert sum(report.redraws for report in reports) > 0
+
+
+def test_crowded_scenes_are_as_frequent_as_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The number of pushables is kept, however often the rest is sampled again."""
+    monkeypatch.setattr(generator, "PATIENCE", 3)
+    for preset, low, most in (("mixed", 1, 4), ("tight", 2, 4), ("shelf", 2, 6)):
+        for seed in range(12):
+            rng = np.random.default_rng([zlib.crc32(preset.encode()), seed])
+            drawn = int(rng.integers(low, most + 1))
+            assert len(generate(preset, seed).pushables) == drawn
 
 
 @pytest.mark.parametrize("preset", PRESETS)

@@ -40,7 +40,8 @@ def study(
         str,
         typer.Option(
             metavar="NAMES",
-            help="straight, promp, i-promp, chomp, opti-promp, separated by commas, or all.",
+            help="straight, promp, i-promp, i-promp-guard, drift, paper, chomp, opti-promp, "
+            "separated by commas, or all.",
         ),
     ] = "all",
     seeds: Annotated[

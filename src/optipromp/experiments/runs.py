@@ -5,7 +5,7 @@ import hashlib
 import time
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -199,17 +199,11 @@ def again(row: Row, robot: str = PANDA) -> "Run | None":
     Raises:
         OptiPrompError: what broke the run off.
     """
-    from optipromp.simulation import simulate
-
     scene, seen = scenes_of(row, robot)
     made = attempt(seen, cast(StudyPlanner, row.planner), seed=row.seed)
     if made.trajectory is None:
         return None
-    parameters = None
-    if row.variation:
-        change = VARIATIONS[row.variation]
-        scene, parameters = change(scene, np.random.default_rng([row.seed, 2]))
-    return simulate(made.trajectory, scene, parameters=parameters, seed=row.seed)
+    return _executed_in(made, scene, row.seed, VARIATIONS.get(row.variation))
 
 
 def scenes_of(row: Row, robot: str = PANDA) -> tuple[Scene, Scene]:
@@ -229,13 +223,8 @@ def _executed(
     refused = only_valid and made.status != Code.SUCCESS
     if made.trajectory is None or refused:
         return {**values, "cause": NO_PLAN, "message": made.message}
-    from optipromp.simulation import simulate
-
     began = time.perf_counter()
-    varied, parameters = scene, None
-    if change is not None:
-        varied, parameters = change(scene, np.random.default_rng([seed, 2]))
-    outcome = simulate(made.trajectory, varied, parameters=parameters, seed=seed).outcome
+    outcome = _executed_in(made, scene, seed, change).outcome
     target = scene.target
     static = (contact.peak_force for contact in outcome.static_contacts)
     return {
@@ -254,6 +243,18 @@ def _executed(
         "duration": outcome.duration,
         "simulation_time": time.perf_counter() - began,
     }
+
+
+def _executed_in(made: Answer, scene: Scene, seed: int, change: Variation | None) -> "Run":
+    """An answer executed in the true scene, or in a variation of it."""
+    from optipromp.simulation import SimulationParameters, simulate
+
+    assert made.trajectory is not None
+    parameters = SimulationParameters()
+    if change is not None:
+        scene, parameters = change(scene, np.random.default_rng([seed, 2]))
+    robot = replace(parameters.robot, guard_until=made.guard)
+    return simulate(made.trajectory, scene, parameters=replace(parameters, robot=robot), seed=seed)
 
 
 def warm_up(

@@ -19,6 +19,9 @@ COLOURS = {
     "straight": "#b0b5bd",
     "promp": "#8fa6c4",
     "i-promp": "#e0a458",
+    "i-promp-guard": "#c9822b",
+    "drift": "#b08fc4",
+    "paper": "#7d5ba6",
     "chomp": "#7fb28a",
     "opti-promp": "#1f5fb4",
 }
