@@ -61,7 +61,8 @@ def test_refusals_name_the_setting(name: str, value: Any) -> None:
         ("push_weights", (1.0, NAN, 1.0)),
         ("drift_offset", -0.01), ("drift_offset", NAN), ("corridor", -0.01), ("corridor", NAN),
         ("camera_phase", 0.0), ("camera_phase", 1.0), ("camera_phase", -0.1),
-        ("camera_phase", NAN), ("via_deviation", -1e-3), ("direction_deviation", -0.1), ("guard", 1),
+        ("camera_phase", NAN), ("via_deviation", -1e-3), ("direction_deviation", -0.1),
+        ("guard", 1),
         ("trust_radii", ()), ("trust_radii", (0.0,)), ("trust_radii", (0.02, 0.01)),
     ],
 )  # fmt: skip
