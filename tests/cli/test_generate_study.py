@@ -94,6 +94,8 @@ def test_study_prints_rates_and_causes(quick, tmp_path: Path) -> None:
     document = json.loads(again.stdout)
     assert document["runs"] == 12
     assert [cell["rate"] for cell in document["cells"]] == [0.0, 1.0, 0.0, 1.0]
+    each = [*arguments[:3], "--planner", "straight", "--planner", "chomp", *arguments[5:], "--json"]
+    assert json.loads(RUN.invoke(app, each).stdout) == document
 
 
 @pytest.mark.parametrize(

@@ -37,13 +37,15 @@ def study(
         str, typer.Option(metavar="NAMES", help="Presets, separated by commas, or all.")
     ] = "all",
     planners: Annotated[
-        str,
+        list[str],
         typer.Option(
+            "--planner",
+            "--planners",
             metavar="NAMES",
             help="straight, promp, i-promp, i-promp-guard, drift, paper, chomp, opti-promp, "
-            "separated by commas, or all.",
+            "separated by commas or one an option, or all.",
         ),
-    ] = "all",
+    ] = ["all"],  # noqa: B006 (typer copies it)
     seeds: Annotated[
         str, typer.Option(metavar="A:B", help="Seeds of the scenes, from A to before B.")
     ] = "0:20",
@@ -89,7 +91,7 @@ def study(
     \b
     optipromp study --preset cluster,shelf --seeds 1000:1200 --out fresh
     optipromp study --preset cluster --planners opti-promp --robot ur5.urdf --out ur5
-    optipromp study --preset cluster --planners opti-promp --vary --out varied
+    optipromp study --preset cluster --planner opti-promp --planner drift --vary --out varied
     optipromp study --planners opti-promp --noise-position 0.005 --noise-angle 5 --out noisy
     optipromp study --preset tight --planners opti-promp --noise detector --out detected
     """
@@ -98,7 +100,7 @@ def study(
     from optipromp.scenes.generate import PANDA, PRESETS
 
     chosen: Any = _names(preset, PRESETS)
-    compared: Any = _names(planners, STUDY_PLANNERS)
+    compared: Any = _names(",".join(planners), STUDY_PLANNERS)
     plan = Study(
         chosen, compared, _range(seeds), noise_position, noise_angle, only_valid,
         named.name or PANDA, named.choice, vary, noise,
