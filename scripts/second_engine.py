@@ -221,6 +221,8 @@ class _Watch:
 
 def execute(scene: Mapping[str, Any], times: np.ndarray, q: np.ndarray) -> Word:
     """Fly the cup along a plan: configurations (T, 7) at times (T,) [s], in a scene's document."""
+    if any(item.get("stem", {}).get("parent") for item in scene["objects"]):
+        raise ValueError("no stem grows from another here")
     if scene["robot"] != "panda" or scene["tool"]["kind"] != "cup":
         raise ValueError("only a cup on the built-in Panda flies here")
     ids = [item["id"] for item in scene["objects"] if item["role"] in ("target", "pushable")]

@@ -11,7 +11,9 @@ from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.geometry import (
     Box,
     Capsule,
+    Cone,
     Cylinder,
+    Ellipsoid,
     HalfSpace,
     Sphere,
     distances,
@@ -20,7 +22,8 @@ from optipromp.geometry import (
     signed_distance,
 )
 from optipromp.geometry.obstacles import measures
-from optipromp.geometry.shapes import bounding_radius
+from optipromp.geometry.shapes import bounding_radius, round_mesh
+from optipromp.judging.distances import measured, to_surface
 
 SHAPES = {
     "sphere": Sphere(0.2),
@@ -30,6 +33,10 @@ SHAPES = {
     "disc": Cylinder(0.5, 0.02),
     "capsule": Capsule(0.1, 0.5),
     "half-space": HalfSpace(),
+    "ellipsoid": Ellipsoid((0.2, 0.3, 0.5)),
+    "flat ellipsoid": Ellipsoid((0.4, 0.4, 0.02)),
+    "cone": Cone(0.2, 0.05, 0.4),
+    "turned cone": Cone(0.1, 0.25, 0.2),
 }
 EYE = np.eye(3)
 ORIGIN = np.zeros(3)
@@ -197,6 +204,10 @@ def test_packed_arrays_are_read_only_and_bounds_hold():
             math.hypot(0.5, 0.01),
             0.35,
             math.inf,
+            0.5,
+            0.4,
+            0.4,
+            0.35,
         ],
     )
 
@@ -260,3 +271,36 @@ def test_measures_are_those_of_each_shape(names):
         assert kind[k] == one.kind[0]
         np.testing.assert_array_equal(size[k], one.size[0])
         assert bound[k] == pytest.approx(bounding_radius(shape), rel=1e-15)
+
+
+@pytest.mark.parametrize("name", ["ellipsoid", "flat ellipsoid", "cone", "turned cone"])
+@settings(max_examples=60, deadline=None)
+@given(x=point)
+def test_round_shapes_agree_with_the_judge_and_with_their_support(name, x):
+    shape = SHAPES[name]
+    ours, normal = distance_at(pack([(shape, ORIGIN, EYE)]), x)
+    kind, size, _ = measured([shape])
+    assert to_surface(kind[0], *size[0], *x) == pytest.approx(ours, abs=1e-8)
+    # outside, the distance is the gap of the supporting plane across the gradient
+    if isinstance(shape, Ellipsoid):
+        support = math.hypot(*(np.array(shape.radii) * normal))
+    else:
+        half = 0.5 * shape.length * normal[2]
+        support = max(half + shape.radius, shape.tip - half)
+    if ours > 0.0:
+        assert np.dot(x, normal) - support == pytest.approx(ours, abs=1e-9)
+
+
+def test_a_cone_within_one_of_its_balls_is_refused():
+    with pytest.raises(InvalidSceneError, match="must be above"):
+        Cone(0.03, 0.01, 0.015)
+
+
+@pytest.mark.parametrize("name", ["ellipsoid", "turned cone"])
+def test_the_mesh_of_a_round_shape_lies_on_its_surface(name):
+    mesh = round_mesh(SHAPES[name], 48)
+    away, _ = distances(pack([(SHAPES[name], ORIGIN, EYE)]), mesh.vertices)
+    np.testing.assert_allclose(away, 0.0, atol=1e-9)
+    middles = mesh.vertices[mesh.faces].mean(axis=1)
+    inner, _ = distances(pack([(SHAPES[name], ORIGIN, EYE)]), middles)
+    assert inner.min() > -0.01 * bounding_radius(SHAPES[name])

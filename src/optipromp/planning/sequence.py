@@ -10,6 +10,7 @@ from optipromp.planning.plan import plan
 from optipromp.planning.result import Plan
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Role, Scene
+from optipromp.scenes.trusses import rooted
 from optipromp.scenes.values import suggest
 
 HARMLESS = 0.05  # [1] harm below which plans are equally good: 1 % of them fail (docs/studies.md)
@@ -78,7 +79,8 @@ def plan_sequence(
     more fruits than this one, as far as the planner knows.
 
     Every pick starts at the scene's start: the arm lays a fruit down and comes back. What a pick
-    pushes aside is taken to hang at rest again before the next.
+    pushes aside is taken to hang at rest again before the next. Where other stems grow from that of
+    a picked fruit, they are held at their roots from then on.
 
     Args:
         scene: a scene, the name of a built-in scene, or the path of a scene file.
@@ -119,7 +121,7 @@ def aimed(scene: Scene, target: str, picked: Sequence[str] = ()) -> Scene:
         replace(item, role=roles.get(item.id, item.role))
         for item in scene.objects if item.id not in picked
     )  # fmt: skip
-    return replace(scene, name=f"{scene.name}-{target}", objects=tuple(objects), goal=None)
+    return replace(scene, name=f"{scene.name}-{target}", objects=rooted(objects), goal=None)
 
 
 def _check(scene: Scene, targets: Sequence[str]) -> None:

@@ -254,7 +254,7 @@ def _sampled(fruits: Sequence[SceneObject], samples: int, up: FloatArray) -> Ste
     shifted, swung, stiffer = _normal((samples, len(fruits), 3))
     shift = np.reshape(spread, (-1, 1)) * shifted
     swing = turn[:, None] * (swung - (swung @ up)[..., None] * up)  # level
-    place = np.array([balls_of(fruit)[0] for fruit in fruits])
+    place = np.array([balls_of(fruit).center for fruit in fruits])
     places = np.concatenate([place[None], place + shift])
     roots = np.concatenate([seen.root[None], seen.root + shift + swing])
     wide = np.array([fruit.physical.get("stem_stiffness_spread", 1.0) for fruit in fruits])

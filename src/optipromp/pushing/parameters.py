@@ -20,6 +20,10 @@ class BeamParameters(Checked):
     diameter: float = parameter(
         0.0025, "m", "reported", "of the elastic beam; strawberry peduncles are 2-3 mm thick"
     )
+    truss_diameter: float = parameter(
+        0.004, "m", "reported",
+        "the same of a stem that carries others; strawberry inflorescence axes are 3-5 mm thick",
+    )  # fmt: skip
     grown_turn: float = parameter(
         0.5, "rad", "guess", "turn, root to tip, by which a stem springs back without its fruit"
     )

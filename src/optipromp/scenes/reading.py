@@ -15,7 +15,9 @@ from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.geometry.shapes import (
     Box,
     Capsule,
+    Cone,
     Cylinder,
+    Ellipsoid,
     HalfSpace,
     MeshShape,
     PointCloudShape,
@@ -46,10 +48,11 @@ from optipromp.scenes.schema import (
     StemModel,
     parse,
 )
-from optipromp.scenes.values import suggest
+from optipromp.scenes.values import suggest, unit
 
 PRIMITIVES: dict[str, Any] = {
-    "sphere": Sphere, "box": Box, "cylinder": Cylinder, "capsule": Capsule, "half_space": HalfSpace,
+    "sphere": Sphere, "box": Box, "cylinder": Cylinder, "capsule": Capsule,
+    "ellipsoid": Ellipsoid, "cone": Cone, "half_space": HalfSpace,
 }  # fmt: skip
 """Shapes without a file, by their names in scene files."""
 
@@ -158,10 +161,13 @@ def _object(
 def _stem(given: StemModel, scale: float, position: FloatArray) -> Stem:
     radius = STEM_RADIUS if given.radius is None else scale * given.radius
     if given.direction is not None and given.length is not None:
-        return Stem.along(position, np.array(given.direction), scale * given.length, radius)
-    if given.root is not None:
-        return Stem(np.array([position, scale * np.array(given.root)]), radius)
-    return Stem(scale * np.array(given.points), radius)
+        way = scale * given.length * unit("stem.direction", np.array(given.direction))
+        points = np.array([position, position + way])
+    elif given.root is not None:
+        points = np.array([position, scale * np.array(given.root)])
+    else:
+        points = scale * np.array(given.points)
+    return Stem(points, radius, given.parent)
 
 
 def _shape(

@@ -16,6 +16,7 @@ from optipromp.errors import InvalidSceneError
 from optipromp.geometry.obstacles import Measures, Obstacles, measures, packed
 from optipromp.robots.library import NOTHING, Choice, load_arm
 from optipromp.robots.model import Robot
+from optipromp.scenes import trusses
 from optipromp.scenes.objects import ROLES, STEM_RADIUS, Role, SceneObject, Stem
 from optipromp.scenes.pose import Pose
 from optipromp.scenes.values import array, suggest, unit
@@ -141,7 +142,8 @@ class Scene(Shown):
             it; it is kept for those who read the scene.
 
     Raises:
-        InvalidSceneError: duplicate ids, no target, two targets, target and goal together.
+        InvalidSceneError: duplicate ids, no target, two targets, target and goal together, a stem
+            that does not begin on the stem that it grows from.
     """
 
     name: str
@@ -170,6 +172,7 @@ class Scene(Shown):
                     "ids must be unique, and an object has one role"
                 )
             seen[item.id] = index
+        trusses.check(self.objects)
         targets = [item.id for item in self.objects if item.role == "target"]
         if len(targets) > 1:
             raise InvalidSceneError(f"two targets, {targets[0]!r} and {targets[1]!r}: must be one")

@@ -105,6 +105,8 @@ def _object_to_dict(item: SceneObject, base_dir: Path | None) -> dict[str, Any]:
             entry["stem"] = {"points": points.tolist()}
         if item.stem.radius != STEM_RADIUS:
             entry["stem"]["radius"] = item.stem.radius
+        if item.stem.parent is not None:
+            entry["stem"]["parent"] = item.stem.parent
     if item.covariance is not None:
         entry["covariance"] = item.covariance.tolist()
     if item.physical:

@@ -42,6 +42,10 @@ class StemParameters(Checked):
         "strawberry peduncles are 2-3 mm thick; of the elastic beam (what collides has the scene's "
         "stem radius)",
     )  # fmt: skip
+    truss_diameter: float = parameter(
+        PUSH.beam.truss_diameter, "m", "reported",
+        "the same of a stem that others grow from; strawberry inflorescence axes are 3-5 mm thick",
+    )  # fmt: skip
     youngs_modulus: float = parameter(
         PUSH.beam.youngs_modulus, "Pa", "guess",
         "green herbaceous stems and peduncles are reported between some 10 and some 100 MPa",
@@ -77,9 +81,14 @@ class StemParameters(Checked):
         "less for ripe fruit and for pulls across the stem",
     )  # fmt: skip
 
-    def bending_stiffness(self) -> float:
+    truss_force: float = parameter(
+        15.0, "N", "guess",
+        "sum of the pulls of all fruits of a truss that tears it off: three times that of a fruit",
+    )  # fmt: skip
+
+    def bending_stiffness(self, diameter: float) -> float:
         """EI of a round beam, E π d⁴ / 64 [N m²]."""
-        return self.youngs_modulus * math.pi * self.diameter**4 / 64.0
+        return self.youngs_modulus * math.pi * diameter**4 / 64.0
 
 
 @dataclass(frozen=True)

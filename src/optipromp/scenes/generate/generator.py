@@ -17,7 +17,7 @@ import numpy as np
 
 from optipromp.errors import InvalidRequestError
 from optipromp.robots.library import NOTHING, Choice
-from optipromp.scenes.generate import bunches, furniture, shelves
+from optipromp.scenes.generate import bunches, furniture, plants, shelves
 from optipromp.scenes.generate.checks import OverlapError, interpenetration, unsolvable
 from optipromp.scenes.generate.furniture import FURNITURE, Furniture
 from optipromp.scenes.generate.placing import at_robot
@@ -25,8 +25,9 @@ from optipromp.scenes.scene import Scene
 from optipromp.scenes.values import suggest
 
 Preset = Literal[
-    "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "shelf"
-]
+    "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss",
+    "field", "shelf",
+]  # fmt: skip
 PRESETS: tuple[Preset, ...] = get_args(Preset)
 PANDA = "panda"
 PATIENCE = 1000  # samples before the side of the gutter is sampled again
@@ -113,12 +114,12 @@ def generate_with_report(
         raise InvalidRequestError(f"scenes of the preset {preset} are for the built-in panda only")
     rng = np.random.default_rng([zlib.crc32(preset.encode()), seed])
     reasons: Counter[str] = Counter()
-    count = _count(preset, rng)
-    sampler = _kind(preset, seed, count, rng)
+    drawn = _drawn(preset, rng)
+    sampler = _kind(preset, seed, *drawn, rng)
     patience = PATIENCE
     while reasons.total() < MOST_REDRAWS:
         if patience == 0:
-            sampler, patience = _kind(preset, seed, count, rng), PATIENCE
+            sampler, patience = _kind(preset, seed, *drawn, rng), PATIENCE
         patience -= 1
         try:
             scene = sampler(rng)
@@ -138,13 +139,19 @@ def generate_with_report(
     )
 
 
-def _count(preset: Preset | Furniture, rng: np.random.Generator) -> int:
-    """Sample the number of pushables."""
-    low, most = {"shelf": (2, 6), "tight": (2, 4)}.get(preset, (1, 4))
-    return 0 if preset in FURNITURE else int(rng.integers(low, most + 1))
+def _drawn(preset: Preset | Furniture, rng: np.random.Generator) -> tuple[str, int]:
+    """Sample the kind of a field's plants, and the number of pushables."""
+    if preset in FURNITURE:
+        return preset, 0
+    kind = ("cluster", "tight", "truss")[int(rng.integers(3))] if preset == "field" else preset
+    few, many = (2, 4), ("tight", "truss", "field")
+    low, most = (2, 6) if preset == "shelf" else few if preset in many else (1, 4)
+    return kind, int(rng.integers(low, most + 1))
 
 
-def _kind(preset: Preset | Furniture, seed: int, count: int, rng: np.random.Generator) -> Sampler:
+def _kind(
+    preset: Preset | Furniture, seed: int, kind: str, count: int, rng: np.random.Generator
+) -> Sampler:
     """Sample the side of the gutter; returns the sampler of the rest."""
     name = f"{preset}-{seed}"
     if preset in FURNITURE:
@@ -153,6 +160,10 @@ def _kind(preset: Preset | Furniture, seed: int, count: int, rng: np.random.Gene
         return lambda rng: shelves.sample(name, count, rng)
     if preset == "tight":
         return lambda rng: bunches.tight(name, count, rng)
+    if preset == "truss":
+        return lambda rng: plants.truss(name, count, rng)
+    if preset == "field":
+        return lambda rng: plants.field(name, kind, count, rng)
     if preset == "elongated":
         return lambda rng: bunches.elongated(bunches.sample(name, count, False, None, rng), rng)
     lean = bunches.PLUMB if preset == "limp" else bunches.INCLINATION

@@ -9,7 +9,9 @@ from optipromp.arrays import FloatArray, rotation
 from optipromp.errors import InvalidRequestError
 from optipromp.geometry import distances, pack
 from optipromp.geometry.shapes import Sphere
-from optipromp.scenes.scene import PoseGoal, Scene, SceneObject, Stem
+from optipromp.scenes.generate.plants import untold
+from optipromp.scenes.scene import PoseGoal, Scene, SceneObject
+from optipromp.scenes.trusses import rooted
 
 LOOK = 0.30  # [m] of the eye before the target on the approach, chosen: where scenes name no camera
 RAYS, STEPS = 48, 60  # from the eye to a fruit; points on each
@@ -84,12 +86,15 @@ def perceived(scene: Scene, rng: np.random.Generator, noise: Noise) -> Scene:
             new for old, new, chance in zip(scene.objects, seen, chances, strict=True)
             if old.role != "pushable" or chance >= _blind(scene, old, eye, noise)
         ]  # fmt: skip
-    return replace(scene, objects=tuple(seen))
+    return replace(scene, objects=rooted(seen))
 
 
 def noisy(scene: Scene, seed: int, noise: Noise) -> Scene:
-    """The scene as a study and ``optipromp generate --noise`` perceive it for a seed."""
-    return perceived(scene, np.random.default_rng([seed, 1]), noise)
+    """The scene as a study and ``optipromp generate --noise`` perceive it for a seed.
+
+    Nobody tells the planner the physical numbers of fruits.
+    """
+    return perceived(untold(scene), np.random.default_rng([seed, 1]), noise)
 
 
 def _blind(scene: Scene, item: SceneObject, eye: FloatArray, noise: Noise) -> float:
@@ -144,7 +149,7 @@ def _seen(item: SceneObject, rng: np.random.Generator, noise: Noise, up: FloatAr
     if item.stem is not None:
         away = item.stem.points - item.stem.points[0]
         begin = item.stem.points[0] + error
-        stem = Stem(begin + away @ _turn(away[1], turn).T, item.stem.radius)
+        stem = replace(item.stem, points=begin + away @ _turn(away[1], turn).T)
     return replace(item, position=item.position + error, stem=stem, covariance=spread)
 
 
