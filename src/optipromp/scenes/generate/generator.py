@@ -140,13 +140,14 @@ def generate_with_report(
 
 
 def _drawn(preset: Preset | Furniture, rng: np.random.Generator) -> tuple[str, int]:
-    """Sample the kind of a field's plants, and the number of pushables."""
+    """Sample the number of pushables, and the kind of a field's plants."""
     if preset in FURNITURE:
         return preset, 0
-    kind = ("cluster", "tight", "truss")[int(rng.integers(3))] if preset == "field" else preset
     few, many = (2, 4), ("tight", "truss", "field")
     low, most = (2, 6) if preset == "shelf" else few if preset in many else (1, 4)
-    return kind, int(rng.integers(low, most + 1))
+    count = int(rng.integers(low, most + 1))
+    kind = ("cluster", "tight", "truss")[int(rng.integers(3))] if preset == "field" else preset
+    return kind, count
 
 
 def _kind(
