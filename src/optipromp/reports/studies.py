@@ -58,7 +58,10 @@ def study_report(
                                   "promised success", "kept", "picked though refused",
                                   "median force on unripe", "90 %", "time to plan")),
         ),
-        section("Causes of failure", table(_causes(cells), ("preset", "planner", "failed by (a run may have several)"))),
+        section(
+            "Causes of failure",
+            table(_causes(cells), ("preset", "planner", "failed by (a run may have several)")),
+        ),
         *_prediction(found),
         *_worst(rows, worst, progress, robot),
         section("Settings", table([(name, str(value)) for name, value in settings.items()])),
