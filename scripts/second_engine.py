@@ -28,7 +28,8 @@ PANDA = (
     (-0.0825, 0.384, -np.pi / 2), (0.0, 0.0, np.pi / 2), (0.088, 0.0, np.pi / 2),
 )  # fmt: skip
 FLANGE = 0.107  # [m] of the flange beyond the seventh joint
-LINK = 0.045, 0.09  # [m] radius and length of what follows the flange
+DISC = 0.0315, 0.02  # [m] radius (ISO 9409-1-50-4-M6) and thickness of the flange
+LINK = 0.045, 0.09  # [m] radius of the link beyond it, and where that ends
 
 # Numbers of this engine, each other than the main simulation's (docs/simulation.md), all guesses
 STEP = 0.0005  # [s]
@@ -36,7 +37,7 @@ SEGMENTS = 7
 MODULUS, THICK = 3e7, 0.003  # [Pa], [m] of a stem's tissue
 GROWN = 0.7  # [rad] a leaning stem turns at most once nothing hangs on it
 CALYX = 2e-3  # [N m/rad] of the fruit about its calyx
-DAMPING = 0.1  # [s] joint damping over joint stiffness
+DAMPING = 0.02  # [s] joint damping over joint stiffness: a tenth of critical at 1.5 Hz
 SWAY = 3e-4  # [N m s/rad] more at the root
 DENSITY, STEM_DENSITY = 1000.0, 900.0  # [kg/m³]
 FRICTION = 0.5
@@ -94,7 +95,8 @@ def _cup(tool: Mapping[str, Any]) -> str:
     out = [
         f'<geom type="capsule" size="{NECK}" fromto="0 0 0 0 0 {length}"/>',
         f'<geom type="cylinder" size="{radius} {0.5 * WALL}" pos="0 0 {length + 0.5 * WALL}"/>',
-        f'<geom type="cylinder" size="{LINK[0]} {0.5 * LINK[1]}" pos="0 0 {-0.5 * LINK[1]}"/>',
+        f'<geom type="cylinder" size="{DISC[0]}" fromto="0 0 0 0 0 {-DISC[1]}"/>',
+        f'<geom type="cylinder" size="{LINK[0]}" fromto="0 0 {-DISC[1]} 0 0 {-LINK[1]}"/>',
     ]
     for k in range(WALLS):
         turn = 2.0 * np.pi * k / WALLS

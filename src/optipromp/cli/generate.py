@@ -16,6 +16,16 @@ if TYPE_CHECKING:
 SEEN = "seen"
 
 
+SeenNoise = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="Write the scenes as a detector sees them, too, into DIR/seen: zero-mean, low, high, "
+        "missed or detector, as of 'study'.",
+    ),
+]
+
+
 @command()
 @names_robot("Whose scenes: built-in name or file (panda).")
 def generate(
@@ -24,7 +34,8 @@ def generate(
         typer.Option(
             help="cluster: 1-4 fruits before the ripe one; side-clusters: and neighbours; "
             "table-top: and a gutter; mixed: all of these; tight: fruits that nearly touch; limp: "
-            "plumb stems; elongated: long fruits; shelf: cans and boxes; bookshelf, box, cage, "
+            "plumb stems; elongated: long fruits; truss: fruits on one stem; field: plants as they "
+            "grow; shelf: cans and boxes; bookshelf, box, cage, "
             "table-pick, under-table: a goal in joints among furniture."
         ),
     ],
@@ -33,14 +44,7 @@ def generate(
         int, typer.Option(min=0, help="Of the first scene; each next has one more.")
     ] = 0,
     count: Annotated[int, typer.Option(min=1, help="How many scenes.")] = 1,
-    noise: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="Write the scenes as a detector sees them, too, into DIR/seen: zero-mean, low, "
-            "high, missed or detector, as of 'study'.",
-        ),
-    ] = "",
+    noise: SeenNoise = "",
     as_json: AsJson = False,
     *,
     named: Named,
@@ -65,23 +69,19 @@ def generate(
     optipromp simulate plans/tight-0 --in tight/tight-0.yaml
     """
     from optipromp.files import check_folder
-    from optipromp.scenes.generate import NOISES, PANDA, generate_with_report, noisy
+    from optipromp.scenes.generate import NOISES, PANDA, generate_with_report
     from optipromp.scenes.io import save_scene
     from optipromp.scenes.values import suggest
 
     if noise and noise not in NOISES:
         raise InvalidRequestError(f"noise is {noise!r}: {suggest(noise, NOISES)}")
-    check_folder(out)
+    check_folder(out / SEEN if noise else out)
     documents: list[dict[str, Any]] = []
     reasons: Counter[str] = Counter()
     for number in range(seed, seed + count):
         scene, report = generate_with_report(preset, number, named.name or PANDA, named.choice)
         path = out / f"{scene.name}.yaml"
         save_scene(scene, path)
-        seen = noisy(scene, number, NOISES[noise]) if noise else None
-        if seen is not None:
-            check_folder(out / SEEN)
-            save_scene(seen, out / SEEN / path.name)
         reasons.update(report.reasons)
         documents.append(
             {
@@ -90,7 +90,7 @@ def generate(
                 "pushables": len(scene.pushables),
                 "redraws": report.redraws,
                 "reasons": report.reasons,
-                **({} if seen is None else _told(scene, seen, out / SEEN / path.name)),
+                **(_seen(scene, number, noise, out) if noise else {}),
             }
         )
     redraws = reasons.total()
@@ -108,7 +108,12 @@ def generate(
     return OK
 
 
-def _told(scene: "Scene", seen: "Scene", file: Path) -> dict[str, Any]:
-    """What a detector sees of a scene, for JSON."""
+def _seen(scene: "Scene", seed: int, noise: str, out: Path) -> dict[str, Any]:
+    """Write the scene as a detector sees it; where to, and what it misses."""
+    from optipromp.scenes.generate import NOISES, noisy
+    from optipromp.scenes.io import save_scene
+
+    seen, file = noisy(scene, seed, NOISES[noise]), out / SEEN / f"{scene.name}.yaml"
+    save_scene(seen, file)
     ids = {item.id for item in seen.objects}
     return {"seen": str(file), "missed": [i.id for i in scene.objects if i.id not in ids]}

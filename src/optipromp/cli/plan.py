@@ -197,7 +197,12 @@ def plan(
         running = load_plan(previous)
     with waiting(f"planning {loaded.name} ...") as say:
         result = make_plan(loaded, progress=say, previous=running, at=at, **request)
-    written = leave(result, out, figures is not False, rate) if out is not None else ()
+    return tell(result, out, figures is not False, rate, as_json)
+
+
+def tell(result: "Plan", out: Path | None, figures: bool, rate: float, as_json: bool) -> int:
+    """Write the plan, print what it is, and return its exit code."""
+    written = leave(result, out, figures, rate) if out is not None else ()
     if as_json:
         print_json(result.to_dict())
     else:

@@ -27,6 +27,35 @@ if TYPE_CHECKING:
     from optipromp.experiments.statistics import Calibration, Cell
 
 
+Compared = Annotated[
+    list[str],
+    typer.Option(
+        "--planner",
+        "--planners",
+        metavar="NAMES",
+        help="straight, promp, i-promp, i-promp-guard, drift, paper, chomp, opti-promp, "
+        "separated by commas or one an option, or all.",
+    ),
+]
+DetectorNoise = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="Of the detector: zero-mean (5 mm, 5 degrees), low and high (and all seen 10 mm "
+        "too low or high), missed (fruits not seen, hidden ones more often), detector (low "
+        "and missed).",
+    ),
+]
+Vary = Annotated[
+    bool,
+    typer.Option(
+        "--vary",
+        help="Execute each plan under a table of physical variations: softer and stiffer "
+        "stems, friction, mass, size, damping, a tool off its place, fruits lower than seen.",
+    ),
+]
+
+
 @command()
 @names_robot("Whose scenes: built-in name or file (panda).")
 def study(
@@ -36,16 +65,7 @@ def study(
     preset: Annotated[
         str, typer.Option(metavar="NAMES", help="Presets, separated by commas, or all.")
     ] = "all",
-    planners: Annotated[
-        list[str],
-        typer.Option(
-            "--planner",
-            "--planners",
-            metavar="NAMES",
-            help="straight, promp, i-promp, i-promp-guard, drift, paper, chomp, opti-promp, "
-            "separated by commas or one an option, or all.",
-        ),
-    ] = ["all"],  # noqa: B006 (typer copies it)
+    planners: Compared = ["all"],  # noqa: B006 (typer copies it)
     seeds: Annotated[
         str, typer.Option(metavar="A:B", help="Seeds of the scenes, from A to before B.")
     ] = "0:20",
@@ -55,27 +75,12 @@ def study(
     noise_angle: Annotated[
         float, typer.Option(metavar="DEGREES", help="Standard deviation of detected stems.")
     ] = 0.0,
-    noise: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="Of the detector: zero-mean (5 mm, 5 degrees), low and high (and all seen 10 mm "
-            "too low or high), missed (fruits not seen, hidden ones more often), detector (low "
-            "and missed).",
-        ),
-    ] = "",
+    noise: DetectorNoise = "",
     only_valid: Annotated[
         bool,
         typer.Option("--only-valid", help="Do not execute plans that the judge refuses."),
     ] = False,
-    vary: Annotated[
-        bool,
-        typer.Option(
-            "--vary",
-            help="Execute each plan under a table of physical variations: softer and stiffer "
-            "stems, friction, mass, size, damping, a tool off its place, fruits lower than seen.",
-        ),
-    ] = False,
+    vary: Vary = False,
     workers: Workers = None,
     as_json: AsJson = False,
     *,
