@@ -232,13 +232,12 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
     )
     failures = list(_failures(facts, world))
     if failures:
-        message = "; ".join(words for _, words in failures)
-        causes = tuple(cause for cause, _ in failures)
-        return replace(facts, cause=causes[0], causes=causes, message=message)
-    words = f"the target alone is {inside_words(world)}, nothing was harmed"
+        causes, words = zip(*failures, strict=True)
+        return replace(facts, cause=causes[0], causes=causes, message="; ".join(words))
+    told = f"the target alone is {inside_words(world)}, nothing was harmed"
     if picked is None:
-        words = "the motion was executed, nothing was harmed"
-    return replace(facts, success=True, message=words)
+        told = "the motion was executed, nothing was harmed"
+    return replace(facts, success=True, message=told)
 
 
 def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
