@@ -10,7 +10,7 @@ from optipromp.experiments import runs
 from optipromp.experiments.statistics import summary
 from optipromp.experiments.study import Study, run_study
 from optipromp.experiments.variations import VARIATIONS
-from optipromp.scenes.generate import generate
+from optipromp.scenes.generate import Noise, generate
 from optipromp.simulation.parameters import SimulationParameters
 
 USUAL = SimulationParameters()
@@ -76,7 +76,7 @@ def test_one_plan_is_executed_under_every_variation_and_as_assumed_as_ever(tmp_p
     assert [row.variation for row in rows] == list(VARIATIONS)
     assert len({(row.plan_status, row.predicted_harm, row.duration) for row in rows}) == 1
     assert len({row.unripe_force for row in rows}) > 5  # the physics was another each time
-    (usual,) = runs.run_scene("cluster", 9100, ("opti-promp",), 0.0, 0.0, "x")
+    (usual,) = runs.run_scene("cluster", 9100, ("opti-promp",), Noise(), "x")
     kept = ("success", "message", "unripe_force", "target_force", "stem_force")
     assert [getattr(usual, k) for k in kept] == [getattr(rows[0], k) for k in kept]
     assert [cell.preset for cell in summary(rows)] == list(VARIATIONS)

@@ -7,7 +7,7 @@ import pytest
 from tests.pushing.fruits import CUP, DT, TARGET, UP, along, hung
 
 from optipromp.arrays import FloatArray
-from optipromp.geometry import Box, Capsule, Cone, Ellipsoid
+from optipromp.geometry import Box, Capsule, Cone, Ellipsoid, Sphere
 from optipromp.geometry.obstacles import Obstacles, pack
 from optipromp.geometry.shapes import round_mesh
 from optipromp.planning import plan
@@ -147,10 +147,15 @@ def test_fruits_beside_the_target_are_predicted_and_picked_among() -> None:
     assert picked >= 3
 
 
-def test_a_lone_target_needs_no_prediction() -> None:
+def test_a_lone_target_is_reached_along_the_axis() -> None:
     scene = generate("tight", 8800)
     assert scene.target is not None
     up = np.array([0.0, 0.0, 0.4])
     far = (replace(o, position=o.position + up, stem=None) for o in scene.pushables)
     lone = replace(scene, objects=(scene.target, *far))
-    assert plan(lone).prediction is None
+    for width, picked in ((1.0, True), (2.0, False)):
+        (ripe,) = (o for o in lone.objects if o.role == "target")
+        wide = replace(ripe, shape=Sphere(width * ripe.radius))
+        made = plan(replace(lone, objects=(wide, *lone.objects[1:])))
+        assert made.prediction is not None
+        assert made.success == picked, made.message

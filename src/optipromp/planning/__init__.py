@@ -1,4 +1,4 @@
-"""Planning: ``plan`` with its three planners, ``plan_many`` and ``judge``."""
+"""Planning: ``plan`` with its three planners, ``plan_many``, ``plan_sequence`` and ``judge``."""
 
 from optipromp.planning.options import (
     PLANNERS,
@@ -10,11 +10,13 @@ from optipromp.planning.options import (
 )
 from optipromp.planning.plan import plan, plan_many, warm_up
 from optipromp.planning.result import Plan, Stage, Term, Verdict, judge
+from optipromp.planning.sequence import PickSequence, plan_sequence
 
 __all__ = [
     "PLANNERS",
     "STRATEGIES",
     "PaperOptions",
+    "PickSequence",
     "Plan",
     "PlanOptions",
     "Planner",
@@ -25,5 +27,6 @@ __all__ = [
     "judge",
     "plan",
     "plan_many",
+    "plan_sequence",
     "warm_up",
 ]

@@ -37,7 +37,7 @@ from optipromp.promp.model import ProMP
 from optipromp.pushing.model import Prediction, PushModel, search
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import ToolPath, through
-from optipromp.pushing.rules import rule_paths
+from optipromp.pushing.rules import DriftRule, rule_paths
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene
 from optipromp.trajectory import Trajectory
 
@@ -65,7 +65,8 @@ def pick(
     solver = Solver(pushed_aside(task), options, deadline, task.scene, stem_side=model is None)
     best: tuple[Attempt, Prediction | None] | None = None
     least, tries = np.inf, 0
-    for path, good in tool_paths(task, model if options.prediction else None, rng, deadline):
+    known = model if options.prediction else None
+    for path, good in tool_paths(task, known, rng, deadline, options.rule):
         begin: Iterator[Start] = follow.starts(task, path, promp, options, goals, GOALS)
         if path is task.kept and options.duration is None:
             begin = chain(rest(task), begin)
@@ -114,12 +115,16 @@ def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> 
 
 
 def tool_paths(
-    task: Task, model: PushModel | None, rng: np.random.Generator, deadline: float
+    task: Task,
+    model: PushModel | None,
+    rng: np.random.Generator,
+    deadline: float,
+    rule: DriftRule = "shortest",
 ) -> Iterator[tuple[ToolPath, float]]:
     """Tool paths to the target, each with the harm that is good; none where nothing is in the way.
 
     The path that runs already comes first. Others come from the search in the push model, or from
-    the rule where there is no model.
+    the ``rule`` where there is no model.
     """
     if task.kept is not None:
         yield task.kept, PUSH.harm.good
@@ -129,7 +134,7 @@ def tool_paths(
         assert isinstance(task.goal, PoseGoal)
         yield from search(model, task.goal.axis, rng, deadline)
     elif task.neighbours:
-        for corners in rule_paths(task.scene, task.neighbours, task.robot, task.camera):
+        for corners in rule_paths(task.scene, task.neighbours, task.robot, task.camera, rule):
             yield through(corners, RULE_SPEED), 0.0
 
 

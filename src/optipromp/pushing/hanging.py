@@ -40,26 +40,14 @@ NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
 
 
 def applies(scene: Scene, tool: Tool | None, neighbours: Sequence[SceneObject]) -> bool:
-    """Whether the model applies: there is a tool, the target hangs, and fruits are in the way.
+    """Whether the model applies: there is a tool, and the target hangs.
 
-    It does not apply to more fruits than it can try in the time of a plan.
+    It does so where nothing is in the way, too: a tool that does not come along its axis knocks the
+    target away. It does not apply to more fruits than it can try in the time of a plan.
     """
     target = scene.target
-    if tool is None or target is None or target.stem is None or len(neighbours) > HANGING.most:
-        return False
-    return len(neighbours) > 0 or _meets(scene, tool, target)
-
-
-def _meets(scene: Scene, tool: Tool, target: SceneObject) -> bool:
-    """Whether a tool that comes straight to the target may touch another fruit that hangs."""
-    x_g, y_g, z_g = scene.frame
-    for obj in scene.pushables:
-        off = obj.position - target.position
-        near = tool.mouth[1] + obj.radius + HANGING.beside
-        below = float(off @ z_g) < tool.depth + obj.radius + HANGING.beside
-        if obj.stem is not None and below and math.hypot(off @ x_g, off @ y_g) < near:
-            return True
-    return False
+    hangs = tool is not None and target is not None and target.stem is not None
+    return hangs and len(neighbours) <= HANGING.most
 
 
 class Hanging(PushModel):

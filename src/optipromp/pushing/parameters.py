@@ -171,9 +171,6 @@ class HangingParameters(Checked):
     most: int = parameter(
         24, "1", "choice", "fruits beside the target: contacts grow with their square"
     )
-    beside: float = parameter(
-        0.01, "m", "choice", "gap beyond which a tool on the approach line misses a fruit"
-    )
     capture: float = parameter(
         0.005, "m", "choice", "from this far below the target a path is on the approach line"
     )

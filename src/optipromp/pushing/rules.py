@@ -216,8 +216,9 @@ def drift_choices(
 
 
 def rule_paths(
-    scene: Scene, objects: Sequence[SceneObject], robot: Robot, camera: FloatArray
-) -> list[FloatArray]:
+    scene: Scene, objects: Sequence[SceneObject], robot: Robot, camera: FloatArray,
+    rule: DriftRule = "shortest",
+) -> list[FloatArray]:  # fmt: skip
     """Corners (k, 3) of the path from ``camera`` (3,) past neighbours, for each choice of sides."""
     assert scene.target is not None
     assert scene.aim is not None
@@ -229,7 +230,7 @@ def rule_paths(
             scene.frame, camera, max(depth + scene.target.radius, 0.0),
         )
         for drift in drift_choices(
-            scene, objects, "shortest", depth=depth, gripper_radius=robot.gripper_radius
+            scene, objects, rule, depth=depth, gripper_radius=robot.gripper_radius
         )
     ]  # fmt: skip
 

@@ -146,6 +146,9 @@ class RobotParameters(Checked):
         0.5, "N m s/rad or N s/m", "guess", "viscous friction that the controller does not know of"
     )
     tool_friction: float = parameter(0.35, "1", "guess", "printed plastics")
+    guard_until: float = parameter(
+        0.0, "s", "choice", "until then a lid closes the mouth of the tool; 0: there is none"
+    )
 
 
 @dataclass(frozen=True)
