@@ -52,7 +52,7 @@ from optipromp.trajectory import Trajectory
 
 DEEP = 1e-3  # [m] a contact beyond it must be seen
 RIM = 0.03  # [m] of the base's height that its cover leaves out (robots/data/panda.yaml)
-END = 0.018  # [m] along the axis of joint 7: what of link 6 is beyond is covered by link 7 alone
+END = 0.012  # [m] along the axis of joint 7: what of link 6 is beyond, link 7 alone covers
 BOTTOM = 2e-4  # [m] least advance of the oracle along a curve
 KINDS = "sphere", "box", "cylinder", "capsule", "half-space", "mesh", "corner", "cloud"
 RODS = {"cylinder": coal.Cylinder, "capsule": coal.Capsule}
