@@ -4,7 +4,8 @@ The judge has its own kinematics (:mod:`.kinematics`), distances (:mod:`.distanc
 :mod:`.clearance`) and rules for passing a pushable (:mod:`.passing`). It uses no kernel of
 ``robots``, ``geometry`` or ``optimization``. It judges the curve that is executed, between
 waypoints too (:mod:`.curve`): no body sphere moves more than half its radius from one check to the
-next, and the extremes of positions, velocities, accelerations and jerks are exact.
+next, or grazes a point deeper than 1 mm in between, and the extremes of positions, velocities,
+accelerations and jerks are exact.
 """
 
 import math

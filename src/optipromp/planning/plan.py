@@ -16,6 +16,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from optipromp import judging
+from optipromp.budget import Budget
 from optipromp.compiled import in_cache
 from optipromp.errors import Code, InvalidRequestError, NoPlanError, OptiPrompError
 from optipromp.optimization.kernels import add_stiffness
@@ -246,7 +247,7 @@ def _plan(
     default = planner == "opti-promp" and not paper
     promp = learnt(task, demonstrations, **({"basis": PAPER_BASIS} if paper else {}))
     clock = {"setup": time.perf_counter() - began}
-    deadline = began + options.timeout
+    budget = Budget(began + options.timeout, np.inf if options.effort is None else options.effort)
 
     def finish(outcome: Planned, status: Code | None = None, message: str = "") -> Plan:
         start = time.perf_counter()
@@ -255,7 +256,7 @@ def _plan(
             scene, task.robot, outcome.trajectory, task.state, stem_side=prediction is None
         )
         if status is None:
-            status, message = _status(Verdict(verdict, prediction), outcome, options, deadline)
+            status, message = _status(Verdict(verdict, prediction), outcome, options, budget)
         elif status == Code.GOAL_IN_COLLISION:
             message += "; the trajectory that comes nearest: " + verdict.message
         now = time.perf_counter()
@@ -280,11 +281,11 @@ def _plan(
 
     say("inverse kinematics")
     before = time.perf_counter()
-    hasty = planner != "opti-promp" or before > deadline
+    hasty = planner != "opti-promp" or budget.spent()
     near = primitive.end(promp) if planner != "opti-promp" else None
     chosen, is_free, reason = goals.choose(
         pushed_aside(task) if default else task, seed, GOAL.few_starts if hasty else GOAL.starts,
-        near if task.entry is None else task.start, deadline,
+        near if task.entry is None else task.start, budget,
     )  # fmt: skip
     clock["inverse kinematics"] = time.perf_counter() - before
     if not len(chosen):
@@ -296,28 +297,29 @@ def _plan(
     if paper:
         from optipromp.planning.paper import solve  # with SciPy's optimisers
 
-        outcome = solve(task, promp, options, strategy, chosen, deadline)
+        outcome = solve(task, promp, options, strategy, chosen, budget)
     else:
-        outcome = pick(task, promp, options, chosen, seed, deadline)
+        outcome = pick(task, promp, options, chosen, seed, budget)
     return finish(outcome) if is_free else finish(outcome, Code.GOAL_IN_COLLISION, reason)
 
 
 def _status(
-    found: Verdict, outcome: Planned, options: PlanOptions, deadline: float
+    found: Verdict, outcome: Planned, options: PlanOptions, budget: Budget
 ) -> tuple[Code, str]:
-    """Status and message of an outcome, from its verdict and the time that is left."""
-    late = time.perf_counter() > deadline
+    """Status and message of an outcome, from its verdict and whether the budget cut the search."""
+    late = budget.cut
     note = "" if outcome.optimised else " (not optimised)"
     wrong = found.judgement.message
     if late and not outcome.optimised and options.iterations != 0:
         return (
             Code.TIMEOUT,
-            f"time ran out before any optimisation; the initial trajectory: {wrong or 'valid'}",
+            f"{budget.ending} before any optimisation; the initial trajectory: {wrong or 'valid'}",
         )
     if wrong and late:
-        return Code.TIMEOUT, f"time ran out; the best so far: {wrong}{note}"
+        return Code.TIMEOUT, f"{budget.ending}; the best so far: {wrong}{note}"
     message, comma, notes = found.message.partition("; note: ")
-    return found.status, message + note + comma + notes
+    told = f"; note: the search was cut after {budget.used} steps" if late else ""
+    return found.status, message + note + comma + notes + told
 
 
 def _terms(
