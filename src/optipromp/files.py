@@ -1,9 +1,11 @@
-"""Writing files whole or not at all; JSON text; archives of arrays."""
+"""Files: read up to a size, written whole or not at all; JSON text; archives of arrays."""
 
+import errno
 import io
 import json
 import math
 import os
+import stat
 import sys
 import tempfile
 from collections.abc import Mapping
@@ -12,6 +14,37 @@ from pathlib import Path
 from typing import Any
 
 from optipromp.errors import InvalidRequestError, OptiPrompError
+
+LARGEST_TEXT = 64_000_000
+"""[bytes] of a text file; a scene of 100,000 obstacles has 11 million, as JSON 22."""
+
+LARGEST_ARRAYS = 256_000_000
+"""[bytes] of an archive of arrays or a mesh, unpacked."""
+
+
+def read_bytes(path: Path, error: type[OptiPrompError], most: int = LARGEST_ARRAYS) -> bytes:
+    """The content of a file of at most ``most`` bytes.
+
+    Raises:
+        OptiPrompError: of the type given: there is none, it is a folder, a device or a pipe, it
+            cannot be read or is too large; the message names it and why.
+    """
+    try:
+        found = path.stat()
+        if stat.S_ISDIR(found.st_mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        if not stat.S_ISREG(found.st_mode):
+            raise error(f"{path}: cannot be read: a device or pipe; must be a file")
+        with path.open("rb") as file:
+            content = file.read(most + 1) if found.st_size <= most else b""
+    except OSError as cause:
+        raise error(f"{path}: cannot be read: {cause.strerror or cause}") from None
+    except ValueError as cause:  # a name that no file can have
+        raise error(f"{str(path)!r}: cannot be read: {cause}") from None
+    size = max(found.st_size, len(content))
+    if size > most:
+        raise error(f"{path}: has {size / 1e6:.0f} MB: must have at most {most / 1e6:.0f}")
+    return content
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -90,21 +123,23 @@ def read_npz(path: Path, error: type[OptiPrompError] = InvalidRequestError) -> d
     Raises:
         OptiPrompError: of the type given, if the file is missing, damaged or no NPZ.
     """
-    import zipfile
-
     import numpy as np
 
+    content = read_bytes(path, error)
+    if not content.startswith(b"PK"):
+        raise error(f"{path} is not a readable NPZ file of plain arrays (no archive)")
     try:
-        with path.open("rb") as file:  # opened here: NumPy leaves a damaged one open
-            archive = np.load(file, allow_pickle=False)
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise error(f"{path} is a single array, not an NPZ archive")
-            with archive:
+        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
+            size = sum(entry.file_size for entry in archive.zip.infolist())
+            if size <= LARGEST_ARRAYS:
                 return {key: archive[key] for key in archive.files}
-    except OSError as cause:
-        raise error(f"cannot read {path}: {cause.strerror or cause}") from None
-    except (ValueError, EOFError, zipfile.BadZipFile, KeyError, NotImplementedError) as cause:
-        raise error(f"{path} is not a readable NPZ file of plain arrays ({cause})") from None
+    except (
+        Exception
+    ) as cause:  # zipfile, zlib, tokenize and NumPy raise whatever goes wrong in them
+        reason = " ".join(str(cause).split())[:120] or type(cause).__name__
+        raise error(f"{path} is not a readable NPZ file of plain arrays ({reason})") from None
+    most = LARGEST_ARRAYS / 1e6
+    raise error(f"{path}: unpacks to {size / 1e6:.0f} MB: must be at most {most:.0f}")
 
 
 def json_text(document: object) -> str:
