@@ -47,6 +47,34 @@ def read_bytes(path: Path, error: type[OptiPrompError], most: int = LARGEST_ARRA
     return content
 
 
+FOLDERS = "OPTIPROMP_FOLDERS"
+"""Environment variable: folders beside their own from which scenes may read files."""
+
+
+def check_inside(path: Path, folder: Path | None, error: type[OptiPrompError]) -> Path:
+    """``path``, which a file in ``folder`` names, if it may; links are followed.
+
+    It may lie in that folder, in the working directory (unless that is the root) and in the folders
+    of :data:`FOLDERS`.
+
+    Raises:
+        OptiPrompError: of the type given: it lies elsewhere.
+    """
+    here = Path.cwd()
+    homes = [folder or here, *([here] if here != Path(here.anchor) else [])]
+    homes += [Path(home) for home in os.environ.get(FOLDERS, "").split(os.pathsep) if home]
+    try:
+        real = path.resolve()
+        if any(real.is_relative_to(home.resolve()) for home in homes):
+            return path
+    except (OSError, RuntimeError, ValueError) as cause:  # a ring of links; no name of a file
+        raise error(f"{str(path)!r}: cannot be found: {cause}") from None
+    raise error(
+        f"{path} is outside the folder of the file that names it and outside the working "
+        f"directory: must be inside, or in a folder that {FOLDERS} lists"
+    )
+
+
 def write_atomically(path: Path, content: bytes) -> None:
     """Write ``content`` beside ``path`` and rename it into place; the folder is made if need be.
 
@@ -58,6 +86,8 @@ def write_atomically(path: Path, content: bytes) -> None:
     """
     temporary: str | None = None
     try:
+        if path.exists() and not path.is_file():
+            raise InvalidRequestError(f"cannot write {path}: it is no file")
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
         with os.fdopen(handle, "wb") as stream:
@@ -70,6 +100,8 @@ def write_atomically(path: Path, content: bytes) -> None:
         Path(temporary).replace(path)
     except OSError as error:
         raise InvalidRequestError(f"cannot write {path}: {error.strerror or error}") from error
+    except ValueError as error:  # a name that no file can have
+        raise InvalidRequestError(f"cannot write {str(path)!r}: {error}") from None
     finally:
         if temporary is not None:
             with suppress(OSError):
@@ -102,6 +134,8 @@ def check_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
+    except ValueError as error:  # a name that no file can have
+        raise InvalidRequestError(f"cannot write into {str(folder)!r}: {error}") from None
     except OSError as error:
         raise InvalidRequestError(
             f"cannot write into {folder}: {error.strerror or error}"

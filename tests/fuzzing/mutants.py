@@ -308,8 +308,11 @@ def bystanders() -> dict[str, bytes]:
     return {"cube.obj": obj(), "leaves.csv": b"x,y,z\n0,0,0\n0,0.1,0\n"}
 
 
-def check_plan(result: Any) -> str:
-    """The status of a plan; a success is judged again, and its numbers are finite."""
+def check_plan(result: Any, *, anywhere: bool = False) -> str:
+    """The status of a plan; a success is judged again, and its numbers are finite.
+
+    A plan from a file may begin ``anywhere``, as one that goes on from another.
+    """
     from optipromp import judge
     from optipromp.trajectory import Trajectory
 
@@ -318,7 +321,8 @@ def check_plan(result: Any) -> str:
     if not result.success:
         return f"no plan {result.status}"
     again = judge(result.scene, result.trajectory, robot=result.robot)
-    assert not again.judgement.violations, f"a false success: {again.message}"
+    wrong = [v for v in again.judgement.violations if v.kind != "start" or not anywhere]
+    assert not wrong, f"a false success: {again.message}"
     assert all(math.isfinite(v) for v in result.metrics.to_dict().values() if type(v) is float)
     return "success"
 
@@ -398,7 +402,7 @@ def demonstrations(random: Random) -> Mutant:
     else:
         name, content = "demos.npz", arrays_changed(random, arrays)
     bases = random.choice([1, 2, 3, 5, 8, 30])
-    em = random.random() < 0.2
+    em = random.random() < 0.2 and bases <= 8  # thousands of inversions: minutes with more
     plan_too = random.random() < 0.3
 
     def act(folder: Path) -> str:
@@ -442,7 +446,7 @@ def plan_folder(random: Random) -> Mutant:
 
         loaded = load_plan(folder)
         repr(loaded), loaded.to_dict()
-        return check_plan(loaded)
+        return check_plan(loaded, anywhere=True)
 
     return Mutant("plan", files, act)
 

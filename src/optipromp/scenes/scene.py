@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -28,6 +27,7 @@ __all__ = [
 
 _PARALLEL = 1e-6
 _ROUNDING = 1e-9  # [m]
+_FARTHEST_CAMERA = 20.0  # [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +53,10 @@ class Approach:
                 f"approach.lateral {y.tolist()} is parallel to direction {z.tolist()}: "
                 "must point across it"
             )
-        if not (math.isfinite(self.camera_distance) and self.camera_distance > 0.0):
+        if not 0.0 < self.camera_distance <= _FARTHEST_CAMERA:
             raise InvalidSceneError(
-                f"approach.camera_distance is {self.camera_distance:g}: must be above 0 [m]"
+                f"approach.camera_distance is {self.camera_distance:g}: must be above 0 [m] and at "
+                f"most {_FARTHEST_CAMERA:g}"
             )
         object.__setattr__(self, "direction", z)
         object.__setattr__(self, "lateral", y)
