@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from random import Random
+from tempfile import TemporaryDirectory
 from typing import Any
 from xml.etree import ElementTree
 
@@ -559,13 +560,11 @@ def _data(package: str, name: str) -> Any:
 
 def _primitive() -> dict[str, Any]:
     def make() -> dict[str, Any]:
-        import tempfile
-
         from optipromp import fit, load_demonstrations
 
         with resources.as_file(resources.files("optipromp.promp") / "data" / "panda.npz") as path:
             learnt = fit(load_demonstrations(path))
-        with tempfile.TemporaryDirectory() as folder:
+        with TemporaryDirectory() as folder:
             learnt.save(Path(folder) / "learnt.npz")
             with np.load(Path(folder) / "learnt.npz") as found:
                 return {key: found[key] for key in found.files}
@@ -575,11 +574,9 @@ def _primitive() -> dict[str, Any]:
 
 def _plan_files() -> dict[str, bytes]:
     def make() -> dict[str, bytes]:
-        import tempfile
-
         from optipromp import plan, write_plan
 
-        with tempfile.TemporaryDirectory() as folder:
+        with TemporaryDirectory() as folder:
             write_plan(plan("scenario-3"), Path(folder))
             return {path.name: path.read_bytes() for path in Path(folder).iterdir()}
 
@@ -587,5 +584,17 @@ def _plan_files() -> dict[str, bytes]:
 
 
 def warm() -> None:
-    """Make beforehand what is made once."""
-    _documents(), _primitive(), _plan_files()
+    """Make beforehand what is made once, and compile what plans of every kind need."""
+    from optipromp.planning.plan import compile_kernels
+
+    compile_kernels()
+    _primitive(), _plan_files()
+    random = Random(0)
+    for document in _documents():
+        for planner, strategy in (("opti-promp", "joint"), ("opti-promp", "sequential"),
+                                  ("i-promp", "joint")):  # fmt: skip
+            with TemporaryDirectory() as name:
+                files = bystanders() | {"scene.json": json.dumps(document).encode()}
+                for file, content in files.items():
+                    (Path(name) / file).write_bytes(content)
+                planned(random, Path(name) / "scene.json", planner=planner, strategy=strategy)
