@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from optipromp.planning import PlanOptions as PlanOptions
     from optipromp.planning import Verdict as Verdict
     from optipromp.planning import judge as judge
+    from optipromp.planning.many import plan_many as plan_many
     from optipromp.planning.plan import plan as plan
-    from optipromp.planning.plan import plan_many as plan_many
     from optipromp.planning.sequence import PickSequence as PickSequence
     from optipromp.planning.sequence import plan_sequence as plan_sequence
     from optipromp.promp import Basis as Basis

@@ -2,13 +2,11 @@
 
 import functools
 import math
-import pickle
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -18,7 +16,7 @@ from threadpoolctl import ThreadpoolController
 from optipromp import judging
 from optipromp.budget import Budget
 from optipromp.compiled import in_cache
-from optipromp.errors import Code, InvalidRequestError, NoPlanError, OptiPrompError
+from optipromp.errors import Code, InvalidRequestError
 from optipromp.optimization.kernels import add_stiffness
 from optipromp.planning import approaches, goals, primitive, tree
 from optipromp.planning.options import Planner, PlanOptions, Strategy
@@ -30,7 +28,7 @@ from optipromp.planning.result import Plan, Planned, Term, Terms, Verdict, predi
 from optipromp.planning.task import Task, push_model, pushed_aside, resolve
 from optipromp.planning.timing import stopped
 from optipromp.planning.underway import Moving, begun, underway
-from optipromp.processes import cores, run_each
+from optipromp.processes import cores
 from optipromp.promp.model import ProMP
 from optipromp.pushing import standing, trials
 from optipromp.robots.model import Robot
@@ -42,8 +40,6 @@ DEFAULTS = PlanOptions()
 WARM_UP = "scenario-3"
 RETRIED = Code.HARM_PREDICTED, Code.INVALID_PLAN, Code.GOAL_IN_COLLISION, Code.GOAL_UNREACHABLE
 
-
-Result = Plan | OptiPrompError
 
 _threads = functools.cache(ThreadpoolController)  # knows the BLAS libraries that are loaded
 
@@ -356,94 +352,3 @@ def _stay(task: Task) -> Planned:
         rest, times = np.zeros((3, task.robot.n_joints)), np.array([0.0, 0.1, 0.2])
         still = Trajectory(times, task.start + rest, rest, rest, task.robot.joint_names)
     return Planned(still, still, still, 1, (), False, {})
-
-
-@dataclass(frozen=True, eq=False)
-class _Request:
-    """What all plans have in common."""
-
-    planner: Planner
-    strategy: Strategy
-    demonstrations: ProMP | str | Path | None
-    seed: int
-    options: PlanOptions | None
-
-    def result(self, scene: Scene | str | Path) -> Result:
-        try:
-            return plan(scene, **vars(self))
-        except OptiPrompError as error:
-            return error.with_traceback(None)
-
-    def bare(self, scene: Scene | str | Path) -> Result:
-        """The result without the scene that the caller has."""
-        result = self.result(scene)
-        if isinstance(result, Plan) and result.scene is scene:
-            return replace(result, scene=None)  # type: ignore[arg-type]
-        return result
-
-
-def plan_many(
-    scenes: Sequence[Scene | str | Path],
-    options: PlanOptions | None = None,
-    *,
-    planner: Planner = "opti-promp",
-    strategy: Strategy = "joint",
-    demonstrations: ProMP | str | Path | None = None,
-    seed: int = 0,
-    workers: int | None = None,
-    progress: Callable[[int, Result], None] | None = None,
-) -> list[Result]:
-    """Plan a reach in each of many scenes, on all cores.
-
-    Every plan equals the one that :func:`plan` makes of that scene alone. The plans are made in
-    several processes, so a script must call this under ``if __name__ == "__main__":``, and the
-    classes of your own costs (``options.costs``) must be importable.
-
-    Args:
-        scenes: scenes, names of built-in ones, or scene files.
-        options: see :class:`PlanOptions`; for every plan.
-        planner: as for :func:`plan`.
-        strategy: as for :func:`plan`.
-        demonstrations: as for :func:`plan`.
-        seed: as for :func:`plan`.
-        workers: processes that plan; None: one per core; 1: this process plans.
-        progress: called in this thread as each plan is done, with the index of its scene and the
-            result.
-
-    Returns:
-        One result per scene, in the order of ``scenes``: the plan (also a plan that failed), or the
-        error that :func:`plan` raises for that scene; ``NoPlanError`` where its process ended.
-
-    Raises:
-        InvalidRequestError: fewer than one worker; an unknown planner or strategy; options or
-            demonstrations that cannot be sent to another process; processes cannot start.
-    """
-    if workers is not None and workers < 1:
-        raise InvalidRequestError(f"workers is {workers}; it must be at least 1")
-    check_planner(planner, strategy)
-    request = _Request(planner, strategy, demonstrations, seed, options)
-    count = min(workers or cores(), len(scenes))
-    if count > 1:
-        try:
-            pickle.dumps(request)
-        except (pickle.PicklingError, AttributeError, TypeError) as error:
-            raise InvalidRequestError(
-                f"options or demonstrations cannot be sent to other processes ({error}); "
-                "workers=1 needs none"
-            ) from error
-    results: dict[int, Result] = {}
-
-    def done(index: int, result: Result | BrokenProcessPool) -> None:
-        scene = scenes[index]
-        if isinstance(scene, Scene) and getattr(result, "scene", scene) is None:
-            assert isinstance(result, Plan)
-            result = replace(result, scene=scene)
-        elif isinstance(result, BrokenProcessPool):
-            result = NoPlanError(str(result))
-        results[index] = result
-        if progress is not None:
-            progress(index, result)
-
-    function = request.bare if count > 1 else request.result
-    run_each(function, [(scene,) for scene in scenes], done, workers=count)
-    return [results[index] for index in range(len(scenes))]
