@@ -25,6 +25,7 @@ CHANGED = {
     "fruits 1.5 times as heavy": {"fruit.density"},
     "damping × 0.2": {"stem.damping_time", "stem.swing_damping"},
     "damping × 4": {"stem.damping_time", "stem.swing_damping"},
+    "fruits turn freely": {"stem.calyx"},
 }
 
 

@@ -1,6 +1,7 @@
 """Signed distances of the primitives: against coal, by finite differences, in every corner."""
 
 import math
+import os
 
 import numpy as np
 import pytest
@@ -73,6 +74,30 @@ def test_gradient_is_that_of_the_distance(name, x, turn, at):
         backward[i] = (here - distance_at(obstacles, np.subtract(x, shift))[0]) / step
     if np.abs(forward - backward).max() < 1e-3:  # no kink within a step
         np.testing.assert_allclose(gradient, 0.5 * (forward + backward), atol=1e-4)
+
+
+def special(shape):
+    """Coordinates of faces, edges, axes and centres, and what is a rounding away from them."""
+    sizes = [0.0, *(getattr(shape, "size", ())), getattr(shape, "radius", 0.0)]
+    sizes = [*(0.5 * s for s in sizes), getattr(shape, "radius", 0.3)]
+    sizes += [0.5 * getattr(shape, "length", 0.4), 0.7]
+    return sorted({sign * s + off for s in sizes for sign in (-1, 1) for off in (0.0, 1e-16, 1e-9)})
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@settings(max_examples=int(os.environ.get("GRADIENTS", "40")), deadline=None)
+@given(data=st.data(), along=point.filter(lambda d: math.hypot(*d) > 0.1))
+def test_on_faces_edges_and_axes_the_slope_is_that_of_one_side(name, data, along):
+    x = np.array([data.draw(st.sampled_from(special(SHAPES[name]))) for _ in range(3)])
+    obstacles = pack([(SHAPES[name], ORIGIN, EYE)])
+    here, gradient = distance_at(obstacles, x)
+    assert np.isfinite(here)
+    assert abs(np.linalg.norm(gradient) - 1.0) < 1e-9
+    way = np.array(along) / math.hypot(*along)
+    step = 1e-5
+    before, after = ((distance_at(obstacles, x + s * step * way)[0] - here) / (s * step)
+                     for s in (-1.0, 1.0))  # fmt: skip
+    assert min(before, after) - 1e-3 <= gradient @ way <= max(before, after) + 1e-3
 
 
 @pytest.mark.parametrize("name", SHAPES)

@@ -41,7 +41,7 @@ from optipromp.scenes.generate.noise import hidden_share
 from optipromp.scenes.generate.shelves import Footprint, apart
 
 SEEDS = range(500, 512)
-BUNCHES = [preset for preset in PRESETS if preset not in ("shelf", "elongated")]
+BUNCHES = [preset for preset in PRESETS if preset not in ("shelf", "elongated", "truss", "field")]
 BEFORE = [preset for preset in BUNCHES if preset != "tight"]
 
 

@@ -34,9 +34,9 @@ def generate(
         typer.Option(
             help="cluster: 1-4 fruits before the ripe one; side-clusters: and neighbours; "
             "table-top: and a gutter; mixed: all of these; tight: fruits that nearly touch; limp: "
-            "plumb stems; elongated: long fruits; truss: fruits on one stem; field: plants as they "
-            "grow; shelf: cans and boxes; bookshelf, box, cage, "
-            "table-pick, under-table: a goal in joints among furniture."
+            "plumb stems; elongated: long fruits; truss: fruits on one truss; field: fruits, stems "
+            "and trusses of all kinds; shelf: cans and boxes; bookshelf, box, cage, table-pick, "
+            "under-table: a goal in joints among furniture."
         ),
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the scene files go.")],

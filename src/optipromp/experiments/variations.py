@@ -113,6 +113,7 @@ VARIATIONS: dict[str, Variation] = {
     "fruits 10 mm lower": _world(
         lambda scene, rng: _moved(scene, -LOWER * np.asarray(scene.up), roots=False)
     ),
+    "fruits turn freely": _physics(lambda p: replace(p, stem=replace(p.stem, calyx="free"))),
     "all drawn at random": _drawn,
 }
 """Of the second line on, one thing is other than assumed; of the last, everything."""

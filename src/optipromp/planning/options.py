@@ -116,6 +116,9 @@ class PlanOptions:
             allow.
         timeout: wall time of planning [s]. When it is over, the best trajectory so far is returned;
             its status is TIMEOUT if it is not valid or nothing has been optimised yet.
+        effort: steps of work, at most: iterations, candidates and batches of samples; see
+            :class:`optipromp.budget.Budget`. It ends a plan as the timeout does, but at the same
+            place on every machine. None: no limit.
         prediction: true: where a model of the push applies, the tool path is searched in it. False:
             ``rule`` gives the path. The plan reports the predicted harm either way.
         rule: on which side the tool passes each neighbour, without a prediction: away from its
@@ -142,6 +145,7 @@ class PlanOptions:
     waypoints: int | None = None
     duration: float | None = None
     timeout: float = 60.0
+    effort: int | None = None
     prediction: bool = True
     rule: DriftRule = "shortest"
     approach_speed: float | None = None
@@ -167,10 +171,11 @@ class PlanOptions:
             number = getattr(self, item.name)
             if isinstance(number, float) and not np.isfinite(number):
                 need(item.name == "timeout" and number > 0, item.name, "finite")
-        count, steps = self.waypoints, self.iterations
+        count, steps, most = self.waypoints, self.iterations, self.effort
         need(count is None or (whole(count) and count >= 3), "waypoints", "a whole number >= 3")
         need(self.duration is None or self.duration > 0, "duration", "positive [s]")
         need(self.timeout > 0, "timeout", "positive [s]")
+        need(most is None or (whole(most) and most > 0), "effort", "a whole number > 0")
         need(isinstance(self.prediction, bool), "prediction", "true or false")
         rules = get_args(DriftRule)
         need(self.rule in rules, "rule", f"one of {', '.join(rules)}")

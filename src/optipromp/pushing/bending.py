@@ -267,14 +267,16 @@ def _full(band: FloatArray) -> FloatArray:
     return out
 
 
-def moved(s: Stems, root: FloatArray, fruit: FloatArray) -> Stems:
+def moved(cases: Sequence[Stems], root: FloatArray, fruit: FloatArray) -> Stems:
     """The same N stems with M sampled roots and fruits (M, N, 3) [m].
 
-    Their stiffness is kept: a few per cent of length change it little.
+    Sample m has the stiffness of the case m modulo their number: a few per cent of length change it
+    little.
     """
     times = len(root)
     length, axes = _frames(root.reshape(-1, 3), fruit.reshape(-1, 3))
-    kept = (np.concatenate([values] * times) for values in s[3:])
+    turns = [cases[m % len(cases)] for m in range(times)]
+    kept = (np.concatenate(values) for values in zip(*(own[3:] for own in turns), strict=True))
     return Stems(np.ascontiguousarray(root.reshape(-1, 3)), axes, length, *kept)
 
 

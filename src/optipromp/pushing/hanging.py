@@ -35,6 +35,7 @@ from optipromp.scenes.scene import Scene, SceneObject
 
 HANGING = PUSH.hanging
 THRESHOLD = PUSH.harm.threshold
+STIFFNESS_SPREAD = PUSH.beam.stiffness_spread
 NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
 
 
@@ -71,6 +72,7 @@ class Hanging(PushModel):
         target = scene.target
         assert target is not None
         self.scene, self.target, self.neighbours = scene, target, tuple(neighbours)
+        self.aim = target.position + scene.approach.shift
         self.camera, self.gripper_radius = camera, gripper_radius
         inner, outer = tool.mouth
         base = tool.front - tool.reach
@@ -155,7 +157,11 @@ class Hanging(PushModel):
         dt = HANGING.every * STEP / HANGING.model_speed
         seen = self._state(0)
         positions, *_ = led(seen, points[chosen], axes[chosen], dt, self.cup, self.static)
-        return Moved(tuple(fruit.id for fruit in self.fruits), positions[-1], np.zeros(self.count))
+        gone = positions[-1] - np.array([balls_of(fruit).center for fruit in self.fruits])
+        before = np.array([fruit.position for fruit in self.fruits])
+        return Moved(
+            tuple(fruit.id for fruit in self.fruits), before + gone, np.zeros(self.count)
+        )  # fmt: skip
 
     def _state(self, d: int) -> Stems:
         return Stems(*(values[d * self.count : (d + 1) * self.count] for values in self.stems))
@@ -173,7 +179,7 @@ class Hanging(PushModel):
         )  # fmt: skip
         radii = np.array([fruit.radius for fruit in self.neighbours])
         corners = path_past(
-            drift, self.gripper_radius + clearances * radii, self.target.position,
+            drift, self.gripper_radius + clearances * radii, self.aim,
             self.scene.frame, self.camera,
             max(self.cup.rim + self.target.radius + HANGING.capture, 0.0),
         )  # fmt: skip
@@ -251,26 +257,27 @@ def _sampled(fruits: Sequence[SceneObject], samples: int, up: FloatArray) -> Ste
               for known, fruit in zip(sure, fruits, strict=True)]  # fmt: skip
     degrees = [HANGING.turn if known else HANGING.detected_turn for known in sure]
     turn = np.deg2rad(degrees) * seen.length
-    shifted, swung, stiffer = _normal((samples, len(fruits), 3))
+    shifted, swung = _normal((samples, len(fruits), 3))
     shift = np.reshape(spread, (-1, 1)) * shifted
     swing = turn[:, None] * (swung - (swung @ up)[..., None] * up)  # level
     place = np.array([balls_of(fruit).center for fruit in fruits])
     places = np.concatenate([place[None], place + shift])
     roots = np.concatenate([seen.root[None], seen.root + shift + swing])
-    wide = np.array([fruit.physical.get("stem_stiffness_spread", 1.0) for fruit in fruits])
-    if (wide == 1.0).all():
-        return moved(seen, roots, places)
-    factors = [np.ones(len(fruits)), *(wide**one for one in stiffer[..., 0])]
-    states = [
-        moved(stems(fruits, up, factor), root[None], place[None])
-        for factor, root, place in zip(factors, roots, places, strict=True)
-    ]
-    return Stems(*(np.concatenate(values) for values in zip(*states, strict=True)))
+    wide = np.array([_spread(fruit) for fruit in fruits])
+    cases = [seen]
+    if (wide != 1.0).any():  # the stems of a plant are alike: all of them are softer, or stiffer
+        cases += [stems(fruits, up, factor) for factor in (1.0 / wide, wide)]
+    return moved(cases, roots, places)
+
+
+def _spread(fruit: SceneObject) -> float:
+    """The factor by which a stem may well be softer or stiffer than told, or than assumed."""
+    assumed = 1.0 if "stem_stiffness" in fruit.physical else STIFFNESS_SPREAD
+    return fruit.physical.get("stem_stiffness_spread", assumed)
 
 
 @lru_cache(maxsize=16)
-def _normal(shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Three arrays of standard normal numbers, always the same."""
+def _normal(shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    """Two arrays of standard normal numbers, always the same."""
     rng = np.random.default_rng(0)
-    one, two, three = (frozen(rng.standard_normal(shape)) for _ in range(3))
-    return one, two, three
+    return frozen(rng.standard_normal(shape)), frozen(rng.standard_normal(shape))

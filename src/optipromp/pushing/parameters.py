@@ -17,6 +17,9 @@ class BeamParameters(Checked):
     youngs_modulus: float = parameter(
         50e6, "Pa", "guess", "green stems and peduncles are reported between 10 and 100 MPa"
     )
+    stiffness_spread: float = parameter(
+        1.0, "1", "measured", "factor by which stems of unknown stiffness may be off"
+    )
     diameter: float = parameter(
         0.0025, "m", "reported", "of the elastic beam; strawberry peduncles are 2-3 mm thick"
     )

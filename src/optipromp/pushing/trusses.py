@@ -130,9 +130,10 @@ def condensed(t: Tree, bent: Bent) -> tuple[FloatArray, FloatArray]:
     tops = [t.ancestors(i)[-1][0] if t.parent[i] >= 0 else i for i in range(count)]
     for i in range(count):
         base[i] = _root(t, bent, i)
-        for j in range(count):
-            if i != j and tops[i] == tops[j]:
+        for j in range(i):
+            if tops[i] == tops[j]:
                 joint[i, j] = _between(t, bent, (i, 1.0), (j, 1.0))[:3, :3]
+                joint[j, i] = joint[i, j].T
     return base, joint
 
 

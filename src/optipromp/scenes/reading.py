@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -271,10 +270,14 @@ def _approach(model: SceneModel, scale: float, frame: Pose, world: Pose) -> Appr
         world.rotation[:, axis] if values is None else frame.rotation @ np.array(values)
         for values, axis in ((given.direction, 2), (given.lateral, 1))
     )
-    approach = Approach(direction, lateral)
-    if given.camera_distance is None:
-        return approach
-    return replace(approach, camera_distance=scale * given.camera_distance)
+    further = {
+        name: scale * value
+        for name in ("camera_distance", "aside")
+        if (value := getattr(given, name)) is not None
+    }
+    if given.shift is not None:
+        further["shift"] = frame.rotation @ (scale * np.array(given.shift))
+    return Approach(direction, lateral, cone=given.cone or 0.0, **further)
 
 
 def _goal(

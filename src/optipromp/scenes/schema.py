@@ -193,6 +193,9 @@ class ApproachModel(_Model):
     direction: Vector | None = None
     lateral: Vector | None = None
     camera_distance: Positive | None = None
+    cone: NotNegative | None = None
+    aside: NotNegative | None = None
+    shift: Vector | None = None
 
 
 class GoalModel(_Model):

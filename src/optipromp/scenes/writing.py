@@ -44,7 +44,9 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
         document["target"] = scene.target.id
     if scene.goal is not None:
         document["goal"] = _plain(scene.goal, [item.name for item in fields(scene.goal)])
-    document["approach"] = _plain(scene.approach, ["direction", "lateral", "camera_distance"])
+    stated = ["direction", "lateral", "camera_distance"]
+    stated += [name for name in ("cone", "aside", "shift") if np.any(getattr(scene.approach, name))]
+    document["approach"] = _plain(scene.approach, stated)
     if scene.options:
         document["options"] = dict(scene.options)
     document["objects"] = [_object_to_dict(item, base_dir) for item in scene.objects]

@@ -141,7 +141,8 @@ def add_fruit(
         name1=f"stem:{key}:{len(nodes) - 2}", name2=f"fruit:{key}", active=True,
         solref=[WELD_TIME, 1.0], solimp=WELD_IMPEDANCE,
     )  # fmt: skip
-    weld.data = [*mouth, *[0.0] * 7, WELD_LEVER, *[0.0] * (len(weld.data) - 11)]
+    lever = WELD_LEVER if parameters.stem.calyx == "rigid" else 0.0
+    weld.data = [*mouth, *[0.0] * 7, lever, *[0.0] * (len(weld.data) - 11)]
     for k in range(len(nodes) - 1):
         spec.add_exclude(bodyname1=f"fruit:{key}", bodyname2=f"stem:{key}:{k}")
     force = obj.physical.get("abscission_force", parameters.stem.abscission_force)

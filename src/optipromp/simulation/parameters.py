@@ -81,6 +81,12 @@ class StemParameters(Checked):
         "less for ripe fruit and for pulls across the stem",
     )  # fmt: skip
 
+    calyx: Literal["rigid", "free"] = parameter(
+        "rigid",
+        "",
+        "choice",
+        "whether the fruit turns with the end of its stem, or freely about it",
+    )
     truss_force: float = parameter(
         15.0, "N", "guess",
         "sum of the pulls of all fruits of a truss that tears it off: three times that of a fruit",
@@ -228,6 +234,8 @@ class SimulationParameters:
                 f"stem.most_segments is {self.stem.most_segments}, below stem.least_segments, "
                 f"{self.stem.least_segments}"
             )
+        if self.stem.calyx not in ("rigid", "free"):
+            raise InvalidRequestError(f"stem.calyx is {self.stem.calyx!r}; valid: rigid, free")
         if self.thing.avoid_as not in ("soft", "fruits"):
             raise InvalidRequestError(
                 f"thing.avoid_as is {self.thing.avoid_as!r}; valid: soft, fruits"
