@@ -1,71 +1,45 @@
 """Reading YAML and JSON text into plain values, with none of YAML 1.1's surprises.
 
 Numbers, booleans and null read as in YAML 1.2: ``1e-3`` is a number, ``no`` and ``1:30`` are text.
-Duplicate keys, which the readers of both formats ignore, are refused.
+Duplicate keys, which the readers of both formats ignore, are refused; so are tags, and whatever is
+larger or nested deeper than the limits below.
+
+YAML is read from the parser's events, without recursion: what PyYAML makes of them overflows the
+stack of the process where a file nests deep, and its constructors raise whatever they meet.
 """
 
 from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, NoReturn
 
 import yaml
 
 from optipromp.errors import OptiPrompError
+from optipromp.files import LARGEST_TEXT, read_bytes
 
-_MOST_VALUES = 20_000_000
-_Base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_MOST_VALUES = 3_000_000  # with aliases unfolded; 100,000 objects have 1.1 million
+_DEEPEST = 100  # a scene nests 6 deep
+_Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
-
-class _Loader(_Base):  # type: ignore[misc]
-    """The safe loader with YAML 1.2's core schema."""
-
-    yaml_implicit_resolvers: ClassVar[dict[str, list[tuple[str, re.Pattern[str]]]]] = {}
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[str] = set()
-        for key, _ in node.value:
-            if not isinstance(key, yaml.ScalarNode):
-                raise yaml.constructor.ConstructorError(
-                    None, None, "a key must be text", key.start_mark
-                )
-            if key.value in seen and key.tag != "tag:yaml.org,2002:merge":
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"key {key.value!r} stands twice", key.start_mark
-                )
-            seen.add(key.value)
-        mapping: dict[Any, Any] = super().construct_mapping(node, deep=deep)
-        return mapping
-
-
-for _tag, _pattern, _first in (
-    ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
-    ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
-    ("int", r"[-+]?[0-9]+", "-+0123456789"),
-    (
-        "float",
-        r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
-        "-+0123456789.",
-    ),
-    ("merge", r"<<", "<"),
-):
-    _Loader.add_implicit_resolver(
-        f"tag:yaml.org,2002:{_tag}", re.compile(f"^(?:{_pattern})$"), list(_first)
+_NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+_WHOLE = re.compile(r"[-+]?[0-9]+")
+_WORDS: dict[str, Any] = {
+    word: value
+    for words, value in (
+        ("true True TRUE", True),
+        ("false False FALSE", False),
+        ("null Null NULL ~", None),
+        (".nan .NaN .NAN", float("nan")),
+        (".inf .Inf .INF +.inf +.Inf +.INF", float("inf")),
+        ("-.inf -.Inf -.INF", float("-inf")),
     )
-# YAML 1.1 reads 010 as octal and 1e-3 as text; both are decimal numbers here.
-_Loader.add_constructor(
-    "tag:yaml.org,2002:int", lambda loader, node: int(loader.construct_scalar(node))
-)
-
-
-def _construct_float(loader: Any, node: yaml.ScalarNode) -> float:
-    text = str(loader.construct_scalar(node)).lower()
-    return float(text.replace(".inf", "inf").replace(".nan", "nan"))
-
-
-_Loader.add_constructor("tag:yaml.org,2002:float", _construct_float)
+    for word in words.split()
+} | {"": None}
 
 
 def read_document(path: Path, error: type[OptiPrompError], holds: str) -> Any:
@@ -77,16 +51,15 @@ def read_document(path: Path, error: type[OptiPrompError], holds: str) -> Any:
         holds: what the file must hold, in words.
 
     Raises:
-        OptiPrompError: of the type given: the file is missing, empty, binary, truncated or
-            malformed; the message names it, the line and what is wrong.
+        OptiPrompError: of the type given: the file is missing, empty, binary, truncated, malformed,
+            too large or nested too deep; the message names it, the line and what is wrong.
     """
+    text = ""
     try:
-        text = _decode(path.read_bytes(), holds)
+        text = _decode(read_bytes(path, error, LARGEST_TEXT), holds)
         if not text.strip():
             raise ValueError(f"is empty: must hold {holds}")
-        return _read_json(text) if path.suffix == ".json" else _read_yaml(text)
-    except OSError as cause:
-        what = f"cannot be read: {cause.strerror or cause}"
+        return _read_json(text) if path.suffix == ".json" else read_yaml(text)
     except json.JSONDecodeError as cause:
         what = f"line {cause.lineno}: {cause.msg}"
     except yaml.MarkedYAMLError as cause:
@@ -97,7 +70,7 @@ def read_document(path: Path, error: type[OptiPrompError], holds: str) -> Any:
         what = " ".join(str(cause).split())
     except RecursionError:
         what = "nested too deep"
-    except (ValueError, OverflowError) as cause:
+    except ValueError as cause:
         what = str(cause)
     raise error(f"{path}: {what}")
 
@@ -118,41 +91,146 @@ def _decode(data: bytes, holds: str) -> str:
 
 def _read_json(text: str) -> Any:
     def pairs(items: list[tuple[str, Any]]) -> dict[str, Any]:
-        mapping = dict(items)
-        if len(mapping) < len(items):
-            names = [name for name, _ in items]
-            twice = next(name for name in names if names.count(name) > 1)
-            raise ValueError(f"key {twice!r} stands twice")
+        mapping: dict[str, Any] = {}
+        for name, value in items:
+            if name in mapping:
+                raise ValueError(f"key {name!r} stands twice")
+            mapping[name] = value
         return mapping
 
+    if sum(map(text.count, "{[,")) > _MOST_VALUES:
+        raise ValueError(f"holds more than {_MOST_VALUES} values")
     return json.loads(text, object_pairs_hook=pairs)
 
 
-def _read_yaml(text: str) -> Any:
-    document = yaml.load(text, Loader=_Loader)  # a safe loader
-    if "&" in text and "*" in text:
-        _check_aliases(document)
-    return document
+@dataclass(slots=True)
+class _Open:
+    """A list or mapping that is being read; ``size`` counts the values in it, unfolded."""
+
+    value: Any
+    anchor: str | None
+    size: int = 1
+    key: str | None = None  # that waits for its value
+    merged: list[dict[str, Any]] = field(default_factory=list)
 
 
-def _check_aliases(document: Any) -> None:
-    """Refuse a document that holds itself, or aliases that unfold without bound."""
-    sizes: dict[int, int] = {}
-    open_: set[int] = set()
+def read_yaml(text: str) -> Any:
+    """The plain value of one YAML document.
 
-    def size(value: Any) -> int:
-        if not isinstance(value, dict | list):
-            return 1
-        key = id(value)
-        if key in open_:
-            raise ValueError("an alias holds itself: must not")
-        if key not in sizes:
-            open_.add(key)
-            children = value.values() if isinstance(value, dict) else value
-            sizes[key] = 1 + sum(size(child) for child in children)
-            open_.discard(key)
-        return sizes[key]
+    Raises:
+        yaml.YAMLError: not YAML, or not of the subset that is read; with the line.
+        ValueError: too large, or a number too long.
+    """
+    return _Reader().read(yaml.parse(text, Loader=_Parser))
 
-    count = size(document)
-    if count > _MOST_VALUES:
-        raise ValueError(f"aliases unfold to {count} values: must be at most {_MOST_VALUES}")
+
+class _Reader:
+    """Builds values from a parser's events."""
+
+    def __init__(self) -> None:
+        self.open: list[_Open] = []
+        self.anchors: dict[str, tuple[Any, int] | None] = {}  # None: not closed yet
+        self.document: Any = None
+        self.documents = 0
+
+    def read(self, events: Iterable[Any]) -> Any:
+        for event in events:
+            if isinstance(event, yaml.ScalarEvent):
+                self.scalar(event)
+            elif isinstance(event, yaml.CollectionStartEvent):
+                self.begin(event)
+            elif isinstance(event, yaml.CollectionEndEvent):
+                self.end(event)
+            elif isinstance(event, yaml.AliasEvent):
+                self.alias(event)
+            elif isinstance(event, yaml.DocumentStartEvent):
+                self.documents += 1
+                if self.documents > 1:
+                    refuse(event, "a second document: must be one")
+        return self.document
+
+    def scalar(self, event: Any) -> None:
+        if event.tag not in (None, "!"):
+            refuse(event, f"tag {event.tag}: values must have none")
+        if self.open and type(self.open[-1].value) is dict and self.open[-1].key is None:
+            self.key(event)
+            return
+        plain = event.implicit[0] and not event.tag
+        value = _resolved(event.value) if plain else event.value
+        if event.anchor is not None:
+            self.anchors[event.anchor] = value, 1
+        self.add(value, 1, event)
+
+    def key(self, event: Any) -> None:
+        top, name = self.open[-1], event.value
+        if name in top.value:
+            refuse(event, f"key {name!r} stands twice")
+        if event.anchor is not None:
+            self.anchors[event.anchor] = name, 1
+        top.key = name
+        if name != "<<":
+            top.value[name] = None  # keeps the order of the file
+
+    def begin(self, event: Any) -> None:
+        if event.tag not in (None, "!"):
+            refuse(event, f"tag {event.tag}: values must have none")
+        if self.open and type(self.open[-1].value) is dict and self.open[-1].key is None:
+            refuse(event, "a key must be text")
+        if len(self.open) == _DEEPEST:
+            refuse(event, f"nested deeper than {_DEEPEST}")
+        if event.anchor is not None:
+            self.anchors[event.anchor] = None
+        empty: Any = {} if isinstance(event, yaml.MappingStartEvent) else []
+        self.open.append(_Open(empty, event.anchor))
+
+    def end(self, event: Any) -> None:
+        top = self.open.pop()
+        for other in top.merged:  # what the mapping states itself, and what came first, stays
+            for name in other:
+                top.value.setdefault(name, other[name])
+        if top.anchor is not None:
+            self.anchors[top.anchor] = top.value, top.size
+        self.add(top.value, top.size, event)
+
+    def alias(self, event: Any) -> None:
+        if self.open and type(self.open[-1].value) is dict and self.open[-1].key is None:
+            refuse(event, "a key must be text")
+        if event.anchor not in self.anchors:
+            refuse(event, f"found undefined alias {event.anchor!r}")
+        known = self.anchors[event.anchor]
+        if known is None:
+            refuse(event, "an alias holds itself: must not")
+        self.add(*known, event)
+
+    def add(self, value: Any, size: int, event: Any) -> None:
+        """Put a value of so many values where it belongs."""
+        if not self.open:
+            self.document = value
+            return
+        top = self.open[-1]
+        top.size += size
+        if top.size > _MOST_VALUES:
+            refuse(event, f"values unfold to more than {_MOST_VALUES}")
+        if type(top.value) is list:
+            top.value.append(value)
+            return
+        if top.key == "<<":
+            top.merged = value if isinstance(value, list) else [value]
+            if not all(isinstance(other, dict) for other in top.merged):
+                refuse(event, "<< must be a mapping, or a list of mappings")
+        else:
+            top.value[top.key] = value
+        top.key = None
+
+
+def _resolved(text: str) -> Any:
+    if text in _WORDS:
+        return _WORDS[text]
+    if not _NUMBER.fullmatch(text):
+        return text
+    return int(text) if _WHOLE.fullmatch(text) else float(text)
+
+
+def refuse(event: Any, what: str) -> NoReturn:
+    """Refuse what is read, at the line of an event."""
+    raise yaml.MarkedYAMLError(problem=what, problem_mark=event.start_mark)

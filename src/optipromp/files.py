@@ -1,9 +1,11 @@
-"""Writing files whole or not at all; JSON text; archives of arrays."""
+"""Files: read up to a size, written whole or not at all; JSON text; archives of arrays."""
 
+import errno
 import io
 import json
 import math
 import os
+import stat
 import sys
 import tempfile
 from collections.abc import Mapping
@@ -12,6 +14,65 @@ from pathlib import Path
 from typing import Any
 
 from optipromp.errors import InvalidRequestError, OptiPrompError
+
+LARGEST_TEXT = 64_000_000
+"""[bytes] of a text file; a scene of 100,000 obstacles has 11 million, as JSON 22."""
+
+LARGEST_ARRAYS = 256_000_000
+"""[bytes] of an archive of arrays or a mesh, unpacked."""
+
+
+def read_bytes(path: Path, error: type[OptiPrompError], most: int = LARGEST_ARRAYS) -> bytes:
+    """The content of a file of at most ``most`` bytes.
+
+    Raises:
+        OptiPrompError: of the type given: there is none, it is a folder, a device or a pipe, it
+            cannot be read or is too large; the message names it and why.
+    """
+    try:
+        found = path.stat()
+        if stat.S_ISDIR(found.st_mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        if not stat.S_ISREG(found.st_mode):
+            raise error(f"{path}: cannot be read: a device or pipe; must be a file")
+        with path.open("rb") as file:
+            content = file.read(most + 1) if found.st_size <= most else b""
+    except OSError as cause:
+        raise error(f"{path}: cannot be read: {cause.strerror or cause}") from None
+    except ValueError as cause:  # a name that no file can have
+        raise error(f"{str(path)!r}: cannot be read: {cause}") from None
+    size = max(found.st_size, len(content))
+    if size > most:
+        raise error(f"{path}: has {size / 1e6:.0f} MB: must have at most {most / 1e6:.0f}")
+    return content
+
+
+FOLDERS = "OPTIPROMP_FOLDERS"
+"""Environment variable: folders beside their own from which scenes may read files."""
+
+
+def check_inside(path: Path, folder: Path | None, error: type[OptiPrompError]) -> Path:
+    """``path``, which a file in ``folder`` names, if it may; links are followed.
+
+    It may lie in that folder, in the working directory (unless that is the root) and in the folders
+    of :data:`FOLDERS`.
+
+    Raises:
+        OptiPrompError: of the type given: it lies elsewhere.
+    """
+    here = Path.cwd()
+    homes = [folder or here, *([here] if here != Path(here.anchor) else [])]
+    homes += [Path(home) for home in os.environ.get(FOLDERS, "").split(os.pathsep) if home]
+    try:
+        real = path.resolve()
+        if any(real.is_relative_to(home.resolve()) for home in homes):
+            return path
+    except (OSError, RuntimeError, ValueError) as cause:  # a ring of links; no name of a file
+        raise error(f"{str(path)!r}: cannot be found: {cause}") from None
+    raise error(
+        f"{path} is outside the folder of the file that names it and outside the working "
+        f"directory: must be inside, or in a folder that {FOLDERS} lists"
+    )
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -25,6 +86,8 @@ def write_atomically(path: Path, content: bytes) -> None:
     """
     temporary: str | None = None
     try:
+        if path.exists() and not path.is_file():
+            raise InvalidRequestError(f"cannot write {path}: it is no file")
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
         with os.fdopen(handle, "wb") as stream:
@@ -37,6 +100,8 @@ def write_atomically(path: Path, content: bytes) -> None:
         Path(temporary).replace(path)
     except OSError as error:
         raise InvalidRequestError(f"cannot write {path}: {error.strerror or error}") from error
+    except ValueError as error:  # a name that no file can have
+        raise InvalidRequestError(f"cannot write {str(path)!r}: {error}") from None
     finally:
         if temporary is not None:
             with suppress(OSError):
@@ -69,6 +134,8 @@ def check_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
+    except ValueError as error:  # a name that no file can have
+        raise InvalidRequestError(f"cannot write into {str(folder)!r}: {error}") from None
     except OSError as error:
         raise InvalidRequestError(
             f"cannot write into {folder}: {error.strerror or error}"
@@ -90,21 +157,23 @@ def read_npz(path: Path, error: type[OptiPrompError] = InvalidRequestError) -> d
     Raises:
         OptiPrompError: of the type given, if the file is missing, damaged or no NPZ.
     """
-    import zipfile
-
     import numpy as np
 
+    content = read_bytes(path, error)
+    if not content.startswith(b"PK"):
+        raise error(f"{path} is not a readable NPZ file of plain arrays (no archive)")
     try:
-        with path.open("rb") as file:  # opened here: NumPy leaves a damaged one open
-            archive = np.load(file, allow_pickle=False)
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise error(f"{path} is a single array, not an NPZ archive")
-            with archive:
+        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
+            size = sum(entry.file_size for entry in archive.zip.infolist())
+            if size <= LARGEST_ARRAYS:
                 return {key: archive[key] for key in archive.files}
-    except OSError as cause:
-        raise error(f"cannot read {path}: {cause.strerror or cause}") from None
-    except (ValueError, EOFError, zipfile.BadZipFile, KeyError, NotImplementedError) as cause:
-        raise error(f"{path} is not a readable NPZ file of plain arrays ({cause})") from None
+    except (
+        Exception
+    ) as cause:  # zipfile, zlib, tokenize and NumPy raise whatever goes wrong in them
+        reason = " ".join(str(cause).split())[:120] or type(cause).__name__
+        raise error(f"{path} is not a readable NPZ file of plain arrays ({reason})") from None
+    most = LARGEST_ARRAYS / 1e6
+    raise error(f"{path}: unpacks to {size / 1e6:.0f} MB: must be at most {most:.0f}")
 
 
 def json_text(document: object) -> str:

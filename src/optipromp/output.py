@@ -5,23 +5,28 @@ executable curve at a controller's rate. ``waypoints.npz`` holds the rows that d
 curves of a plan.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
+from optipromp.arrays import FloatArray
 from optipromp.documents import read_document
 from optipromp.errors import Code, InvalidRequestError, InvalidSceneError, OptiPrompError
 from optipromp.files import json_text, npz, read_npz, write_atomically
-from optipromp.judging import Metrics, Overlap
+from optipromp.judging import Metrics, Overlap, judge
 from optipromp.planning import Plan, Term
+from optipromp.planning.options import Planner, Strategy
 from optipromp.planning.result import Stage, ViaPoint
 from optipromp.planning.task import resolve
 from optipromp.pushing.model import Prediction
 from optipromp.robots.model import Robot
 from optipromp.scenes.io import scene_from_dict, scene_to_dict
+from optipromp.scenes.scene import Scene
+from optipromp.trajectory import State, Trajectory
 from optipromp.trajectory_files import arrays, csv, from_arrays
 
 __all__ = ["load_plan", "write_plan"]
@@ -61,59 +66,122 @@ def write_plan(
     return tuple(files)
 
 
+class _Via(BaseModel):
+    name: str
+    position: Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
+
+
+class _PlanFile(BaseModel):
+    """What ``plan.json`` must hold to be read again."""
+
+    format: Literal[3]
+    planner: Planner
+    strategy: Strategy | None
+    seed: Annotated[int, Field(ge=0)]
+    status: Code
+    message: str
+    metrics: Metrics
+    terms: dict[str, Term]
+    stages: tuple[Stage, ...]
+    predicted_harm: Prediction | None
+    contacts: tuple[Overlap, ...]
+    time: dict[str, FiniteFloat]
+    first: Annotated[int, Field(ge=0)]
+    via: tuple[_Via, ...]
+    scene_file: dict[str, Any] | None
+
+
 def load_plan(path: Path | str) -> Plan:
     """Load what :func:`write_plan` left: a folder, or the ``plan.json`` in it.
 
+    The trajectory is judged again: metrics and contacts are the judge's, whatever the file says.
+
     Raises:
-        InvalidRequestError: files missing, damaged, or of another format; the message names them.
+        InvalidRequestError: files missing, damaged, of another format or for another robot; a
+            ``success`` whose trajectory is none; the message names them.
         InvalidSceneError: the scene the plan was made for cannot be used.
     """
     path = Path(path)
     folder = path if path.is_dir() else path.parent
     file = folder / "plan.json" if path.is_dir() else path
-    document = read_document(file, InvalidRequestError, "a plan")
+    content = read_document(file, InvalidRequestError, "a plan")
     rows = read_npz(folder / "waypoints.npz")
     try:
-        if document["format"] != FORMAT:
-            raise InvalidRequestError(f"format {document['format']!r} is unknown, not {FORMAT}")
-        if document["scene_file"] is None:
+        found = _PlanFile.model_validate(content)
+        if found.scene_file is None:
             raise InvalidRequestError(
                 "its scene was not written: it held a shape made in memory, or the plan was made "
                 "with another robot or tool than the scene's"
             )
-        scene = scene_from_dict(document["scene_file"], base_dir=folder, source=str(path))
-        found = document["predicted_harm"]
+        scene = scene_from_dict(found.scene_file, base_dir=folder, source=str(path))
+        robot = resolve(scene).robot
+        curves = [from_arrays(rows, prefix) for prefix in ("", "initial_", "followed_")]
         return Plan(
             scene=scene,
-            robot=resolve(scene).robot,
-            planner=document["planner"],
-            strategy=document["strategy"],
-            seed=document["seed"],
-            status=Code(document["status"]),
-            message=document["message"],
-            trajectory=from_arrays(rows),
-            initial=from_arrays(rows, "initial_"),
-            followed=from_arrays(rows, "followed_"),
-            prediction=Prediction(**found) if found else None,
-            metrics=Metrics(**document["metrics"]),
-            terms={name: Term(**_tuples(term)) for name, term in document["terms"].items()},
-            stages=tuple(Stage(**_tuples(stage)) for stage in document["stages"]),
-            contacts=tuple(Overlap(**contact) for contact in document["contacts"]),
-            time=document["time"],
-            first=document["first"],
-            via=tuple(ViaPoint(v["name"], np.array(v["position"])) for v in document["via"]),
-            pushed=(rows[PUSHED[0]], rows[PUSHED[1]]) if PUSHED[0] in rows else None,
+            robot=robot,
+            planner=found.planner,
+            strategy=found.strategy,
+            seed=found.seed,
+            status=found.status,
+            message=found.message,
+            trajectory=curves[0],
+            initial=curves[1],
+            followed=curves[2],
+            prediction=found.predicted_harm,
+            terms=found.terms,
+            stages=found.stages,
+            time=found.time,
+            first=found.first,
+            via=tuple(ViaPoint(via.name, np.array(via.position)) for via in found.via),
+            pushed=_pushed(rows),
+            **_judged(found, scene, robot, curves),
         )
     except InvalidSceneError:
         raise
     except OptiPrompError as error:
         raise InvalidRequestError(f"{path}: {error.message}") from None
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(step) for step in first["loc"])
+        raise InvalidRequestError(
+            f"{path}: {where}: {first['msg']}; not a plan that this version wrote"
+        ) from None
+    except (KeyError, TypeError, ValueError) as error:
         raise InvalidRequestError(f"{path}: not a plan that this version wrote ({error})") from None
 
 
-def _tuples(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+def _judged(
+    found: _PlanFile, scene: Scene, robot: Robot, curves: Sequence[Trajectory]
+) -> dict[str, Any]:
+    """Metrics and contacts of the trajectory, the first of the curves."""
+    curve = curves[0]
+    if any(one.joint_names != robot.joint_names for one in curves):
+        raise InvalidRequestError(
+            f"waypoints.npz has the joints {', '.join(curve.joint_names)}; {robot.name} has "
+            f"{', '.join(robot.joint_names)}"
+        )
+    if found.first >= curve.n_waypoints:
+        raise InvalidRequestError(f"first is {found.first}: must be below {curve.n_waypoints}")
+    start = State(curve.positions[0], curve.velocities[0], curve.accelerations[0])
+    harm = found.predicted_harm
+    judged = judge(scene, robot, curve, start, stem_side=harm is None)
+    wrong = judged.message or (str(harm) if harm is not None and harm.harmful else "")
+    if found.status == Code.SUCCESS and wrong:
+        raise InvalidRequestError(f"status is success, and the trajectory is none: {wrong}")
+    return {"metrics": judged.metrics, "contacts": judged.contacts}
+
+
+def _pushed(rows: Mapping[str, Any]) -> tuple[FloatArray, FloatArray] | None:
+    if PUSHED[0] not in rows:
+        return None
+    points, axes = (np.asarray(rows[name], dtype=np.float64) for name in PUSHED)
+    if (
+        points.shape != axes.shape
+        or points.shape[1:] != (3,)
+        or not np.isfinite(points + axes).all()
+    ):
+        raise InvalidRequestError(f"{' and '.join(PUSHED)} must be finite, of one shape (P, 3)")
+    return points, axes
 
 
 def _document(plan: Plan, folder: Path) -> dict[str, Any]:

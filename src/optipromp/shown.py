@@ -4,6 +4,16 @@ from importlib import import_module
 from typing import Any
 
 
+def printable(text: str) -> str:
+    """``text`` with what would steer a terminal, or turn the direction of writing, escaped."""
+    joiners = "\u200c\u200d"  # which some scripts need
+    return "".join(
+        letter if letter.isprintable() or letter in joiners or letter == "\u00a0"
+        else letter.encode("unicode_escape").decode()
+        for letter in text
+    )  # fmt: skip
+
+
 class Shown:
     """A value with a line of words, rich text in notebooks, a picture and a 3-D view."""
 

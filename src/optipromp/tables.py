@@ -1,6 +1,7 @@
 """Reading tables of numbers from CSV files."""
 
 import csv
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import OptiPrompError
+from optipromp.files import LARGEST_TEXT, read_bytes
 
 
 @dataclass(frozen=True)
@@ -61,10 +63,9 @@ def read_table(path: Path, error: type[OptiPrompError], wanted: str) -> Table:
             a row is shorter or longer than the header; the message names file and line.
     """
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            found = [(n, row) for n, row in enumerate(csv.reader(file), start=1) if row]
-    except OSError as cause:
-        raise error(f"cannot read {path}: {cause.strerror}") from None
+        text = read_bytes(path, error, LARGEST_TEXT).decode("utf-8-sig")
+        lines = io.StringIO(text, newline="")
+        found = [(n, row) for n, row in enumerate(csv.reader(lines), start=1) if row]
     except (UnicodeDecodeError, csv.Error) as cause:
         raise error(f"{path} is not a UTF-8 CSV file ({cause})") from None
     if not found:
@@ -73,5 +74,5 @@ def read_table(path: Path, error: type[OptiPrompError], wanted: str) -> Table:
     for line, row in found[1:]:
         if len(row) != len(header):
             raise error(f"{path}, line {line}: {len(row)} values, the header has {len(header)}")
-    lines, rows = [line for line, _ in found[1:]], [row for _, row in found[1:]]
-    return Table(path, error, header, found[0][0], lines, rows)
+    numbers, rows = [line for line, _ in found[1:]], [row for _, row in found[1:]]
+    return Table(path, error, header, found[0][0], numbers, rows)

@@ -11,6 +11,13 @@ from optipromp.arrays import FloatArray, frozen
 from optipromp.errors import InvalidRequestError
 from optipromp.shown import Shown
 
+LARGEST = 1e9
+"""Size of a position, velocity, acceleration [rad or m, s] or time [s], at most; what is derived
+from them does not overflow."""
+
+SHORTEST = 1e-9
+"""Time between two rows, at least [s]."""
+
 Motion = tuple[FloatArray, FloatArray, FloatArray]
 """Positions, velocities and accelerations, of one shape."""
 
@@ -40,8 +47,10 @@ class State:
                 raise InvalidRequestError(
                     f"{what} of a state has shape {values.shape}; q has {np.shape(self.q)}"
                 )
-            if not np.isfinite(values).all():
-                raise InvalidRequestError(f"{what} of a state is {values.tolist()}: not finite")
+            if not (np.abs(values) <= LARGEST).all():
+                raise InvalidRequestError(
+                    f"{what} of a state is {values.tolist()}: must be finite, at most {LARGEST:g}"
+                )
             object.__setattr__(self, what, values)
 
     @property
@@ -100,10 +109,17 @@ class Trajectory(Shown):
                 raise InvalidRequestError(
                     f"{what} have shape {values.shape}; positions have {shape}"
                 )
-            if not np.isfinite(values).all():
-                row, joint = (int(i) for i in np.argwhere(~np.isfinite(values))[0])
+            usable = np.abs(values) <= LARGEST
+            if not usable.all():
+                row, joint = (int(i) for i in np.argwhere(~usable)[0])
+                value = values[row, joint]
+                wrong = (
+                    f"{value:g}: must be at most {LARGEST:g}"
+                    if np.isfinite(value)
+                    else "not finite"
+                )
                 raise InvalidRequestError(
-                    f"{what}: the value at waypoint {row}, {names[joint]} is not finite"
+                    f"{what}: the value at waypoint {row}, {names[joint]} is {wrong}"
                 )
             object.__setattr__(self, what, values)
 
@@ -202,14 +218,15 @@ class Trajectory(Shown):
 
 def _times(values: FloatArray) -> FloatArray:
     times = frozen(values)
-    if times.ndim != 1 or not np.isfinite(times).all():
-        raise InvalidRequestError("times must be finite, as (T,) [s]")
+    if times.ndim != 1 or not (np.abs(times) <= LARGEST).all():
+        raise InvalidRequestError(f"times must be finite, at most {LARGEST:g}, as (T,) [s]")
     if len(times) and times[0] != 0.0:
         raise InvalidRequestError(f"times begin at {times[0]:g}; they must begin at 0 [s]")
-    if (short := np.flatnonzero(np.diff(times) <= 0.0)).size:
+    if (short := np.flatnonzero(np.diff(times) < SHORTEST)).size:
         row = int(short[0])
         raise InvalidRequestError(
-            f"times do not grow: {times[row]:g} s at waypoint {row}, then {times[row + 1]:g} s"
+            f"times do not grow: {times[row]:g} s at waypoint {row}, then {times[row + 1]:g} s; "
+            f"they must by {SHORTEST:g} s"
         )
     return times
 

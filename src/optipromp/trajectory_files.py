@@ -163,6 +163,9 @@ def _of_cubics(times: FloatArray, q: FloatArray, velocity: FloatArray) -> FloatA
 
 def _from_npz(path: Path, joint_names: Sequence[str]) -> Trajectory:
     found = read_npz(path)
+    for name in set(found) & {"time", *CURVE}:
+        if found[name].dtype.kind not in "fiu":
+            raise InvalidRequestError(f"{name} holds {found[name].dtype}, not numbers")
     times = found.get("times", found.get("time"))
     if times is None or "positions" not in found:
         raise InvalidRequestError(

@@ -69,7 +69,7 @@ def test_settings_add_up_and_the_last_of_a_key_counts() -> None:
         ("paper=3", r"--set paper: no such setting"),
         ("max_step=[", r"--set max_step=\[: cannot read"),
         ("max_step=-1", r"max_step is -1; it must be positive"),
-        ("max_step=fast", r"--set: a value is of the wrong type"),
+        ("max_step=fast", r"max_step is fast; it must be of type float"),
         ("paper.epsilon=0", r"paper\.epsilon is 0; it must be positive"),
         ("constraints=all", r"constraints is all; it must be"),
     ],
@@ -125,7 +125,7 @@ def test_a_setting_of_the_paper_is_heeded() -> None:
     [
         ("max_stp=0.03", "did you mean 'max_step'"),
         ("max_step=-1", "max_step is -1"),
-        ("max_step=fast", "wrong type"),
+        ("max_step=fast", "must be of type float"),
         ("max_step", "write key=value"),
         ("paper.drift_offset=-1", "paper.drift_offset is -1"),
     ],

@@ -180,7 +180,7 @@ def test_files_that_hold_no_trajectory(text: str, message: str, tmp_path: Path) 
 def test_other_refusals(tmp_path: Path) -> None:
     names = tuple(f"joint{k}" for k in range(1, 8))
     for path, message in (
-        (tmp_path / "none.csv", "cannot read"),
+        (tmp_path / "none.csv", "cannot be read"),
         (tmp_path / "none.npz", "none.npz"),
         (write(tmp_path / "t.txt", ""), "a trajectory is a .csv, an .npz or a folder"),
         (tmp_path, "waypoints.npz"),

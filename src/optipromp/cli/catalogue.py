@@ -62,6 +62,7 @@ def settings(pairs: Sequence[str], **given: Any) -> Any:
     """
     import yaml
 
+    from optipromp.documents import read_yaml
     from optipromp.planning import PaperOptions, PlanOptions
     from optipromp.scenes.values import suggest
 
@@ -75,18 +76,15 @@ def settings(pairs: Sequence[str], **given: Any) -> Any:
         if key not in names:
             raise InvalidRequestError(f"--set {key}: no such setting; {suggest(key, names)}")
         try:
-            value = yaml.safe_load(text)
-        except yaml.YAMLError as error:
+            value = {"yes": True, "no": False}.get(text, read_yaml(text))
+        except (yaml.YAMLError, ValueError) as error:
             raise InvalidRequestError(f"--set {pair}: cannot read {text!r} ({error})") from None
         value = tuple(value) if isinstance(value, list) else value
         wanted = paper if key.startswith("paper.") else known
         wanted[key.removeprefix("paper.")] = value
-    try:
-        if paper:
-            known["paper"] = PaperOptions(**paper)
-        return PlanOptions(**known)
-    except TypeError as error:
-        raise InvalidRequestError(f"--set: a value is of the wrong type ({error})") from None
+    if paper:
+        known["paper"] = PaperOptions(**paper)
+    return PlanOptions(**known)
 
 
 def documented(options: type) -> dict[str, tuple[Any, str]]:

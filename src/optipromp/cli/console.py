@@ -1,5 +1,6 @@
 """What the commands share: options, where they print, how they wait, how they fail."""
 
+import json
 import math
 import sys
 import threading
@@ -14,6 +15,7 @@ import typer
 
 from optipromp.errors import Code, OptiPrompError
 from optipromp.files import json_text
+from optipromp.shown import printable
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -101,7 +103,10 @@ def grid(
 
 def print_json(document: object) -> None:
     """Print one JSON document on standard output; NaN and infinities become null."""
-    sys.stdout.write(json_text(document))
+    text = json_text(document)
+    if (sys.stdout.encoding or "utf-8").lower() != "utf-8":
+        text = json.dumps(json.loads(text), indent=2) + "\n"  # in ASCII, which all encodings hold
+    sys.stdout.write(text)
 
 
 def command(
@@ -142,7 +147,7 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 
 
 def _one_line(message: str) -> str:
-    return " ".join(message.split())
+    return printable(" ".join(message.split()))
 
 
 @contextmanager

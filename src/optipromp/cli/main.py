@@ -4,10 +4,12 @@ Nothing heavy is imported here: each command imports what it needs when it runs.
 """
 
 import gc
+import io
 import os
 import signal
 import sys
 import threading
+from contextlib import suppress
 from types import FrameType
 from typing import Annotated, NoReturn
 
@@ -91,15 +93,38 @@ def _send_again(lost: "sys.UnraisableHookArgs") -> None:
         threading.Timer(0.05, os.kill, (os.getpid(), number)).start()
 
 
+def _ready_streams() -> None:
+    """Letters that a stream cannot encode become ``?``; a stream that is closed takes all."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115
+        elif isinstance(stream, io.TextIOWrapper) and stream.encoding.lower() != "utf-8":
+            stream.reconfigure(errors="replace")
+
+
 def main() -> None:
     """Run the command line and end the process with its exit code."""
+    _ready_streams()
     signal.signal(signal.SIGTERM, _terminate)
     sys.unraisablehook = _send_again
     # most of what a short command makes is what it loads, and that stays: looking through it for
     # garbage, at the end once more, takes a third of the time of one plan
     gc.set_threshold(100_000, 20, 20)
     try:
-        app()
+        try:
+            app()
+        finally:
+            sys.stdout.flush()
+    except OSError as error:  # files raise typed errors: this is standard output
+        with suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # for what is flushed at the end
+        reason = error.strerror or str(error)
+        sys.stderr.write(f"error INVALID_REQUEST: cannot write standard output: {reason}\n")
+        raise SystemExit(2) from None
+    except MemoryError:
+        sys.stderr.write("error INVALID_REQUEST: out of memory\n")
+        raise SystemExit(2) from None
     except KeyboardInterrupt:
         sys.stderr.write("interrupted\n")
         raise SystemExit(130) from None

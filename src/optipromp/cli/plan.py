@@ -242,11 +242,16 @@ def write(result: "Plan", folder: Path, figures: bool, rate: float) -> tuple[str
     """Write the plan, and figures of it; returns the names of the files."""
     from optipromp.output import write_plan
 
+    written = write_plan(result, folder, rate=rate)  # before what may take long, or fail
     if not figures:
-        return write_plan(result, folder, rate=rate)
+        return written
+    from optipromp.files import write_atomically
     from optipromp.viewer.figures import plan_figures
 
-    return write_plan(result, folder, plan_figures(result), rate=rate)
+    pictures = plan_figures(result)
+    for name, content in pictures.items():
+        write_atomically(folder / name, content)
+    return *written, *pictures
 
 
 @dataclass(frozen=True)

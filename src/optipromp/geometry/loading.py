@@ -10,6 +10,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidSceneError
+from optipromp.files import read_bytes, read_npz
 from optipromp.geometry.grids import check_closed
 from optipromp.geometry.shapes import MeshShape, PointCloudShape
 
@@ -72,12 +73,10 @@ def _check_file(path: Path, what: str, suffixes: tuple[str, ...]) -> None:
     if path.suffix.lower() not in suffixes:
         raise InvalidSceneError(f"{what} {path}: suffix must be one of {', '.join(suffixes)}")
     try:
-        with path.open("rb") as stream:
-            empty = not stream.read(1)
-    except OSError as error:
-        reason = error.strerror or error
-        raise InvalidSceneError(f"{what} {path}: cannot be read: {reason}") from None
-    if empty:
+        content = read_bytes(path, InvalidSceneError)
+    except InvalidSceneError as error:
+        raise InvalidSceneError(f"{what} {error.message}") from None
+    if not content:
         raise InvalidSceneError(f"{what} {path}: is empty")
 
 
@@ -96,14 +95,14 @@ def _trimesh_load(path: Path, what: str) -> Any:
 
 def _numpy_points(path: Path) -> FloatArray:
     try:
-        data = np.load(path, allow_pickle=False)
-        if not isinstance(data, np.ndarray):
-            with data as archive:
-                names = archive.files
-                if "points" not in names and len(names) != 1:
-                    found = ", ".join(names) or "none"
-                    raise ValueError(f"arrays are {found}: must have 'points'")
-                data = archive["points" if "points" in names else names[0]]
+        if path.suffix.lower() == ".npz":
+            arrays = read_npz(path, InvalidSceneError)
+            if "points" not in arrays and len(arrays) != 1:
+                found = ", ".join(arrays) or "none"
+                raise ValueError(f"arrays are {found}: must have 'points'")
+            data = arrays.get("points", next(iter(arrays.values())))
+        else:
+            data = np.load(path, allow_pickle=False)
         return np.asarray(data, dtype=np.float64)
     except Exception as error:
         raise _unreadable("point cloud", path, error) from None
@@ -131,6 +130,6 @@ def _text_points(path: Path, delimiter: str | None) -> FloatArray:
             rows.append(row)
         elif number > 1:  # the first line may hold headings
             raise InvalidSceneError(
-                f"point cloud {path}: line {number}: {text[:40]!r} must begin with three numbers"
+                f"point cloud {path}: line {number}: must begin with three numbers"
             )
     return np.array(rows, dtype=np.float64).reshape(-1, 3)

@@ -7,10 +7,9 @@ once for a block. A node looks only into cells that can be nearer than its neare
 import math
 
 import numpy as np
-from numba import njit
 
 from optipromp.arrays import FloatArray, IntArray
-from optipromp.compiled import kernel
+from optipromp.compiled import compiler, kernel
 
 _NODES = 4  # along an edge of a block
 _CELL = 3.0  # [steps of the grid] along an edge of a cell
@@ -114,7 +113,7 @@ def _to_box(low, high, x, y, z):  # type: ignore[no-untyped-def]
     return dx * dx + dy * dy + dz * dz
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath={"nnan", "nsz"})
+@compiler(fastmath={"nnan", "nsz"})
 def _least(px, py, pz, first, last, x, y, z, least):  # type: ignore[no-untyped-def]
     """Least of the squared distances of a place to some points, or ``least`` where that is less."""
     for n in range(first, last):

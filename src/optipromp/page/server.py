@@ -10,8 +10,7 @@ from optipromp.errors import InvalidRequestError
 from optipromp.page.panel import Panel
 from optipromp.page.sources import Source
 from optipromp.page.window import Window
-
-NEEDED = "the page needs viser: pip install 'optipromp[view]'"
+from optipromp.viewer.serving import listening
 
 
 class Page:
@@ -33,7 +32,7 @@ class Page:
         self.source, self.out = source, out
         self.windows: dict[int, Window] = {}
         self.panels: dict[int, Panel] = {}
-        self.server = _listening(host, usable(host, port))
+        self.server = listening(host, usable(host, port))
         self.url = f"http://{host}:{self.server.get_port()}"
         self.server.on_client_connect(self._enter)
         self.server.on_client_disconnect(self._leave)
@@ -60,18 +59,6 @@ class Page:
             window.close()
         with redirect_stdout(io.StringIO()):
             self.server.stop()
-
-
-def _listening(host: str, port: int) -> Any:
-    """viser's server, silent, and without its tunnel: any window could publish the page by it."""
-    try:
-        import viser
-    except ImportError:
-        raise InvalidRequestError(NEEDED) from None
-    with redirect_stdout(io.StringIO()):  # the command says where the page is
-        server: Any = viser.ViserServer(host=host, port=port, verbose=False)
-    server.request_share_url = lambda *_, **__: None
-    return server
 
 
 def usable(host: str, port: int) -> int:

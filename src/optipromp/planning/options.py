@@ -1,8 +1,11 @@
 """The settings of a plan, and those of the paper's own planner (method §5)."""
 
 import functools
+import math
+import reprlib
 from dataclasses import dataclass, field, fields
-from typing import Literal, get_args
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -18,11 +21,49 @@ Constraints = Literal["push-model", "paper"]
 PaperDrift = Literal["paper", "lateral-plane"]
 PLANNERS: tuple[Planner, ...] = get_args(Planner)
 STRATEGIES: tuple[Strategy, ...] = get_args(Strategy)
+_SHORT = reprlib.Repr()
+_SHORT.maxother = 60  # letters of a value in a refusal
+
+
+def _fits(value: object, hint: Any) -> bool:
+    """Whether a value is of the type of a setting; a whole number is a number, true is none."""
+    kind, of = get_origin(hint), get_args(hint)
+    if kind is UnionType or kind is Union:
+        return any(_fits(value, one) for one in of)
+    if kind is Literal:
+        return isinstance(value, str) and value in of
+    if kind is tuple:
+        return isinstance(value, tuple | list) and all(_fits(item, of[0]) for item in value)
+    if hint in (int, float):
+        if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+            return False
+        return hint is float or isinstance(value, int | np.integer)
+    return isinstance(value, hint)
+
+
+def _check_types(options: "PaperOptions | PlanOptions", prefix: str) -> None:
+    """Refuse settings of a wrong type, and numbers that are not finite but for the timeout."""
+    kind: Any = type(options)
+    hints = _hints(kind)
+    for item in fields(options):
+        value: Any = getattr(options, item.name)
+        hint = hints[item.name]
+        wanted = str(hint).replace("typing.", "") if get_origin(hint) else hint.__name__
+        _need(options, prefix, _fits(value, hint), item.name, f"of type {wanted}")
+        numbers: Any = value if isinstance(value, tuple | list) else (value,)
+        for number in numbers:
+            if _fits(number, float):
+                endless = item.name == "timeout" and number == math.inf
+                _need(options, prefix, endless or abs(number) < _LARGEST, item.name, "finite")
+
+
+_LARGEST = 1e9  # of any setting, in its unit
+_hints = functools.cache(get_type_hints)
 
 
 def _need(options: object, prefix: str, ok: bool, name: str, wanted: str) -> None:
     if not ok:
-        value = getattr(options, name)
+        value = _SHORT.repr(getattr(options, name)).strip("'")
         raise InvalidRequestError(f"{prefix}{name} is {value}; it must be {wanted}")
 
 
@@ -74,22 +115,15 @@ class PaperOptions:
 
     def __post_init__(self) -> None:
         need = functools.partial(_need, self, "paper.")
-        for item in fields(self):
-            value = getattr(self, item.name)
-            numbers = value if isinstance(value, tuple) else (value,)
-            finite = all(np.isfinite(x) for x in numbers if isinstance(x, float))
-            need(finite, item.name, "finite")
+        _check_types(self, "paper.")
         need(
             len(self.alphas) == 4 and min(self.alphas) >= 0, "alphas", "four weights, none negative"
         )
         need(self.epsilon > 0, "epsilon", "positive [m]")
-        need(self.reduction in (None, "max", "sum"), "reduction", "'max' or 'sum'")
-        need(self.push in (None, "quadratic", "reciprocal"), "push", "'quadratic' or 'reciprocal'")
         need(
             len(self.push_weights) == 3 and min(self.push_weights) >= 0,
             "push_weights", "three weights, none negative",
         )  # fmt: skip
-        need(self.drift in get_args(PaperDrift), "drift", "'paper' or 'lateral-plane'")
         offset = self.drift_offset
         need(offset is None or offset >= 0, "drift_offset", "not negative [m]")
         need(self.corridor >= 0, "corridor", "not negative [m]")
@@ -163,22 +197,12 @@ class PlanOptions:
 
     def __post_init__(self) -> None:
         need = functools.partial(_need, self, "")
-
-        def whole(value: object) -> bool:
-            return isinstance(value, int | np.integer) and not isinstance(value, bool)
-
-        for item in fields(self):
-            number = getattr(self, item.name)
-            if isinstance(number, float) and not np.isfinite(number):
-                need(item.name == "timeout" and number > 0, item.name, "finite")
+        _check_types(self, "")
         count, steps, most = self.waypoints, self.iterations, self.effort
-        need(count is None or (whole(count) and count >= 3), "waypoints", "a whole number >= 3")
+        need(count is None or count >= 3, "waypoints", "a whole number >= 3")
         need(self.duration is None or self.duration > 0, "duration", "positive [s]")
         need(self.timeout > 0, "timeout", "positive [s]")
-        need(most is None or (whole(most) and most > 0), "effort", "a whole number > 0")
-        need(isinstance(self.prediction, bool), "prediction", "true or false")
-        rules = get_args(DriftRule)
-        need(self.rule in rules, "rule", f"one of {', '.join(rules)}")
+        need(most is None or most > 0, "effort", "a whole number > 0")
         speed = self.approach_speed
         need(speed is None or speed > 0, "approach_speed", "positive [m/s]")
         need(self.max_step > 0, "max_step", "positive [rad or m]")
@@ -187,7 +211,4 @@ class PlanOptions:
             "limit_margin",
         ):  # fmt: skip
             need(getattr(self, name) >= 0, name, "not negative")
-        need(steps is None or (whole(steps) and steps >= 0), "iterations", "a whole number >= 0")
-        need(all(isinstance(cost, Cost) for cost in self.costs), "costs", "cost terms")
-        need(self.constraints in get_args(Constraints), "constraints", "'push-model' or 'paper'")
-        need(isinstance(self.paper, PaperOptions), "paper", "PaperOptions")
+        need(steps is None or steps >= 0, "iterations", "a whole number >= 0")

@@ -185,7 +185,7 @@ def posed_problems(
         if branch is None:
             branches.append((goal[None], np.zeros(1)))
             continue
-        variances = deviations**2
+        variances = deviations.astype(np.float64) ** 2  # a deviation may be a whole number
         variances[1:-1] += [detection_variance(obj) for obj in task.neighbours]
         branches.append((branch, variances / PRIMITIVE.lever_arm**2))
     branches.sort(key=lambda branch: spaced(task, options, branch[0]).count)

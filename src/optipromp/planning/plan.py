@@ -132,12 +132,14 @@ def _badness(made: Plan) -> tuple[bool, float]:
     return not valid, np.inf if made.prediction is None else made.prediction.harm
 
 
-def check_planner(planner: str, strategy: str) -> None:
-    """Refuse names of planners and strategies that do not exist.
+def check_planner(planner: str, strategy: str, seed: int = 0) -> None:
+    """Refuse names of planners and strategies that do not exist, and seeds that are none.
 
     Raises:
         InvalidRequestError: naming the valid ones.
     """
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InvalidRequestError(f"seed is {seed!r}; it must be a whole number >= 0")
     for what, name, valid in (
         ("planner", planner, get_args(Planner)),
         ("strategy", strategy, get_args(Strategy)),
@@ -235,7 +237,9 @@ def _plan(
 ) -> Plan:
     began = time.perf_counter()
     options = options or DEFAULTS
-    check_planner(planner, strategy)
+    check_planner(planner, strategy, seed)
+    if not isinstance(options, PlanOptions):
+        raise InvalidRequestError(f"options are {type(options).__name__}; they must be PlanOptions")
     say = progress or (lambda _: None)
     if not isinstance(scene, Scene):
         scene = load_scene(scene)

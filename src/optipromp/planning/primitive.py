@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from optipromp.arrays import FloatArray, frozen
+from optipromp.errors import InvalidDemonstrationError, InvalidRequestError
 from optipromp.planning.options import Planner, PlanOptions
 from optipromp.planning.parameters import FOLLOW, PRIMITIVE, WAYPOINT
 from optipromp.planning.result import Planned, ViaPoint
@@ -44,7 +45,12 @@ def _prior_covariance(basis: Basis) -> FloatArray:
         + position.T @ position / (len(z) * PRIMITIVE.position**2)
         + ends.T @ ends / 0.05**2
     )
-    return np.asarray(np.linalg.inv(precision), dtype=np.float64)
+    try:
+        return np.asarray(np.linalg.inv(precision), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        raise InvalidDemonstrationError(
+            f"{basis.count} bases of width {basis.width:g} span no smooth motion: must be wider"
+        ) from None
 
 
 def smooth_prior(robot: Robot, basis: Basis = BASIS, about: FloatArray | None = None) -> ProMP:
@@ -120,6 +126,10 @@ def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis =
     if isinstance(demonstrations, ProMP):
         promp = demonstrations
     elif demonstrations is not None:
+        given: object = demonstrations
+        if not isinstance(given, str | Path):
+            kind = type(given).__name__
+            raise InvalidRequestError(f"demonstrations are {kind}; they must be a ProMP or a path")
         promp = from_file(Path(demonstrations), basis, robot.joint_names)
     elif (known := built_in_twin(robot)) is not None:
         promp = _built_in(known, basis)

@@ -162,9 +162,10 @@ def _within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> None:
     over = np.maximum(robot.lower - q, q - robot.upper)
     worst = int(np.argmax(over))
     if over[worst] > LIMIT_TOLERANCE:
+        degrees = " (degrees? radians are needed)" if abs(q[worst]) > 4.0 * np.pi else ""
         raise error(
             f"{what}: {robot.joint_names[worst]} is {q[worst]:.4f}, outside its limits "
-            f"[{robot.lower[worst]:.4f}, {robot.upper[worst]:.4f}]"
+            f"[{robot.lower[worst]:.4f}, {robot.upper[worst]:.4f}]{degrees}"
         )
 
 

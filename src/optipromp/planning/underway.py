@@ -43,7 +43,9 @@ def begun(start_state: Moving | None, previous: Plan | None, at: float | None) -
     if (previous is None) != (at is None):
         raise InvalidRequestError("previous and at go together: the running plan, and its time [s]")
     if previous is not None and at is not None:
-        end = previous.trajectory.duration
+        end = getattr(getattr(previous, "trajectory", None), "duration", None)
+        if end is None or not isinstance(at, int | float):
+            raise InvalidRequestError("previous must be a Plan, and at a time in it [s]")
         if not 0.0 <= at <= end:
             raise InvalidRequestError(f"at is {at:g} s; the running plan lasts from 0 to {end:g} s")
         if start_state is None:

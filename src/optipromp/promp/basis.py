@@ -10,6 +10,8 @@ from optipromp.arrays import FloatArray, read_only
 from optipromp.errors import InvalidRequestError
 from optipromp.promp.checks import phase_array, positive
 
+MOST_BASES = 200
+
 
 @dataclass(frozen=True)
 class Basis:
@@ -23,7 +25,7 @@ class Basis:
     represented exactly, and are evaluated as a softmax, so no width makes them 0/0.
 
     Args:
-        count: number of bases K; at least 2 must lie inside [0, 1].
+        count: number of bases K, at most 200; at least 2 must lie inside [0, 1].
         width: h > 0 [-]; larger is narrower. At a neighbour's centre b is exp(-h/2).
         outside: bases o outside [0, 1] on each side.
 
@@ -43,6 +45,11 @@ class Basis:
             object.__setattr__(self, name, int(value))
         if self.outside < 0:
             raise InvalidRequestError(f"basis outside must be at least 0, got {self.outside}")
+        if self.count > MOST_BASES:
+            raise InvalidRequestError(
+                f"basis count is {self.count}: must be at most {MOST_BASES} (the covariance of an "
+                "arm's weights grows with its square)"
+            )
         if self.count < 2 * self.outside + 2:
             raise InvalidRequestError(
                 f"basis count must be at least {2 * self.outside + 2} with {self.outside} outside "

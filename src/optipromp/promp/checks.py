@@ -8,9 +8,12 @@ from numpy.typing import ArrayLike
 
 from optipromp.arrays import FloatArray, all_finite
 from optipromp.errors import InvalidDemonstrationError, InvalidRequestError, OptiPrompError
+from optipromp.shown import printable
 
 PHASE_TOLERANCE = 1e-9
 """Phases this close are one phase, and may lie this far outside [0, 1] (rounding)."""
+
+LONGEST_NAME = 1000
 
 
 class RegularisedWarning(UserWarning):
@@ -43,7 +46,7 @@ def finite_array(
     """A float64 copy; anything but finite numbers of the right rank raises ``error``."""
     try:
         array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as cause:
+    except (TypeError, ValueError, OverflowError) as cause:
         raise error(f"{name}: expected numbers in a regular array ({cause})") from None
     if ndim is not None and array.ndim != ndim:
         raise error(f"{name}: expected {ndim} dimension(s), got shape {array.shape}")
@@ -78,7 +81,10 @@ def phase_array(phases: int | ArrayLike) -> FloatArray:
 
 def positive(value: float, name: str) -> float:
     """``value`` as a float if it is finite and above zero, else ``InvalidRequestError``."""
-    number = float(value)
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidRequestError(f"{name} must be a number above 0, got {value!r}") from None
     if not (np.isfinite(number) and number > 0.0):
         raise InvalidRequestError(f"{name} must be finite and above 0, got {value}")
     return number
@@ -91,6 +97,12 @@ def names_for(names: Sequence[str], count: int) -> tuple[str, ...]:
     result = tuple(str(name) for name in names) or tuple(f"joint_{j + 1}" for j in range(count))
     if len(result) != count:
         raise InvalidRequestError(f"joint_names: expected {count} names, got {len(result)}")
+    for name in result:
+        if printable(name) != name or not 0 < len(name) <= LONGEST_NAME:
+            raise InvalidRequestError(
+                f"joint_names: '{printable(name)[:60]}' must have 1 to {LONGEST_NAME} letters and "
+                "no control characters"
+            )
     if len(set(result)) != count:
         twice = next(name for name in result if result.count(name) > 1)
         raise InvalidRequestError(f"joint_names: {twice!r} appears twice")

@@ -14,7 +14,7 @@ import numpy as np
 from optipromp.arrays import FloatArray, frozen
 from optipromp.geometry import distances
 from optipromp.geometry.obstacles import Obstacles, near
-from optipromp.pushing.bending import Stems, balls_of, moved, stems
+from optipromp.pushing.bending import Stems, balls_of, moved, parents, stems
 from optipromp.pushing.cup import Mouth
 from optipromp.pushing.harm import BRIEFLY, Harm, score_of
 from optipromp.pushing.model import Moved, PushModel, Round, Schedule
@@ -251,7 +251,8 @@ def _close(obstacles: Obstacles, where: FloatArray, reach: float) -> Obstacles:
 
 def _sampled(fruits: Sequence[SceneObject], samples: int, up: FloatArray) -> Stems:
     """The perceived state of the fruits, then ``samples`` sampled ones."""
-    seen = stems(fruits, up)
+    cases = _cases(fruits, up)
+    seen = cases[0]
     sure = [fruit.covariance is None for fruit in fruits]
     spread = [HANGING.shift if known else HANGING.wider * np.sqrt(detection_variance(fruit))
               for known, fruit in zip(sure, fruits, strict=True)]  # fmt: skip
@@ -263,11 +264,25 @@ def _sampled(fruits: Sequence[SceneObject], samples: int, up: FloatArray) -> Ste
     place = np.array([balls_of(fruit).center for fruit in fruits])
     places = np.concatenate([place[None], place + shift])
     roots = np.concatenate([seen.root[None], seen.root + shift + swing])
-    wide = np.array([_spread(fruit) for fruit in fruits])
-    cases = [seen]
-    if (wide != 1.0).any():  # the stems of a plant are alike: all of them are softer, or stiffer
-        cases += [stems(fruits, up, factor) for factor in (1.0 / wide, wide)]
     return moved(cases, roots, places)
+
+
+def _cases(fruits: Sequence[SceneObject], up: FloatArray) -> list[Stems]:
+    """The stems as told or assumed; where that is a belief, also softer ones and stiffer ones.
+
+    The stems of a plant are alike: in one case all of them are softer.
+    """
+    wide = np.array([_spread(fruit) for fruit in fruits])
+    if (wide == 1.0).all():
+        return [stems(fruits, up)]
+    factors = np.stack([np.ones(len(fruits)), 1.0 / wide, wide])
+    if (parents(fruits) >= 0).any():
+        return [stems(fruits, up, factor) for factor in factors]
+    every, count = stems([*fruits] * len(factors), up, factors.ravel()), len(fruits)
+    return [
+        Stems(*(values[k : k + count] for values in every))
+        for k in range(0, len(factors) * count, count)
+    ]
 
 
 def _spread(fruit: SceneObject) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
-from optipromp.files import cache_folder, npz, read_npz, write_atomically
+from optipromp.files import cache_folder, npz, read_bytes, read_npz, write_atomically
 from optipromp.robots.meshes import mesh_file, triangles
 from optipromp.robots.urdf import UrdfGeometry, UrdfModel
 
@@ -72,8 +72,8 @@ def _cache_file(keys: list[tuple[Path, tuple[float, ...]]]) -> Path | None:
     digest = hashlib.sha256(f"{_COVERS_VERSION} {PER_MESH}".encode())
     for path, scale in keys:
         try:
-            content = path.read_bytes()
-        except OSError:  # the reader of the mesh says what is wrong
+            content = read_bytes(path, InvalidRequestError)
+        except InvalidRequestError:  # the reader of the mesh says what is wrong
             return None
         digest.update(f" {path.suffix.lower()} {scale} {len(content)} ".encode())
         digest.update(content)

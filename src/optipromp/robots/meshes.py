@@ -8,7 +8,10 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray
 from optipromp.errors import InvalidRobotError
+from optipromp.files import read_bytes
 from optipromp.robots.urdf import LENGTH_LIMIT, UrdfGeometry, UrdfModel
+
+SUFFIXES = (".stl", ".obj", ".ply", ".dae", ".off")
 
 
 def mesh_name(urdf: Path, link: str, shape: UrdfGeometry) -> str:
@@ -78,8 +81,11 @@ def _load(path: Path, where: str) -> tuple[FloatArray, IntArray]:
             f"{where}: reading meshes needs trimesh (pip install 'optipromp[mesh]'); or give the "
             "link spheres in a robot file"
         ) from error
+    if path.suffix.lower() not in SUFFIXES:
+        raise InvalidRobotError(f"{where}: its suffix must be one of {', '.join(SUFFIXES)}")
+    read_bytes(path, InvalidRobotError)  # no device, and not too large
     try:
-        mesh: Any = trimesh.load(str(path), force="mesh")
+        mesh: Any = trimesh.load(str(path), force="mesh", skip_materials=True)
         vertices = np.array(mesh.vertices, dtype=np.float64)
         faces = np.array(mesh.faces, dtype=np.int64)
     except Exception as error:  # trimesh's readers raise whatever goes wrong in them

@@ -20,7 +20,7 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.arrays import rotation as turned
 from optipromp.errors import InvalidRequestError, InvalidRobotError
-from optipromp.files import cache_folder, write_atomically
+from optipromp.files import cache_folder, read_bytes, write_atomically
 from optipromp.robots.urdf import (
     UrdfGeometry,
     UrdfInertial,
@@ -40,8 +40,8 @@ def is_mjcf(path: Path) -> bool:
     """Whether a file is an MJCF, by its suffix and its root element."""
     if path.suffix.lower() not in (".xml", ".mjcf"):
         return False
-    with suppress(OSError):
-        return b"<mujoco" in path.read_bytes()
+    with suppress(InvalidRobotError):
+        return b"<mujoco" in read_bytes(path, InvalidRobotError)
     return False
 
 

@@ -15,12 +15,14 @@ from typing import Literal, NoReturn
 from optipromp.errors import InvalidRobotError
 from optipromp.robots.urdf_tree import check_mimics, check_tree
 from optipromp.robots.xml_tree import Node, read_xml
+from optipromp.shown import printable
 
 Vector = tuple[float, float, float]
 JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]
 
 JOINT_KINDS: tuple[JointKind, ...] = ("revolute", "continuous", "prismatic", "fixed")
 LENGTH_LIMIT = 20.0  # [m] a length beyond it is taken for millimetres
+LONGEST_NAME = 1000
 ANGLE_LIMIT = 4.0 * math.pi  # [rad] an angle beyond it is taken for degrees
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
@@ -305,6 +307,12 @@ class _Reader:
         name = node.attributes.get("name", "").strip()
         if not name:
             self.refuse(f"a <{node.tag}> has no name", node)
+        if printable(name) != name or len(name) > LONGEST_NAME:
+            self.refuse(
+                f"name '{printable(name)[:60]}' of a <{node.tag}>; it must have no control "
+                f"characters and at most {LONGEST_NAME} letters",
+                node,
+            )
         return name
 
     def only(self, node: Node, tag: str, owner: str) -> Node | None:

@@ -7,6 +7,7 @@ from xml.sax.handler import ContentHandler
 from xml.sax.xmlreader import AttributesImpl, Locator
 
 from optipromp.errors import InvalidRobotError
+from optipromp.files import LARGEST_TEXT, read_bytes
 
 _XACRO = re.compile(r"\$\{[^}]*\}?|\$\([^)]*\)?")
 
@@ -73,10 +74,7 @@ def read_xml(path: Path, content: bytes | None = None) -> Node:
     import defusedxml.sax
     from defusedxml.common import DefusedXmlException
 
-    try:
-        content = path.read_bytes() if content is None else content
-    except OSError as error:
-        raise InvalidRobotError(f"{path}: cannot be read: {error.strerror or error}") from error
+    content = read_bytes(path, InvalidRobotError, LARGEST_TEXT) if content is None else content
     if not content.strip():
         raise InvalidRobotError(f"{path}: the file is empty; a URDF starts with <robot>")
     builder = _Builder(path)

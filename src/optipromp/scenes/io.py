@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from optipromp.documents import read_document
-from optipromp.errors import InvalidSceneError
+from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.files import write_atomically
 from optipromp.scenes.reading import scene_from_dict
 from optipromp.scenes.scene import Scene
@@ -37,7 +37,12 @@ def load_scene(name_or_path: str | Path) -> Scene:
 
     Raises:
         InvalidSceneError: naming the file, the field, the value and what would be right.
+        InvalidRequestError: neither a name nor a path.
     """
+    given: object = name_or_path
+    if not isinstance(given, str | Path):
+        kind = type(given).__name__
+        raise InvalidRequestError(f"a scene is given as {kind}: must be a name or a path")
     name = str(name_or_path)
     if isinstance(name_or_path, str) and name in scene_names():
         built_in = resources.files("optipromp.scenes") / "data" / f"{name}.yaml"

@@ -28,6 +28,7 @@ PHYSICAL = (
 STEM_RADIUS = 0.003
 """Radius of a stem that says none [m]."""
 
+_LARGEST_SIGMA = 10.0  # [m]
 _STEM_SLACK = 0.005  # a stem given by points starts at most this far outside its fruit [m]
 
 
@@ -192,13 +193,19 @@ def _covariance(values: FloatArray | None, sigma: float | None) -> FloatArray:
     if sigma is not None:
         if values is not None:
             raise InvalidSceneError("covariance and sigma are given: must be one of them at most")
-        if not (math.isfinite(sigma) and sigma >= 0.0):
-            raise InvalidSceneError(f"sigma is {sigma:g}: must be at least 0 [m]")
+        if not 0.0 <= sigma <= _LARGEST_SIGMA:
+            raise InvalidSceneError(
+                f"sigma is {sigma:g}: must be at least 0 [m] and at most {_LARGEST_SIGMA:g}"
+            )
         return frozen(sigma**2 * np.eye(3))
     covariance = array("covariance", values, 3, 3)
     scale = float(np.abs(covariance).max())
     if np.abs(covariance - covariance.T).max() > 1e-9 * scale:
         raise InvalidSceneError("covariance is not symmetric: must equal its transpose")
+    if scale > _LARGEST_SIGMA**2:
+        raise InvalidSceneError(
+            f"covariance reaches {scale:g}: must be at most {_LARGEST_SIGMA**2:g} [m²]"
+        )
     least = float(np.linalg.eigvalsh(covariance)[0])
     if least < -1e-12 * scale:
         raise InvalidSceneError(

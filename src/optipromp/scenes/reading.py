@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError, InvalidSceneError
+from optipromp.files import check_inside
 from optipromp.geometry.shapes import (
     Box,
     Capsule,
@@ -23,7 +25,7 @@ from optipromp.geometry.shapes import (
     Shape,
     Sphere,
 )
-from optipromp.robots.library import NOTHING, Choice
+from optipromp.robots.library import NOTHING, Choice, robot_names
 from optipromp.robots.tools import make_tool
 from optipromp.scenes.rotations import IDENTITY
 from optipromp.scenes.scene import (
@@ -98,7 +100,7 @@ def scene_from_dict(
         return Scene(
             name=model.name,
             robot=model.robot if isinstance(model.robot, str) else model.robot.file,
-            choice=_choice(model.robot),
+            choice=_choice(model.robot, base_dir),
             objects=tuple(objects),
             tool=_tool(model, scale, base_dir),
             start=None if model.start is None else np.array(model.start),
@@ -113,9 +115,18 @@ def scene_from_dict(
         raise InvalidSceneError(f"{source}: {where}{error.message}") from None
 
 
-def _choice(given: str | RobotModel) -> Choice:
+def _inside(name: str, base_dir: Path | None) -> Path:
+    """The path of a file that the scene names."""
+    return check_inside((base_dir or Path()) / name, base_dir, InvalidSceneError)
+
+
+def _choice(given: str | RobotModel, base_dir: Path | None) -> Choice:
     if isinstance(given, str):
+        if given not in robot_names():
+            _inside(given, base_dir)
         return NOTHING
+    for name in (given.file, *([given.srdf] if given.srdf else []), *given.package_dirs):
+        _inside(name, base_dir)
     return Choice(given.tip, given.base, given.srdf, given.hold, tuple(given.package_dirs))
 
 
@@ -181,7 +192,7 @@ def _shape(
         return shape
     from optipromp.geometry.loading import load_cloud, load_mesh
 
-    path = (base_dir or Path()) / given["file"]
+    path = _inside(given["file"], base_dir)
     radius = (scale * given["radius"],) if "radius" in given else ()
     key = path, *radius, given["scale"]
     if key not in shapes:
@@ -200,6 +211,12 @@ def check_magnitude(item: SceneObject, told: str = "") -> None:
         raise InvalidSceneError(
             f"shape {item.shape.path} extends {item.radius:g} m (at most {_FARTHEST:g}): "
             "millimetres? then write scale: 0.001 beside its file"
+        )
+    if _FARTHEST < item.radius < math.inf:  # a floor may be large
+        warnings.warn(
+            f"object {item.id!r} reaches {item.radius:g} m: millimetres? then write scale: 0.001 "
+            "at the top",
+            stacklevel=2,
         )
     if item.role in ("target", "pushable") and item.radius > _LARGEST_FRUIT:
         raise InvalidSceneError(
@@ -249,7 +266,7 @@ def _tool(model: SceneModel, scale: float, base_dir: Path | None) -> ToolSpec | 
 
         files = given.pop("parts", None) or [given.pop("file")]
         unit = given.pop("scale")
-        meshes = tuple(load_mesh((base_dir or Path()) / file, unit) for file in files)
+        meshes = tuple(load_mesh(_inside(file, base_dir), unit) for file in files)
         axis = {"tool_axis": tuple(given.pop("tool_axis"))} if "tool_axis" in given else {}
         point = tuple(scale * value for value in given.pop("tool_point"))
         fixed = {"meshes": meshes, "tool_point": point, **axis}

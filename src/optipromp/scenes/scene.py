@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -32,6 +31,7 @@ WIDEST_CONE = 60.0
 
 _PARALLEL = 1e-6
 _ROUNDING = 1e-9  # [m]
+_FARTHEST_CAMERA = 20.0  # [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,15 +65,16 @@ class Approach:
                 f"approach.lateral {y.tolist()} is parallel to direction {z.tolist()}: "
                 "must point across it"
             )
-        if not (math.isfinite(self.camera_distance) and self.camera_distance > 0.0):
+        if not 0.0 < self.camera_distance <= _FARTHEST_CAMERA:
             raise InvalidSceneError(
-                f"approach.camera_distance is {self.camera_distance:g}: must be above 0 [m]"
+                f"approach.camera_distance is {self.camera_distance:g}: must be above 0 [m] and at "
+                f"most {_FARTHEST_CAMERA:g}"
             )
         if not 0.0 <= self.cone <= WIDEST_CONE:
             raise InvalidSceneError(
                 f"approach.cone is {self.cone:g}: must be 0 to {WIDEST_CONE:g} [degrees]"
             )
-        if not (math.isfinite(self.aside) and self.aside >= 0.0):
+        if not 0.0 <= self.aside < np.inf:
             raise InvalidSceneError(f"approach.aside is {self.aside:g}: must be at least 0 [m]")
         object.__setattr__(self, "direction", z)
         object.__setattr__(self, "lateral", y)

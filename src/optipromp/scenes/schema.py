@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import functools
 import operator
+import reprlib
 from dataclasses import MISSING, fields
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Discriminator,
@@ -23,18 +25,29 @@ from optipromp.errors import InvalidSceneError
 from optipromp.robots.tools import TOOLS
 from optipromp.scenes.objects import Role
 from optipromp.scenes.values import suggest
-
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
-NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]
-Text = Annotated[str, Field(strict=True, min_length=1)]
-Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
-Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
-Frame = Literal["world", "base", "camera"]
+from optipromp.shown import printable
 
 
 def _refuse(what: str) -> PydanticCustomError:
     return PydanticCustomError("scene", "{what}", {"what": what})
+
+
+def _printable(text: str) -> str:
+    if printable(text) != text:
+        raise _refuse(f"is '{printable(text)[:60]}': must hold no control characters")
+    return text
+
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = 60
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
+NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]
+Text = Annotated[str, Field(strict=True, min_length=1, max_length=1000), AfterValidator(_printable)]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
+Frame = Literal["world", "base", "camera"]
 
 
 class _Model(BaseModel):
@@ -366,6 +379,7 @@ def _describe(error: ErrorDetails) -> str:
         "greater_than_equal": f"must be at least {context.get('ge', 0):g}",
         "string_type": "must be text" + ("" if value is None else ": put it in quotes"),
         "string_too_short": "must not be empty",
+        "string_too_long": f"must have at most {context.get('max_length')} letters",
         "list_type": "must be a list",
         "dict_type": "must be a mapping",
         "model_attributes_type": "must be a mapping with kind and parameters",
@@ -381,5 +395,4 @@ def _describe(error: ErrorDetails) -> str:
 
 
 def _short(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    return _SHORT.repr(value)

@@ -8,18 +8,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from optipromp.arrays import FloatArray
-from optipromp.errors import InvalidRequestError
 from optipromp.looks.scene import box_distance
 from optipromp.planning.task import resolve
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene
 from optipromp.viewer.drawn import Moment, Placed, motions, placed
 from optipromp.viewer.nodes import Nodes
+from optipromp.viewer.serving import listening
 
 if TYPE_CHECKING:
     from optipromp.planning import Plan
 
-NEEDED = "a 3-D view needs viser: pip install 'optipromp[view]'"
 FRAME_RATE = 12.0  # [Hz] of the recorded motion; between its frames nothing moves
 FRAMES = 240  # at most, of a long motion
 REST = 1.0  # [s] at the end, before it begins anew
@@ -67,13 +66,8 @@ class _Playback:
     """A server that no one is connected to, and what it would tell a window over time."""
 
     def __init__(self, scene: Scene, robot: Robot) -> None:
-        try:
-            import viser
-        except ImportError:
-            raise InvalidRequestError(NEEDED) from None
         self.robot = robot
-        with redirect_stdout(io.StringIO()):
-            self.server: Any = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+        self.server: Any = listening("127.0.0.1", 0)
         self.server.scene.set_up_direction("+z")
         self.nodes = Nodes(self.server.scene, "base", shadows=True)
         self.nodes.show(scene, robot)
