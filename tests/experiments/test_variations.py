@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from optipromp.experiments import runs
+from optipromp.experiments.runs import Row
 from optipromp.experiments.statistics import summary
 from optipromp.experiments.study import Study, run_study
+from optipromp.experiments.study_output import study_figure
 from optipromp.experiments.variations import VARIATIONS
 from optipromp.scenes.generate import Noise, generate
 from optipromp.simulation.parameters import SimulationParameters
@@ -83,3 +85,17 @@ def test_one_plan_is_executed_under_every_variation_and_as_assumed_as_ever(tmp_p
     assert run_study(study, tmp_path, workers=1) == [
         replace(row, message=" ".join(row.message.split())) for row in rows
     ]
+
+
+def test_the_figure_shows_planners_beside_one_another_under_every_variation() -> None:
+    rows = [
+        Row("cluster", seed, planner, 0.0, 0.0, 2, 0, "success", planner == "drift" or seed > 1,
+            causes="crushed not_picked", variation=name)
+        for name in VARIATIONS for planner in ("drift", "opti-promp") for seed in range(4)
+    ]  # fmt: skip
+    rates, why = study_figure(summary(rows)).axes
+    assert [text.get_text() for text in rates.get_yticklabels()] == list(VARIATIONS)
+    drift, ours = (c.lines[0].get_xdata() for c in rates.containers)
+    assert set(drift) == {100.0}
+    assert set(ours) == {50.0}
+    assert [text.get_text() for text in why.get_yticklabels()] == ["crushed", "not picked"]

@@ -45,7 +45,7 @@ def test_the_first_pick_is_the_least_harmful_one_and_then_the_quickest(bunch: Sc
     assert (found.picks[0].trajectory.positions == alone[quickest].trajectory.positions).all()
 
 
-def test_a_fruit_that_cannot_be_picked_stays_and_says_why(bunch: Scene) -> None:
+def test_a_fruit_that_cannot_be_picked_stays_and_says_why(bunch: Scene, tmp_path: Path) -> None:
     wide = replace(bunch, objects=tuple(
         replace(item, shape=Sphere(0.03)) if item.id == "n1" else item for item in bunch.objects
     ))  # fmt: skip
@@ -57,6 +57,11 @@ def test_a_fruit_that_cannot_be_picked_stays_and_says_why(bunch: Scene) -> None:
     assert "n1 is pressed" in left.message
     last = found.picks[-1].scene
     assert {item.role for item in last.objects if item.id == "n1"} == {"pushable"}
+    save_scene(wide, tmp_path / "wide.yaml")
+    told = CliRunner().invoke(app, ["plan", str(tmp_path / "wide.yaml"), "--targets", "n1,n2"])
+    assert told.exit_code == 1
+    assert "1 of 2 planned" in told.stdout
+    assert "n1 stays: harm is predicted: n1 is pressed by" in told.stdout
 
 
 @pytest.mark.parametrize("targets", [(), ("ripe", "ripe"), ("ripe", "gutter"), ("n9",)])

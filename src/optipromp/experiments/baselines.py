@@ -71,7 +71,7 @@ def attempt(scene: Scene, planner: StudyPlanner, *, seed: int = 0) -> Answer:
     - ``i-promp-guard``: i-promp whose mouth is closed until the last push is done, and whose closed
       rim is led under each neighbour. An open mouth swallows what it is led onto.
     - ``drift``: the arm follows the tool path that the paper's drift rule gives: past each
-      neighbour by R_gripper along ±y_g, on the side away from its stem.
+      neighbour by R_gripper and a clearance along ±y_g, on the side away from its stem.
     - ``paper``: the paper's own two stages, held to its constraint 1.
     - ``chomp``: opti-promp to which every pushable is an obstacle like a neighbour: the whole robot
       keeps away by cost, and nothing drifts past anything.
