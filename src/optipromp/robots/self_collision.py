@@ -17,8 +17,8 @@ from optipromp.robots.surfaces import Parts
 SAMPLED_POSTURES = 200
 SORTING_POSTURES = 20_000  # at which pairs of fitted covers are looked at
 MOSTLY = 0.95  # share of them at which links touch, so that a check of them would say nothing
-OFTEN = 20  # times that two spheres overlap there, at least, for their slack to be known
-KEPT = 0.001  # [m] of slack given away: parts are known at their corners (see DIRECTIONS)
+OFTEN = 10  # times that two spheres overlap there, at least, for their slack to be known
+KEPT = 0.0005  # [m] of slack given away: parts are known at their corners (see DIRECTIONS)
 FAR = 0.05  # [m] that covers keep at all of them, so that a check of them is not worth its time
 _PAIRS_VERSION = 2  # part of the cache key: raise it when the same robot gets other pairs
 _CHUNK = 1_000_000
@@ -132,14 +132,16 @@ class _Sample:
         postures = np.vstack([robot.home, _postures(robot, SORTING_POSTURES)])
         self.frames = robot.segment_frames(postures)
 
-    def placed(self, index: int | IntArray, rows: slice | IntArray) -> FloatArray:
-        """World centres (m, ..., 3) of spheres of one link at configurations ``rows``."""
-        spheres = self.robot.spheres
-        segment, centers = int(np.min(spheres.segment[index])), spheres.center[index]
+    def placed(
+        self, link: IntArray, points: FloatArray, rows: slice | IntArray = slice(None)
+    ) -> FloatArray:
+        """Places (m, k, 3) of ``points`` (k, 3) on the segment of spheres ``link`` (of one link),
+        at configurations ``rows``, in the world."""
+        segment = int(self.robot.spheres.segment[link[0]])
         origins, rotations = self.frames[0][rows], self.frames[1][rows]
         if segment < 0:
-            return np.broadcast_to(centers, (len(origins), *centers.shape))
-        turned = np.matmul(np.atleast_2d(centers), rotations[:, segment].transpose(0, 2, 1))
+            return np.broadcast_to(points, (len(origins), *points.shape))
+        turned = np.matmul(points, rotations[:, segment].transpose(0, 2, 1))
         placed: FloatArray = turned + origins[:, segment, None]
         return placed
 
@@ -147,17 +149,19 @@ class _Sample:
         """Of pairs (P, 2) of spheres of two links: the slack (P,) of each [m], infinite where their
         parts never meet; the share of configurations at which any is short of its slack; and the
         least gap of any [m]."""
-        radius = self.robot.spheres.radius
+        centers, radius = self.robot.spheres.center, self.robot.spheres.radius
         first, i = np.unique(pairs[:, 0], return_inverse=True)
         second, j = np.unique(pairs[:, 1], return_inverse=True)
         full = radius[pairs].sum(axis=1)
         times, least = np.zeros(len(pairs), np.int64), np.inf
-        step, total, overlaps = max(1, _CHUNK // len(pairs)), len(self.frames[0]), []
-        for start in range(0, total, step):
-            rows = np.arange(start, min(start + step, total))
-            one, other = self.placed(first, rows), self.placed(second, rows)
+        step, overlaps = max(1, _CHUNK // len(pairs)), []
+        near = self._near(first, second)
+        for start in range(0, max(len(near), 1), step):
+            rows = near[start : start + step]
+            one = self.placed(first, centers[first], rows)
+            other = self.placed(second, centers[second], rows)
             apart = np.linalg.norm(one[:, i] - other[:, j], axis=2)
-            least = min(least, float((apart - full).min()))
+            least = min(least, float((apart - full).min(initial=np.inf)))
             row, pair = np.nonzero(apart < full)
             times += np.bincount(pair, minlength=len(pairs))
             overlaps.append((rows[row], pair, apart[row, pair]))
@@ -168,7 +172,17 @@ class _Sample:
         slack = np.where(known, np.maximum(full - reach - KEPT, 0.0), 0.0)
         slack[known & (reach == 0.0)] = np.inf
         short = np.unique(row[apart < (full - slack)[pair]])
-        return slack, len(short) / total, least
+        return slack, len(short) / len(self.frames[0]), least
+
+    def _near(self, first: IntArray, second: IntArray) -> IntArray:
+        """The configurations at which balls about spheres of two links are within FAR."""
+        room, middles = FAR, []
+        for own in (first, second):
+            middle = self.robot.spheres.center[own].mean(axis=0)
+            away = np.linalg.norm(self.robot.spheres.center[own] - middle, axis=1)
+            room += float((away + self.robot.spheres.radius[own]).max())
+            middles.append(self.placed(own, middle[None]))
+        return np.flatnonzero(np.linalg.norm(middles[0] - middles[1], axis=2)[:, 0] < room)
 
     def _reach(
         self, pairs: IntArray, row: IntArray, pair: IntArray, apart: FloatArray

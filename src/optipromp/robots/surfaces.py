@@ -10,7 +10,7 @@ import numpy as np
 from optipromp.arrays import BoolArray, FloatArray, IntArray
 from optipromp.robots.model import Robot
 
-PIECE = 0.006  # [m] chosen: longest side of the pieces of a surface
+PIECE = 0.010  # [m] chosen: longest side of the pieces of a surface
 ROUND = 64  # chosen: sides of a rod; of a radius of 0.1 m they cut off 0.12 mm
 DIRECTIONS = 300  # chosen: the points of a part that are the farthest in one of them are kept
 TURNS = 20  # chosen: of a plane between two parts, until they count as touching
@@ -53,12 +53,21 @@ def parts(spheres: FloatArray, triangles: FloatArray) -> FloatArray:
     for corner in range(3):
         away = cdist(spheres[:, :3], pieces[:, corner]) - spheres[:, 3:]
         np.maximum(beyond, away, out=beyond)
-    owner, ways, out = beyond.argmin(axis=0), _directions(), []
+    owner, out = beyond.argmin(axis=0), []
     for index in np.unique(owner):
-        points = pieces[owner == index].reshape(-1, 3)
-        points = points[np.unique([(points @ way).argmax() for way in ways])]
+        points = _farthest(pieces[owner == index].reshape(-1, 3))
         out.append(np.column_stack([points, np.full(len(points), float(index))]))
     return np.concatenate(out)
+
+
+def _farthest(points: FloatArray) -> FloatArray:
+    """Those of ``points`` (m, 3) that are the farthest in one of the directions."""
+    ways = _directions()
+    for chunk in (_CHUNK, len(points)):  # of the farthest of each chunk the farthest
+        starts = range(0, len(points), chunk)
+        far = [start + (ways @ points[start : start + chunk].T).argmax(axis=1) for start in starts]
+        points = points[np.unique(far)]
+    return points
 
 
 def _directions() -> FloatArray:
