@@ -87,7 +87,8 @@ def body_of(robot: Robot) -> Body:
         start=start, distal=np.asarray(spheres.distal)[order][start[:-1]], middle=middle,
         reach=np.array(reach), tool=np.array([robot.tool_point, robot.tool_axis]),
         groups=np.column_stack([both, first, first + count]).astype(np.int64),
-        pairs=pairs.astype(np.int64), slack=np.asarray(robot.self_slack)[by], levers=levers, longest=levers.max(axis=0, initial=0.0),
+        pairs=pairs.astype(np.int64), slack=np.asarray(robot.self_slack)[by], levers=levers,
+        longest=levers.max(axis=0, initial=0.0),
     )  # fmt: skip
 
 

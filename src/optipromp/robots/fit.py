@@ -12,7 +12,7 @@ time, where the excess is largest, over all meshes together; so they end with ab
 
 A solid is what a voxel grid says: the surface, and what it encloses along two of three axes. So a
 mesh need not be closed. The whole surface is covered: it is cut into triangles whose sides are at
-most 0.85 voxels long, and each of these lies in one sphere.
+most 0.7 voxels long, and each of these lies in one sphere.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ LOOSE = 0.030  # [m] of excess down to which every cover grows, whatever it take
 MOST_SPHERES = 40  # spheres
 _FINE, _COARSE = 40, 160  # voxels along the longest side: at least, at most
 _VOXELS = 400_000
-_STEP = 0.85  # [voxels] longest side of a piece of the surface: no voxel lies between its corners
+_STEP = 0.7  # [voxels] longest side of a piece of the surface
 _POINTS, _CENTERS = 1_200, 2_500  # of a mesh while its cover grows; all points count at the end
 _SHARES = (0.6, 0.85)  # of the excess, that the half of a split may have
 _ROUNDS = 12  # of Lloyd's, at most

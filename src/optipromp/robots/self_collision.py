@@ -50,9 +50,7 @@ def with_self_pairs(
         if file is not None:
             why = np.array(found[2], dtype=np.str_).reshape(-1, 3)
             with suppress(InvalidRequestError):  # the next run finds them again
-                write_atomically(
-                    file, npz({"pairs": found[0], "slack": found[1], "left_out": why})
-                )
+                write_atomically(file, npz({"pairs": found[0], "slack": found[1], "left_out": why}))
     pairs, slack, out = found
     return replace(
         robot, self_pairs=frozen(pairs, np.int64), self_slack=frozen(slack), left_out=out
@@ -87,9 +85,7 @@ def _load(file: Path) -> Found | None:
         return None
 
 
-def sorted_out(
-    robot: Robot, pairs: IntArray, fitted: Collection[str], given: FloatArray
-) -> Found:
+def sorted_out(robot: Robot, pairs: IntArray, fitted: Collection[str], given: FloatArray) -> Found:
     """``pairs`` (P, 2) that are to be kept apart, their slack (P,) [m]; what is left out, and why.
 
     Looked at are pairs of links named in ``fitted``, at SORTING_POSTURES random configurations
@@ -203,6 +199,7 @@ class _Sample:
             at[open_] += taken
             count *= 2
         return reach
+
 
 def _postures(robot: Robot, count: int) -> FloatArray:
     """Random configurations (count, n) within the limits; continuous joints turn once."""

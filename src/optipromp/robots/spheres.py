@@ -112,7 +112,9 @@ def stands_on_its_plane(covers: Mapping[str, Cover], places: Mapping[str, Placem
 
     Their covers are then raised, so that what the robot stands on does not count as touched.
     """
-    fixed = [(covers[name].parts[:, :3], place) for name, place in places.items() if place.segment < 0]
+    fixed = [
+        (covers[name].parts[:, :3], place) for name, place in places.items() if place.segment < 0
+    ]
     lowest = [
         float((surface @ place.rotation[2]).min() + place.translation[2])
         for surface, place in fixed

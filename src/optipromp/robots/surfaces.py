@@ -117,7 +117,8 @@ class Parts:
         self, robot: Robot, frames: tuple[FloatArray, FloatArray], index: IntArray
     ) -> FloatArray:
         segment, each = robot.spheres.segment[index], np.arange(len(index))
-        placed = np.matmul(self.points[index], frames[1][each, segment].transpose(0, 2, 1))
+        turns = frames[1][each, segment].transpose(0, 2, 1)
+        placed: FloatArray = np.matmul(self.points[index], turns)
         placed += frames[0][each, segment][:, None]
         fixed = segment < 0
         placed[fixed] = self.points[index[fixed]]

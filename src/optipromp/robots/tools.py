@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from optipromp.arrays import BoolArray, FloatArray, IntArray, frozen
+from optipromp.arrays import BoolArray, FloatArray, frozen
 from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.geometry.shapes import Box, Cylinder
 from optipromp.robots.cup_cover import NECK_RADIUS, cover_cup
@@ -370,7 +370,7 @@ def without_tool(robot: Robot) -> Robot:
     if robot.tool is None:
         return robot
     keep: BoolArray = robot.spheres.link != len(robot.link_names) - 1
-    own: BoolArray = keep[robot.self_pairs].all(axis=1)
+    own = np.all(keep[robot.self_pairs], axis=1)
     spheres = BodySpheres(*(frozen(values[keep], values.dtype) for values in robot.spheres))
     return replace(
         robot,
