@@ -92,7 +92,9 @@ def sorted_out(robot: Robot, pairs: IntArray, fitted: Collection[str], given: Fl
     (fixed seed). Two spheres may overlap by as much as they do wherever their parts (``given``, see
     :class:`Parts`) are apart: their slack. Those that overlap :data:`OFTEN` while their parts never
     meet are left out; so are links that touch all the same at more than :data:`MOSTLY` of the
-    configurations, and links whose covers keep :data:`FAR` at all of them.
+    configurations, and links whose covers keep :data:`FAR` at all of them. Spheres that are short
+    at home while the links are apart there get the slack that home needs; but a home with a joint
+    at its limit is where nobody chose to be, and says nothing.
     """
     link, names = robot.spheres.link, robot.link_names
     pairs = pairs[np.lexsort((link[pairs[:, 1]], link[pairs[:, 0]]))] if fitted else pairs
@@ -127,6 +129,7 @@ class _Sample:
         self.robot, self.parts = robot, parts
         postures = np.vstack([robot.home, _postures(robot, SORTING_POSTURES)])
         self.frames = robot.segment_frames(postures)
+        self.chosen = ((robot.home > robot.lower) & (robot.home < robot.upper)).all()
 
     def placed(
         self, link: IntArray, points: FloatArray, rows: slice | IntArray = slice(None)
@@ -167,7 +170,14 @@ class _Sample:
         known = self.parts.known[pairs].all(axis=1) & (times >= OFTEN)
         slack = np.where(known, np.maximum(full - reach - KEPT, 0.0), 0.0)
         slack[known & (reach == 0.0)] = np.inf
-        short = np.unique(row[apart < (full - slack)[pair]])
+        if known.any() and not reach.any():  # the links never touch
+            slack[:] = np.inf
+        short = apart < (full - slack)[pair]
+        home = np.flatnonzero(short & (row == 0)) if self.chosen else np.zeros(0, dtype=np.int64)
+        frames = self.frames[0][row[home]], self.frames[1][row[home]]
+        if len(home) and not self.parts.touch(self.robot, frames, pairs[pair[home]]).any():
+            slack[pair[home]] = full[pair[home]] - apart[home] + KEPT
+        short = np.unique(row[short])
         return slack, len(short) / len(self.frames[0]), least
 
     def _near(self, first: IntArray, second: IntArray) -> IntArray:

@@ -100,8 +100,7 @@ class Parts:
         """Whether the parts of pairs of spheres (m, 2) may touch, each at frames of its own.
 
         ``frames`` are origins (m, S, 3) and rotations (m, S, 3, 3). A plane between two hulls
-        proves them apart; it is sought by steps to the point of their difference nearest to zero
-        (Frank and Wolfe).
+        proves them apart; see :func:`hulls_touch`.
         """
         out = np.empty(len(pairs), dtype=bool)
         for start in range(0, len(pairs), _CHUNK):
@@ -110,7 +109,7 @@ class Parts:
                 self._placed(robot, (frames[0][rows], frames[1][rows]), pairs[rows, side])
                 for side in (0, 1)
             )
-            out[rows] = _touch(one, other)
+            out[rows] = hulls_touch(one, other)
         return out
 
     def _placed(
@@ -125,22 +124,37 @@ class Parts:
         return placed
 
 
-def _touch(one: FloatArray, other: FloatArray) -> BoolArray:
-    """Whether the hulls of points (m, M, 3) and (m, M, 3) cannot be told apart by TURNS planes."""
-    left = np.arange(len(one))
+def hulls_touch(one: FloatArray, other: FloatArray) -> BoolArray:
+    """Whether the hulls of points (m, M, 3) and (m, M, 3) cannot be told apart by TURNS planes.
+
+    Of their difference (Minkowski's) the corner farthest against the point nearest to zero so far
+    is added to the corners known; the nearest point of these is found by moving weight from the
+    corner farthest along it to the one least far (Mitchell, Demyanov and Malozemov).
+    """
+    left, each = np.arange(len(one)), np.arange(len(one))
     nearest = other.mean(axis=1) - one.mean(axis=1)
-    for _ in range(TURNS):
-        each = np.arange(len(left))
-        a, b = one[left], other[left]
+    corners, weights = np.zeros((len(one), TURNS, 3)), np.zeros((len(one), TURNS))
+    for turn in range(TURNS):
         way = nearest[:, :, None]
-        far = a[each, np.matmul(a, way)[:, :, 0].argmax(axis=1)]
-        near = b[each, np.matmul(b, way)[:, :, 0].argmin(axis=1)]
+        far = one[left][each, np.matmul(one[left], way)[:, :, 0].argmax(axis=1)]
+        near = other[left][each, np.matmul(other[left], way)[:, :, 0].argmin(axis=1)]
         corner = near - far
         still = (corner * nearest).sum(axis=1) <= 0.0
-        left, corner, nearest = left[still], corner[still], nearest[still]
-        back = nearest - corner
-        share = (nearest * back).sum(axis=1) / np.maximum((back * back).sum(axis=1), 1e-18)
-        nearest = nearest - np.clip(share, 0.0, 1.0)[:, None] * back
+        left, corners, weights = left[still], corners[still], weights[still]
+        each = np.arange(len(left))
+        corners[:, turn], weights[:, turn] = corner[still], float(turn == 0)
+        known = corners[:, : turn + 1]
+        for _ in range(turn + 1):
+            nearest = np.matmul(weights[:, None, : turn + 1], known)[:, 0]
+            along = np.matmul(known, nearest[:, :, None])[:, :, 0]
+            to = along.argmin(axis=1)
+            start = np.where(weights[:, : turn + 1] > 0.0, along, -np.inf).argmax(axis=1)
+            back = known[each, start] - known[each, to]
+            share = (back * nearest).sum(axis=1) / np.maximum((back * back).sum(axis=1), 1e-18)
+            share = np.clip(share, 0.0, weights[each, start])
+            weights[each, start] -= share
+            weights[each, to] += share
+        nearest = np.matmul(weights[:, None, : turn + 1], known)[:, 0]
     out = np.zeros(len(one), dtype=bool)
     out[left] = True
     return out
