@@ -62,6 +62,7 @@ def meshes_touch(
     wrong = {frozenset(pair) for pair in disabled_pairs(srdf, model)} if srdf else set()
     meshes = {name: mesh for name, mesh in link_meshes(model).items() if name in places}
     models = {name: _bvh(mesh) for name, mesh in meshes.items()}
+    solids = {name: (mesh, mesh.min((0, 1)), mesh.max((0, 1))) for name, mesh in meshes.items()}
     origins, rotations = robot.segment_frames(q)
     at = {}
     for name in meshes:
@@ -81,8 +82,8 @@ def meshes_touch(
                 result.clear()
                 out[t] = coal.collide(models[a], at[a][t], models[b], at[b][t], request, result)
                 between = at[a][t].inverse() * at[b][t]
-                out[t] = out[t] or _inside(meshes[a], between, meshes[b][0, 0])
-                out[t] = out[t] or _inside(meshes[b], between.inverse(), meshes[a][0, 0])
+                out[t] = out[t] or _inside(solids[a], between, meshes[b][0, 0])
+                out[t] = out[t] or _inside(solids[b], between.inverse(), meshes[a][0, 0])
     return out
 
 
@@ -99,10 +100,10 @@ def _bvh(mesh: np.ndarray) -> coal.BVHModelOBBRSS:
     return out
 
 
-def _inside(mesh: np.ndarray, place: coal.Transform3s, point: np.ndarray) -> bool:
-    """Whether ``point`` (3,) of what stands at ``place`` is inside a mesh."""
-    p = place.transform(point)
-    if (p < mesh.min(axis=(0, 1))).any() or (p > mesh.max(axis=(0, 1))).any():
+def _inside(solid: tuple[np.ndarray, ...], place: coal.Transform3s, point: np.ndarray) -> bool:
+    """Whether ``point`` (3,) of what stands at ``place`` is in a mesh, given with its bounds."""
+    (mesh, low, high), p = solid, place.transform(point)
+    if (p < low).any() or (p > high).any():
         return False
     a, b, c = np.moveaxis(mesh - p, 1, 0)
     x, y, z = (np.linalg.norm(v, axis=1) for v in (a, b, c))
