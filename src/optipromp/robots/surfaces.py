@@ -14,7 +14,7 @@ PIECE = 0.010  # [m] chosen: longest side of the pieces of a surface
 ROUND = 64  # chosen: sides of a rod; of a radius of 0.1 m they cut off 0.12 mm
 DIRECTIONS = 300  # chosen: the points of a part that are the farthest in one of them are kept
 TURNS = 20  # chosen: of a plane between two parts, until they count as touching
-_CHUNK = 4_000  # pairs of parts at once
+_AT_ONCE = 4_000  # pairs of parts at once
 
 
 def of_box(size: FloatArray) -> FloatArray:
@@ -63,7 +63,7 @@ def parts(spheres: FloatArray, triangles: FloatArray) -> FloatArray:
 def _farthest(points: FloatArray) -> FloatArray:
     """Those of ``points`` (m, 3) that are the farthest in one of the directions."""
     ways = _directions()
-    for chunk in (_CHUNK, len(points)):  # of the farthest of each chunk the farthest
+    for chunk in (_AT_ONCE, len(points)):  # of the farthest of each chunk the farthest
         starts = range(0, len(points), chunk)
         far = [start + (ways @ points[start : start + chunk].T).argmax(axis=1) for start in starts]
         points = points[np.unique(far)]
@@ -103,8 +103,8 @@ class Parts:
         proves them apart; see :func:`hulls_touch`.
         """
         out = np.empty(len(pairs), dtype=bool)
-        for start in range(0, len(pairs), _CHUNK):
-            rows = slice(start, start + _CHUNK)
+        for start in range(0, len(pairs), _AT_ONCE):
+            rows = slice(start, start + _AT_ONCE)
             one, other = (
                 self._placed(robot, (frames[0][rows], frames[1][rows]), pairs[rows, side])
                 for side in (0, 1)
