@@ -1,5 +1,6 @@
 """The judge's kinematics and distances against other libraries, and by hand."""
 
+from dataclasses import replace
 from importlib import resources
 from typing import Any
 
@@ -204,10 +205,15 @@ def test_nothing_there_is_none(gantry: Robot) -> None:
     assert {key for key, value in found.items() if value is not None} <= {"clearance_self"}
 
 
-def test_self_clearance_is_that_of_the_pairs(panda: Robot) -> None:
+@pytest.mark.parametrize("most", [0.0, 0.04])
+def test_self_clearance_is_that_of_the_pairs(panda: Robot, most: float) -> None:
+    """Less what they may overlap: a slack of up to ``most`` [m] for each."""
     q = samples(panda, 20, seed=5)
     centers, radius = panda.sphere_centers(q), np.asarray(panda.spheres.radius)
     a, b = panda.self_pairs.T
-    expected = np.linalg.norm(centers[:, a] - centers[:, b], axis=2) - radius[a] - radius[b]
+    slack = np.random.default_rng(1).uniform(0.0, most, len(a))
+    expected = np.linalg.norm(centers[:, a] - centers[:, b], axis=2) - radius[a] - radius[b] + slack
+    panda = replace(panda, self_slack=slack)
+    np.testing.assert_allclose(panda.self_gaps(q), expected, atol=1e-12)
     found, _ = judging.clearances(to(JointGoal(q[0])), panda, q)
     assert found["clearance_self"] == pytest.approx(expected.min(), abs=1e-12)

@@ -72,11 +72,7 @@ def test_and_one_broken_by_a_little_costs_a_little(name: str, panda: Any) -> Non
         case "self":
             problem = panda.problem(cutoff=1.0)
             problem.evaluate(panda.q)
-            robot = panda.robot
-            x, pairs = robot.sphere_centers(panda.q), robot.self_pairs
-            apart = np.linalg.norm(x[:, pairs[:, 0]] - x[:, pairs[:, 1]], axis=2)
-            gap = float((apart - robot.spheres.radius[pairs].sum(axis=1)).min())
-            change = {"margin": gap + little}
+            change = {"margin": float(panda.robot.self_gaps(panda.q).min()) + little}
         case "corridor" | "upright":
             change = {"tolerance": term.tolerance - 2 * little}
         case "limits":

@@ -1,4 +1,4 @@
-"""Whether surfaces touch, and pairs of spheres that say nothing because they never do."""
+"""Surfaces in parts, and spheres that may overlap because their parts never meet."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,35 +8,47 @@ import pytest
 
 from optipromp.arrays import rotation
 from optipromp.robots import load_robot
-from optipromp.robots.surfaces import TOUCHING, Neighbourhood, of_box, of_rod, surface
+from optipromp.robots.spheres import cover_box
+from optipromp.robots.surfaces import hulls_touch, of_box, of_rod, parts
 
 
-@pytest.mark.parametrize("gap", [0.0, 0.002, 0.5 * TOUCHING])
-def test_what_touches_is_found_at_any_turn(gap: float) -> None:
-    """Two boxes, a corner of one at ``gap`` from a face of the other."""
-    near, box = Neighbourhood(of_box(np.array([0.2, 0.3, 0.1]))), of_box(np.full(3, 0.06))
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        axis = rng.normal(size=3)
-        turn = rotation(axis / np.linalg.norm(axis), float(rng.uniform(0.0, 3.0)))
-        lowest = float((box @ turn.T)[:, 2].min())
-        at = np.array([*rng.uniform(-0.05, 0.05, 2), 0.05 - lowest + max(gap - 0.003, 0.0)])
-        assert near.touched(box, turn[None], at[None])[0]
-        assert not near.touched(box, turn[None], at[None] + [0.0, 0.0, 2.0 * TOUCHING])[0]
+@pytest.mark.parametrize("gap", [-0.0005, 0.003])
+def test_what_touches_is_told_from_what_does_not_at_any_turn(gap: float) -> None:
+    """Two boxes, a corner of one at ``gap`` over a face of the other, or its edge, or its face."""
+    corners = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), axis=-1).reshape(-1, 3)
+    lower, box, rng = corners * [0.2, 0.3, 0.1], corners * 0.06, np.random.default_rng(0)
+    turns = [rotation(axis / np.linalg.norm(axis), 1.0) for axis in rng.normal(size=(20, 3))]
+    turns += [np.eye(3), rotation(np.array([1.0, 0.0, 0.0]), 0.25 * np.pi)]
+    placed = np.array([box @ turn.T for turn in turns])
+    placed[:, :, :2] += rng.uniform(-0.05, 0.05, (len(turns), 1, 2))
+    placed[:, :, 2] += 0.05 + gap - placed[:, :, 2].min(axis=1)[:, None]
+    touch = hulls_touch(np.tile(lower, (len(turns), 1, 1)), placed)
+    assert (touch == (gap < 0.0)).all()
 
 
-def test_rods_and_triangles() -> None:
-    rod = of_rod(0.03, 0.2, 0.0)
-    assert np.hypot(rod[:, 0], rod[:, 1]).max() == pytest.approx(0.03)
-    assert np.abs(rod[:, 2]).max() == pytest.approx(0.1)
-    capsule = of_rod(0.03, 0.2, 0.03)
-    assert np.abs(capsule[:, 2]).max() == pytest.approx(0.13)
-    away = np.linalg.norm(capsule - np.clip(capsule, [0, 0, -0.1], [0, 0, 0.1]), axis=1)
-    assert np.allclose(away, 0.03)
-    triangle = np.array([[[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]]])
-    cells = surface(triangle)
-    inside = np.random.default_rng(1).dirichlet([1.0, 1.0, 1.0], 500) @ triangle[0]
-    assert np.linalg.norm(inside[:, None] - cells, axis=2).min(axis=1).max() < 0.5 * TOUCHING
+@pytest.mark.parametrize(
+    ("triangles", "half"),
+    [
+        (of_box(np.array([0.3, 0.2, 0.02])), [0.15, 0.1, 0.01]),
+        (of_rod(0.03, 0.2, 0.0), [0.03, 0.03, 0.1]),
+        (of_rod(0.03, 0.2, 0.03), [0.03, 0.03, 0.13]),
+    ],
+    ids=["box", "cylinder", "capsule"],
+)
+def test_parts_hold_the_surface(triangles: np.ndarray, half: list[float]) -> None:
+    """The hulls of the parts together reach as far as the surface in every direction, within
+    0.5 mm, and each is in its sphere."""
+    spheres = cover_box(2.0 * np.array(half), 0.01)
+    found = parts(spheres, triangles)
+    ways = np.random.default_rng(0).normal(size=(500, 3))
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    reach = (found[:, :3] @ ways.T).max(axis=0)
+    surface = triangles.reshape(-1, 3)
+    assert np.abs(reach - (surface @ ways.T).max(axis=0)).max() < 5e-4
+    np.testing.assert_allclose(np.abs(surface).max(axis=0), half, atol=1e-12)
+    own = spheres[found[:, 3].astype(int)]
+    away = np.linalg.norm(found[:, :3] - own[:, :3], axis=1) - own[:, 3]
+    assert away.max() < 0.010  # a piece on the border of two spheres
 
 
 def test_links_whose_covers_alone_touch(

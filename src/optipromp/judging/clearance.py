@@ -387,10 +387,13 @@ def _nearest_pair(body, group, check, spheres, middles, apart):  # type: ignore[
             continue
         x, y = spheres[a, 0] - spheres[b, 0], spheres[a, 1] - spheres[b, 1]
         z = spheres[a, 2] - spheres[b, 2]
-        squared, reach = x * x + y * y + z * z, gap + body.radius[a] + body.radius[b]
-        if squared > reach * reach * (1.0 + 1e-12):  # no nearer, and no root needed to see it
+        squared = x * x + y * y + z * z
+        reach = gap + body.radius[a] + body.radius[b] - body.slack[i]
+        if reach < 0.0 or squared > reach * reach * (
+            1.0 + 1e-12
+        ):  # no nearer, and no root needed to see it
             continue
-        d = math.sqrt(squared) - body.radius[a] - body.radius[b]
+        d = math.sqrt(squared) - body.radius[a] - body.radius[b] + body.slack[i]
         gap = min(gap, d)
         if d < apart[0]:
             apart[0], apart[1], apart[2], apart[3] = d, a, b, check

@@ -44,6 +44,7 @@ class Body(NamedTuple):
     tool: FloatArray  # (2, 3) tool point and tool axis in the last segment
     groups: IntArray  # (G, 4) two links that must not touch, and their range of `pairs`
     pairs: IntArray  # (P, 2) two spheres that must not touch
+    slack: FloatArray  # (P,) how far they may overlap all the same [m]
     levers: FloatArray  # (G, S) how far a group's links move about one another, by joint [m/rad]
     longest: FloatArray  # (S,) the largest of them
 
@@ -87,7 +88,8 @@ def body_of(robot: Robot) -> Body:
         start=start, distal=np.asarray(spheres.distal)[order][start[:-1]], middle=middle,
         reach=np.array(reach), tool=np.array([robot.tool_point, robot.tool_axis]),
         groups=np.column_stack([both, first, first + count]).astype(np.int64),
-        pairs=pairs.astype(np.int64), levers=levers, longest=levers.max(axis=0, initial=0.0),
+        pairs=pairs.astype(np.int64), slack=np.asarray(robot.self_slack)[by], levers=levers,
+        longest=levers.max(axis=0, initial=0.0),
     )  # fmt: skip
 
 

@@ -58,7 +58,8 @@ class BodyPoints:
         )
         self.link_bound: FloatArray = frozen(bound_radii)
         self.link_distal: BoolArray = frozen(distal, np.bool_)
-        self.groups, self.pairs = _grouped_pairs(robot.self_pairs, order, link, links)
+        self.groups, self.pairs, by = _grouped_pairs(robot.self_pairs, order, link, links)
+        self.slack: FloatArray = frozen(robot.self_slack[by])
 
     def __len__(self) -> int:
         return len(self.segment)
@@ -66,10 +67,8 @@ class BodyPoints:
 
 def _grouped_pairs(
     self_pairs: IntArray, order: IntArray, link: IntArray, links: IntArray
-) -> tuple[IntArray, IntArray]:
-    """Pairs renumbered to the sorted spheres and grouped by their two links."""
-    if not len(self_pairs):
-        return frozen(np.zeros((0, 4)), np.int64), frozen(np.zeros((0, 2)), np.int64)
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Pairs renumbered to the sorted spheres and grouped by their two links; and their order."""
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
     pairs = np.sort(place[self_pairs], axis=1)
@@ -78,7 +77,7 @@ def _grouped_pairs(
     by_links = np.argsort((code * len(link) + pairs[:, 0]) * len(link) + pairs[:, 1])
     code, starts, counts = np.unique(code[by_links], return_index=True, return_counts=True)
     groups = np.column_stack([*np.divmod(code, len(links)), starts, starts + counts])
-    return frozen(groups, np.int64), frozen(pairs[by_links], np.int64)
+    return frozen(groups, np.int64), frozen(pairs[by_links], np.int64), by_links
 
 
 class Evaluation:

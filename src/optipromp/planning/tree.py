@@ -35,6 +35,7 @@ class Collider(NamedTuple):
     link_distal: BoolArray
     groups: IntArray
     pairs: IntArray
+    slack: FloatArray
     static: Obstacles
     dynamic: Obstacles
     shared: int
@@ -133,8 +134,8 @@ def collider(task: Task, shared: int) -> Collider:
     segments = robot.n_segments
     return Collider(
         robot.kinematics, body.segment, body.local, body.radius, body.link_start, body.link_bound,
-        body.link_distal, body.groups, body.pairs, around.static, around.dynamic, shared,
-        levers(robot), TREE.step, np.empty((1, segments, 3)), np.empty((1, segments, 3, 3)),
+        body.link_distal, body.groups, body.pairs, body.slack, around.static, around.dynamic,
+        shared, levers(robot), TREE.step, np.empty((1, segments, 3)), np.empty((1, segments, 3, 3)),
         np.empty((1, segments, 3)), np.empty((1, len(body), 3)),
     )  # fmt: skip
 
@@ -181,7 +182,7 @@ def blocked(body, q):  # type: ignore[no-untyped-def]
             continue
         for k in range(body.groups[g, 2], body.groups[g, 3]):
             i, j = body.pairs[k, 0], body.pairs[k, 1]
-            if closer(p, i, j, body.radius[i] + body.radius[j]):
+            if closer(p, i, j, body.radius[i] + body.radius[j] - body.slack[k]):
                 return True
     return False
 

@@ -249,6 +249,7 @@ def _build(
         spheres=_body_spheres(entry, model, chain, covers),
         link_names=tuple(model.links),
         self_pairs=frozen(np.zeros((0, 2)), np.int64),
+        self_slack=frozen(np.zeros(0)),
         flange_rotation=frozen(chain.flange.rotation),
         flange_translation=frozen(chain.flange.translation),
         tool_point=frozen(chain.flange.translation),
@@ -274,12 +275,7 @@ def _build(
     )
     srdf = _given_srdf(entry, path, choice) or srdf_beside(model)
     disabled = [] if srdf is None else disabled_pairs(srdf, model)
-    surfaces = {
-        link: cover.surface @ place.rotation.T + place.translation
-        for link, cover in covers.items()
-        if len(cover.surface) and (place := chain.placements[link])
-    }
-    robot = with_self_pairs(robot, [*entry.allow_self, *disabled], excess, surfaces)
+    robot = with_self_pairs(robot, [*entry.allow_self, *disabled], excess, _parts(covers, chain))
     given = [LeftOut(a, b, "robot file") for a, b in entry.allow_self]
     given += [LeftOut(a, b, srdf.name) for a, b in disabled if srdf is not None]
     return replace(robot, left_out=(*given, *robot.left_out)), arm
@@ -318,6 +314,17 @@ def _covers(entry: RobotFile, model: UrdfModel, chain: Chain) -> dict[str, Cover
     return {link: covers[link] for link in chain.placements}
 
 
+def _parts(covers: dict[str, Cover], chain: Chain) -> FloatArray:
+    """The parts (c, 4) of all covers, in the frames of the segments; see :class:`Parts`."""
+    first, out = 0, [np.zeros((0, 4))]
+    for link, cover in covers.items():
+        place, own = chain.placements[link], cover.parts
+        at = own[:, :3] @ place.rotation.T + place.translation
+        out.append(np.column_stack([at, own[:, 3] + first]))
+        first += len(cover.spheres)
+    return np.concatenate(out)
+
+
 def _body_spheres(
     entry: RobotFile, model: UrdfModel, chain: Chain, covers: dict[str, Cover]
 ) -> BodySpheres:
@@ -334,7 +341,7 @@ def _body_spheres(
                 f"or give '{name}' no spheres in a robot file (spheres: {{{name}: []}})"
             )
         placed = cover[:, :3] @ place.rotation.T + place.translation
-        if standing and place.segment < 0 and len(covers[name].surface):
+        if standing and place.segment < 0 and len(covers[name].parts):
             placed[:, 2] = np.maximum(placed[:, 2], cover[:, 3])
         center.append(placed)
         radius.append(cover[:, 3])

@@ -15,18 +15,18 @@ from optipromp.robots.meshes import mesh_file, triangles
 from optipromp.robots.urdf import UrdfGeometry, UrdfModel
 
 PER_MESH = 7.5  # spheres, on average over the meshes of a robot: 60 for eight links
-_COVERS_VERSION = 2  # part of the cache key: raise it when the same meshes get other covers
+_COVERS_VERSION = 3  # part of the cache key: raise it when the same meshes get other covers
 
 
 class Cover(NamedTuple):
     """Spheres (k, 4), centres and radii [m], and how far they reach beyond what they cover [m].
 
-    ``surface`` (c, 3): see :mod:`optipromp.robots.surfaces`; empty of spheres that were given.
+    ``parts`` (c, 4): see :mod:`optipromp.robots.surfaces`; empty of spheres that were given.
     """
 
     spheres: FloatArray
     excess: float
-    surface: FloatArray = np.zeros((0, 3))
+    parts: FloatArray = np.zeros((0, 4))
 
 
 def cover_meshes(
@@ -50,14 +50,14 @@ def cover_meshes(
     covers = None if file is None else _load(file, len(first))
     if covers is None:
         from optipromp.robots.fit import fit_covers
-        from optipromp.robots.surfaces import surface
+        from optipromp.robots.surfaces import parts
 
         solids = [triangles(model.path, link, shape) for link, shape in first.values()]
         fitted = zip(fit_covers(solids, PER_MESH), solids, strict=True)
-        covers = [Cover(*cover, surface(solid)) for cover, solid in fitted]
+        covers = [Cover(*cover, parts(cover[0], solid)) for cover, solid in fitted]
         if file is not None:
             arrays = {f"{i}": np.vstack([c.spheres, [c.excess] * 4]) for i, c in enumerate(covers)}
-            arrays |= {f"surface {i}": c.surface for i, c in enumerate(covers)}
+            arrays |= {f"parts {i}": c.parts for i, c in enumerate(covers)}
             with suppress(InvalidRequestError):  # the next run fits them again
                 write_atomically(file, npz(arrays))
     of_key = dict(zip(first, covers, strict=True))
@@ -85,13 +85,13 @@ def _load(file: Path, count: int) -> list[Cover] | None:
     try:
         data = read_npz(file)
         rows = [np.asarray(data[f"{i}"], dtype=np.float64) for i in range(count)]
-        cells = [np.asarray(data[f"surface {i}"], dtype=np.float64) for i in range(count)]
+        parts = [np.asarray(data[f"parts {i}"], dtype=np.float64) for i in range(count)]
     except (InvalidRequestError, KeyError, TypeError, ValueError):
         return None
-    for row, surface in zip(rows, cells, strict=True):
+    for row, part in zip(rows, parts, strict=True):
         usable = row.ndim == 2 and row.shape[1] == 4 and len(row) > 1
-        usable = usable and surface.shape[1:] == (3,) and bool(np.isfinite(surface).all())
+        usable = usable and part.shape[1:] == (4,) and bool(np.isfinite(part).all())
         if not (usable and np.isfinite(row).all() and (row[:-1, 3] > 0.0).all()):
             return None
-    both = zip(rows, cells, strict=True)
-    return [Cover(row[:-1], float(row[-1, 0]), surface) for row, surface in both]
+    both = zip(rows, parts, strict=True)
+    return [Cover(row[:-1], float(row[-1, 0]), part) for row, part in both]

@@ -71,6 +71,7 @@ class Robot(Shown):
     spheres: BodySpheres
     link_names: tuple[str, ...]
     self_pairs: IntArray  # (P, 2) sphere indices of links that are not neighbours
+    self_slack: FloatArray  # (P,) [m] that they may overlap, for their links are still apart
     flange_rotation: FloatArray  # (3, 3) in the last segment's frame
     flange_translation: FloatArray  # (3,)
     tool_point: FloatArray  # (3,)
@@ -171,6 +172,14 @@ class Robot(Shown):
             out,
         )
         return out.reshape(*array.shape[:-1], n_spheres, 3)
+
+    def self_gaps(self, q: FloatArray) -> FloatArray:
+        """How far each of ``self_pairs`` is from touching (..., P) [m] at ``q`` (..., n)."""
+        centers, radius = self.sphere_centers(q), self.spheres.radius
+        i, j = self.self_pairs.T
+        apart = np.linalg.norm(centers[..., i, :] - centers[..., j, :], axis=-1)
+        gaps: FloatArray = apart - radius[i] - radius[j] + self.self_slack
+        return gaps
 
     def _frames(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         array = self.check_configuration(q)

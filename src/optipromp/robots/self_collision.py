@@ -12,53 +12,56 @@ from optipromp.arrays import FloatArray, IntArray, frozen
 from optipromp.errors import InvalidRequestError
 from optipromp.files import cache_folder, npz, read_npz, write_atomically
 from optipromp.robots.model import LeftOut, Robot
-from optipromp.robots.surfaces import Neighbourhood
+from optipromp.robots.surfaces import Parts
 
 SAMPLED_POSTURES = 200
-SORTING_POSTURES = 1_000  # at which pairs of fitted covers are looked at
-MOSTLY = 0.95  # share of them at which covers touch, so that a check of them would say nothing
-TRIED = 100  # of those at which covers touch, at most: do the surfaces?
-OFTEN = 5  # times that spheres touch there, at least, while the surfaces never do
+SORTING_POSTURES = 20_000  # at which pairs of fitted covers are looked at
+MOSTLY = 0.95  # share of them at which links touch, so that a check of them would say nothing
+OFTEN = 10  # times that two spheres overlap there, at least, for their slack to be known
+KEPT = 0.0005  # [m] of slack given away: parts are known at their corners (see DIRECTIONS)
 FAR = 0.05  # [m] that covers keep at all of them, so that a check of them is not worth its time
-_PAIRS_VERSION = 1  # part of the cache key: raise it when the same robot gets other pairs
+_PAIRS_VERSION = 2  # part of the cache key: raise it when the same robot gets other pairs
 _CHUNK = 1_000_000
+
+Found = tuple[IntArray, FloatArray, tuple[LeftOut, ...]]
 
 
 def with_self_pairs(
     robot: Robot,
     allowed: Collection[tuple[str, str]] = (),
     excess: Mapping[str, float] | None = None,
-    surfaces: Mapping[str, FloatArray] | None = None,
+    parts: FloatArray | None = None,
 ) -> Robot:
     """The robot with its self-collision pairs: spheres of links two or more joints apart.
 
     Left out are the pairs of links in ``allowed``, and those that overlap at every one of
     SAMPLED_POSTURES random configurations (fixed seed): such covers overlap whatever the arm does.
-    ``excess`` holds, for each link whose cover was fitted, how far it reaches beyond the link [m];
-    pairs of such links are left out by :func:`leave_out` too. ``surfaces`` (c, 3) are those of
-    :mod:`optipromp.robots.surfaces`, by link, in the frames of the segments.
+    ``excess`` holds, for each link whose cover was fitted, how far it reaches beyond the link [m],
+    and ``parts`` (c, 4) their surfaces, see :class:`Parts`: by these :func:`sorted_out` gives the
+    pairs of such links a slack, or leaves them out.
     """
-    excess, surfaces = excess or {}, surfaces or {}
-    file = _cache_file(robot, allowed, excess, surfaces) if surfaces else None
+    parts = np.zeros((0, 4)) if parts is None else parts
+    excess = excess or {}
+    file = _cache_file(robot, allowed, excess, parts) if len(parts) else None
     found = None if file is None else _load(file)
     if found is None:
         pairs = drop_always_touching(robot, candidate_pairs(robot, allowed))
-        found = leave_out(robot, pairs, excess, surfaces)
+        found = sorted_out(robot, pairs, list(excess), parts)
         if file is not None:
-            why = np.array(found[1], dtype=np.str_).reshape(-1, 3)
+            why = np.array(found[2], dtype=np.str_).reshape(-1, 3)
             with suppress(InvalidRequestError):  # the next run finds them again
-                write_atomically(file, npz({"pairs": found[0], "left_out": why}))
-    return replace(robot, self_pairs=frozen(found[0], np.int64), left_out=found[1])
-
-
-Found = tuple[IntArray, tuple[LeftOut, ...]]
+                write_atomically(file, npz({"pairs": found[0], "slack": found[1], "left_out": why}))
+    pairs, slack, out = found
+    return replace(
+        robot, self_pairs=frozen(pairs, np.int64), self_slack=frozen(slack), left_out=out
+    )
 
 
 def _cache_file(
     robot: Robot,
     allowed: Collection[tuple[str, str]],
     excess: Mapping[str, float],
-    surfaces: Mapping[str, FloatArray],
+    parts: FloatArray,
 ) -> Path | None:
     """The file that holds the pairs of a robot of these arrays."""
     folder = cache_folder()
@@ -66,8 +69,7 @@ def _cache_file(
         return None
     told = robot.link_names, sorted(allowed), sorted(excess.items())
     digest = hashlib.sha256(f"{_PAIRS_VERSION} {told}".encode())
-    arrays = robot.lower, robot.upper, robot.home, *robot.kinematics, *robot.spheres
-    for array in (*arrays, *surfaces.values()):
+    for array in (robot.lower, robot.upper, *robot.kinematics, *robot.spheres, parts):
         digest.update(np.ascontiguousarray(array).tobytes())
     return folder / "pairs" / f"{digest.hexdigest()}.npz"
 
@@ -77,86 +79,136 @@ def _load(file: Path) -> Found | None:
     try:
         data = read_npz(file)
         pairs = np.asarray(data["pairs"], dtype=np.int64).reshape(-1, 2)
-        return pairs, tuple(LeftOut(*map(str, row)) for row in data["left_out"])
+        slack = np.asarray(data["slack"], dtype=np.float64).reshape(len(pairs))
+        return pairs, slack, tuple(LeftOut(*map(str, row)) for row in data["left_out"])
     except (InvalidRequestError, KeyError, TypeError, ValueError):
         return None
 
 
-def leave_out(
-    robot: Robot,
-    pairs: IntArray,
-    excess: Mapping[str, float],
-    surfaces: Mapping[str, FloatArray],
-) -> Found:
-    """``pairs`` (P, 2) without those that need not, or cannot, be kept apart; and which, and why.
+def sorted_out(robot: Robot, pairs: IntArray, fitted: Collection[str], given: FloatArray) -> Found:
+    """``pairs`` (P, 2) that are to be kept apart, their slack (P,) [m]; what is left out, and why.
 
-    Looked at are pairs of links named in ``excess``. Left out are links whose covers touch at more
-    than :data:`MOSTLY` of SORTING_POSTURES random configurations (fixed seed), or keep
-    :data:`FAR` at all of them. Of links whose covers touch at home by less than they reach beyond
-    the links, which may be free there, only the spheres that touch are left out; a home with a
-    joint at its limit is where nobody chose to be, and says nothing. The spheres that touch only
-    where the surfaces of the links are apart are left out too; see :func:`only_covers`.
+    Looked at are pairs of links named in ``fitted``, at SORTING_POSTURES random configurations
+    (fixed seed). Two spheres may overlap by as much as they do wherever their parts (``given``, see
+    :class:`Parts`) are apart: their slack. Those that overlap :data:`OFTEN` while their parts never
+    meet are left out; so are links that touch all the same at more than :data:`MOSTLY` of the
+    configurations, and links whose covers keep :data:`FAR` at all of them. Spheres that are short
+    at home while the links are apart there get the slack that home needs; but a home with a joint
+    at its limit is where nobody chose to be, and says nothing.
     """
     link, names = robot.spheres.link, robot.link_names
-    pairs = pairs[np.lexsort((link[pairs[:, 1]], link[pairs[:, 0]]))] if excess else pairs
-    fitted = np.array([name in excess for name in names])[link[pairs]].all(axis=1)
-    kept, looked = [pairs[~fitted]], pairs[fitted]
-    if not len(looked):
-        return pairs, ()
-    links, first = np.unique(link[looked], axis=0, return_index=True)
-    postures = _postures(robot, SORTING_POSTURES)
-    nearest = np.array([np.minimum.reduceat(_gaps(robot, q, looked), first) for q in postures])
-    chosen = ((robot.home > robot.lower) & (robot.home < robot.upper)).all()
-    home = np.split(_gaps(robot, robot.home, looked), first[1:])
-    out = []
-    for (a, b), own, at_home, gaps in zip(
-        links, np.split(looked, first[1:]), home, nearest.T, strict=True
-    ):
-        share = float((gaps < 0.0).mean())
-        beyond = excess[names[a]] + excess[names[b]]
-        if share > MOSTLY:
-            why = f"covers touch at {100.0 * share:.0f} % of configurations"
-        elif gaps.min() > FAR and at_home.min() > FAR:
+    pairs = pairs[np.lexsort((link[pairs[:, 1]], link[pairs[:, 0]]))] if fitted else pairs
+    looked = np.isin(link[pairs], [names.index(name) for name in fitted]).all(axis=1)
+    kept, slacks = [pairs[~looked]], [np.zeros(int((~looked).sum()))]
+    pairs, out = pairs[looked], list[LeftOut]()
+    if not len(pairs):
+        return kept[0], slacks[0], ()
+    sample = _Sample(robot, Parts(len(link), given))
+    links, first = np.unique(link[pairs], axis=0, return_index=True)
+    for (a, b), own in zip(links, np.split(pairs, first[1:]), strict=True):
+        slack, share, nearest = sample.slack(own)
+        meet = np.isfinite(slack)
+        if nearest > FAR:
             why = "never near"
-        elif len(empty := only_covers(robot, own, postures[gaps < 0.0][:TRIED], surfaces)):
-            why = f"{len(empty)} of {len(own)} pairs of spheres: only the covers touch"
-            kept.append(own[~np.isin(np.arange(len(own)), empty)])
-        elif chosen and -beyond < at_home.min() < 0.0:
-            touching = at_home < 0.0
-            why = f"{touching.sum()} of {len(own)} pairs of spheres: only the covers touch, at home"
-            kept.append(own[~touching])
+        elif share > MOSTLY:
+            why = f"touch at {100.0 * share:.0f} % of configurations"
         else:
-            kept.append(own)
-            continue
+            kept.append(own[meet])
+            slacks.append(slack[meet])
+            if meet.all():
+                continue
+            why = f"{(~meet).sum()} of {len(own)} pairs of spheres: only the covers touch"
         out.append(LeftOut(names[a], names[b], why))
-    return np.concatenate(kept), tuple(out)
+    return np.concatenate(kept), np.concatenate(slacks), tuple(out)
 
 
-def only_covers(
-    robot: Robot, pairs: IntArray, postures: FloatArray, surfaces: Mapping[str, FloatArray]
-) -> IntArray:
-    """Which pairs of spheres (P, 2) of two links touch while the links themselves never do.
+class _Sample:
+    """Random configurations of a robot, home the first, and where its links are there."""
 
-    Indices of those that touch at :data:`OFTEN` of ``postures`` (m, n) or more, and at none where
-    the surfaces of the links touch. Where no surface touches, all pairs.
-    """
+    def __init__(self, robot: Robot, parts: Parts) -> None:
+        self.robot, self.parts = robot, parts
+        postures = np.vstack([robot.home, _postures(robot, SORTING_POSTURES)])
+        self.frames = robot.segment_frames(postures)
+        self.chosen = ((robot.home > robot.lower) & (robot.home < robot.upper)).all()
 
-    names = [robot.link_names[robot.spheres.link[sphere]] for sphere in pairs[0]]
-    if len(postures) < OFTEN or not all(name in surfaces for name in names):
-        return np.zeros(0, dtype=np.int64)
-    origins, rotations = robot.segment_frames(postures)
-    fixed = np.tile(np.eye(3), (len(postures), 1, 1)), np.zeros((len(postures), 3))
-    (turn, at), (other, where) = (
-        fixed if s < 0 else (rotations[:, s], origins[:, s])
-        for s in robot.spheres.segment[pairs[0]]
-    )
-    back = np.moveaxis(other, 1, 2)
-    shifts = np.einsum("mij,mj->mi", back, at - where)
-    real = Neighbourhood(surfaces[names[1]]).touched(surfaces[names[0]], back @ turn, shifts)
-    if not real.any():
-        return np.arange(len(pairs))
-    touch = np.array([_gaps(robot, q, pairs) < 0.0 for q in postures])
-    return np.flatnonzero((touch.sum(axis=0) >= OFTEN) & ~touch[real].any(axis=0))
+    def placed(
+        self, link: IntArray, points: FloatArray, rows: slice | IntArray = slice(None)
+    ) -> FloatArray:
+        """Places (m, k, 3) of ``points`` (k, 3) on the segment of spheres ``link`` (of one link),
+        at configurations ``rows``, in the world."""
+        segment = int(self.robot.spheres.segment[link[0]])
+        origins, rotations = self.frames[0][rows], self.frames[1][rows]
+        if segment < 0:
+            return np.broadcast_to(points, (len(origins), *points.shape))
+        turned = np.matmul(points, rotations[:, segment].transpose(0, 2, 1))
+        placed: FloatArray = turned + origins[:, segment, None]
+        return placed
+
+    def slack(self, pairs: IntArray) -> tuple[FloatArray, float, float]:
+        """Of pairs (P, 2) of spheres of two links: the slack (P,) of each [m], infinite where their
+        parts never meet; the share of configurations at which any is short of its slack; and the
+        least gap of any [m]."""
+        centers, radius = self.robot.spheres.center, self.robot.spheres.radius
+        first, i = np.unique(pairs[:, 0], return_inverse=True)
+        second, j = np.unique(pairs[:, 1], return_inverse=True)
+        full = radius[pairs].sum(axis=1)
+        times, least = np.zeros(len(pairs), np.int64), np.inf
+        step, overlaps = max(1, _CHUNK // len(pairs)), []
+        near = self._near(first, second)
+        for start in range(0, max(len(near), 1), step):
+            rows = near[start : start + step]
+            one = self.placed(first, centers[first], rows)
+            other = self.placed(second, centers[second], rows)
+            apart = np.linalg.norm(one[:, i] - other[:, j], axis=2)
+            least = min(least, float((apart - full).min(initial=np.inf)))
+            row, pair = np.nonzero(apart < full)
+            times += np.bincount(pair, minlength=len(pairs))
+            overlaps.append((rows[row], pair, apart[row, pair]))
+        row, pair, apart = map(np.concatenate, zip(*overlaps, strict=True))
+        order = np.lexsort((-apart, pair))
+        reach = self._reach(pairs, row[order], pair[order], apart[order])
+        known = self.parts.known[pairs].all(axis=1) & (times >= OFTEN)
+        slack = np.where(known, np.maximum(full - reach - KEPT, 0.0), 0.0)
+        slack[known & (reach == 0.0)] = np.inf
+        if known.any() and not reach.any():  # the links never touch
+            slack[:] = np.inf
+        short = apart < (full - slack)[pair]
+        home = np.flatnonzero(short & (row == 0)) if self.chosen else np.zeros(0, dtype=np.int64)
+        frames = self.frames[0][row[home]], self.frames[1][row[home]]
+        if len(home) and not self.parts.touch(self.robot, frames, pairs[pair[home]]).any():
+            slack[pair[home]] = full[pair[home]] - apart[home] + KEPT
+        short = np.unique(row[short])
+        return slack, len(short) / len(self.frames[0]), least
+
+    def _near(self, first: IntArray, second: IntArray) -> IntArray:
+        """The configurations at which balls about spheres of two links are within FAR."""
+        room, middles = FAR, []
+        for own in (first, second):
+            middle = self.robot.spheres.center[own].mean(axis=0)
+            away = np.linalg.norm(self.robot.spheres.center[own] - middle, axis=1)
+            room += float((away + self.robot.spheres.radius[own]).max())
+            middles.append(self.placed(own, middle[None]))
+        return np.flatnonzero(np.linalg.norm(middles[0] - middles[1], axis=2)[:, 0] < room)
+
+    def _reach(
+        self, pairs: IntArray, row: IntArray, pair: IntArray, apart: FloatArray
+    ) -> FloatArray:
+        """The largest distance (P,) [m] of the centres of each pair at which its parts meet, or 0.
+
+        Of each overlap: its configuration, its pair, and the distance; by pair, the largest first.
+        """
+        reach, count = np.zeros(len(pairs)), 8
+        at, end = (np.searchsorted(pair, np.arange(len(pairs)), side) for side in ("left", "right"))
+        while len(open_ := np.flatnonzero((reach == 0.0) & (at < end))):
+            taken = np.minimum(count, end[open_] - at[open_])
+            before = np.cumsum(taken) - taken
+            index = np.arange(taken.sum()) + np.repeat(at[open_] - before, taken)
+            frames = self.frames[0][row[index]], self.frames[1][row[index]]
+            meets = self.parts.touch(self.robot, frames, pairs[pair[index]])
+            np.maximum.at(reach, pair[index[meets]], apart[index[meets]])
+            at[open_] += taken
+            count *= 2
+        return reach
 
 
 def _postures(robot: Robot, count: int) -> FloatArray:

@@ -12,7 +12,7 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.robots.chain import Placement, rotation_of
 from optipromp.robots.mesh_covers import Cover, cover_meshes
-from optipromp.robots.surfaces import of_box, of_rod
+from optipromp.robots.surfaces import of_box, of_rod, parts
 from optipromp.robots.urdf import UrdfGeometry, UrdfModel
 
 MOUNTED = 0.005  # [m] chosen: how far from z = 0 a base may end that stands there
@@ -92,13 +92,17 @@ def cover_links(model: UrdfModel, links: Collection[str]) -> dict[str, Cover]:
     )
     covers = {}
     for link, own in shapes.items():
-        parts = [(over_meshes[one] if one.kind == "mesh" else _cover(one), one) for one in own]
-        placed = [_placed(cover.spheres, shape) for cover, shape in parts]
-        surfaces = [_placed(cover.surface, shape) for cover, shape in parts]
+        shown = [(over_meshes[one] if one.kind == "mesh" else _cover(one), one) for one in own]
+        placed = [_placed(cover.spheres, shape) for cover, shape in shown]
+        before = np.cumsum([0, *[len(spheres) for spheres in placed]])
+        surfaces = [
+            _placed(cover.parts, shape) + [0.0, 0.0, 0.0, first]
+            for (cover, shape), first in zip(shown, before[:-1], strict=True)
+        ]
         covers[link] = Cover(
             np.concatenate([np.zeros((0, 4)), *placed]),
-            max((cover.excess for cover, _ in parts), default=0.0),
-            np.concatenate([np.zeros((0, 3)), *surfaces]),
+            max((cover.excess for cover, _ in shown), default=0.0),
+            np.concatenate([np.zeros((0, 4)), *surfaces]),
         )
     return covers
 
@@ -108,7 +112,9 @@ def stands_on_its_plane(covers: Mapping[str, Cover], places: Mapping[str, Placem
 
     Their covers are then raised, so that what the robot stands on does not count as touched.
     """
-    fixed = [(covers[name].surface, place) for name, place in places.items() if place.segment < 0]
+    fixed = [
+        (covers[name].parts[:, :3], place) for name, place in places.items() if place.segment < 0
+    ]
     lowest = [
         float((surface @ place.rotation[2]).min() + place.translation[2])
         for surface, place in fixed
@@ -121,22 +127,24 @@ def _cover(shape: UrdfGeometry) -> Cover:
     """The cover of a primitive; its excess is that of the centres' depths in it."""
     if shape.kind == "sphere":
         radius = shape.size[0]
-        return Cover(np.array([[0.0, 0.0, 0.0, radius]]), 0.0, of_rod(radius, 0.0, radius))
+        spheres = np.array([[0.0, 0.0, 0.0, radius]])
+        return Cover(spheres, 0.0, parts(spheres, of_rod(radius, 0.0, radius)))
     if shape.kind == "box":
         spheres = cover_box(np.array(shape.size), allowance(min(shape.size) / 2.0))
         depth = (np.array(shape.size) / 2.0 - np.abs(spheres[:, :3])).min(axis=1)
-        return Cover(spheres, float((spheres[:, 3] - depth).max()), of_box(np.array(shape.size)))
+        excess = float((spheres[:, 3] - depth).max())
+        return Cover(spheres, excess, parts(spheres, of_box(np.array(shape.size))))
     radius, length = shape.size
     if shape.kind == "cylinder":
         spheres = cover_cylinder(radius, length, allowance(min(radius, length / 2.0)))
         side = radius - np.hypot(spheres[:, 0], spheres[:, 1])
         depth = np.minimum(side, length / 2.0 - np.abs(spheres[:, 2]))
         excess = float((spheres[:, 3] - depth).max())
-        return Cover(spheres, excess, of_rod(radius, length, 0.0))
+        return Cover(spheres, excess, parts(spheres, of_rod(radius, length, 0.0)))
     tip = np.array([0.0, 0.0, length / 2.0])
     spheres = cover_capsule(-tip, tip, radius, allowance(radius))
     excess = float((spheres[:, 3] - radius).max())
-    return Cover(spheres, excess, of_rod(radius, length, radius))
+    return Cover(spheres, excess, parts(spheres, of_rod(radius, length, radius)))
 
 
 def allowance(half_width: float) -> float:

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from optipromp.arrays import BoolArray, FloatArray, IntArray, frozen
+from optipromp.arrays import BoolArray, FloatArray, frozen
 from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.geometry.shapes import Box, Cylinder
 from optipromp.robots.cup_cover import NECK_RADIUS, cover_cup
@@ -358,7 +358,11 @@ def with_tool(robot: Robot, tool: Tool) -> Robot:
     pairs = candidate_pairs(robot)
     pairs = pairs[pairs[:, 1] >= len(body.radius)]  # the arm's own are known
     pairs = drop_always_touching(robot, pairs)
-    return replace(robot, self_pairs=frozen(np.concatenate([bare.self_pairs, pairs]), np.int64))
+    return replace(
+        robot,
+        self_pairs=frozen(np.concatenate([bare.self_pairs, pairs]), np.int64),
+        self_slack=frozen(np.append(bare.self_slack, np.zeros(len(pairs)))),
+    )
 
 
 def without_tool(robot: Robot) -> Robot:
@@ -366,13 +370,14 @@ def without_tool(robot: Robot) -> Robot:
     if robot.tool is None:
         return robot
     keep: BoolArray = robot.spheres.link != len(robot.link_names) - 1
-    pairs: IntArray = robot.self_pairs[keep[robot.self_pairs].all(axis=1)]
+    own = np.all(keep[robot.self_pairs], axis=1)
     spheres = BodySpheres(*(frozen(values[keep], values.dtype) for values in robot.spheres))
     return replace(
         robot,
         spheres=spheres,  # the tool's come last, so the other indices stay
         link_names=robot.link_names[:-1],
-        self_pairs=frozen(pairs, np.int64),
+        self_pairs=frozen(robot.self_pairs[own], np.int64),
+        self_slack=frozen(robot.self_slack[own]),
         tool_point=robot.flange_translation,
         tool_axis=frozen(robot.flange_rotation[:, 2]),
         gripper_radius=0.0,

@@ -169,18 +169,20 @@ def self_overlap(e: Evaluation, margin: float, scale: float = 0.0) -> FloatArray
     """
     body, out = e.body, np.zeros(len(e.q))
     self_penalty(
-        e.points, body.radius, body.groups, body.pairs, body.link_bound, margin, scale, e.force,
-        e.stiffness, out,
+        e.points, body.radius, body.groups, body.pairs, body.slack, body.link_bound, margin, scale,
+        e.force, e.stiffness, out,
     )  # fmt: skip
     return out
 
 
 @inner
-def self_penalty(points, radius, groups, pairs, link_bound, margin, scale, force, stiffness, out):  # type: ignore[no-untyped-def]
+def self_penalty(  # type: ignore[no-untyped-def]
+    points, radius, groups, pairs, slack, link_bound, margin, scale, force, stiffness, out
+):
     """:func:`self_overlap`; adds to ``out`` (T,).
 
     ``groups`` (G, 4): two links and the range of their ``pairs`` (P, 2), so that a pair of links
-    whose bounding spheres are apart costs one test.
+    whose bounding spheres are apart costs one test. ``slack`` (P,) is ``Robot.self_slack``.
     """
     n_spheres = radius.shape[0]
     for t in range(points.shape[0]):
@@ -200,9 +202,9 @@ def self_penalty(points, radius, groups, pairs, link_bound, margin, scale, force
                 if skip:
                     continue
                 x, y, z = a[0] - points[t, j, 0], a[1] - points[t, j, 1], a[2] - points[t, j, 2]
-                keep = radius[i] + radius[j] + margin
+                keep = radius[i] + radius[j] + margin - slack[p]
                 squared = x * x + y * y + z * z
-                if squared >= keep * keep:
+                if keep <= 0.0 or squared >= keep * keep:
                     continue
                 apart = math.sqrt(squared)
                 short = keep - apart

@@ -220,8 +220,5 @@ def free(scene: Scene, robot: Robot, q: FloatArray, clearance: float = 0.0) -> B
         away, _ = distances(static, centers.reshape(-1, 3))
         nearest = away.min(axis=1).reshape(len(q), -1) - radius
         out &= nearest.min(axis=1) >= clearance
-    if len(robot.self_pairs):
-        i, j = robot.self_pairs.T
-        gap = np.linalg.norm(centers[:, i] - centers[:, j], axis=2) - radius[i] - radius[j]
-        out &= gap.min(axis=1) >= 0.0
+    out &= robot.self_gaps(q).min(axis=1, initial=0.0) >= 0.0
     return out

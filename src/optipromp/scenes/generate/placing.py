@@ -142,9 +142,5 @@ def spare(robot: Robot, q: FloatArray) -> float:
     jp, ja = robot.tool_jacobian(q)
     rates = np.linalg.svd(np.concatenate([jp, ik.AXIS_LENGTH * ja], axis=1), compute_uv=False)
     rate = float(rates[:, min(5, robot.n_joints) - 1].min())  # of a point and an axis
-    centers, radius, room = robot.sphere_centers(q), robot.spheres.radius, np.inf
-    if len(robot.self_pairs):
-        i, j = robot.self_pairs.T
-        gap = np.linalg.norm(centers[:, i] - centers[:, j], axis=2) - radius[i] - radius[j]
-        room = float(gap.min())
+    room = float(robot.self_gaps(q).min(initial=np.inf))
     return min(margin / MARGIN, room / ROOM, rate / SPEED_RATIO, lowest(robot, q) / LOW)
