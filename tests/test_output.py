@@ -70,7 +70,10 @@ def test_a_moved_folder_still_loads(result: Plan, tmp_path: Path) -> None:
     assert load_plan(tmp_path / "b").seed == 3
 
 
-def test_a_mesh_tool_of_a_scene_file_comes_back(tmp_path: Path) -> None:
+def test_a_mesh_tool_of_a_scene_file_comes_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # which holds the mesh and the plan
     write_obj(tmp_path / "cup.obj", *joined(cup_parts()))
     stated = {"kind": "mesh", "file": "cup.obj", "tool_point": [0.0, 0.0, 0.12], "opening": 0.044,
               "height": 0.04}  # fmt: skip
