@@ -129,3 +129,30 @@ def test_damage_is_named(result: Plan, tmp_path: Path, damage: str) -> None:
             (tmp_path / "waypoints.npz").write_bytes(b"PK")
     with pytest.raises(OptiPrompError, match=str(tmp_path)):
         load_plan(tmp_path)
+
+
+@pytest.mark.parametrize("damage", ["scaled", "columns", "metrics", "status", "first", "harm"])
+def test_what_a_file_says_is_not_believed(result: Plan, tmp_path: Path, damage: str) -> None:
+    write_plan(result, tmp_path)
+    path, rows = tmp_path / "plan.json", tmp_path / "waypoints.npz"
+    document = json.loads(path.read_text()) | {"status": "success"}
+    with np.load(rows) as found:
+        arrays = {key: found[key] for key in found.files}
+    match damage:
+        case "scaled":
+            arrays["positions"] = 10.0 * arrays["positions"]
+        case "columns":
+            arrays = {k: v[:, :2] if v.ndim == 2 else v[:2] if v.dtype.kind == "U" else v
+                      for k, v in arrays.items()}  # fmt: skip
+        case "metrics":
+            document["metrics"]["goal_error"] = "x"
+        case "status":
+            document["status"] = "splendid"
+        case "first":
+            document["first"] = 10**9
+        case "harm":
+            document["predicted_harm"] = {"harm": 3, "threshold": 1, "object": "", "cause": ""}
+    np.savez(rows, **arrays)
+    path.write_text(json.dumps(document))
+    with pytest.raises(OptiPrompError, match=str(tmp_path)):
+        load_plan(tmp_path)
