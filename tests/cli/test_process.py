@@ -136,3 +136,11 @@ def test_a_file_that_reaches_its_limit_is_told_and_absent(tmp_path: Path) -> Non
     assert done.stderr.count("\n") == 1
     assert "File too large" in done.stderr
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of Linux")
+def test_too_little_memory_is_told_and_not_waited_in() -> None:
+    limited = f"ulimit -v 400000; {sys.executable} -m optipromp list"
+    done = subprocess.run(["bash", "-c", limited], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error INVALID_REQUEST: memory is limited to 410 MB")
