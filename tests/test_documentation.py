@@ -64,7 +64,7 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
     code = "import sys, optipromp; print({'numpy', 'numba', 'scipy', 'yaml'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
-    assert {"plan", "plan_many", "judge", "simulate"} <= set(dir(optipromp))
+    assert {"plan", "plan_many", "plan_sequence", "judge", "simulate"} <= set(dir(optipromp))
 
 
 def test_every_test_that_the_page_on_robustness_names_is_there() -> None:

@@ -8,14 +8,13 @@ import numpy as np
 from benchmarks.registry import RATIO, SUITE, Context, Measured, Metric, Value, Values
 from benchmarks.timing import median, percentile
 from optipromp.planning import plan, warm_up
-from optipromp.scenes.generate import Preset, generate, perceived
+from optipromp.scenes.generate import NOISES, Preset, generate, perceived
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene
 
 HANGING: tuple[Preset, ...] = ("cluster", "side-clusters", "table-top", "mixed")
 FIRST, COUNT = 60_000, 100  # seed of the first scene, scenes of a kind
 GROUP = 10  # scenes between plans of scenario III
-ERROR = 0.005, np.deg2rad(5.0)  # [m], [rad] standard deviation of a detection
 KINDS = {  # targets: median and 95th percentile
     "known fruits": (1.5, 3.0),
     "detected fruits": (4.0, 10.0),
@@ -76,6 +75,6 @@ def _scenes(kind: str, count: int) -> list[Scene]:
     for i in range(count):
         scene = generate(presets[i % len(presets)], FIRST + i)
         if kind == "detected fruits":
-            scene = perceived(scene, np.random.default_rng(FIRST + i), *ERROR)
+            scene = perceived(scene, np.random.default_rng(FIRST + i), NOISES["zero-mean"])
         out.append(scene)
     return out

@@ -4,10 +4,11 @@
 >>> result = plan(load_scene("scenario-3"))
 >>> result.success, result.metrics.goal_error, result.trajectory.positions.shape
 
-The verbs are :func:`plan`, :func:`plan_many`, :func:`judge` and :func:`simulate` (which needs the
-extra ``sim``). Shapes, robots, primitives, pushing and costs are in the sub-packages ``geometry``,
-``scenes``, ``robots``, ``promp``, ``pushing`` and ``optimization.costs``. Each name below is loaded
-when it is first used, so that importing the package is fast.
+The verbs are :func:`plan`, :func:`plan_many`, :func:`plan_sequence`, :func:`judge` and
+:func:`simulate` (which needs the extra ``sim``). Shapes, robots, primitives, pushing and costs are
+in the sub-packages ``geometry``, ``scenes``, ``robots``, ``promp``, ``pushing`` and
+``optimization.costs``. Each name below is loaded when it is first used, so that importing the
+package is fast.
 """
 
 from importlib import import_module
@@ -24,8 +25,10 @@ if TYPE_CHECKING:
     from optipromp.planning import PlanOptions as PlanOptions
     from optipromp.planning import Verdict as Verdict
     from optipromp.planning import judge as judge
+    from optipromp.planning.many import plan_many as plan_many
     from optipromp.planning.plan import plan as plan
-    from optipromp.planning.plan import plan_many as plan_many
+    from optipromp.planning.sequence import PickSequence as PickSequence
+    from optipromp.planning.sequence import plan_sequence as plan_sequence
     from optipromp.promp import Basis as Basis
     from optipromp.promp import JointPoint as JointPoint
     from optipromp.promp import ProMP as ProMP
@@ -51,7 +54,17 @@ _HOMES = {
     "errors": ("Code", "OptiPrompError"),
     "judging": ("Metrics",),
     "output": ("load_plan", "write_plan"),
-    "planning": ("PaperOptions", "Plan", "PlanOptions", "Verdict", "judge", "plan", "plan_many"),
+    "planning": (
+        "PaperOptions",
+        "PickSequence",
+        "Plan",
+        "PlanOptions",
+        "Verdict",
+        "judge",
+        "plan",
+        "plan_many",
+        "plan_sequence",
+    ),
     "promp": (
         "Basis",
         "JointPoint",

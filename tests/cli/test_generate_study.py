@@ -35,16 +35,40 @@ def test_generate_json(tmp_path: Path) -> None:
     assert document["redraws"] == scene["redraws"] == sum(scene["reasons"].values())
 
 
+def test_generate_leaves_the_scenes_as_a_detector_sees_them(tmp_path: Path) -> None:
+    told = [
+        "generate",
+        "--preset",
+        "cluster",
+        "--seed",
+        "6",
+        "--count",
+        "8",
+        "--out",
+        str(tmp_path),
+    ]
+    result = RUN.invoke(app, [*told, "--noise", "detector", "--json"])
+    missed = 0
+    for record in json.loads(result.stdout)["scenes"]:
+        true, seen = load_scene(Path(record["file"])), load_scene(Path(record["seen"]))
+        assert {i.id for i in true.objects} - {i.id for i in seen.objects} == set(record["missed"])
+        assert seen.target is not None
+        assert seen.target.covariance is not None
+        missed += len(record["missed"])
+    assert missed > 0
+    assert RUN.invoke(app, [*told, "--noise", "lower"]).exit_code == 2
+
+
 def test_generate_refuses_an_unknown_preset(tmp_path: Path) -> None:
     assert RUN.invoke(app, ["generate", "--preset", "rows", "--out", str(tmp_path)]).exit_code == 2
 
 
 @pytest.fixture
 def quick(monkeypatch):
-    def run_scene(preset, seed, planners, noise_position, noise_angle, version, *_):
+    def run_scene(preset, seed, planners, noise, version, *_):
         row = Row(
-            preset=preset, seed=seed, planner="", noise_position=noise_position,
-            noise_angle=noise_angle, pushables=1, redraws=0, plan_status="success", success=False,
+            preset=preset, seed=seed, planner="", noise_position=noise.position,
+            noise_angle=noise.angle, pushables=1, redraws=0, plan_status="success", success=False,
             cause="stem_caught", message="", picked=True, swallowed="", unripe_force=1.0,
             target_force=1.0, static_force=0.0, torn="", stem_force=0.0, duration=1.0,
             predicted_harm=0.0, plan_time=0.1, simulation_time=1.0, version=version,
@@ -70,6 +94,8 @@ def test_study_prints_rates_and_causes(quick, tmp_path: Path) -> None:
     document = json.loads(again.stdout)
     assert document["runs"] == 12
     assert [cell["rate"] for cell in document["cells"]] == [0.0, 1.0, 0.0, 1.0]
+    each = [*arguments[:3], "--planner", "straight", "--planner", "chomp", *arguments[5:], "--json"]
+    assert json.loads(RUN.invoke(app, each).stdout) == document
 
 
 @pytest.mark.parametrize(
@@ -80,6 +106,7 @@ def test_study_prints_rates_and_causes(quick, tmp_path: Path) -> None:
         (["--preset", "clusters"], "did you mean 'cluster'"),
         (["--planners", "rrt"], "planner is 'rrt'"),
         (["--noise-angle", "-1"], "noise_angle"),
+        (["--noise", "lower"], "did you mean 'low'"),
     ],
 )
 def test_study_refuses_what_is_wrong_in_one_line(options, words, tmp_path: Path) -> None:

@@ -4,7 +4,9 @@ import pytest
 from optipromp import judging
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.experiments.baselines import STUDY_PLANNERS, as_obstacles, attempt, straight
+from optipromp.planning import PaperOptions, PlanOptions, plan
 from optipromp.planning.task import resolve
+from optipromp.pushing import rule_paths
 from optipromp.pushing.hanging import THRESHOLD
 from optipromp.scenes import JointGoal, load_scene
 from optipromp.scenes.generate import generate
@@ -75,6 +77,35 @@ def test_every_planner_answers(planner: str) -> None:
     assert made.trajectory is not None
     assert made.seconds > 0.0
     assert made.message
+
+
+def test_a_guard_is_led_under_the_fruits_and_opens_after_the_last_push() -> None:
+    scene = generate("cluster", 1)
+    open_, closed = (
+        plan(scene, planner="i-promp", options=PlanOptions(paper=PaperOptions(guard=g)))
+        for g in (False, True)
+    )
+    drop = {item.id: 0.02 + item.radius for item in scene.pushables}
+    for one, other in zip(open_.via[1:-1], closed.via[1:-1], strict=True):
+        below = (one.position - other.position) @ scene.frame[2]
+        assert below == pytest.approx(drop[one.name.split()[0]])
+    made = attempt(scene, "i-promp-guard")
+    assert made.trajectory is not None
+    assert 0.3 * made.trajectory.duration < made.guard < made.trajectory.duration
+    assert attempt(scene, "i-promp").guard == 0.0
+
+
+def test_the_drift_rule_passes_along_y() -> None:
+    """On either side of the line, the tool leaves it along y_g by R_gripper and more."""
+    scene = generate("cluster", 1)
+    task = resolve(scene)
+    for corners in rule_paths(scene, task.neighbours, task.robot, task.camera, "paper"):
+        off = (corners - scene.target.position) @ scene.frame[:2].T
+        assert np.abs(off[:, 1]).max() > 0.5 * task.robot.gripper_radius
+        fruits = [
+            (item.position - scene.target.position) @ scene.frame[0] for item in task.neighbours
+        ]
+        assert np.abs(off[:, 0]).max() <= np.abs(fruits).max() + 1e-9
 
 
 def test_an_unknown_planner_is_refused_by_name() -> None:

@@ -17,6 +17,7 @@ from optipromp.experiments.runs import COLUMNS, Row, row_from_text
 from optipromp.experiments.statistics import summary, wilson
 from optipromp.experiments.study import RowFile, Study, run_study
 from optipromp.experiments.study_output import study_figure, write_results
+from optipromp.scenes.generate import Noise
 
 ROW = Row(
     preset="cluster", seed=0, planner="straight", noise_position=0.0, noise_angle=0.0, pushables=2,
@@ -37,7 +38,7 @@ def quick(monkeypatch):
     """Runs that cost nothing, and a list of the scenes that were run."""
     asked: list[tuple[str, int, tuple[str, ...]]] = []
 
-    def run_scene(preset, seed, planners, noise_position, noise_angle, version, *_):
+    def run_scene(preset, seed, planners, noise, version, *_):
         asked.append((preset, seed, tuple(planners)))
         return [
             replace(ROW, preset=preset, seed=seed, planner=planner, success=planner == "promp")
@@ -68,13 +69,20 @@ def test_wilson_against_published_values() -> None:
 def test_summary_counts() -> None:
     rows = [
         replace(ROW, seed=0, success=True, cause=""),
-        replace(ROW, seed=1, static_force=3.0, cause="static_contact", unripe_force=2.5),
+        replace(
+            ROW,
+            seed=1,
+            static_force=3.0,
+            cause="static_contact",
+            unripe_force=2.5,
+            causes="static_contact crushed not_picked",
+        ),
         replace(ROW, seed=2, cause="no_plan", plan_status="INVALID_PLAN", unripe_force=None),
         replace(ROW, seed=3, torn="n1 n2"),
     ]
     (cell,) = summary(rows)
     assert (cell.runs, cell.successes, cell.plans) == (4, 1, 3)
-    assert cell.causes == {"static_contact": 1, "no_plan": 1, "crushed": 1}
+    assert cell.causes == {"crushed": 2, "static_contact": 1, "not_picked": 1, "no_plan": 1}
     assert (cell.static_contacts, cell.torn, cell.redraws) == (1, 1, 20)
     assert cell.unripe_force == 12.5
     assert cell.low < cell.rate == 0.25 < cell.high
@@ -118,7 +126,11 @@ def test_a_message_of_many_lines_is_one_line(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("change", "named"),
-    [({"noise_angle": 5.0}, "noise_angle"), ({"only_valid": True}, "only_valid")],
+    [
+        ({"noise_angle": 5.0}, "noise_angle"),
+        ({"only_valid": True}, "only_valid"),
+        ({"noise": "low"}, "noise"),
+    ],
 )
 def test_rows_of_another_study_are_not_mixed(change, named, tmp_path: Path) -> None:
     RowFile(tmp_path, small())
@@ -154,6 +166,8 @@ def test_what_is_no_row_is_refused(tmp_path: Path) -> None:
         ({"seeds": (3, 3)}, "3:3"),
         ({"seeds": (-1, 3)}, "-1:3"),
         ({"noise_position": float("nan")}, "noise_position"),
+        ({"noise": "lower"}, "did you mean 'low'"),
+        ({"noise": "low", "noise_angle": 5.0}, "one of them"),
     ],
 )
 def test_wrong_studies_are_refused(change, named) -> None:
@@ -214,7 +228,7 @@ def test_a_run_that_breaks_off_is_a_row_too(monkeypatch) -> None:
         raise ZeroDivisionError("of all objects")
 
     monkeypatch.setattr(runs, "attempt", broken)
-    (row,) = runs.run_scene("cluster", 0, ("straight",), 0.0, 0.0, "x")
+    (row,) = runs.run_scene("cluster", 0, ("straight",), Noise(), "x")
     assert (row.success, row.cause) == (False, "error")
     assert "of all objects" in row.message
 
@@ -222,7 +236,7 @@ def test_a_run_that_breaks_off_is_a_row_too(monkeypatch) -> None:
 def test_plans_that_are_refused_are_not_executed_where_so_asked() -> None:
     pytest.importorskip("mujoco")
     for seed in range(20):
-        (row,) = runs.run_scene("table-top", seed, ("straight",), 0.0, 0.0, "x", only_valid=True)
+        (row,) = runs.run_scene("table-top", seed, ("straight",), Noise(), "x", only_valid=True)
         if row.plan_status != "success":
             assert row.cause == "no_plan"
             assert row.unripe_force is None

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from optipromp.experiments import runs
+from optipromp.experiments.runs import Row
 from optipromp.experiments.statistics import summary
 from optipromp.experiments.study import Study, run_study
+from optipromp.experiments.study_output import study_figure
 from optipromp.experiments.variations import VARIATIONS
-from optipromp.scenes.generate import generate
+from optipromp.scenes.generate import Noise, generate
 from optipromp.simulation.parameters import SimulationParameters
 
 USUAL = SimulationParameters()
@@ -23,6 +25,7 @@ CHANGED = {
     "fruits 1.5 times as heavy": {"fruit.density"},
     "damping × 0.2": {"stem.damping_time", "stem.swing_damping"},
     "damping × 4": {"stem.damping_time", "stem.swing_damping"},
+    "fruits turn freely": {"stem.calyx"},
 }
 
 
@@ -75,10 +78,24 @@ def test_one_plan_is_executed_under_every_variation_and_as_assumed_as_ever(tmp_p
     assert [row.variation for row in rows] == list(VARIATIONS)
     assert len({(row.plan_status, row.predicted_harm, row.duration) for row in rows}) == 1
     assert len({row.unripe_force for row in rows}) > 5  # the physics was another each time
-    (usual,) = runs.run_scene("cluster", 9100, ("opti-promp",), 0.0, 0.0, "x")
+    (usual,) = runs.run_scene("cluster", 9100, ("opti-promp",), Noise(), "x")
     kept = ("success", "message", "unripe_force", "target_force", "stem_force")
     assert [getattr(usual, k) for k in kept] == [getattr(rows[0], k) for k in kept]
     assert [cell.preset for cell in summary(rows)] == list(VARIATIONS)
     assert run_study(study, tmp_path, workers=1) == [
         replace(row, message=" ".join(row.message.split())) for row in rows
     ]
+
+
+def test_the_figure_shows_planners_beside_one_another_under_every_variation() -> None:
+    rows = [
+        Row("cluster", seed, planner, 0.0, 0.0, 2, 0, "success", planner == "drift" or seed > 1,
+            causes="crushed not_picked", variation=name)
+        for name in VARIATIONS for planner in ("drift", "opti-promp") for seed in range(4)
+    ]  # fmt: skip
+    rates, why = study_figure(summary(rows)).axes
+    assert [text.get_text() for text in rates.get_yticklabels()] == list(VARIATIONS)
+    drift, ours = (c.lines[0].get_xdata() for c in rates.containers)
+    assert set(drift) == {100.0}
+    assert set(ours) == {50.0}
+    assert [text.get_text() for text in why.get_yticklabels()] == ["crushed", "not picked"]

@@ -1,6 +1,7 @@
 """Signed distances of the primitives: against coal, by finite differences, in every corner."""
 
 import math
+import os
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.geometry import (
     Box,
     Capsule,
+    Cone,
     Cylinder,
+    Ellipsoid,
     HalfSpace,
     Sphere,
     distances,
@@ -20,7 +23,8 @@ from optipromp.geometry import (
     signed_distance,
 )
 from optipromp.geometry.obstacles import measures
-from optipromp.geometry.shapes import bounding_radius
+from optipromp.geometry.shapes import bounding_radius, round_mesh
+from optipromp.judging.distances import measured, to_surface
 
 SHAPES = {
     "sphere": Sphere(0.2),
@@ -30,6 +34,10 @@ SHAPES = {
     "disc": Cylinder(0.5, 0.02),
     "capsule": Capsule(0.1, 0.5),
     "half-space": HalfSpace(),
+    "ellipsoid": Ellipsoid((0.2, 0.3, 0.5)),
+    "flat ellipsoid": Ellipsoid((0.4, 0.4, 0.02)),
+    "cone": Cone(0.2, 0.05, 0.4),
+    "turned cone": Cone(0.1, 0.25, 0.2),
 }
 EYE = np.eye(3)
 ORIGIN = np.zeros(3)
@@ -66,6 +74,30 @@ def test_gradient_is_that_of_the_distance(name, x, turn, at):
         backward[i] = (here - distance_at(obstacles, np.subtract(x, shift))[0]) / step
     if np.abs(forward - backward).max() < 1e-3:  # no kink within a step
         np.testing.assert_allclose(gradient, 0.5 * (forward + backward), atol=1e-4)
+
+
+def special(shape):
+    """Coordinates of faces, edges, axes and centres, and what is a rounding away from them."""
+    sizes = [0.0, *(getattr(shape, "size", ())), getattr(shape, "radius", 0.0)]
+    sizes = [*(0.5 * s for s in sizes), getattr(shape, "radius", 0.3)]
+    sizes += [0.5 * getattr(shape, "length", 0.4), 0.7]
+    return sorted({sign * s + off for s in sizes for sign in (-1, 1) for off in (0.0, 1e-16, 1e-9)})
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@settings(max_examples=int(os.environ.get("GRADIENTS", "40")), deadline=None)
+@given(data=st.data(), along=point.filter(lambda d: math.hypot(*d) > 0.1))
+def test_on_faces_edges_and_axes_the_slope_is_that_of_one_side(name, data, along):
+    x = np.array([data.draw(st.sampled_from(special(SHAPES[name]))) for _ in range(3)])
+    obstacles = pack([(SHAPES[name], ORIGIN, EYE)])
+    here, gradient = distance_at(obstacles, x)
+    assert np.isfinite(here)
+    assert abs(np.linalg.norm(gradient) - 1.0) < 1e-9
+    way = np.array(along) / math.hypot(*along)
+    step = 1e-5
+    before, after = ((distance_at(obstacles, x + s * step * way)[0] - here) / (s * step)
+                     for s in (-1.0, 1.0))  # fmt: skip
+    assert min(before, after) - 1e-3 <= gradient @ way <= max(before, after) + 1e-3
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -197,6 +229,10 @@ def test_packed_arrays_are_read_only_and_bounds_hold():
             math.hypot(0.5, 0.01),
             0.35,
             math.inf,
+            0.5,
+            0.4,
+            0.4,
+            0.35,
         ],
     )
 
@@ -260,3 +296,36 @@ def test_measures_are_those_of_each_shape(names):
         assert kind[k] == one.kind[0]
         np.testing.assert_array_equal(size[k], one.size[0])
         assert bound[k] == pytest.approx(bounding_radius(shape), rel=1e-15)
+
+
+@pytest.mark.parametrize("name", ["ellipsoid", "flat ellipsoid", "cone", "turned cone"])
+@settings(max_examples=60, deadline=None)
+@given(x=point)
+def test_round_shapes_agree_with_the_judge_and_with_their_support(name, x):
+    shape = SHAPES[name]
+    ours, normal = distance_at(pack([(shape, ORIGIN, EYE)]), x)
+    kind, size, _ = measured([shape])
+    assert to_surface(kind[0], *size[0], *x) == pytest.approx(ours, abs=1e-8)
+    # outside, the distance is the gap of the supporting plane across the gradient
+    if isinstance(shape, Ellipsoid):
+        support = math.hypot(*(np.array(shape.radii) * normal))
+    else:
+        half = 0.5 * shape.length * normal[2]
+        support = max(half + shape.radius, shape.tip - half)
+    if ours > 0.0:
+        assert np.dot(x, normal) - support == pytest.approx(ours, abs=1e-9)
+
+
+def test_a_cone_within_one_of_its_balls_is_refused():
+    with pytest.raises(InvalidSceneError, match="must be above"):
+        Cone(0.03, 0.01, 0.015)
+
+
+@pytest.mark.parametrize("name", ["ellipsoid", "turned cone"])
+def test_the_mesh_of_a_round_shape_lies_on_its_surface(name):
+    mesh = round_mesh(SHAPES[name], 48)
+    away, _ = distances(pack([(SHAPES[name], ORIGIN, EYE)]), mesh.vertices)
+    np.testing.assert_allclose(away, 0.0, atol=1e-9)
+    middles = mesh.vertices[mesh.faces].mean(axis=1)
+    inner, _ = distances(pack([(SHAPES[name], ORIGIN, EYE)]), middles)
+    assert inner.min() > -0.01 * bounding_radius(SHAPES[name])

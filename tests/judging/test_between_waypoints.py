@@ -1,13 +1,16 @@
 """What the judge sees between the waypoints: fine enough to meet everything, and no more."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from tests.judging.builders import TURN, moving, obj, to
+from tests.judging.conftest import ball, joint
 
 from optipromp import judging
 from optipromp.geometry import Box, Capsule, Cylinder, HalfSpace, Sphere
+from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
 from optipromp.scenes import JointGoal
 from optipromp.trajectory import Trajectory
@@ -48,6 +51,24 @@ def test_a_thin_wall_between_two_waypoints_is_met(gantry: Robot) -> None:
     beside = obj("static", Box((1e-4, 2.0, 3.0)), [1.3, 0.0, 0.0])
     slow = moving(gantry, q, dt=2.0)
     assert not judging.judge(to(JointGoal(q[-1]), beside), gantry, slow).violations
+
+
+@pytest.mark.parametrize("radius", [0.02, 0.1, 0.3])
+def test_what_a_large_ball_grazes_between_two_checks_is_met(radius: float, tmp_path: Path) -> None:
+    """A pin beside its way, 1 mm deep, wherever along the way it stands."""
+    text = (
+        '<robot name="slide"><link name="base"/>' + ball("z", radius)
+        + joint("x", "prismatic", "base", "z", "1 0 0",
+                '<limit lower="-5" upper="5" velocity="9" effort="1"/>') + "</robot>"
+    )  # fmt: skip
+    path = tmp_path / "slide.urdf"
+    path.write_text(text, encoding="utf-8")
+    slide = load_robot(str(path))
+    curve = smooth(slide, np.linspace([0.0], [2.0], 5))
+    for along in np.random.default_rng(0).uniform(0.5, 1.5, 50):
+        pin = obj("static", Sphere(1e-3), [along, radius, 0.0], name="pin")
+        judgement = judging.judge(to(JointGoal(np.array([2.0])), pin), slide, curve)
+        assert [c.other for c in judgement.contacts] == ["pin"]
 
 
 @pytest.mark.parametrize("step", [0.5, np.pi, 2.0 * np.pi, 7.0])

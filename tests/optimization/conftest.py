@@ -115,13 +115,21 @@ def robots(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Robot]:
     }
 
 
-@pytest.fixture(scope="session", params=["panda", "scara", "mimic"])
-def case(request: pytest.FixtureRequest, robots: dict[str, Robot]) -> Case:
+@pytest.fixture(scope="session")
+def cases(robots: dict[str, Robot]) -> dict[str, Case]:
     """Every robot: all revolute; a prismatic lift; prismatic, continuous and mimic joints."""
-    robot = robots[request.param]
-    rng = np.random.default_rng(5)
-    size = np.where(np.isfinite(robot.upper - robot.lower), 0.12 * (robot.upper - robot.lower), 0.4)
-    return Case(request.param, robot, smooth(rng, robot.home + 0.05, 0.5 * size, WAYPOINTS))
+    out = {}
+    for name, robot in robots.items():
+        rng, span = np.random.default_rng(5), robot.upper - robot.lower
+        size = np.where(np.isfinite(span), 0.12 * span, 0.4)
+        out[name] = Case(name, robot, smooth(rng, robot.home + 0.05, 0.5 * size, WAYPOINTS))
+    return out
+
+
+@pytest.fixture(scope="session", params=["panda", "scara", "mimic"])
+def case(request: pytest.FixtureRequest, cases: dict[str, Case]) -> Case:
+    """One after the other of the cases."""
+    return cases[request.param]
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,5 @@
 """Many scenes at once: the plans of one at a time, in order, whatever happens on the way."""
 
-import importlib
 import multiprocessing
 import os
 import signal
@@ -16,15 +15,13 @@ import pytest
 from optipromp.errors import Code, InvalidRequestError, InvalidSceneError, StartInvalidError
 from optipromp.geometry import PointCloudShape
 from optipromp.optimization.costs import Cost
-from optipromp.planning import Plan, Planner, PlanOptions, plan, plan_many
-from optipromp.planning.plan import Result
+from optipromp.planning import Plan, Planner, PlanOptions, many, plan, plan_many
+from optipromp.planning.many import Result
 from optipromp.planning.task import resolve
 from optipromp.processes import run_each
 from optipromp.scenes import SceneObject
 from optipromp.scenes.generate import generate
 from optipromp.scenes.io import load_scene, save_scene
-
-many = importlib.import_module("optipromp.planning.plan")  # its name is the verb's
 
 
 def without_times(result: object) -> dict[str, object]:

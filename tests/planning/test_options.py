@@ -33,7 +33,7 @@ Planned = Callable[..., Plan]
         ("waypoints", NAN), ("waypoints", True),
         ("duration", 0.0), ("duration", -1.0), ("duration", NAN), ("duration", INF),
         ("timeout", 0.0), ("timeout", -1.0), ("timeout", NAN),
-        ("prediction", 1), ("prediction", "no"),
+        ("prediction", 1), ("prediction", "no"), ("rule", "longest"),
         ("approach_speed", 0.0), ("approach_speed", -0.1), ("approach_speed", NAN),
         ("corridor", -0.01), ("corridor", NAN),
         ("max_step", 0.0), ("max_step", -0.1), ("max_step", INF),
@@ -62,6 +62,7 @@ def test_refusals_name_the_setting(name: str, value: Any) -> None:
         ("drift_offset", -0.01), ("drift_offset", NAN), ("corridor", -0.01), ("corridor", NAN),
         ("camera_phase", 0.0), ("camera_phase", 1.0), ("camera_phase", -0.1),
         ("camera_phase", NAN), ("via_deviation", -1e-3), ("direction_deviation", -0.1),
+        ("guard", 1),
         ("trust_radii", ()), ("trust_radii", (0.0,)), ("trust_radii", (0.02, 0.01)),
     ],
 )  # fmt: skip
@@ -304,7 +305,8 @@ def test_without_prediction_the_tool_goes_the_rules_way(planned: Planned) -> Non
 
 def test_costs_of_ones_own_are_minimised_with_the_others(three: Scene) -> None:
     """The built-in velocity cost, heavy: the joints travel less to a fruit that is alone."""
-    alone = replace(three, objects=tuple(o for o in three.objects if o.role == "target"))
+    (ripe,) = (replace(o, stem=None) for o in three.objects if o.role == "target")
+    alone = replace(three, objects=(ripe,))
     plain = plan(alone)
     slow = plan(alone, options=PlanOptions(costs=(VelocityCost(1.0),)))
 

@@ -121,6 +121,40 @@ def test_a_hundred_thousand_obstacles(three: Scene) -> None:
     assert result.time["total"] < 20.0
 
 
+def test_effort_cuts_a_plan_at_the_same_place_however_slow_the_machine(
+    three: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Work that takes ten times as long, and a clock that says so, changes nothing but the time."""
+    whole = plan(three)
+    judge, clock = judging.judge, time.perf_counter
+    for effort in (1, 3, 10, 30):
+        options = PlanOptions(effort=effort, timeout=float("inf"))
+        fast = plan(three, options=options)
+        with monkeypatch.context() as slower:
+            slower.setattr(judging, "judge", lambda *a, **k: time.sleep(0.02) or judge(*a, **k))
+            slower.setattr(time, "perf_counter", lambda: 10.0 * clock())
+            slow = plan(three, options=options)
+        np.testing.assert_array_equal(slow.trajectory.positions, fast.trajectory.positions)
+        assert (slow.status, slow.message) == (fast.status, fast.message)
+        assert fast.success or "effort ran out" in fast.message
+        assert (
+            not fast.success
+            or f"cut after {effort + 1} steps" in fast.message
+            or (fast.message == whole.message)
+        )
+    first = plan(three, options=PlanOptions(effort=1))
+    assert first.status is Code.TIMEOUT
+    enough = plan(three, options=PlanOptions(effort=100_000))
+    np.testing.assert_array_equal(enough.trajectory.positions, whole.trajectory.positions)
+    assert enough.message == whole.message
+
+
+def test_what_a_timeout_cut_short_says_so(three: Scene) -> None:
+    """Robustness 24: a plan that more time might have bettered is not as one that was finished."""
+    messages = [plan(three, options=PlanOptions(timeout=t)).message for t in (1e-6, 1e3)]
+    assert ["time ran out" in m or "was cut" in m for m in messages] == [True, False]
+
+
 # --- repeatability ---------------------------------------------------------------------------
 
 

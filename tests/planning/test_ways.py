@@ -103,7 +103,7 @@ def test_shortcuts_shorten_and_keep_both_ends() -> None:
         task = task_of("under-table", seed)
         assert isinstance(task.goal, JointGoal)
         body, rng = tree.collider(task, 0), np.random.default_rng(seed)
-        grown = tree._grown(body, task.robot, task.start, task.goal.joints[None], NONE, rng, np.inf)
+        grown = tree._grown(body, task.robot, task.start, task.goal.joints[None], NONE, rng, None)
         assert grown is not None
         short = tree._shortened(body, grown, rng)
         np.testing.assert_array_equal(short[[0, -1]], grown[[0, -1]])

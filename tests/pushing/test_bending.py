@@ -214,7 +214,7 @@ def test_stems_that_hang_a_little_otherwise_bend_nearly_as_before() -> None:
     here = bent(root, fruit, radius, thickness)
     fruits = fruit + 0.003 * rng.standard_normal((3, 2, 3))
     roots = root + 0.003 * rng.standard_normal((3, 2, 3))
-    there = moved(here, roots, fruits)
+    there = moved([here], roots, fruits)
     exact = bent(
         roots.reshape(-1, 3), fruits.reshape(-1, 3), np.tile(radius, 3), np.tile(thickness, 3)
     )

@@ -7,8 +7,9 @@ import pytest
 from tests.pushing.fruits import CUP, DT, TARGET, UP, along, hung
 
 from optipromp.arrays import FloatArray
-from optipromp.geometry import Box, Capsule
+from optipromp.geometry import Box, Capsule, Cone, Ellipsoid, Sphere
 from optipromp.geometry.obstacles import Obstacles, pack
+from optipromp.geometry.shapes import round_mesh
 from optipromp.planning import plan
 from optipromp.pushing.bending import Stems, balls_of
 from optipromp.pushing.cup import cup_distance
@@ -85,9 +86,35 @@ def test_the_balls_of_a_capsule_lie_along_its_stem() -> None:
             "f", "pushable", Capsule(0.015, 0.01), TARGET, flipped,
             Stem(np.array([TARGET + 0.02 * line, TARGET + 0.2 * line])),
         )  # fmt: skip
-        center, radius, apart = balls_of(fruit)
-        np.testing.assert_allclose(center, TARGET - 0.005 * line, atol=1e-12)
-        assert (radius, apart) == (0.015, 0.01)
+        own = balls_of(fruit)
+        np.testing.assert_allclose(own.center, TARGET - 0.005 * line, atol=1e-12)
+        assert (own.radius, own.above, own.apart) == (0.015, 0.015, 0.01)
+
+
+def test_a_cone_is_its_two_balls_and_other_round_shapes_are_fitted() -> None:
+    stem = Stem(np.array([TARGET + 0.02 * UP, TARGET + 0.2 * UP]))
+    cone = SceneObject("f", "pushable", Cone(0.015, 0.006, 0.02), TARGET, stem=stem)
+    own = balls_of(cone)
+    np.testing.assert_allclose(own.center, TARGET - 0.01 * UP, atol=1e-12)
+    assert (own.radius, own.above, own.apart) == (0.006, 0.015, 0.02)
+    mesh = balls_of(replace(cone, shape=round_mesh(cone.shape)))
+    np.testing.assert_allclose(mesh.center, own.center, atol=1e-3)
+    np.testing.assert_allclose(mesh[1:], own[1:], atol=1e-3)
+    egg = balls_of(replace(cone, shape=Ellipsoid((0.015, 0.015, 0.02))))
+    assert egg.radius == pytest.approx(egg.above)
+    assert egg.apart + 2.0 * egg.radius == pytest.approx(0.04)  # as long as it
+    assert 0.012 < egg.radius < 0.016
+    flat = balls_of(replace(cone, shape=Ellipsoid((0.02, 0.02, 0.015))))
+    assert flat.apart < 0.002  # wider than long: one ball, or nearly
+
+
+def test_the_upper_ball_may_be_larger() -> None:
+    """A tool that passes beside the tip of a cone meets its shoulder."""
+    points = along((0.08, 0, 0.0), (0.022, 0, 0.0))
+    slim = hung(((0, 0, 0), (0.0, 0.0, 0.25)), apart=0.02)
+    wide = slim._replace(above=1.6 * slim.radius)
+    farther = led(wide, points)[0][-1, 0, 0] - led(slim, points)[0][-1, 0, 0]
+    assert farther == pytest.approx(-0.6 * slim.radius[0], abs=1e-3)
 
 
 def test_a_long_fruit_weighs_what_a_capsule_weighs() -> None:
@@ -120,10 +147,15 @@ def test_fruits_beside_the_target_are_predicted_and_picked_among() -> None:
     assert picked >= 3
 
 
-def test_a_lone_target_needs_no_prediction() -> None:
+def test_a_lone_target_is_reached_along_the_axis() -> None:
     scene = generate("tight", 8800)
     assert scene.target is not None
     up = np.array([0.0, 0.0, 0.4])
     far = (replace(o, position=o.position + up, stem=None) for o in scene.pushables)
     lone = replace(scene, objects=(scene.target, *far))
-    assert plan(lone).prediction is None
+    for width, picked in ((1.0, True), (2.0, False)):
+        (ripe,) = (o for o in lone.objects if o.role == "target")
+        wide = replace(ripe, shape=Sphere(width * ripe.radius))
+        made = plan(replace(lone, objects=(wide, *lone.objects[1:])))
+        assert made.prediction is not None
+        assert made.success == picked, made.message

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from optipromp.budget import Budget
 from optipromp.pushing.model import Moved, Prediction, PushModel, Round, Schedule, search
 from optipromp.pushing.path import ToolPath, through
 
@@ -79,8 +80,8 @@ class Bowl(PushModel):
         return np.zeros(2), np.full(2, 0.05)
 
 
-def found(model: Bowl, seed: int = 0, deadline: float = np.inf) -> list[tuple[ToolPath, float]]:
-    return list(search(model, UP, np.random.default_rng(seed), deadline))
+def found(model: Bowl, seed: int = 0, budget: Budget | None = None) -> list[tuple[ToolPath, float]]:
+    return list(search(model, UP, np.random.default_rng(seed), budget))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -183,14 +184,14 @@ def test_from_the_deadline_on_the_best_so_far_comes_and_the_search_ends() -> Non
     whole = Slow(good=1e-9)
     found(whole)
     late = Slow(good=1e-9)
-    ((path, _),) = found(late, deadline=time.perf_counter() - 1.0)
+    ((path, _),) = found(late, budget=Budget(time.perf_counter() - 1.0))
     assert np.isfinite(path.harm)
     assert len(late.asked) <= 2  # one candidate, on one state and then on all
     assert len(whole.asked) > 100
-    budget = 0.05
+    seconds = 0.05
     began = time.perf_counter()
-    paths = found(Slow(good=1e-9, runs=100), deadline=began + budget)
-    assert time.perf_counter() - began < 10.0 * budget
+    paths = found(Slow(good=1e-9, runs=100), budget=Budget(began + seconds))
+    assert time.perf_counter() - began < 10.0 * seconds
     assert len(paths) == 1
 
 

@@ -12,7 +12,7 @@ from optipromp.pushing.model import Round, search
 from optipromp.pushing.path import ToolPath, through
 from optipromp.pushing.standing import STANDING, Standing, applies, plane
 from optipromp.robots.tools import Cup, FrankaHand
-from optipromp.scenes.generate import generate, perceived
+from optipromp.scenes.generate import Noise, generate, perceived
 from optipromp.scenes.scene import Approach, Scene, SceneObject, Stem
 
 HAND = FrankaHand()
@@ -131,7 +131,7 @@ def test_above_the_limit_a_harm_is_above_it_and_below_it_exact() -> None:
 
 
 def test_states_are_sampled_round_the_perceived_one() -> None:
-    scene = perceived(generate("shelf", 1), np.random.default_rng(0), 0.006, 0.0)
+    scene = perceived(generate("shelf", 1), np.random.default_rng(0), Noise(0.006))
     model = Standing(scene, HAND)
     np.testing.assert_allclose(model.board.spread, 0.006)
     places = model._places

@@ -1,4 +1,6 @@
 import itertools
+import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,7 +21,15 @@ from optipromp.scenes import (
     save_scene,
     scene_to_dict,
 )
-from optipromp.scenes.generate import PRESETS, generate, generate_with_report, perceived
+from optipromp.scenes.generate import (
+    NOISES,
+    PRESETS,
+    Noise,
+    generate,
+    generate_with_report,
+    generator,
+    perceived,
+)
 from optipromp.scenes.generate.checks import (
     _rooted_in_tool,
     equipped,
@@ -27,10 +37,11 @@ from optipromp.scenes.generate.checks import (
     to_segment,
     unsolvable,
 )
+from optipromp.scenes.generate.noise import hidden_share
 from optipromp.scenes.generate.shelves import Footprint, apart
 
 SEEDS = range(500, 512)
-BUNCHES = [preset for preset in PRESETS if preset not in ("shelf", "elongated")]
+BUNCHES = [preset for preset in PRESETS if preset not in ("shelf", "elongated", "truss", "field")]
 BEFORE = [preset for preset in BUNCHES if preset != "tight"]
 
 
@@ -60,6 +71,16 @@ def test_the_report_counts_what_was_drawn_again() -> None:
     reports = [generate_with_report("mixed", seed)[1] for seed in range(5)]
     assert all(report.redraws == sum(report.reasons.values()) for report in reports)
     assert sum(report.redraws for report in reports) > 0
+
+
+def test_crowded_scenes_are_as_frequent_as_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The number of pushables is kept, however often the rest is sampled again."""
+    monkeypatch.setattr(generator, "PATIENCE", 3)
+    for preset, low, most in (("mixed", 1, 4), ("tight", 2, 4), ("shelf", 2, 6)):
+        for seed in range(4):
+            rng = np.random.default_rng([zlib.crc32(preset.encode()), seed])
+            drawn = int(rng.integers(low, most + 1))
+            assert len(generate(preset, seed).pushables) == drawn
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -386,8 +407,8 @@ def test_scenes_with_a_root_in_the_tool_are_drawn_again_and_counted() -> None:
 
 def test_perceived_moves_what_is_detected_and_nothing_else() -> None:
     scene = generate("mixed", 0)
-    seen = perceived(scene, np.random.default_rng(1), 0.005, np.deg2rad(5.0))
-    again = perceived(scene, np.random.default_rng(1), 0.005, np.deg2rad(5.0))
+    seen = perceived(scene, np.random.default_rng(1), NOISES["zero-mean"])
+    again = perceived(scene, np.random.default_rng(1), NOISES["zero-mean"])
     assert scene_to_dict(seen) == scene_to_dict(again)
     for before, after in zip(scene.objects, seen.objects, strict=True):
         if before.role == "static":
@@ -398,16 +419,57 @@ def test_perceived_moves_what_is_detected_and_nothing_else() -> None:
         if before.stem is not None:
             assert after.stem.length == pytest.approx(before.stem.length)
             np.testing.assert_array_equal(after.stem.points[0], after.position)
-    assert perceived(scene, np.random.default_rng(1), 0.0, 0.0) is scene
+    assert perceived(scene, np.random.default_rng(1), Noise()) is scene
     for bad in (-1.0, np.nan):
-        with pytest.raises(InvalidRequestError, match="position_sd"):
-            perceived(scene, np.random.default_rng(1), bad, 0.0)
+        for name in ("position", "angle", "missed", "hidden"):
+            with pytest.raises(InvalidRequestError, match=f"noise_{name}"):
+                Noise(**{name: bad})
+    with pytest.raises(InvalidRequestError, match="to 1"):
+        Noise(missed=1.5)
+
+
+def test_fruits_are_seen_lower_than_they_hang_and_what_stands_is_not() -> None:
+    scene, shelf = generate("mixed", 0), generate("shelf", 0)
+    seen = [perceived(scene, np.random.default_rng(i), NOISES["low"]) for i in range(200)]
+    off = np.array([s.positions - scene.positions for s in seen]).mean(axis=0)
+    for item, error in zip(scene.objects, off, strict=True):
+        wanted = [0.0, 0.0, 0.0 if item.role == "static" else -0.01]
+        np.testing.assert_allclose(error, wanted, atol=0.0015)  # 4 of the mean's own deviations
+    stood = perceived(shelf, np.random.default_rng(0), NOISES["low"])
+    np.testing.assert_array_equal(stood.positions[:, 2], shelf.positions[:, 2])
+
+
+def test_a_fruit_is_missed_more_often_the_more_of_it_is_hidden() -> None:
+    scene = generate("cluster", 6)
+    eye = scene.target.position - 0.3 * scene.frame[2]
+    shares = {item.id: hidden_share(scene, item, eye) for item in scene.pushables}
+    noise = Noise(missed=0.1, hidden=0.9)
+    seen = [perceived(scene, np.random.default_rng(i), noise) for i in range(400)]
+    for item in scene.pushables:
+        missed = np.mean([item.id not in {o.id for o in s.objects} for s in seen])
+        assert missed == pytest.approx(0.1 + 0.8 * shares[item.id], abs=0.1)
+    assert all(s.target is not None for s in seen)
+
+
+def test_what_stands_before_a_fruit_hides_it() -> None:
+    scene = generate("cluster", 6)
+    ball = scene.pushables[0]
+    eye = ball.position - np.array([0.0, 0.0, 0.3])
+    alone = replace(scene, objects=(scene.target, ball))
+    aside = replace(scene.target, position=eye + [0.2, 0.0, 0.0], stem=None)
+    away = replace(alone, objects=(aside, ball))
+    half = eye + 0.5 * (ball.position - eye)
+    for radius, wanted in ((ball.radius, 1.0), (0.5 * ball.radius * 0.5**0.5, 0.5)):
+        front = SceneObject("leaf", "static", Sphere(radius), half)
+        shown = replace(away, objects=(*away.objects, front))
+        assert hidden_share(shown, ball, eye) == pytest.approx(wanted, abs=0.06)
+    assert hidden_share(away, ball, eye) == 0.0
 
 
 def test_errors_of_detection_have_the_deviation_asked_for() -> None:
     scene = generate("cluster", 2)
     rng = np.random.default_rng(0)
-    seen = [perceived(scene, rng, 0.005, np.deg2rad(5.0)) for _ in range(600)]
+    seen = [perceived(scene, rng, NOISES["zero-mean"]) for _ in range(600)]
     errors = np.array([s.target.position - scene.target.position for s in seen])
     assert errors.std(axis=0) == pytest.approx([0.005] * 3, rel=0.15)
     way = scene.target.stem.vector / scene.target.stem.length
@@ -420,7 +482,7 @@ def test_errors_of_detection_have_the_deviation_asked_for() -> None:
 
 def test_packs_on_a_board_are_not_seen_to_float() -> None:
     scene = generate("shelf", 0)
-    seen = perceived(scene, np.random.default_rng(0), 0.01, 0.1)
+    seen = perceived(scene, np.random.default_rng(0), Noise(0.01, 6.0))
     for before, after in zip(scene.objects, seen.objects, strict=True):
         assert after.position[2] == before.position[2]
 

@@ -87,6 +87,16 @@ def test_a_cup_moved_straight_up_swallows_a_hanging_fruit(bench):
     assert run.outcome.tracking_error < 1e-3
 
 
+@pytest.mark.parametrize(("until", "picked"), [(0.5, True), (9.0, False)])
+def test_a_guard_keeps_fruit_out_until_it_opens(bench, until, picked):
+    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)))
+    guarded = bench.parameters(robot={"guard_until": until})
+    way = bench.line((0.0, 0.0, 0.3), (0.0, 0.0, 0.5))
+    outcome = simulate(way, scene, parameters=guarded).outcome
+    assert outcome.picked is picked
+    assert (outcome.peak_force["ripe"] > 0.5) is not picked
+
+
 def test_a_cup_aside_swallows_nothing(bench):
     scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)))
     run = simulate(bench.line((0.1, 0.0, 0.3), (0.1, 0.0, 0.5)), scene)

@@ -70,6 +70,7 @@ def test_the_panda_follows_its_plan(runs):
 def test_the_papers_first_scenarios_hit_the_table_top(runs, name):
     outcome = runs[name].outcome
     assert outcome.cause is Cause.STATIC_CONTACT
+    assert outcome.message.count(";") == len(outcome.causes) - 1
     assert {contact.other for contact in outcome.static_contacts} == {"table-top"}
 
 
@@ -80,6 +81,7 @@ def test_the_papers_last_scenarios_touch_nothing_static_and_tear_nothing(runs, n
     assert outcome.avoid_contacts == ()
     assert outcome.torn == ()
     assert outcome.success == (outcome.cause is None)
+    assert outcome.cause == (outcome.causes or (None,))[0]
     assert outcome.success <= (bool(outcome.picked) and not outcome.swallowed_others)
 
 

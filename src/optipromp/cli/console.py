@@ -42,8 +42,9 @@ P = ParamSpec("P")
 Planner = Literal["promp", "i-promp", "opti-promp"]
 Strategy = Literal["joint", "sequential"]
 Preset = Literal[
-    "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "shelf"
-]
+    "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss",
+    "field", "shelf",
+]  # fmt: skip
 Generated = Literal[Preset, "bookshelf", "box", "cage", "table-pick", "under-table"]
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]

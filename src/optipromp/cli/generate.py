@@ -2,12 +2,28 @@
 
 from collections import Counter
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from optipromp.cli.console import OK, AsJson, Generated, command, print_json, stdout
 from optipromp.cli.robot import Named, names_robot
+from optipromp.errors import InvalidRequestError
+
+if TYPE_CHECKING:
+    from optipromp.scenes.scene import Scene
+
+SEEN = "seen"
+
+
+SeenNoise = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="Write the scenes as a detector sees them, too, into DIR/seen: zero-mean, low, high, "
+        "missed or detector, as of 'study'.",
+    ),
+]
 
 
 @command()
@@ -18,8 +34,9 @@ def generate(
         typer.Option(
             help="cluster: 1-4 fruits before the ripe one; side-clusters: and neighbours; "
             "table-top: and a gutter; mixed: all of these; tight: fruits that nearly touch; limp: "
-            "plumb stems; elongated: long fruits; shelf: cans and boxes; bookshelf, box, cage, "
-            "table-pick, under-table: a goal in joints among furniture."
+            "plumb stems; elongated: long fruits; truss: fruits on one truss; field: fruits, stems "
+            "and trusses of all kinds; shelf: cans and boxes; bookshelf, box, cage, table-pick, "
+            "under-table: a goal in joints among furniture."
         ),
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the scene files go.")],
@@ -27,6 +44,7 @@ def generate(
         int, typer.Option(min=0, help="Of the first scene; each next has one more.")
     ] = 0,
     count: Annotated[int, typer.Option(min=1, help="How many scenes.")] = 1,
+    noise: SeenNoise = "",
     as_json: AsJson = False,
     *,
     named: Named,
@@ -46,13 +64,19 @@ def generate(
     optipromp generate --preset cluster --robot ur5.urdf --tip tool0 --count 20 --out ur5-scenes
     optipromp plan scenes --out plans
     optipromp simulate plans/mixed-100
+    optipromp generate --preset tight --noise detector --out tight
+    optipromp plan tight/seen --out plans
+    optipromp simulate plans/tight-0 --in tight/tight-0.yaml
     """
     from optipromp.files import check_folder
-    from optipromp.scenes.generate import PANDA, generate_with_report
+    from optipromp.scenes.generate import NOISES, PANDA, generate_with_report
     from optipromp.scenes.io import save_scene
+    from optipromp.scenes.values import suggest
 
-    check_folder(out)
-    documents = []
+    if noise and noise not in NOISES:
+        raise InvalidRequestError(f"noise is {noise!r}: {suggest(noise, NOISES)}")
+    check_folder(out / SEEN if noise else out)
+    documents: list[dict[str, Any]] = []
     reasons: Counter[str] = Counter()
     for number in range(seed, seed + count):
         scene, report = generate_with_report(preset, number, named.name or PANDA, named.choice)
@@ -66,6 +90,7 @@ def generate(
                 "pushables": len(scene.pushables),
                 "redraws": report.redraws,
                 "reasons": report.reasons,
+                **(_seen(scene, number, noise, out) if noise else {}),
             }
         )
     redraws = reasons.total()
@@ -77,4 +102,18 @@ def generate(
     console.print(f"wrote {count} {scenes} to {out}", markup=False)
     why = "".join(f", {number} {reason}" for reason, number in reasons.most_common())
     console.print(f"sampled again: {redraws}{why}", markup=False)
+    if noise:
+        missed = sum(len(document["missed"]) for document in documents)
+        console.print(f"wrote as seen to {out / SEEN}; fruits missed: {missed}", markup=False)
     return OK
+
+
+def _seen(scene: "Scene", seed: int, noise: str, out: Path) -> dict[str, Any]:
+    """Write the scene as a detector sees it; where to, and what it misses."""
+    from optipromp.scenes.generate import NOISES, noisy
+    from optipromp.scenes.io import save_scene
+
+    seen, file = noisy(scene, seed, NOISES[noise]), out / SEEN / f"{scene.name}.yaml"
+    save_scene(seen, file)
+    ids = {item.id for item in seen.objects}
+    return {"seen": str(file), "missed": [i.id for i in scene.objects if i.id not in ids]}

@@ -71,6 +71,14 @@ Previous = Annotated[
     typer.Option(metavar="PLAN_DIR", help="A plan that runs: go on from it, at --at seconds."),
 ]
 At = Annotated[float | None, typer.Option(metavar="SECONDS", help="Time in the plan that runs.")]
+Targets = Annotated[
+    str | None,
+    typer.Option(
+        metavar="IDS",
+        help="Ripe fruits, separated by commas: choose their order, and plan each pick; of --out, "
+        "in a folder each.",
+    ),
+]
 Timeout = Annotated[
     float | None, typer.Option(metavar="SECONDS", help="Give up planning after this long.")
 ]
@@ -123,6 +131,7 @@ def plan(
     timeout: Timeout = None,
     previous: Previous = None,
     at: At = None,
+    targets: Targets = None,
     out: PlanFolder = None,
     rate: Rate = 1000.0,
     figures: Figures = None,
@@ -149,6 +158,7 @@ def plan(
     optipromp plan my-scene.yaml --robot ur5.urdf --tip tool0
     optipromp plan scenes --out plans
     optipromp plan seen-again.yaml --previous reach --at 1.5
+    optipromp plan my-scene.yaml --targets ripe,n1,n3 --out picks
     """
     from optipromp.cli.catalogue import settings
     from optipromp.planning import plan as make_plan
@@ -168,11 +178,18 @@ def plan(
         "options": options,
     }
     if scene not in scene_names() and Path(scene).is_dir():
-        if previous is not None:
-            raise InvalidRequestError("--previous goes with one scene, not with a folder of them")
+        if previous is not None or targets is not None:
+            name = "--previous" if targets is None else "--targets"
+            raise InvalidRequestError(f"{name} goes with one scene, not with a folder of them")
         return plan_folder(Path(scene), out, rate, bool(figures), workers, as_json, request, named)
     loaded = named.of(load_scene(scene))
     say_if_compiling()
+    if targets is not None:
+        from optipromp.cli.sequence import plan_targets
+
+        if previous is not None:
+            raise InvalidRequestError("--previous goes with one target, not with --targets")
+        return plan_targets(loaded, targets, out, rate, bool(figures), as_json, request)
     running = None
     if previous is not None:
         from optipromp.output import load_plan
@@ -180,7 +197,12 @@ def plan(
         running = load_plan(previous)
     with waiting(f"planning {loaded.name} ...") as say:
         result = make_plan(loaded, progress=say, previous=running, at=at, **request)
-    written = leave(result, out, figures is not False, rate) if out is not None else ()
+    return tell(result, out, figures is not False, rate, as_json)
+
+
+def tell(result: "Plan", out: Path | None, figures: bool, rate: float, as_json: bool) -> int:
+    """Write the plan, print what it is, and return its exit code."""
+    written = leave(result, out, figures, rate) if out is not None else ()
     if as_json:
         print_json(result.to_dict())
     else:

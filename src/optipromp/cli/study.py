@@ -27,6 +27,35 @@ if TYPE_CHECKING:
     from optipromp.experiments.statistics import Calibration, Cell
 
 
+Compared = Annotated[
+    list[str],
+    typer.Option(
+        "--planner",
+        "--planners",
+        metavar="NAMES",
+        help="straight, promp, i-promp, i-promp-guard, drift, paper, chomp, opti-promp, "
+        "separated by commas or one an option, or all.",
+    ),
+]
+DetectorNoise = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="Of the detector: zero-mean (5 mm, 5 degrees), low and high (and all seen 10 mm "
+        "too low or high), missed (fruits not seen, hidden ones more often), detector (low "
+        "and missed).",
+    ),
+]
+Vary = Annotated[
+    bool,
+    typer.Option(
+        "--vary",
+        help="Execute each plan under a table of physical variations: softer and stiffer "
+        "stems, friction, mass, size, damping, a tool off its place, fruits lower than seen.",
+    ),
+]
+
+
 @command()
 @names_robot("Whose scenes: built-in name or file (panda).")
 def study(
@@ -36,13 +65,7 @@ def study(
     preset: Annotated[
         str, typer.Option(metavar="NAMES", help="Presets, separated by commas, or all.")
     ] = "all",
-    planners: Annotated[
-        str,
-        typer.Option(
-            metavar="NAMES",
-            help="straight, promp, i-promp, chomp, opti-promp, separated by commas, or all.",
-        ),
-    ] = "all",
+    planners: Compared = ["all"],  # noqa: B006 (typer copies it)
     seeds: Annotated[
         str, typer.Option(metavar="A:B", help="Seeds of the scenes, from A to before B.")
     ] = "0:20",
@@ -52,18 +75,12 @@ def study(
     noise_angle: Annotated[
         float, typer.Option(metavar="DEGREES", help="Standard deviation of detected stems.")
     ] = 0.0,
+    noise: DetectorNoise = "",
     only_valid: Annotated[
         bool,
         typer.Option("--only-valid", help="Do not execute plans that the judge refuses."),
     ] = False,
-    vary: Annotated[
-        bool,
-        typer.Option(
-            "--vary",
-            help="Execute each plan under a table of physical variations: softer and stiffer "
-            "stems, friction, mass, size, damping, a tool off its place, fruits lower than seen.",
-        ),
-    ] = False,
+    vary: Vary = False,
     workers: Workers = None,
     as_json: AsJson = False,
     *,
@@ -79,18 +96,19 @@ def study(
     \b
     optipromp study --preset cluster,shelf --seeds 1000:1200 --out fresh
     optipromp study --preset cluster --planners opti-promp --robot ur5.urdf --out ur5
-    optipromp study --preset cluster --planners opti-promp --vary --out varied
+    optipromp study --preset cluster --planner opti-promp --planner drift --vary --out varied
     optipromp study --planners opti-promp --noise-position 0.005 --noise-angle 5 --out noisy
+    optipromp study --preset tight --planners opti-promp --noise detector --out detected
     """
     from optipromp.experiments.baselines import STUDY_PLANNERS
     from optipromp.experiments.study import Study, run_study
     from optipromp.scenes.generate import PANDA, PRESETS
 
     chosen: Any = _names(preset, PRESETS)
-    compared: Any = _names(planners, STUDY_PLANNERS)
+    compared: Any = _names(",".join(planners), STUDY_PLANNERS)
     plan = Study(
         chosen, compared, _range(seeds), noise_position, noise_angle, only_valid,
-        named.name or PANDA, named.choice, vary,
+        named.name or PANDA, named.choice, vary, noise,
     )  # fmt: skip
     say_if_compiling()
     successes: dict[str, list[bool]] = {}
@@ -166,7 +184,9 @@ def table(cells: Sequence["Cell"]) -> "Table":
 
 def causes(cells: Sequence["Cell"]) -> "Table":
     """Why runs failed, most frequent first."""
-    out = grid(("preset", "planner"), title="causes of failure", padding=(0, 0))
+    out = grid(
+        ("preset", "planner"), title="causes of failure, a run may have several", padding=(0, 0)
+    )
     out.add_column("failed by")
     for cell, first in _sections(out, cells):
         words = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in cell.causes.items())

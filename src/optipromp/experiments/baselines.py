@@ -6,13 +6,13 @@ answer here, as an :class:`Answer` that the simulator can execute.
 
 import time
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, lengths
 from optipromp.errors import Code, InvalidRequestError
-from optipromp.planning import plan
+from optipromp.planning import PaperOptions, Plan, PlanOptions, plan
 from optipromp.planning.result import verdict
 from optipromp.planning.task import Task, resolve
 from optipromp.planning.timing import shortest
@@ -22,9 +22,18 @@ from optipromp.scenes.scene import JointGoal, Scene
 from optipromp.scenes.values import suggest
 from optipromp.trajectory import Trajectory
 
-StudyPlanner = Literal["straight", "promp", "i-promp", "chomp", "opti-promp"]
+StudyPlanner = Literal[
+    "straight", "promp", "i-promp", "i-promp-guard", "drift", "paper", "chomp", "opti-promp"
+]
 STUDY_PLANNERS: tuple[StudyPlanner, ...] = get_args(StudyPlanner)
 
+SETTINGS: dict[str, dict[str, Any]] = {  # of planners that are one of ours, other than it is
+    "i-promp-guard": {
+        "planner": "i-promp", "options": PlanOptions(paper=PaperOptions(guard=True))
+    },
+    "drift": {"options": PlanOptions(prediction=False, rule="paper")},
+    "paper": {"strategy": "sequential", "options": PlanOptions(constraints="paper")},
+}  # fmt: skip
 SPEED = 0.1  # [m/s] of the tool after the camera point, as of the other planners
 STEP = 0.04  # [rad or m] no joint moves more between the waypoints of ``straight``
 LINE_STEP = 0.005  # [m] between followed tool points
@@ -42,6 +51,7 @@ class Answer:
         trajectory: what is executed; None where the planner has none.
         seconds: wall time of planning.
         harm: predicted of its push; None where no model knows it.
+        guard: until when the tool's mouth is closed [s]; 0: never.
     """
 
     planner: StudyPlanner
@@ -50,6 +60,7 @@ class Answer:
     trajectory: Trajectory | None
     seconds: float
     harm: float | None = None
+    guard: float = 0.0
 
 
 def attempt(scene: Scene, planner: StudyPlanner, *, seed: int = 0) -> Answer:
@@ -57,6 +68,11 @@ def attempt(scene: Scene, planner: StudyPlanner, *, seed: int = 0) -> Answer:
 
     - ``straight``: to the camera point, then straight along the approach, no fruit considered.
     - ``promp``, ``i-promp``, ``opti-promp``: see :func:`optipromp.planning.plan`.
+    - ``i-promp-guard``: i-promp whose mouth is closed until the last push is done, and whose closed
+      rim is led under each neighbour. An open mouth swallows what it is led onto.
+    - ``drift``: the arm follows the tool path that the paper's drift rule gives: past each
+      neighbour by R_gripper and a clearance along ±y_g, on the side away from its stem.
+    - ``paper``: the paper's own two stages, held to its constraint 1.
     - ``chomp``: opti-promp to which every pushable is an obstacle like a neighbour: the whole robot
       keeps away by cost, and nothing drifts past anything.
 
@@ -75,11 +91,13 @@ def attempt(scene: Scene, planner: StudyPlanner, *, seed: int = 0) -> Answer:
     if planner == "straight":
         return straight(scene)
     if planner != "chomp":
-        made = plan(scene, planner=planner, seed=seed)
+        request = SETTINGS.get(planner, {"planner": planner})
+        made = plan(scene, seed=seed, **request)
         moves = bool(np.ptp(made.trajectory.positions, axis=0).max() > 0.0)
         return Answer(
             planner, made.status, made.message, made.trajectory if moves else None,
             time.perf_counter() - began, made.prediction.harm if made.prediction else None,
+            pushed(made) if planner == "i-promp-guard" else 0.0,
         )  # fmt: skip
     made = plan(as_obstacles(scene), planner="opti-promp", seed=seed)
     seconds = time.perf_counter() - began
@@ -87,6 +105,14 @@ def attempt(scene: Scene, planner: StudyPlanner, *, seed: int = 0) -> Answer:
         return Answer(planner, made.status, made.message, made.trajectory, seconds)
     task = resolve(scene)
     return _judged(planner, task, gently(task, made.trajectory.positions), seconds)
+
+
+def pushed(made: Plan) -> float:
+    """When the last push of an i-promp plan is done [s]; 0 where it pushes nothing."""
+    if len(made.via) < 3:  # camera, pushes, goal
+        return 0.0
+    points, _ = made.robot.tool_pose(made.trajectory.positions)
+    return float(made.trajectory.times[np.argmin(lengths(points - made.via[-2].position))])
 
 
 def gently(setup: Task, q: FloatArray) -> Trajectory:

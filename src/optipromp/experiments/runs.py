@@ -5,7 +5,7 @@ import hashlib
 import time
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -17,7 +17,15 @@ from optipromp.errors import Code, OptiPrompError
 from optipromp.experiments.baselines import Answer, StudyPlanner, attempt
 from optipromp.experiments.variations import VARIATIONS, Variation
 from optipromp.robots.library import NOTHING, Choice
-from optipromp.scenes.generate import PANDA, Preset, generate, generate_with_report, perceived
+from optipromp.scenes.generate import (
+    NOISES,
+    PANDA,
+    Noise,
+    Preset,
+    generate,
+    generate_with_report,
+    noisy,
+)
 from optipromp.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -42,11 +50,12 @@ class Row:
         planner: see :data:`optipromp.experiments.baselines.STUDY_PLANNERS`.
         noise_position: standard deviation of detected positions [m].
         noise_angle: standard deviation of detected stem directions [degrees].
+        noise: name of a noise, one of :data:`optipromp.scenes.generate.NOISES`; empty for none.
         pushables: how many stand in the scene.
         redraws: impossible scenes sampled before this one.
         plan_status: code of the plan, which knows what was detected only.
         success: what the physics says.
-        cause: why not; empty for a success.
+        cause: why not, the first of the ``causes``; empty for a success.
         message: in words.
         picked: the target is in the tool.
         swallowed: ids of other objects that are, separated by spaces.
@@ -61,6 +70,7 @@ class Row:
         simulation_time: wall time of the execution [s].
         version: of the library, with a digest of its source.
         variation: of the physics in which the plan was executed; empty for none.
+        causes: all that went wrong in the execution, separated by spaces.
     """
 
     preset: str
@@ -87,6 +97,8 @@ class Row:
     simulation_time: float = 0.0
     version: str = ""
     variation: str = ""
+    noise: str = ""
+    causes: str = ""
 
     @property
     def key(self) -> Key:
@@ -104,7 +116,7 @@ def row_from_text(texts: Mapping[str, str]) -> Row:
     Raises:
         ValueError, KeyError: cells that are not a row's.
     """
-    values = {name: texts[name] for name in COLUMNS}
+    values = {name: texts[name] for name in COLUMNS if name in texts}  # older rows have fewer
     empty = dict.fromkeys(name for name in _MAY_BE_NONE if values[name] == "")
     return _reader().validate_python(values | empty)
 
@@ -135,8 +147,7 @@ def run_scene(
     preset: Preset,
     seed: int,
     planners: Iterable[StudyPlanner],
-    noise_position: float,
-    noise_angle: float,
+    noise: Noise | str,
     version: str,
     only_valid: bool = False,
     robot: str | Path = PANDA,
@@ -149,8 +160,7 @@ def run_scene(
         preset: of the scene.
         seed: of scene, noise, planners and physics.
         planners: in the order they run; all see the same errors of detection.
-        noise_position: [m].
-        noise_angle: [degrees].
+        noise: of the detector, or its name in :data:`NOISES`.
         version: written into the rows.
         only_valid: plans that the judge refuses are not executed, and count as failures.
         robot: whose scene it is: name or path.
@@ -158,10 +168,12 @@ def run_scene(
         vary: every plan is executed under all of :data:`VARIATIONS`.
     """
     scene, report = generate_with_report(preset, seed, robot, choice)
-    seen = _seen(scene, seed, noise_position, noise_angle)
+    errors = NOISES[noise] if isinstance(noise, str) else noise
+    seen = noisy(scene, seed, errors)
     row = functools.partial(
-        Row, preset=preset, seed=seed, noise_position=noise_position, noise_angle=noise_angle,
-        pushables=len(scene.pushables), redraws=report.redraws, version=version,
+        Row, preset=preset, seed=seed, noise_position=errors.position, noise_angle=errors.angle,
+        noise=noise if isinstance(noise, str) else "", pushables=len(scene.pushables),
+        redraws=report.redraws, version=version,
     )  # fmt: skip
     rows = []
     for planner in planners:
@@ -187,28 +199,18 @@ def again(row: Row, robot: str = PANDA) -> "Run | None":
     Raises:
         OptiPrompError: what broke the run off.
     """
-    from optipromp.simulation import simulate
-
     scene, seen = scenes_of(row, robot)
     made = attempt(seen, cast(StudyPlanner, row.planner), seed=row.seed)
     if made.trajectory is None:
         return None
-    parameters = None
-    if row.variation:
-        change = VARIATIONS[row.variation]
-        scene, parameters = change(scene, np.random.default_rng([row.seed, 2]))
-    return simulate(made.trajectory, scene, parameters=parameters, seed=row.seed)
+    return _executed_in(made, scene, row.seed, VARIATIONS.get(row.variation))
 
 
 def scenes_of(row: Row, robot: str = PANDA) -> tuple[Scene, Scene]:
     """The scene of a run, and the same as its planner perceived it."""
     scene = generate(cast(Preset, row.preset), row.seed, robot)
-    return scene, _seen(scene, row.seed, row.noise_position, row.noise_angle)
-
-
-def _seen(scene: Scene, seed: int, noise_position: float, noise_angle: float) -> Scene:
-    rng = np.random.default_rng([seed, 1])
-    return perceived(scene, rng, noise_position, float(np.deg2rad(noise_angle)))
+    noise = NOISES[row.noise] if row.noise else Noise(row.noise_position, row.noise_angle)
+    return scene, noisy(scene, row.seed, noise)
 
 
 def _executed(
@@ -221,19 +223,15 @@ def _executed(
     refused = only_valid and made.status != Code.SUCCESS
     if made.trajectory is None or refused:
         return {**values, "cause": NO_PLAN, "message": made.message}
-    from optipromp.simulation import simulate
-
     began = time.perf_counter()
-    varied, parameters = scene, None
-    if change is not None:
-        varied, parameters = change(scene, np.random.default_rng([seed, 2]))
-    outcome = simulate(made.trajectory, varied, parameters=parameters, seed=seed).outcome
+    outcome = _executed_in(made, scene, seed, change).outcome
     target = scene.target
     static = (contact.peak_force for contact in outcome.static_contacts)
     return {
         **values,
         "success": outcome.success,
         "cause": "" if outcome.cause is None else str(outcome.cause),
+        "causes": " ".join(outcome.causes),
         "message": outcome.message,
         "picked": outcome.picked,
         "swallowed": " ".join(outcome.swallowed_others),
@@ -245,6 +243,18 @@ def _executed(
         "duration": outcome.duration,
         "simulation_time": time.perf_counter() - began,
     }
+
+
+def _executed_in(made: Answer, scene: Scene, seed: int, change: Variation | None) -> "Run":
+    """An answer executed in the true scene, or in a variation of it."""
+    from optipromp.simulation import SimulationParameters, simulate
+
+    assert made.trajectory is not None
+    parameters = SimulationParameters()
+    if change is not None:
+        scene, parameters = change(scene, np.random.default_rng([seed, 2]))
+    robot = replace(parameters.robot, guard_until=made.guard)
+    return simulate(made.trajectory, scene, parameters=replace(parameters, robot=robot), seed=seed)
 
 
 def warm_up(

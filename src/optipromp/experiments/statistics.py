@@ -47,7 +47,7 @@ class Cell:
         high: upper end.
         plans: runs whose plan promised a success.
         kept: of these, runs that succeeded; the other successes had been refused.
-        causes: of failure, most frequent first.
+        causes: of failure, most frequent first; a run may have several.
         static_contacts: runs in which arm or tool pressed a static object.
         torn: runs in which a fruit came off.
         unripe_force: median over executed runs of the largest force on what was not to be picked
@@ -98,7 +98,8 @@ def summary(rows: Iterable[Row]) -> tuple[Cell, ...]:
 def _cell(preset: str, planner: str, rows: Sequence[Row]) -> Cell:
     successes = sum(row.success for row in rows)
     low, high = wilson(successes, len(rows))
-    causes = Counter(row.cause for row in rows if not row.success)
+    failed = (row for row in rows if not row.success)
+    causes = Counter(cause for row in failed for cause in row.causes.split() or [row.cause])
     executed = [row for row in rows if row.unripe_force is not None]
     forces = sorted(row.unripe_force for row in executed if row.unripe_force is not None)
     seconds = [row.simulation_time for row in executed]

@@ -8,7 +8,6 @@ import csv
 import functools
 import io
 import json
-import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
@@ -32,7 +31,7 @@ from optipromp.experiments.variations import VARIATIONS
 from optipromp.files import check_folder, json_text, write_atomically
 from optipromp.processes import cores, run_each
 from optipromp.robots.library import NOTHING, Choice
-from optipromp.scenes.generate import PANDA, PRESETS, Preset
+from optipromp.scenes.generate import NOISES, PANDA, PRESETS, Noise, Preset
 from optipromp.scenes.values import suggest
 
 ROWS, SETTINGS, LOCK = "rows.csv", "study.json", ".lock"
@@ -52,10 +51,12 @@ class Study:
         robot: whose scenes: name or path.
         choice: of the robot's file.
         vary: every plan is executed under all of :data:`VARIATIONS`.
+        noise: name of one of :data:`optipromp.scenes.generate.NOISES`, in place of the deviations.
 
     Raises:
         InvalidRequestError: an unknown preset or planner, none, one twice, an empty or negative
-            range of seeds, a noise that is negative or not finite.
+            range of seeds, an unknown noise, one that is negative or not finite, or a name and a
+            deviation together.
     """
 
     presets: tuple[Preset, ...] = PRESETS
@@ -67,6 +68,7 @@ class Study:
     robot: str | Path = PANDA
     choice: Choice = NOTHING
     vary: bool = False
+    noise: str = ""
 
     def __post_init__(self) -> None:
         for name, given, valid in (
@@ -86,10 +88,10 @@ class Study:
                 f"seeds are {first}:{end}; the first must not be negative, the end (which is not "
                 "run) must be above it"
             )
-        for name in ("noise_position", "noise_angle"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise InvalidRequestError(f"{name} is {value}; it must be finite, not negative")
+        if self.noise and self.noise not in NOISES:
+            raise InvalidRequestError(f"noise is {self.noise!r}: {suggest(self.noise, NOISES)}")
+        if Noise(self.noise_position, self.noise_angle) != Noise() and self.noise:
+            raise InvalidRequestError(f"noise {self.noise} and a deviation: state one of them")
 
     def scenes(self) -> Iterator[tuple[Preset, int]]:
         """Preset and seed of every scene, seeds outermost: a study cut short is a smaller one."""
@@ -114,6 +116,7 @@ class Study:
             "only_valid": self.only_valid,
             **({} if self.robot == PANDA else {"robot": f"{self.robot} {self.choice}"}),
             "vary": self.vary,
+            **({"noise": self.noise} if self.noise else {}),
             "version": source_version(),
         }
 
@@ -303,8 +306,8 @@ def _run(
                 progress(finished, total, row)
 
     robot = study.robot, study.choice
-    noise = study.noise_position, study.noise_angle
-    common = (*noise, source_version(), study.only_valid, *robot, study.vary)
+    noise = study.noise or Noise(study.noise_position, study.noise_angle)
+    common = (noise, source_version(), study.only_valid, *robot, study.vary)
 
     def hear(index: int, result: Sequence[Row] | BrokenProcessPool) -> None:
         if isinstance(result, BrokenProcessPool):

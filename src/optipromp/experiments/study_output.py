@@ -19,10 +19,14 @@ COLOURS = {
     "straight": "#b0b5bd",
     "promp": "#8fa6c4",
     "i-promp": "#e0a458",
+    "i-promp-guard": "#c9822b",
+    "drift": "#b08fc4",
+    "paper": "#7d5ba6",
     "chomp": "#7fb28a",
     "opti-promp": "#1f5fb4",
 }
 
+RATE, TITLE = "picked, nothing harmed [%]", "Success with 95 % intervals (Wilson)"
 _BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.15)}
 
 
@@ -46,12 +50,13 @@ def write_results(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> t
 
 
 def study_figure(cells: Sequence[Cell]) -> "Figure":
-    """Success by preset and planner with 95 % intervals; beside it each planner's failures."""
+    """Success by preset and planner with 95 % intervals; beside it the causes of failure."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11.0, 4.6), layout="constrained")
     rates, causes = figure.subplots(1, 2, width_ratios=(3, 2))
-    _rates(rates, cells)
+    many = len({cell.preset for cell in cells}) > 9  # variations: their names are long
+    (_varied if many else _rates)(rates, cells)
     _causes(causes, cells)
     return figure
 
@@ -73,15 +78,34 @@ def _rates(axes: "Axes", cells: Sequence[Cell]) -> None:
     for preset in presets:
         runs = sorted({cell.runs for cell in cells if cell.preset == preset})
         labels.append(f"{preset}\n{'–'.join(map(str, runs))} scenes")
-    many = len(presets) > 9  # variations: their names are long
-    axes.set_xticks(
-        range(len(presets)), presets if many else labels, rotation=90.0 if many else 0.0
-    )
+    axes.set_xticks(range(len(presets)), labels)
     axes.set_ylim(0.0, 105.0)
-    axes.set_ylabel("picked, nothing harmed [%]")
-    axes.set_title("Success with 95 % intervals (Wilson)", fontsize=10)
-    where = {"loc": "lower left"} if many else {"ncols": len(planners), **_BELOW}
-    axes.legend(frameon=many, fontsize=8, **where)
+    axes.set_ylabel(RATE)
+    axes.set_title(TITLE, fontsize=10)
+    axes.legend(frameon=False, fontsize=8, ncols=len(planners), **_BELOW)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _varied(axes: "Axes", cells: Sequence[Cell]) -> None:
+    """A line for each variation of the physics, a dot for each planner."""
+    names = list(dict.fromkeys(cell.preset for cell in cells))
+    planners = list(dict.fromkeys(cell.planner for cell in cells))
+    for i, planner in enumerate(planners):
+        mine = [cell for cell in cells if cell.planner == planner]
+        beside = 0.6 * (i - 0.5 * (len(planners) - 1)) / len(planners)
+        spans = [[c.rate - c.low for c in mine], [c.high - c.rate for c in mine]]
+        axes.errorbar(
+            [100 * cell.rate for cell in mine], [names.index(c.preset) + beside for c in mine],
+            xerr=[[100 * v for v in side] for side in spans], fmt="o", markersize=4.0,
+            elinewidth=1.0, color=COLOURS.get(planner), label=planner,
+        )  # fmt: skip
+    axes.set_yticks(range(len(names)), names)
+    axes.grid(axis="y", linewidth=0.4, color="#dddddd")
+    axes.invert_yaxis()
+    axes.set_xlim(-2.0, 102.0)
+    axes.set_xlabel(f"{RATE}; {'–'.join(map(str, sorted({c.runs for c in cells})))} scenes a dot")
+    axes.set_title(TITLE, fontsize=10)
+    axes.legend(frameon=False, fontsize=8, ncols=len(planners), **_BELOW)
     axes.spines[["top", "right"]].set_visible(False)
 
 
@@ -93,15 +117,13 @@ def _causes(axes: "Axes", cells: Sequence[Cell]) -> None:
         counts[cell.planner].update(cell.causes)
         runs[cell.planner] += cell.runs
     causes = [cause for cause, _ in sum(counts.values(), Counter[str]()).most_common()]
-    left = [0.0] * len(planners)
-    for i, cause in enumerate(causes):
-        share = [100.0 * counts[planner][cause] / runs[planner] for planner in planners]
-        axes.barh(planners, share, left=left, color=f"C{i % 10}", label=cause.replace("_", " "))
-        left = [a + b for a, b in zip(left, share, strict=True)]
+    width = 0.8 / len(planners)
+    for i, planner in enumerate(planners):
+        y = [k + (i - 0.5 * (len(planners) - 1)) * width for k in range(len(causes))]
+        share = [100.0 * counts[planner][cause] / runs[planner] for cause in causes]
+        axes.barh(y, share, 0.9 * width, color=COLOURS.get(planner))
+    axes.set_yticks(range(len(causes)), [cause.replace("_", " ") for cause in causes])
     axes.invert_yaxis()
-    axes.set_xlim(0.0, 100.0)
     axes.set_xlabel("of all runs [%]")
-    axes.set_title("Why runs failed", fontsize=10)
-    if causes:
-        axes.legend(frameon=False, fontsize=8, ncols=3, **_BELOW)
+    axes.set_title("Why runs failed: all causes", fontsize=10)
     axes.spines[["top", "right"]].set_visible(False)

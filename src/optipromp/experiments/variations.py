@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from optipromp.geometry.shapes import Sphere
-from optipromp.scenes.scene import Scene, SceneObject, Stem
+from optipromp.scenes.scene import Scene, SceneObject
+from optipromp.scenes.trusses import rooted
 from optipromp.simulation.parameters import SimulationParameters
 
 Variation = Callable[[Scene, np.random.Generator], tuple[Scene, SimulationParameters]]
@@ -48,7 +49,7 @@ def _damping(p: SimulationParameters, factor: float) -> SimulationParameters:
 
 def _fruits(scene: Scene, change: Callable[[SceneObject], SceneObject]) -> Scene:
     objects = (change(item) if item.stem is not None else item for item in scene.objects)
-    return replace(scene, objects=tuple(objects))
+    return replace(scene, objects=rooted(objects))
 
 
 def _wider(scene: Scene, factor: float) -> Scene:
@@ -67,7 +68,7 @@ def _moved(scene: Scene, by: np.ndarray, roots: bool) -> Scene:
         assert item.stem is not None
         points = np.array(item.stem.points)
         points[slice(None) if roots else slice(1)] += by
-        stem = Stem(points, item.stem.radius)
+        stem = replace(item.stem, points=points)
         return replace(item, position=item.position + by, stem=stem)
 
     return _fruits(scene, change)
@@ -112,6 +113,7 @@ VARIATIONS: dict[str, Variation] = {
     "fruits 10 mm lower": _world(
         lambda scene, rng: _moved(scene, -LOWER * np.asarray(scene.up), roots=False)
     ),
+    "fruits turn freely": _physics(lambda p: replace(p, stem=replace(p.stem, calyx="free"))),
     "all drawn at random": _drawn,
 }
 """Of the second line on, one thing is other than assumed; of the last, everything."""

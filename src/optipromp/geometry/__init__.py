@@ -5,7 +5,9 @@ from optipromp.geometry.obstacles import Obstacles, near, pack
 from optipromp.geometry.shapes import (
     Box,
     Capsule,
+    Cone,
     Cylinder,
+    Ellipsoid,
     HalfSpace,
     MeshShape,
     PointCloudShape,
@@ -16,7 +18,9 @@ from optipromp.geometry.shapes import (
 __all__ = [
     "Box",
     "Capsule",
+    "Cone",
     "Cylinder",
+    "Ellipsoid",
     "HalfSpace",
     "MeshShape",
     "Obstacles",

@@ -15,11 +15,21 @@ from numpy.typing import ArrayLike
 from optipromp.arrays import FloatArray
 from optipromp.compiled import inlined, inner
 from optipromp.errors import InvalidRequestError
-from optipromp.geometry.obstacles import BOX, CAPSULE, CYLINDER, HALF_SPACE, SPHERE, Obstacles
+from optipromp.geometry.obstacles import (
+    BOX,
+    CAPSULE,
+    CONE,
+    CYLINDER,
+    ELLIPSOID,
+    HALF_SPACE,
+    SPHERE,
+    Obstacles,
+)
 
 GRID_PADDING = 3
 """Cells between a grid's border and the bounding box of the shape it holds, at least."""
 
+_NEWTON = 30  # steps to the nearest point of an ellipsoid, at most; it takes 3 to 8
 _TINY = 1e-300  # squared lengths up to here count as 0: their roots cannot be divided by safely
 
 
@@ -77,6 +87,10 @@ def distance_and_gradient(
         distance, g0, g1, g2 = _capsule(l0, l1, l2, size[k, 0], size[k, 1])
     elif kind == CYLINDER:
         distance, g0, g1, g2 = _cylinder(l0, l1, l2, size[k, 0], size[k, 1])
+    elif kind == ELLIPSOID:
+        distance, g0, g1, g2 = _ellipsoid(l0, l1, l2, size[k, 0], size[k, 1], size[k, 2])
+    elif kind == CONE:
+        distance, g0, g1, g2 = _cone(l0, l1, l2, size[k, 0], size[k, 1], size[k, 2])
     else:
         distance, g0, g1, g2 = _grid(obstacles, obstacles.grid[k], l0, l1, l2)
     return (
@@ -148,6 +162,61 @@ def _cylinder(
     if radial >= axial:
         return radial, u0, u1, 0.0
     return axial, 0.0, 0.0, side
+
+
+@inner
+def _ellipsoid(
+    l0: float, l1: float, l2: float, e0: float, e1: float, e2: float
+) -> tuple[float, float, float, float]:
+    """The nearest point is q_i = e_i² l_i / (t + e_i²), where t is the root of Σ (q_i / e_i)² = 1.
+
+    Newton's steps on 1 / sqrt(Σ) - 1, which is concave, come to the root from below. The unknown
+    is t above its pole, ``over``, which keeps its digits.
+    """
+    least = min(e0, e1, e2)
+    small = 1e-13 * least  # on a plane of symmetry the root would be the pole
+    p0, p1, p2 = max(abs(l0), small), max(abs(l1), small), max(abs(l2), small)
+    s0, s1, s2 = e0 * e0, e1 * e1, e2 * e2
+    r0, r1, r2 = s0 - least * least, s1 - least * least, s2 - least * least
+    over = max(e0 * p0 - r0, e1 * p1 - r1, e2 * p2 - r2)
+    u0, u1, u2 = 0.0, 0.0, 0.0
+    for _ in range(_NEWTON):
+        u0, u1, u2 = e0 * p0 / (over + r0), e1 * p1 / (over + r1), e2 * p2 / (over + r2)
+        total = u0 * u0 + u1 * u1 + u2 * u2
+        slope = u0 * u0 / (over + r0) + u1 * u1 / (over + r1) + u2 * u2 / (over + r2)
+        step = total * (math.sqrt(total) - 1.0) / slope
+        over += step
+        if abs(step) <= 1e-15 * over:
+            break
+    n0, n1, n2 = u0 / e0, u1 / e1, u2 / e2
+    inverse = 1.0 / math.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+    n0, n1, n2 = n0 * inverse, n1 * inverse, n2 * inverse
+    distance = (p0 - e0 * u0) * n0 + (p1 - e1 * u1) * n1 + (p2 - e2 * u2) * n2
+    return distance, math.copysign(n0, l0), math.copysign(n1, l1), math.copysign(n2, l2)
+
+
+@inner
+def _cone(
+    l0: float, l1: float, l2: float, radius: float, half: float, tip: float
+) -> tuple[float, float, float, float]:
+    """In the half-plane through the axis a cone is a disc, another one, and a line between."""
+    squared = l0 * l0 + l1 * l1
+    rho, u0, u1 = 0.0, 1.0, 0.0
+    if squared > _TINY:
+        rho = math.sqrt(squared)
+        u0, u1 = l0 / rho, l1 / rho
+    height = l2 + half  # over the tip's centre
+    sine = (tip - radius) / (2.0 * half)
+    cosine = math.sqrt(1.0 - sine * sine)
+    along = cosine * height - sine * rho
+    if 0.0 <= along <= 2.0 * half * cosine:
+        return cosine * rho + sine * height - tip, cosine * u0, cosine * u1, sine
+    if along > 0.0:
+        height, tip = height - 2.0 * half, radius
+    away = math.sqrt(rho * rho + height * height)
+    if away * away > _TINY:
+        return away - tip, rho / away * u0, rho / away * u1, height / away
+    return -tip, 0.0, 0.0, 1.0
 
 
 @inner

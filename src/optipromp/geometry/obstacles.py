@@ -14,7 +14,9 @@ from optipromp.geometry.cells import Cells, make_cells, no_cells
 from optipromp.geometry.shapes import (
     Box,
     Capsule,
+    Cone,
     Cylinder,
+    Ellipsoid,
     HalfSpace,
     MeshShape,
     PointCloudShape,
@@ -27,7 +29,7 @@ from optipromp.geometry.shapes import (
 if TYPE_CHECKING:
     from optipromp.geometry.grids import DistanceGrid
 
-SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID = range(6)
+SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID, ELLIPSOID, CONE = range(8)
 
 Measures: TypeAlias = tuple[IntArray, FloatArray, FloatArray]
 
@@ -42,13 +44,14 @@ class Obstacles(NamedTuple):
     """
 
     kind: IntArray
-    """(K,) one of SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID."""
+    """(K,) one of SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID, ELLIPSOID, CONE."""
     position: FloatArray
     """(K, 3) [m]."""
     rotation: FloatArray
     """(K, 3, 3)."""
     size: FloatArray
-    """(K, 3) [m] sphere: r, 0, 0; box: half sizes; cylinder, capsule: r, half length, 0; else 0."""
+    """(K, 3) [m] sphere: r, 0, 0; box: half sizes; cylinder, capsule: r, half length, 0; ellipsoid:
+    radii; cone: r, half length, r of the tip; else 0."""
     bound: FloatArray
     """(K,) [m] radius about ``position`` of a bounding ball; inf for a half-space."""
     grid: IntArray
@@ -146,6 +149,13 @@ def measures(shapes: Sequence[Shape]) -> Measures:
                     kind[rows], bound[rows] = CYLINDER, np.hypot(radius, half)
                 else:
                     kind[rows], bound[rows] = CAPSULE, radius + half
+            case Ellipsoid():
+                kind[rows], size[rows] = ELLIPSOID, np.array([shape.radii for shape in own])
+                bound[rows] = size[rows].max(axis=1)
+            case Cone():
+                kind[rows] = CONE
+                size[rows] = [(shape.radius, 0.5 * shape.length, shape.tip) for shape in own]
+                bound[rows] = size[rows, 1] + size[rows][:, ::2].max(axis=1)
             case HalfSpace():
                 kind[rows], bound[rows] = HALF_SPACE, np.inf
             case _:

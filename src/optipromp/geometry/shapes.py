@@ -86,6 +86,45 @@ def _check_rod(rod: Cylinder | Capsule) -> None:
 
 
 @dataclass(frozen=True)
+class Ellipsoid:
+    """An ellipsoid about the local origin; ``radii`` along local x, y, z [m]."""
+
+    radii: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        radii = tuple(float(radius) for radius in self.radii)
+        if len(radii) != 3:
+            raise InvalidSceneError(f"ellipsoid radii has {len(radii)} entries: must have 3 [m]")
+        for index, radius in enumerate(radii):
+            _positive("ellipsoid", f"radii[{index}]", radius)
+        object.__setattr__(self, "radii", radii)
+
+
+@dataclass(frozen=True)
+class Cone:
+    """A cone with round ends along local z, centred: the hull of two balls, as many berries are.
+
+    Args:
+        radius: of the ball at its shoulder, at +z [m].
+        tip: radius of the ball at its tip, at -z [m].
+        length: distance between the balls' centres; more than their radii differ by [m].
+    """
+
+    radius: float
+    tip: float
+    length: float
+
+    def __post_init__(self) -> None:
+        for name in ("radius", "tip", "length"):
+            object.__setattr__(self, name, _positive("cone", name, getattr(self, name)))
+        if self.length <= abs(self.radius - self.tip):
+            raise InvalidSceneError(
+                f"cone length is {self.length:g}: must be above {abs(self.radius - self.tip):g}, "
+                "the difference of its radii [m]; else one ball holds the other"
+            )
+
+
+@dataclass(frozen=True)
 class HalfSpace:
     """All points with local z <= 0; the outward normal is local z."""
 
@@ -161,7 +200,9 @@ def _rows_of_three(name: str, what: str, values: FloatArray, letter: str, least:
         )
 
 
-Shape: TypeAlias = Sphere | Box | Cylinder | Capsule | HalfSpace | MeshShape | PointCloudShape
+Shape: TypeAlias = (
+    Sphere | Box | Cylinder | Capsule | Ellipsoid | Cone | HalfSpace | MeshShape | PointCloudShape
+)
 
 
 def bounding_radius(shape: Shape) -> float:
@@ -175,6 +216,10 @@ def bounding_radius(shape: Shape) -> float:
             return math.hypot(radius, 0.5 * length)
         case Capsule(radius, length):
             return radius + 0.5 * length
+        case Ellipsoid(radii):
+            return max(radii)
+        case Cone(radius, tip, length):
+            return max(radius, tip) + 0.5 * length
         case MeshShape():
             return float(np.sqrt((shape.vertices**2).sum(axis=1).max()))
         case PointCloudShape():
@@ -188,6 +233,34 @@ def mesh_volume(mesh: MeshShape) -> float:
     """Volume of a closed mesh, by its signed tetrahedra about the origin [m³]."""
     a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
     return float(abs(np.einsum("ij,ij->i", a, np.cross(b, c)).sum()) / 6.0)
+
+
+def round_mesh(shape: Ellipsoid | Cone, around: int = 24) -> MeshShape:
+    """A mesh inscribed in a round shape: the points of its surface of evenly spread normals."""
+    from scipy.spatial import ConvexHull
+
+    polar, turn = np.meshgrid(
+        np.linspace(0.0, np.pi, around // 2 + 1)[1:-1],
+        np.linspace(0.0, 2.0 * np.pi, around, endpoint=False), indexing="ij",
+    )  # fmt: skip
+    flat = np.sin(polar)
+    rings = np.stack([flat * np.cos(turn), flat * np.sin(turn), np.cos(polar)], axis=-1)
+    normals = np.concatenate([rings.reshape(-1, 3), [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]])
+    if isinstance(shape, Ellipsoid):
+        axes = np.array(shape.radii)
+        points = axes**2 * normals / np.linalg.norm(axes * normals, axis=1)[:, None]
+    else:
+        half = np.array([0.0, 0.0, 0.5 * shape.length])
+        shoulder, low = shape.radius * normals + half, shape.tip * normals - half
+        farther = (shoulder * normals).sum(axis=1) >= (low * normals).sum(axis=1)
+        points = np.where(farther[:, None], shoulder, low)
+    hull = ConvexHull(points)
+    faces = np.where(
+        (np.cross(*(points[hull.simplices[:, k]] - points[hull.simplices[:, 0]] for k in (1, 2)))
+         * hull.equations[:, :3]).sum(axis=1)[:, None] > 0.0,
+        hull.simplices, hull.simplices[:, ::-1],
+    )  # fmt: skip
+    return MeshShape(points, faces)
 
 
 def is_convex(mesh: MeshShape) -> bool:

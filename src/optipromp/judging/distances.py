@@ -13,7 +13,15 @@ import numpy as np
 from optipromp.arrays import FloatArray, IntArray, lengths
 from optipromp.compiled import inlined, inner
 from optipromp.geometry import shapes
-from optipromp.geometry.obstacles import BOX, CAPSULE, CYLINDER, HALF_SPACE, SPHERE
+from optipromp.geometry.obstacles import (
+    BOX,
+    CAPSULE,
+    CONE,
+    CYLINDER,
+    ELLIPSOID,
+    HALF_SPACE,
+    SPHERE,
+)
 from optipromp.scenes.scene import Scene, SceneObject
 
 STATIC, AVOID, AVOID_BY_TOOL, PUSHABLE = 0, 1, 2, 3  # roles, and rows of the smallest distances
@@ -30,7 +38,7 @@ class Objects(NamedTuple):
     role: IntArray  # (K,)
     position: FloatArray  # (K, 3) [m]
     rotation: FloatArray  # (K, 3, 3) local to world
-    size: FloatArray  # (K, 3) radius / half sizes / radius and half length [m]
+    size: FloatArray  # (K, 3) radius / half sizes / radius, half length, tip / radii [m]
     bound: FloatArray  # (K,) radius of a ball about the position that holds the object [m]
     block: IntArray  # (C + 1,) where each block begins
     block_middle: FloatArray  # (C, 3) centre [m] and
@@ -83,6 +91,13 @@ def measured(of: Sequence[Any]) -> tuple[IntArray, FloatArray, FloatArray]:
                 round_ends = isinstance(first, shapes.Capsule)
                 kind[rows] = CAPSULE if round_ends else CYLINDER
                 bound[rows] = radius + half if round_ends else np.hypot(radius, half)
+            case shapes.Ellipsoid():
+                kind[rows], size[rows] = ELLIPSOID, np.array([shape.radii for shape in own])
+                bound[rows] = size[rows].max(axis=1)
+            case shapes.Cone():
+                kind[rows] = CONE
+                size[rows] = [(one.radius, 0.5 * one.length, one.tip) for one in own]
+                bound[rows] = size[rows, 1] + np.maximum(size[rows, 0], size[rows, 2])
             case shapes.HalfSpace():
                 kind[rows] = HALF_SPACE
     return kind, size, bound
@@ -118,7 +133,46 @@ def to_surface(kind, a, b, c, x, y, z):  # type: ignore[no-untyped-def]
     if kind == CAPSULE:
         dz = z - min(max(z, -b), b)
         return sqrt(x * x + y * y + dz * dz) - a
+    if kind == CONE:
+        return _to_cone(a, b, c, sqrt(x * x + y * y), z)
+    if kind == ELLIPSOID:
+        return _to_ellipsoid(a, b, c, abs(x), abs(y), abs(z))
     return z
+
+
+@inner
+def _to_cone(a, b, c, rho, z):  # type: ignore[no-untyped-def]
+    """Distance to the union of balls whose radius goes from c at -b evenly to a at b.
+
+    The nearest ball's radius grows as fast along the axis as the distance from its centre does.
+    """
+    growth = (a - c) / (2.0 * b)
+    share = (z + b + rho * growth / sqrt(1.0 - growth * growth)) / (2.0 * b)
+    share = min(max(share, 0.0), 1.0)
+    return hypot(rho, z + b - share * 2.0 * b) - (c + share * (a - c))
+
+
+@inner
+def _to_ellipsoid(a, b, c, x, y, z):  # type: ignore[no-untyped-def]
+    """By bisection of the multiplier of the nearest point (Eberly, Distance to an ellipsoid).
+
+    It is counted from its pole, so that it keeps its digits near the shape's middle.
+    """
+    least = min(a, b, c)
+    x, y, z = max(x, 1e-13 * least), max(y, 1e-13 * least), max(z, 1e-13 * least)
+    a2, b2, c2 = a * a - least * least, b * b - least * least, c * c - least * least
+    low, high = 0.0, least * least + sqrt(a * a * x * x + b * b * y * y + c * c * z * z)
+    for _ in range(90):
+        over = 0.5 * (low + high)
+        u, v, w = a * x / (over + a2), b * y / (over + b2), c * z / (over + c2)
+        if u * u + v * v + w * w > 1.0:
+            low = over
+        else:
+            high = over
+    over = 0.5 * (low + high)
+    t = over - least * least
+    u, v, w = x / (over + a2), y / (over + b2), z / (over + c2)
+    return t * sqrt(u * u + v * v + w * w)
 
 
 @inner
@@ -133,7 +187,7 @@ def to_core(kind, a, b, c, x, y, z):  # type: ignore[no-untyped-def]
             y -= min(max(y, -b), b)
         else:
             z -= min(max(z, -c), c)
-    elif kind != SPHERE:
+    elif kind not in (SPHERE, ELLIPSOID):
         z -= min(max(z, -b), b)
     return sqrt(x * x + y * y + z * z)
 

@@ -18,6 +18,7 @@ from optipromp.scenes.rotations import to_quaternion
 from optipromp.trajectory import Trajectory
 
 MOST_CHECKS = 200_000  # configurations of one trajectory: a choice, about 0.5 s of checking
+UNSEEN = 1e-3  # [m] that a sphere may graze a point between two checks: a choice
 LARGEST_TURN = 0.2  # [rad or m] summed over the joints: a chord is shorter than its arc by < 1 %
 UNEVEN = 0.01  # [rad or m] of a part's motion that is not linear in time: a choice
 
@@ -122,6 +123,8 @@ def centers(robot: Robot, q: FloatArray) -> FloatArray:
 def refined(robot: Robot, trajectory: Trajectory) -> tuple[FloatArray, FloatArray, IntArray, bool]:
     """The curve, refined so that no sphere moves over half its radius between checks.
 
+    A sphere of more than 32 :data:`UNSEEN` moves less: no point enters it deeper than that unseen.
+
     Returns:
         Times (M,) [s] and configurations (M, n), the waypoints among them; which (T,) of them are
         the waypoints; and whether they are fine enough: at most :data:`MOST_CHECKS` are made.
@@ -225,18 +228,20 @@ def place(body, q, out):  # type: ignore[no-untyped-def]
 def divisions(body, q, parts):  # type: ignore[no-untyped-def]
     """Number of ``parts`` (T-1,) of each interval, so that no sphere moves half its radius.
 
+    Half-way between two checks, s apart, a sphere of radius r may have gone s² / 8r deeper.
     Arcs are taken for 1.1 times their chords: no interval of ``q`` (T, n) may turn a sphere by
     much more than a radian, or be much faster at one end than at the other.
     """
     placed = np.empty((q.shape[0], body.radius.shape[0], 3))
     place(body, q, placed)
     for t in range(parts.shape[0]):
-        worst = 0.0  # largest (step / radius)²
+        worst = 0.0  # largest (step / longest allowed)²
         for b in range(body.radius.shape[0]):
             x = placed[t + 1, b, 0] - placed[t, b, 0]
             y = placed[t + 1, b, 1] - placed[t, b, 1]
             z = placed[t + 1, b, 2] - placed[t, b, 2]
             squared, radius = x * x + y * y + z * z, body.radius[b]
-            if squared > worst * radius * radius:
-                worst = squared / (radius * radius)
-        parts[t] = max(1.0, math.ceil(1.1 * 2.0 * math.sqrt(worst)))
+            allowed = min(0.25 * radius * radius, 8.0 * UNSEEN * radius)
+            if squared > worst * allowed:
+                worst = squared / allowed
+        parts[t] = max(1.0, math.ceil(1.1 * math.sqrt(worst)))

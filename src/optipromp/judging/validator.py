@@ -4,7 +4,8 @@ The judge has its own kinematics (:mod:`.kinematics`), distances (:mod:`.distanc
 :mod:`.clearance`) and rules for passing a pushable (:mod:`.passing`). It uses no kernel of
 ``robots``, ``geometry`` or ``optimization``. It judges the curve that is executed, between
 waypoints too (:mod:`.curve`): no body sphere moves more than half its radius from one check to the
-next, and the extremes of positions, velocities, accelerations and jerks are exact.
+next, or grazes a point deeper than 1 mm in between, and the extremes of positions, velocities,
+accelerations and jerks are exact.
 """
 
 import math
@@ -222,7 +223,8 @@ def _goal(
         position, direction = scene.goal.position, scene.goal.axis
     else:
         assert scene.target is not None  # the schema asks for a target or a goal
-        position, direction = scene.target.position, scene.frame[2]
+        position = scene.target.position + scene.approach.shift
+        direction = scene.frame[2]
     error, angle = math.dist(tip, position), _angle(axis.tolist(), direction.tolist())
     out = []
     if error > GOAL_TOLERANCE:

@@ -72,6 +72,16 @@ def _local_faces(shape: Shape, cut: float) -> FloatArray:
         case shapes.Capsule(radius=radius, length=length):
             half = np.array([0.0, 0.0, 0.5 * length])
             return tube(np.stack([-half, half]), radius, 24)
+        case shapes.Ellipsoid(radii=radii):
+            return np.asarray(sphere(np.zeros(3), 1.0, 28) * np.array(radii))
+        case shapes.Cone(radius=radius, tip=tip, length=length):
+            slope = np.arcsin((tip - radius) / length)
+            low, high = np.linspace(-0.5 * np.pi, slope, 8), np.linspace(slope, 0.5 * np.pi, 8)
+            arcs = [
+                np.column_stack([r * np.cos(a), r * np.sin(a) + z])
+                for r, a, z in ((tip, low, -0.5 * length), (radius, high, 0.5 * length))
+            ]
+            return revolve(np.concatenate(arcs), 28)
         case shapes.HalfSpace():
             return _grid(2.0, 2.0, cut)
         case shapes.MeshShape(vertices=vertices, faces=faces):

@@ -128,7 +128,8 @@ def scenery(scene: Scene) -> tuple[Part, ...]:
         return ()
     hanging = [
         item.stem.root for item in scene.objects
-        if item.stem is not None and (item.stem.root - item.position) @ scene.up > 0.0
+        if item.stem is not None and item.stem.parent is None
+        and (item.stem.root - item.position) @ scene.up > 0.0
     ]  # fmt: skip
     roots = np.reshape(hanging, (-1, 3))
     holding = next(

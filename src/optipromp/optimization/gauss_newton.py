@@ -9,13 +9,13 @@ A start whose penalties are small beside its cost begins at the last stage: soft
 let it drift into what it already avoids.
 """
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg.lapack import dpbsv
 
 from optipromp.arrays import FloatArray
+from optipromp.budget import Budget
 from optipromp.optimization.problem import Problem, Value
 
 
@@ -68,7 +68,7 @@ def solve(
     problem: Problem,
     q: FloatArray,
     options: GaussNewtonOptions,
-    deadline: float = np.inf,
+    budget: Budget | None = None,
     stages: slice = slice(None),
     value: Value | None = None,
 ) -> Result:
@@ -78,7 +78,7 @@ def solve(
         problem: what to minimise.
         q: initial trajectory; its fixed waypoints stay as they are.
         options: see :class:`GaussNewtonOptions`.
-        deadline: value of ``time.perf_counter()`` after which the solver stops.
+        budget: asked before each iteration; the solver stops when it is spent.
         stages: which of the penalty stages to run.
         value: of ``q`` in the first of these stages, if that is the problem's last evaluation.
     """
@@ -97,8 +97,8 @@ def solve(
         gradient, curvature = problem.gradient(), problem.curvature()
         message = "iteration limit"
         for _ in range(limit):
-            if time.perf_counter() > deadline:
-                return Result(q, value, tuple(history), taken, "time ran out")
+            if budget is not None and budget.spent():
+                return Result(q, value, tuple(history), taken, budget.ending)
             down = -gradient[free].ravel()
             matrix = curvature + damping * problem.metric
             _, step, info = dpbsv(matrix, down, lower=1, overwrite_ab=1)

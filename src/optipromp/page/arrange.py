@@ -9,7 +9,8 @@ from optipromp.arrays import FloatArray
 from optipromp.errors import OptiPrompError
 from optipromp.planning import Plan
 from optipromp.robots.tools import TOOLS
-from optipromp.scenes.scene import Scene, SceneObject, Stem, ToolSpec
+from optipromp.scenes.scene import Scene, SceneObject, ToolSpec
+from optipromp.scenes.trusses import rooted
 
 FRUITS = "all fruits"
 
@@ -58,7 +59,7 @@ def moved(scene: Scene, grip: Grip, to: FloatArray) -> Scene:
     objects = (
         _shifted(item, shift, grip.part) if item.id in grip.ids else item for item in scene.objects
     )
-    return replace(scene, objects=tuple(objects))
+    return replace(scene, objects=rooted(objects))
 
 
 def _shifted(item: SceneObject, shift: FloatArray, part: str) -> SceneObject:
@@ -69,7 +70,7 @@ def _shifted(item: SceneObject, shift: FloatArray, part: str) -> SceneObject:
         points = np.array(stem.points)
         rows = {"object": slice(0, 1), "root": slice(-1, None), "whole": slice(None)}[part]
         points[rows] += shift
-        stem = Stem(points, stem.radius)
+        stem = replace(stem, points=points)
     return replace(item, position=position, stem=stem)
 
 

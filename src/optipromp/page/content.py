@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray, lengths
+from optipromp.budget import Budget
 from optipromp.errors import OptiPrompError
 from optipromp.geometry import distances
 from optipromp.planning import Plan
@@ -108,7 +109,10 @@ def candidates(plan: Plan) -> list[tuple[FloatArray, float]]:
         return []
     watched = _Watched(model)
     found = search(
-        watched, task.goal.axis, np.random.default_rng(plan.seed), time.perf_counter() + SEARCHING
+        watched,
+        task.goal.axis,
+        np.random.default_rng(plan.seed),
+        Budget(time.perf_counter() + SEARCHING),
     )
     for path, good in found:
         if path.harm <= good:

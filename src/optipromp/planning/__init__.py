@@ -1,5 +1,6 @@
-"""Planning: ``plan`` with its three planners, ``plan_many`` and ``judge``."""
+"""Planning: ``plan`` with its three planners, ``plan_many``, ``plan_sequence`` and ``judge``."""
 
+from optipromp.planning.many import plan_many
 from optipromp.planning.options import (
     PLANNERS,
     STRATEGIES,
@@ -8,13 +9,15 @@ from optipromp.planning.options import (
     PlanOptions,
     Strategy,
 )
-from optipromp.planning.plan import plan, plan_many, warm_up
+from optipromp.planning.plan import plan, warm_up
 from optipromp.planning.result import Plan, Stage, Term, Verdict, judge
+from optipromp.planning.sequence import PickSequence, plan_sequence
 
 __all__ = [
     "PLANNERS",
     "STRATEGIES",
     "PaperOptions",
+    "PickSequence",
     "Plan",
     "PlanOptions",
     "Planner",
@@ -25,5 +28,6 @@ __all__ = [
     "judge",
     "plan",
     "plan_many",
+    "plan_sequence",
     "warm_up",
 ]

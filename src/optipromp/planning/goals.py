@@ -1,11 +1,10 @@
 """Goal configurations: found by inverse kinematics, ranked by clearance, checked by the judge."""
 
-import time
-
 import numpy as np
 
 from optipromp import judging
 from optipromp.arrays import FloatArray
+from optipromp.budget import Budget
 from optipromp.optimization.costs.obstacles import self_overlap
 from optipromp.optimization.evaluation import Evaluation
 from optipromp.planning.parameters import GOAL
@@ -99,17 +98,17 @@ def choose(
     seed: int,
     starts: int = GOAL.starts,
     begin: FloatArray | None = None,
-    deadline: float = np.inf,
+    budget: Budget | None = None,
 ) -> tuple[FloatArray, bool, str]:
     """Goal configurations to plan to, whether they are free, and why not.
 
     Args:
         task: scene and robot.
         seed: of the random ``starts``.
-        starts: at first; more are tried where too few goals are free, until the ``deadline``.
+        starts: at first; more are tried where too few goals are free, while the ``budget`` lasts.
         begin: (n,) where one goal configuration is enough: the one on the branch of this
             configuration is tried first.
-        deadline: of ``time.perf_counter()``.
+        budget: of the plan.
 
     Returns:
         Configurations (m, n), at most ``GOAL.enough`` where they are free; whether they touch
@@ -120,19 +119,18 @@ def choose(
         return only, True, ""
     goals = find(task, seed, starts)
     kept, blocked = free(task, goals)
-    late = len(goals) > 0 and time.perf_counter() > deadline
+    budget = Budget() if budget is None else budget
     if (
         len(kept) < GOAL.spare
-        and not late
         and (starts >= GOAL.starts or not len(goals))
         and isinstance(task.goal, PoseGoal)
+        and not (len(goals) and budget.spent())
     ):
         goals = find(task, seed, GOAL.more_starts)
         kept, blocked = free(task, goals)
     if not len(goals):
         return goals, False, unreachable(task)
-    late = time.perf_counter() > deadline
-    if not len(kept) and not late and isinstance(task.goal, PoseGoal):
+    if not len(kept) and isinstance(task.goal, PoseGoal) and not budget.spent():
         goals = find(task, seed, GOAL.many_starts)
         kept, blocked = free(task, goals)
         if not len(kept) and not task.scene.pushables:  # what pushes is not turned about its axis

@@ -13,6 +13,7 @@ from optipromp.errors import InvalidRequestError
 from optipromp.optimization.costs import Cost
 from optipromp.optimization.costs.obstacles import Reduction
 from optipromp.optimization.costs.tool import PushForm
+from optipromp.pushing.rules import DriftRule
 
 Planner = Literal["promp", "i-promp", "opti-promp"]
 Strategy = Literal["joint", "sequential"]
@@ -91,6 +92,8 @@ class PaperOptions:
         via_deviation: standard deviation with which a ProMP is held to a pushable [m].
         direction_deviation: standard deviation of I-ProMP's push direction [rad]; above 0 the
             direction is sampled.
+        guard: of i-promp: the mouth is closed while the tool pushes. The closed rim, not the tool
+            point, is led under each neighbour and under its pushed pose.
         trust_radii: first trust radii of the push stage of the sequential strategy [rad]. They are
             tried in this order, and the first valid plan is kept.
     """
@@ -107,6 +110,7 @@ class PaperOptions:
     camera_point: bool | None = None
     via_deviation: float = 1e-3
     direction_deviation: float = 0.0
+    guard: bool = False
     trust_radii: tuple[float, ...] = (0.005, 0.01, 0.02, 0.05, 0.1)
 
     def __post_init__(self) -> None:
@@ -127,6 +131,7 @@ class PaperOptions:
         need(phase is None or 0.0 < phase < 1.0, "camera_phase", "between 0 and 1")
         need(self.via_deviation >= 0, "via_deviation", "not negative [m]")
         need(self.direction_deviation >= 0, "direction_deviation", "not negative [rad]")
+        need(isinstance(self.guard, bool), "guard", "true or false")
         radii = self.trust_radii
         need(
             len(radii) > 0 and min(radii) > 0 and list(radii) == sorted(radii),
@@ -145,8 +150,13 @@ class PlanOptions:
             allow.
         timeout: wall time of planning [s]. When it is over, the best trajectory so far is returned;
             its status is TIMEOUT if it is not valid or nothing has been optimised yet.
+        effort: steps of work, at most: iterations, candidates and batches of samples; see
+            :class:`optipromp.budget.Budget`. It ends a plan as the timeout does, but at the same
+            place on every machine. None: no limit.
         prediction: true: where a model of the push applies, the tool path is searched in it. False:
-            the rule of the method gives the path. The plan reports the predicted harm either way.
+            ``rule`` gives the path. The plan reports the predicted harm either way.
+        rule: on which side the tool passes each neighbour, without a prediction: away from its
+            stem, along y_g (``paper``) or in the plane (``lateral-plane``), or the shorter way.
         approach_speed: largest speed of the tool on its path, where something is to be pushed
             [m/s]; None: the speed of the push model. ``duration`` overrides it.
         corridor: largest distance of the tool from its path, along each axis [m].
@@ -169,7 +179,9 @@ class PlanOptions:
     waypoints: int | None = None
     duration: float | None = None
     timeout: float = 60.0
+    effort: int | None = None
     prediction: bool = True
+    rule: DriftRule = "shortest"
     approach_speed: float | None = None
     corridor: float = 0.002
     max_step: float = 0.045
@@ -186,10 +198,11 @@ class PlanOptions:
     def __post_init__(self) -> None:
         need = functools.partial(_need, self, "")
         _check_types(self, "")
-        count, steps = self.waypoints, self.iterations
+        count, steps, most = self.waypoints, self.iterations, self.effort
         need(count is None or count >= 3, "waypoints", "a whole number >= 3")
         need(self.duration is None or self.duration > 0, "duration", "positive [s]")
         need(self.timeout > 0, "timeout", "positive [s]")
+        need(most is None or most > 0, "effort", "a whole number > 0")
         speed = self.approach_speed
         need(speed is None or speed > 0, "approach_speed", "positive [m/s]")
         need(self.max_step > 0, "max_step", "positive [rad or m]")

@@ -28,6 +28,7 @@ from scipy.interpolate import BSpline
 
 from optipromp import judging
 from optipromp.arrays import FloatArray
+from optipromp.budget import Budget
 from optipromp.judging import Judgement, Violation
 from optipromp.optimization import gauss_newton
 from optipromp.optimization.costs import Cost
@@ -69,7 +70,7 @@ def solve(
     options: PlanOptions,
     strategy: Strategy,
     goals: FloatArray,
-    deadline: float,
+    budget: Budget,
 ) -> Planned:
     """Plan as the paper does, to one goal configuration after the other until a plan is valid.
 
@@ -88,15 +89,14 @@ def solve(
     for radius, same_goal in itertools.product(radii, by_goal):
         tried += [radius] if radius not in tried else []
         for posed in same_goal:
-            if best is None or time.perf_counter() < deadline:
+            if best is None or not budget.spent():
                 if strategy == "joint":
-                    solved = _joint(posed, deadline)
+                    solved = _joint(posed, budget)
                 else:
-                    solved = _staged(posed, radius, deadline)
+                    solved = _staged(posed, radius, budget)
                 best = solved if best is None or solved.rank < best.rank else best
         assert best is not None  # there is at least one choice of sides
-        valid, late = not best.judgement.violations, time.perf_counter() > deadline
-        if valid or late or not best.stages:
+        if not best.judgement.violations or not best.stages or budget.spent():
             break
     assert best is not None  # there is at least one goal configuration
     stages = tuple(
@@ -158,7 +158,7 @@ def drift_shortfalls(posed: Posed, q: FloatArray) -> dict[str, float]:
     return out
 
 
-def _joint(posed: Posed, deadline: float) -> Solved:
+def _joint(posed: Posed, budget: Budget) -> Solved:
     """All functionals and constraints in one Gauss-Newton solve, from the conditioned ProMP."""
     options, task = posed.options, posed.task
     if options.iterations == 0:
@@ -169,14 +169,14 @@ def _joint(posed: Posed, deadline: float) -> Solved:
         constraints.append(GoalCost(SOLVE.must, task.goal.position, task.goal.axis))
     terms = [*posed.functionals(), SmoothnessCost(options.smoothness), *options.costs]
     problem = posed.problem(terms, constraints, ends=isinstance(task.goal, JointGoal))
-    result = gauss_newton.solve(problem, posed.initial, schedule(options), deadline)
+    result = gauss_newton.solve(problem, posed.initial, schedule(options), budget)
     seconds = time.perf_counter() - began
     names = tuple(term.name for term in terms)
     stage = Stage("joint", "gauss-newton", names, result.history, seconds, result.message)
     return _judged(posed, result.q, [stage])
 
 
-def _staged(posed: Posed, radius: float, deadline: float) -> Solved:
+def _staged(posed: Posed, radius: float, budget: Budget) -> Solved:
     """Push and collision, one after the other, the push from trust ``radius`` [rad].
 
     With ``constraints: paper``, a collision stage after the push holds constraints 1 to 3 as
@@ -190,14 +190,14 @@ def _staged(posed: Posed, radius: float, deadline: float) -> Solved:
     for place, name in enumerate(order):
         if name == "push" and posed.drift.ids:
             limit = options.iterations or PAPER.push_iterations[place]
-            q, stage = _push(posed, q, radius, limit, deadline)
+            q, stage = _push(posed, q, radius, limit, budget)
             stages.append(stage)
         elif name == "collision":
             hold = options.constraints == "paper" and place == 1
             limit = options.iterations or (
                 PAPER.held_iterations if hold else PAPER.collision_iterations[place]
             )
-            q, stage = _collision(posed, q, limit, deadline, hold)
+            q, stage = _collision(posed, q, limit, budget, hold)
             stages.append(stage)
     return _judged(posed, q, stages)
 
@@ -259,7 +259,7 @@ class Spline:
 
 
 def _collision(
-    posed: Posed, q: FloatArray, limit: int, deadline: float, hold: bool
+    posed: Posed, q: FloatArray, limit: int, budget: Budget, hold: bool
 ) -> tuple[FloatArray, Stage]:
     """α1 F_s + α2 F_d + α4 F_v by L-BFGS-B, from ``q`` (T, n)."""
     held = [posed.rows(PAPER.hold)] if hold else []
@@ -267,7 +267,7 @@ def _collision(
 
     def record(c: FloatArray) -> None:
         spline.record(c)
-        if time.perf_counter() > deadline:
+        if budget.spent():
             raise StopIteration
 
     result = optimize.minimize(
@@ -278,7 +278,7 @@ def _collision(
 
 
 def _push(
-    posed: Posed, q: FloatArray, radius: float, limit: int, deadline: float
+    posed: Posed, q: FloatArray, radius: float, limit: int, budget: Budget
 ) -> tuple[FloatArray, Stage]:
     """F_p by trust-constr under constraints 1 to 4, from ``q`` (T, n)."""
     spline, rows, robot = (
@@ -299,7 +299,7 @@ def _push(
 
     def record(c: FloatArray, _: object) -> bool:
         spline.record(c)
-        return time.perf_counter() > deadline
+        return budget.spent()
 
     constraint = optimize.NonlinearConstraint(
         values, rows.lower / PAPER.unit, rows.upper / PAPER.unit, jac=jacobian, hess=optimize.BFGS()

@@ -189,6 +189,18 @@ class TreeParameters(Checked):
 
 
 @dataclass(frozen=True)
+class ApproachParameters(Checked):
+    """Other ways to come than straight (``planning/approaches.py``)."""
+
+    around: int = parameter(6, "1", "choice", "directions about the approach")
+    inner: float = parameter(
+        0.5, "1", "choice", "share of the cone at which there are further ones"
+    )
+    room: float = parameter(0.002, "m", "choice", "between target and mouth at the end")
+    tried: int = parameter(6, "1", "choice", "most promising ones that are planned")
+
+
+@dataclass(frozen=True)
 class TimingParameters(Checked):
     """Times of the waypoints where the joints' limits decide (``planning/timing.py``)."""
 
@@ -213,4 +225,5 @@ PRIMITIVE = PrimitiveParameters()
 PAPER = PaperParameters()
 TREE = TreeParameters()
 TIMING = TimingParameters()
+APPROACH = ApproachParameters()
 UNDERWAY = UnderwayParameters()

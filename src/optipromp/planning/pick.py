@@ -16,6 +16,7 @@ import numpy as np
 
 from optipromp import judging
 from optipromp.arrays import FloatArray
+from optipromp.budget import Budget
 from optipromp.judging import Judgement
 from optipromp.optimization import gauss_newton
 from optipromp.optimization.costs import Cost
@@ -37,7 +38,7 @@ from optipromp.promp.model import ProMP
 from optipromp.pushing.model import Prediction, PushModel, search
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import ToolPath, through
-from optipromp.pushing.rules import rule_paths
+from optipromp.pushing.rules import DriftRule, rule_paths
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene
 from optipromp.trajectory import Trajectory
 
@@ -53,7 +54,7 @@ def pick(
     options: PlanOptions,
     goals: FloatArray,
     seed: int,
-    deadline: float,
+    budget: Budget,
 ) -> Planned:
     """The valid trajectory of least predicted harm; without a valid one, the best of the others.
 
@@ -62,19 +63,20 @@ def pick(
     began = time.perf_counter()
     rng = np.random.default_rng(seed)
     model = push_model(task, goals[0])
-    solver = Solver(pushed_aside(task), options, deadline, task.scene, stem_side=model is None)
+    solver = Solver(pushed_aside(task), options, budget, task.scene, stem_side=model is None)
     best: tuple[Attempt, Prediction | None] | None = None
     least, tries = np.inf, 0
-    for path, good in tool_paths(task, model if options.prediction else None, rng, deadline):
+    known = model if options.prediction else None
+    for path, good in tool_paths(task, known, rng, budget, options.rule):
         begin: Iterator[Start] = follow.starts(task, path, promp, options, goals, GOALS)
         if path is task.kept and options.duration is None:
             begin = chain(rest(task), begin)
         attempt = first_valid(solver, begin)
         if attempt is None:
             continue
-        done = attempt.valid or solver.late()
+        done = attempt.valid or solver.budget.spent()
         if not done and clearance(solver.task, attempt.reach).min() < 0.0:
-            begin = ways.led_round(solver.task, attempt.start, options, rng, deadline)
+            begin = ways.led_round(solver.task, attempt.start, options, rng, budget)
             attempt = first_valid(solver, begin) or attempt
         tries += 1
         q = attempt.trajectory.positions[attempt.start.waypoints.first :]
@@ -85,11 +87,11 @@ def pick(
         score += 0.0 if attempt.valid else INVALID
         if best is None or score < least:
             best, least = (attempt, prediction), score
-        if least <= good or solver.late() or (tries >= TRIES and not best[0].valid):
+        if least <= good or solver.budget.spent() or (tries >= TRIES and not best[0].valid):
             break
     if best is None:
         attempt = first_valid(
-            solver, ways.free_starts(solver.task, options, promp, goals, rng, deadline)
+            solver, ways.free_starts(solver.task, options, promp, goals, rng, budget)
         )
         assert attempt is not None  # there is at least one goal configuration
         best = attempt, None
@@ -114,12 +116,16 @@ def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> 
 
 
 def tool_paths(
-    task: Task, model: PushModel | None, rng: np.random.Generator, deadline: float
+    task: Task,
+    model: PushModel | None,
+    rng: np.random.Generator,
+    budget: Budget,
+    rule: DriftRule = "shortest",
 ) -> Iterator[tuple[ToolPath, float]]:
     """Tool paths to the target, each with the harm that is good; none where nothing is in the way.
 
     The path that runs already comes first. Others come from the search in the push model, or from
-    the rule where there is no model.
+    the ``rule`` where there is no model.
     """
     if task.kept is not None:
         yield task.kept, PUSH.harm.good
@@ -127,9 +133,9 @@ def tool_paths(
         yield straight(task), PUSH.harm.good
     elif model is not None:
         assert isinstance(task.goal, PoseGoal)
-        yield from search(model, task.goal.axis, rng, deadline)
+        yield from search(model, task.goal.axis, rng, budget)
     elif task.neighbours:
-        for corners in rule_paths(task.scene, task.neighbours, task.robot, task.camera):
+        for corners in rule_paths(task.scene, task.neighbours, task.robot, task.camera, rule):
             yield through(corners, RULE_SPEED), 0.0
 
 
@@ -140,7 +146,7 @@ def first_valid(solver: Solver, starts: Iterable[Start]) -> Attempt | None:
         attempt = solver.solve(start)
         if best is None or attempt.valid or attempt.merit < best.merit:
             best = attempt
-        if best.valid or solver.late():
+        if best.valid or solver.budget.spent():
             break
     return best
 
@@ -182,21 +188,17 @@ class Solver:
     Args:
         task: scene and robot.
         options: see :class:`PlanOptions`.
-        deadline: of ``time.perf_counter()``.
+        budget: of the plan.
         scene: in which the result is judged.
         stem_side: whether passing a stem on its side is a fault; see :func:`judging.judge`.
     """
 
     def __init__(
-        self, task: Task, options: PlanOptions, deadline: float, scene: Scene, *, stem_side: bool
+        self, task: Task, options: PlanOptions, budget: Budget, scene: Scene, *, stem_side: bool
     ) -> None:
-        self.task, self.options, self.deadline = task, options, deadline
+        self.task, self.options, self.budget = task, options, budget
         self.scene, self.stem_side = scene, stem_side
         self._arrays: dict[int, Evaluation] = {}
-
-    def late(self) -> bool:
-        """Whether time has run out."""
-        return time.perf_counter() > self.deadline
 
     def solve(self, start: Start) -> Attempt:
         """Optimise a start and judge the result."""
@@ -206,16 +208,14 @@ class Solver:
             self._arrays[count] = Evaluation(task.robot, task.body, count, 1.0 / (count - 1))
         problem = following(task, self.options, start, self._arrays[count])
         value = problem.evaluate(start.followed, settings.stages[-1])
-        if self.options.iterations == 0 or self.late() or start.times is not None:
+        if self.options.iterations == 0 or self.budget.spent() or start.times is not None:
             return self._judged(start, start.followed, value.merit, (value.costs,), "")
         if settings.keeps(value):
             last = slice(-1, None)
-            result = gauss_newton.solve(
-                problem, start.followed, settings, self.deadline, last, value
-            )
+            result = gauss_newton.solve(problem, start.followed, settings, self.budget, last, value)
         else:
             settings = replace(settings, damping=SOLVE.far_damping, tolerance=SOLVE.far_tolerance)
-            result = gauss_newton.solve(problem, start.followed, settings, self.deadline)
+            result = gauss_newton.solve(problem, start.followed, settings, self.budget)
         history = (value.costs, *result.history[1:])
         return self._judged(start, result.q, result.value.merit, history, result.message)
 

@@ -2,13 +2,11 @@
 
 import functools
 import math
-import pickle
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -16,10 +14,11 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from optipromp import judging
+from optipromp.budget import Budget
 from optipromp.compiled import in_cache
-from optipromp.errors import Code, InvalidRequestError, NoPlanError, OptiPrompError
+from optipromp.errors import Code, InvalidRequestError
 from optipromp.optimization.kernels import add_stiffness
-from optipromp.planning import goals, primitive, tree
+from optipromp.planning import approaches, goals, primitive, tree
 from optipromp.planning.options import Planner, PlanOptions, Strategy
 from optipromp.planning.paper_problem import functional_values
 from optipromp.planning.parameters import GOAL
@@ -29,7 +28,7 @@ from optipromp.planning.result import Plan, Planned, Term, Terms, Verdict, predi
 from optipromp.planning.task import Task, push_model, pushed_aside, resolve
 from optipromp.planning.timing import stopped
 from optipromp.planning.underway import Moving, begun, underway
-from optipromp.processes import cores, run_each
+from optipromp.processes import cores
 from optipromp.promp.model import ProMP
 from optipromp.pushing import standing, trials
 from optipromp.robots.model import Robot
@@ -39,9 +38,8 @@ from optipromp.trajectory import State, Trajectory
 
 DEFAULTS = PlanOptions()
 WARM_UP = "scenario-3"
+RETRIED = Code.HARM_PREDICTED, Code.INVALID_PLAN, Code.GOAL_IN_COLLISION, Code.GOAL_UNREACHABLE
 
-
-Result = Plan | OptiPrompError
 
 _threads = functools.cache(ThreadpoolController)  # knows the BLAS libraries that are loaded
 
@@ -94,10 +92,40 @@ def plan(
     """
     _compiled()  # before the plan's clock starts
     with _threads().limit(limits=1, user_api="blas"):  # on small matrices threads only wait
-        return _plan(
+        made = _plan(
             scene, robot, planner, strategy, demonstrations, seed, options, progress,
             begun(start_state, previous, at), (previous, at),
         )  # fmt: skip
+        if made.status not in RETRIED or planner != "opti-promp" or start_state or previous:
+            return made
+
+        def again(other: Scene, seconds: float) -> Plan:
+            return _plan(
+                other, robot, planner, strategy, demonstrations, seed,
+                replace(options or DEFAULTS, timeout=seconds), progress,
+            )  # fmt: skip
+
+        return _otherwise(made, again, (options or DEFAULTS).timeout)
+
+
+def _otherwise(made: Plan, again: Callable[[Scene, float], Plan], timeout: float) -> Plan:
+    """The first harmless plan of the other approaches that the scene allows; else the best."""
+    began, before = time.perf_counter(), made.time["total"]
+    for other in approaches.others(made.scene, made.robot):
+        left = timeout - before - (time.perf_counter() - began)
+        if left <= 0.0:
+            break
+        made = min(made, again(other, left), key=_badness)
+        if made.success:
+            break
+    spent = time.perf_counter() - began
+    return replace(made, time={**made.time, "approaches": spent, "total": before + spent})
+
+
+def _badness(made: Plan) -> tuple[bool, float]:
+    """What ranks plans of different approaches: validity, then harm."""
+    valid = made.success or made.status == Code.HARM_PREDICTED
+    return not valid, np.inf if made.prediction is None else made.prediction.harm
 
 
 def check_planner(planner: str, strategy: str, seed: int = 0) -> None:
@@ -219,7 +247,7 @@ def _plan(
     default = planner == "opti-promp" and not paper
     promp = learnt(task, demonstrations, **({"basis": PAPER_BASIS} if paper else {}))
     clock = {"setup": time.perf_counter() - began}
-    deadline = began + options.timeout
+    budget = Budget(began + options.timeout, np.inf if options.effort is None else options.effort)
 
     def finish(outcome: Planned, status: Code | None = None, message: str = "") -> Plan:
         start = time.perf_counter()
@@ -228,7 +256,7 @@ def _plan(
             scene, task.robot, outcome.trajectory, task.state, stem_side=prediction is None
         )
         if status is None:
-            status, message = _status(Verdict(verdict, prediction), outcome, options, deadline)
+            status, message = _status(Verdict(verdict, prediction), outcome, options, budget)
         elif status == Code.GOAL_IN_COLLISION:
             message += "; the trajectory that comes nearest: " + verdict.message
         now = time.perf_counter()
@@ -253,11 +281,11 @@ def _plan(
 
     say("inverse kinematics")
     before = time.perf_counter()
-    hasty = planner != "opti-promp" or before > deadline
+    hasty = planner != "opti-promp" or budget.spent()
     near = primitive.end(promp) if planner != "opti-promp" else None
     chosen, is_free, reason = goals.choose(
         pushed_aside(task) if default else task, seed, GOAL.few_starts if hasty else GOAL.starts,
-        near if task.entry is None else task.start, deadline,
+        near if task.entry is None else task.start, budget,
     )  # fmt: skip
     clock["inverse kinematics"] = time.perf_counter() - before
     if not len(chosen):
@@ -269,28 +297,29 @@ def _plan(
     if paper:
         from optipromp.planning.paper import solve  # with SciPy's optimisers
 
-        outcome = solve(task, promp, options, strategy, chosen, deadline)
+        outcome = solve(task, promp, options, strategy, chosen, budget)
     else:
-        outcome = pick(task, promp, options, chosen, seed, deadline)
+        outcome = pick(task, promp, options, chosen, seed, budget)
     return finish(outcome) if is_free else finish(outcome, Code.GOAL_IN_COLLISION, reason)
 
 
 def _status(
-    found: Verdict, outcome: Planned, options: PlanOptions, deadline: float
+    found: Verdict, outcome: Planned, options: PlanOptions, budget: Budget
 ) -> tuple[Code, str]:
-    """Status and message of an outcome, from its verdict and the time that is left."""
-    late = time.perf_counter() > deadline
+    """Status and message of an outcome, from its verdict and whether the budget cut the search."""
+    late = budget.cut
     note = "" if outcome.optimised else " (not optimised)"
     wrong = found.judgement.message
     if late and not outcome.optimised and options.iterations != 0:
         return (
             Code.TIMEOUT,
-            f"time ran out before any optimisation; the initial trajectory: {wrong or 'valid'}",
+            f"{budget.ending} before any optimisation; the initial trajectory: {wrong or 'valid'}",
         )
     if wrong and late:
-        return Code.TIMEOUT, f"time ran out; the best so far: {wrong}{note}"
+        return Code.TIMEOUT, f"{budget.ending}; the best so far: {wrong}{note}"
     message, comma, notes = found.message.partition("; note: ")
-    return found.status, message + note + comma + notes
+    told = f"; note: the search was cut after {budget.used} steps" if late else ""
+    return found.status, message + note + comma + notes + told
 
 
 def _terms(
@@ -323,93 +352,3 @@ def _stay(task: Task) -> Planned:
         rest, times = np.zeros((3, task.robot.n_joints)), np.array([0.0, 0.1, 0.2])
         still = Trajectory(times, task.start + rest, rest, rest, task.robot.joint_names)
     return Planned(still, still, still, 1, (), False, {})
-
-
-@dataclass(frozen=True, eq=False)
-class _Request:
-    """What all plans have in common."""
-
-    planner: Planner
-    strategy: Strategy
-    demonstrations: ProMP | str | Path | None
-    seed: int
-    options: PlanOptions | None
-
-    def result(self, scene: Scene | str | Path) -> Result:
-        try:
-            return plan(scene, **vars(self))
-        except OptiPrompError as error:
-            return error.with_traceback(None)
-
-    def bare(self, scene: Scene | str | Path) -> Result:
-        """The result without the scene that the caller has."""
-        result = self.result(scene)
-        if isinstance(result, Plan) and result.scene is scene:
-            return replace(result, scene=None)  # type: ignore[arg-type]
-        return result
-
-
-def plan_many(
-    scenes: Sequence[Scene | str | Path],
-    options: PlanOptions | None = None,
-    *,
-    planner: Planner = "opti-promp",
-    strategy: Strategy = "joint",
-    demonstrations: ProMP | str | Path | None = None,
-    seed: int = 0,
-    workers: int | None = None,
-    progress: Callable[[int, Result], None] | None = None,
-) -> list[Result]:
-    """Plan a reach in each of many scenes, on all cores.
-
-    Every plan equals the one that :func:`plan` makes of that scene alone. The plans are made in
-    several processes, so a script must call this under ``if __name__ == "__main__":``, and the
-    classes of your own costs (``options.costs``) must be importable.
-
-    Args:
-        scenes: scenes, names of built-in ones, or scene files.
-        options: see :class:`PlanOptions`; for every plan.
-        planner: as for :func:`plan`.
-        strategy: as for :func:`plan`.
-        demonstrations: as for :func:`plan`.
-        seed: as for :func:`plan`.
-        workers: processes that plan; None: one per core; 1: this process plans.
-        progress: called in this thread as each plan is done, with the index of its scene and the
-            result.
-
-    Returns:
-        One result per scene, in the order of ``scenes``: the plan (also a plan that failed), or the
-        error that :func:`plan` raises for that scene; ``NoPlanError`` where its process ended.
-
-    Raises:
-        InvalidRequestError: fewer than one worker; an unknown planner or strategy; options or
-            demonstrations that cannot be sent to another process; processes cannot start.
-    """
-    if workers is not None and workers < 1:
-        raise InvalidRequestError(f"workers is {workers}; it must be at least 1")
-    check_planner(planner, strategy)
-    request = _Request(planner, strategy, demonstrations, seed, options)
-    count = min(workers or cores(), len(scenes))
-    if count > 1:
-        try:
-            pickle.dumps(request)
-        except (pickle.PicklingError, AttributeError, TypeError) as error:
-            raise InvalidRequestError(
-                f"options or demonstrations cannot be sent to other processes ({error}); "
-                "workers=1 needs none"
-            ) from error
-    results: dict[int, Result] = {}
-
-    def done(index: int, result: Result | BrokenProcessPool) -> None:
-        scene = scenes[index]
-        if isinstance(result, Plan) and isinstance(scene, Scene):
-            result = replace(result, scene=scene)
-        elif isinstance(result, BrokenProcessPool):
-            result = NoPlanError(str(result))
-        results[index] = result
-        if progress is not None:
-            progress(index, result)
-
-    function = request.bare if count > 1 else request.result
-    run_each(function, [(scene,) for scene in scenes], done, workers=count)
-    return [results[index] for index in range(len(scenes))]

@@ -240,14 +240,16 @@ def plan_primitive(
         if planner == "i-promp":
             deviation = paper.direction_deviation
             rng = np.random.default_rng(seed) if deviation > 0.0 else None
-            objects = task.neighbours
+            objects, tool = task.neighbours, task.robot.tool
+            below = 0.0 if tool is None else tool.depth
             for push, obj in zip(
                 pushes(task.scene, objects, task.robot.gripper_radius, rng, deviation),
                 objects,
                 strict=True,
             ):
                 names += [push.id, f"{push.id} pushed"]
-                positions += [push.position, push.pushed]
+                drop = task.scene.frame[2] * (below + obj.radius if paper.guard else 0.0)
+                positions += [push.position - drop, push.pushed - drop]
                 variances += [detection_variance(obj)] * 2
         points, deviations = via_points(task, positions, paper.via_deviation)
         branch = on_branch(task, points, goal)

@@ -145,8 +145,8 @@ def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None
         _within_limits(robot, joints, "goal", InvalidRequestError)
     goal = scene.goal
     if goal is None:
-        assert scene.target is not None  # a scene has a target or a goal
-        goal = PoseGoal(scene.target.position, scene.frame[2])
+        assert scene.aim is not None  # a scene has a target or a goal
+        goal = PoseGoal(scene.aim, scene.frame[2])
     return Task(
         scene,
         robot,

@@ -5,12 +5,12 @@ Shortcuts then shorten the way. It is a start of the optimisation, which rounds 
 its edges collisions are looked for at places, not between them.
 """
 
-import time
 from typing import NamedTuple
 
 import numpy as np
 
 from optipromp.arrays import BoolArray, FloatArray, IntArray, lengths
+from optipromp.budget import Budget
 from optipromp.compiled import inlined, inner
 from optipromp.geometry.distances import distance_and_gradient
 from optipromp.geometry.obstacles import Obstacles
@@ -52,7 +52,7 @@ def way(
     goals: FloatArray,
     seeds: FloatArray,
     rng: np.random.Generator,
-    deadline: float = np.inf,
+    budget: Budget | None = None,
 ) -> FloatArray | None:
     """Corners (k, n) of a way from the start to one of the goals; None where none was found.
 
@@ -63,14 +63,14 @@ def way(
         goals: (m, n) configurations, free.
         seeds: (s, n) configurations that a part of the samples are drawn near; may be empty.
         rng: of the samples.
-        deadline: of ``time.perf_counter()``.
+        budget: asked before each batch of samples.
     """
     around = task.surroundings
     for pushed in sorted({around.shared, len(around.dynamic.kind)}, reverse=True):
         body = collider(task, pushed)
         best: FloatArray | None = None
         for _ in range(TREE.ways):
-            corners = _grown(body, task.robot, task.start, goals, seeds, rng, deadline)
+            corners = _grown(body, task.robot, task.start, goals, seeds, rng, budget)
             if corners is None:
                 break
             corners = _shortened(body, corners, rng)
@@ -87,7 +87,7 @@ def _length(corners: FloatArray) -> float:
 
 def _grown(
     body: Collider, robot: Robot, start: FloatArray, goals: FloatArray, seeds: FloatArray,
-    rng: np.random.Generator, deadline: float,
+    rng: np.random.Generator, budget: Budget | None,
 ) -> FloatArray | None:  # fmt: skip
     low = np.where(np.isinf(robot.lower), start - np.pi, robot.lower)
     high = np.where(np.isinf(robot.upper), start + np.pi, robot.upper)
@@ -96,7 +96,7 @@ def _grown(
     nodes[0, 0], nodes[1, : len(goals)] = start, goals
     count = np.array([1, len(goals)])
     for _ in range(0, TREE.samples, BATCH):
-        if time.perf_counter() > deadline:
+        if budget is not None and budget.spent():
             return None
         samples = rng.uniform(low, high, (BATCH, n))
         if len(seeds):

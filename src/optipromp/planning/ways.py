@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from optipromp.arrays import FloatArray
+from optipromp.budget import Budget
 from optipromp.planning import tree
 from optipromp.planning.follow import Start, Waypoints, free_count, within_limits
 from optipromp.planning.goals import clearance
@@ -23,7 +24,7 @@ def free_starts(
     promp: ProMP,
     goals: FloatArray,
     rng: np.random.Generator,
-    deadline: float,
+    budget: Budget,
 ) -> Iterator[Start]:
     """Starts of a reach whose tool is free on its way, to goal configurations ``goals`` (m, n).
 
@@ -43,7 +44,7 @@ def free_starts(
     ends = [JointPoint(0.0, task.start), JointPoint(1.0, goals[order[0]])]
     shown = condition(promp, ends).sample(rng, TREE.shown, WAYPOINT.fewest)
     for _ in range(TREE.rounds):
-        corners = tree.way(task, goals, shown.reshape(-1, shown.shape[2]), rng, deadline)
+        corners = tree.way(task, goals, shown.reshape(-1, shown.shape[2]), rng, budget)
         if corners is None:
             break
         q = along(corners, options.waypoints or within_limits(way_count(corners, options) + 1))
@@ -52,14 +53,14 @@ def free_starts(
 
 
 def led_round(
-    task: Task, start: Start, options: PlanOptions, rng: np.random.Generator, deadline: float
+    task: Task, start: Start, options: PlanOptions, rng: np.random.Generator, budget: Budget
 ) -> Iterator[Start]:
     """Starts that reach the beginning of the same path on ways round obstacles."""
     first, last = start.waypoints.first, start.waypoints.count - 1
     corners = None
     if first:
         corners = tree.way(
-            task, start.followed[first : first + 1], start.primitive[:first], rng, deadline
+            task, start.followed[first : first + 1], start.primitive[:first], rng, budget
         )
     if corners is None:
         return

@@ -13,23 +13,31 @@ across the stem. A deflected stem lifts its fruit by ½∫w'² ds = ½ uᵀ S u.
 The stiffness of a stem cannot be seen. It is taken to be that of green peduncles (a guess,
 :class:`BeamParameters`). Where a stem leans, it is at least so stiff that the fruit's weight turns
 it by no more than the turn that it grew with.
+
+A stem that grows from another has a root that yields: its compliance includes that of the stems
+that it hangs on, so its first point moves too (:mod:`optipromp.pushing.trusses`).
 """
 
+import itertools
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dpbsv
 
-from optipromp.arrays import FloatArray, frozen, lengths
-from optipromp.geometry.shapes import Capsule
+from optipromp.arrays import FloatArray, IntArray, frozen, lengths
+from optipromp.geometry.shapes import Capsule, Cone, Ellipsoid, MeshShape, round_mesh
+from optipromp.pushing import trusses
 from optipromp.pushing.parameters import PUSH
 from optipromp.scenes.scene import SceneObject
 
 LOADED, ELEMENTS, FINER = PUSH.beam.loaded, PUSH.beam.elements, PUSH.beam.finer
 MODULUS, DIAMETER = PUSH.beam.youngs_modulus, PUSH.beam.diameter
+TRUSS_DIAMETER = PUSH.beam.truss_diameter
 GROWN_TURN, STIFF_END = PUSH.beam.grown_turn, PUSH.beam.stiff_end
 FRUIT_DENSITY, GRAVITY = PUSH.beam.fruit_density, PUSH.beam.gravity
+FITTED = 16  # radii of each ball that are tried when two are fitted to a shape
 UP = frozen([0.0, 0.0, 1.0])
 
 _AT = np.round(np.array(LOADED) * FINER * ELEMENTS).astype(int) - 1  # of the grid's points
@@ -44,12 +52,15 @@ class Stems(NamedTuple):
         axes: (N, 3, 3) rows: two directions across the stem, then along it to the fruit.
         length: (N,) from the root to the fruit's centre [m].
         mass: (N,) of the fruits [kg].
-        radius: (N,) of the fruits; ``thickness`` (N,) radii of the stems [m].
-        upper: (N,) share of the stem at which a long fruit's second ball is; 1 for a ball.
+        radius: (N,) of the fruits, of a long one's lower ball; ``thickness`` (N,) of the stems [m].
+        upper: (N,) share of the stem at which a long fruit's upper ball is; 1 for a ball.
+        above: (N,) radius of the upper ball [m].
         shape: (N, ELEMENTS + 1, L) W, deflection of the grid's points by those of the loaded ones.
         stiffness: (N, L, L) K [N/m].
         compliance: (N, L, L) the inverse of K [m/N].
         shortening: (N, L, L) S [1/m].
+        joint: (N, N, 3, 3) motion of each fruit by a force on another one of its truss [m/N];
+            (N, 0, 3, 3) where no stem grows from another.
     """
 
     root: FloatArray
@@ -59,10 +70,12 @@ class Stems(NamedTuple):
     radius: FloatArray
     thickness: FloatArray
     upper: FloatArray
+    above: FloatArray
     shape: FloatArray
     stiffness: FloatArray
     compliance: FloatArray
     shortening: FloatArray
+    joint: FloatArray
 
 
 def stems(
@@ -75,92 +88,195 @@ def stems(
     balls = [balls_of(fruit) for fruit in objects]
     return bent(
         np.array([t.stem.points[-1] for t in objects if t.stem is not None]).reshape(-1, 3),
-        np.array([center for center, _, _ in balls]).reshape(-1, 3),
-        np.array([radius for _, radius, _ in balls]),
+        np.array([own.center for own in balls]).reshape(-1, 3),
+        np.array([own.radius for own in balls]),
         np.array([t.stem.radius for t in objects if t.stem is not None]),
         up,
-        np.array([apart for _, _, apart in balls]),
+        np.array([own.apart for own in balls]),
+        np.array([own.above for own in balls]),
         np.array([t.physical.get("mass", np.nan) for t in objects]),
         np.array([t.physical.get("stem_stiffness", np.nan) for t in objects]),
         factor,
+        parents(objects),
     )
 
 
-def balls_of(fruit: SceneObject) -> tuple[FloatArray, float, float]:
+def parents(objects: Sequence[SceneObject]) -> IntArray:
+    """(N,) which of the objects each one's stem grows from; -1 for one whose root is held."""
+    known = {item.id: k for k, item in enumerate(objects)}
+    names = [None if item.stem is None else item.stem.parent for item in objects]
+    return np.array([-1 if name is None else known.get(name, -1) for name in names], np.int64)
+
+
+class Balls(NamedTuple):
     """The two balls that the model takes a fruit for, one behind the other along its stem.
 
-    A capsule is taken for the balls at its ends; any other shape for one ball that holds it.
+    Attributes:
+        center: (3,) of the lower one [m].
+        radius: of the lower one, ``above`` of the upper one [m].
+        apart: distance of their centres; 0 for one ball [m].
+    """
+
+    center: FloatArray
+    radius: float
+    above: float
+    apart: float
+
+
+def balls_of(fruit: SceneObject) -> Balls:
+    """The balls that a fruit is taken for: those of a capsule or cone, those fitted to an ellipsoid
+    or a mesh. Any other shape is taken for one ball that holds it.
+    """
+    shape, stem = fruit.shape, fruit.stem
+    if stem is None or not isinstance(shape, Capsule | Cone | Ellipsoid | MeshShape):
+        return Balls(fruit.position, fruit.radius, fruit.radius, 0.0)
+    if isinstance(shape, Capsule | Cone):
+        tip = shape.tip if isinstance(shape, Cone) else shape.radius
+        end = 0.5 * shape.length * fruit.rotation[:, 2]
+        if float(end @ stem.vector) < 0.0:
+            return Balls(fruit.position + end, shape.radius, tip, shape.length)
+        return Balls(fruit.position - end, tip, shape.radius, shape.length)
+    line = stem.root - fruit.position
+    line = fruit.rotation.T @ (line / np.linalg.norm(line))
+    low, radius, above, apart = _fitted(shape, tuple(line.tolist()))
+    return Balls(fruit.position + low * (fruit.rotation @ line), radius, above, apart)
+
+
+@lru_cache(maxsize=256)
+def _fitted(
+    shape: Ellipsoid | MeshShape, line: tuple[float, ...]
+) -> tuple[float, float, float, float]:
+    """Two balls on ``line`` (3,) from the local origin that fit a shape's surface best.
+
+    They touch the shape's ends along the line, and of all radii those are taken for which the
+    surface is nearest to their hull in the mean.
 
     Returns:
-        Centre (3,) of the lower one, radius, and the distance of the upper one; 0 for one ball [m].
+        Where on the line the lower one is, the two radii, and their distance [m].
     """
-    if not isinstance(fruit.shape, Capsule) or fruit.stem is None:
-        return fruit.position, fruit.radius, 0.0
-    end = 0.5 * fruit.shape.length * fruit.rotation[:, 2]
-    away = -1.0 if float(end @ fruit.stem.vector) > 0.0 else 1.0
-    return fruit.position + away * end, fruit.shape.radius, fruit.shape.length
+    mesh = round_mesh(shape) if isinstance(shape, Ellipsoid) else shape
+    points, axis = np.asarray(mesh.vertices), np.array(line)
+    height = points @ axis
+    aside = lengths(points - height[:, None] * axis)
+    low, high, wide = float(height.min()), float(height.max()), float(aside.max())
+    one = 0.5 * (high - low)
+    shares = np.linspace(0.1, 1.0, FITTED) * min(wide, one)
+    best, found = np.inf, (0.5 * (low + high), one, one, 0.0)
+    for radius, above in itertools.product(shares, shares):
+        apart = high - low - radius - above
+        if apart <= abs(radius - above) + 1e-9:
+            continue
+        sine = (radius - above) / apart
+        share = (height - low - radius + aside * sine / -np.sqrt(1.0 - sine**2)) / apart
+        share = np.clip(share, 0.0, 1.0)
+        off = np.hypot(aside, height - low - radius - share * apart)
+        error = float(np.abs(off - radius - share * (above - radius)).mean())
+        if error < best:
+            best, found = error, (low + radius, float(radius), float(above), float(apart))
+    return found
 
 
 def bent(
     root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: FloatArray,
-    up: FloatArray = UP, apart: FloatArray | float = 0.0, mass: FloatArray | float = np.nan,
-    stiffness: FloatArray | float = np.nan, factor: FloatArray | float = 1.0,
+    up: FloatArray = UP, apart: FloatArray | float = 0.0, above: FloatArray | None = None,
+    mass: FloatArray | float = np.nan, stiffness: FloatArray | float = np.nan,
+    factor: FloatArray | float = 1.0, parent: IntArray | None = None,
 ) -> Stems:  # fmt: skip
     """Stems of radius ``thickness`` (N,), from roots (N, 3) to fruits (N, 3) of radius (N,) [m].
 
-    ``up`` (3,) is opposite to gravity. A long fruit has a second ball ``apart`` (N,) from the first
-    towards the root [m]. Where ``mass`` (N,) [kg] and ``stiffness`` EI (N,) [N m²] are not numbers,
-    they are assumed. Stiffnesses are multiplied by ``factor`` (N,).
+    ``up`` (3,) is opposite to gravity. A long fruit has a second ball of radius ``above`` (N,),
+    ``apart`` (N,) from the first towards the root [m]. Where ``mass`` (N,) [kg] and ``stiffness``
+    EI (N,) [N m²] are not numbers, they are assumed. Stiffnesses are multiplied by ``factor`` (N,).
+    ``parent`` (N,) is the stem that each grows from, -1 where its root is held.
     """
     count, n, loaded = len(root), FINER * ELEMENTS, len(LOADED)
     length, axes = _frames(root, fruit)
     along = axes[:, 2]
-    ball = FRUIT_DENSITY * 4.0 / 3.0 * np.pi * radius**3
-    mass = np.where(np.isnan(mass), ball + FRUIT_DENSITY * np.pi * apart * radius**2, mass)
+    above = radius if above is None else above
+    ball = FRUIT_DENSITY * 4.0 / 3.0 * np.pi * (0.5 * (radius**3 + above**3))
+    between_balls = FRUIT_DENSITY * np.pi * apart * (radius**2 + radius * above + above**2) / 3.0
+    mass = np.where(np.isnan(mass), ball + between_balls, mass)
     down = along @ up
     x, y, z = (along - down[:, None] * up).T
     lean = np.hypot(np.hypot(x, y), z)
+    weight: FloatArray = mass * GRAVITY  # (N,), or (N, n) beyond each element
     # the moment m g sinθ (L - s) turns the stem by m g sinθ L² / 2EI
-    grown = mass * GRAVITY * lean * length**2 / (2.0 * GROWN_TURN)
-    assumed = np.maximum(MODULUS * np.pi / 64.0 * DIAMETER**4, grown)
+    grown, thick = weight * lean * length**2 / 2.0, np.full(count, DIAMETER)
+    whole = None
+    if parent is not None and (parent >= 0).any():
+        whole = trusses.tree(parent, root, axes, length)
+        weight, grown = trusses.carried(whole, weight, up, n)
+        thick[np.unique(parent[parent >= 0])] = TRUSS_DIAMETER
+    assumed = np.maximum(MODULUS * np.pi / 64.0 * thick**4, grown / GROWN_TURN)
     bending = factor * np.where(np.isnan(stiffness), assumed, stiffness)
-    tension = mass * GRAVITY * np.abs(down)
+    tension = weight * (np.abs(down) if whole is None else np.abs(down)[:, None])
     h = length / n
     stiffer = np.where(
-        (np.arange(n) + 0.5) / n > (1.0 - (radius + apart) / length)[:, None], STIFF_END, 1.0
+        (np.arange(n) + 0.5) / n > (1.0 - (above + apart) / length)[:, None], STIFF_END, 1.0
     )
     stiffer[:, 0] *= 0.5  # clamped: the beam is mirrored at its root
     ei = np.zeros((count, n + 2))  # by h³, at the grid's points from the root; none beyond the end
     ei[:, :n] = bending[:, None] * stiffer / h[:, None] ** 3
-    pull = (tension / h)[:, None]
-    # ½∫EI w''² + ½∫T w'² by central differences, as LAPACK keeps a symmetric band
-    band = np.zeros((count, 3, n))
-    band[:, 0] = ei[:, :n] + 4.0 * ei[:, 1:-1] + ei[:, 2:] + 2.0 * pull
-    band[:, 0, 0] += 3.0 * ei[:, 0]
-    band[:, 0, -1] -= pull[:, 0]
-    band[:, 1, :-1] = -2.0 * (ei[:, 1:n] + ei[:, 2:-1]) - pull
-    band[:, 2, :-2] = ei[:, 2:n]
+    pull = tension.reshape(count, -1) / h[:, None]
+    band = _band(ei, pull)
     compliance = np.array([dpbsv(one, _UNIT, lower=1)[1] for one in band]).reshape(count, n, loaded)
+    joint, first = np.zeros((count, 0, 3, 3)), np.zeros((count, 1, loaded))
+    if whole is not None:
+        solved = trusses.bending(whole, _full(band), _full(_band(np.zeros_like(ei), pull)))
+        base, joint = trusses.condensed(whole, solved)
+        for k in range(count):
+            added = trusses.sideways(base[k], axes[k], solved.turned[k])[:, [0, *(_AT + 1)]]
+            first[k], compliance[k] = added[0, 1:], solved.influence[k][:, _AT] + added[1:, 1:]
     between = np.ascontiguousarray(compliance[:, _AT])
     condensed = np.linalg.inv(between)
-    shape = np.zeros((count, ELEMENTS + 1, loaded))
-    shape[:, 1:] = compliance[:, FINER - 1 :: FINER] @ condensed
+    grid = np.concatenate([first, compliance[:, FINER - 1 :: FINER]], axis=1)
+    shape = grid @ condensed
     steps = np.diff(shape, axis=1)
     shortening = np.einsum("nki,nkj->nij", steps, steps) / (FINER * h)[:, None, None]
     return Stems(
-        root, axes, length, mass, radius, thickness, 1.0 - apart / length, shape, condensed,
-        between, shortening,
+        root, axes, length, mass, radius, thickness, 1.0 - apart / length, above, shape, condensed,
+        between, shortening, joint,
     )  # fmt: skip
 
 
-def moved(s: Stems, root: FloatArray, fruit: FloatArray) -> Stems:
+def _band(ei: FloatArray, pull: FloatArray) -> FloatArray:
+    """½∫EI w''² + ½∫T w'² by central differences, as LAPACK keeps a symmetric band (N, 3, n).
+
+    ``ei`` (N, n + 2) is EI over h³ at the grid's points, ``pull`` (N, n), or (N, 1) where it is the
+    same all along, the tension in each element over h [N/m].
+    """
+    n = ei.shape[1] - 2
+    pull = np.broadcast_to(pull, (len(ei), n))
+    band = np.zeros((len(ei), 3, n))
+    beside = pull + np.concatenate([pull[:, 1:], pull[:, -1:]], axis=1)
+    band[:, 0] = ei[:, :n] + 4.0 * ei[:, 1:-1] + ei[:, 2:] + beside
+    band[:, 0, 0] += 3.0 * ei[:, 0]
+    band[:, 0, -1] -= pull[:, -1]
+    band[:, 1, :-1] = -2.0 * (ei[:, 1:n] + ei[:, 2:-1]) - pull[:, 1:]
+    band[:, 2, :-2] = ei[:, 2:n]
+    return band
+
+
+def _full(band: FloatArray) -> FloatArray:
+    """Bands (N, 3, n) as symmetric matrices (N, n, n)."""
+    n = band.shape[2]
+    out = np.zeros((len(band), n, n))
+    for off in range(3):
+        k = np.arange(n - off)
+        out[:, k, k + off] = out[:, k + off, k] = band[:, off, : n - off]
+    return out
+
+
+def moved(cases: Sequence[Stems], root: FloatArray, fruit: FloatArray) -> Stems:
     """The same N stems with M sampled roots and fruits (M, N, 3) [m].
 
-    Their stiffness is kept: a few per cent of length change it little.
+    Sample m has the stiffness of the case m modulo their number: a few per cent of length change it
+    little.
     """
     times = len(root)
     length, axes = _frames(root.reshape(-1, 3), fruit.reshape(-1, 3))
-    kept = (np.concatenate([values] * times) for values in s[3:])
+    turns = [cases[m % len(cases)] for m in range(times)]
+    kept = (np.concatenate(values) for values in zip(*(own[3:] for own in turns), strict=True))
     return Stems(np.ascontiguousarray(root.reshape(-1, 3)), axes, length, *kept)
 
 

@@ -101,16 +101,16 @@ def overlapping(s: Stems, u: FloatArray, overlap: BoolArray) -> None:
     for i in range(len(root)):
         for o in range(len(root)):
             overlap[i, o, 0] = overlap[i, o, 1] = False
-            for a in (1.0, s.upper[i]):
+            for a, own in ((1.0, s.radius[i]), (s.upper[i], s.above[i])):
                 x0, x1, x2 = place(root, axes, shape, u, i, length[i], a)
-                for b in (1.0, s.upper[o]):
+                for b, other in ((1.0, s.radius[o]), (s.upper[o], s.above[o])):
                     y0, y1, y2 = place(root, axes, shape, u, o, length[o], b)
                     d, _, _, _ = apart(x0, x1, x2, y0, y1, y2)
-                    overlap[i, o, 0] |= d < s.radius[i] + s.radius[o]
+                    overlap[i, o, 0] |= d < own + other
                 share = level(root, axes, o, length[o], x0, x1, x2)
                 y0, y1, y2 = place(root, axes, shape, u, o, length[o], share)
                 d, _, _, _ = apart(x0, x1, x2, y0, y1, y2)
-                overlap[i, o, 1] |= d < s.radius[i] + s.thickness[o]
+                overlap[i, o, 1] |= d < own + s.thickness[o]
 
 
 @inner
@@ -127,7 +127,7 @@ def list_firm(
             continue
         listed_at[i, 0], listed_at[i, 1], listed_at[i, 2] = x, y, z
         on_fruit[i] = before
-        reach = s.radius[i] + (1.0 - s.upper[i]) * s.length[i] + LISTED
+        reach = max(s.radius[i], (1.0 - s.upper[i]) * s.length[i] + s.above[i]) + LISTED
         for k in range(firm.shape[1]):
             gap, _, _, _ = distance_and_gradient(solid, k, x, y, z)
             if gap < reach:
@@ -138,14 +138,14 @@ def list_firm(
 @inner
 def list_pieces(s: Stems, c: Contacts, at: MouthPose, cup: Mouth) -> None:
     """Which pieces of each stem are level with the cup, and those at its rim and base."""
-    root, axes, length, radius, n = s.root, s.axes, s.length, s.radius, s.shape.shape[1] - 1
+    root, axes, length, above, n = s.root, s.axes, s.length, s.above, s.shape.shape[1] - 1
     under = cup.base - NECK_LOOKED_AT
     for i in range(len(root)):
         c.top[i] = _level_with(root, axes, i, length[i], at, cup.rim)
         c.bottom[i] = _level_with(root, axes, i, length[i], at, cup.base)
         low = _level_with(root, axes, i, length[i], at, under)
         c.first[i] = int(c.top[i] * n) + 1
-        end = int(low * n) if low > 0.0 else int((s.upper[i] - radius[i] / length[i]) * n)
+        end = int(low * n) if low > 0.0 else int((s.upper[i] - above[i] / length[i]) * n)
         c.on_all[i] = c.on_fruit[i] + 2 + max(end - c.first[i] + 1, 0)
 
 
@@ -160,8 +160,8 @@ def _level_with(
 @inlined
 def between(
     root: FloatArray, axes: FloatArray, shape: FloatArray, length: FloatArray, radius: FloatArray,
-    thickness: FloatArray, upper: FloatArray, u: FloatArray, up: FloatArray, center: FloatArray,
-    resting: BoolArray, overlap: BoolArray, i: int, what: int,
+    thickness: FloatArray, upper: FloatArray, above: FloatArray, u: FloatArray, up: FloatArray,
+    center: FloatArray, resting: BoolArray, overlap: BoolArray, i: int, what: int,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
     """Contact ``what`` of a fruit and its stem with another fruit and its stem.
 
@@ -180,29 +180,30 @@ def between(
         return np.inf, 0.0, 0.0, 0.0, 1.0
     least, m0, m1, m2, at = np.inf, 0.0, 0.0, 0.0, 1.0
     for first in range(2 if what % 3 and upper[i] < 1.0 else 1):  # the balls of fruit i
-        share = 1.0
+        share, own = 1.0, radius[i]
         x0, x1, x2 = center[i, 0], center[i, 1], center[i, 2]
         if first:
-            share = upper[i]
+            share, own = upper[i], above[i]
             x0, x1, x2 = place(root, axes, shape, u, i, length[i] - up[i], share)
         for second in range(2 if what % 3 != 2 and upper[o] < 1.0 else 1):  # those of fruit o
             y0, y1, y2 = center[o, 0], center[o, 1], center[o, 2]
+            other = above[o] if second else radius[o]
             if second:
                 y0, y1, y2 = place(root, axes, shape, u, o, length[o] - up[o], upper[o])
             if what % 3 == 1:
-                keep = radius[i] + radius[o]
+                keep = own + other
             elif what % 3 == 2:
                 along = level(root, axes, o, length[o], x0, x1, x2)
                 if along == 0.0:
                     continue
                 y0, y1, y2 = place(root, axes, shape, u, o, length[o] - up[o], along)
-                keep = radius[i] + thickness[o]
+                keep = own + thickness[o]
             else:
                 share = level(root, axes, i, length[i], y0, y1, y2)
-                if share == 0.0 or share > upper[i] - radius[i] / length[i]:
+                if share == 0.0 or share > upper[i] - above[i] / length[i]:
                     continue
                 x0, x1, x2 = place(root, axes, shape, u, i, length[i] - up[i], share)
-                keep = radius[o] + thickness[i]
+                keep = other + thickness[i]
             gap, n0, n1, n2 = apart(x0, x1, x2, y0, y1, y2)
             if gap - keep < least:
                 least, m0, m1, m2, at = gap - keep, n0, n1, n2, share

@@ -76,7 +76,8 @@ def relax(
         The largest change of a deflection [m], and whether a fruit was touched for the first time.
     """
     root, axes, shape, shortening, stiffness = s.root, s.axes, s.shape, s.shortening, s.stiffness
-    length, radii, thickness, mass, upper = s.length, s.radius, s.thickness, s.mass, s.upper
+    length, radii, thickness, mass = s.length, s.radius, s.thickness, s.mass
+    upper, above = s.upper, s.above
     u, before, ahead, up, center, began = f.u, f.before, f.ahead, f.up, f.center, f.began
     resting, pressed, earlier, firmly = f.resting, f.pressed, f.earlier, f.firmly
     overlap, firm, on_fruits, on_all = c.overlap, c.firm, c.on_fruit, c.on_all
@@ -94,7 +95,7 @@ def relax(
             begin(stiffness, free, u, ahead, i, inertia, gradient, inverse)
         pressed[i], firmly[i] = 0.0, False
         largest = t0 = t1 = t2 = 0.0
-        last = upper[i] - radius / length[i]
+        last = upper[i] - above[i] / length[i]
         h, rho, _, _, _ = in_cup(x0, x1, x2, at)
         within = h > cup.base and rho < cup.inner
         looked_at = on_all[i] if look else close[i]
@@ -106,19 +107,19 @@ def relax(
             share = 1.0
             if what == 0:
                 gap, n0, n1, n2, share = _on_cup(
-                    root, axes, shape, length, upper, u, up, center, i, radius, at, cup
+                    root, axes, shape, length, upper, above, u, up, center, i, radius, at, cup
                 )
             elif what <= others:
                 gap, n0, n1, n2, share = between(
-                    root, axes, shape, length, radii, thickness, upper, u, up, center, resting,
-                    overlap, i, what,
+                    root, axes, shape, length, radii, thickness, upper, above, u, up, center,
+                    resting, overlap, i, what,
                 )  # fmt: skip
             elif what < on_fruit:
                 if resting[i] and p > 0:
                     continue
                 wall = firm[i, what - others - 1]
                 gap, n0, n1, n2, share = _on_wall(
-                    root, axes, shape, length, upper, u, up, center, i, radius, solid, wall
+                    root, axes, shape, length, upper, above, u, up, center, i, radius, solid, wall
                 )
             else:
                 share = shares[i, k]
@@ -192,14 +193,14 @@ def relax(
 @inlined
 def _on_cup(
     root: FloatArray, axes: FloatArray, shape: FloatArray, length: FloatArray, upper: FloatArray,
-    u: FloatArray, up: FloatArray, center: FloatArray, i: int, radius: float, at: MouthPose,
-    cup: Mouth,
+    above: FloatArray, u: FloatArray, up: FloatArray, center: FloatArray, i: int, radius: float,
+    at: MouthPose, cup: Mouth,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
     """Gap of fruit i to the cup, the direction it is pushed in, and the share of its stem."""
     gap, n0, n1, n2 = fruit_gap(center[i, 0], center[i, 1], center[i, 2], radius, at, cup)
     if upper[i] < 1.0:
         x, y, z = place(root, axes, shape, u, i, length[i] - up[i], upper[i])
-        over, m0, m1, m2 = fruit_gap(x, y, z, radius, at, cup)
+        over, m0, m1, m2 = fruit_gap(x, y, z, above[i], at, cup)
         if over < gap:
             return over, m0, m1, m2, upper[i]
     return gap, n0, n1, n2, 1.0
@@ -208,8 +209,8 @@ def _on_cup(
 @inlined
 def _on_wall(
     root: FloatArray, axes: FloatArray, shape: FloatArray, length: FloatArray, upper: FloatArray,
-    u: FloatArray, up: FloatArray, center: FloatArray, i: int, radius: float, solid: Obstacles,
-    wall: int,
+    above: FloatArray, u: FloatArray, up: FloatArray, center: FloatArray, i: int, radius: float,
+    solid: Obstacles, wall: int,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
     """:func:`_on_cup` for a static object."""
     gap, n0, n1, n2 = distance_and_gradient(
@@ -218,8 +219,8 @@ def _on_wall(
     if upper[i] < 1.0:
         x, y, z = place(root, axes, shape, u, i, length[i] - up[i], upper[i])
         over, m0, m1, m2 = distance_and_gradient(solid, wall, x, y, z)
-        if over < gap:
-            return over - radius, m0, m1, m2, upper[i]
+        if over - above[i] < gap - radius:
+            return over - above[i], m0, m1, m2, upper[i]
     return gap - radius, n0, n1, n2, 1.0
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from optipromp.arrays import FloatArray, frozen
 from optipromp.geometry import distances
 from optipromp.geometry.obstacles import Obstacles, near
-from optipromp.pushing.bending import Stems, balls_of, moved, stems
+from optipromp.pushing.bending import Stems, balls_of, moved, parents, stems
 from optipromp.pushing.cup import Mouth
 from optipromp.pushing.harm import BRIEFLY, Harm, score_of
 from optipromp.pushing.model import Moved, PushModel, Round, Schedule
@@ -35,30 +35,19 @@ from optipromp.scenes.scene import Scene, SceneObject
 
 HANGING = PUSH.hanging
 THRESHOLD = PUSH.harm.threshold
+STIFFNESS_SPREAD = PUSH.beam.stiffness_spread
 NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
 
 
 def applies(scene: Scene, tool: Tool | None, neighbours: Sequence[SceneObject]) -> bool:
-    """Whether the model applies: there is a tool, the target hangs, and fruits are in the way.
+    """Whether the model applies: there is a tool, and the target hangs.
 
-    It does not apply to more fruits than it can try in the time of a plan.
+    It does so where nothing is in the way, too: a tool that does not come along its axis knocks the
+    target away. It does not apply to more fruits than it can try in the time of a plan.
     """
     target = scene.target
-    if tool is None or target is None or target.stem is None or len(neighbours) > HANGING.most:
-        return False
-    return len(neighbours) > 0 or _meets(scene, tool, target)
-
-
-def _meets(scene: Scene, tool: Tool, target: SceneObject) -> bool:
-    """Whether a tool that comes straight to the target may touch another fruit that hangs."""
-    x_g, y_g, z_g = scene.frame
-    for obj in scene.pushables:
-        off = obj.position - target.position
-        near = tool.mouth[1] + obj.radius + HANGING.beside
-        below = float(off @ z_g) < tool.depth + obj.radius + HANGING.beside
-        if obj.stem is not None and below and math.hypot(off @ x_g, off @ y_g) < near:
-            return True
-    return False
+    hangs = tool is not None and target is not None and target.stem is not None
+    return hangs and len(neighbours) <= HANGING.most
 
 
 class Hanging(PushModel):
@@ -83,6 +72,7 @@ class Hanging(PushModel):
         target = scene.target
         assert target is not None
         self.scene, self.target, self.neighbours = scene, target, tuple(neighbours)
+        self.aim = target.position + scene.approach.shift
         self.camera, self.gripper_radius = camera, gripper_radius
         inner, outer = tool.mouth
         base = tool.front - tool.reach
@@ -167,7 +157,11 @@ class Hanging(PushModel):
         dt = HANGING.every * STEP / HANGING.model_speed
         seen = self._state(0)
         positions, *_ = led(seen, points[chosen], axes[chosen], dt, self.cup, self.static)
-        return Moved(tuple(fruit.id for fruit in self.fruits), positions[-1], np.zeros(self.count))
+        gone = positions[-1] - np.array([balls_of(fruit).center for fruit in self.fruits])
+        before = np.array([fruit.position for fruit in self.fruits])
+        return Moved(
+            tuple(fruit.id for fruit in self.fruits), before + gone, np.zeros(self.count)
+        )  # fmt: skip
 
     def _state(self, d: int) -> Stems:
         return Stems(*(values[d * self.count : (d + 1) * self.count] for values in self.stems))
@@ -185,7 +179,7 @@ class Hanging(PushModel):
         )  # fmt: skip
         radii = np.array([fruit.radius for fruit in self.neighbours])
         corners = path_past(
-            drift, self.gripper_radius + clearances * radii, self.target.position,
+            drift, self.gripper_radius + clearances * radii, self.aim,
             self.scene.frame, self.camera,
             max(self.cup.rim + self.target.radius + HANGING.capture, 0.0),
         )  # fmt: skip
@@ -257,32 +251,48 @@ def _close(obstacles: Obstacles, where: FloatArray, reach: float) -> Obstacles:
 
 def _sampled(fruits: Sequence[SceneObject], samples: int, up: FloatArray) -> Stems:
     """The perceived state of the fruits, then ``samples`` sampled ones."""
-    seen = stems(fruits, up)
+    cases = _cases(fruits, up)
+    seen = cases[0]
     sure = [fruit.covariance is None for fruit in fruits]
     spread = [HANGING.shift if known else HANGING.wider * np.sqrt(detection_variance(fruit))
               for known, fruit in zip(sure, fruits, strict=True)]  # fmt: skip
     degrees = [HANGING.turn if known else HANGING.detected_turn for known in sure]
     turn = np.deg2rad(degrees) * seen.length
-    shifted, swung, stiffer = _normal((samples, len(fruits), 3))
+    shifted, swung = _normal((samples, len(fruits), 3))
     shift = np.reshape(spread, (-1, 1)) * shifted
     swing = turn[:, None] * (swung - (swung @ up)[..., None] * up)  # level
-    place = np.array([balls_of(fruit)[0] for fruit in fruits])
+    place = np.array([balls_of(fruit).center for fruit in fruits])
     places = np.concatenate([place[None], place + shift])
     roots = np.concatenate([seen.root[None], seen.root + shift + swing])
-    wide = np.array([fruit.physical.get("stem_stiffness_spread", 1.0) for fruit in fruits])
+    return moved(cases, roots, places)
+
+
+def _cases(fruits: Sequence[SceneObject], up: FloatArray) -> list[Stems]:
+    """The stems as told or assumed; where that is a belief, also softer ones and stiffer ones.
+
+    The stems of a plant are alike: in one case all of them are softer.
+    """
+    wide = np.array([_spread(fruit) for fruit in fruits])
     if (wide == 1.0).all():
-        return moved(seen, roots, places)
-    factors = [np.ones(len(fruits)), *(wide**one for one in stiffer[..., 0])]
-    states = [
-        moved(stems(fruits, up, factor), root[None], place[None])
-        for factor, root, place in zip(factors, roots, places, strict=True)
+        return [stems(fruits, up)]
+    factors = np.stack([np.ones(len(fruits)), 1.0 / wide, wide])
+    if (parents(fruits) >= 0).any():
+        return [stems(fruits, up, factor) for factor in factors]
+    every, count = stems([*fruits] * len(factors), up, factors.ravel()), len(fruits)
+    return [
+        Stems(*(values[k : k + count] for values in every))
+        for k in range(0, len(factors) * count, count)
     ]
-    return Stems(*(np.concatenate(values) for values in zip(*states, strict=True)))
+
+
+def _spread(fruit: SceneObject) -> float:
+    """The factor by which a stem may well be softer or stiffer than told, or than assumed."""
+    assumed = 1.0 if "stem_stiffness" in fruit.physical else STIFFNESS_SPREAD
+    return fruit.physical.get("stem_stiffness_spread", assumed)
 
 
 @lru_cache(maxsize=16)
-def _normal(shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Three arrays of standard normal numbers, always the same."""
+def _normal(shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    """Two arrays of standard normal numbers, always the same."""
     rng = np.random.default_rng(0)
-    one, two, three = (frozen(rng.standard_normal(shape)) for _ in range(3))
-    return one, two, three
+    return frozen(rng.standard_normal(shape)), frozen(rng.standard_normal(shape))

@@ -11,7 +11,6 @@ states (successive halving), and samples new candidates near them.
 
 import bisect
 import math
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -19,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from optipromp.arrays import FloatArray
+from optipromp.budget import Budget
 from optipromp.pushing.path import STEP, ToolPath, along, evenly, length
 
 
@@ -280,7 +280,7 @@ Judged = tuple[float, FloatArray, ToolPath]
 
 
 def search(
-    model: PushModel, axis: FloatArray, rng: np.random.Generator, deadline: float = np.inf
+    model: PushModel, axis: FloatArray, rng: np.random.Generator, budget: Budget | None = None
 ) -> Iterator[tuple[ToolPath, float]]:
     """Search tool paths of little harm.
 
@@ -291,7 +291,7 @@ def search(
         model: of the push.
         axis: (3,) of the tool along the path.
         rng: samples the candidates.
-        deadline: value of ``time.perf_counter()`` after which no further candidate is tried.
+        budget: asked after each candidate; when it is spent, no further one is tried.
 
     Yields:
         A path with its harm, and the harm that counts as good at that time.
@@ -302,7 +302,8 @@ def search(
     tried: set[ToolPath] = set()  # on all states, and no better than the best
 
     def late() -> bool:
-        return (found is not None or len(seen) > 0) and time.perf_counter() > deadline
+        begun = found is not None or len(seen) > 0
+        return begun and budget is not None and budget.spent()
 
     def judged(x: FloatArray, path: ToolPath, states: int, limit: float) -> float:
         value = model.aside(x, path)

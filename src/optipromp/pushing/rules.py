@@ -216,19 +216,21 @@ def drift_choices(
 
 
 def rule_paths(
-    scene: Scene, objects: Sequence[SceneObject], robot: Robot, camera: FloatArray
-) -> list[FloatArray]:
+    scene: Scene, objects: Sequence[SceneObject], robot: Robot, camera: FloatArray,
+    rule: DriftRule = "shortest",
+) -> list[FloatArray]:  # fmt: skip
     """Corners (k, 3) of the path from ``camera`` (3,) past neighbours, for each choice of sides."""
     assert scene.target is not None
+    assert scene.aim is not None
     depth = 0.0 if robot.tool is None else robot.tool.depth
     radii = np.array([obj.radius for obj in objects])
     return [
         path_past(
-            drift, robot.gripper_radius + PUSH.hanging.clearance * radii, scene.target.position,
+            drift, robot.gripper_radius + PUSH.hanging.clearance * radii, scene.aim,
             scene.frame, camera, max(depth + scene.target.radius, 0.0),
         )
         for drift in drift_choices(
-            scene, objects, "shortest", depth=depth, gripper_radius=robot.gripper_radius
+            scene, objects, rule, depth=depth, gripper_radius=robot.gripper_radius
         )
     ]  # fmt: skip
 

@@ -65,6 +65,11 @@ def push(
         np.zeros(dofs), np.zeros(count), np.zeros((count, dofs)),
     )  # fmt: skip
     pinched, spell = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+    held, load = s.root, np.zeros((s.joint.shape[1], 3))
+    s = Stems(
+        held.copy(), s.axes, s.length, s.mass, s.radius, s.thickness, s.upper, s.above, s.shape,
+        s.stiffness, s.compliance, s.shortening, s.joint,
+    )  # fmt: skip
     overlapping(s, f.u, c.overlap)
     _hang(s, f, c, d, dt)
     for p in range(len(points)):
@@ -75,6 +80,7 @@ def push(
         q = max(p - 1, 0)
         x, y, z = at.x - points[q, 0], at.y - points[q, 1], at.z - points[q, 2]
         shift = MouthPose(x, y, z, 0.0, 0.0, 0.0)
+        _follow_truss(s, f, held, load)
         _advance(s, f, c, d, at, shift, cup, solid, dt, p, forces, stem_forces)
         _note(f, p, positions)
         _take(f, at, cup, dt, p, forces, stem_forces, spell, pinched, so_far)
@@ -92,6 +98,33 @@ def _hang(s: Stems, f: Fruits, c: Contacts, d: Descent, dt: float) -> None:
         f.resting[i] = True
         c.listed_at[i, 0] = np.inf
         freely(s.compliance, s.mass[i] / (dt * dt), i, d.free)
+
+
+@inner
+def _follow_truss(s: Stems, f: Fruits, held: FloatArray, load: FloatArray) -> None:
+    """Stems of a truss go where the forces on the others' fruits, after the last step, bring them.
+
+    ``held`` (N, 3) are their roots before anything touches a fruit, ``load`` (N, 3) room for the
+    forces; (0, 3) where there is no truss.
+    """
+    for i in range(len(load)):
+        for k in range(3):
+            load[i, k] = 0.0
+        for a in range(LOADS):
+            f1 = f2 = 0.0
+            for b in range(LOADS):
+                f1 += s.stiffness[i, a, b] * f.u[i, b]
+                f2 += s.stiffness[i, a, b] * f.u[i, LOADS + b]
+            for k in range(3):
+                load[i, k] += f1 * s.axes[i, 0, k] + f2 * s.axes[i, 1, k]
+    for i in range(len(load)):
+        for k in range(3):
+            s.root[i, k] = held[i, k]
+            for o in range(len(load)):
+                for m in range(3):
+                    s.root[i, k] += s.joint[i, o, k, m] * load[o, m]
+        x, y, z = place(s.root, s.axes, s.shape, f.u, i, s.length[i] - f.up[i], 1.0)
+        f.center[i, 0], f.center[i, 1], f.center[i, 2] = x, y, z
 
 
 @inner
@@ -237,8 +270,9 @@ def mean_score(
         low, high = d * count, (d + 1) * count
         one = Stems(
             s.root[low:high], s.axes[low:high], s.length[low:high], s.mass[low:high],
-            s.radius[low:high], s.thickness[low:high], s.upper[low:high], s.shape[low:high],
-            s.stiffness[low:high], s.compliance[low:high], s.shortening[low:high],
+            s.radius[low:high], s.thickness[low:high], s.upper[low:high], s.above[low:high],
+            s.shape[low:high], s.stiffness[low:high], s.compliance[low:high],
+            s.shortening[low:high], s.joint[low:high],
         )  # fmt: skip
         left = min(worst * samples - total, hopeless)
         h[:], forces[:], stem_forces[:] = 0.0, 0.0, 0.0

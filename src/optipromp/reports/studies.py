@@ -55,10 +55,13 @@ def study_report(
         section(
             "Success", picture(png(study_figure(cells), DPI), "Success rates and causes"),
             table(_rates(cells), ("preset", "planner", "runs", "picked", "95 % (Wilson)",
-                                  "valid plans", "median force on unripe", "90 %",
-                                  "time to plan")),
+                                  "promised success", "kept", "picked though refused",
+                                  "median force on unripe", "90 %", "time to plan")),
         ),
-        section("Causes of failure", table(_causes(cells), ("preset", "planner", "failed by"))),
+        section(
+            "Causes of failure",
+            table(_causes(cells), ("preset", "planner", "failed by (a run may have several)")),
+        ),
         *_prediction(found),
         *_worst(rows, worst, progress, robot),
         section("Settings", table([(name, str(value)) for name, value in settings.items()])),
@@ -70,7 +73,8 @@ def study_report(
 def _rates(cells: Sequence[Cell]) -> list[tuple[str, ...]]:
     return [
         (c.preset, c.planner, str(c.runs), f"{c.successes} ({100 * c.rate:.1f} %)",
-         f"{100 * c.low:.0f}–{100 * c.high:.0f} %", str(c.plans), _newton(c.unripe_force),
+         f"{100 * c.low:.0f}–{100 * c.high:.0f} %", str(c.plans), str(c.kept),
+         str(c.successes - c.kept), _newton(c.unripe_force),
          _newton(c.unripe_force_90), f"{1e3 * c.plan_time:.0f} ms")
         for c in cells
     ]  # fmt: skip
@@ -165,9 +169,9 @@ def _command(rows: Sequence[Row], robot: str | None) -> str:
     words += ["--seeds", f"{min(seeds)}:{max(seeds) + 1}"]
     if robot != PANDA:
         words += ["--robot", robot or "ROBOT"]
-    for name in ("noise_position", "noise_angle"):
+    for name in ("noise",) if rows[0].noise else ("noise_position", "noise_angle"):
         if value := getattr(rows[0], name):
-            words += ["--" + name.replace("_", "-"), f"{value:g}"]
+            words += ["--" + name.replace("_", "-"), value if name == "noise" else f"{value:g}"]
     return shlex.join([*words, "--out", "DIR"])
 
 

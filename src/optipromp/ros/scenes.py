@@ -64,6 +64,8 @@ def collision_object(
     further: dict[str, Any] = {}
     if item.stem is not None and item.stem.radius != STEM_RADIUS:
         further["stem_radius"] = item.stem.radius
+    if item.stem is not None and item.stem.parent is not None:
+        further["stem_parent"] = item.stem.parent
     if item.covariance is not None:
         further["covariance"] = item.covariance.tolist()
     if item.physical:
@@ -146,7 +148,10 @@ def _read_held(item: Message) -> Held:
             f"it has {len(parts)} shapes: a {role} {'with a stem ' if points else ''}must have one "
             "(one mesh, or one object for each shape)"
         )
-    stem = Stem(np.array(points), further.get("stem_radius", STEM_RADIUS)) if points else None
+    stem = None
+    if points:
+        radius = further.get("stem_radius", STEM_RADIUS)
+        stem = Stem(np.array(points), radius, further.get("stem_parent"))
     placed = [(shape, here @ local) for shape, local in parts]
     items = tuple(
         SceneObject(
@@ -187,6 +192,7 @@ def _count(frames: Mapping[str, object]) -> int:
 
 _FURTHER: Mapping[str, Callable[[Any], Any]] = {
     "stem_radius": float,
+    "stem_parent": str,
     "covariance": lambda rows: np.array(rows, dtype=np.float64),
     "physical": lambda given: {str(name): float(number) for name, number in given.items()},
     "camera_distance": float,
@@ -207,8 +213,9 @@ def _further(item: Message) -> dict[str, Any]:
         return {name: _FURTHER[name](value) for name, value in found.items()}
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise InvalidSceneError(
-            f"type.db is {item.type.db[:80]!r}: must be JSON with stem_radius (number), covariance "
-            f"(3 rows of 3), physical (numbers by name) or camera_distance (number) ({error})"
+            f"type.db is {item.type.db[:80]!r}: must be JSON with stem_radius (number), "
+            "stem_parent (text), covariance (3 rows of 3), physical (numbers by name) or "
+            f"camera_distance (number) ({error})"
         ) from None
 
 

@@ -12,12 +12,15 @@ from optipromp.geometry.grids import check_closed
 from optipromp.geometry.shapes import (
     Box,
     Capsule,
+    Cone,
     Cylinder,
+    Ellipsoid,
     HalfSpace,
     MeshShape,
     PointCloudShape,
     Shape,
     Sphere,
+    round_mesh,
 )
 from optipromp.ros.types import Message, message
 from optipromp.scenes.pose import Pose
@@ -70,11 +73,14 @@ def read_pose(item: Message) -> Pose:
 def geometry(shape: Shape) -> dict[str, Any]:
     """The fields of a ``CollisionObject`` that hold a shape in the object's own frame.
 
-    A capsule becomes a cylinder and two spheres, a point cloud one sphere for each point.
+    A capsule becomes a cylinder and two spheres, a point cloud one sphere for each point, an
+    ellipsoid or a cone a mesh.
     """
     here = np.zeros(3)
     solids: list[tuple[int, Sequence[float], FloatArray]]
     match shape:
+        case Ellipsoid() | Cone():
+            return geometry(round_mesh(shape))
         case MeshShape():
             return {"meshes": [_mesh(shape)], "mesh_poses": [pose_message(Pose())]}
         case HalfSpace():

@@ -39,6 +39,8 @@ class Stem:
     Args:
         points: (k, 3) in the robot's base frame [m], fruit first, root last, k >= 2.
         radius: [m].
+        parent: id of the object whose stem this one grows from, at its root; None where the root
+            is held. Fruits on one such tree share a truss.
 
     Raises:
         InvalidSceneError: fewer than two points, a piece without length, a radius of 0 or less.
@@ -46,6 +48,7 @@ class Stem:
 
     points: FloatArray
     radius: float = STEM_RADIUS
+    parent: str | None = None
 
     def __post_init__(self) -> None:
         shape = np.shape(self.points)
@@ -77,7 +80,7 @@ class Stem:
 
     def transformed(self, pose: Pose) -> Stem:
         """The same stem, stated in the frame in which its present frame has the ``pose``."""
-        return Stem(pose @ self.points, self.radius)
+        return replace(self, points=pose @ self.points)
 
     @property
     def vector(self) -> FloatArray:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,9 @@ from optipromp.files import check_inside
 from optipromp.geometry.shapes import (
     Box,
     Capsule,
+    Cone,
     Cylinder,
+    Ellipsoid,
     HalfSpace,
     MeshShape,
     PointCloudShape,
@@ -48,10 +49,11 @@ from optipromp.scenes.schema import (
     StemModel,
     parse,
 )
-from optipromp.scenes.values import suggest
+from optipromp.scenes.values import suggest, unit
 
 PRIMITIVES: dict[str, Any] = {
-    "sphere": Sphere, "box": Box, "cylinder": Cylinder, "capsule": Capsule, "half_space": HalfSpace,
+    "sphere": Sphere, "box": Box, "cylinder": Cylinder, "capsule": Capsule,
+    "ellipsoid": Ellipsoid, "cone": Cone, "half_space": HalfSpace,
 }  # fmt: skip
 """Shapes without a file, by their names in scene files."""
 
@@ -169,10 +171,13 @@ def _object(
 def _stem(given: StemModel, scale: float, position: FloatArray) -> Stem:
     radius = STEM_RADIUS if given.radius is None else scale * given.radius
     if given.direction is not None and given.length is not None:
-        return Stem.along(position, np.array(given.direction), scale * given.length, radius)
-    if given.root is not None:
-        return Stem(np.array([position, scale * np.array(given.root)]), radius)
-    return Stem(scale * np.array(given.points), radius)
+        way = scale * given.length * unit("stem.direction", np.array(given.direction))
+        points = np.array([position, position + way])
+    elif given.root is not None:
+        points = np.array([position, scale * np.array(given.root)])
+    else:
+        points = scale * np.array(given.points)
+    return Stem(points, radius, given.parent)
 
 
 def _shape(
@@ -282,10 +287,14 @@ def _approach(model: SceneModel, scale: float, frame: Pose, world: Pose) -> Appr
         world.rotation[:, axis] if values is None else frame.rotation @ np.array(values)
         for values, axis in ((given.direction, 2), (given.lateral, 1))
     )
-    approach = Approach(direction, lateral)
-    if given.camera_distance is None:
-        return approach
-    return replace(approach, camera_distance=scale * given.camera_distance)
+    further = {
+        name: scale * value
+        for name in ("camera_distance", "aside")
+        if (value := getattr(given, name)) is not None
+    }
+    if given.shift is not None:
+        further["shift"] = frame.rotation @ (scale * np.array(given.shift))
+    return Approach(direction, lateral, cone=given.cone or 0.0, **further)
 
 
 def _goal(

@@ -15,6 +15,7 @@ from optipromp.errors import InvalidSceneError
 from optipromp.geometry.obstacles import Measures, Obstacles, measures, packed
 from optipromp.robots.library import NOTHING, Choice, load_arm
 from optipromp.robots.model import Robot
+from optipromp.scenes import trusses
 from optipromp.scenes.objects import ROLES, STEM_RADIUS, Role, SceneObject, Stem
 from optipromp.scenes.pose import Pose
 from optipromp.scenes.values import array, suggest, unit
@@ -24,6 +25,9 @@ __all__ = [
     "ROLES", "STEM_RADIUS", "Approach", "JointGoal", "Pose", "PoseGoal", "Role", "Scene",
     "SceneObject", "Stem", "ToolSpec",
 ]  # fmt: skip
+
+WIDEST_CONE = 60.0
+"""Largest angle of an approach off its direction [degrees]."""
 
 _PARALLEL = 1e-6
 _ROUNDING = 1e-9  # [m]
@@ -39,11 +43,19 @@ class Approach:
             above 0.
         lateral: (3,) y_g, along which the tool drifts; made orthogonal to ``direction``.
         camera_distance: from the camera point to the lowest fruit, along z_g [m].
+        cone: where the straight way harms, the planner may come along another axis, off the
+            ``direction`` by at most this angle [degrees].
+        aside: and the tool point may end so far beside the target's centre [m].
+        shift: (3,) from the target's centre to where the tool point ends [m]; of a plan's scene,
+            where the planner has chosen it.
     """
 
     direction: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     lateral: FloatArray = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
     camera_distance: float = 0.10
+    cone: float = 0.0
+    aside: float = 0.0
+    shift: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         z = unit("approach.direction", self.direction)
@@ -58,8 +70,15 @@ class Approach:
                 f"approach.camera_distance is {self.camera_distance:g}: must be above 0 [m] and at "
                 f"most {_FARTHEST_CAMERA:g}"
             )
+        if not 0.0 <= self.cone <= WIDEST_CONE:
+            raise InvalidSceneError(
+                f"approach.cone is {self.cone:g}: must be 0 to {WIDEST_CONE:g} [degrees]"
+            )
+        if not 0.0 <= self.aside < np.inf:
+            raise InvalidSceneError(f"approach.aside is {self.aside:g}: must be at least 0 [m]")
         object.__setattr__(self, "direction", z)
         object.__setattr__(self, "lateral", y)
+        object.__setattr__(self, "shift", array("approach.shift", self.shift, 3))
 
     @cached_property
     def frame(self) -> FloatArray:
@@ -72,7 +91,10 @@ class Approach:
     def transformed(self, pose: Pose) -> Approach:
         """The same approach, stated in the frame in which its present frame has the ``pose``."""
         turn = pose.rotation
-        return Approach(turn @ self.direction, turn @ self.lateral, self.camera_distance)
+        return replace(
+            self, direction=turn @ self.direction, lateral=turn @ self.lateral,
+            shift=turn @ self.shift,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +164,8 @@ class Scene(Shown):
             it; it is kept for those who read the scene.
 
     Raises:
-        InvalidSceneError: duplicate ids, no target, two targets, target and goal together.
+        InvalidSceneError: duplicate ids, no target, two targets, target and goal together, a stem
+            that does not begin on the stem that it grows from.
     """
 
     name: str
@@ -171,6 +194,7 @@ class Scene(Shown):
                     "ids must be unique, and an object has one role"
                 )
             seen[item.id] = index
+        trusses.check(self.objects)
         targets = [item.id for item in self.objects if item.role == "target"]
         if len(targets) > 1:
             raise InvalidSceneError(f"two targets, {targets[0]!r} and {targets[1]!r}: must be one")
@@ -204,6 +228,11 @@ class Scene(Shown):
     def target(self) -> SceneObject | None:
         """The object to reach; None where the scene has a goal instead."""
         return next(iter(self._by_role["target"]), None)
+
+    @property
+    def aim(self) -> FloatArray | None:
+        """(3,) where the tool point ends at the target [m]; None where there is none."""
+        return None if self.target is None else self.target.position + self.approach.shift
 
     @property
     def pushables(self) -> tuple[SceneObject, ...]:

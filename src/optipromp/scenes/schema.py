@@ -103,6 +103,20 @@ class RodModel(_Model):
     length: Positive
 
 
+class EllipsoidModel(_Model):
+    """An ellipsoid, radii along local x, y, z."""
+
+    radii: Annotated[list[Positive], Field(min_length=3, max_length=3)]
+
+
+class ConeModel(_Model):
+    """A cone with round ends along local z, its tip at -z."""
+
+    radius: Positive
+    tip: Positive
+    length: Positive
+
+
 class HalfSpaceModel(_Model):
     """Local z <= 0."""
 
@@ -129,6 +143,8 @@ class ShapeModel(_OneOf):
     box: BoxModel | None = None
     cylinder: RodModel | None = None
     capsule: RodModel | None = None
+    ellipsoid: EllipsoidModel | None = None
+    cone: ConeModel | None = None
     half_space: HalfSpaceModel | None = None
     mesh: MeshModel | None = None
     point_cloud: PointCloudModel | None = None
@@ -149,6 +165,7 @@ class StemModel(_Model):
     length: Positive | None = None
     points: Annotated[list[Vector], Field(min_length=2)] | None = None
     radius: Positive | None = None
+    parent: Text | None = None
 
     @model_validator(mode="after")
     def _one_form(self) -> StemModel:
@@ -189,6 +206,9 @@ class ApproachModel(_Model):
     direction: Vector | None = None
     lateral: Vector | None = None
     camera_distance: Positive | None = None
+    cone: NotNegative | None = None
+    aside: NotNegative | None = None
+    shift: Vector | None = None
 
 
 class GoalModel(_Model):

@@ -44,7 +44,9 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
         document["target"] = scene.target.id
     if scene.goal is not None:
         document["goal"] = _plain(scene.goal, [item.name for item in fields(scene.goal)])
-    document["approach"] = _plain(scene.approach, ["direction", "lateral", "camera_distance"])
+    stated = ["direction", "lateral", "camera_distance"]
+    stated += [name for name in ("cone", "aside", "shift") if np.any(getattr(scene.approach, name))]
+    document["approach"] = _plain(scene.approach, stated)
     if scene.options:
         document["options"] = dict(scene.options)
     document["objects"] = [_object_to_dict(item, base_dir) for item in scene.objects]
@@ -105,6 +107,8 @@ def _object_to_dict(item: SceneObject, base_dir: Path | None) -> dict[str, Any]:
             entry["stem"] = {"points": points.tolist()}
         if item.stem.radius != STEM_RADIUS:
             entry["stem"]["radius"] = item.stem.radius
+        if item.stem.parent is not None:
+            entry["stem"]["parent"] = item.stem.parent
     if item.covariance is not None:
         entry["covariance"] = item.covariance.tolist()
     if item.physical:

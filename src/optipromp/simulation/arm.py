@@ -8,12 +8,13 @@ import numpy as np
 from optipromp.arrays import FloatArray, IntArray, frozen
 from optipromp.robots.model import Robot
 from optipromp.robots.tool_protocol import Part, quaternion
-from optipromp.robots.tools import TOOL_LINK
+from optipromp.robots.tools import TOOL_LINK, WALL
 from optipromp.simulation.engine import engine
 from optipromp.simulation.entities import Entity, layers
 from optipromp.simulation.parameters import SimulationParameters
 from optipromp.simulation.solids import add_shape
 
+GUARD = "tool:guard"
 LEAST_MASS, LEAST_INERTIA = 0.05, 1e-5  # of a link without spheres [kg], [kg m²]
 ARM_COLOUR = (0.78, 0.79, 0.80, 1.0)
 BASE_COLOUR = (0.55, 0.57, 0.60, 1.0)
@@ -179,4 +180,11 @@ def _add_tool(
         add_shape(
             spec, held, solid.shape, f"tool:{solid.name}", np.eye(3), solid.position,
             quat=solid.orientation, rgba=COLOURS[solid.part], **surface,
+        )  # fmt: skip
+    if given.guard_until > 0.0:
+        held.add_geom(
+            name=GUARD, type=engine().mjtGeom.mjGEOM_CYLINDER,
+            size=[tool.mouth[1], 0.5 * WALL, 0.0], quat=quaternion(tool.rotation),
+            pos=tool.point + (tool.depth + 0.5 * WALL) * tool.rotation[:, 2],
+            rgba=COLOURS["neck"], **surface,
         )  # fmt: skip

@@ -1,6 +1,9 @@
 """Fruits on flexible stems, and objects that stand on something."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -9,10 +12,12 @@ from optipromp.arrays import FloatArray, frozen
 from optipromp.geometry.shapes import Capsule, Cylinder, Sphere
 from optipromp.robots.tool_protocol import quaternion
 from optipromp.scenes.scene import SceneObject, Stem
+from optipromp.scenes.trusses import parents_first
 from optipromp.simulation.engine import engine
 from optipromp.simulation.entities import layers
 from optipromp.simulation.parameters import SimulationParameters, StemParameters
 from optipromp.simulation.solids import add_shape, volume
+from optipromp.simulation.trusses import Chain, carried, link_of
 
 RIPE = (0.80, 0.08, 0.10, 1.0)
 UNRIPE = (0.55, 0.72, 0.30, 1.0)
@@ -41,6 +46,8 @@ class BuiltFruit:
         nodes: (N+1, 3) of the stem, root first; empty without one.
         grown: (N, 3) torque at each joint that carries stem and fruit in the scene's pose [N m].
         bare: (N, 3) the same without the fruit.
+        carried_by: (K, 3) the torques at the joints of other stems that carry the fruit, by the ids
+            of their fruits [N m].
         abscission: pull that tears it off [N].
         shown: whether it is one of the scene's objects (not part of a neighbouring cluster).
     """
@@ -53,6 +60,7 @@ class BuiltFruit:
     bare: FloatArray
     abscission: float
     shown: bool = True
+    carried_by: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
     def has_stem(self) -> bool:
@@ -70,17 +78,17 @@ def add_fruit(
     *,
     key: str | None = None,
     kind: str | None = None,
+    truss: Truss | None = None,
 ) -> BuiltFruit:
     """Add a target or pushable: free, and where it has a stem, welded to the end of it.
 
-    ``up`` (3,) is opposite to gravity.
+    ``up`` (3,) is opposite to gravity. ``truss`` is what its stem shares with others.
     """
     mujoco = engine()
     key = obj.id if key is None else key
     hangs = obj.stem is not None
     group = parameters.fruit if hangs else parameters.thing
-    density = obj.physical.get("density", group.density)
-    mass = obj.physical.get("mass", density * volume(obj.shape))
+    mass = _mass(obj, parameters)
     friction = obj.physical.get("friction", group.friction)
     body = spec.worldbody.add_body(
         name=f"fruit:{key}", pos=obj.position, quat=quaternion(obj.rotation)
@@ -107,27 +115,100 @@ def add_fruit(
     if obj.stem is None:
         none = frozen(np.zeros((0, 3)))
         return BuiltFruit(obj.id, key, mass, none, none, none, np.inf)
-    nodes = _nodes(obj, obj.stem, parameters)
-    pieces = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
-    p, gravity = parameters.stem, -parameters.engine.gravity * up
-    stem_masses = p.density * np.pi / 4.0 * p.diameter**2 * pieces
-    bare = _holding(nodes, 0.5 * (nodes[:-1] + nodes[1:]), stem_masses, gravity)
+    gravity = -parameters.engine.gravity * up
+    chain = chain_of(obj, obj.stem, parameters)
+    nodes = chain.nodes
+    bare = _holding(nodes, chain.middles, chain.masses, gravity)
     grown = bare + _holding(nodes, obj.position[None], np.array([mass]), gravity)
-    stiffness = _stiffness(obj, pieces, grown, p)
-    _add_chain(spec, obj.stem, nodes, stiffness, stem_masses, parameters, key, stem_entity)
+    if truss is not None and truss.carries is not None:
+        bare, grown = bare + truss.carries, grown + truss.carries
+    stiffness = _stiffness(
+        obj, nodes, grown, parameters.stem, carries=truss is not None and truss.carries is not None
+    )
+    _add_chain(
+        spec,
+        obj.stem,
+        chain,
+        stiffness,
+        parameters,
+        key,
+        stem_entity,
+        None if truss is None else truss.grows_from,
+    )
     mouth = obj.rotation.T @ (nodes[-1] - obj.position)
     weld = spec.add_equality(
         name=f"weld:{key}", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
         name1=f"stem:{key}:{len(nodes) - 2}", name2=f"fruit:{key}", active=True,
         solref=[WELD_TIME, 1.0], solimp=WELD_IMPEDANCE,
     )  # fmt: skip
-    weld.data = [*mouth, *[0.0] * 7, WELD_LEVER, *[0.0] * (len(weld.data) - 11)]
+    lever = WELD_LEVER if parameters.stem.calyx == "rigid" else 0.0
+    weld.data = [*mouth, *[0.0] * 7, lever, *[0.0] * (len(weld.data) - 11)]
     for k in range(len(nodes) - 1):
         spec.add_exclude(bodyname1=f"fruit:{key}", bodyname2=f"stem:{key}:{k}")
     force = obj.physical.get("abscission_force", parameters.stem.abscission_force)
     return BuiltFruit(
-        obj.id, key, mass, frozen(nodes), frozen(grown), frozen(bare), force, kind is None
-    )
+        obj.id, key, mass, frozen(nodes), frozen(grown), frozen(bare), force, kind is None,
+        {} if truss is None else truss.carried_by,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Truss:
+    """What a stem shares with others.
+
+    Attributes:
+        grows_from: name of the body it grows from, and that body's joint (3,) [m]; None where its
+            root is held.
+        carries: (N, 3) torques at its joints that carry the stems and fruits that hang on it, None
+            where none do.
+        carried_by: see :class:`BuiltFruit`.
+    """
+
+    grows_from: tuple[str, FloatArray] | None
+    carries: FloatArray | None
+    carried_by: Mapping[str, FloatArray]
+
+
+def trusses_of(
+    objects: Sequence[SceneObject], parameters: SimulationParameters, up: FloatArray
+) -> dict[str, Truss]:
+    """What the stems share that grow from others or carry others, by their fruits' ids."""
+    hanging = [item for item in objects if item.stem is not None]
+    if all(item.stem is None or item.stem.parent is None for item in hanging):
+        return {}
+    chains: dict[str, Chain] = {}
+    for item in parents_first(hanging):
+        assert item.stem is not None
+        chain = chain_of(item, item.stem, parameters)
+        if chain.parent is not None:
+            chain = chain._replace(link=link_of(chains[chain.parent].nodes, chain.nodes[0]))
+        chains[item.id] = chain
+    stems, fruits = carried(chains, -parameters.engine.gravity * up)
+    out = {}
+    for name, chain in chains.items():
+        held = [own[name] for own in fruits.values() if name in own]
+        grows = None
+        if chain.parent is not None:
+            joint = chains[chain.parent].nodes[chain.link]
+            grows = f"stem:{chain.parent}:{chain.link}", joint
+        if grows is not None or held:
+            carries = stems[name] + np.sum(held, axis=0) if held else None
+            out[name] = Truss(grows, carries, fruits.get(name, {}))
+    return out
+
+
+def _mass(obj: SceneObject, parameters: SimulationParameters) -> float:
+    group = parameters.thing if obj.stem is None else parameters.fruit
+    density = obj.physical.get("density", group.density)
+    return float(obj.physical.get("mass", density * volume(obj.shape)))
+
+
+def chain_of(obj: SceneObject, stem: Stem, parameters: SimulationParameters) -> Chain:
+    """The chain that stands for a stem; the piece that it grows from is not looked for."""
+    nodes, p = _nodes(obj, stem, parameters), parameters.stem
+    pieces = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
+    masses = p.density * np.pi / 4.0 * p.diameter**2 * pieces
+    return Chain(nodes, masses, _mass(obj, parameters), obj.position, stem.parent, 0)
 
 
 def _nodes(obj: SceneObject, stem: Stem, parameters: SimulationParameters) -> FloatArray:
@@ -161,7 +242,7 @@ def _bends(pieces: FloatArray) -> FloatArray:
 
 
 def _stiffness(
-    obj: SceneObject, pieces: FloatArray, grown: FloatArray, stem: StemParameters
+    obj: SceneObject, nodes: FloatArray, grown: FloatArray, stem: StemParameters, *, carries: bool
 ) -> float:
     r"""EI of a stem [N m²]: the object's own, or the modulus's, or what its pose implies.
 
@@ -170,22 +251,26 @@ def _stiffness(
     """
     if "stem_stiffness" in obj.physical:
         return float(obj.physical["stem_stiffness"])
+    pieces = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
     implied = float(np.linalg.norm(grown, axis=1) @ _bends(pieces)) / max(stem.grown_turn, 1e-6)
-    return max(stem.bending_stiffness(), implied)
+    thickness = stem.truss_diameter if carries else stem.diameter
+    return max(stem.bending_stiffness(thickness), implied)
 
 
 def _add_chain(
-    spec: Any, stem: Stem, nodes: FloatArray, stiffness: float, masses: FloatArray,
-    parameters: SimulationParameters, key: str, entity: int,
+    spec: Any, stem: Stem, chain: Chain, stiffness: float, parameters: SimulationParameters,
+    key: str, entity: int, grows_from: tuple[str, FloatArray] | None,
 ) -> None:  # fmt: skip
     """Capsules with elastic ball joints: EI over the length that each joint stands for."""
     mujoco = engine()
-    p = parameters.stem
+    p, nodes, masses = parameters.stem, chain.nodes, chain.masses
     bends = _bends(np.linalg.norm(np.diff(nodes, axis=0), axis=1))
-    body = spec.worldbody
+    body, before = spec.worldbody, np.zeros(3)
+    if grows_from is not None:
+        body, before = spec.body(grows_from[0]), grows_from[1]
     for k, bend in enumerate(bends):
         body = body.add_body(
-            name=f"stem:{key}:{k}", pos=nodes[0] if k == 0 else nodes[k] - nodes[k - 1]
+            name=f"stem:{key}:{k}", pos=nodes[k] - (before if k == 0 else nodes[k - 1])
         )
         joint = body.add_joint(
             name=f"bend:{key}:{k}", type=mujoco.mjtJoint.mjJNT_BALL, armature=p.armature

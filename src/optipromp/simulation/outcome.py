@@ -16,7 +16,7 @@ BARE = 0.02  # [m] from the tool point of an arm without a tool at which an obje
 
 
 class Cause(StrEnum):
-    """The cause of a failed run; of several causes, the first in this order."""
+    """The causes of failed runs, those first that count most."""
 
     UNSTABLE = "unstable"  # a NaN, or a warning of MuJoCo
     STATIC_CONTACT = "static_contact"  # arm or tool pressed a static object
@@ -56,8 +56,8 @@ class Outcome:
     Attributes:
         success: the tool holds the target alone (in a cup's mouth, or between fingers) and nothing
             was harmed; for a tool that holds nothing, only that nothing was harmed.
-        cause: a :class:`Cause` where it failed, else None.
-        message: the cause in words.
+        cause: a :class:`Cause` where it failed, of several the first; else None.
+        message: the causes in words.
         picked: the target's centre is inside the tool at the end and stays there; None for a scene
             without a target, and for a tool that holds nothing.
         swallowed_others: other fruits whose centre is inside the tool at the end.
@@ -84,6 +84,7 @@ class Outcome:
         duration: of the motion, without the hold at the end [s].
         warnings: of MuJoCo, or the place of a NaN.
         target: id of the target, None for a scene without.
+        causes: all that apply, in the order of :class:`Cause`.
     """
 
     success: bool
@@ -111,6 +112,7 @@ class Outcome:
     duration: float = 0.0
     warnings: tuple[str, ...] = ()
     target: str | None = None
+    causes: tuple[Cause, ...] = ()
 
     @property
     def unripe_peak_force(self) -> float:
@@ -122,6 +124,7 @@ class Outcome:
         """Everything as plain values for JSON."""
         document = asdict(self)
         document["cause"] = None if self.cause is None else str(self.cause)
+        document["causes"] = [str(cause) for cause in self.causes]
         document["unripe_peak_force"] = self.unripe_peak_force
         return document
 
@@ -229,12 +232,12 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
     )
     failures = list(_failures(facts, world))
     if failures:
-        message = "; ".join(words for _, words in failures)
-        return replace(facts, cause=failures[0][0], message=message)
-    words = f"the target alone is {inside_words(world)}, nothing was harmed"
+        causes, words = zip(*failures, strict=True)
+        return replace(facts, cause=causes[0], causes=causes, message="; ".join(words))
+    told = f"the target alone is {inside_words(world)}, nothing was harmed"
     if picked is None:
-        words = "the motion was executed, nothing was harmed"
-    return replace(facts, success=True, message=words)
+        told = "the motion was executed, nothing was harmed"
+    return replace(facts, success=True, message=told)
 
 
 def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:

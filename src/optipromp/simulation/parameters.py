@@ -42,6 +42,10 @@ class StemParameters(Checked):
         "strawberry peduncles are 2-3 mm thick; of the elastic beam (what collides has the scene's "
         "stem radius)",
     )  # fmt: skip
+    truss_diameter: float = parameter(
+        PUSH.beam.truss_diameter, "m", "reported",
+        "the same of a stem that others grow from; strawberry inflorescence axes are 3-5 mm thick",
+    )  # fmt: skip
     youngs_modulus: float = parameter(
         PUSH.beam.youngs_modulus, "Pa", "guess",
         "green herbaceous stems and peduncles are reported between some 10 and some 100 MPa",
@@ -77,9 +81,20 @@ class StemParameters(Checked):
         "less for ripe fruit and for pulls across the stem",
     )  # fmt: skip
 
-    def bending_stiffness(self) -> float:
+    calyx: Literal["rigid", "free"] = parameter(
+        "rigid",
+        "",
+        "choice",
+        "whether the fruit turns with the end of its stem, or freely about it",
+    )
+    truss_force: float = parameter(
+        15.0, "N", "guess",
+        "sum of the pulls of all fruits of a truss that tears it off: three times that of a fruit",
+    )  # fmt: skip
+
+    def bending_stiffness(self, diameter: float) -> float:
         """EI of a round beam, E π d⁴ / 64 [N m²]."""
-        return self.youngs_modulus * math.pi * self.diameter**4 / 64.0
+        return self.youngs_modulus * math.pi * diameter**4 / 64.0
 
 
 @dataclass(frozen=True)
@@ -131,6 +146,9 @@ class RobotParameters(Checked):
         0.5, "N m s/rad or N s/m", "guess", "viscous friction that the controller does not know of"
     )
     tool_friction: float = parameter(0.35, "1", "guess", "printed plastics")
+    guard_until: float = parameter(
+        0.0, "s", "choice", "until then a lid closes the mouth of the tool; 0: there is none"
+    )
 
 
 @dataclass(frozen=True)
@@ -216,6 +234,8 @@ class SimulationParameters:
                 f"stem.most_segments is {self.stem.most_segments}, below stem.least_segments, "
                 f"{self.stem.least_segments}"
             )
+        if self.stem.calyx not in ("rigid", "free"):
+            raise InvalidRequestError(f"stem.calyx is {self.stem.calyx!r}; valid: rigid, free")
         if self.thing.avoid_as not in ("soft", "fruits"):
             raise InvalidRequestError(
                 f"thing.avoid_as is {self.thing.avoid_as!r}; valid: soft, fruits"

@@ -9,6 +9,7 @@ import numpy as np
 from optipromp import judging
 from optipromp.arrays import BoolArray, FloatArray, IntArray, frozen
 from optipromp.robots.model import Robot
+from optipromp.simulation.arm import GUARD
 from optipromp.simulation.contacts import ContactLog
 from optipromp.simulation.engine import engine
 from optipromp.simulation.kernels import is_sound
@@ -112,6 +113,7 @@ class Execution:
         shown, entities = world.shown, world.entities
         self.fruit_entities = np.array([f.entity for f in shown], dtype=np.int64)
         self.stem_entities = np.array([f.stem_entity for f in shown], dtype=np.int64)
+        self.guarded = p.robot.guard_until > 0.0
         self.moving = np.array([e.kind not in ("static", "avoid") for e in entities])
         self.robot_entities = [i for i, e in enumerate(entities) if e.kind in ("link", "tool")]
 
@@ -151,6 +153,9 @@ class Execution:
             return False
         self._observe(after)
         self.steps += 1
+        if self.guarded and self.steps * self.step >= self.world.parameters.robot.guard_until:
+            self.guarded, lid = False, self.model.geom(GUARD)
+            lid.contype[0], lid.rgba[3] = 0, 0.0
         if self.steps % self.every == 0:
             self.record(after)
         return True

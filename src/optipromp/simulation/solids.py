@@ -9,7 +9,9 @@ from optipromp.errors import InvalidSceneError
 from optipromp.geometry.shapes import (
     Box,
     Capsule,
+    Cone,
     Cylinder,
+    Ellipsoid,
     HalfSpace,
     MeshShape,
     PointCloudShape,
@@ -17,9 +19,11 @@ from optipromp.geometry.shapes import (
     Sphere,
     is_convex,
     mesh_volume,
+    round_mesh,
 )
 from optipromp.robots.tool_protocol import quaternion
 
+FINE = 48  # points about a cone that is simulated as a mesh; within 0.2 % of its radius
 MOST_PARTS = 3000  # geoms of one mesh or point cloud
 
 
@@ -34,6 +38,10 @@ def volume(shape: Shape) -> float:
             return np.pi * radius**2 * length
         case Capsule(radius, length):
             return np.pi * radius**2 * length + 4.0 / 3.0 * np.pi * radius**3
+        case Ellipsoid(radii):
+            return float(4.0 / 3.0 * np.pi * np.prod(radii))
+        case Cone():
+            return mesh_volume(round_mesh(shape, FINE))
         case MeshShape():
             return mesh_volume(shape)
         case PointCloudShape():
@@ -74,6 +82,11 @@ def add_shape(
             return [add(kinds.mjGEOM_CYLINDER, [radius, length / 2.0, 0.0])]
         case Capsule(radius, length):
             return [add(kinds.mjGEOM_CAPSULE, [radius, length / 2.0, 0.0])]
+        case Ellipsoid(radii):
+            return [add(kinds.mjGEOM_ELLIPSOID, list(radii))]
+        case Cone():
+            whole = round_mesh(shape, FINE)
+            return add_shape(spec, body, whole, name, rotation, position, **properties)
         case HalfSpace():
             return [add(kinds.mjGEOM_PLANE, [2.0, 2.0, 0.1])]
         case MeshShape() if is_convex(shape):

@@ -9,10 +9,11 @@ from optipromp.arrays import FloatArray, IntArray, frozen
 from optipromp.geometry.shapes import Sphere
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene, SceneObject, Stem
+from optipromp.scenes.trusses import parents_first
 from optipromp.simulation.arm import Drives, add_robot, drives, link_entities
 from optipromp.simulation.engine import engine
 from optipromp.simulation.entities import Entity, layers
-from optipromp.simulation.fruits import BuiltFruit, add_fruit
+from optipromp.simulation.fruits import BuiltFruit, add_fruit, trusses_of
 from optipromp.simulation.parameters import SimulationParameters
 from optipromp.simulation.solids import add_shape
 
@@ -137,7 +138,8 @@ class _Draft:
         self.fruits: list[tuple[SceneObject, BuiltFruit, int, int]] = []
         self.spec = self._options()
         add_robot(self.spec, robot, parameters, 0)
-        for obj in scene.objects:
+        self.trusses = trusses_of(scene.objects, parameters, scene.up)
+        for obj in parents_first(scene.objects):
             if obj.role in ("target", "pushable"):
                 self._fruit(obj)
             elif obj.role == "static":
@@ -187,7 +189,10 @@ class _Draft:
     def _fruit(self, obj: SceneObject) -> None:
         entity = self._entity("fruit" if obj.stem is not None else "thing", obj.id)
         stem = -1 if obj.stem is None else self._entity("stem", obj.id)
-        built = add_fruit(self.spec, obj, self.parameters, entity, stem, self.scene.up)
+        built = add_fruit(
+            self.spec, obj, self.parameters, entity, stem, self.scene.up,
+            truss=self.trusses.get(obj.id),
+        )  # fmt: skip
         self.fruits.append((obj, built, entity, stem))
 
     def _static(self, obj: SceneObject) -> None:

@@ -9,16 +9,19 @@ from optipromp.scenes.generate.generator import (
     generate,
     generate_with_report,
 )
-from optipromp.scenes.generate.noise import perceived
+from optipromp.scenes.generate.noise import NOISES, Noise, noisy, perceived
 
 __all__ = [
     "FURNITURE",
+    "NOISES",
     "PANDA",
     "PRESETS",
     "Furniture",
     "GenerationReport",
+    "Noise",
     "Preset",
     "generate",
     "generate_with_report",
+    "noisy",
     "perceived",
 ]

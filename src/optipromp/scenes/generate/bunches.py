@@ -129,7 +129,7 @@ def _longer(item: SceneObject, rng: np.random.Generator) -> SceneObject:
     turn = np.append(1.0 + line[2], np.cross([0.0, 0.0, 1.0], line))  # the shape's z to the stem
     shape = Capsule(width, 2.0 * (factor - 1.0) * width)
     turn /= np.linalg.norm(turn)
-    return replace(item, shape=shape, orientation=turn, stem=Stem(points, item.stem.radius))
+    return replace(item, shape=shape, orientation=turn, stem=replace(item.stem, points=points))
 
 
 def _stem(

@@ -9,7 +9,7 @@ import numpy as np
 
 from optipromp.arrays import BoolArray, FloatArray
 from optipromp.geometry import distances, pack
-from optipromp.geometry.shapes import Capsule, Sphere
+from optipromp.geometry.shapes import Capsule, Cone, Ellipsoid, Sphere
 from optipromp.robots import ik
 from optipromp.robots.cup_cover import NECK_RADIUS
 from optipromp.robots.model import Robot
@@ -22,6 +22,9 @@ SAMPLE = 0.004  # [m] between checks along a stem
 STARTS = 200  # of the inverse kinematics
 
 
+ROUND = Sphere | Capsule | Ellipsoid | Cone
+
+
 class OverlapError(Exception):
     """A sample that failed because objects overlap; the message names them."""
 
@@ -29,12 +32,12 @@ class OverlapError(Exception):
 def interpenetration(scene: Scene) -> str | None:
     """What kinds of objects interpenetrate; None where the scene is possible.
 
-    The check covers fruits (balls and capsules) against one another and against neighbours and
+    The check covers round fruits against one another and against neighbours and
     static objects, stems against all of these but their own fruits, and neighbours against static
     objects.
     """
     fruits = [item for item in scene.objects if item.role in ("target", "pushable")]
-    hanging = [item for item in fruits if isinstance(item.shape, Sphere | Capsule)]
+    hanging = [item for item in fruits if isinstance(item.shape, ROUND)]
     cores = [_core(item) for item in hanging]
     for i, (core, radius) in enumerate(cores):
         for beside, keep in cores[i + 1 :]:
@@ -70,7 +73,7 @@ def interpenetration(scene: Scene) -> str | None:
             core, radius = cores[j]
             if segments(one.stem.points, core) < radius + one.stem.radius:
                 return "stem in fruit"
-            if j > i and other.stem is not None:
+            if j > i and other.stem is not None and not _shared(one, other):
                 between = segments(one.stem.points, other.stem.points)
                 if between < one.stem.radius + other.stem.radius:
                     return "stem in stem"
@@ -81,13 +84,28 @@ def interpenetration(scene: Scene) -> str | None:
     return None
 
 
+def _shared(one: SceneObject, other: SceneObject) -> bool:
+    """Whether two stems are of one truss: they may touch where they begin."""
+    roots = [
+        item.id if item.stem is None or item.stem.parent is None else item.stem.parent
+        for item in (one, other)
+    ]
+    return roots[0] == roots[1]
+
+
 def _core(item: SceneObject) -> tuple[FloatArray, float]:
-    """The segment (2, 3) and the radius [m] of a capsule; of a ball, its centre twice."""
-    half = np.zeros(3)
-    if isinstance(item.shape, Capsule):
-        half = 0.5 * item.shape.length * item.rotation[:, 2]
-    radius = item.shape.radius if isinstance(item.shape, Capsule) else item.radius
-    return np.array([item.position - half, item.position + half]), radius
+    """The segment (2, 3) and the radius [m] of a capsule that holds a round fruit."""
+    half, radius = 0.0, item.radius
+    match item.shape:
+        case Capsule(radius=radius, length=length):
+            half = 0.5 * length
+        case Cone(radius=shoulder, tip=tip, length=length):
+            half, radius = 0.5 * length, max(shoulder, tip)
+        case Ellipsoid(radii=(x, y, z)):
+            radius = max(x, y)
+            half = max(z - radius, 0.0)
+    end = half * item.rotation[:, 2]
+    return np.array([item.position - end, item.position + end]), radius
 
 
 def _apart(one: SceneObject, other: SceneObject) -> float:
@@ -173,6 +191,8 @@ def _rooted_in_tool(scene: Scene, item: SceneObject, tool: Tool | None) -> bool:
     target = scene.target
     if item.stem is None or tool is None or tool.fingers or target is None:
         return False
+    if item.stem.parent is not None:
+        return False  # it yields
     up = scene.frame[2]
     off = item.stem.points[-1] - target.position
     height = float(off @ up)

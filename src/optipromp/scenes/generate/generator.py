@@ -1,8 +1,8 @@
 """Random scenes: sampled, checked, and sampled again until one is possible.
 
-The discrete choices (the number of pushables, the side of the gutter) are sampled once and kept
-while the rest is sampled again. Otherwise crowded scenes, which are hard to place, would be rare.
-They are sampled anew after :data:`PATIENCE` samples, so four pushables remain rarer than one.
+The number of pushables is sampled once and kept while the rest is sampled again. Otherwise crowded
+scenes, which are hard to place, would be rare. The side of the gutter is kept too, but sampled anew
+after :data:`PATIENCE` samples.
 """
 
 import functools
@@ -17,7 +17,7 @@ import numpy as np
 
 from optipromp.errors import InvalidRequestError
 from optipromp.robots.library import NOTHING, Choice
-from optipromp.scenes.generate import bunches, furniture, shelves
+from optipromp.scenes.generate import bunches, furniture, plants, shelves
 from optipromp.scenes.generate.checks import OverlapError, interpenetration, unsolvable
 from optipromp.scenes.generate.furniture import FURNITURE, Furniture
 from optipromp.scenes.generate.placing import at_robot
@@ -25,11 +25,12 @@ from optipromp.scenes.scene import Scene
 from optipromp.scenes.values import suggest
 
 Preset = Literal[
-    "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "shelf"
-]
+    "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss",
+    "field", "shelf",
+]  # fmt: skip
 PRESETS: tuple[Preset, ...] = get_args(Preset)
 PANDA = "panda"
-PATIENCE = 1000  # samples before the discrete choices are sampled again
+PATIENCE = 1000  # samples before the side of the gutter is sampled again
 MOST_REDRAWS = 50_000
 
 Sampler = Callable[[np.random.Generator], Scene]
@@ -81,6 +82,11 @@ def generate_with_report(
       stem is stiffer than green tissue (:data:`optipromp.pushing.parameters.PUSH`).
     - ``elongated``: as ``cluster``, but the fruits are 1.2 to 1.4 times as long as wide: capsules
       along their stems, which begin at the upper end.
+    - ``truss``: the target and 2 to 4 pushables on one truss; any of them is the fruit at its end,
+      the others hang on branches of 0.04 to 0.10; the truss is 0.12 to 0.28 long.
+    - ``field``: fruits as in ``cluster``, ``tight`` or ``truss``, as balls, capsules, ellipsoids or
+      cones up to 10 degrees off their stems, with masses, friction, stiffness and abscission forces
+      drawn. A study does not tell the planner those numbers.
     - ``shelf``: a can behind 2 to 6 upright cans and boxes on a shelf; horizontal approach with
       the Franka hand.
     - ``bookshelf``, ``box``, ``cage``, ``table-pick``, ``under-table``: a goal in joints with the
@@ -113,11 +119,12 @@ def generate_with_report(
         raise InvalidRequestError(f"scenes of the preset {preset} are for the built-in panda only")
     rng = np.random.default_rng([zlib.crc32(preset.encode()), seed])
     reasons: Counter[str] = Counter()
-    sampler = _kind(preset, seed, rng)
+    drawn = _drawn(preset, rng)
+    sampler = _kind(preset, seed, *drawn, rng)
     patience = PATIENCE
     while reasons.total() < MOST_REDRAWS:
         if patience == 0:
-            sampler, patience = _kind(preset, seed, rng), PATIENCE
+            sampler, patience = _kind(preset, seed, *drawn, rng), PATIENCE
         patience -= 1
         try:
             scene = sampler(rng)
@@ -137,18 +144,32 @@ def generate_with_report(
     )
 
 
-def _kind(preset: Preset | Furniture, seed: int, rng: np.random.Generator) -> Sampler:
-    """Sample the discrete choices; returns the sampler of the rest."""
+def _drawn(preset: Preset | Furniture, rng: np.random.Generator) -> tuple[str, int]:
+    """Sample the number of pushables, and the kind of a field's plants."""
+    if preset in FURNITURE:
+        return preset, 0
+    few, many = (2, 4), ("tight", "truss", "field")
+    low, most = (2, 6) if preset == "shelf" else few if preset in many else (1, 4)
+    count = int(rng.integers(low, most + 1))
+    kind = ("cluster", "tight", "truss")[int(rng.integers(3))] if preset == "field" else preset
+    return kind, count
+
+
+def _kind(
+    preset: Preset | Furniture, seed: int, kind: str, count: int, rng: np.random.Generator
+) -> Sampler:
+    """Sample the side of the gutter; returns the sampler of the rest."""
     name = f"{preset}-{seed}"
     if preset in FURNITURE:
         return functools.partial(furniture.sample, preset, name)
     if preset == "shelf":
-        count = int(rng.integers(2, 7))
         return lambda rng: shelves.sample(name, count, rng)
     if preset == "tight":
-        close = int(rng.integers(2, 5))
-        return lambda rng: bunches.tight(name, close, rng)
-    count = int(rng.integers(1, 5))
+        return lambda rng: bunches.tight(name, count, rng)
+    if preset == "truss":
+        return lambda rng: plants.truss(name, count, rng)
+    if preset == "field":
+        return lambda rng: plants.field(name, kind, count, rng)
     if preset == "elongated":
         return lambda rng: bunches.elongated(bunches.sample(name, count, False, None, rng), rng)
     lean = bunches.PLUMB if preset == "limp" else bunches.INCLINATION

@@ -1,0 +1,325 @@
+"""A second engine's word: plans executed by a flying cup among hanging fruits.
+
+    python scripts/second_engine.py [--preset cluster,tight] [--seeds 20000:20060]
+        [--planners opti-promp,straight]
+
+It shares no code with ``optipromp.simulation``, reads what scene and plan files hold, and has
+numbers of its own. There is no arm and no controller: a cup with its neck and the arm's last link
+follows the flange, which the Panda's published Denavit-Hartenberg parameters place. Stems are
+chains of capsules with ball joints, and the fruit turns about its calyx. A plan succeeds if the
+target alone ends in the cup and no fruit or stem is pressed beyond what the docs say that it bears.
+The table says how often this and the main simulation agree. Hanging fruits, built-in Panda only.
+"""
+
+import argparse
+import json
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+# Franka Control Interface documentation, robot and interface specifications: a, d [m], α [rad]
+PANDA = (
+    (0.0, 0.333, 0.0), (0.0, 0.0, -np.pi / 2), (0.0, 0.316, np.pi / 2), (0.0825, 0.0, np.pi / 2),
+    (-0.0825, 0.384, -np.pi / 2), (0.0, 0.0, np.pi / 2), (0.088, 0.0, np.pi / 2),
+)  # fmt: skip
+FLANGE = 0.107  # [m] of the flange beyond the seventh joint
+DISC = 0.0315, 0.02  # [m] radius (ISO 9409-1-50-4-M6) and thickness of the flange
+LINK = 0.045, 0.09  # [m] radius of the link beyond it, and where that ends
+
+# Numbers of this engine, each other than the main simulation's (docs/simulation.md), all guesses
+STEP = 0.0005  # [s]
+SEGMENTS = 7
+MODULUS, THICK = 3e7, 0.003  # [Pa], [m] of a stem's tissue
+GROWN = 0.7  # [rad] a leaning stem turns at most once nothing hangs on it
+CALYX = 2e-3  # [N m/rad] of the fruit about its calyx
+DAMPING = 0.02  # [s] joint damping over joint stiffness: a tenth of critical at 1.5 Hz
+SWAY = 3e-4  # [N m s/rad] more at the root
+DENSITY, STEM_DENSITY = 1000.0, 900.0  # [kg/m³]
+FRICTION = 0.5
+SOFT = 0.01  # [s] time constant of a contact
+WALLS, WALL, NECK = 20, 0.002, 0.010  # pieces of the wall; [m] its thickness, radius of the neck
+HOLD = 0.6  # [s] at the end
+# What a fruit bears: a matter of the question, not of the engine
+FRUIT_FORCE, STEM_FORCE, STEM_TIME, STATIC_FORCE = 10.0, 2.0, 0.05, 0.5  # [N], [N], [s], [N]
+SMOOTH = 0.005  # [s] time constant of the filter of forces
+
+
+@dataclass(frozen=True)
+class Word:
+    """What became of a plan: ``picked``, ids ``swallowed`` beside the target, words of ``harm``."""
+
+    picked: bool
+    swallowed: tuple[str, ...]
+    harm: tuple[str, ...]
+
+    @property
+    def success(self) -> bool:
+        """The target alone is in the cup, and nothing was harmed."""
+        return self.picked and not self.swallowed and not self.harm
+
+
+def flange(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Position (3,) [m] and rotation (3, 3) of a Panda's flange at ``q`` (7,)."""
+    place, turn = np.zeros(3), np.eye(3)
+    for (a, d, alpha), angle in zip(PANDA, q, strict=True):
+        c, s = np.cos(alpha), np.sin(alpha)
+        tilt = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+        place = place + turn @ (np.array([a, 0.0, 0.0]) + tilt[:, 2] * d)
+        c, s = np.cos(angle), np.sin(angle)
+        turn = turn @ tilt @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    return place + FLANGE * turn[:, 2], turn
+
+
+def read(folder: Path) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
+    """Scene, times (T,) [s] and configurations (T, 7) of a plan's folder."""
+    document = json.loads((folder / "plan.json").read_text())
+    rows = np.loadtxt(folder / "trajectory.csv", delimiter=",", skiprows=1)
+    return document["scene_file"], rows[:, 0], rows[:, 1:8]
+
+
+def _text(values: Any) -> str:
+    return " ".join(f"{value:.9g}" for value in np.ravel(values))
+
+
+def _cup(tool: Mapping[str, Any]) -> str:
+    """The cup, its neck and the arm's last link, in the flange's frame."""
+    radius, height, length = (float(tool[k]) for k in ("radius", "height", "length"))
+    inner = 0.5 * float(tool.get("opening") or 2.0 * (radius - WALL))
+    middle, half = 0.5 * (radius + inner), 0.5 * (radius - inner)
+    width = radius * np.tan(np.pi / WALLS)
+    out = [
+        f'<geom type="capsule" size="{NECK}" fromto="0 0 0 0 0 {length}"/>',
+        f'<geom type="cylinder" size="{radius} {0.5 * WALL}" pos="0 0 {length + 0.5 * WALL}"/>',
+        f'<geom type="cylinder" size="{DISC[0]}" fromto="0 0 0 0 0 {-DISC[1]}"/>',
+        f'<geom type="cylinder" size="{LINK[0]}" fromto="0 0 {-DISC[1]} 0 0 {-LINK[1]}"/>',
+    ]
+    for k in range(WALLS):
+        turn = 2.0 * np.pi * k / WALLS
+        place = middle * np.cos(turn), middle * np.sin(turn), length + 0.5 * height
+        out.append(
+            f'<geom type="box" size="{half} {width} {0.5 * height}" pos="{_text(place)}" '
+            f'euler="0 0 {turn}"/>'
+        )
+    return "".join(out)
+
+
+def _shape(item: Mapping[str, Any]) -> tuple[str, float, float]:
+    """A fruit as MJCF in its own frame, its mass [kg] and its radius [m]."""
+    (kind, told), turn = next(iter(item["shape"].items())), item.get("orientation", [1, 0, 0, 0])
+    radius, length = float(told["radius"]), float(told.get("length", 0.0))
+    if kind not in ("sphere", "capsule"):
+        raise ValueError(f"{item['id']} is a {kind}: only balls and capsules hang here")
+    mass = DENSITY * np.pi * radius**2 * (4.0 / 3.0 * radius + length)
+    size = f"{radius} {0.5 * length}" if length else f"{radius}"
+    return f'<geom type="{kind}" size="{size}" quat="{_text(turn)}" mass="{mass}"/>', mass, radius
+
+
+def _hanging(item: Mapping[str, Any]) -> str:
+    """A fruit on its stem as nested bodies, from the root down."""
+    shape, mass, _ = _shape(item)
+    stem, place = item["stem"], np.array(item["position"], dtype=float)
+    points = np.array(stem["points"]) if "points" in stem else np.array([place, stem["root"]])
+    (calyx, root), thin = points[[0, -1]], float(stem.get("radius", 0.003))
+    line = (calyx - root) / SEGMENTS
+    length = float(np.linalg.norm(calyx - root))
+    lean = float(np.linalg.norm((calyx - root)[:2])) / length
+    tissue = MODULUS * np.pi * THICK**4 / 64.0
+    stiff = max(tissue, mass * 9.81 * lean * length**2 / (2.0 * GROWN)) * SEGMENTS / length
+    light = STEM_DENSITY * np.pi * (0.5 * THICK) ** 2 * length / SEGMENTS
+    name, at = item["id"], place - calyx
+    out = (
+        f'<body name="{name}" pos="{_text(line)}"><joint name="calyx:{name}" type="ball" '
+        f'pos="0 0 0" stiffness="{CALYX}" damping="{DAMPING * CALYX + 1e-5}" armature="1e-6"/>'
+        + shape.replace("/>", f' pos="{_text(at)}" contype="2" conaffinity="3"/>')
+        + f'<site name="{name}" pos="{_text(at)}"/></body>'
+    )
+    for k in reversed(range(SEGMENTS)):
+        stiffness = 2.0 * stiff if k == 0 else stiff
+        out = (
+            f'<body name="{name}:{k}" pos="{_text(root if k == 0 else line)}"><joint type="ball" '
+            f'stiffness="{stiffness}" damping="{DAMPING * stiffness + (SWAY if k == 0 else 0.0)}" '
+            f'armature="1e-6"/><geom type="capsule" size="{thin}" fromto="0 0 0 {_text(line)}" '
+            f'mass="{light}" contype="4" conaffinity="1"/>{out}</body>'
+        )
+    return out
+
+
+def _static(item: Mapping[str, Any]) -> str:
+    (size,) = (told["size"] for kind, told in item["shape"].items() if kind == "box")
+    turn = item.get("orientation", [1, 0, 0, 0])
+    return (
+        f'<body name="{item["id"]}" pos="{_text(item["position"])}" quat="{_text(turn)}">'
+        f'<geom type="box" size="{_text(0.5 * np.array(size))}" contype="8" conaffinity="3"/>'
+        "</body>"
+    )
+
+
+def model_of(scene: Mapping[str, Any]) -> mujoco.MjModel:
+    """The world of a scene's document: a cup led by a mocap body, fruits, static boxes."""
+    bodies = "".join(
+        _static(item) if item["role"] == "static" else _hanging(item)
+        for item in scene["objects"] if item["role"] != "avoid"
+    )  # fmt: skip
+    return mujoco.MjModel.from_xml_string(
+        f"""<mujoco><compiler angle="radian"/>
+        <option timestep="{STEP}" integrator="implicitfast" cone="pyramidal" iterations="50"/>
+        <size memory="32M"/>
+        <default><geom friction="{FRICTION} 0.003 0.0001" solref="{SOFT} 1"/></default>
+        <worldbody><body name="lead" mocap="true"/>
+        <body name="cup" gravcomp="1"><freejoint/><inertial pos="0 0 0" mass="3"
+          diaginertia="0.02 0.02 0.02"/>{_cup(scene["tool"])}</body>{bodies}</worldbody>
+        <equality><weld body1="lead" body2="cup" solref="0.002 1"
+          solimp="0.999 0.9999 0.001"/></equality></mujoco>"""
+    )
+
+
+class _Watch:
+    """Forces between the cup and everything else, and between fruits, filtered."""
+
+    def __init__(self, model: mujoco.MjModel, ids: list[str], statics: list[str]) -> None:
+        names = [model.body(i).name for i in range(model.nbody)]
+        self.model, self.owner = model, np.full(model.nbody, -1)
+        self.labels = ["cup"]
+        for i, name in enumerate(names):
+            base, _, segment = name.rpartition(":")
+            label = {"cup": "cup"}.get(name, f"stem of {base}" if segment.isdigit() else name)
+            if name == "cup" or name in ids or name in statics or base in ids:
+                if label not in self.labels:
+                    self.labels.append(label)
+                self.owner[i] = self.labels.index(label)
+        n = len(self.labels)
+        self.force, self.peak, self.long = np.zeros((3, n, n))
+
+    def add(self, data: mujoco.MjData) -> None:
+        now, wrench = np.zeros_like(self.force), np.zeros(6)
+        for k in range(data.ncon):
+            a, b = self.owner[self.model.geom_bodyid[data.contact.geom[k]]]
+            if a >= 0 and b >= 0:
+                mujoco.mj_contactForce(self.model, data, k, wrench)
+                size = float(np.linalg.norm(wrench[:3]))
+                now[a, b] += size
+                now[b, a] += size
+        self.force += (now - self.force) * (STEP / SMOOTH)
+        np.maximum(self.peak, self.force, out=self.peak)
+        self.long += STEP * (self.force > STEM_FORCE)
+
+    def harm(self, ids: list[str], statics: list[str]) -> tuple[str, ...]:
+        out = []
+        for i, label in enumerate(self.labels):
+            most = float(self.peak[i].max())
+            if label in ids and most > FRUIT_FORCE:
+                out.append(f"{label} pressed by {most:.1f} N")
+            if label.startswith("stem of ") and self.long[i, 0] > STEM_TIME:
+                out.append(f"{label} pressed by {self.peak[i, 0]:.1f} N")
+            if label in statics and self.peak[i, 0] > STATIC_FORCE:
+                out.append(f"{label} touched")
+        return tuple(out)
+
+
+def execute(scene: Mapping[str, Any], times: np.ndarray, q: np.ndarray) -> Word:
+    """Fly the cup along a plan: configurations (T, 7) at times (T,) [s], in a scene's document."""
+    if any(item.get("stem", {}).get("parent") for item in scene["objects"]):
+        raise ValueError("no stem grows from another here")
+    if scene["robot"] != "panda" or scene["tool"]["kind"] != "cup":
+        raise ValueError("only a cup on the built-in Panda flies here")
+    ids = [item["id"] for item in scene["objects"] if item["role"] in ("target", "pushable")]
+    statics = [item["id"] for item in scene["objects"] if item["role"] == "static"]
+    model = model_of(scene)
+    data, tool = mujoco.MjData(model), scene["tool"]
+    at = np.arange(0.0, times[-1] + HOLD, 10 * STEP)  # the lead moves in steps of 5 ms, in between
+    joints = np.stack([np.interp(at, times, column) for column in q.T], axis=1)
+    poses = [flange(row) for row in joints]
+    places = np.array([place for place, _ in poses])
+    turns = np.zeros((len(at), 4))
+    for row, (_, turn) in zip(turns, poses, strict=True):
+        mujoco.mju_mat2Quat(row, turn.ravel())
+    turns[np.cumsum(np.r_[False, (turns[1:] * turns[:-1]).sum(axis=1) < 0.0]) % 2 == 1] *= -1.0
+    start = model.joint(model.body("cup").jntadr[0]).qposadr[0]
+    data.qpos[start : start + 7] = np.r_[places[0], turns[0]]
+    mujoco.mj_forward(model, data)
+    stems = np.ones(model.nv, dtype=bool)
+    stems[model.body("cup").dofadr[0] :][:6] = False
+    data.qfrc_applied[stems] = data.qfrc_bias[stems]  # as grown: at rest where the scene shows it
+    watch = _Watch(model, ids, statics)
+    late = times[-1] + HOLD - 0.3
+    inside = dict.fromkeys(ids, True)
+    count = int((times[-1] + HOLD) / STEP)
+    for k in range(count):
+        now = k * STEP
+        for kept, wanted in ((data.mocap_pos, places), (data.mocap_quat, turns)):
+            share = min(now / (10 * STEP), len(at) - 1.0)
+            low = min(int(share), len(at) - 2)
+            kept[0] = wanted[low] + (share - low) * (wanted[low + 1] - wanted[low])
+        mujoco.mj_step(model, data)
+        watch.add(data)
+        if now >= late:
+            for id_ in ids:
+                inside[id_] &= _inside(model, data, id_, tool)
+    if not np.isfinite(data.qpos).all():
+        raise RuntimeError("the engine broke down")
+    (target,) = (item["id"] for item in scene["objects"] if item["role"] == "target")
+    swallowed = tuple(id_ for id_ in ids if id_ != target and inside[id_])
+    return Word(inside[target], swallowed, watch.harm(ids, statics))
+
+
+def _inside(model: Any, data: Any, id_: str, tool: Mapping[str, Any]) -> bool:
+    body = model.body("cup").id
+    turn = data.xmat[body].reshape(3, 3)
+    x, y, z = turn.T @ (data.site(id_).xpos - data.xpos[body])
+    radius, low = float(tool["radius"]) - WALL, float(tool["length"])
+    return bool(np.hypot(x, y) < radius and low < z < low + float(tool["height"]))
+
+
+def main() -> None:
+    """Plan, execute in both engines, and print how often they agree."""
+    from optipromp.experiments.baselines import attempt
+    from optipromp.scenes.generate import generate
+    from optipromp.scenes.io import scene_to_dict
+    from optipromp.simulation import simulate
+
+    ask = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    ask.add_argument("--preset", default="cluster,tight")
+    ask.add_argument("--planners", default="opti-promp,straight")
+    ask.add_argument("--seeds", default="20000:20060")
+    told = ask.parse_args()
+    first, end = map(int, told.seeds.split(":"))
+    for preset in told.preset.split(","):
+        for planner in told.planners.split(","):
+            both: Counter[tuple[bool, bool]] = Counter()
+            words: Counter[str] = Counter()
+            promised = Counter[bool]()
+            for seed in range(first, end):
+                scene = generate(preset, seed)
+                made = attempt(scene, planner, seed=seed)  # type: ignore[arg-type]
+                if made.trajectory is None:
+                    continue
+                rows = made.trajectory.resample(1000.0)
+                word = execute(scene_to_dict(scene), rows.times, rows.positions)
+                outcome = simulate(made.trajectory, scene, seed=seed).outcome
+                both[outcome.success, word.success] += 1
+                if made.status == "success":
+                    promised[word.success] += 1
+                if outcome.success != word.success:
+                    told_ = "; ".join(
+                        [*word.harm, *(f"{i} swallowed" for i in word.swallowed),
+                         *([] if word.picked else ["not picked"])]
+                    )  # fmt: skip
+                    words[f"{seed}: {outcome.message} | second: {told_ or 'picked'}"] += 1
+            runs = both.total()
+            print(
+                f"| {preset} | {planner} | {runs} | {both[True, True]} | {both[False, False]} | "
+                f"{both[True, False]} | {both[False, True]} | "
+                f"{100 * (both[True, True] + both[False, False]) / max(runs, 1):.0f} % | "
+                f"{promised[True]} of {promised.total()} |", flush=True,
+            )  # fmt: skip
+            for line in words:
+                print("   ", line, flush=True)
+
+
+if __name__ == "__main__":
+    main()

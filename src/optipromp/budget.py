@@ -1,0 +1,40 @@
+"""What a plan may cost: time, and steps of work."""
+
+import math
+import time
+from dataclasses import dataclass, field
+
+
+@dataclass
+class Budget:
+    """What a plan may cost. It is asked once in each step of the work, and counts them.
+
+    A step is an iteration of an optimiser, a candidate of a search, a batch of samples of a tree,
+    or a choice of what to try next. How many a plan takes depends on nothing but its input: steps
+    cut it at the same place on every machine. Time is over when two more steps as long as the
+    longest so far would overrun it: one, and the judgement that follows the last.
+
+    Args:
+        deadline: of ``time.perf_counter()`` [s].
+        steps: how many there may be.
+    """
+
+    deadline: float = math.inf
+    steps: float = math.inf
+    used: int = field(default=0, init=False)
+    cut: bool = field(default=False, init=False)
+    longest: float = field(default=0.0, init=False)
+    last: float = field(default=math.inf, init=False)
+
+    @property
+    def ending(self) -> str:
+        """What of it ran out."""
+        return "effort ran out" if self.used > self.steps else "time ran out"
+
+    def spent(self) -> bool:
+        """Count a step; whether there may be no further one."""
+        now = time.perf_counter()
+        self.longest = max(self.longest, now - self.last)
+        self.last, self.used = now, self.used + 1
+        self.cut |= self.used > self.steps or now + 2.0 * self.longest > self.deadline
+        return self.cut

@@ -1,0 +1,98 @@
+"""Ways to come at an angle and beside the target's centre, where the straight way harms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from optipromp import load_scene, save_scene
+from optipromp.errors import Code, InvalidSceneError
+from optipromp.judging import judge
+from optipromp.planning import plan, plan_many
+from optipromp.planning.approaches import others
+from optipromp.scenes import Approach, Pose, Scene
+from optipromp.scenes.generate import generate
+from optipromp.simulation import simulate
+
+REFUSED = "limp", 20048  # harm is predicted on the straight way
+
+
+@pytest.fixture(scope="module")
+def refused() -> Scene:
+    return generate(*REFUSED)
+
+
+def allowed(scene: Scene, cone: float = 25.0, aside: float = 0.01) -> Scene:
+    return replace(scene, approach=replace(scene.approach, cone=cone, aside=aside))
+
+
+def test_a_refused_plan_becomes_harmless_at_an_angle(refused: Scene) -> None:
+    straight = plan(refused)
+    assert straight.status == Code.HARM_PREDICTED
+    made = plan(allowed(refused))
+    assert made.success
+    assert straight.prediction is not None
+    assert made.prediction is not None
+    assert made.prediction.harm < straight.prediction.harm
+    away = np.degrees(np.arccos(made.scene.frame[2] @ refused.frame[2]))
+    assert 0.0 < away <= 25.0 + 1e-6
+    _, axes = made.robot.tool_pose(made.trajectory.positions)
+    np.testing.assert_allclose(axes[-1], made.scene.frame[2], atol=1e-3)
+    assert not judge(made.scene, made.robot, made.trajectory, stem_side=False).violations
+    assert simulate(made).outcome.success
+    (one,) = plan_many([allowed(refused)], workers=1)
+    np.testing.assert_array_equal(one.trajectory.positions, made.trajectory.positions)
+
+
+def test_a_scene_that_allows_none_or_needs_none_is_planned_as_before(refused: Scene) -> None:
+    scene = load_scene("scenario-4")
+    one, two = plan(scene), plan(allowed(scene))
+    np.testing.assert_array_equal(one.trajectory.positions, two.trajectory.positions)
+    assert others(refused, one.robot) == []
+
+
+def test_approaches_stay_in_the_cone_and_the_target_in_the_mouth(refused: Scene) -> None:
+    robot = plan(refused).robot
+    assert robot.tool is not None
+    assert refused.target is not None
+    room = robot.tool.mouth[0] - refused.target.radius
+    for cone, aside in ((25.0, 0.0), (0.0, 0.5), (10.0, 0.003)):
+        found = others(allowed(refused, cone, aside), robot)
+        assert found
+        for scene in found:
+            angle = np.degrees(np.arccos(min(scene.frame[2] @ refused.frame[2], 1.0)))
+            assert angle <= cone + 1e-6
+            off = np.linalg.norm(scene.approach.shift)
+            assert off <= min(aside, room) + 1e-12
+            assert angle > 0.1 or off > 0.0
+            assert abs(scene.approach.shift @ scene.frame[2]) < 1e-12
+
+
+def test_a_shifted_goal_is_reached_and_judged(refused: Scene) -> None:
+    shift = np.array([0.002, 0.0, 0.0])
+    scene = replace(refused, approach=replace(refused.approach, shift=shift))
+    made = plan(scene)
+    tip, _ = made.robot.tool_pose(made.trajectory.positions)
+    assert scene.aim is not None
+    np.testing.assert_allclose(tip[-1], scene.aim, atol=1e-3)
+    wrong = judge(refused, made.robot, made.trajectory)
+    assert any(item.kind == "goal" for item in wrong.violations)
+
+
+def test_the_cone_outlives_a_file_and_a_transformation(tmp_path, refused: Scene) -> None:
+    scene = replace(
+        refused, approach=replace(allowed(refused).approach, shift=np.array([0.001, 0.0, 0.0]))
+    )
+    save_scene(scene, tmp_path / "s.yaml")
+    again = load_scene(tmp_path / "s.yaml").approach
+    assert (again.cone, again.aside) == (25.0, 0.01)
+    np.testing.assert_allclose(again.shift, scene.approach.shift)
+    turned = scene.transformed(Pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))).approach
+    np.testing.assert_allclose(turned.shift, [-0.001, 0.0, 0.0], atol=1e-12)
+    assert turned.cone == 25.0
+
+
+@pytest.mark.parametrize(("name", "value"), [("cone", 61.0), ("cone", np.nan), ("aside", -0.1)])
+def test_what_no_approach_can_be_is_refused(name: str, value: float) -> None:
+    with pytest.raises(InvalidSceneError, match=f"approach.{name}"):
+        Approach(**{name: value})

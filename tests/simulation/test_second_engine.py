@@ -1,0 +1,59 @@
+"""A second engine, written apart, says what the main simulation says."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optipromp.experiments.baselines import attempt
+from optipromp.output import write_plan
+from optipromp.planning import plan
+from optipromp.planning.task import resolve
+from optipromp.scenes.generate import generate
+from optipromp.scenes.io import scene_to_dict
+from optipromp.simulation import simulate
+
+second = pytest.importorskip("scripts.second_engine")
+
+
+def test_it_places_the_tool_where_the_house_does() -> None:
+    robot = resolve(generate("cluster", 0)).robot
+    rng = np.random.default_rng(0)
+    for q in rng.uniform(robot.lower, robot.upper, (20, 7)):
+        place, turn = second.flange(q)
+        point, axis = robot.tool_pose(q)
+        np.testing.assert_allclose(place + robot.tool.reach * turn[:, 2], point, atol=1e-6)
+        np.testing.assert_allclose(turn[:, 2], axis, atol=1e-9)
+
+
+@pytest.mark.parametrize(("preset", "seed"), [("cluster", 20000), ("tight", 20000)])
+def test_both_engines_pick_what_is_planned(preset: str, seed: int, tmp_path: Path) -> None:
+    made = plan(generate(preset, seed))  # type: ignore[arg-type]
+    assert made.success
+    assert simulate(made).success
+    write_plan(made, tmp_path)
+    word = second.execute(*second.read(tmp_path))
+    assert word.success, word
+
+
+def test_both_engines_see_what_a_straight_way_harms() -> None:
+    scene = generate("cluster", 20001)
+    made = attempt(scene, "straight")
+    assert made.trajectory is not None
+    rows = made.trajectory.resample(1000.0)
+    word = second.execute(scene_to_dict(scene), rows.times, rows.positions)
+    assert not word.success
+    assert not simulate(made.trajectory, scene).success
+
+
+def test_it_hangs_a_fruit_where_the_scene_shows_it() -> None:
+    """With the cup far away nothing moves, and nothing is harmed."""
+    scene = generate("cluster", 20000)
+    start = resolve(scene).start
+    times, q = np.array([0.0, 1.0]), np.array([start, start])
+    word = second.execute(scene_to_dict(scene), times, q)
+    assert (word.picked, word.swallowed, word.harm) == (False, (), ())
+    far = replace(scene, robot="gen3")
+    with pytest.raises(ValueError, match="Panda"):
+        second.execute(scene_to_dict(far), times, q)
