@@ -65,3 +65,11 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
     assert {"plan", "plan_many", "plan_sequence", "judge", "simulate"} <= set(dir(optipromp))
+
+
+def test_every_test_that_the_page_on_robustness_names_is_there() -> None:
+    page = (ROOT / "docs/robustness.md").read_text(encoding="utf-8")
+    named = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", page)
+    assert len(named) > 60
+    for file, test in named:
+        assert re.search(rf"^def {test}\(", (ROOT / file).read_text("utf-8"), re.MULTILINE), test

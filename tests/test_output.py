@@ -70,7 +70,10 @@ def test_a_moved_folder_still_loads(result: Plan, tmp_path: Path) -> None:
     assert load_plan(tmp_path / "b").seed == 3
 
 
-def test_a_mesh_tool_of_a_scene_file_comes_back(tmp_path: Path) -> None:
+def test_a_mesh_tool_of_a_scene_file_comes_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # which holds the mesh and the plan
     write_obj(tmp_path / "cup.obj", *joined(cup_parts()))
     stated = {"kind": "mesh", "file": "cup.obj", "tool_point": [0.0, 0.0, 0.12], "opening": 0.044,
               "height": 0.04}  # fmt: skip
@@ -124,5 +127,32 @@ def test_damage_is_named(result: Plan, tmp_path: Path, damage: str) -> None:
             path.write_text(json.dumps(document))
         case "npz":
             (tmp_path / "waypoints.npz").write_bytes(b"PK")
+    with pytest.raises(OptiPrompError, match=str(tmp_path)):
+        load_plan(tmp_path)
+
+
+@pytest.mark.parametrize("damage", ["scaled", "columns", "metrics", "status", "first", "harm"])
+def test_what_a_file_says_is_not_believed(result: Plan, tmp_path: Path, damage: str) -> None:
+    write_plan(result, tmp_path)
+    path, rows = tmp_path / "plan.json", tmp_path / "waypoints.npz"
+    document = json.loads(path.read_text()) | {"status": "success"}
+    with np.load(rows) as found:
+        arrays = {key: found[key] for key in found.files}
+    match damage:
+        case "scaled":
+            arrays["positions"] = 10.0 * arrays["positions"]
+        case "columns":
+            arrays = {k: v[:, :2] if v.ndim == 2 else v[:2] if v.dtype.kind == "U" else v
+                      for k, v in arrays.items()}  # fmt: skip
+        case "metrics":
+            document["metrics"]["goal_error"] = "x"
+        case "status":
+            document["status"] = "splendid"
+        case "first":
+            document["first"] = 10**9
+        case "harm":
+            document["predicted_harm"] = {"harm": 3, "threshold": 1, "object": "", "cause": ""}
+    np.savez(rows, **arrays)
+    path.write_text(json.dumps(document))
     with pytest.raises(OptiPrompError, match=str(tmp_path)):
         load_plan(tmp_path)

@@ -110,7 +110,7 @@ def test_the_state_at_an_instant() -> None:
     assert not State(np.zeros(2)).moving
     with pytest.raises(InvalidRequestError, match="velocity of a state has shape"):
         State(np.zeros(2), np.zeros(3))
-    with pytest.raises(InvalidRequestError, match="not finite"):
+    with pytest.raises(InvalidRequestError, match="must be finite"):
         State(np.array([0.0, np.nan]))
 
 

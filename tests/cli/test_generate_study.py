@@ -116,8 +116,11 @@ def test_study_refuses_what_is_wrong_in_one_line(options, words, tmp_path: Path)
     assert "Traceback" not in result.output
 
 
-def test_scenes_of_another_robot_and_a_plan_with_it(tmp_path: Path) -> None:
+def test_scenes_of_another_robot_and_a_plan_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """--robot of generate names the robot in the file; --robot of plan takes its place."""
+    monkeypatch.chdir(tmp_path)  # which holds the robot and the scenes
     (tmp_path / "six.urdf").write_text(six())
     told = ["--robot", str(tmp_path / "six.urdf"), "--tip", "tool0", "--base", "base"]
     out = tmp_path / "scenes"

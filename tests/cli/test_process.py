@@ -1,5 +1,7 @@
 """The command as a process: imports, exit codes, signals."""
 
+import json
+import os
 import signal
 import subprocess
 import sys
@@ -96,3 +98,49 @@ def test_a_signal_lost_in_a_callback_from_c_still_ends_the_process(name: str, co
     )
     assert done.returncode == code
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_behind_standard_output_is_told_in_a_line() -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([*RUN, "list"], stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 2
+    assert done.stderr == (
+        "error INVALID_REQUEST: cannot write standard output: No space left on device\n"
+    )
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX")
+def test_a_closed_standard_output_is_no_crash() -> None:
+    command = f"{sys.executable} -m optipromp list >&-"
+    done = subprocess.run(command, shell=True, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_terminal_without_utf_8_gets_letters_it_has() -> None:
+    environment = os.environ | {"PYTHONIOENCODING": "latin-1"}
+    for arguments in (["list"], ["list", "--json"]):
+        done = subprocess.run([*RUN, *arguments], env=environment, capture_output=True)
+        assert done.returncode == 0, done.stderr
+        text = done.stdout.decode("latin-1")
+    assert json.loads(text)["robots"]
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="limits of Linux")
+def test_a_file_that_reaches_its_limit_is_told_and_absent(tmp_path: Path) -> None:
+    limited = f"ulimit -f 1; {sys.executable} -m optipromp plan scenario-3 --out {tmp_path / 'o'}"
+    done = subprocess.run(
+        ["bash", "-c", f"trap '' XFSZ; {limited}"], capture_output=True, text=True
+    )
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "File too large" in done.stderr
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of Linux")
+def test_too_little_memory_is_told_and_not_waited_in() -> None:
+    limited = f"ulimit -v 400000; {sys.executable} -m optipromp list"
+    done = subprocess.run(["bash", "-c", limited], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error INVALID_REQUEST: memory is limited to 410 MB")

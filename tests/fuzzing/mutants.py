@@ -391,8 +391,7 @@ def robot(random: Random) -> Mutant:
 
 
 def demonstrations(random: Random) -> Mutant:
-    with np.load(_data("optipromp.promp", "panda.npz")) as found:
-        arrays = {key: found[key] for key in found.files}
+    arrays = _recorded()
     if random.random() < 0.4:
         name = "demos.csv"
         rows = ["time," + ",".join(f"joint{k}" for k in range(1, 8))]
@@ -554,8 +553,12 @@ def _documents() -> list[Any]:
     return list(_once("scenes", lambda: [*builtin_scenes(), *generated_scenes(), shapes_scene()]))
 
 
-def _data(package: str, name: str) -> Any:
-    return (resources.files(package) / "data" / name).open("rb")
+def _recorded() -> dict[str, Any]:
+    with (
+        resources.as_file(resources.files("optipromp.promp") / "data" / "panda.npz") as path,
+        np.load(path) as found,
+    ):
+        return {key: found[key] for key in found.files}
 
 
 def _primitive() -> dict[str, Any]:

@@ -295,3 +295,26 @@ def test_a_promp_may_be_given_in_every_form(three: Scene, tmp_path: Path) -> Non
     for result in results:
         assert_success(result)
         np.testing.assert_array_equal(result.trajectory.positions, results[0].trajectory.positions)
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        {"scene": 5}, {"seed": -1}, {"seed": "0"}, {"seed": True}, {"options": 3},
+        {"demonstrations": 3}, {"planner": []}, {"strategy": None}, {"previous": 3, "at": 0.0},
+    ],
+)  # fmt: skip
+def test_wrong_types_are_refused(request_: dict[str, Any]) -> None:
+    with pytest.raises(InvalidRequestError):
+        plan(**({"scene": "scenario-3"} | request_))
+
+
+@pytest.mark.parametrize(
+    "name", ["duration", "timeout", "waypoints", "corridor", "max_step", "iterations", "costs"]
+)
+@pytest.mark.parametrize("value", ["3", (), [1], {}, 10**400])
+def test_settings_of_wrong_types_are_refused(name: str, value: Any) -> None:
+    if (name, value) in (("costs", ()),):
+        return
+    with pytest.raises(InvalidRequestError, match=rf"^{name} is .*must be"):
+        PlanOptions(**{name: value})

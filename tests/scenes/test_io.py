@@ -101,7 +101,8 @@ def test_everything_loads(files, suffix):
 
 
 @pytest.mark.parametrize("name", ["copy.yaml", "elsewhere/copy.json"])
-def test_round_trip(files, name):
+def test_round_trip(files, name, monkeypatch):
+    monkeypatch.chdir(files)  # which holds both folders
     pytest.importorskip("trimesh")
     scene = load_scene(write(files / "full.yaml", full()))
     path = files / name
@@ -266,8 +267,9 @@ def test_many_objects_load_in_bounded_time(tmp_path):
     assert len(scene.obstacles("avoid").kind) == 3000
 
 
-def test_what_is_chosen_of_a_robots_file(tmp_path):
+def test_what_is_chosen_of_a_robots_file(tmp_path, monkeypatch):
     """Paths follow the scene to another folder; wrong keys are refused by name."""
+    monkeypatch.chdir(tmp_path)
     robot = {
         "file": "arms/a.urdf", "tip": "left_tool0", "base": "torso", "srdf": "arms/a.srdf",
         "hold": {"finger": 0.02}, "package_dirs": ["ws"],

@@ -312,9 +312,11 @@ class ProMP(Shown):
 def is_primitive(path: Path) -> bool:
     """Whether ``path`` is a file that :meth:`ProMP.save` wrote."""
     try:
+        if not path.is_file():  # opening a pipe would wait
+            return False
         with zipfile.ZipFile(path) as archive:
             return {"basis.npy", "mean.npy", "covariance.npy"} <= set(archive.namelist())
-    except (OSError, zipfile.BadZipFile):
+    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
         return False
 
 

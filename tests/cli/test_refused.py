@@ -1,0 +1,298 @@
+"""Bad input at the command line: one line with code, file and field; exit 2; nothing written."""
+
+import copy
+import json
+import os
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.fuzzing.mutants import chain, obj
+from tests.scenes.documents import FRUIT, MINIMAL, with_fruit, with_object
+from typer.testing import CliRunner
+
+from optipromp.cli.main import app
+
+runner = CliRunner()
+NAMES = np.array([f"joint{k}" for k in range(1, 8)])
+MOTION = (
+    np.linspace(0.0, 1.0, 20)[None, :, None] * np.array([0.9, 1.0, 1.2])[:, None, None] * np.ones(7)
+)
+
+
+def robot(**changes: str) -> str:
+    """A URDF of two joints, with texts of it replaced."""
+    joint = (
+        '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/>'
+        '<origin xyz="0 0 0.2"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" velocity="1"/>'
+        "</joint>"
+    )
+    shape = "<geometry>" + OLD["shape"] + "</geometry>"
+    link = f'<link name="{{}}"><collision>{shape}</collision></link>'
+    text = "".join(map(link.format, "abc"))
+    text += joint.format("ab", "a", "b") + joint.format("bc", "b", "c")
+    for old, new in changes.items():
+        assert OLD[old] in text
+        text = text.replace(OLD[old], new, 1)
+    return f'<robot name="r">{text}</robot>'
+
+
+OLD = {
+    "origin": '<origin xyz="0 0 0.2"/>', "axis": '<axis xyz="0 1 0"/>', "kind": "revolute",
+    "limit": '<limit lower="-1" upper="1" velocity="1"/>', "shape": '<sphere radius="0.05"/>',
+    "child": '<child link="c"/>', "parent": '<parent link="b"/>', "name": 'name="bc"',
+}  # fmt: skip
+MIMIC = '<limit lower="-1" upper="1" velocity="1"/><mimic joint="{}"/>'
+BOMB = '<!DOCTYPE r [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]><robot name="&b;"/>'
+ROBOTS: list[tuple[str | bytes, str]] = [
+    (robot()[:90], "not well-formed"), ("", "is empty"), (b"\x00\x01\x02", "not well-formed"),
+    ("<sdf/>", "root element is <sdf>"), (robot(origin='<origin xyz="0,1 0 0"/>'), "decimal point"),
+    (robot(origin='<origin xyz="${l} 0 0"/>'), "unexpanded xacro"), (BOMB, "entities"),
+    ('<!DOCTYPE r SYSTEM "file:///etc/passwd"><robot/>', "entities"),
+    (robot(origin='<origin xyz="nan 0 0"/>'), "finite"),
+    (robot(limit='<limit lower="1" upper="-1"/>'), "above upper"),
+    (robot(kind="prismatic", limit=""), "no limits"),
+    (robot(axis='<axis xyz="0 0 0"/>'), "zero axis"),
+    (robot(name='name="ab"'), "defined twice"), (robot(parent='<parent link="c"/>'), "cycle"),
+    (robot(parent='<parent link="a"/>', child='<child link="b"/>'), "two parents"),
+    (robot(child='<child link="z"/>'), "not defined"), (robot(kind="floating"), "'floating'"),
+    (robot(limit=MIMIC.format("ab")), "mimics itself"), (robot(limit=MIMIC.format("zz")), "'zz'"),
+    (robot(shape='<mesh filename="none.stl"/>'), "no such file"),
+    (robot(shape='<mesh filename="/etc/passwd"/>'), "its suffix must be"),
+    (robot(shape='<sphere radius="0"/>'), "positive"),
+    (robot(shape='<box size="1 -1 1"/>'), "positive"),
+    (robot(origin='<origin xyz="0 0 200"/>'), "millimetres"),
+    (robot(limit='<limit lower="-180" upper="180"/>'), "degrees"),
+    (robot(name='name="b\x9b31m"'), "control characters"),
+]  # fmt: skip
+
+
+def cut(text: Any) -> str:
+    return text if isinstance(text, str) else json.dumps(text)
+
+
+SCENES: list[tuple[Any, str]] = [
+    (with_fruit(position=[0, float("nan"), 0]), "position[1] is nan"),
+    (MINIMAL | {"start": [0, float("inf")]}, "start[1] is inf"),
+    (with_object(role="pushabel"), "did you mean 'pushable'"),
+    (with_fruit(shape={"cube": {}}), "valid are sphere"), (with_object(rol="x"), "valid are id"),
+    (with_fruit(orientation=[1.01, 0, 0, 0]), "unit quaternion"),
+    (with_object(id="ripe"), "is taken by"), (MINIMAL | {"objects": []}, "no target"),
+    (with_object(role="target"), "two targets"),
+    (with_fruit(position=[450, 0, 890]), "millimetres"),
+    (with_fruit(covariance=[[1, 0, 0], [0, -1, 0], [0, 0, 1]]), "positive semi-definite"),
+    (with_fruit(sigma=1e200), "at most 10"), (with_fruit(position=[0, 0, 1e300]), "at most 1e+06"),
+    (MINIMAL | {"name": "a\x1b[31m"}, "control characters"),
+    (MINIMAL | {"name": "a" * 5000}, "at most"),
+    (MINIMAL | {"name": "a\x00"}, "control characters"), (MINIMAL | {"name": "\u202e"}, "control"),
+    (MINIMAL | {"robot": "../../etc/arm.urdf"}, "OPTIPROMP_FOLDERS"),
+    (with_object(shape={"mesh": {"file": "/etc/a.stl"}}), "outside the folder"),
+    (with_object(shape={"point_cloud": {"file": "secret.txt", "radius": 1}}), "three numbers"),
+    (with_object(shape={"mesh": {"file": "open.obj"}}), "watertight"),
+    (with_object(shape={"mesh": {"file": "nan.obj"}}), "vertex"),
+    (MINIMAL | {"approach": {"camera_distance": 1e11}}, "at most 20"),
+    ("[" * 20_000, "nested too deep"), ('{"name": 1' + "0" * 5000 + "}", "4300 digits"),
+    ('{"a": 1, "a": 2}', "stands twice"), ("[" + "0," * 3_000_001, "more than 3000000 values"),
+]  # fmt: skip
+YAMLS: list[tuple[str, str]] = [
+    ("[" * 100_000, "nested deeper than 100"), ("{a: " * 100_000, "nested deeper than 100"),
+    ("- " * 5_000, "nested deeper than 100"),
+    ("a0: &a0 {x: 1}\n" + "".join(
+        f"a{i}: &a{i}\n  <<: [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12)
+    ), "unfold"),
+    *((f"name: {tag}\n", "must have none") for tag in (
+        "!!timestamp x", "!!bool x", "!!int x", "!!binary x", "!!python/name:os.system",
+        "!!set {a}",
+    )),
+    ("".join(f"k{i}: 1\n" for i in range(60_000)), "unknown key 'k0'"),
+    ("a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
+        f"{chr(98 + i)}: &{chr(98 + i)} [{','.join(['*' + chr(97 + i)] * 9)}]\n" for i in range(5)
+    ), "unknown key 'a'"),
+]  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    lines = obj().decode().splitlines()
+    (tmp_path / "open.obj").write_text("\n".join(lines[:-1]))
+    (tmp_path / "nan.obj").write_text("\n".join(["v nan 0 0", *lines[1:]]))
+    (tmp_path / "secret.txt").write_text("0 0 0\npassword: 1234\n")
+    return tmp_path
+
+
+def refused(arguments: list[str], code: str, *words: str) -> None:
+    """The command says so in one line, ends with 2 and leaves nothing."""
+    before = set(Path().rglob("*"))
+    result = runner.invoke(app, arguments)
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    assert result.stderr.startswith(f"error {code}: ")
+    assert result.stderr.count("\n") == 1
+    assert all(word in result.stderr for word in words), result.stderr
+    assert "Traceback" not in result.stderr
+    assert "1234" not in result.stderr
+    assert set(Path().rglob("*")) <= before | {Path("out")}
+    assert not any(Path("out").rglob("*"))
+
+
+@pytest.mark.parametrize(("content", "words"), ROBOTS)
+def test_robots(folder: Path, content: str | bytes, words: str) -> None:
+    (folder / "r.urdf").write_bytes(content if isinstance(content, bytes) else content.encode())
+    refused(["check", "r.urdf"], "INVALID_ROBOT", "r.urdf", words)
+
+
+@pytest.mark.parametrize(("content", "words"), SCENES)
+def test_scenes(folder: Path, content: Any, words: str) -> None:
+    (folder / "s.json").write_text(cut(content))
+    refused(["plan", "s.json", "--out", "out"], "INVALID_SCENE", "s.json", words)
+
+
+@pytest.mark.parametrize(("content", "words"), YAMLS)
+def test_yaml(folder: Path, content: str, words: str) -> None:
+    (folder / "s.yaml").write_text(content)
+    refused(["plan", "s.yaml", "--out", "out"], "INVALID_SCENE", "s.yaml", words)
+
+
+def broken(kind: str) -> None:
+    """A file demos.npz (or what else it is) that holds no demonstrations."""
+    path, good = Path("demos.npz"), {"positions": MOTION, "joint_names": NAMES}
+    match kind:
+        case "text":
+            path.write_text("hello")
+        case "pickle":
+            path.write_bytes(b"\x80\x04}\x94.")
+        case "objects":
+            np.savez(path, positions=np.array([None], dtype=object))
+        case "cut" | "flipped" | "encrypted":
+            np.savez(path, allow_pickle=False, **good)
+            data = bytearray(path.read_bytes())
+            if kind == "flipped":
+                data[600] ^= 0xFF
+            elif kind == "encrypted":
+                data[6] |= 1
+                data[data.find(b"PK\x01\x02") + 8] |= 1
+            path.write_bytes(bytes(data[: len(data) // 2] if kind == "cut" else data))
+        case "bomb":
+            with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+                archive.writestr("positions.npy", bytes(300_000_000))
+        case "pipe":
+            os.mkfifo(path)
+        case "nan":
+            np.savez(path, positions=np.where(MOTION > 0.9, np.nan, MOTION), joint_names=NAMES)
+        case "times":
+            np.savez(path, time=np.zeros(20), **good)
+        case "huge":
+            np.savez(path, positions=MOTION * 1e300, joint_names=NAMES)
+        case "foreign":
+            np.savez(path, positions=MOTION, joint_names=np.array([*NAMES[:-1], "x"]))
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["text", "pickle", "objects", "cut", "flipped", "encrypted", "bomb", "pipe", "nan", "times",
+     "huge", "foreign"],
+)  # fmt: skip
+def test_demonstrations(folder: Path, kind: str) -> None:
+    broken(kind)
+    refused(
+        ["plan", "scenario-3", "--demonstrations", "demos.npz", "--out", "out"],
+        "INVALID_DEMONSTRATION", "demos.npz",
+    )  # fmt: skip
+
+
+def device() -> None:
+    Path("s.yaml").symlink_to("/dev/zero")
+
+
+def sparse() -> None:
+    with Path("s.yaml").open("wb") as file:
+        file.truncate(2_000_000_000)
+
+
+@pytest.mark.parametrize("make", [device, sparse, lambda: os.mkfifo("s.yaml")])
+def test_files_without_end(folder: Path, make: Callable[[], None]) -> None:
+    make()
+    refused(["plan", "s.yaml", "--out", "out"], "INVALID_SCENE", "s.yaml", "must")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--set", "alphas=-1"], "valid are"), (["--set", "paper.alphas=[-1,1,1,0]"], "negative"),
+        (["--set", "paper.epsilon=0"], "positive"),
+        (["--set", "iterations=-1"], "iterations is -1"),
+        (["--set", "waypoints=2"], ">= 3"), (["--duration", "0"], "positive"),
+        (["--duration", "1e300"], "finite"), (["--timeout", "nan"], "timeout is nan"),
+        (["--set", "max_step=fast"], "of type float"), (["--rate", "-1"], "--rate is -1"),
+    ],
+)  # fmt: skip
+def test_requests(folder: Path, options: list[str], words: str) -> None:
+    refused(["plan", "scenario-3", "--out", "out", *options], "INVALID_REQUEST", words)
+
+
+def test_a_start_in_degrees_is_told(folder: Path) -> None:
+    (folder / "s.json").write_text(json.dumps(MINIMAL | {"start": [0, 0, 0, -90, 0, 90, 0]}))
+    refused(["plan", "s.json", "--out", "out"], "START_INVALID", "joint", "degrees?")
+
+
+def test_objects_of_hundreds_of_metres_are_told(folder: Path) -> None:
+    floor = {"id": "floor", "role": "static", "shape": {"box": {"size": [800, 800, 0.1]}}}
+    scene = copy.deepcopy(MINIMAL)
+    scene["objects"].append(floor | {"position": [0, 0, -0.5]})
+    (folder / "s.json").write_text(json.dumps(scene))
+    result = runner.invoke(app, ["check", "s.json"])
+    assert result.exit_code == 0
+    assert "warning: object 'floor' reaches" in result.stderr
+    assert "millimetres?" in result.stderr
+
+
+def test_a_scene_may_read_where_it_is_allowed(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from random import Random
+
+    other = folder / "other"
+    (other / "scenes").mkdir(parents=True)
+    (folder / "cube.obj").write_bytes(obj())
+    (folder / "arm.urdf").write_text(chain(Random(1)))
+    scene = {"format": 1, "name": "s", "robot": "../../arm.urdf", "objects": [FRUIT]}
+    (other / "scenes/s.json").write_text(json.dumps(scene))
+    monkeypatch.chdir(other)
+    refused(["check", "scenes/s.json"], "INVALID_SCENE", "outside the folder")
+    monkeypatch.setenv("OPTIPROMP_FOLDERS", str(folder))
+    assert runner.invoke(app, ["check", "scenes/s.json"]).exit_code == 0
+
+
+@pytest.mark.parametrize("name", ["a[/bold]$\\frac{$%s{}", "ü–→"])
+def test_names_are_no_markup(folder: Path, name: str) -> None:
+    scene = copy.deepcopy(MINIMAL) | {"name": name}
+    scene["objects"][0]["id"] = name
+    (folder / "s.json").write_text(json.dumps(scene))
+    result = runner.invoke(app, ["plan", "s.json", "--out", "out"])
+    assert result.exit_code == 0, result.output
+    assert name in result.stdout
+    assert json.loads(Path("out/plan.json").read_text())["scene"] == name
+    assert Path("out/reach.png").exists()
+
+
+def test_a_folder_goes_on_past_a_scene_that_is_none(folder: Path) -> None:
+    (folder / "scenes").mkdir()
+    (folder / "scenes/a.yaml").write_text("name: !!timestamp x\n")
+    (folder / "scenes/b.yaml").write_text("[" * 100_000)
+    (folder / "scenes/c.json").write_text(json.dumps(MINIMAL))
+    result = runner.invoke(app, ["plan", "scenes", "--workers", "1", "--json"])
+    assert result.exit_code == 2
+    statuses = [entry["status"] for entry in json.loads(result.stdout)["scenes"]]
+    assert statuses == ["INVALID_SCENE", "INVALID_SCENE", "success"]
+
+
+def test_a_device_is_not_replaced(folder: Path) -> None:
+    np.savez("demos.npz", positions=MOTION, joint_names=NAMES)
+    Path("learnt.npz").symlink_to("/dev/full")
+    refused(["learn", "demos.npz", "--out", "learnt.npz"], "INVALID_REQUEST", "it is no file")
+    assert Path("learnt.npz").is_symlink()
+    refused(["learn", "demos.npz", "--out", "x.npz", "--bases", "100000"], "INVALID_REQUEST", "200")

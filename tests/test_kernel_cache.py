@@ -1,0 +1,81 @@
+"""The cache of compiled kernels: whole or made again, private or not used."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import optipromp
+from optipromp.compiled import is_private
+
+PROGRAM = """
+import sys, warnings
+warnings.simplefilter("always")
+from optipromp.compiled import _CACHED, in_cache, kernel
+
+@kernel
+def twice(x):
+    return 2.0 * x
+
+print(_CACHED, in_cache(twice), twice(3.0), sum(twice.stats.cache_hits.values()))
+"""
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Path:
+    path = tmp_path / "program.py"
+    path.write_text(PROGRAM)
+    return path
+
+
+def run(program: Path, cache: Path, **limits: str) -> tuple[list[str], str]:
+    source = str(Path(optipromp.__file__).parents[1])
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": source} | limits
+    done = subprocess.run(
+        [sys.executable, str(program)], env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split(), done.stderr
+
+
+def test_a_damaged_cache_is_noticed_and_made_again(program: Path, tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    assert run(program, cache)[0] == ["True", "False", "6.0", "0"]
+    assert run(program, cache)[0] == ["True", "True", "6.0", "1"]
+    (data,) = cache.rglob("program.twice*.nbc")
+    good = data.read_bytes()
+    for content in (
+        good[: len(good) // 2],
+        bytes(len(good)),
+        good[:900] + b"\xff" + good[901:],
+        b"",
+    ):
+        data.write_bytes(content)
+        assert run(program, cache)[0][2:] == ["6.0", "0"]
+    (index,) = cache.rglob("program.twice*.nbi")
+    index.write_bytes(index.read_bytes()[:-20])
+    assert run(program, cache)[0][1:] == ["False", "6.0", "0"]
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners of POSIX")
+def test_a_folder_that_others_can_write_in_is_not_used(program: Path, tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    cache.mkdir()
+    assert is_private(cache)
+    assert is_private(cache / "none")
+    cache.chmod(0o777)
+    assert not is_private(cache)
+    assert not is_private(cache / "below")
+    said, warned = run(program, cache)
+    assert said == ["False", "False", "6.0", "0"]
+    assert "others can write in" in warned
+    assert not list(cache.rglob("*.nb?"))
+
+
+@pytest.mark.skipif(not Path("/proc/none").parent.exists(), reason="a place nobody can write in")
+def test_without_a_folder_kernels_are_compiled_in_memory(program: Path) -> None:
+    said, warned = run(program, Path("/proc/none"), HOME="/proc/none", XDG_CACHE_HOME="/proc/none")
+    assert said[2:] == ["6.0", "0"]
+    assert said[0] == "True" or "compiled in memory" in warned
