@@ -30,7 +30,7 @@ def test_nothing_in_contact_is_called_free(name: str) -> None:
     assert tally.missed == []
     assert tally.touching > 0
     if tally.ours:
-        assert (np.array(tally.ours) - tally.theirs).max() < 6e-3  # of far arms, at link 6's end
+        assert (np.array(tally.ours) - tally.theirs).max() < 3e-6
 
 
 def test_the_distances_to_its_own_spheres_are_coals() -> None:

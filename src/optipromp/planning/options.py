@@ -112,9 +112,8 @@ class PlanOptions:
         timeout: wall time of planning [s], without that of reading the scene's file and of
             compiling. When it is over, the best trajectory so far is returned;
             its status is TIMEOUT if it is not valid or nothing has been optimised yet.
-        effort: steps of work, at most: iterations, candidates and batches of samples; see
-            :class:`optipromp.budget.Budget`. It ends a plan as the timeout does, but at the same
-            place on every machine. None: no limit.
+        effort: steps of work, at most: iterations, candidates and batches of samples. It ends a
+            plan as the timeout does, but at the same place on every machine. None: no limit.
         prediction: true: where a model of the push applies, the tool path is searched in it. False:
             the rule of the method gives the path. The plan reports the predicted harm either way.
         approach_speed: largest speed of the tool on its path, where something is to be pushed
