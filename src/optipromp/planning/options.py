@@ -163,15 +163,16 @@ class PlanOptions:
             number = getattr(self, item.name)
             if isinstance(number, float) and not np.isfinite(number):
                 need(item.name == "timeout" and number > 0, item.name, "finite")
-        count, steps, most = self.waypoints, self.iterations, self.effort
+        count, steps = self.waypoints, self.iterations
         need(count is None or (whole(count) and count >= 3), "waypoints", "a whole number >= 3")
         need(self.duration is None or self.duration > 0, "duration", "positive [s]")
         need(self.timeout > 0, "timeout", "positive [s]")
-        need(most is None or (whole(most) and most > 0), "effort", "a whole number > 0")
         need(isinstance(self.prediction, bool), "prediction", "true or false")
         speed = self.approach_speed
         need(speed is None or speed > 0, "approach_speed", "positive [m/s]")
         need(self.max_step > 0, "max_step", "positive [rad or m]")
+        most = self.effort
+        need(most is None or (type(most) is int and most > 0), "effort", "a whole number > 0")
         for name in (
             "corridor", "smoothness", "static_clearance", "avoid_clearance", "self_clearance",
             "limit_margin",
