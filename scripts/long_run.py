@@ -69,13 +69,15 @@ def main() -> None:
     warm_up()
     wanted = {name: fresh(name) for name in NAMES}
     rounds = max(asked.plans // len(NAMES), 20)
+    tenth = rounds // 10
     memory, times, other = [], [], 0
-    for _ in range(rounds):
+    for k in range(rounds):
         began = time.process_time()
         other += sum(digest(scene_of(name)) != wanted[name] for name in NAMES)
         times.append(time.process_time() - began)
         memory.append(resident())
-    tenth = rounds // 10
+        if (k + 1) % tenth == 0:
+            print(f"{(k + 1) * len(NAMES)} plans, {memory[-1]:.1f} MB, {other} other", flush=True)
     growth = memory[-1] / memory[tenth] - 1.0
     early, late = (
         statistics.median(times[part])

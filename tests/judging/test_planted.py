@@ -65,6 +65,7 @@ def test_a_waypoint_that_penetrates(which: int, seed: int, depth: float, radius:
     made, rng = planned(which), np.random.default_rng(seed)
     q = made.trajectory.positions[rng.integers(made.trajectory.n_waypoints)]
     one = rng.integers(len(made.robot.spheres.radius))
+    depth = min(depth, radius)  # no deeper than to the middle of the pin
     reach = made.robot.spheres.radius[one] + radius - depth
     pin = made.robot.sphere_centers(q)[one] + reach * unit(rng)
     found = [v for v in faults(made, with_pin(made.scene, pin, radius)) if "pin" in v.message]

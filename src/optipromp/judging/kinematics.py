@@ -18,7 +18,7 @@ from optipromp.scenes.rotations import to_quaternion
 from optipromp.trajectory import Trajectory
 
 MOST_CHECKS = 200_000  # configurations of one trajectory: a choice, about 0.5 s of checking
-UNSEEN = 1e-3  # [m] that a sphere may graze a point between two checks: a choice
+GRAZED = 1e-3  # [m] that a sphere may graze a point between two checks: a choice
 LARGEST_TURN = 0.2  # [rad or m] summed over the joints: a chord is shorter than its arc by < 1 %
 UNEVEN = 0.01  # [rad or m] of a part's motion that is not linear in time: a choice
 
@@ -125,7 +125,7 @@ def centers(robot: Robot, q: FloatArray) -> FloatArray:
 def refined(robot: Robot, trajectory: Trajectory) -> tuple[FloatArray, FloatArray, IntArray, bool]:
     """The curve, refined so that no sphere moves over half its radius between checks.
 
-    A sphere of more than 32 :data:`UNSEEN` moves less: no point enters it deeper than that unseen.
+    A sphere of more than 32 :data:`GRAZED` moves less: no point enters it deeper than that unseen.
 
     Returns:
         Times (M,) [s] and configurations (M, n), the waypoints among them; which (T,) of them are
@@ -243,7 +243,7 @@ def divisions(body, q, parts):  # type: ignore[no-untyped-def]
             y = placed[t + 1, b, 1] - placed[t, b, 1]
             z = placed[t + 1, b, 2] - placed[t, b, 2]
             squared, radius = x * x + y * y + z * z, body.radius[b]
-            allowed = min(0.25 * radius * radius, 8.0 * UNSEEN * radius)
+            allowed = min(0.25 * radius * radius, 8.0 * GRAZED * radius)
             if squared > worst * allowed:
                 worst = squared / allowed
         parts[t] = max(1.0, math.ceil(1.1 * math.sqrt(worst)))

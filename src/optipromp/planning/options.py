@@ -148,11 +148,11 @@ class PlanOptions:
             ``max_step``.
         duration: of the trajectory [s]; None: the shortest that the limits and ``approach_speed``
             allow.
-        timeout: wall time of planning [s]. When it is over, the best trajectory so far is returned;
+        timeout: wall time of planning [s], without that of reading the scene's file and of
+            compiling. When it is over, the best trajectory so far is returned;
             its status is TIMEOUT if it is not valid or nothing has been optimised yet.
-        effort: steps of work, at most: iterations, candidates and batches of samples; see
-            :class:`optipromp.budget.Budget`. It ends a plan as the timeout does, but at the same
-            place on every machine. None: no limit.
+        effort: steps of work, at most: iterations, candidates and batches of samples. It ends a
+            plan as the timeout does, but at the same place on every machine. None: no limit.
         prediction: true: where a model of the push applies, the tool path is searched in it. False:
             ``rule`` gives the path. The plan reports the predicted harm either way.
         rule: on which side the tool passes each neighbour, without a prediction: away from its

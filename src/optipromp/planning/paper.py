@@ -188,6 +188,8 @@ def _staged(posed: Posed, radius: float, budget: Budget) -> Solved:
         return _judged(posed, q, stages)
     order = ("collision", "push") if posed.task.scene.static else ("push", "collision")
     for place, name in enumerate(order):
+        if stages and budget.cut:
+            break
         if name == "push" and posed.drift.ids:
             limit = options.iterations or PAPER.push_iterations[place]
             q, stage = _push(posed, q, radius, limit, budget)

@@ -231,7 +231,6 @@ def _plan(
     state: State | None = None,
     running: tuple[Plan | None, float | None] = (None, None),
 ) -> Plan:
-    began = time.perf_counter()
     options = options or DEFAULTS
     check_planner(planner, strategy, seed)
     if not isinstance(options, PlanOptions):
@@ -239,6 +238,7 @@ def _plan(
     say = progress or (lambda _: None)
     if not isinstance(scene, Scene):
         scene = load_scene(scene)
+    began = time.perf_counter()
     task = resolve(scene, robot, state)
     if state is not None:
         task = underway(task, *running)
