@@ -99,7 +99,7 @@ def test_check_tells_the_body_of_a_robot(tmp_path: Path) -> None:
     assert sum(document["spheres"].values()) == document["body_spheres"]
     assert set(document["spheres"]) == set("abcd")
     assert 0.0 < document["excess"]["a"] < 0.03
-    assert document["may_touch"] == ["a and c (arm.srdf)"]
+    assert "a and c (arm.srdf)" in document["may_touch"]
     assert (tmp_path / "out" / "cover.png").read_bytes().startswith(b"\x89PNG")
     refused = runner.invoke(app, ["check", "scenario-1", "--out", str(tmp_path)])
     assert refused.exit_code == 2

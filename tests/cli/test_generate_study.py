@@ -150,7 +150,8 @@ def test_the_ten_minutes_of_add_a_robot(tmp_path: Path, monkeypatch: pytest.Monk
     for words in commands:
         quick = words.replace("--count 10", "--count 2").replace("--seeds 0:50", "--seeds 0:1")
         result = RUN.invoke(app, quick.replace(" --video", "").split())
-        assert result.exit_code == 0, f"{words}: {result.output}"
+        refused = words.startswith("plan") and "HARM_PREDICTED" in result.output  # an answer too
+        assert result.exit_code == 0 or refused, f"{words}: {result.output}"
     assert (tmp_path / "look/cover.png").is_file()
     assert (tmp_path / "plans/cluster-0/outcome.json").is_file()
     assert (tmp_path / "study/rows.csv").is_file()

@@ -348,4 +348,4 @@ def test_every_setting_is_heeded(strategy: str, name: str, planned: Planned) -> 
 def test_no_setting_is_forgotten_here() -> None:
     names = {item.name for item in fields(PaperOptions)}
     primitives = {"camera_phase", "camera_point", "via_deviation", "direction_deviation"}
-    assert names == set(JOINT) | set(SEQUENTIAL) | primitives | {"drift"}
+    assert names == set(JOINT) | set(SEQUENTIAL) | primitives | {"drift", "guard"}

@@ -50,7 +50,7 @@ def same(one: Plan, other: Plan) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("planner", "harmed"), [("promp", "n2 is swallowed"), ("i-promp", "n2 is swallowed")]
+    ("planner", "harmed"), [("promp", "n1 is swallowed"), ("i-promp", "n2 is swallowed")]
 )
 def test_a_plan_that_is_predicted_to_do_harm_is_no_success(
     planner: str, harmed: str, planned: Callable[..., Plan]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from optipromp.budget import Budget
 from optipromp.geometry.shapes import Box, Cylinder
 from optipromp.pushing.model import Round, search
 from optipromp.pushing.path import ToolPath, through
@@ -201,7 +202,8 @@ def test_late_there_is_a_path_and_little_is_tried_for_it(monkeypatch: pytest.Mon
     model = Standing(scene, HAND)
     model.good = 0.0  # so that it goes on
     up = scene.frame[2]
-    found = list(search(model, up, np.random.default_rng(0), time.perf_counter() - 1.0))
+    late_by = Budget(time.perf_counter() - 1.0)
+    found = list(search(model, up, np.random.default_rng(0), late_by))
     late = len(tried)
     assert len(found) == 1
     tried.clear()

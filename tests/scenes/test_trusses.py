@@ -10,7 +10,7 @@ from optipromp.errors import InvalidSceneError
 from optipromp.geometry import Cone, Ellipsoid, Sphere
 from optipromp.ros.scenes import collision_object, read_collision_object
 from optipromp.scenes import Pose, Scene, SceneObject, Stem
-from optipromp.scenes.generate import generate, perceived
+from optipromp.scenes.generate import NOISES, generate, perceived
 from optipromp.scenes.generate.plants import untold
 from optipromp.scenes.trusses import nearest, parents_first, rooted
 
@@ -86,7 +86,7 @@ def test_detected_trusses_are_whole() -> None:
         assert 3 <= len(true.pushables) + 1 <= 5
         held = [item for item in true.objects if item.stem and item.stem.parent is None]
         assert len(held) == 1
-        seen = perceived(true, np.random.default_rng(seed), 0.005, np.deg2rad(5.0))
+        seen = perceived(true, np.random.default_rng(seed), NOISES["zero-mean"])
         assert [item.stem.parent for item in seen.objects if item.stem] == [
             item.stem.parent for item in true.objects if item.stem
         ]

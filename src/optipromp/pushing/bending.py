@@ -217,7 +217,7 @@ def bent(
     stiffer[:, 0] *= 0.5  # clamped: the beam is mirrored at its root
     ei = np.zeros((count, n + 2))  # by h³, at the grid's points from the root; none beyond the end
     ei[:, :n] = bending[:, None] * stiffer / h[:, None] ** 3
-    pull = tension.reshape(count, -1) / h[:, None]
+    pull = (tension if tension.ndim == 2 else tension[:, None]) / h[:, None]
     band = _band(ei, pull)
     compliance = np.array([dpbsv(one, _UNIT, lower=1)[1] for one in band]).reshape(count, n, loaded)
     joint, first = np.zeros((count, 0, 3, 3)), np.zeros((count, 1, loaded))

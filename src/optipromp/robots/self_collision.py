@@ -20,6 +20,7 @@ MOSTLY = 0.95  # share of them at which links touch, so that a check of them wou
 OFTEN = 10  # times that two spheres overlap there, at least, for their slack to be known
 KEPT = 0.0005  # [m] of slack given away: parts are known at their corners (see DIRECTIONS)
 FAR = 0.05  # [m] that covers keep at all of them, so that a check of them is not worth its time
+MOST_LINKS = 3000  # pairs of links: a robot of 78 links; a chain of 3,000 would take hours
 _PAIRS_VERSION = 2  # part of the cache key: raise it when the same robot gets other pairs
 _CHUNK = 1_000_000
 
@@ -94,7 +95,8 @@ def sorted_out(robot: Robot, pairs: IntArray, fitted: Collection[str], given: Fl
     meet are left out; so are links that touch all the same at more than :data:`MOSTLY` of the
     configurations, and links whose covers keep :data:`FAR` at all of them. Spheres that are short
     at home while the links are apart there get the slack that home needs; but a home with a joint
-    at its limit is where nobody chose to be, and says nothing.
+    at its limit is where nobody chose to be, and says nothing. Of more than :data:`MOST_LINKS`
+    pairs of links none is looked at.
     """
     link, names = robot.spheres.link, robot.link_names
     pairs = pairs[np.lexsort((link[pairs[:, 1]], link[pairs[:, 0]]))] if fitted else pairs
@@ -103,8 +105,10 @@ def sorted_out(robot: Robot, pairs: IntArray, fitted: Collection[str], given: Fl
     pairs, out = pairs[looked], list[LeftOut]()
     if not len(pairs):
         return kept[0], slacks[0], ()
-    sample = _Sample(robot, Parts(len(link), given))
     links, first = np.unique(link[pairs], axis=0, return_index=True)
+    if len(links) > MOST_LINKS:
+        return np.concatenate([*kept, pairs]), np.zeros(sum(map(len, kept)) + len(pairs)), ()
+    sample = _Sample(robot, Parts(len(link), given))
     for (a, b), own in zip(links, np.split(pairs, first[1:]), strict=True):
         slack, share, nearest = sample.slack(own)
         meet = np.isfinite(slack)
