@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 else:
     from numba.core.caching import IndexDataCacheFile
 
-_DIGITS = 4  # bytes of the checksum
+_CHECKED = 4  # bytes of the checksum
 
 
 def _whole(path: str) -> bool:
@@ -33,7 +33,7 @@ def _whole(path: str) -> bool:
         content = Path(path).read_bytes()
     except FileNotFoundError:
         return True
-    return content[-_DIGITS:] == zlib.crc32(content[:-_DIGITS]).to_bytes(_DIGITS, "big")
+    return content[-_CHECKED:] == zlib.crc32(content[:-_CHECKED]).to_bytes(_CHECKED, "big")
 
 
 class _Checked(IndexDataCacheFile):  # type: ignore[misc]
@@ -44,7 +44,7 @@ class _Checked(IndexDataCacheFile):  # type: ignore[misc]
         with super()._open_for_write(filepath) as file:
             yield (content := io.BytesIO())
             file.write(content.getvalue())
-            file.write(zlib.crc32(content.getvalue()).to_bytes(_DIGITS, "big"))
+            file.write(zlib.crc32(content.getvalue()).to_bytes(_CHECKED, "big"))
 
     def _load_index(self) -> Any:
         return super()._load_index() if _whole(self._index_path) else {}

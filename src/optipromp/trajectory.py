@@ -11,11 +11,11 @@ from optipromp.arrays import FloatArray, frozen
 from optipromp.errors import InvalidRequestError
 from optipromp.shown import Shown
 
-LARGEST = 1e9
+GREATEST = 1e9
 """Size of a position, velocity, acceleration [rad or m, s] or time [s], at most; what is derived
 from them does not overflow."""
 
-SHORTEST = 1e-9
+SHORTEST_STEP = 1e-9
 """Time between two rows, at least [s]."""
 
 Motion = tuple[FloatArray, FloatArray, FloatArray]
@@ -47,9 +47,9 @@ class State:
                 raise InvalidRequestError(
                     f"{what} of a state has shape {values.shape}; q has {np.shape(self.q)}"
                 )
-            if not (np.abs(values) <= LARGEST).all():
+            if not (np.abs(values) <= GREATEST).all():
                 raise InvalidRequestError(
-                    f"{what} of a state is {values.tolist()}: must be finite, at most {LARGEST:g}"
+                    f"{what} of a state is {values.tolist()}: must be finite, at most {GREATEST:g}"
                 )
             object.__setattr__(self, what, values)
 
@@ -109,12 +109,12 @@ class Trajectory(Shown):
                 raise InvalidRequestError(
                     f"{what} have shape {values.shape}; positions have {shape}"
                 )
-            usable = np.abs(values) <= LARGEST
+            usable = np.abs(values) <= GREATEST
             if not usable.all():
                 row, joint = (int(i) for i in np.argwhere(~usable)[0])
                 value = values[row, joint]
                 wrong = (
-                    f"{value:g}: must be at most {LARGEST:g}"
+                    f"{value:g}: must be at most {GREATEST:g}"
                     if np.isfinite(value)
                     else "not finite"
                 )
@@ -218,15 +218,15 @@ class Trajectory(Shown):
 
 def _times(values: FloatArray) -> FloatArray:
     times = frozen(values)
-    if times.ndim != 1 or not (np.abs(times) <= LARGEST).all():
-        raise InvalidRequestError(f"times must be finite, at most {LARGEST:g}, as (T,) [s]")
+    if times.ndim != 1 or not (np.abs(times) <= GREATEST).all():
+        raise InvalidRequestError(f"times must be finite, at most {GREATEST:g}, as (T,) [s]")
     if len(times) and times[0] != 0.0:
         raise InvalidRequestError(f"times begin at {times[0]:g}; they must begin at 0 [s]")
-    if (short := np.flatnonzero(np.diff(times) < SHORTEST)).size:
+    if (short := np.flatnonzero(np.diff(times) < SHORTEST_STEP)).size:
         row = int(short[0])
         raise InvalidRequestError(
             f"times do not grow: {times[row]:g} s at waypoint {row}, then {times[row + 1]:g} s; "
-            f"they must by {SHORTEST:g} s"
+            f"they must by {SHORTEST_STEP:g} s"
         )
     return times
 

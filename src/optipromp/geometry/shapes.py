@@ -17,7 +17,7 @@ import numpy as np
 from optipromp.arrays import FloatArray, IntArray, frozen
 from optipromp.errors import InvalidSceneError
 
-LARGEST = 1e6
+FARTHEST = 1e6
 """Size of a number of a scene, at most [m, rad]; what is derived from it does not overflow."""
 
 CONVEX = 0.02  # share of its hull's volume that a mesh may lack and still count as convex
@@ -25,9 +25,9 @@ CONVEX = 0.02  # share of its hull's volume that a mesh may lack and still count
 
 def _positive(shape: str, name: str, value: float) -> float:
     number = float(value)
-    if not 0.0 < number <= LARGEST:
+    if not 0.0 < number <= FARTHEST:
         raise InvalidSceneError(
-            f"{shape} {name} is {number:g}: must be finite and above 0 [m], at most {LARGEST:g}"
+            f"{shape} {name} is {number:g}: must be finite and above 0 [m], at most {FARTHEST:g}"
         )
     return number
 
@@ -192,11 +192,11 @@ def _rows_of_three(name: str, what: str, values: FloatArray, letter: str, least:
         raise InvalidSceneError(
             f"{name}: {what} have shape {values.shape}: must be ({letter}, 3), {letter} >= {least}"
         )
-    bad = np.flatnonzero(~(np.abs(values) <= LARGEST).all(axis=1))
+    bad = np.flatnonzero(~(np.abs(values) <= FARTHEST).all(axis=1))
     if bad.size:
         row, one = values[bad[0]].tolist(), {"vertices": "vertex", "points": "point"}[what]
         raise InvalidSceneError(
-            f"{name}: {one} {bad[0]} is {row}: must be finite, at most {LARGEST:g}"
+            f"{name}: {one} {bad[0]} is {row}: must be finite, at most {FARTHEST:g}"
         )
 
 

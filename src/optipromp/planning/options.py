@@ -54,10 +54,12 @@ def _check_types(options: "PaperOptions | PlanOptions", prefix: str) -> None:
         for number in numbers:
             if _fits(number, float):
                 endless = item.name == "timeout" and number == math.inf
-                _need(options, prefix, endless or abs(number) < _LARGEST, item.name, "finite")
+                _need(
+                    options, prefix, endless or abs(number) < _LARGEST_SETTING, item.name, "finite"
+                )
 
 
-_LARGEST = 1e9  # of any setting, in its unit
+_LARGEST_SETTING = 1e9  # of any setting, in its unit
 _hints = functools.cache(get_type_hints)
 
 

@@ -220,17 +220,11 @@ def _predict_once(task: Task) -> None:
 
 
 def _plan(
-    scene: Scene | str | Path,
-    robot: Robot | None,
-    planner: Planner,
-    strategy: Strategy,
-    demonstrations: ProMP | str | Path | None,
-    seed: int,
-    options: PlanOptions | None,
-    progress: Callable[[str], None] | None,
-    state: State | None = None,
+    scene: Scene | str | Path, robot: Robot | None, planner: Planner, strategy: Strategy,
+    demonstrations: ProMP | str | Path | None, seed: int, options: PlanOptions | None,
+    progress: Callable[[str], None] | None, state: State | None = None,
     running: tuple[Plan | None, float | None] = (None, None),
-) -> Plan:
+) -> Plan:  # fmt: skip
     options = options or DEFAULTS
     check_planner(planner, strategy, seed)
     if not isinstance(options, PlanOptions):

@@ -17,7 +17,7 @@ from optipromp.promp.checks import PHASE_TOLERANCE, UnitsWarning, finite_array, 
 from optipromp.tables import read_table
 
 _LARGEST = 4.0 * np.pi
-_MOST = 1e6  # [rad or m] what is learnt from larger ones overflows
+_LARGEST_JOINT = 1e6  # [rad or m] what is learnt from larger ones overflows
 _FORMS = "Q, time, lengths; or positions (N, T, n) with an optional time (T,) or (N, T)"
 
 
@@ -43,8 +43,10 @@ class Demonstration:
         error = InvalidDemonstrationError
         times = finite_array(self.times, "times", 1, error)
         positions = finite_array(self.positions, "positions", 2, error)
-        if positions.size and np.abs(positions).max() > _MOST:
-            raise error(f"positions reach {np.abs(positions).max():g}: must be at most {_MOST:g}")
+        if positions.size and np.abs(positions).max() > _LARGEST_JOINT:
+            raise error(
+                f"positions reach {np.abs(positions).max():g}: must be at most {_LARGEST_JOINT:g}"
+            )
         if positions.shape[0] != times.size or positions.shape[1] == 0:
             raise error(
                 f"positions: expected shape ({times.size}, n), one row per time, "

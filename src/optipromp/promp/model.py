@@ -20,7 +20,7 @@ from optipromp.promp.gaussian import check_covariance, root
 from optipromp.shown import Shown
 
 PROMP_FORMAT = 1
-LARGEST = 1e9  # [rad or m] of a weight; what is derived from larger ones overflows
+LARGEST_WEIGHT = 1e9  # [rad or m] of a weight; what is derived from larger ones overflows
 _KEYS = ("format", "basis", "mean", "covariance", "noise", "joint_names")
 
 
@@ -64,8 +64,10 @@ class ProMP(Shown):
                 f"mean: expected shape (n, {count}) or (n * {count},), got {mean.shape}"
             )
         n = mean.shape[0]
-        if np.abs(mean).max() > LARGEST:
-            raise InvalidRequestError(f"mean reaches {np.abs(mean).max():g}: at most {LARGEST:g}")
+        if np.abs(mean).max() > LARGEST_WEIGHT:
+            raise InvalidRequestError(
+                f"mean reaches {np.abs(mean).max():g}: at most {LARGEST_WEIGHT:g}"
+            )
         covariance = check_covariance(self.covariance, n * count, "covariance")
         noise = finite_array(self.noise, "noise")
         if noise.shape not in ((), (n,)) or (noise < 0.0).any():

@@ -15,7 +15,7 @@ import numpy as np
 from optipromp.arrays import FloatArray, IntArray
 
 
-class Tree(NamedTuple):
+class StemTree(NamedTuple):
     """N stems of one or more trusses.
 
     Attributes:
@@ -39,14 +39,14 @@ class Tree(NamedTuple):
         return out
 
 
-def tree(parent: IntArray, root: FloatArray, axes: FloatArray, length: FloatArray) -> Tree:
+def tree(parent: IntArray, root: FloatArray, axes: FloatArray, length: FloatArray) -> StemTree:
     """The tree of N stems; a root counts as on its parent's chord, where it is level with it."""
     along = ((root - root[parent]) * axes[parent, 2]).sum(axis=1) / length[parent]
-    return Tree(parent, np.clip(along, 0.0, 1.0), root, axes, length)
+    return StemTree(parent, np.clip(along, 0.0, 1.0), root, axes, length)
 
 
 def carried(
-    t: Tree, weight: FloatArray, up: FloatArray, count: int
+    t: StemTree, weight: FloatArray, up: FloatArray, count: int
 ) -> tuple[FloatArray, FloatArray]:
     """What stems carry for others.
 
@@ -87,7 +87,7 @@ class Bent(NamedTuple):
     turned: FloatArray
 
 
-def bending(t: Tree, stiffness: FloatArray, tension: FloatArray) -> Bent:
+def bending(t: StemTree, stiffness: FloatArray, tension: FloatArray) -> Bent:
     """Solve the beams, those that hang on others first.
 
     A stem whose root turns is pulled back by its fruit's weight: it is a spring on the slope of the
@@ -118,7 +118,7 @@ def bending(t: Tree, stiffness: FloatArray, tension: FloatArray) -> Bent:
     return Bent(influence, turned)
 
 
-def condensed(t: Tree, bent: Bent) -> tuple[FloatArray, FloatArray]:
+def condensed(t: StemTree, bent: Bent) -> tuple[FloatArray, FloatArray]:
     """The compliance of roots and of fruits through the stems that they share.
 
     Returns:
@@ -140,7 +140,7 @@ def condensed(t: Tree, bent: Bent) -> tuple[FloatArray, FloatArray]:
 Place = tuple[int, float]  # a stem, and a share of it
 
 
-def _root(t: Tree, bent: Bent, i: int) -> FloatArray:
+def _root(t: StemTree, bent: Bent, i: int) -> FloatArray:
     """The twist (6, 6) of the root of stem i by a wrench there."""
     if t.parent[i] < 0:
         return np.zeros((6, 6))
@@ -148,7 +148,7 @@ def _root(t: Tree, bent: Bent, i: int) -> FloatArray:
     return _between(t, bent, at, at)
 
 
-def _between(t: Tree, bent: Bent, of: Place, by: Place) -> FloatArray:
+def _between(t: StemTree, bent: Bent, of: Place, by: Place) -> FloatArray:
     """The twist (6, 6) of one place by a wrench at another, in the world's axes."""
     (i, share), (j, other) = of, by
     if i == j:
@@ -169,7 +169,7 @@ def _weights(n: int, share: float, length: float) -> tuple[FloatArray, FloatArra
     return value, slope
 
 
-def _carried_along(t: Tree, bent: Bent, i: int, share: float) -> FloatArray:
+def _carried_along(t: StemTree, bent: Bent, i: int, share: float) -> FloatArray:
     """The twist (6, 6) of a place of stem i by the twist of its root."""
     value, slope = _weights(bent.turned.shape[1] - 1, share, t.length[i])
     x, y, z = (value @ bent.turned[i]) * t.axes[i, 2]
@@ -179,7 +179,7 @@ def _carried_along(t: Tree, bent: Bent, i: int, share: float) -> FloatArray:
     return out
 
 
-def _beam(t: Tree, bent: Bent, i: int, share: float, other: float) -> FloatArray:
+def _beam(t: StemTree, bent: Bent, i: int, share: float, other: float) -> FloatArray:
     """The twist (6, 6) of a share of stem i by a wrench at another one, its root held."""
     n = bent.influence.shape[1]
     left, right = (np.stack(_weights(n, at, t.length[i]))[:, 1:] for at in (share, other))

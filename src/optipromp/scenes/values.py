@@ -10,7 +10,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, frozen
 from optipromp.errors import InvalidSceneError
-from optipromp.geometry.shapes import LARGEST
+from optipromp.geometry.shapes import FARTHEST
 
 
 def suggest(name: object, valid: Iterable[str]) -> str:
@@ -29,11 +29,11 @@ def array(name: str, values: object, *shape: int | None) -> FloatArray:
         wanted = ", ".join("n" if size is None else str(size) for size in shape)
         wanted += "," if len(shape) == 1 else ""
         raise InvalidSceneError(f"{name} has shape {array.shape}: must be ({wanted})")
-    usable = np.abs(array) <= LARGEST
+    usable = np.abs(array) <= FARTHEST
     if not usable.all():
         at = tuple(int(i) for i in np.argwhere(~usable)[0])
         where = "".join(f"[{i}]" for i in at)
-        wanted = f"at most {LARGEST:g}" if np.isfinite(array[at]) else "finite"
+        wanted = f"at most {FARTHEST:g}" if np.isfinite(array[at]) else "finite"
         raise InvalidSceneError(f"{name}{where} is {array[at]}: must be {wanted}")
     return array
 

@@ -17,7 +17,7 @@ from optipromp.simulation.engine import engine
 from optipromp.simulation.entities import layers
 from optipromp.simulation.parameters import SimulationParameters, StemParameters
 from optipromp.simulation.solids import add_shape, volume
-from optipromp.simulation.trusses import Chain, carried, link_of
+from optipromp.simulation.trusses import StemChain, carried, link_of
 
 RIPE = (0.80, 0.08, 0.10, 1.0)
 UNRIPE = (0.55, 0.72, 0.30, 1.0)
@@ -86,32 +86,8 @@ def add_fruit(
     """
     mujoco = engine()
     key = obj.id if key is None else key
-    hangs = obj.stem is not None
-    group = parameters.fruit if hangs else parameters.thing
     mass = _mass(obj, parameters)
-    friction = obj.physical.get("friction", group.friction)
-    body = spec.worldbody.add_body(
-        name=f"fruit:{key}", pos=obj.position, quat=quaternion(obj.rotation)
-    )
-    body.add_freejoint(name=f"free:{key}")
-    look: dict[str, Any] = {
-        "rgba": RIPE if obj.role == "target" else UNRIPE,
-        "friction": [friction, 0.005, parameters.fruit.rolling_friction],
-        "condim": 3 if hangs else 6,
-        "solref": [group.contact_time, 1.0],
-        "userdata": [float(entity)],
-    }
-    shape, kind_of = obj.shape, layers("fruit" if hangs else "thing")
-    turn, at = np.eye(3), np.zeros(3)
-    if not hangs and isinstance(shape, Cylinder) and shape.length > 2.0 * shape.radius + CAN_GAP:
-        geoms = add_shape(spec, body, shape, f"fruit:{key}", turn, at, **look, **layers("foot"))
-        side = Capsule(shape.radius, shape.length - 2.0 * shape.radius - CAN_GAP)
-        look = {**look, "rgba": UNSEEN, "mass": 0.0}
-        add_shape(spec, body, side, f"fruit:{key}:side", turn, at, **look, **kind_of)
-    else:
-        geoms = add_shape(spec, body, shape, f"fruit:{key}", turn, at, **look, **kind_of)
-    for geom in geoms:
-        geom.mass = mass / len(geoms)
+    _add_body(spec, obj, parameters, mass, entity, key, kind)
     if obj.stem is None:
         none = frozen(np.zeros((0, 3)))
         return BuiltFruit(obj.id, key, mass, none, none, none, np.inf)
@@ -152,6 +128,38 @@ def add_fruit(
     )  # fmt: skip
 
 
+def _add_body(
+    spec: Any, obj: SceneObject, parameters: SimulationParameters, mass: float, entity: int,
+    key: str, kind: str | None,
+) -> None:  # fmt: skip
+    """The free body of a fruit or object, with its shape."""
+    hangs = obj.stem is not None
+    group = parameters.fruit if hangs else parameters.thing
+    friction = obj.physical.get("friction", group.friction)
+    body = spec.worldbody.add_body(
+        name=f"fruit:{key}", pos=obj.position, quat=quaternion(obj.rotation)
+    )
+    body.add_freejoint(name=f"free:{key}")
+    look: dict[str, Any] = {
+        "rgba": RIPE if obj.role == "target" else UNRIPE,
+        "friction": [friction, 0.005, parameters.fruit.rolling_friction],
+        "condim": 3 if hangs else 6,
+        "solref": [group.contact_time, 1.0],
+        "userdata": [float(entity)],
+    }
+    shape, kind_of = obj.shape, layers("fruit" if hangs else "thing")
+    turn, at = np.eye(3), np.zeros(3)
+    if not hangs and isinstance(shape, Cylinder) and shape.length > 2.0 * shape.radius + CAN_GAP:
+        geoms = add_shape(spec, body, shape, f"fruit:{key}", turn, at, **look, **layers("foot"))
+        side = Capsule(shape.radius, shape.length - 2.0 * shape.radius - CAN_GAP)
+        look = {**look, "rgba": UNSEEN, "mass": 0.0}
+        add_shape(spec, body, side, f"fruit:{key}:side", turn, at, **look, **kind_of)
+    else:
+        geoms = add_shape(spec, body, shape, f"fruit:{key}", turn, at, **look, **kind_of)
+    for geom in geoms:
+        geom.mass = mass / len(geoms)
+
+
 @dataclass(frozen=True, eq=False)
 class Truss:
     """What a stem shares with others.
@@ -176,7 +184,7 @@ def trusses_of(
     hanging = [item for item in objects if item.stem is not None]
     if all(item.stem is None or item.stem.parent is None for item in hanging):
         return {}
-    chains: dict[str, Chain] = {}
+    chains: dict[str, StemChain] = {}
     for item in parents_first(hanging):
         assert item.stem is not None
         chain = chain_of(item, item.stem, parameters)
@@ -203,12 +211,12 @@ def _mass(obj: SceneObject, parameters: SimulationParameters) -> float:
     return float(obj.physical.get("mass", density * volume(obj.shape)))
 
 
-def chain_of(obj: SceneObject, stem: Stem, parameters: SimulationParameters) -> Chain:
+def chain_of(obj: SceneObject, stem: Stem, parameters: SimulationParameters) -> StemChain:
     """The chain that stands for a stem; the piece that it grows from is not looked for."""
     nodes, p = _nodes(obj, stem, parameters), parameters.stem
     pieces = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
     masses = p.density * np.pi / 4.0 * p.diameter**2 * pieces
-    return Chain(nodes, masses, _mass(obj, parameters), obj.position, stem.parent, 0)
+    return StemChain(nodes, masses, _mass(obj, parameters), obj.position, stem.parent, 0)
 
 
 def _nodes(obj: SceneObject, stem: Stem, parameters: SimulationParameters) -> FloatArray:
@@ -258,7 +266,7 @@ def _stiffness(
 
 
 def _add_chain(
-    spec: Any, stem: Stem, chain: Chain, stiffness: float, parameters: SimulationParameters,
+    spec: Any, stem: Stem, chain: StemChain, stiffness: float, parameters: SimulationParameters,
     key: str, entity: int, grows_from: tuple[str, FloatArray] | None,
 ) -> None:  # fmt: skip
     """Capsules with elastic ball joints: EI over the length that each joint stands for."""

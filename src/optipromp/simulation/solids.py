@@ -23,7 +23,7 @@ from optipromp.geometry.shapes import (
 )
 from optipromp.robots.tool_protocol import quaternion
 
-FINE = 48  # points about a cone that is simulated as a mesh; within 0.2 % of its radius
+CONE_POINTS = 48  # points about a cone that is simulated as a mesh; within 0.2 % of its radius
 MOST_PARTS = 3000  # geoms of one mesh or point cloud
 
 
@@ -41,7 +41,7 @@ def volume(shape: Shape) -> float:
         case Ellipsoid(radii):
             return float(4.0 / 3.0 * np.pi * np.prod(radii))
         case Cone():
-            return mesh_volume(round_mesh(shape, FINE))
+            return mesh_volume(round_mesh(shape, CONE_POINTS))
         case MeshShape():
             return mesh_volume(shape)
         case PointCloudShape():
@@ -85,7 +85,7 @@ def add_shape(
         case Ellipsoid(radii):
             return [add(kinds.mjGEOM_ELLIPSOID, list(radii))]
         case Cone():
-            whole = round_mesh(shape, FINE)
+            whole = round_mesh(shape, CONE_POINTS)
             return add_shape(spec, body, whole, name, rotation, position, **properties)
         case HalfSpace():
             return [add(kinds.mjGEOM_PLANE, [2.0, 2.0, 0.1])]

@@ -9,7 +9,7 @@ from optipromp.arrays import FloatArray
 from optipromp.scenes.objects import SceneObject
 
 
-class Chain(NamedTuple):
+class StemChain(NamedTuple):
     """A stem as it is built.
 
     Attributes:
@@ -51,7 +51,7 @@ def holding(
 
 
 def carried(
-    chains: Mapping[str, Chain], gravity: FloatArray
+    chains: Mapping[str, StemChain], gravity: FloatArray
 ) -> tuple[dict[str, FloatArray], dict[str, dict[str, FloatArray]]]:
     """Torques at the joints of stems that carry what hangs on others.
 

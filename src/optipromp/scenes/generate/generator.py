@@ -82,11 +82,9 @@ def generate_with_report(
       stem is stiffer than green tissue (:data:`optipromp.pushing.parameters.PUSH`).
     - ``elongated``: as ``cluster``, but the fruits are 1.2 to 1.4 times as long as wide: capsules
       along their stems, which begin at the upper end.
-    - ``truss``: the target and 2 to 4 pushables on one truss; any of them is the fruit at its end,
-      the others hang on branches of 0.04 to 0.10; the truss is 0.12 to 0.28 long.
-    - ``field``: fruits as in ``cluster``, ``tight`` or ``truss``, as balls, capsules, ellipsoids or
-      cones up to 10 degrees off their stems, with masses, friction, stiffness and abscission forces
-      drawn. A study does not tell the planner those numbers.
+    - ``truss``: the target and 2 to 4 pushables on one truss of 0.12 to 0.28; any is at its end.
+    - ``field``: as ``cluster``, ``tight`` or ``truss``, of all shapes, with physical numbers drawn
+      (:mod:`optipromp.scenes.generate.plants`) that a study does not tell the planner.
     - ``shelf``: a can behind 2 to 6 upright cans and boxes on a shelf; horizontal approach with
       the Franka hand.
     - ``bookshelf``, ``box``, ``cage``, ``table-pick``, ``under-table``: a goal in joints with the

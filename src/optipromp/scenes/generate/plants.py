@@ -10,13 +10,13 @@ from optipromp.scenes.generate import bunches
 from optipromp.scenes.scene import Scene, SceneObject, Stem
 from optipromp.scenes.trusses import rooted
 
-AXIS_LENGTH = (0.12, 0.28)  # [m] of a truss from its root to the fruit at its end
+TRUSS_LENGTH = (0.12, 0.28)  # [m] of a truss from its root to the fruit at its end
 NODE = (0.35, 0.9)  # share of that length at which a side branch begins
 BRANCH_LENGTH = (0.04, 0.10)  # [m] of a side branch, from the truss to its fruit's centre
 BRANCH_LEAN = np.deg2rad(35.0)  # largest, of a side branch from plumb
 
-ELLIPSOID = (1.05, 1.35)  # length of an ellipsoid over its width
-CONE = (1.15, 1.45)  # the same of a cone
+ELLIPSOID_LENGTH = (1.05, 1.35)  # length of an ellipsoid over its width
+CONE_LENGTH = (1.15, 1.45)  # the same of a cone
 TIP = (0.35, 0.7)  # radius of a cone's tip over that of its shoulder
 CROOKED = np.deg2rad(10.0)  # largest angle between a fruit and its stem
 
@@ -38,7 +38,7 @@ def truss(name: str, count: int, rng: np.random.Generator) -> Scene:
     scene = bunches.sample(name, 0, False, None, rng)
     ripe = scene.objects[0]
     axis = _line(rng, bunches.INCLINATION)
-    length = float(rng.uniform(*AXIS_LENGTH))
+    length = float(rng.uniform(*TRUSS_LENGTH))
     ends, roots = [np.zeros(3)], [length * axis]
     for _ in range(count):
         node = (1.0 - float(rng.uniform(*NODE))) * length * axis
@@ -124,7 +124,7 @@ def _shaped(item: SceneObject, rng: np.random.Generator) -> SceneObject:
             half = wide * float(rng.uniform(*bunches.ELONGATION))
             shape = Capsule(wide, 2.0 * (half - wide))
         case 2:
-            half = wide * float(rng.uniform(*ELLIPSOID))
+            half = wide * float(rng.uniform(*ELLIPSOID_LENGTH))
             shape = Ellipsoid((wide, wide, half))
         case 3:
             shape, half = _cone(wide, rng)
@@ -143,6 +143,6 @@ def _shaped(item: SceneObject, rng: np.random.Generator) -> SceneObject:
 def _cone(wide: float, rng: np.random.Generator) -> tuple[Shape, float]:
     """A cone as wide at its shoulder, and half of its length [m]."""
     tip = wide * float(rng.uniform(*TIP))
-    length = 2.0 * wide * float(rng.uniform(*CONE))
+    length = 2.0 * wide * float(rng.uniform(*CONE_LENGTH))
     # the shape's origin is midway between its balls' centres, which its ends are not
     return Cone(wide, tip, length - wide - tip), 0.5 * (length - wide - tip) + wide
