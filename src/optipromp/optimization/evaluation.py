@@ -124,6 +124,11 @@ class Evaluation:
         self.joint_gradient[:] = 0.0
         self.band[:] = 0.0
 
+    @property
+    def tool_points(self) -> FloatArray:
+        """Tool point at every waypoint (T, 3) [m]."""
+        return self.points[:, self.tool]
+
     def at_points(self, kernel: Callable[..., Any], scale: float, *settings: Any) -> float:
         """Value of a kernel of the points, which adds ``scale`` times its gradient."""
         return float(kernel(self.points, self.tool, *settings, scale, self.force, self.stiffness))
