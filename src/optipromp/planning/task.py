@@ -15,7 +15,7 @@ from optipromp.pushing import hanging, standing
 from optipromp.pushing.cup import flange_of
 from optipromp.pushing.hanging import Hanging
 from optipromp.pushing.model import Combined, Continued, PushModel
-from optipromp.pushing.path import STEP, ToolPath, along, evenly, length
+from optipromp.pushing.path import STEP, ToolPath, along, evenly, length, turning
 from optipromp.pushing.rules import neighbours
 from optipromp.pushing.standing import Standing
 from optipromp.robots.model import Robot
@@ -82,6 +82,12 @@ class Task:
         ]
         before = min([0.0, *heights]) - self.scene.approach.camera_distance
         return np.asarray(self.goal.position + before * up)
+
+    def axes(self, share: FloatArray) -> FloatArray:
+        """Tool axes (m, 3) at shares (m,) of the tool's path."""
+        assert isinstance(self.goal, PoseGoal)
+        lead = None if self.entry is not None else self.scene.approach.lead
+        return turning(self.goal.axis, lead, share)
 
     def at_goal(self, q: FloatArray) -> bool:
         """Whether ``q`` (n,) is at the goal, within the judge's tolerances."""

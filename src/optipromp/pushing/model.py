@@ -19,7 +19,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.budget import Budget
-from optipromp.pushing.path import STEP, ToolPath, along, evenly, length
+from optipromp.pushing.path import STEP, ToolPath, along, evenly, length, turning
 
 
 @dataclass(frozen=True)
@@ -280,7 +280,11 @@ Judged = tuple[float, FloatArray, ToolPath]
 
 
 def search(
-    model: PushModel, axis: FloatArray, rng: np.random.Generator, budget: Budget | None = None
+    model: PushModel,
+    axis: FloatArray,
+    rng: np.random.Generator,
+    budget: Budget | None = None,
+    lead: FloatArray | None = None,
 ) -> Iterator[tuple[ToolPath, float]]:
     """Search tool paths of little harm.
 
@@ -289,9 +293,10 @@ def search(
 
     Args:
         model: of the push.
-        axis: (3,) of the tool along the path.
+        axis: (3,) of the tool at the end of the path, and all along it where there is no ``lead``.
         rng: samples the candidates.
         budget: asked after each candidate; when it is spent, no further one is tried.
+        lead: (3,) axis of the tool at the beginning of the path.
 
     Yields:
         A path with its harm, and the harm that counts as good at that time.
@@ -308,7 +313,7 @@ def search(
     def judged(x: FloatArray, path: ToolPath, states: int, limit: float) -> float:
         value = model.aside(x, path)
         if value < limit:
-            axes = np.full((len(path.points), 3), axis)
+            axes = turning(axis, lead, np.linspace(0.0, 1.0, len(path.points)))
             value += model.harm(path.points, axes, states, limit - value)
         return value
 

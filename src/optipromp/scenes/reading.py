@@ -294,6 +294,8 @@ def _approach(model: SceneModel, scale: float, frame: Pose, world: Pose) -> Appr
     }
     if given.shift is not None:
         further["shift"] = frame.rotation @ (scale * np.array(given.shift))
+    if given.lead is not None:
+        further["lead"] = frame.rotation @ np.array(given.lead)
     return Approach(direction, lateral, cone=given.cone or 0.0, **further)
 
 

@@ -209,6 +209,7 @@ class ApproachModel(_Model):
     cone: NotNegative | None = None
     aside: NotNegative | None = None
     shift: Vector | None = None
+    lead: Vector | None = None
 
 
 class GoalModel(_Model):
