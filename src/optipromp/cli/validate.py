@@ -71,7 +71,7 @@ def validate(
 
 def read(path: Path, robot: "Robot") -> "Trajectory":
     """A trajectory from any file that the command takes."""
-    from optipromp.ros.bags import is_bag
+    from optipromp.files import is_bag
     from optipromp.trajectory_files import read_trajectory
 
     if is_bag(path):
