@@ -29,8 +29,6 @@ from optipromp.scenes.scene import Scene
 from optipromp.trajectory import State, Trajectory
 from optipromp.trajectory_files import arrays, csv, from_arrays
 
-__all__ = ["load_plan", "write_plan"]
-
 FORMAT = 3
 PUSHED = ("pushed_points", "pushed_axes")
 RATE = 1000.0  # [Hz] of the Panda's control interface
