@@ -117,12 +117,7 @@ class PandaPy(_Franka):
 class Franky(_Franka):
     """By ``franky-control`` (extra ``franky``): ``JointImpedanceTracker``.
 
-    Args:
-        host: of the arm.
-        robot: joints and limits; None: the built-in Panda.
-        guard: when to refuse and when to stop.
-        stiffness: (7,) [N m/rad].
-        damping: (7,) [N m s/rad].
+    It takes the arguments of :class:`PandaPy`.
 
     Raises:
         InvalidRequestError: franky is not installed.
