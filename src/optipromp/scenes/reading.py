@@ -13,18 +13,7 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.files import check_inside
-from optipromp.geometry.shapes import (
-    Box,
-    Capsule,
-    Cone,
-    Cylinder,
-    Ellipsoid,
-    HalfSpace,
-    MeshShape,
-    PointCloudShape,
-    Shape,
-    Sphere,
-)
+from optipromp.geometry.shapes import HalfSpace, MeshShape, PointCloudShape, Shape
 from optipromp.robots.library import NOTHING, Choice, robot_names
 from optipromp.robots.tools import make_tool
 from optipromp.scenes.rotations import IDENTITY
@@ -40,6 +29,7 @@ from optipromp.scenes.scene import (
     ToolSpec,
 )
 from optipromp.scenes.schema import (
+    PRIMITIVES,
     MeshToolModel,
     ObjectModel,
     PoseModel,
@@ -50,12 +40,6 @@ from optipromp.scenes.schema import (
     parse,
 )
 from optipromp.scenes.values import suggest, unit
-
-PRIMITIVES: dict[str, Any] = {
-    "sphere": Sphere, "box": Box, "cylinder": Cylinder, "capsule": Capsule,
-    "ellipsoid": Ellipsoid, "cone": Cone, "half_space": HalfSpace,
-}  # fmt: skip
-"""Shapes without a file, by their names in scene files."""
 
 _FARTHEST = 20.0  # [m] a position beyond is taken for millimetres ...
 _BEYOND_MILLIMETRES = 5_000.0  # [m] ... except where it is too far even in millimetres

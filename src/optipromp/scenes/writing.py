@@ -13,8 +13,9 @@ import numpy as np
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry.shapes import MeshShape, PointCloudShape, Shape
 from optipromp.robots.library import NOTHING
-from optipromp.scenes.reading import PRIMITIVES, check_magnitude
+from optipromp.scenes.reading import check_magnitude
 from optipromp.scenes.scene import STEM_RADIUS, Scene, SceneObject, ToolSpec
+from optipromp.scenes.schema import PRIMITIVES
 
 POSE = ("position", "orientation")
 
