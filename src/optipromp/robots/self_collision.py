@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, IntArray, frozen
+from optipromp.arrays import BoolArray, FloatArray, IntArray, frozen
 from optipromp.errors import InvalidRequestError
 from optipromp.files import cache_folder, npz, read_npz, write_atomically
 from optipromp.robots.model import LeftOut, Robot
@@ -178,8 +178,7 @@ class _Sample:
             slack[:] = np.inf
         short = apart < (full - slack)[pair]
         home = np.flatnonzero(short & (row == 0)) if self.chosen else np.zeros(0, dtype=np.int64)
-        frames = self.frames[0][row[home]], self.frames[1][row[home]]
-        if len(home) and not self.parts.touch(self.robot, frames, pairs[pair[home]]).any():
+        if len(home) and not self._touch(row[home], pairs[pair[home]]).any():
             slack[pair[home]] = full[pair[home]] - apart[home] + KEPT
         short = np.unique(row[short])
         return slack, len(short) / len(self.frames[0]), least
@@ -194,6 +193,9 @@ class _Sample:
             middles.append(self.placed(own, middle[None]))
         return np.flatnonzero(np.linalg.norm(middles[0] - middles[1], axis=2)[:, 0] < room)
 
+    def _touch(self, rows: IntArray, pairs: IntArray) -> BoolArray:
+        return self.parts.touch(self.robot, self.frames, rows, pairs)
+
     def _reach(
         self, pairs: IntArray, row: IntArray, pair: IntArray, apart: FloatArray
     ) -> FloatArray:
@@ -207,8 +209,7 @@ class _Sample:
             taken = np.minimum(count, end[open_] - at[open_])
             before = np.cumsum(taken) - taken
             index = np.arange(taken.sum()) + np.repeat(at[open_] - before, taken)
-            frames = self.frames[0][row[index]], self.frames[1][row[index]]
-            meets = self.parts.touch(self.robot, frames, pairs[pair[index]])
+            meets = self._touch(row[index], pairs[pair[index]])
             np.maximum.at(reach, pair[index[meets]], apart[index[meets]])
             at[open_] += taken
             count *= 2
