@@ -12,10 +12,11 @@ time, where the excess is largest, over all meshes together; so they end with ab
 
 A solid is what a voxel grid says: the surface, and what it encloses along two of three axes. So a
 mesh need not be closed. The whole surface is covered: its triangles are cut until one centre covers
-all corners with the least excess, or no side is over a quarter of a voxel; a sphere holds all of its triangles.
+all corners with the least excess, or no side is over a quarter of a voxel; a sphere holds all of
+its triangles.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -26,8 +27,7 @@ from optipromp.arrays import BoolArray, FloatArray, IntArray
 
 VOXEL = 0.0025  # [m] of the grid, for parts of up to 0.4 m
 TIGHT = 0.008  # [m] of excess at which a cover gets no further sphere
-LOOSE = 0.030  # [m] of excess down to which every cover grows, whatever it takes, up to
-MOST_SPHERES = 40  # spheres
+MOST_SPHERES = 40  # of a cover that reaches more than its ``loose``
 _FINE, _COARSE = 40, 160  # voxels along the longest side: at least, at most
 _VOXELS = 400_000
 _STEP = 0.7  # [voxels] between the points of a surface
@@ -38,30 +38,60 @@ _ROUNDS = 12  # of Lloyd's, at most
 _SLACK = 1.0 + 1e-9  # against rounding
 
 
-def fit_covers(meshes: Sequence[FloatArray], spheres: float) -> list[tuple[FloatArray, float]]:
+def fit_covers(
+    meshes: Sequence[FloatArray], spheres: float, loose: Sequence[float]
+) -> list[tuple[FloatArray, float]]:
     """Covers of meshes, each given by its triangles (f, 3, 3) [m].
 
     A cover is its spheres (k, 4), centres and radii, and how far they reach beyond the mesh at
     most, within about a voxel [m]. ``spheres`` is how many a mesh gets on average: fewer where all
-    covers reach at most :data:`TIGHT`, more for those that reach more than :data:`LOOSE`.
+    covers reach at most :data:`TIGHT`, more for those that reach more than ``loose`` of each mesh
+    [m].
     """
-    fits = [_Fit(triangles) for triangles in meshes]
+    fits = [_Fit(*mesh) for mesh in zip(meshes, loose, strict=True)]
     while growing := [fit for fit in fits if not fit.done and fit.excess > TIGHT]:
-        loosest = max(growing, key=lambda fit: fit.excess)
-        spent = sum(len(fit.chosen) for fit in fits) >= round(spheres * len(fits))
-        if spent and loosest.excess <= LOOSE:
+        if sum(len(fit.chosen) for fit in fits) >= round(spheres * len(fits)):
+            growing = [fit for fit in growing if fit.excess > fit.loose]
+        if not growing:
             break
-        loosest.split()
+        max(growing, key=lambda fit: fit.excess).split()
     for fit in fits:
         fit.exchange()
     return [fit.cover() for fit in fits]
 
 
+def finer(
+    triangles: FloatArray, spheres: FloatArray, split: Collection[int]
+) -> tuple[FloatArray, float]:
+    """A cover of a mesh (f, 3, 3) as of :func:`fit_covers`, from one (k, 4), some spheres halved.
+
+    Each of ``split`` is cut across the axis of its points that gives the least excess.
+    """
+    fit = _Fit(triangles, 0.0)
+    chosen: list[int] = cdist(spheres[:, :3], fit.centers).argmin(axis=1).tolist()
+    points, owner = fit.few, fit.cost[:, chosen].argmin(axis=1)
+    halves = []
+    for own in split:
+        mine = np.flatnonzero(owner == own)
+        if len(mine) < 4:  # too few to have axes
+            continue
+        middle = points[mine] - points[mine].mean(axis=0)
+        tried = []
+        for axis in np.linalg.svd(middle, full_matrices=False)[2]:
+            low = middle @ axis < np.ptp(middle @ axis) / 2.0 + (middle @ axis).min()
+            cost = [fit.cost[mine[half]].max(axis=0) for half in (low, ~low)]
+            tried.append((sum(c.min() for c in cost), [int(c.argmin()) for c in cost]))
+        chosen[own], other = min(tried)[1]
+        halves.append(other)
+    fit.chosen = [*chosen, *halves]
+    return fit.cover()
+
+
 class _Fit:
     """A cover while it grows: ``chosen`` indices of candidate centres, and their ``excess``."""
 
-    def __init__(self, triangles: FloatArray) -> None:
-        self.low = triangles.min(axis=(0, 1))
+    def __init__(self, triangles: FloatArray, loose: float) -> None:
+        self.loose, self.low = loose, triangles.min(axis=(0, 1))
         size = np.ptp(triangles, axis=(0, 1))
         longest = float(size.max())
         self.voxel = max(
@@ -87,9 +117,8 @@ class _Fit:
         self.centers = self._middle(inside)
         thin = _thinned(surface - self.low, self.voxel)
         self.points, self.outside = surface[thin], surface[thin[outer[thin]]]
-        few = self.points[_thinned(self.points - self.low, 2.0 * self.voxel, _POINTS)]
-        self.few = few
-        cost = cdist(few, self.centers) - self.depth[tuple(inside.T)]
+        self.few = self.points[_thinned(self.points - self.low, 2.0 * self.voxel, _POINTS)]
+        cost = cdist(self.few, self.centers) - self.depth[tuple(inside.T)]
         self.cost = cost.astype(np.float32)
         self.chosen = [int(self.cost.max(axis=0).argmin())]
         self.excess = float(self.cost[:, self.chosen].max())

@@ -91,11 +91,11 @@ class Parts:
 
     def __init__(self, count: int, given: FloatArray) -> None:
         index = given[:, 3].astype(np.int64)
-        self.counts = np.bincount(index, minlength=count)
-        self.known = self.counts > 0
+        found = np.bincount(index, minlength=count)
+        self.known, self.counts = found > 0, np.maximum(found, 1)
         self.points = np.zeros((count, int(self.counts.max(initial=1)), 3))
         order = np.argsort(index, kind="stable")
-        before = (np.cumsum(self.counts) - self.counts)[index[order]]
+        before = (np.cumsum(found) - found)[index[order]]
         self.points[index[order], np.arange(len(index)) - before] = given[order, :3]
 
     def touch(
