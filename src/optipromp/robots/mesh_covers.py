@@ -17,7 +17,7 @@ from optipromp.robots.urdf import UrdfGeometry, UrdfModel
 LOOSE = 0.030  # [m] chosen: excess down to which a cover grows
 FIXED = 0.060  # [m] chosen: the same of a link that does not move
 PER_MESH = 7.5  # spheres, on average over the meshes of a robot: 60 for eight links
-_COVERS_VERSION = 4  # part of the cache key: raise it when the same meshes get other covers
+_COVERS_VERSION = 5  # part of the cache key: raise it when the same meshes get other covers
 
 
 class Cover(NamedTuple):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from optipromp.arrays import BoolArray, FloatArray, IntArray, frozen
+from optipromp.arrays import BoolArray, FloatArray, IntArray, frozen, lengths
 from optipromp.errors import InvalidRequestError
 from optipromp.files import cache_folder, npz, read_npz, write_atomically
 from optipromp.robots.model import BodySpheres, LeftOut, Robot
@@ -17,7 +17,7 @@ from optipromp.robots.surfaces import Parts
 SAMPLED_POSTURES = 200
 SORTING_POSTURES = 20_000  # at which pairs of fitted covers are looked at
 TRYING_POSTURES = 4_000  # the same, to see which spheres are loose
-SHARED, SHARE = 2_000, 0.015  # chosen: configurations, and the share of them that makes one loose
+SHARED, SHARE = 2_000, 0.010  # chosen: configurations, and the share of them that makes one loose
 ROUNDS = 3  # chosen: UR10 has no loose sphere after two
 MOSTLY = 0.95  # share of them at which links touch, so that a check of them would say nothing
 OFTEN = 10  # times that two spheres overlap there, at least, for their slack to be known
@@ -181,6 +181,7 @@ class _Sample:
         self.robot, self.parts = robot, parts
         postures = np.vstack([robot.home, _postures(robot, count)])
         self.frames = robot.segment_frames(postures)
+        self.balls = dict[tuple[int, int], tuple[FloatArray, float]]()
         self.chosen = ((robot.home > robot.lower) & (robot.home < robot.upper)).all()
 
     def placed(
@@ -233,13 +234,18 @@ class _Sample:
 
     def _near(self, first: IntArray, second: IntArray) -> IntArray:
         """The configurations at which balls about spheres of two links are within FAR."""
-        room, middles = FAR, []
-        for own in (first, second):
-            middle = self.robot.spheres.center[own].mean(axis=0)
-            away = np.linalg.norm(self.robot.spheres.center[own] - middle, axis=1)
-            room += float((away + self.robot.spheres.radius[own]).max())
-            middles.append(self.placed(own, middle[None]))
-        return np.flatnonzero(np.linalg.norm(middles[0] - middles[1], axis=2)[:, 0] < room)
+        (one, reach), (other, further) = self._ball(first), self._ball(second)
+        return np.flatnonzero(lengths(one - other) < FAR + reach + further)
+
+    def _ball(self, own: IntArray) -> tuple[FloatArray, float]:
+        """The middle of a ball about spheres of a link (m, 3) [m], and its radius."""
+        key = int(self.robot.spheres.link[own[0]]), len(own)
+        if key not in self.balls:
+            center, radius = self.robot.spheres.center[own], self.robot.spheres.radius[own]
+            middle = center.mean(axis=0)
+            reach = float((lengths(center - middle) + radius).max())
+            self.balls[key] = self.placed(own, middle[None])[:, 0], reach
+        return self.balls[key]
 
     def _touch(self, rows: IntArray, pairs: IntArray) -> BoolArray:
         return self.parts.touch(self.robot, self.frames, rows, pairs)

@@ -11,7 +11,7 @@ from optipromp.arrays import BoolArray, FloatArray, IntArray
 from optipromp.compiled import inlined, inner, kernel
 from optipromp.robots.model import Robot
 
-PIECE = 0.010  # [m] chosen: longest side of the pieces of a surface
+PIECE = 0.010  # [m] chosen: longest side of the pieces of a surface between two spheres
 ROUND = 64  # chosen: sides of a rod; of a radius of 0.1 m they cut off 0.12 mm
 DIRECTIONS = 300  # chosen: the points of a part that are the farthest in one of them are kept
 TURNS = 20  # chosen: of a plane between two parts, until they count as touching
@@ -51,12 +51,16 @@ def parts(spheres: FloatArray, triangles: FloatArray) -> FloatArray:
 
     from optipromp.robots.fit import cut  # with SciPy's image functions, which load slowly
 
-    pieces = cut(triangles, PIECE)
-    beyond = np.full((len(spheres), len(pieces)), -np.inf)
-    for corner in range(3):
-        away = cdist(spheres[:, :3], pieces[:, corner]) - spheres[:, 3:]
-        np.maximum(beyond, away, out=beyond)
-    owner, out = beyond.argmin(axis=0), []
+    def beyond(pieces: FloatArray) -> FloatArray:
+        """How far each corner (m, 3) of pieces is out of each sphere: (m, 3, k)."""
+        away = cdist(pieces.reshape(-1, 3), spheres[:, :3]) - spheres[:, 3]
+        return np.asarray(away.reshape(-1, 3, len(spheres)))
+
+    def whole(pieces: FloatArray) -> BoolArray:
+        return np.asarray(np.ptp(beyond(pieces).argmin(axis=2), axis=1) == 0)
+
+    pieces = cut(triangles, PIECE, whole)
+    owner, out = beyond(pieces).max(axis=1).argmin(axis=1), []
     for index in np.unique(owner):
         points = _farthest(pieces[owner == index].reshape(-1, 3))
         out.append(np.column_stack([points, np.full(len(points), float(index))]))
@@ -112,31 +116,43 @@ class Parts:
 @kernel
 def parts_touch(points, counts, segment, origins, rotations, rows, pairs, out):  # type: ignore[no-untyped-def]
     """:func:`hulls_touch` of the parts of each pair (m, 2) at its row; see :class:`Parts`."""
-    turn, move = np.empty((2, 3, 3)), np.empty((2, 3))
+    turn, move, between, shift = (
+        np.empty((2, 3, 3)),
+        np.empty((2, 3)),
+        np.empty((3, 3)),
+        np.empty(3),
+    )
+    corners, weights, gram, best = np.empty((4, 3)), np.empty(4), np.empty((4, 4)), np.empty(4)
+    work = corners, weights, gram, best, np.empty(3), np.empty(3)
     for i in range(pairs.shape[0]):
         for side in range(2):
             s = segment[pairs[i, side]]
-            turn[side], move[side] = np.eye(3), 0.0
-            if s >= 0:
-                turn[side], move[side] = rotations[rows[i], s], origins[rows[i], s]
-        a, b = pairs[i]
-        between, shift = turn[0].T @ turn[1], turn[0].T @ (move[1] - move[0])
-        one, other = points[a, : counts[a]], points[b, : counts[b]]
-        out[i] = hulls_touch(one, other, between, shift)
+            for j in range(3):
+                move[side, j] = origins[rows[i], s, j] if s >= 0 else 0.0
+                for k in range(3):
+                    fixed = 1.0 if j == k else 0.0
+                    turn[side, j, k] = rotations[rows[i], s, j, k] if s >= 0 else fixed
+        for j in range(3):
+            shift[j] = 0.0
+            for k in range(3):
+                shift[j] += turn[0, k, j] * (move[1, k] - move[0, k])
+                between[j, k] = _dot(turn[0, :, j], turn[1, :, k])
+        a, b = pairs[i, 0], pairs[i, 1]
+        out[i] = hulls_touch(points[a, : counts[a]], points[b, : counts[b]], between, shift, work)
 
 
-@kernel
-def hulls_touch(one, other, rotation, translation):  # type: ignore[no-untyped-def]
+@inner
+def hulls_touch(one, other, rotation, translation, work):  # type: ignore[no-untyped-def]
     """Whether no plane was found in TURNS turns that has points (m, 3) and (k, 3) on two sides.
 
     The second stand at ``rotation`` (3, 3), ``translation`` (3,) in the frame of the first. Of
     their difference (Minkowski's) the corner farthest against the point nearest to zero so far
     joins the corners that hold this point; then the nearest point of their hull is found (Wolfe,
     Finding the nearest point in a polytope, 1976). Hulls within :data:`MEETING` count as touching.
+    ``work``: arrays of 4 by 3, 4, 4 by 4, 4, 3 and 3.
     """
-    corners, weights, held = np.zeros((4, 3)), np.zeros(4), 0
-    first, second = _middle(one), _middle(other)
-    nearest, back = np.empty(3), np.empty(3)
+    corners, weights, gram, best, nearest, back = work
+    held, first, second = 0, _middle(one), _middle(other)
     for j in range(3):
         nearest[j] = translation[j] - first[j] + _dot(rotation[j], second)
     for _ in range(TURNS):
@@ -148,36 +164,63 @@ def hulls_touch(one, other, rotation, translation):  # type: ignore[no-untyped-d
         if _dot(corners[held], nearest) > 0.0:
             return False
         weights[held] = 1.0 if held == 0 else 0.0
-        held = _nearest_of(corners, weights, held + 1)
+        held = _nearest_of(corners, weights, gram, best, held + 1)
         for j in range(3):
-            nearest[j] = (weights[:held] * corners[:held, j]).sum()
+            nearest[j] = 0.0
+            for k in range(held):
+                nearest[j] += weights[k] * corners[k, j]
         if held == 4 or _dot(nearest, nearest) < MEETING * MEETING:
             return True
     return True
 
 
-@kernel
-def _nearest_of(corners, weights, held):  # type: ignore[no-untyped-def]
+@inner
+def _nearest_of(corners, weights, gram, best, held):  # type: ignore[no-untyped-def]
     """The weights of the point nearest to zero in the hull of the first ``held`` corners.
 
     Corners that it does not need are dropped, in place. Returns how many are left.
     """
     while True:
-        own = corners[:held]
-        best = np.linalg.solve(own @ own.T + 1.0 + _RIDGE * np.eye(held), np.ones(held))
-        best /= best.sum()  # nearest of the flat through the corners
-        if best.min() > 0.0:
-            weights[:held] = best
-            return held
-        share, out = np.inf, 0
+        _nearest_of_flat(corners, gram, best, held)
+        share, out = 1.0, -1
         for k in range(held):  # from the weights so far as far towards it as none is negative
-            if best[k] <= 0.0 and weights[k] < share * (weights[k] - best[k]):
+            if best[k] <= 0.0 and weights[k] <= share * (weights[k] - best[k]):
                 share, out = weights[k] / (weights[k] - best[k]), k
-        held -= 1
-        for k in range(held + 1):
+        for k in range(held):
             weights[k] += share * (best[k] - weights[k])
+        if out < 0:
+            return held
+        held -= 1
         for k in range(out, held):
-            weights[k], corners[k] = weights[k + 1], corners[k + 1]
+            weights[k] = weights[k + 1]
+            for j in range(3):
+                corners[k, j] = corners[k + 1, j]
+
+
+@inner
+def _nearest_of_flat(corners, gram, best, held):  # type: ignore[no-untyped-def]
+    """The weights ``best`` of the point nearest to zero in the flat through corners.
+
+    They solve (C Cᵀ + 1) w = 1 but for their sum; by elimination, as the matrix is positive.
+    """
+    for i in range(held):
+        best[i] = 1.0
+        for j in range(held):
+            gram[i, j] = _dot(corners[i], corners[j]) + 1.0 + (_RIDGE if i == j else 0.0)
+    for i in range(held):
+        for k in range(i + 1, held):
+            factor = gram[k, i] / gram[i, i]
+            best[k] -= factor * best[i]
+            for j in range(i, held):
+                gram[k, j] -= factor * gram[i, j]
+    total = 0.0
+    for i in range(held - 1, -1, -1):
+        for j in range(i + 1, held):
+            best[i] -= gram[i, j] * best[j]
+        best[i] /= gram[i, i]
+        total += best[i]
+    for i in range(held):
+        best[i] /= total
 
 
 @inlined
