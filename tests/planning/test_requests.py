@@ -47,17 +47,29 @@ def test_time_runs_out(obstructed: Scene) -> None:
     assert result.trajectory.n_waypoints > 3
 
 
-@pytest.mark.parametrize("strategy", STRATEGIES)
-def test_time_running_out_on_the_way_keeps_to_its_budget(strategy: Any, three: Scene) -> None:
-    """A problem without a solution: the target is under a lid, so every start is tried."""
+@pytest.mark.parametrize(
+    ("strategy", "waypoints"), [("joint", None), ("sequential", None), ("sequential", 2000)]
+)
+def test_time_running_out_on_the_way_keeps_to_its_budget(
+    strategy: Any, waypoints: int | None, three: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A problem without a solution: the target is under a lid, so every start is tried.
+
+    In the process's own time: what else the machine does counts for nothing.
+    """
+    monkeypatch.setattr(time, "perf_counter", time.process_time)
     lid = block("static", Box((0.3, 0.3, 0.05)), [0.45, 0.0, 0.93], "lid")
     scene = replace(three, objects=(*three.objects, lid))
-    for budget in (0.05, 0.2):
+    plan(scene, strategy=strategy, options=PlanOptions(timeout=1e-6))  # makes the robot
+    options = PlanOptions(timeout=0.3, waypoints=waypoints)
+    took = []
+    while len(took) < 3 and min(took, default=1.0) > 0.33:  # what disturbs it only adds
         began = time.perf_counter()
-        result = plan(scene, strategy=strategy, options=PlanOptions(timeout=budget))
-        assert time.perf_counter() - began < budget + 0.5
+        result = plan(scene, strategy=strategy, options=options)
+        took.append(time.perf_counter() - began)
         assert not result.success
         assert result.status in (Code.TIMEOUT, Code.GOAL_IN_COLLISION)
+    assert min(took) <= 0.33
 
 
 def crowd(count: int, role: Any) -> tuple[SceneObject, ...]:
