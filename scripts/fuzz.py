@@ -33,7 +33,7 @@ sys.path.insert(0, str(ROOT))
 BATCH = 100  # inputs of one process
 SECONDS = 10.0  # [s] of processor time
 HUNG, ASLEEP = 60.0, 900.0  # [s] of processor time, of the clock: until the process is ended
-POSTURES = 1000  # at which self-collision is looked at, not 20,000: nine tenths of all the time
+POSTURES = 200  # at which self-collision is looked at, not 20,000: nine tenths of all the time
 MEMORY = 1 << 30  # [bytes]
 WRONG = ("untyped", "over 10 s", "over 1 GB", "death")
 
