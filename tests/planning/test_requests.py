@@ -163,8 +163,12 @@ def test_effort_cuts_a_plan_at_the_same_place_however_slow_the_machine(
 
 def test_what_a_timeout_cut_short_says_so(three: Scene) -> None:
     """Robustness 24: a plan that more time might have bettered is not as one that was finished."""
-    messages = [plan(three, options=PlanOptions(timeout=t)).message for t in (1e-6, 1e3)]
-    assert ["time ran out" in m or "was cut" in m for m in messages] == [True, False]
+    lid = block("static", Box((0.3, 0.3, 0.05)), [0.45, 0.0, 0.93], "lid")
+    for scene in (three, replace(three, objects=(*three.objects, lid))):
+        messages = [plan(scene, options=PlanOptions(effort=n)).message for n in (1, 10**6)]
+        assert ["ran out" in m or "was cut after 2 steps" in m for m in messages] == [True, False]
+    late = plan(three, options=PlanOptions(timeout=1e-6))
+    assert "time ran out" in late.message
 
 
 # --- repeatability ---------------------------------------------------------------------------
