@@ -23,6 +23,7 @@ import warnings
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from random import Random
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -49,35 +50,37 @@ SRDF = b"""<robot name="r"><group name="arm"><chain base_link="l0" tip_link="l7"
 def seeds(target: str) -> Iterator[bytes]:
     """What a parser's search begins with: files that are right."""
     import numpy as np
-    from tests.fuzzing import mutants
+    import yaml
+    from tests.fuzzing import originals
+    from tests.fuzzing.changes import packed
 
     def members(archive: bytes) -> bytes:
         with zipfile.ZipFile(io.BytesIO(archive)) as found:
             return CUT.join(name.encode() + CUT + found.read(name) for name in found.namelist())
 
-    plan = {} if target not in ("plan.json", "given.csv", "given.npz") else mutants._plan_files()
+    plan = {} if target not in ("plan.json", "given.csv", "given.npz") else originals.plan_files()
     match target:
         case "robot.urdf":
             yield from (path.read_bytes() for path in (DATA / "robots/data").glob("*.urdf"))
-            yield from (mutants.chain(mutants.Random(k)).encode() for k in range(3))
+            yield from (originals.chain(Random(k)).encode() for k in range(3))
         case "robot.yaml":
             yield from (path.read_bytes() for path in (DATA / "robots/data").glob("*.yaml"))
         case "robot.srdf":
             yield SRDF
         case "scene.yaml":
             yield from (path.read_bytes() for path in (DATA / "scenes/data").glob("*.yaml"))
-            yield mutants.yaml.safe_dump(mutants.shapes_scene()).encode()
+            yield yaml.safe_dump(originals.shapes_scene()).encode()
         case "scene.json":
-            yield json.dumps(mutants.shapes_scene()).encode()
+            yield json.dumps(originals.shapes_scene()).encode()
         case "demos.csv":
             yield b"time,joint1,joint2\n0,0,1\n0.5,1e-1,2\n1,0.2,3\n"
         case "demos.npz":
             arrays = {"positions": np.zeros((2, 4, 3)), "times": np.arange(4.0)}
-            yield members(mutants.packed(arrays | {"joint_names": np.array(["a", "b", "c"])}))
+            yield members(packed(arrays | {"joint_names": np.array(["a", "b", "c"])}))
         case "learnt.npz":
-            yield members(mutants.packed(mutants._primitive()))
+            yield members(packed(originals.learnt_primitive()))
         case "cube.obj":
-            yield mutants.obj()
+            yield originals.obj()
         case "leaves.npy":
             np.save(stream := io.BytesIO(), np.zeros((3, 3)))
             yield stream.getvalue()
@@ -88,7 +91,7 @@ def seeds(target: str) -> Iterator[bytes]:
         case "given.npz":
             with np.load(io.BytesIO(plan["trajectory.npz"])) as found:
                 few = {k: found[k][:4] if k != "joint_names" else found[k] for k in found.files}
-            yield members(mutants.packed(few))
+            yield members(packed(few))
         case "plan.json":
             yield plan["plan.json"]
 
@@ -103,9 +106,9 @@ def parser(target: str, folder: Path) -> Callable[[Path], Any]:
     from optipromp.trajectory_files import read_trajectory
 
     if target == "plan.json":
-        from tests.fuzzing import mutants
+        from tests.fuzzing import originals
 
-        for name, content in mutants._plan_files().items():
+        for name, content in originals.plan_files().items():
             (folder / name).write_bytes(content)
     joints = [f"joint{k}" for k in range(1, 8)]
     readers: dict[str, Callable[[Path], Any]] = {
