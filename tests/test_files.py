@@ -1,8 +1,11 @@
 """Files whole or not at all."""
 
 import errno
+import io
 import json
 import os
+import sys
+import zipfile
 from pathlib import Path
 from typing import NoReturn
 
@@ -10,7 +13,7 @@ import numpy as np
 import pytest
 
 from optipromp.errors import Code, InvalidRequestError
-from optipromp.files import check_folder, json_text, write_atomically
+from optipromp.files import check_folder, json_text, read_npz, write_atomically
 
 
 def names(folder: Path) -> list[str]:
@@ -99,3 +102,29 @@ def test_json_holds_only_what_json_knows() -> None:
         "tuple": [1, None, "ξ"],
     }
     assert "ξ" in text
+
+
+def archive(path: Path, member: bytes) -> Path:
+    with zipfile.ZipFile(path, "w") as made:
+        made.writestr("names.npy", member)
+    return path
+
+
+def test_members_that_are_no_arrays_are_refused(tmp_path: Path) -> None:
+    """NumPy gives the bytes of what does not begin as an array does."""
+    with pytest.raises(InvalidRequestError, match="'names' is no array"):
+        read_npz(archive(tmp_path / "a.npz", b"bytes"))
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_text_beyond_unicode_is_refused(tmp_path: Path, order: str) -> None:
+    """Python would take it, and fail with a SystemError later."""
+    stream = io.BytesIO()
+    np.save(stream, np.array(["joint1", "\U0010ffff"], dtype=f"{order}U6"))
+    good = stream.getvalue()
+    names = read_npz(archive(tmp_path / "good.npz", good))["names"]
+    assert names.tolist() == ["joint1", "\U0010ffff"]
+    last = np.array([sys.maxunicode], f"{order}u4").tobytes()
+    bad = good.replace(last, np.array([sys.maxunicode + 1], f"{order}u4").tobytes())
+    with pytest.raises(InvalidRequestError, match="'names' holds text that is not Unicode"):
+        read_npz(archive(tmp_path / "bad.npz", bad))

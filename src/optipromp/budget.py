@@ -35,6 +35,6 @@ class Budget:
         """Count a step; whether there may be no further one."""
         now = time.perf_counter()
         self.longest = max(self.longest, now - self.last)
-        self.last, self.used = now, self.used + 1
+        self.last, self.used = now, self.used + (not self.cut)
         self.cut |= self.used > self.steps or now + 2.0 * self.longest > self.deadline
         return self.cut

@@ -173,14 +173,25 @@ def read_npz(path: Path, error: type[OptiPrompError] = InvalidRequestError) -> d
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             size = sum(entry.file_size for entry in archive.zip.infolist())
             if size <= LARGEST_ARRAYS:
-                return {key: archive[key] for key in archive.files}
-    except (
-        Exception
-    ) as cause:  # zipfile, zlib, tokenize and NumPy raise whatever goes wrong in them
+                return {key: _array(key, archive[key]) for key in archive.files}
+    except Exception as cause:  # zipfile, zlib, tokenize, NumPy raise whatever goes wrong in them
         reason = " ".join(str(cause).split())[:120] or type(cause).__name__
         raise error(f"{path} is not a readable NPZ file of plain arrays ({reason})") from None
     most = LARGEST_ARRAYS / 1e6
     raise error(f"{path}: unpacks to {size / 1e6:.0f} MB: must be at most {most:.0f}")
+
+
+def _array(key: str, member: Any) -> Any:
+    """A member of an archive. Refuses what is none, and text that Python could not hold."""
+    import numpy as np
+
+    if not isinstance(member, np.ndarray):  # NumPy gives its bytes
+        raise ValueError(f"{key!r} is no array")
+    if member.dtype.kind == "U":
+        codes = np.frombuffer(member.tobytes(), np.dtype("u4").newbyteorder(member.dtype.byteorder))
+        if codes.max(initial=0) > sys.maxunicode:
+            raise ValueError(f"{key!r} holds text that is not Unicode")
+    return member
 
 
 def json_text(document: object) -> str:

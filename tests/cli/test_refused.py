@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.fuzzing.mutants import chain, obj
+from tests.fuzzing.originals import chain, obj
 from tests.scenes.documents import FRUIT, MINIMAL, with_fruit, with_object
 from typer.testing import CliRunner
 

@@ -9,7 +9,8 @@ from random import Random
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.fuzzing.mutants import damaged, demonstrations, mutant, plan_folder, robot, value
+from tests.fuzzing.changes import damaged, value
+from tests.fuzzing.mutants import demonstrations, mutant, plan_folder, robot
 
 from optipromp.documents import read_document
 from optipromp.errors import InvalidSceneError

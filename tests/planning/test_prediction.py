@@ -214,7 +214,9 @@ def test_the_same_scene_gives_the_same_plan(which: Any) -> None:
 
 @pytest.mark.parametrize("budget", [1e-6, 0.05, 0.3])
 @pytest.mark.parametrize("which", [("cluster", HARMFUL[0]), ("shelf", 7)])
-def test_the_timeout_holds(which: Any, budget: float) -> None:
+def test_the_timeout_holds(which: Any, budget: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the process's own time: what else the machine does counts for nothing."""
+    monkeypatch.setattr(time, "perf_counter", time.process_time)
     scene = generate(*which)
     first = plan(scene, options=PlanOptions(timeout=1e-6))  # makes the robot; compiles
     assert first.time["total"] < 0.5 + 1e-6

@@ -47,17 +47,29 @@ def test_time_runs_out(obstructed: Scene) -> None:
     assert result.trajectory.n_waypoints > 3
 
 
-@pytest.mark.parametrize("strategy", STRATEGIES)
-def test_time_running_out_on_the_way_keeps_to_its_budget(strategy: Any, three: Scene) -> None:
-    """A problem without a solution: the target is under a lid, so every start is tried."""
+@pytest.mark.parametrize(
+    ("strategy", "waypoints"), [("joint", None), ("sequential", None), ("sequential", 2000)]
+)
+def test_time_running_out_on_the_way_keeps_to_its_budget(
+    strategy: Any, waypoints: int | None, three: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A problem without a solution: the target is under a lid, so every start is tried.
+
+    In the process's own time: what else the machine does counts for nothing.
+    """
+    monkeypatch.setattr(time, "perf_counter", time.process_time)
     lid = block("static", Box((0.3, 0.3, 0.05)), [0.45, 0.0, 0.93], "lid")
     scene = replace(three, objects=(*three.objects, lid))
-    for budget in (0.05, 0.2):
+    plan(scene, strategy=strategy, options=PlanOptions(timeout=1e-6))  # makes the robot
+    options = PlanOptions(timeout=0.3, waypoints=waypoints)
+    took = []
+    while len(took) < 3 and min(took, default=1.0) > 0.33:  # what disturbs it only adds
         began = time.perf_counter()
-        result = plan(scene, strategy=strategy, options=PlanOptions(timeout=budget))
-        assert time.perf_counter() - began < budget + 0.5
+        result = plan(scene, strategy=strategy, options=options)
+        took.append(time.perf_counter() - began)
         assert not result.success
         assert result.status in (Code.TIMEOUT, Code.GOAL_IN_COLLISION)
+    assert min(took) <= 0.33
 
 
 def crowd(count: int, role: Any) -> tuple[SceneObject, ...]:
@@ -151,8 +163,12 @@ def test_effort_cuts_a_plan_at_the_same_place_however_slow_the_machine(
 
 def test_what_a_timeout_cut_short_says_so(three: Scene) -> None:
     """Robustness 24: a plan that more time might have bettered is not as one that was finished."""
-    messages = [plan(three, options=PlanOptions(timeout=t)).message for t in (1e-6, 1e3)]
-    assert ["time ran out" in m or "was cut" in m for m in messages] == [True, False]
+    lid = block("static", Box((0.3, 0.3, 0.05)), [0.45, 0.0, 0.93], "lid")
+    for scene in (three, replace(three, objects=(*three.objects, lid))):
+        messages = [plan(scene, options=PlanOptions(effort=n)).message for n in (1, 10**6)]
+        assert ["ran out" in m or "was cut after 2 steps" in m for m in messages] == [True, False]
+    late = plan(three, options=PlanOptions(timeout=1e-6))
+    assert "time ran out" in late.message
 
 
 # --- repeatability ---------------------------------------------------------------------------

@@ -43,8 +43,8 @@ def test_conditioning(pair, variance: float | None) -> None:  # type: ignore[no-
         ours = condition(ours, JointPoint(phase, np.array(value), variance))
         noise = None if variance is None else variance * np.eye(N)
         theirs = theirs.condition_position(np.array(value), noise, phase)
-    np.testing.assert_allclose(ours.weights, theirs.weight_mean, atol=1e-7)
-    np.testing.assert_allclose(ours.covariance, theirs.weight_cov, atol=1e-7)
+    np.testing.assert_allclose(ours.weights, theirs.weight_mean, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(ours.covariance, theirs.weight_cov, rtol=0.0, atol=1e-12)
 
 
 def test_ridge_weights_and_mean(pair) -> None:  # type: ignore[no-untyped-def]

@@ -86,6 +86,11 @@ def solve(
     tried: list[float] = []
     best: Solved | None = None
     by_goal = list(posed_problems(task, promp, options, strategy, goals))
+    first = by_goal[0][0]
+    budget.spent()
+    unmoved = _judged(first, first.initial, ())  # the budget learns what the last judgement takes
+    if budget.spent():
+        best, radii = unmoved, ()
     for radius, same_goal in itertools.product(radii, by_goal):
         tried += [radius] if radius not in tried else []
         for posed in same_goal:
@@ -105,7 +110,8 @@ def solve(
     )
     times = {stage.name: stage.seconds for stage in stages}
     times[strategy] = time.perf_counter() - began
-    initial = best.posed.timed(best.posed.initial)
+    same = best.posed is first
+    initial = unmoved.trajectory if same else best.posed.timed(best.posed.initial)
     return Planned(
         initial, initial, best.trajectory, best.posed.waypoints.first, stages, bool(stages), times,
         best.judgement,
@@ -285,7 +291,7 @@ def _push(
     """F_p by trust-constr under constraints 1 to 4, from ``q`` (T, n)."""
     spline, rows, robot = (
         Spline(posed, q, ("push",)),
-        posed.rows(every=PAPER.every),
+        posed.rows(every=PAPER.every, most=PAPER.most),
         posed.task.robot,
     )
 

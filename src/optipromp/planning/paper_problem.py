@@ -4,6 +4,7 @@ Constraints 1 to 3 are rows, each linear in one tool point (:class:`ConstraintRo
 for both strategies of :mod:`optipromp.planning.paper`.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -124,14 +125,15 @@ class Posed:
         wanted = self.options.paper.drift_offset
         return self.task.robot.gripper_radius if wanted is None else wanted
 
-    def rows(self, weight: float = 0.0, every: int = 1) -> ConstraintRows:
-        """Constraints 1 to 3; 3 at every so many waypoints.
+    def rows(self, weight: float = 0.0, every: int = 1, most: int | None = None) -> ConstraintRows:
+        """Constraints 1 to 3 at ``most`` waypoints (None: all); 3 at every so many of these.
 
         A waypoint counts as in the window of a pushable where its initial height is, within the
         tolerance of constraint 3. The goal is at the last one.
         """
         frame, paper = self.task.scene.frame, self.options.paper
-        free = np.arange(self.waypoints.first, self.waypoints.count - 1)
+        apart = 1 if most is None else math.ceil(self.waypoints.count / most)
+        free = np.arange(self.waypoints.first, self.waypoints.count - 1)[::apart]
         rows: list[tuple[IntArray, FloatArray, FloatArray, FloatArray]] = []
         for center, direction, (low, high) in zip(
             self.drift.centers, self.drift.directions, self.drift.windows, strict=True

@@ -137,6 +137,10 @@ class PaperParameters(Checked):
     every: int = parameter(
         4, "1", "choice", "constraint 3 holds at every fourth waypoint: the spline is smooth"
     )
+    most: int = parameter(
+        400, "1", "measured",
+        "waypoints with constraints: at 2,000 a step of trust-constr takes 1.5 s, its QR of all",
+    )  # fmt: skip
     push_iterations: tuple[int, int] = parameter(
         (10, 15), "1", "published", "of scenarios III (push first) and IV (push last)"
     )

@@ -256,7 +256,7 @@ def _plan(
         if status is None:
             status, message = _status(Verdict(verdict, prediction), outcome, options, budget)
         elif status == Code.GOAL_IN_COLLISION:
-            message += "; the trajectory that comes nearest: " + verdict.message
+            message += f"; the trajectory that comes nearest: {verdict.message}{_cut(budget)}"
         now = time.perf_counter()
         times = {**clock, **outcome.time, "check": now - start, "total": now - began}
         return Plan(
@@ -316,8 +316,12 @@ def _status(
     if wrong and late:
         return Code.TIMEOUT, f"{budget.ending}; the best so far: {wrong}{note}"
     message, comma, notes = found.message.partition("; note: ")
-    told = f"; note: the search was cut after {budget.used} steps" if late else ""
-    return found.status, message + note + comma + notes + told
+    return found.status, message + note + comma + notes + _cut(budget)
+
+
+def _cut(budget: Budget) -> str:
+    """That a search was cut, and where: with more time its result may be another."""
+    return f"; note: the search was cut after {budget.used} steps" if budget.cut else ""
 
 
 def _terms(

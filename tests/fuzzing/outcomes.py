@@ -1,0 +1,61 @@
+"""What comes of a mutant: a typed error, a plan that failed, or a success that is true."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from typing import Any
+
+TIMEOUT = 1.0  # [s] of a plan
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """Files by name, and what is done with them in their folder."""
+
+    kind: str
+    files: dict[str, bytes]
+    act: Callable[[Path], str]
+
+    def run(self, folder: Path) -> str:
+        """What came of it: a code, or ``success``; raises what is not typed.
+
+        AssertionError: a result that is not valid.
+        """
+        from optipromp.errors import OptiPrompError
+
+        for name, content in self.files.items():
+            (folder / name).write_bytes(content)
+        try:
+            return self.act(folder)
+        except OptiPrompError as error:
+            code, words = error.code, error.message
+        assert words, "a refusal without words"
+        return f"error {code}"
+
+
+def check_plan(result: Any, *, anywhere: bool = False) -> str:
+    """The status of a plan; a success is judged again, and its numbers are finite.
+
+    A plan from a file may begin ``anywhere``, as one that goes on from another.
+    """
+    from optipromp import judge
+    from optipromp.trajectory import Trajectory
+
+    assert isinstance(result.trajectory, Trajectory)  # refuses what is not finite
+    assert result.message, "a plan without words"
+    if not result.success:
+        return f"no plan {result.status}"
+    again = judge(result.scene, result.trajectory, robot=result.robot)
+    wrong = [v for v in again.judgement.violations if v.kind != "start" or not anywhere]
+    assert not wrong, f"a false success: {again.message}"
+    assert all(math.isfinite(v) for v in result.metrics.to_dict().values() if type(v) is float)
+    return "success"
+
+
+def planned(random: Random, scene: Any, **request: Any) -> str:
+    from optipromp import PlanOptions, plan
+
+    request = {"options": PlanOptions(timeout=TIMEOUT), "seed": 0} | request
+    return check_plan(plan(scene, **request))
