@@ -109,12 +109,8 @@ def candidates(plan: Plan) -> list[tuple[FloatArray, float]]:
     if model is None or not isinstance(task.goal, PoseGoal):
         return []
     watched = _Watched(model)
-    found = search(
-        watched,
-        task.goal.axis,
-        np.random.default_rng(plan.seed),
-        Budget(time.perf_counter() + SEARCHING),
-    )
+    budget = Budget(time.perf_counter() + SEARCHING)
+    found = search(watched, task.axes, np.random.default_rng(plan.seed), budget)
     for path, good in found:
         if path.harm <= good:
             break

@@ -132,9 +132,7 @@ def tool_paths(
     if task.entry is not None and not task.neighbours:
         yield straight(task), PUSH.harm.good
     elif model is not None:
-        assert isinstance(task.goal, PoseGoal)
-        lead = None if task.entry is not None else task.scene.approach.lead
-        yield from search(model, task.goal.axis, rng, budget, lead)
+        yield from search(model, task.axes, rng, budget)
     elif task.neighbours:
         for corners in rule_paths(task.scene, task.neighbours, task.robot, task.camera, rule):
             yield through(corners, RULE_SPEED), 0.0
