@@ -189,7 +189,7 @@ def test_out_of_reach_is_said(arm: TaskMap, arm_promp: ProMP) -> None:
         result = condition(arm_promp, [JointPoint(0.0, np.zeros(7)), far], arm, 20)
     assert np.isfinite(result.mean).all()
     assert np.isfinite(result.covariance).all()
-    _, report = condition_with_report(arm_promp, far, arm, 20)
+    _, report = condition_with_report(arm_promp, far, arm, 20, initial=arm_promp.mean)
     assert report.missed == (0,)
     assert not report.converged
     assert report.position_error[0] > 9e3
