@@ -4,7 +4,8 @@
 
 FOLDER is ``share/example-robot-data/robots`` of the package example-robot-data (extra ``models``).
 Before each plan the built-in Panda plans its scene of the same seed: processor times are compared
-within one process, on whatever machine this is. NAME=FILE adds an arm. ``--write`` puts the table into docs/robots-tried.md.
+within one process, on whatever machine this is. NAME=FILE adds an arm. ``--write`` puts the table
+into docs/robots-tried.md.
 """
 
 import argparse

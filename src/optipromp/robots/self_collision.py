@@ -18,13 +18,14 @@ SAMPLED_POSTURES = 200
 SORTING_POSTURES = 20_000  # at which pairs of fitted covers are looked at
 TRYING_POSTURES = 4_000  # the same, to see which spheres are loose
 SHARED, SHARE = 2_000, 0.010  # chosen: configurations, and the share of them that makes one loose
+WRONG = 0.025  # chosen: share of them at which the parts of no two short spheres meet
 ROUNDS = 3  # chosen: UR10 has no loose sphere after two
 MOSTLY = 0.95  # share of them at which links touch, so that a check of them would say nothing
-OFTEN = 10  # times that two spheres overlap there, at least, for their slack to be known
-KEPT = 0.0005  # [m] of slack given away: parts are known at their corners (see DIRECTIONS)
+OFTEN = 30  # times that two spheres overlap there, at least, for their slack to be known
+KEPT = 0.002  # [m] chosen: slack given away, as configurations and corners of parts are samples
 FAR = 0.05  # [m] that covers keep at all of them, so that a check of them is not worth its time
 MOST_LINKS = 3000  # pairs of links: a robot of 78 links; a chain of 3,000 would take hours
-_PAIRS_VERSION = 3  # part of the cache key: raise it when the same robot gets other pairs
+_PAIRS_VERSION = 4  # part of the cache key: raise it when the same robot gets other pairs
 _CHUNK = 1_000_000
 
 Found = tuple[IntArray, FloatArray, tuple[LeftOut, ...]]
@@ -78,8 +79,10 @@ def _sorted(
 
 def loose_spheres(robot: Robot, parts: FloatArray) -> IntArray:
     """Indices of moving spheres that are short of their slack at more than SHARE of configurations
-    at which the parts (see :class:`Parts`) of no two spheres that are short meet."""
+    where the parts (see :class:`Parts`) of no two spheres that are short meet; none where there are
+    such spheres at fewer than WRONG of the configurations."""
     surfaces, count = Parts(len(robot.spheres.radius), parts), np.zeros(len(robot.spheres.radius))
+    wrong = 0
     for postures in np.array_split(_postures(robot, SHARED), 10):
         row, pair = np.nonzero(robot.self_gaps(postures) < 0.0)
         pairs = robot.self_pairs[pair]
@@ -87,6 +90,9 @@ def loose_spheres(robot: Robot, parts: FloatArray) -> IntArray:
         apart = ~np.isin(row, row[meet])
         short = np.column_stack([np.repeat(row[apart], 2), pairs[apart].ravel()])
         np.add.at(count, np.unique(short, axis=0)[:, 1], 1.0)
+        wrong += len(np.unique(row[apart]))
+    if wrong < WRONG * SHARED:
+        return np.zeros(0, dtype=np.int64)
     return np.flatnonzero((count > SHARE * SHARED) & surfaces.known & (robot.spheres.segment >= 0))
 
 
