@@ -18,14 +18,14 @@ SAMPLED_POSTURES = 200
 SORTING_POSTURES = 20_000  # at which pairs of fitted covers are looked at
 TRYING_POSTURES = 4_000  # the same, to see which spheres are loose
 SHARED, SHARE = 2_000, 0.010  # chosen: configurations, and the share of them that makes one loose
-WRONG = 0.025  # chosen: share of them at which the parts of no two short spheres meet
-ROUNDS = 3  # chosen: UR10 has no loose sphere after two
+WRONG = 0.030  # chosen: share of them at which the parts of no two short spheres meet
+ROUNDS = 4  # chosen: UR10 has no loose sphere after three
 MOSTLY = 0.95  # share of them at which links touch, so that a check of them would say nothing
 OFTEN = 30  # times that two spheres overlap there, at least, for their slack to be known
 KEPT = 0.002  # [m] chosen: slack given away, as configurations and corners of parts are samples
 FAR = 0.05  # [m] that covers keep at all of them, so that a check of them is not worth its time
 MOST_LINKS = 3000  # pairs of links: a robot of 78 links; a chain of 3,000 would take hours
-_PAIRS_VERSION = 4  # part of the cache key: raise it when the same robot gets other pairs
+_PAIRS_VERSION = 5  # part of the cache key: raise it when the same robot gets other pairs
 _CHUNK = 1_000_000
 
 Found = tuple[IntArray, FloatArray, tuple[LeftOut, ...]]
@@ -226,7 +226,8 @@ class _Sample:
         row, pair, apart = map(np.concatenate, zip(*overlaps, strict=True))
         order = np.lexsort((-apart, pair))
         reach = self._reach(pairs, row[order], pair[order], apart[order])
-        known = self.parts.known[pairs].all(axis=1) & (times >= OFTEN)
+        often = OFTEN * len(self.frames[0]) / SORTING_POSTURES
+        known = self.parts.known[pairs].all(axis=1) & (times >= often)
         slack = np.where(known, np.maximum(full - reach - KEPT, 0.0), 0.0)
         slack[known & (reach == 0.0)] = np.inf
         if known.any() and not reach.any():  # the links never touch
