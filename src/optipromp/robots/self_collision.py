@@ -18,14 +18,15 @@ SAMPLED_POSTURES = 200
 SORTING_POSTURES = 20_000  # at which pairs of fitted covers are looked at
 TRYING_POSTURES = 4_000  # the same, to see which spheres are loose
 SHARED, SHARE = 2_000, 0.010  # chosen: configurations, and the share of them that makes one loose
-WRONG = 0.030  # chosen: share of them at which the parts of no two short spheres meet
+WRONG = 0.020  # chosen: share of them at which the parts of no two short spheres meet
 ROUNDS = 4  # chosen: UR10 has no loose sphere after three
 MOSTLY = 0.95  # share of them at which links touch, so that a check of them would say nothing
 OFTEN = 30  # times that two spheres overlap there, at least, for their slack to be known
-KEPT = 0.002  # [m] chosen: slack given away, as configurations and corners of parts are samples
+KEPT = 0.0005  # [m] of slack given away: parts are known at their corners (see DIRECTIONS)
+TAIL = 3.0  # chosen: given away too, in mean gaps of the distances at which parts may meet
 FAR = 0.05  # [m] that covers keep at all of them, so that a check of them is not worth its time
 MOST_LINKS = 3000  # pairs of links: a robot of 78 links; a chain of 3,000 would take hours
-_PAIRS_VERSION = 5  # part of the cache key: raise it when the same robot gets other pairs
+_PAIRS_VERSION = 7  # part of the cache key: raise it when the same robot gets other pairs
 _CHUNK = 1_000_000
 
 Found = tuple[IntArray, FloatArray, tuple[LeftOut, ...]]
@@ -145,7 +146,8 @@ def sorted_out(
 
     Looked at are pairs of links named in ``fitted``, at ``count`` random configurations
     (fixed seed). Two spheres may overlap by as much as they do wherever their parts (``given``, see
-    :class:`Parts`) are apart: their slack. Those that overlap :data:`OFTEN` while their parts never
+    :class:`Parts`) are apart: their slack. Of n samples at less than the largest distance at which
+    parts met, a larger one was not seen: TAIL times their spread over n is given away. Those that overlap :data:`OFTEN` while their parts never
     meet are left out; so are links that touch all the same at more than :data:`MOSTLY` of the
     configurations, and links whose covers keep :data:`FAR` at all of them. Spheres that are short
     at home while the links are apart there get the slack that home needs; but a home with a joint
@@ -228,7 +230,10 @@ class _Sample:
         reach = self._reach(pairs, row[order], pair[order], apart[order])
         often = OFTEN * len(self.frames[0]) / SORTING_POSTURES
         known = self.parts.known[pairs].all(axis=1) & (times >= often)
-        slack = np.where(known, np.maximum(full - reach - KEPT, 0.0), 0.0)
+        deep, nearest = apart <= reach[pair], full.copy()
+        np.minimum.at(nearest, pair, apart)
+        unseen = TAIL * (reach - nearest) / np.bincount(pair[deep], minlength=len(pairs)).clip(1)
+        slack = np.where(known, np.maximum(full - reach - unseen - KEPT, 0.0), 0.0)
         slack[known & (reach == 0.0)] = np.inf
         if known.any() and not reach.any():  # the links never touch
             slack[:] = np.inf
