@@ -144,15 +144,15 @@ def sorted_out(
 ) -> Found:
     """``pairs`` (P, 2) that are to be kept apart, their slack (P,) [m]; what is left out, and why.
 
-    Looked at are pairs of links named in ``fitted``, at ``count`` random configurations
-    (fixed seed). Two spheres may overlap by as much as they do wherever their parts (``given``, see
+    Looked at are pairs of links named in ``fitted``, at ``count`` random configurations (fixed
+    seed). Two spheres may overlap by as much as they do wherever their parts (``given``, see
     :class:`Parts`) are apart: their slack. Of n samples at less than the largest distance at which
-    parts met, a larger one was not seen: TAIL times their spread over n is given away. Those that overlap :data:`OFTEN` while their parts never
-    meet are left out; so are links that touch all the same at more than :data:`MOSTLY` of the
-    configurations, and links whose covers keep :data:`FAR` at all of them. Spheres that are short
-    at home while the links are apart there get the slack that home needs; but a home with a joint
-    at its limit is where nobody chose to be, and says nothing. Of more than :data:`MOST_LINKS`
-    pairs of links none is looked at.
+    parts met, a larger one was not seen: TAIL times their spread over n is given away. Those that
+    overlap :data:`OFTEN` while their parts never meet are left out; so are links that touch all the
+    same at more than :data:`MOSTLY` of the configurations, and links whose covers keep :data:`FAR`
+    at all of them. Spheres that are short at home while the links are apart there get the slack
+    that home needs; but a home with a joint at its limit is where nobody chose to be, and says
+    nothing. Of more than :data:`MOST_LINKS` pairs of links none is looked at.
     """
     link, names = robot.spheres.link, robot.link_names
     pairs = pairs[np.lexsort((link[pairs[:, 1]], link[pairs[:, 0]]))] if fitted else pairs
