@@ -1,10 +1,11 @@
 """Stock arms pick their own ``cluster`` scenes in the simulation; a table for robots-tried.md.
 
-    python scripts/robots_pick.py FOLDER [--count 50] [--write] [ARM ...]
+    python scripts/robots_pick.py FOLDER [--count 50] [--write] [ARM ...] [NAME=FILE ...]
 
 FOLDER is ``share/example-robot-data/robots`` of the package example-robot-data (extra ``models``).
-Before each plan the built-in Panda plans its scene of the same seed: the times are compared within
-one process, on whatever machine this is. ``--write`` puts the table into docs/robots-tried.md.
+Before each plan the built-in Panda plans its scene of the same seed: processor times are compared
+within one process, on whatever machine this is. NAME=FILE adds an arm. ``--write`` puts the table
+into docs/robots-tried.md.
 """
 
 import argparse
@@ -46,9 +47,9 @@ def pick(name: str, path: str | Path, choice: Choice, count: int) -> str:
     for seed in range(SEED, SEED + count):
         for times, args in ((panda, ()), (own, (path, choice))):
             scene = generate("cluster", seed, *args)
-            began = time.perf_counter()
+            began = time.process_time()
             made = plan(scene)
-            times.append(time.perf_counter() - began)
+            times.append(time.process_time() - began)
         outcome = simulate(made).outcome
         valid, picked = valid + made.success, picked + outcome.success
         causes += [] if outcome.success else [f"{seed} {made.status} {outcome.cause}"]
@@ -74,8 +75,10 @@ def main() -> None:
     warnings.simplefilter("ignore")  # of arms without demonstrations
     warm_up()
     rows = []
-    for name, file in {"built-in Panda": "panda", **ARMS}.items():
-        if given.arms and name not in given.arms:
+    own_arms = dict(arm.split("=", 1) for arm in given.arms if "=" in arm)
+    named = [arm for arm in given.arms if "=" not in arm]
+    for name, file in {"built-in Panda": "panda", **ARMS, **own_arms}.items():
+        if named and name not in (*named, *own_arms):
             continue
         path: str | Path = file if file == "panda" else given.folder / file
         if name.startswith("TIAGo"):
@@ -83,14 +86,15 @@ def main() -> None:
             own.write_text(TIAGO.format(urdf=path))
             path = own
         rows.append(pick(name, path, NOTHING, given.count))
+        print(rows[-1], flush=True)
     lines = [
         PICKING,
         "",
         f"{given.count} scenes of the preset `cluster` an arm (seeds from {SEED}), placed in its",
         "reach by `optipromp generate --robot FILE`, planned without demonstrations (the built-in",
         "Panda with its own) and executed in the simulation with masses and torque limits of the",
-        "URDF. Times are over those of the built-in Panda, planned alternately in one process.",
-        "Written by `scripts/robots_pick.py`.",
+        "URDF. Processor times are over those of the built-in Panda, planned alternately in one",
+        "process. Written by `scripts/robots_pick.py`.",
         "",
         "| arm | joints | spheres | neck of the cup | valid plans | picked | picked, % | "
         "median time | p95 |",

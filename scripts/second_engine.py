@@ -8,6 +8,7 @@ numbers of its own. There is no arm and no controller: a cup with its neck and t
 follows the flange, which the Panda's published Denavit-Hartenberg parameters place. Stems are
 chains of capsules with ball joints, and the fruit turns about its calyx. A plan succeeds if the
 target alone ends in the cup and no fruit or stem is pressed beyond what the docs say that it bears.
+Density, friction and stiffness that a scene's objects tell are taken from there.
 The table says how often this and the main simulation agree. Hanging fruits, built-in Panda only.
 """
 
@@ -34,13 +35,14 @@ LINK = 0.045, 0.09  # [m] radius of the link beyond it, and where that ends
 # Numbers of this engine, each other than the main simulation's (docs/simulation.md), all guesses
 STEP = 0.0005  # [s]
 SEGMENTS = 7
-MODULUS, THICK = 3e7, 0.003  # [Pa], [m] of a stem's tissue
+MODULUS, THICK, TRUSS = 3e7, 0.003, 0.0045  # [Pa], [m] of a stem's tissue; of one that carries
 GROWN = 0.7  # [rad] a leaning stem turns at most once nothing hangs on it
 CALYX = 2e-3  # [N m/rad] of the fruit about its calyx
 DAMPING = 0.02  # [s] joint damping over joint stiffness: a tenth of critical at 1.5 Hz
 SWAY = 3e-4  # [N m s/rad] more at the root
 DENSITY, STEM_DENSITY = 1000.0, 900.0  # [kg/m³]
 FRICTION = 0.5
+BALLS = 7  # that a cone is made of
 SOFT = 0.01  # [s] time constant of a contact
 WALLS, WALL, NECK = 20, 0.002, 0.010  # pieces of the wall; [m] its thickness, radius of the neck
 HOLD = 0.6  # [s] at the end
@@ -108,45 +110,90 @@ def _cup(tool: Mapping[str, Any]) -> str:
     return "".join(out)
 
 
-def _shape(item: Mapping[str, Any]) -> tuple[str, float, float]:
-    """A fruit as MJCF in its own frame, its mass [kg] and its radius [m]."""
+def _shape(item: Mapping[str, Any], at: np.ndarray) -> tuple[str, float]:
+    """A fruit as MJCF ``at`` (3,) from its stem's end, and its mass [kg].
+
+    A cone is a row of balls that share its mass.
+    """
     (kind, told), turn = next(iter(item["shape"].items())), item.get("orientation", [1, 0, 0, 0])
-    radius, length = float(told["radius"]), float(told.get("length", 0.0))
-    if kind not in ("sphere", "capsule"):
-        raise ValueError(f"{item['id']} is a {kind}: only balls and capsules hang here")
-    mass = DENSITY * np.pi * radius**2 * (4.0 / 3.0 * radius + length)
-    size = f"{radius} {0.5 * length}" if length else f"{radius}"
-    return f'<geom type="{kind}" size="{size}" quat="{_text(turn)}" mass="{mass}"/>', mass, radius
+    density = item.get("physical", {}).get("density", DENSITY)
+    balls = [(np.zeros(3), "")]
+    if kind == "ellipsoid":
+        size, volume = _text(told["radii"]), 4.0 / 3.0 * np.pi * float(np.prod(told["radii"]))
+    elif kind == "cone":
+        wide, tip, length = (float(told[k]) for k in ("radius", "tip", "length"))
+        share, axis = np.linspace(0.0, 1.0, BALLS), np.zeros(3)
+        mujoco.mju_rotVecQuat(axis, np.array([0.0, 0.0, 1.0]), np.array(turn, dtype=float))
+        radii = wide + share * (tip - wide)
+        balls = [((0.5 - s) * length * axis, f"{r}") for s, r in zip(share, radii, strict=True)]
+        kind, size = "sphere", ""
+        volume = np.pi / 3.0 * (2.0 * wide**3 + 2.0 * tip**3)
+        volume += np.pi / 3.0 * length * (wide**2 + wide * tip + tip**2)
+    elif kind in ("sphere", "capsule"):
+        radius, length = float(told["radius"]), float(told.get("length", 0.0))
+        size = f"{radius} {0.5 * length}"
+        volume = np.pi * radius**2 * (4.0 / 3.0 * radius + length)
+    else:
+        raise ValueError(f"{item['id']} is a {kind}: only balls, capsules, ellipsoids, cones hang")
+    friction = item.get("physical", {}).get("friction", FRICTION)
+    out = "".join(
+        f'<geom type="{kind}" size="{size or own}" pos="{_text(at + off)}" quat="{_text(turn)}" '
+        f'mass="{density * volume / len(balls)}" friction="{friction} 0.003 0.0001" '
+        'contype="2" conaffinity="3"/>'
+        for off, own in balls
+    )
+    return out, density * volume
 
 
-def _hanging(item: Mapping[str, Any]) -> str:
-    """A fruit on its stem as nested bodies, from the root down."""
-    shape, mass, _ = _shape(item)
-    stem, place = item["stem"], np.array(item["position"], dtype=float)
-    points = np.array(stem["points"]) if "points" in stem else np.array([place, stem["root"]])
-    (calyx, root), thin = points[[0, -1]], float(stem.get("radius", 0.003))
-    line = (calyx - root) / SEGMENTS
+def _ends(item: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Where a stem meets its fruit (3,), and its root (3,) [m]."""
+    stem = item["stem"]
+    points = np.array(stem.get("points") or [item["position"], stem["root"]], dtype=float)
+    return points[0], points[-1]
+
+
+def _hanging(item: Mapping[str, Any], others: list[Mapping[str, Any]]) -> tuple[str, float]:
+    """A fruit on its stem as nested bodies from the root down, and their mass [kg].
+
+    Among the ``others`` are those whose stems grow from this one.
+    """
+    calyx, root = _ends(item)
+    shape, mass = _shape(item, np.array(item["position"], dtype=float) - calyx)
+    line, thin = (calyx - root) / SEGMENTS, float(item["stem"].get("radius", 0.003))
     length = float(np.linalg.norm(calyx - root))
+    grown: dict[int, str] = {}
+    held = mass
+    for other in others:
+        if other["stem"].get("parent") != item["id"]:
+            continue
+        _, begins = _ends(other)
+        share = float((begins - root) @ (calyx - root)) / length**2
+        k = int(np.clip(share * SEGMENTS, 0, SEGMENTS - 1))
+        text, more = _hanging({**other, "begins": begins - root - k * line}, others)
+        grown[k], held = grown.get(k, "") + text, held + more
+    thick = TRUSS if grown else THICK
     lean = float(np.linalg.norm((calyx - root)[:2])) / length
-    tissue = MODULUS * np.pi * THICK**4 / 64.0
-    stiff = max(tissue, mass * 9.81 * lean * length**2 / (2.0 * GROWN)) * SEGMENTS / length
-    light = STEM_DENSITY * np.pi * (0.5 * THICK) ** 2 * length / SEGMENTS
-    name, at = item["id"], place - calyx
+    tissue = MODULUS * np.pi * thick**4 / 64.0
+    bending = max(tissue, held * 9.81 * lean * length**2 / (2.0 * GROWN))
+    stiff = item.get("physical", {}).get("stem_stiffness", bending) * SEGMENTS / length
+    light = STEM_DENSITY * np.pi * (0.5 * thick) ** 2 * length / SEGMENTS
+    name = item["id"]
     out = (
         f'<body name="{name}" pos="{_text(line)}"><joint name="calyx:{name}" type="ball" '
         f'pos="0 0 0" stiffness="{CALYX}" damping="{DAMPING * CALYX + 1e-5}" armature="1e-6"/>'
-        + shape.replace("/>", f' pos="{_text(at)}" contype="2" conaffinity="3"/>')
-        + f'<site name="{name}" pos="{_text(at)}"/></body>'
+        + shape
+        + f'<site name="{name}" pos="{_text(np.array(item["position"]) - calyx)}"/></body>'
     )
     for k in reversed(range(SEGMENTS)):
         stiffness = 2.0 * stiff if k == 0 else stiff
+        place = item.get("begins", root) if k == 0 else line
         out = (
-            f'<body name="{name}:{k}" pos="{_text(root if k == 0 else line)}"><joint type="ball" '
+            f'<body name="{name}:{k}" pos="{_text(place)}"><joint type="ball" '
             f'stiffness="{stiffness}" damping="{DAMPING * stiffness + (SWAY if k == 0 else 0.0)}" '
             f'armature="1e-6"/><geom type="capsule" size="{thin}" fromto="0 0 0 {_text(line)}" '
-            f'mass="{light}" contype="4" conaffinity="1"/>{out}</body>'
+            f'mass="{light}" contype="4" conaffinity="1"/>{out}{grown.get(k, "")}</body>'
         )
-    return out
+    return out, held + SEGMENTS * light
 
 
 def _static(item: Mapping[str, Any]) -> str:
@@ -161,10 +208,9 @@ def _static(item: Mapping[str, Any]) -> str:
 
 def model_of(scene: Mapping[str, Any]) -> mujoco.MjModel:
     """The world of a scene's document: a cup led by a mocap body, fruits, static boxes."""
-    bodies = "".join(
-        _static(item) if item["role"] == "static" else _hanging(item)
-        for item in scene["objects"] if item["role"] != "avoid"
-    )  # fmt: skip
+    fruits = [item for item in scene["objects"] if item["role"] in ("target", "pushable")]
+    bodies = "".join(_static(item) for item in scene["objects"] if item["role"] == "static")
+    bodies += "".join(_hanging(i, fruits)[0] for i in fruits if not i["stem"].get("parent"))
     return mujoco.MjModel.from_xml_string(
         f"""<mujoco><compiler angle="radian"/>
         <option timestep="{STEP}" integrator="implicitfast" cone="pyramidal" iterations="50"/>
@@ -223,8 +269,6 @@ class _Watch:
 
 def execute(scene: Mapping[str, Any], times: np.ndarray, q: np.ndarray) -> Word:
     """Fly the cup along a plan: configurations (T, 7) at times (T,) [s], in a scene's document."""
-    if any(item.get("stem", {}).get("parent") for item in scene["objects"]):
-        raise ValueError("no stem grows from another here")
     if scene["robot"] != "panda" or scene["tool"]["kind"] != "cup":
         raise ValueError("only a cup on the built-in Panda flies here")
     ids = [item["id"] for item in scene["objects"] if item["role"] in ("target", "pushable")]

@@ -20,13 +20,12 @@ def result(request: pytest.FixtureRequest) -> Plan:
 
 
 def test_a_plan_comes_back_as_it_was(result: Plan, tmp_path: Path) -> None:
-    names = write_plan(result, tmp_path / "reach", {"picture.png": b"x"})
+    names = write_plan(result, tmp_path / "reach")
     assert set(names) == {
         "plan.json",
         "trajectory.csv",
         "trajectory.npz",
         "waypoints.npz",
-        "picture.png",
     }
     assert {path.name for path in (tmp_path / "reach").iterdir()} == set(names)
     for source in (tmp_path / "reach", tmp_path / "reach" / "plan.json"):

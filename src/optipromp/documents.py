@@ -4,16 +4,15 @@ Numbers, booleans and null read as in YAML 1.2: ``1e-3`` is a number, ``no`` and
 Duplicate keys, which the readers of both formats ignore, are refused; so are tags, and whatever is
 larger or nested deeper than the limits below.
 
-YAML is read from the parser's events, without recursion: what PyYAML makes of them overflows the
-stack of the process where a file nests deep, and its constructors raise whatever they meet.
+YAML is read from the parser's events: what PyYAML makes of them overflows the stack of the process
+where a file nests deep, and its constructors raise whatever they meet.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -103,17 +102,6 @@ def _read_json(text: str) -> Any:
     return json.loads(text, object_pairs_hook=pairs)
 
 
-@dataclass(slots=True)
-class _Open:
-    """A list or mapping that is being read; ``size`` counts the values in it, unfolded."""
-
-    value: Any
-    anchor: str | None
-    size: int = 1
-    key: str | None = None  # that waits for its value
-    merged: list[dict[str, Any]] = field(default_factory=list)
-
-
 def read_yaml(text: str) -> Any:
     """The plain value of one YAML document.
 
@@ -121,106 +109,98 @@ def read_yaml(text: str) -> Any:
         yaml.YAMLError: not YAML, or not of the subset that is read; with the line.
         ValueError: too large, or a number too long.
     """
-    return _Reader().read(yaml.parse(text, Loader=_Parser))
+    reader, value, documents = _Reader(yaml.parse(text, Loader=_Parser)), None, 0
+    for event in reader.events:
+        if isinstance(event, yaml.DocumentStartEvent):
+            documents += 1
+            if documents > 1:
+                refuse(event, "a second document: must be one")
+        elif isinstance(event, yaml.NodeEvent):
+            value, _ = reader.node(event, 0)
+    return value
 
 
 class _Reader:
-    """Builds values from a parser's events."""
+    """Builds values from a parser's events, each with the count of values in it, unfolded."""
 
-    def __init__(self) -> None:
-        self.open: list[_Open] = []
+    def __init__(self, events: Iterator[Any]) -> None:
+        self.events = events
         self.anchors: dict[str, tuple[Any, int] | None] = {}  # None: not closed yet
-        self.document: Any = None
-        self.documents = 0
 
-    def read(self, events: Iterable[Any]) -> Any:
-        for event in events:
-            if isinstance(event, yaml.ScalarEvent):
-                self.scalar(event)
-            elif isinstance(event, yaml.CollectionStartEvent):
-                self.begin(event)
-            elif isinstance(event, yaml.CollectionEndEvent):
-                self.end(event)
-            elif isinstance(event, yaml.AliasEvent):
-                self.alias(event)
-            elif isinstance(event, yaml.DocumentStartEvent):
-                self.documents += 1
-                if self.documents > 1:
-                    refuse(event, "a second document: must be one")
-        return self.document
-
-    def scalar(self, event: Any) -> None:
+    def node(self, event: Any, depth: int) -> tuple[Any, int]:
+        """The value that begins with an event, inside of ``depth`` others."""
+        if isinstance(event, yaml.AliasEvent):
+            if event.anchor not in self.anchors:
+                refuse(event, f"found undefined alias {event.anchor!r}")
+            known = self.anchors[event.anchor]
+            if known is None:
+                refuse(event, "an alias holds itself: must not")
+            return known
         if event.tag not in (None, "!"):
             refuse(event, f"tag {event.tag}: values must have none")
-        if self.open and type(self.open[-1].value) is dict and self.open[-1].key is None:
-            self.key(event)
-            return
-        plain = event.implicit[0] and not event.tag
-        value = _resolved(event.value) if plain else event.value
-        if event.anchor is not None:
-            self.anchors[event.anchor] = value, 1
-        self.add(value, 1, event)
-
-    def key(self, event: Any) -> None:
-        top, name = self.open[-1], event.value
-        if name in top.value:
-            refuse(event, f"key {name!r} stands twice")
-        if event.anchor is not None:
-            self.anchors[event.anchor] = name, 1
-        top.key = name
-        if name != "<<":
-            top.value[name] = None  # keeps the order of the file
-
-    def begin(self, event: Any) -> None:
-        if event.tag not in (None, "!"):
-            refuse(event, f"tag {event.tag}: values must have none")
-        if self.open and type(self.open[-1].value) is dict and self.open[-1].key is None:
-            refuse(event, "a key must be text")
-        if len(self.open) == _DEEPEST:
-            refuse(event, f"nested deeper than {_DEEPEST}")
-        if event.anchor is not None:
-            self.anchors[event.anchor] = None
-        empty: Any = {} if isinstance(event, yaml.MappingStartEvent) else []
-        self.open.append(_Open(empty, event.anchor))
-
-    def end(self, event: Any) -> None:
-        top = self.open.pop()
-        for other in top.merged:  # what the mapping states itself, and what came first, stays
-            for name in other:
-                top.value.setdefault(name, other[name])
-        if top.anchor is not None:
-            self.anchors[top.anchor] = top.value, top.size
-        self.add(top.value, top.size, event)
-
-    def alias(self, event: Any) -> None:
-        if self.open and type(self.open[-1].value) is dict and self.open[-1].key is None:
-            refuse(event, "a key must be text")
-        if event.anchor not in self.anchors:
-            refuse(event, f"found undefined alias {event.anchor!r}")
-        known = self.anchors[event.anchor]
-        if known is None:
-            refuse(event, "an alias holds itself: must not")
-        self.add(*known, event)
-
-    def add(self, value: Any, size: int, event: Any) -> None:
-        """Put a value of so many values where it belongs."""
-        if not self.open:
-            self.document = value
-            return
-        top = self.open[-1]
-        top.size += size
-        if top.size > _MOST_VALUES:
-            refuse(event, f"values unfold to more than {_MOST_VALUES}")
-        if type(top.value) is list:
-            top.value.append(value)
-            return
-        if top.key == "<<":
-            top.merged = value if isinstance(value, list) else [value]
-            if not all(isinstance(other, dict) for other in top.merged):
-                refuse(event, "<< must be a mapping, or a list of mappings")
+        if isinstance(event, yaml.ScalarEvent):
+            plain = event.implicit[0] and not event.tag
+            found = _resolved(event.value) if plain else event.value, 1
         else:
-            top.value[top.key] = value
-        top.key = None
+            if depth == _DEEPEST:
+                refuse(event, f"nested deeper than {_DEEPEST}")
+            if event.anchor is not None:
+                self.anchors[event.anchor] = None
+            mapping = isinstance(event, yaml.MappingStartEvent)
+            found = (self.mapping if mapping else self.sequence)(depth + 1)
+        if event.anchor is not None:
+            self.anchors[event.anchor] = found
+        return found
+
+    def sequence(self, depth: int) -> tuple[Any, int]:
+        out, size = [], 1
+        for event in self.events:
+            if isinstance(event, yaml.SequenceEndEvent):
+                break
+            value, more = self.node(event, depth)
+            size = _sum(size, more, event)
+            out.append(value)
+        return out, size
+
+    def mapping(self, depth: int) -> tuple[Any, int]:
+        out: dict[str, Any] = {}
+        merged: list[Any] = []
+        size = 1
+        for event in self.events:
+            if isinstance(event, yaml.MappingEndEvent):
+                break
+            name, begin = self.key(event, out), next(self.events)
+            value, more = self.node(begin, depth)
+            size = _sum(size, more, begin)
+            if name != "<<":
+                out[name] = value
+                continue
+            merged = value if isinstance(value, list) else [value]
+            if not all(isinstance(other, dict) for other in merged):
+                refuse(begin, "<< must be a mapping, or a list of mappings")
+        for other in merged:  # what the mapping states itself, and what came first, stays
+            for name in other:
+                out.setdefault(name, other[name])
+        return out, size
+
+    def key(self, event: Any, known: dict[str, Any]) -> str:
+        """The text of a mapping's key."""
+        if not isinstance(event, yaml.ScalarEvent):
+            refuse(event, "a key must be text")
+        if event.tag not in (None, "!"):
+            refuse(event, f"tag {event.tag}: values must have none")
+        if event.value in known:
+            refuse(event, f"key {event.value!r} stands twice")
+        if event.anchor is not None:
+            self.anchors[event.anchor] = event.value, 1
+        return str(event.value)
+
+
+def _sum(size: int, more: int, event: Any) -> int:
+    """Refuse more values than there may be."""
+    if size + more > _MOST_VALUES:
+        refuse(event, f"values unfold to more than {_MOST_VALUES}")
+    return size + more
 
 
 def _resolved(text: str) -> Any:

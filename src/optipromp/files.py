@@ -47,6 +47,13 @@ def read_bytes(path: Path, error: type[OptiPrompError], most: int = LARGEST_ARRA
     return content
 
 
+def is_bag(path: Path) -> bool:
+    """Whether a path looks like a bag: ``.mcap``, ``.db3``, or a folder with metadata.yaml."""
+    if path.is_dir():
+        return (path / "metadata.yaml").exists()
+    return path.suffix.lower() in (".mcap", ".db3")
+
+
 FOLDERS = "OPTIPROMP_FOLDERS"
 """Environment variable: folders beside their own from which scenes may read files."""
 

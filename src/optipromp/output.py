@@ -29,22 +29,17 @@ from optipromp.scenes.scene import Scene
 from optipromp.trajectory import State, Trajectory
 from optipromp.trajectory_files import arrays, csv, from_arrays
 
-__all__ = ["load_plan", "write_plan"]
-
 FORMAT = 3
 PUSHED = ("pushed_points", "pushed_axes")
 RATE = 1000.0  # [Hz] of the Panda's control interface
 
 
-def write_plan(
-    plan: Plan, folder: Path, further: Mapping[str, bytes] | None = None, *, rate: float = RATE
-) -> tuple[str, ...]:
+def write_plan(plan: Plan, folder: Path, *, rate: float = RATE) -> tuple[str, ...]:
     """Write a plan into ``folder``, each file whole or not at all, ``plan.json`` last.
 
     Args:
         plan: any plan, also one that failed.
         folder: made if need be; files of an earlier plan are replaced.
-        further: more files by name (figures), written along.
         rate: of the rows in ``trajectory.csv`` and ``trajectory.npz`` [Hz].
 
     Returns:
@@ -58,7 +53,6 @@ def write_plan(
         "trajectory.csv": csv(curve),
         "trajectory.npz": npz(arrays(curve)),
         "waypoints.npz": npz(_waypoints(plan), compressed=True),
-        **(further or {}),
         "plan.json": json_text(_document(plan, folder)).encode("utf-8"),
     }
     for name, content in files.items():

@@ -19,6 +19,7 @@ import numpy as np
 
 from optipromp.errors import InvalidRequestError
 
+GRAVITY = 9.81  # [m/s²]
 Kind = Literal["measured", "reported", "published", "guess", "choice"]
 
 

@@ -3,6 +3,14 @@
 from importlib import import_module
 from typing import Any
 
+LONGEST_NAME = 1000
+"""Letters of a name, at most."""
+
+
+def is_name(text: str) -> bool:
+    """Whether ``text`` can name something: 1 to :data:`LONGEST_NAME` letters, all printable."""
+    return 0 < len(text) <= LONGEST_NAME and printable(text) == text
+
 
 def printable(text: str) -> str:
     """``text`` with what would steer a terminal, or turn the direction of writing, escaped."""

@@ -39,7 +39,7 @@ def satisfied(panda: Any) -> dict[str, Cost]:
         "self": SelfCost(9.0, 0.0),
         "corridor": CorridorCost(9.0, tools + 0.019, np.eye(3), 0.02, 0),
         "upright": UprightCost(
-            9.0, axes[0], float(np.linalg.norm(axes - axes[0], axis=1).max()) + 1e-9, 0
+            9.0, axes[:1], float(np.linalg.norm(axes - axes[0], axis=1).max()) + 1e-9, 0
         ),
         "goal": GoalCost(9.0, tools[-1], axes[-1]),
         "goal without axis": GoalCost(9.0, tools[-1], None),

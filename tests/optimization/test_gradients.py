@@ -51,7 +51,8 @@ def constraints(case: Any) -> dict[str, Cost]:
         "self": SelfCost(30.0, 0.25),
         "corridor": CorridorCost(60.0, tools[::-1] + 0.05, FRAME[[0, 2]], 0.01, 1),
         "wide corridor": CorridorCost(60.0, tools[::-1] + 0.05, FRAME, 0.06, 1, 0.1),
-        "upright": UprightCost(20.0, -axes[0], 0.1, 2),
+        "upright": UprightCost(20.0, -axes[:1], 0.1, 2),
+        "upright on the way": UprightCost(20.0, -axes[::-1], 0.1, 2),
         "goal": GoalCost(70.0, tools[-1] + 0.1, FRAME[0]),
         "goal without axis": GoalCost(70.0, tools[-1] + 0.1, None),
         "limits": LimitCost(25.0, low + inner, high - inner),
@@ -213,7 +214,7 @@ def test_curvature_at_a_vanishing_residual_is_the_second_difference(
     term = {
         "goal": GoalCost(70.0, tools[-1], axes[-1]),
         "corridor": CorridorCost(60.0, tools, FRAME, 0.0, 1),
-        "upright": UprightCost(60.0, axes[-1], 0.0, len(tools) - 1),
+        "upright": UprightCost(60.0, axes[-1:], 0.0, len(tools) - 1),
     }[name]
     problem = panda.problem(constraints=[term])
     inner = slice(problem.first, problem.last + 1)

@@ -113,7 +113,7 @@ def test_two_spheres_at_one_place_are_finite() -> None:
 def test_an_axis_that_points_the_wrong_way_is_finite(panda: Any) -> None:
     _, axes = panda.robot.tool_pose(panda.q)
     for axis in (axes[3], -axes[3]):
-        costs = [UprightCost(5.0, axis, 0.0, 0), GoalCost(5.0, np.zeros(3), axis)]
+        costs = [UprightCost(5.0, axis[None], 0.0, 0), GoalCost(5.0, np.zeros(3), axis)]
         problem = panda.problem(constraints=costs)
         assert np.isfinite(problem.evaluate(panda.q).merit)
         assert np.isfinite(problem.gradient()).all()

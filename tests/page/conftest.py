@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 PATIENCE = 180.0  # [s] pictures are drawn by the processor here, beside all else
+SMALL, LARGE = {"width": 400, "height": 300}, {"width": 800, "height": 560}  # [pixel] of a tab
 
 
 @dataclass
@@ -81,7 +82,7 @@ def opener(
             page = Page(source, out=out or tmp_path_factory.mktemp("saved"))
             pages.append(page)
         before, errors = set(page.windows), []
-        tab = chromium.new_page(viewport={"width": 800, "height": 560})
+        tab = chromium.new_page(viewport=SMALL)
         tabs.append(tab)
         tab.on("pageerror", lambda error: errors.append(str(error)))
         tab.goto(page.url)

@@ -64,7 +64,7 @@ def test_approaches_stay_in_the_cone_and_the_target_in_the_mouth(refused: Scene)
             assert angle <= cone + 1e-6
             off = np.linalg.norm(scene.approach.shift)
             assert off <= min(aside, room) + 1e-12
-            assert angle > 0.1 or off > 0.0
+            assert angle > 0.1 or off > 0.0 or scene.approach.lead is not None
             assert abs(scene.approach.shift @ scene.frame[2]) < 1e-12
 
 
@@ -79,16 +79,43 @@ def test_a_shifted_goal_is_reached_and_judged(refused: Scene) -> None:
     assert any(item.kind == "goal" for item in wrong.violations)
 
 
+def test_the_tool_turns_upright_on_its_way(refused: Scene) -> None:
+    lead = np.array([np.sin(0.3), 0.0, np.cos(0.3)])
+    scene = replace(refused, approach=replace(refused.approach, lead=lead))
+    made = plan(scene)
+    assert not judge(scene, made.robot, made.trajectory, stem_side=False).violations
+    _, axes = made.robot.tool_pose(made.trajectory.positions)
+    lean = np.degrees(np.arccos(np.clip(axes @ scene.frame[2], -1.0, 1.0)))[made.first :]
+    assert lean[0] == pytest.approx(np.degrees(0.3), abs=2.5)
+    assert lean[-1] < 0.5
+    assert (np.diff(lean) < 0.5).all()
+    led = [one for one in others(allowed(refused), made.robot) if one.approach.lead is not None]
+    for one in led:
+        assert one.approach.lead is not None
+        np.testing.assert_allclose(one.frame[2], refused.frame[2])
+        assert np.degrees(np.arccos(one.approach.lead @ one.frame[2])) <= 25.0 + 1e-6
+
+
 def test_the_cone_outlives_a_file_and_a_transformation(tmp_path, refused: Scene) -> None:
     scene = replace(
-        refused, approach=replace(allowed(refused).approach, shift=np.array([0.001, 0.0, 0.0]))
+        refused,
+        approach=replace(
+            allowed(refused).approach,
+            shift=np.array([0.001, 0.0, 0.0]),
+            lead=np.array([0.1, 0.0, 1.0]),
+        ),
     )
     save_scene(scene, tmp_path / "s.yaml")
     again = load_scene(tmp_path / "s.yaml").approach
     assert (again.cone, again.aside) == (25.0, 0.01)
     np.testing.assert_allclose(again.shift, scene.approach.shift)
+    assert again.lead is not None
+    assert scene.approach.lead is not None
+    np.testing.assert_allclose(again.lead, scene.approach.lead)
     turned = scene.transformed(Pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))).approach
     np.testing.assert_allclose(turned.shift, [-0.001, 0.0, 0.0], atol=1e-12)
+    assert turned.lead is not None
+    np.testing.assert_allclose(turned.lead, scene.approach.lead * [-1.0, -1.0, 1.0], atol=1e-12)
     assert turned.cone == 25.0
 
 

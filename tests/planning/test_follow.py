@@ -129,7 +129,7 @@ def test_the_conditioned_primitive_passes_its_stations_within_millimetres(which:
     goal = start.followed[-1]
     near = start.followed[np.rint(phases * (len(start.followed) - 1)).astype(int)]
     weights = conditioned(
-        task.robot, promp, task.start, goal, start.path.at(share), task.goal.axis, near, phases
+        task.robot, promp, task.start, goal, start.path.at(share), task.axes(share), near, phases
     )
     q = promp.basis.evaluate(np.concatenate([[0.0], phases])) @ weights.T
     np.testing.assert_allclose(q[0], task.start, atol=1e-4)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optipromp import judging, load_plan, write_plan
+from optipromp import judge, judging, load_plan, write_plan
 from optipromp.errors import Code
 from optipromp.planning import Plan, PlanOptions, plan
 from optipromp.planning.task import Task, push_model, resolve, tool_motion
@@ -101,6 +101,18 @@ def test_the_prediction_is_of_the_trajectory_that_is_returned() -> None:
     np.testing.assert_allclose(np.linalg.norm(axes, axis=1), 1.0)
     assert result.prediction is not None
     assert model.predict(points, axes).harm == pytest.approx(result.prediction.harm, abs=0.05)
+
+
+@pytest.mark.parametrize(("preset", "seed"), [("mixed", 20097), ("table-top", 20088)])
+def test_the_judge_predicts_the_push_that_the_plan_does(preset: str, seed: int) -> None:
+    """On these two its harm of the whole motion was above the threshold, the plan's below."""
+    made = plan(generate(preset, seed), seed=seed)  # type: ignore[arg-type]
+    assert made.success
+    assert made.prediction is not None
+    told = judge(made.scene, made.trajectory)
+    assert told.status == Code.SUCCESS
+    assert told.prediction is not None
+    assert told.prediction.harm == made.prediction.harm
 
 
 @pytest.mark.parametrize("scene", ["scenario-3", "shelf"])

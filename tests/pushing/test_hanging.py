@@ -1,6 +1,7 @@
 """The model of the push of a cup among fruits on stems: what it predicts, of which paths."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from optipromp.pushing.hanging import (
 from optipromp.pushing.harm import Harm, score_of
 from optipromp.pushing.model import search
 from optipromp.pushing.parameters import PUSH
-from optipromp.pushing.path import ToolPath, through
+from optipromp.pushing.path import ToolPath, through, turning
 from optipromp.pushing.rules import neighbours, rule_paths
 from optipromp.robots.library import load_robot
 from optipromp.robots.tools import Cup, FrankaHand, with_tool
@@ -250,7 +251,7 @@ def test_the_first_candidate_is_the_rules_path() -> None:
 
 def test_a_path_of_no_harm_is_found_past_a_fruit_on_the_way() -> None:
     a = model(UNDER)
-    found = list(search(a, UP, np.random.default_rng(0)))
+    found = list(search(a, partial(turning, UP, None), np.random.default_rng(0)))
     harms = [path.harm for path, _ in found]
     assert harms[-1] < a.good
     path = found[-1][0]

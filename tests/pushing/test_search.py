@@ -4,13 +4,14 @@ import itertools
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import pytest
 
 from optipromp.budget import Budget
 from optipromp.pushing.model import Moved, Prediction, PushModel, Round, Schedule, search
-from optipromp.pushing.path import ToolPath, through
+from optipromp.pushing.path import ToolPath, through, turning
 
 UP = np.array([0.0, 0.0, 1.0])
 BEST = np.array([0.03, -0.05])  # [m] where the entry of the path of least harm is
@@ -81,7 +82,7 @@ class Bowl(PushModel):
 
 
 def found(model: Bowl, seed: int = 0, budget: Budget | None = None) -> list[tuple[ToolPath, float]]:
-    return list(search(model, UP, np.random.default_rng(seed), budget))
+    return list(search(model, partial(turning, UP, None), np.random.default_rng(seed), budget))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -140,7 +141,7 @@ def test_a_harm_above_the_limit_need_not_be_exact(good: float) -> None:
 def test_a_first_candidate_that_is_good_comes_before_any_is_drawn() -> None:
     entry = (BEST[0], BEST[1])
     model = Bowl(good=1.0, begin=(entry, (0.5, 0.5)))
-    path, good = next(search(model, UP, np.random.default_rng(0)))
+    path, good = next(search(model, partial(turning, UP, None), np.random.default_rng(0)))
     np.testing.assert_allclose(path.points[0, :2], entry)
     assert good == 1.0
     assert model.asked == [1, model.states]  # on one state, then on all; no other candidate
@@ -198,7 +199,9 @@ def test_from_the_deadline_on_the_best_so_far_comes_and_the_search_ends() -> Non
 def test_what_is_not_asked_for_is_not_searched() -> None:
     """Paths come one at a time: who takes the first pays for no more."""
     model = Bowl(good=0.5, runs=5)
-    paths: Iterator[tuple[ToolPath, float]] = search(model, UP, np.random.default_rng(0))
+    paths: Iterator[tuple[ToolPath, float]] = search(
+        model, partial(turning, UP, None), np.random.default_rng(0)
+    )
     next(paths)
     once = len(model.asked)
     list(paths)

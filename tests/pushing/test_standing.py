@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from optipromp.budget import Budget
 from optipromp.geometry.shapes import Box, Cylinder
 from optipromp.pushing.model import Round, search
-from optipromp.pushing.path import ToolPath, through
+from optipromp.pushing.path import ToolPath, through, turning
 from optipromp.pushing.standing import STANDING, Standing, applies, plane
 from optipromp.robots.tools import Cup, FrankaHand
 from optipromp.scenes.generate import Noise, generate, perceived
@@ -167,7 +168,7 @@ def test_a_pack_on_the_line_goes_aside_and_the_target_stays() -> None:
     scene = shelf(pack((-0.1, 0.0)))
     model = Standing(scene, HAND)
     assert harm(model, led(*STRAIGHT), model.states) > model.threshold
-    *_, (best, _) = search(model, scene.frame[2], np.random.default_rng(0))
+    *_, (best, _) = search(model, partial(turning, scene.frame[2], None), np.random.default_rng(0))
     assert best.harm < model.threshold
     assert best.harm == model.harm(*judged(best), model.states)
     np.testing.assert_allclose(best.points[-1], TARGET, atol=1e-12)
@@ -185,7 +186,7 @@ def test_generated_shelves(seed: int) -> None:
     scene = generate("shelf", seed)
     assert applies(scene, HAND)
     model = Standing(scene, HAND)
-    path, _ = next(search(model, scene.frame[2], np.random.default_rng(0)))
+    path, _ = next(search(model, partial(turning, scene.frame[2], None), np.random.default_rng(0)))
     assert path.harm < 3.0
 
 
@@ -203,11 +204,11 @@ def test_late_there_is_a_path_and_little_is_tried_for_it(monkeypatch: pytest.Mon
     model.good = 0.0  # so that it goes on
     up = scene.frame[2]
     late_by = Budget(time.perf_counter() - 1.0)
-    found = list(search(model, up, np.random.default_rng(0), late_by))
+    found = list(search(model, partial(turning, up, None), np.random.default_rng(0), late_by))
     late = len(tried)
     assert len(found) == 1
     tried.clear()
-    list(search(model, up, np.random.default_rng(0)))
+    list(search(model, partial(turning, up, None), np.random.default_rng(0)))
     assert late <= 2  # one candidate, on one state and then on all
     assert len(tried) > 1000
 

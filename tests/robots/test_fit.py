@@ -64,7 +64,7 @@ def test_pieces_are_small_and_leave_nothing_out() -> None:
 
 def test_a_capsule_is_covered_and_the_excess_is_as_stated() -> None:
     triangles = capsule()
-    [(spheres, excess)] = fit.fit_covers([triangles], 8)
+    [(spheres, excess)] = fit.fit_covers([triangles], 8, [0.03])
     assert len(spheres) <= 8
     assert outside(on_triangles(triangles), spheres) <= 0.0
     assert beyond_capsule(around(spheres)).max() <= excess + fit.VOXEL
@@ -83,7 +83,7 @@ def test_other_shapes_are_covered(what: str) -> None:
         mesh = trimesh.util.concatenate(parts)
     mesh.apply_transform(TURN)
     triangles = np.asarray(mesh.vertices[mesh.faces])
-    [(spheres, excess)] = fit.fit_covers([triangles], 12)
+    [(spheres, excess)] = fit.fit_covers([triangles], 12, [0.03])
     assert len(spheres) <= fit.MOST_SPHERES
     assert outside(on_triangles(triangles), spheres) <= 0.0
     assert excess <= 0.035
@@ -94,7 +94,9 @@ def test_other_shapes_are_covered(what: str) -> None:
 def test_spheres_go_where_they_are_needed() -> None:
     """A small ball takes few, so that what is long gets more than its share."""
     ball = trimesh.creation.icosphere(3, 0.03)
-    [(one, _), (two, excess)] = fit.fit_covers([ball.vertices[ball.faces], capsule()], 5)
+    [(one, _), (two, excess)] = fit.fit_covers(
+        [ball.vertices[ball.faces], capsule()], 5, [0.03, 0.03]
+    )
     assert len(one) + len(two) <= 10
     assert len(two) > len(one)
     assert excess < 0.015

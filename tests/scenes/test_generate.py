@@ -1,3 +1,6 @@
+"""Generated scenes: the same again by their seed, within what each preset says, solvable."""
+
+import functools
 import itertools
 import zlib
 from dataclasses import replace
@@ -11,43 +14,20 @@ from optipromp.geometry import Box, Sphere, distances
 from optipromp.planning.task import resolve
 from optipromp.robots import ik
 from optipromp.robots.roll import rolled
-from optipromp.robots.tools import Cup, FrankaHand
-from optipromp.scenes import (
-    Approach,
-    Scene,
-    SceneObject,
-    Stem,
-    load_scene,
-    save_scene,
-    scene_to_dict,
-)
-from optipromp.scenes.generate import (
-    NOISES,
-    PRESETS,
-    Noise,
-    generate,
-    generate_with_report,
-    generator,
-    perceived,
-)
-from optipromp.scenes.generate.checks import (
-    _rooted_in_tool,
-    equipped,
-    segments,
-    to_segment,
-    unsolvable,
-)
-from optipromp.scenes.generate.noise import hidden_share
+from optipromp.scenes import Scene, load_scene, save_scene, scene_to_dict
+from optipromp.scenes.generate import PRESETS, generate, generate_with_report, generator
+from optipromp.scenes.generate.checks import segments, to_segment, unsolvable
 from optipromp.scenes.generate.shelves import Footprint, apart
 
-SEEDS = range(500, 512)
+SEEDS = range(12)
+made = functools.cache(generate_with_report)
 BUNCHES = [preset for preset in PRESETS if preset not in ("shelf", "elongated", "truss", "field")]
 BEFORE = [preset for preset in BUNCHES if preset != "tight"]
 
 
 @pytest.fixture(scope="module")
 def scenes() -> dict[tuple[str, int], Scene]:
-    return {(preset, seed): generate(preset, seed) for preset in PRESETS for seed in SEEDS}
+    return {(preset, seed): made(preset, seed)[0] for preset in PRESETS for seed in SEEDS}
 
 
 def of(scenes: dict[tuple[str, int], Scene], *presets: str) -> list[Scene]:
@@ -56,8 +36,8 @@ def of(scenes: dict[tuple[str, int], Scene], *presets: str) -> list[Scene]:
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_seed_gives_the_same_scene_again(preset: str) -> None:
-    assert scene_to_dict(generate(preset, 3)) == scene_to_dict(generate(preset, 3))
-    assert scene_to_dict(generate(preset, 3)) != scene_to_dict(generate(preset, 4))
+    assert scene_to_dict(generate(preset, 3)) == scene_to_dict(made(preset, 3)[0])
+    assert scene_to_dict(made(preset, 3)[0]) != scene_to_dict(made(preset, 4)[0])
 
 
 def test_a_preset_that_is_not_there_is_refused_by_name() -> None:
@@ -68,7 +48,7 @@ def test_a_preset_that_is_not_there_is_refused_by_name() -> None:
 
 
 def test_the_report_counts_what_was_drawn_again() -> None:
-    reports = [generate_with_report("mixed", seed)[1] for seed in range(5)]
+    reports = [made("mixed", seed)[1] for seed in range(5)]
     assert all(report.redraws == sum(report.reasons.values()) for report in reports)
     assert sum(report.redraws for report in reports) > 0
 
@@ -85,7 +65,7 @@ def test_crowded_scenes_are_as_frequent_as_drawn(monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_scene_outlives_its_file(preset: str, tmp_path) -> None:
-    scene = generate(preset, 1)
+    scene, _ = made(preset, 1)
     save_scene(scene, tmp_path / "scene.yaml")
     again = load_scene(tmp_path / "scene.yaml")
     before, after = scene_to_dict(scene), scene_to_dict(again)
@@ -155,12 +135,16 @@ def test_long_fruits_lie_along_their_stems_and_apart(scenes) -> None:
 
 
 def test_every_count_and_every_side_come_up() -> None:
-    crowds = {len(generate("cluster", seed).pushables) for seed in range(40)}
-    assert crowds == {1, 2, 3, 4}
-    assert {len(generate("shelf", seed).pushables) for seed in range(60)} == {2, 3, 4, 5, 6}
-    sides = set()
+    for preset, wanted in (("cluster", {1, 2, 3, 4}), ("shelf", {2, 3, 4, 5, 6})):
+        crowds: set[int] = set()
+        for seed in range(60):
+            crowds.add(len(made(preset, seed)[0].pushables))
+            if seed >= len(SEEDS) and crowds == wanted:
+                break
+        assert crowds == wanted
+    sides: set[str] = set()
     for seed in range(40):
-        scene = generate("table-top", seed)
+        scene, _ = made("table-top", seed)
         (gutter,) = scene.static
         assert isinstance(gutter.shape, Box)
         off = gutter.position - scene.target.position
@@ -170,6 +154,8 @@ def test_every_count_and_every_side_come_up() -> None:
             "above" if not len(level) else ("+" if off[level[0]] > 0 else "-") + "xy"[level[0]]
         )
         assert not (beyond[2] and off[2] < 0)  # never on the side of the approach
+        if seed >= len(SEEDS) and len(sides) == 5:
+            break
     assert sides == {"+x", "-x", "+y", "-y", "above"}
 
 
@@ -254,8 +240,6 @@ def test_the_start_is_free_by_the_judge(preset: str, scenes) -> None:
 
 
 def test_the_generator_and_the_judge_agree_on_what_is_solvable(scenes) -> None:
-    from dataclasses import replace
-
     for scene in of(scenes, "table-top", "shelf")[::3]:
         setup = resolve(scene)
         goals = ik.solve(
@@ -270,9 +254,7 @@ def test_the_generator_and_the_judge_agree_on_what_is_solvable(scenes) -> None:
 
 
 def test_scenes_that_no_arm_could_solve_are_recognised() -> None:
-    from dataclasses import replace
-
-    scene = generate("table-top", 0)
+    scene, _ = made("table-top", 0)
     target, gutter = scene.target, scene.static[0]
     rest = tuple(obj for obj in scene.objects if obj.role == "pushable")
     assert unsolvable(scene) is None
@@ -284,207 +266,6 @@ def test_scenes_that_no_arm_could_solve_are_recognised() -> None:
     assert unsolvable(replace(scene, objects=(target, *rest, near))) == "goal always in collision"
     far = replace(target, position=np.array([2.0, 0.0, 0.5]), stem=None)
     assert unsolvable(replace(scene, objects=(far, *rest))) == "target out of reach"
-
-
-ROOTED = "stem rooted where the tool must end"
-CUP = Cup(radius=0.03, height=0.05, length=0.10, depth=0.02)  # rim 0.02 over the target's centre
-THIN = 0.002  # [m] radius of the stem
-AXES = [
-    ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)),
-    ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
-    ((0.6, 0.0, 0.8), (0.0, 1.0, 0.0)),
-]
-
-
-def rooted(aside: float, height: float, approach: Approach, tool: object = CUP) -> bool:
-    """A pushable whose stem has its root so far off the approach line, over the target."""
-    target = np.array([0.45, 0.0, 0.8])
-    scene = Scene(
-        "s", "panda", (SceneObject("ripe", "target", Sphere(0.015), target),), approach=approach
-    )
-    x_g, y_g, up = scene.frame
-    found: set[bool] = set()
-    for way in (x_g, -x_g, y_g, (x_g + y_g) / np.sqrt(2.0)):
-        root = target + aside * way + height * up
-        fruit = root - 0.2 * up + 0.1 * way
-        obj = SceneObject(
-            "n", "pushable", Sphere(0.015), fruit, stem=Stem(np.array([fruit, root]), THIN)
-        )
-        found.add(_rooted_in_tool(scene, obj, tool))  # type: ignore[arg-type]
-    assert len(found) == 1  # the same on every side
-    return found.pop()
-
-
-@pytest.mark.parametrize(("direction", "lateral"), AXES)
-@pytest.mark.parametrize(
-    ("aside", "height", "inside"),
-    [
-        (0.0, 0.0, True),  # the cup at the goal: from 0.03 under the target to 0.02 over it
-        (0.031, 0.0, True),
-        (0.033, 0.0, False),
-        (0.0, 0.021, True),
-        (0.0, 0.023, False),
-        (0.0312, 0.0212, True),
-        (0.0316, 0.0216, False),  # past the rim's edge
-        (0.029, -0.029, True),
-        (0.0, -0.10, True),  # the neck: of radius 0.01, down to the flange at -0.13
-        (0.011, -0.10, True),
-        (0.013, -0.10, False),
-        (0.0, -0.131, True),
-        (0.0, -0.133, False),
-        # on its way from where the mouth takes the target in (0.035 lower), never more than
-        # 0.015 off the line: what is within 0.03 - 0.015 of it
-        (0.0165, -0.05, True),
-        (0.0175, -0.05, False),
-        (0.0165, -0.064, True),
-        (0.015, -0.0665, True),
-        (0.015, -0.068, False),
-    ],
-)
-def test_a_root_in_the_tool(
-    aside: float, height: float, inside: bool, direction: tuple, lateral: tuple
-) -> None:
-    approach = Approach(np.array(direction), np.array(lateral))
-    assert rooted(aside, height, approach) is inside
-
-
-def test_a_root_in_the_way_of_the_cup_by_brute_force() -> None:
-    """Every way of the cup over the target's last stretch: none may miss what is refused."""
-    rng = np.random.default_rng(0)
-    play = CUP.radius - 0.015
-    offsets = play * np.array([[np.cos(a), np.sin(a)] for a in np.linspace(0, 6.28, 60)])
-    rises = np.linspace(-0.035, 0.0, 71)
-    for _ in range(300):
-        aside, height = rng.uniform(0.0, 0.05), rng.uniform(-0.08, 0.04)
-        # how near the solid cup comes to the root at each height, and as far off as it may be
-        beyond = np.maximum(np.maximum(rises - 0.03 - height, height - rises - 0.02), 0.0)
-        off = np.linalg.norm(offsets - [aside, 0.0], axis=1).max()
-        always = np.hypot(max(off - CUP.radius, 0.0), beyond).min() < THIN - 1e-4
-        at_goal = np.hypot(max(aside - CUP.radius, 0.0), beyond[-1]) < THIN - 1e-4
-        if always or at_goal:
-            assert rooted(aside, height, Approach())
-
-
-def test_an_opening_leaves_the_target_less_play() -> None:
-    """The smaller the mouth the straighter the cup must come, and the more it surely sweeps."""
-    wide, narrow = CUP, Cup(radius=0.03, opening=0.04)
-    assert not rooted(0.022, -0.05, Approach(), wide)
-    assert rooted(0.022, -0.05, Approach(), narrow)
-
-
-def test_a_root_matters_to_a_cup_alone() -> None:
-    assert not rooted(0.0, 0.0, Approach(), None)
-    assert not rooted(0.0, 0.0, Approach(), FrankaHand())
-    scene = generate("cluster", 0)
-    bare = SceneObject("n", "pushable", Sphere(0.015), scene.target.position)
-    assert not _rooted_in_tool(scene, bare, CUP)
-
-
-def test_scenes_with_a_root_in_the_tool_are_drawn_again_and_counted() -> None:
-    scene = generate("cluster", 0)
-    fruit = scene.pushables[0]
-    root = scene.target.position + [0.0, 0.0, -0.01]
-    hung = SceneObject(
-        fruit.id,
-        "pushable",
-        fruit.shape,
-        fruit.position,
-        stem=Stem(np.array([fruit.position, root])),
-    )
-    objects = tuple(hung if obj is fruit else obj for obj in scene.objects)
-    assert unsolvable(scene) is None
-    assert unsolvable(Scene(
-        scene.name, scene.robot, objects, tool=scene.tool, start=scene.start,
-        approach=scene.approach,
-    )) == ROOTED  # fmt: skip
-    found = {seed: generate_with_report("cluster", seed) for seed in range(30)}
-    assert sum(report.reasons.get(ROOTED, 0) for _, report in found.values()) > 0
-    for sampled, report in found.values():
-        assert report.redraws == sum(report.reasons.values())
-        tool = equipped(sampled).tool
-        assert not any(_rooted_in_tool(sampled, obj, tool) for obj in sampled.pushables)
-
-
-def test_perceived_moves_what_is_detected_and_nothing_else() -> None:
-    scene = generate("mixed", 0)
-    seen = perceived(scene, np.random.default_rng(1), NOISES["zero-mean"])
-    again = perceived(scene, np.random.default_rng(1), NOISES["zero-mean"])
-    assert scene_to_dict(seen) == scene_to_dict(again)
-    for before, after in zip(scene.objects, seen.objects, strict=True):
-        if before.role == "static":
-            assert after is before
-            continue
-        assert np.linalg.norm(after.position - before.position) > 0
-        np.testing.assert_allclose(after.covariance, 0.005**2 * np.eye(3))
-        if before.stem is not None:
-            assert after.stem.length == pytest.approx(before.stem.length)
-            np.testing.assert_array_equal(after.stem.points[0], after.position)
-    assert perceived(scene, np.random.default_rng(1), Noise()) is scene
-    for bad in (-1.0, np.nan):
-        for name in ("position", "angle", "missed", "hidden"):
-            with pytest.raises(InvalidRequestError, match=f"noise_{name}"):
-                Noise(**{name: bad})
-    with pytest.raises(InvalidRequestError, match="to 1"):
-        Noise(missed=1.5)
-
-
-def test_fruits_are_seen_lower_than_they_hang_and_what_stands_is_not() -> None:
-    scene, shelf = generate("mixed", 0), generate("shelf", 0)
-    seen = [perceived(scene, np.random.default_rng(i), NOISES["low"]) for i in range(200)]
-    off = np.array([s.positions - scene.positions for s in seen]).mean(axis=0)
-    for item, error in zip(scene.objects, off, strict=True):
-        wanted = [0.0, 0.0, 0.0 if item.role == "static" else -0.01]
-        np.testing.assert_allclose(error, wanted, atol=0.0015)  # 4 of the mean's own deviations
-    stood = perceived(shelf, np.random.default_rng(0), NOISES["low"])
-    np.testing.assert_array_equal(stood.positions[:, 2], shelf.positions[:, 2])
-
-
-def test_a_fruit_is_missed_more_often_the_more_of_it_is_hidden() -> None:
-    scene = generate("cluster", 6)
-    eye = scene.target.position - 0.3 * scene.frame[2]
-    shares = {item.id: hidden_share(scene, item, eye) for item in scene.pushables}
-    noise = Noise(missed=0.1, hidden=0.9)
-    seen = [perceived(scene, np.random.default_rng(i), noise) for i in range(400)]
-    for item in scene.pushables:
-        missed = np.mean([item.id not in {o.id for o in s.objects} for s in seen])
-        assert missed == pytest.approx(0.1 + 0.8 * shares[item.id], abs=0.1)
-    assert all(s.target is not None for s in seen)
-
-
-def test_what_stands_before_a_fruit_hides_it() -> None:
-    scene = generate("cluster", 6)
-    ball = scene.pushables[0]
-    eye = ball.position - np.array([0.0, 0.0, 0.3])
-    alone = replace(scene, objects=(scene.target, ball))
-    aside = replace(scene.target, position=eye + [0.2, 0.0, 0.0], stem=None)
-    away = replace(alone, objects=(aside, ball))
-    half = eye + 0.5 * (ball.position - eye)
-    for radius, wanted in ((ball.radius, 1.0), (0.5 * ball.radius * 0.5**0.5, 0.5)):
-        front = SceneObject("leaf", "static", Sphere(radius), half)
-        shown = replace(away, objects=(*away.objects, front))
-        assert hidden_share(shown, ball, eye) == pytest.approx(wanted, abs=0.06)
-    assert hidden_share(away, ball, eye) == 0.0
-
-
-def test_errors_of_detection_have_the_deviation_asked_for() -> None:
-    scene = generate("cluster", 2)
-    rng = np.random.default_rng(0)
-    seen = [perceived(scene, rng, NOISES["zero-mean"]) for _ in range(600)]
-    errors = np.array([s.target.position - scene.target.position for s in seen])
-    assert errors.std(axis=0) == pytest.approx([0.005] * 3, rel=0.15)
-    way = scene.target.stem.vector / scene.target.stem.length
-    tilts = [
-        np.arccos(np.clip(way @ s.target.stem.vector / s.target.stem.length, -1, 1)) for s in seen
-    ]
-    # two independent angles: the mean square of the whole is twice that of each
-    assert np.sqrt(np.mean(np.square(tilts)) / 2) == pytest.approx(np.deg2rad(5.0), rel=0.15)
-
-
-def test_packs_on_a_board_are_not_seen_to_float() -> None:
-    scene = generate("shelf", 0)
-    seen = perceived(scene, np.random.default_rng(0), Noise(0.01, 6.0))
-    for before, after in zip(scene.objects, seen.objects, strict=True):
-        assert after.position[2] == before.position[2]
 
 
 def test_distances_between_segments() -> None:

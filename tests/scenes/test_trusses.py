@@ -74,7 +74,9 @@ def test_roots_follow_the_stem_that_they_grow_from() -> None:
     back, _ = rooted([child, apart])
     assert back.stem is not None
     assert apart.stem is not None
-    np.testing.assert_allclose(back.stem.root, nearest(apart.stem, np.array([0.45, 0.0, 1.0])))
+    np.testing.assert_allclose(
+        back.stem.root, nearest(apart.stem.points, np.array([0.45, 0.0, 1.0]))[1]
+    )
     (lone,) = rooted([child])
     assert lone.stem is not None
     assert lone.stem.parent is None

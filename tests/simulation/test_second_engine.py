@@ -27,7 +27,10 @@ def test_it_places_the_tool_where_the_house_does() -> None:
         np.testing.assert_allclose(turn[:, 2], axis, atol=1e-9)
 
 
-@pytest.mark.parametrize(("preset", "seed"), [("cluster", 20000), ("tight", 20000)])
+CASES = [("cluster", 20000), ("tight", 20000), ("truss", 20000), ("field", 20003)]
+
+
+@pytest.mark.parametrize(("preset", "seed"), CASES)
 def test_both_engines_pick_what_is_planned(preset: str, seed: int, tmp_path: Path) -> None:
     made = plan(generate(preset, seed))  # type: ignore[arg-type]
     assert made.success

@@ -13,8 +13,10 @@ from optipromp.cli.robot import Named, names_robot
 from optipromp.errors import Code, InvalidRequestError, InvalidSceneError
 
 if TYPE_CHECKING:
-    from optipromp.robots.library import Choice
+    from optipromp.planning import Plan
+    from optipromp.robots.arm import Arm
     from optipromp.robots.model import Robot
+    from optipromp.scenes.scene import Scene
 
 _SCENE_KEYS = frozenset({"objects", "robot", "target", "goal", "approach", "start"})
 _PLAN_KEYS = frozenset({"planner", "status", "metrics", "terms"})
@@ -44,6 +46,8 @@ def kind_of(item: str) -> Kind:
     if item in robot_names():
         return Kind.ROBOT
     path = Path(item)
+    if path.name == "plan.json":
+        return Kind.PLAN
     if path.is_dir():
         return Kind.PLAN if (path / "plan.json").exists() else Kind.DEMONSTRATIONS
     if not path.exists():
@@ -66,6 +70,24 @@ def kind_of(item: str) -> Kind:
         f"cannot tell what {item} is: a scene or robot file ends in .yaml, .yml or .json, "
         "a URDF in .urdf, demonstrations in .npz, .csv or .mcap"
     )
+
+
+def scene_or_plan(item: str, taker: str) -> "Scene | Plan":
+    """The scene or plan that an item is; ``taker`` is the command that takes it.
+
+    Raises:
+        InvalidRequestError: it is neither, or damaged.
+        InvalidSceneError: a scene that cannot be used.
+    """
+    from optipromp.output import load_plan
+    from optipromp.scenes.io import load_scene
+
+    kind = kind_of(item)
+    if kind is Kind.PLAN:
+        return load_plan(item)
+    if kind is Kind.SCENE:
+        return load_scene(item)
+    raise InvalidRequestError(f"{item} is a {kind.value}; {taker} takes a scene or a plan")
 
 
 def _inside(path: Path) -> Kind:
@@ -114,9 +136,16 @@ def check(
     """
     kind = kind_of(item)
     if kind is Kind.ROBOT:
-        summary = _robot(item, named.choice)
+        from optipromp.robots.library import load_arm
+
+        robot, arm = load_arm(item, choice=named.choice)
+        summary = _robot(robot, arm)
         if out is not None:
-            _leave_picture(item, out, named.choice)
+            from optipromp.files import write_atomically
+            from optipromp.viewer.cover import cover_figure
+            from optipromp.viewer.figures import png
+
+            write_atomically(out / "cover.png", png(cover_figure(robot)))
     elif named or out is not None:
         raise InvalidRequestError(
             f"{item} is no robot but a {kind}: no --tip, --base, --srdf, --package-dir or --out"
@@ -164,10 +193,9 @@ def _scene(item: str) -> dict[str, Any]:
     }
 
 
-def _robot(item: str, choice: "Choice") -> dict[str, Any]:
-    from optipromp.robots.library import load_arm
-
-    robot, arm = load_arm(item, choice=choice)
+def _robot(robot: "Robot", arm: "Arm") -> dict[str, Any]:
+    """What is said of a robot; lengths in metres."""
+    spheres = Counter(robot.link_names[i] for i in robot.spheres.link)
     return {
         "name": robot.name,
         "joints": list(robot.joint_names),
@@ -183,23 +211,6 @@ def _robot(item: str, choice: "Choice") -> dict[str, Any]:
         "velocity": robot.velocity.tolist(),
         "acceleration": robot.acceleration.tolist(),
         "links": list(robot.link_names),
-        **_body(robot),
-    }
-
-
-def _leave_picture(item: str, out: Path, choice: "Choice") -> None:
-    from optipromp.files import write_atomically
-    from optipromp.robots.library import load_arm
-    from optipromp.viewer.cover import cover_figure
-    from optipromp.viewer.figures import png
-
-    write_atomically(out / "cover.png", png(cover_figure(load_arm(item, choice=choice)[0])))
-
-
-def _body(robot: "Robot") -> dict[str, Any]:
-    """What is said of a robot's body spheres; lengths in metres."""
-    spheres = Counter(robot.link_names[i] for i in robot.spheres.link)
-    return {
         "body_spheres": len(robot.spheres.radius),
         "spheres": dict(spheres),
         "excess": {link: round(value, 4) for link, value in robot.excess.items()},
@@ -219,6 +230,8 @@ def _tool_axis(robot: "Robot") -> str:
 
 
 def _demonstrations(item: str) -> dict[str, Any]:
+    import numpy as np
+
     from optipromp.cli.learn import read_any
 
     recorded, _ = read_any(Path(item))
@@ -230,10 +243,8 @@ def _demonstrations(item: str) -> dict[str, Any]:
         "samples": sum(lengths),
         "shortest": min(lengths),
         "longest": max(lengths),
-        "lowest": [float(min(d.positions[:, j].min() for d in recorded)) for j in _range(recorded)],
-        "highest": [
-            float(max(d.positions[:, j].max() for d in recorded)) for j in _range(recorded)
-        ],
+        "lowest": np.min([d.positions.min(axis=0) for d in recorded], axis=0).tolist(),
+        "highest": np.max([d.positions.max(axis=0) for d in recorded], axis=0).tolist(),
     }
 
 
@@ -243,10 +254,6 @@ def _warn_if_nameless(item: str, names: tuple[str, ...]) -> None:
 
     if unnamed(names):
         warnings.warn(f"{item} {NAMELESS}", stacklevel=1)
-
-
-def _range(recorded: Any) -> range:
-    return range(recorded.n_joints)
 
 
 def _primitive(item: str) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from optipromp.cli.check import scene_or_plan
 from optipromp.cli.console import OK, AsJson, command, print_json, stdout, waiting
 from optipromp.errors import Code, InvalidRequestError, OptiPrompError
 
@@ -102,18 +103,13 @@ class _Content(NamedTuple):
 
 
 def _read(item: str) -> _Content:
-    from optipromp.cli.check import Kind, kind_of
-    from optipromp.output import load_plan
     from optipromp.planning.task import resolve
-    from optipromp.scenes.io import load_scene
+    from optipromp.scenes.scene import Scene
 
-    kind = Kind.PLAN if Path(item).name == "plan.json" else kind_of(item)
-    if kind is Kind.PLAN:
-        plan = load_plan(item)
-        return _Content(plan.scene, plan.robot, plan.trajectory.positions[0], plan.trajectory)
-    if kind is not Kind.SCENE:
-        raise InvalidRequestError(f"{item} is a {kind.value}; export takes a scene or a plan")
-    task = resolve(load_scene(item))
+    found = scene_or_plan(item, "export")
+    if not isinstance(found, Scene):
+        return _Content(found.scene, found.robot, found.trajectory.positions[0], found.trajectory)
+    task = resolve(found)
     return _Content(task.scene, task.robot, task.start, None)
 
 

@@ -110,8 +110,8 @@ def read_any(
     path: Path, joints: Sequence[str] | None = None, topic: str | None = None
 ) -> tuple["Demonstrations", "Recording | None"]:
     """Demonstrations of a file or folder; of a bag also where it was cut."""
+    from optipromp.files import is_bag
     from optipromp.promp import load_demonstrations
-    from optipromp.ros.bags import is_bag
 
     if not is_bag(path):
         if topic is not None:

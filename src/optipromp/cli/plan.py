@@ -104,13 +104,13 @@ Figures = Annotated[
 ]
 
 
-def failed_plan(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str, Any]:
+def failed_plan(error: OptiPrompError, request: Mapping[str, Any]) -> dict[str, Any]:
     """The document of a plan that could not be tried: a plan's keys, with the error's code."""
-    planner = arguments["planner"]
+    planner = request["planner"]
     return {
-        "scene": arguments["scene"],
+        "scene": request["scene"],
         "planner": planner,
-        "strategy": arguments["strategy"] if planner == "opti-promp" else None,
+        "strategy": request["strategy"] if planner == "opti-promp" else None,
         "status": error.code,
         "message": error.message,
         **dict.fromkeys(("metrics", "terms", "time")),
@@ -168,7 +168,8 @@ def plan(
         from optipromp.files import check_folder
 
         check_folder(out)
-    check_rate(rate)
+    if not 0.0 < rate < math.inf:
+        raise InvalidRequestError(f"--rate is {rate:g}: must be above 0 [Hz]")
     options = settings(setting or [], duration=duration, timeout=timeout, constraints=constraints)
     request: dict[str, Any] = {
         "planner": planner,
@@ -202,7 +203,10 @@ def plan(
 
 def tell(result: "Plan", out: Path | None, figures: bool, rate: float, as_json: bool) -> int:
     """Write the plan, print what it is, and return its exit code."""
-    written = leave(result, out, figures, rate) if out is not None else ()
+    written: tuple[str, ...] = ()
+    if out is not None:
+        with waiting("drawing ..."):
+            written = write(result, out, figures, rate)
     if as_json:
         print_json(result.to_dict())
     else:
@@ -220,25 +224,9 @@ def read_primitive(path: Path) -> Any:
     return ProMP.load(path) if is_primitive(path) else path
 
 
-def check_rate(rate: float) -> None:
-    """Refuse a rate before anything is planned.
-
-    Raises:
-        InvalidRequestError: it is not positive.
-    """
-    if not 0.0 < rate < math.inf:
-        raise InvalidRequestError(f"--rate is {rate:g}: must be above 0 [Hz]")
-
-
-def leave(
+def write(
     result: "Plan", folder: Path, figures: bool = True, rate: float = 1000.0
 ) -> tuple[str, ...]:
-    """Write the plan, and figures of it, and say so; returns the names of the files."""
-    with waiting("drawing ..."):
-        return write(result, folder, figures, rate)
-
-
-def write(result: "Plan", folder: Path, figures: bool, rate: float) -> tuple[str, ...]:
     """Write the plan, and figures of it; returns the names of the files."""
     from optipromp.output import write_plan
 
@@ -267,18 +255,13 @@ class Entry:
         """The plan's, or the error's."""
         return self.result.code if isinstance(self.result, OptiPrompError) else self.result.status
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """The plan's document with the names of its files; an error's has the same keys."""
-        names = {
-            "file": str(self.file),
-            "out": None if self.out is None else str(self.out),
-        }
-        if not isinstance(self.result, OptiPrompError):
-            return {**names, **self.result.to_dict()}
-        return {
-            **names, "scene": self.file.stem, "status": self.result.code,
-            "message": self.result.message, "metrics": None, "terms": None, "time": None,
-        }  # fmt: skip
+        if isinstance(self.result, OptiPrompError):
+            told = failed_plan(self.result, {"scene": self.file.stem, **request})
+        else:
+            told = self.result.to_dict()
+        return {"file": str(self.file), "out": self.out and str(self.out), **told}
 
 
 def scene_files(folder: Path) -> list[Path]:
@@ -346,7 +329,7 @@ def plan_folder(
     entries = [Entry(*item) for item in zip(files, homes, results, strict=True)]
     succeeded = sum(entry.status is Code.SUCCESS for entry in entries)
     if as_json:
-        scenes = [entry.to_dict() for entry in entries]
+        scenes = [entry.to_dict(request) for entry in entries]
         print_json({"folder": str(folder), "succeeded": succeeded, "of": len(entries),
                     "seconds": seconds, "scenes": scenes})  # fmt: skip
     else:

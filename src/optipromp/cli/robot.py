@@ -26,25 +26,18 @@ PackageDirs = Annotated[
 
 @dataclass(frozen=True)
 class Named:
-    """What a command was told of a robot; ``name`` is None where it was not named."""
+    """What a command was told of a robot; ``name`` is None where it was not named.
 
-    name: str | None = None
-    tip: str | None = None
-    base: str | None = None
-    srdf: Path | None = None
-    package_dirs: tuple[Path, ...] = ()
+    ``choice`` is of the robot's file; relative paths start at the working directory.
+    """
+
+    name: str | None
+    choice: "Choice"
 
     def __bool__(self) -> bool:
-        return self != Named()
+        from optipromp.robots.library import NOTHING
 
-    @property
-    def choice(self) -> "Choice":
-        """Of the robot's file; relative paths start at the working directory."""
-        from optipromp.robots.library import Choice
-
-        srdf = None if self.srdf is None else self.srdf.absolute()
-        folders = tuple(folder.absolute() for folder in self.package_dirs)
-        return Choice(self.tip, self.base, srdf, package_dirs=folders)
+        return self.name is not None or self.choice != NOTHING
 
     def of(self, scene: "Scene") -> "Scene":
         """The scene with this robot; with its own robot, chosen from so, where none was named."""
@@ -72,12 +65,15 @@ def names_robot(
     def decorate(function: Callable[..., int]) -> Callable[..., int]:
         @wraps(function)
         def run(*args: Any, **kwargs: Any) -> int:
+            from optipromp.robots.library import Choice
+
             given = {name: kwargs.pop(name, None) for name in options}
-            named = Named(
-                given.get("robot"), given["tip"], given["base"], given["srdf"],
-                tuple(given["package_dir"] or ()),
+            srdf, folders = given["srdf"], given["package_dir"] or ()
+            choice = Choice(
+                given["tip"], given["base"], srdf and srdf.absolute(),
+                package_dirs=tuple(folder.absolute() for folder in folders),
             )  # fmt: skip
-            return function(*args, named=named, **kwargs)
+            return function(*args, named=Named(given.get("robot"), choice), **kwargs)
 
         signature = inspect.signature(function)
         kept = [each for each in signature.parameters.values() if each.name != "named"]

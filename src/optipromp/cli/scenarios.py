@@ -20,7 +20,7 @@ from optipromp.cli.console import (
     stdout,
     waiting,
 )
-from optipromp.cli.plan import leave, read_primitive
+from optipromp.cli.plan import read_primitive, write
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -62,8 +62,9 @@ def scenarios(
         rows = run_scenarios(seed=seed, demonstrations=primitive, progress=say)
     document = {"scenarios": [row.to_dict() for row in rows]}
     if out is not None:
-        for row in rows:
-            leave(row.plan, out / f"scenario-{row.case.key}")
+        with waiting("drawing ..."):
+            for row in rows:
+                write(row.plan, out / f"scenario-{row.case.key}")
     if as_json:
         print_json(document)
     else:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from optipromp.cli.check import scene_or_plan
 from optipromp.cli.console import (
     FAILED,
     OK,
@@ -26,7 +27,7 @@ from optipromp.errors import InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
     from optipromp.planning import Plan
-    from optipromp.simulation import Outcome, Run, SimulationParameters
+    from optipromp.simulation import Outcome, Run
 
 
 def failed_run(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str, Any]:
@@ -93,6 +94,7 @@ def simulate(
     optipromp simulate reach --slow 4 --gif
     optipromp simulate my-scene.yaml --planner i-promp --json
     """
+    from optipromp.files import check_folder
     from optipromp.scenes.io import load_scene
     from optipromp.simulation import SimulationParameters
     from optipromp.simulation import simulate as execute
@@ -100,7 +102,9 @@ def simulate(
 
     engine()  # fail before planning where it is missing
     folder = _folder(scene_or_plan) if out is None else out
-    _check(slow, folder)
+    if not 0.05 <= slow <= 50.0:
+        raise InvalidRequestError(f"--slow is {slow:g}; it must be between 0.05 and 50")
+    check_folder(folder)
     parameters = SimulationParameters()
     if speed is not None:
         parameters = replace(parameters, control=replace(parameters.control, speed=speed))
@@ -115,7 +119,7 @@ def simulate(
         print_json({**run_document(run), "planner": plan.planner, "plan_status": plan.status})
     else:
         console = stdout()
-        _report(run, plan, parameters)
+        _report(run, plan)
         console.print(f"wrote {', '.join(written)} to {folder}")
     return OK if run.success else FAILED
 
@@ -127,28 +131,16 @@ def _folder(item: str) -> Path:
     return path.parent if path.name == "plan.json" else Path("out")
 
 
-def _check(slow: float, folder: Path) -> None:
-    from optipromp.files import check_folder
-
-    if not 0.05 <= slow <= 50.0:
-        raise InvalidRequestError(f"--slow is {slow:g}; it must be between 0.05 and 50")
-    check_folder(folder)
-
-
 def _plan(item: str, planner: Planner, strategy: Strategy, seed: int, named: Named) -> "Plan":
-    from optipromp.cli.check import Kind, kind_of
-    from optipromp.output import load_plan
+    from optipromp.planning import Plan
     from optipromp.planning import plan as make_plan
-    from optipromp.scenes.io import load_scene
 
-    kind = Kind.PLAN if Path(item).name == "plan.json" else kind_of(item)
-    if kind is Kind.PLAN:
+    found = scene_or_plan(item, "simulate")
+    if isinstance(found, Plan):
         if named:
             raise InvalidRequestError(f"{item} is a plan, which has its robot; name none")
-        return load_plan(item)
-    if kind is not Kind.SCENE:
-        raise InvalidRequestError(f"{item} is a {kind.value}; simulate takes a scene or a plan")
-    scene = named.of(load_scene(item))
+        return found
+    scene = named.of(found)
     say_if_compiling()
     with waiting(f"planning {scene.name} ...") as say:
         return make_plan(scene, planner=planner, strategy=strategy, seed=seed, progress=say)
@@ -169,7 +161,7 @@ def _leave(run: "Run", folder: Path, video: bool, gif: bool, slow: float) -> tup
     return write_run(run, folder, films)
 
 
-def _report(run: "Run", plan: "Plan", parameters: "SimulationParameters") -> None:
+def _report(run: "Run", plan: "Plan") -> None:
     outcome, console = run.outcome, stdout()
     verdict = "picked" if run.success else f"failed: {outcome.cause}"
     console.print(f"{run.scene.name}  {plan.planner} (plan: {plan.status})  {verdict}")

@@ -48,13 +48,14 @@ def validate(
     optipromp validate moveit.mcap --scene my-scene.yaml --out verdict --json
     """
     from optipromp.errors import InvalidRequestError
+    from optipromp.output import load_plan
     from optipromp.planning import judge
     from optipromp.planning.task import resolve
     from optipromp.scenes.io import load_scene
 
     if scene is None and not (trajectory / "plan.json").is_file():
         raise InvalidRequestError(f"{trajectory} states no scene: add --scene SCENE")
-    loaded = _planned_for(trajectory) if scene is None else load_scene(scene)
+    loaded = load_plan(trajectory).scene if scene is None else load_scene(scene)
     robot = resolve(loaded).robot
     curve = read(trajectory, robot)
     with waiting("judging ..."):
@@ -71,7 +72,7 @@ def validate(
 
 def read(path: Path, robot: "Robot") -> "Trajectory":
     """A trajectory from any file that the command takes."""
-    from optipromp.ros.bags import is_bag
+    from optipromp.files import is_bag
     from optipromp.trajectory_files import read_trajectory
 
     if is_bag(path):
@@ -79,12 +80,6 @@ def read(path: Path, robot: "Robot") -> "Trajectory":
 
         return ros.read_trajectory(path, robot.joint_names)
     return read_trajectory(path, robot.joint_names)
-
-
-def _planned_for(folder: Path) -> "Scene":
-    from optipromp.output import load_plan
-
-    return load_plan(folder).scene
 
 
 def describe(found: "Verdict", curve: "Trajectory", scene: "Scene") -> dict[str, Any]:

@@ -20,6 +20,7 @@ from optipromp.trajectory import State
 
 STIFFNESS = (600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0)  # [N m/rad] default of panda-python
 DAMPING = (50.0, 50.0, 50.0, 20.0, 20.0, 20.0, 10.0)  # [N m s/rad] the same
+FRANKY_RATE = 500.0  # [Hz] of franky's references; a choice
 
 
 def _module(name: str, package: str) -> Any:
@@ -38,13 +39,20 @@ class _Franka(Follower):
 
     def __init__(
         self,
-        robot: Robot | None,
-        guard: Guard | None,
-        stiffness: Sequence[float],
-        damping: Sequence[float],
+        host: str,
+        robot: Robot | None = None,
+        guard: Guard | None = None,
+        *,
+        stiffness: Sequence[float] = STIFFNESS,
+        damping: Sequence[float] = DAMPING,
     ) -> None:
+        self._connect(host)
         super().__init__(robot or load_robot("panda"), guard)
         self._gains = {"stiffness": np.array(stiffness), "damping": np.array(damping)}
+
+    @abstractmethod
+    def _connect(self, host: str) -> None:
+        """Import the maker's module and open the arm."""
 
     @abstractmethod
     def _read(self) -> Any:
@@ -79,17 +87,8 @@ class PandaPy(_Franka):
         InvalidRequestError: panda-python is not installed.
     """
 
-    def __init__(
-        self,
-        host: str,
-        robot: Robot | None = None,
-        guard: Guard | None = None,
-        *,
-        stiffness: Sequence[float] = STIFFNESS,
-        damping: Sequence[float] = DAMPING,
-    ) -> None:
+    def _connect(self, host: str) -> None:
         module = _module("panda_py", "panda-python")
-        super().__init__(robot, guard, stiffness, damping)
         self._controllers = _module("panda_py.controllers", "panda-python")
         self.panda = module.Panda(host)
         self._controller: Any = None
@@ -118,32 +117,15 @@ class PandaPy(_Franka):
 class Franky(_Franka):
     """By ``franky-control`` (extra ``franky``): ``JointImpedanceTracker``.
 
-    Args:
-        host: of the arm.
-        robot: joints and limits; None: the built-in Panda.
-        guard: when to refuse and when to stop.
-        stiffness: (7,) [N m/rad].
-        damping: (7,) [N m s/rad].
-        rate: of the references [Hz].
+    It takes the arguments of :class:`PandaPy`.
 
     Raises:
         InvalidRequestError: franky is not installed.
     """
 
-    def __init__(
-        self,
-        host: str,
-        robot: Robot | None = None,
-        guard: Guard | None = None,
-        *,
-        stiffness: Sequence[float] = STIFFNESS,
-        damping: Sequence[float] = DAMPING,
-        rate: float = 500.0,
-    ) -> None:
+    def _connect(self, host: str) -> None:
         self._franky = _module("franky", "franky-control")
-        super().__init__(robot, guard, stiffness, damping)
         self.arm = self._franky.Robot(host)
-        self._period = 1.0 / rate
         self._tracker: Any = None
 
     def _read(self) -> Any:
@@ -152,7 +134,7 @@ class Franky(_Franka):
     @contextmanager
     def stream(self) -> Iterator[Iterator[float]]:
         """See :class:`Follower`."""
-        made = self._franky.JointImpedanceTracker(self.arm, period=self._period, **self._gains)
+        made = self._franky.JointImpedanceTracker(self.arm, period=1.0 / FRANKY_RATE, **self._gains)
         with made as self._tracker:
             yield _since(lambda: self._tracker.tick() is not None)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -32,76 +32,63 @@ def _positive(shape: str, name: str, value: float) -> float:
     return number
 
 
+class _Solid:
+    """A shape given by sizes above 0: numbers, or three of them along x, y, z."""
+
+    def __post_init__(self) -> None:
+        shape = type(self).__name__.lower()
+        for item in fields(self):  # type: ignore[arg-type]
+            name, given = item.name, getattr(self, item.name)
+            if item.type == "float":
+                object.__setattr__(self, name, _positive(shape, name, given))
+                continue
+            sizes = tuple(float(size) for size in given)
+            if len(sizes) != 3:
+                raise InvalidSceneError(f"{shape} {name} has {len(sizes)} entries: must have 3 [m]")
+            for index, size in enumerate(sizes):
+                _positive(shape, f"{name}[{index}]", size)
+            object.__setattr__(self, name, sizes)
+
+
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(_Solid):
     """A ball of ``radius`` [m] about the local origin."""
 
     radius: float
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "radius", _positive("sphere", "radius", self.radius))
-
 
 @dataclass(frozen=True)
-class Box:
+class Box(_Solid):
     """A box centred at the local origin; ``size`` holds its full edge lengths along x, y, z [m]."""
 
     size: tuple[float, float, float]
 
-    def __post_init__(self) -> None:
-        size = tuple(float(edge) for edge in self.size)
-        if len(size) != 3:
-            raise InvalidSceneError(f"box size has {len(size)} entries: must have 3 [m]")
-        for index, edge in enumerate(size):
-            _positive("box", f"size[{index}]", edge)
-        object.__setattr__(self, "size", size)
-
 
 @dataclass(frozen=True)
-class Cylinder:
+class Cylinder(_Solid):
     """A solid cylinder along local z, centred at the origin; ``radius``, full ``length`` [m]."""
 
     radius: float
     length: float
 
-    def __post_init__(self) -> None:
-        _check_rod(self)
-
 
 @dataclass(frozen=True)
-class Capsule:
+class Capsule(_Solid):
     """A capsule along local z, centred; ``length`` [m] is the distance between sphere centres."""
 
     radius: float
     length: float
 
-    def __post_init__(self) -> None:
-        _check_rod(self)
-
-
-def _check_rod(rod: Cylinder | Capsule) -> None:
-    for name in ("radius", "length"):
-        value = _positive(type(rod).__name__.lower(), name, getattr(rod, name))
-        object.__setattr__(rod, name, value)
-
 
 @dataclass(frozen=True)
-class Ellipsoid:
+class Ellipsoid(_Solid):
     """An ellipsoid about the local origin; ``radii`` along local x, y, z [m]."""
 
     radii: tuple[float, float, float]
 
-    def __post_init__(self) -> None:
-        radii = tuple(float(radius) for radius in self.radii)
-        if len(radii) != 3:
-            raise InvalidSceneError(f"ellipsoid radii has {len(radii)} entries: must have 3 [m]")
-        for index, radius in enumerate(radii):
-            _positive("ellipsoid", f"radii[{index}]", radius)
-        object.__setattr__(self, "radii", radii)
-
 
 @dataclass(frozen=True)
-class Cone:
+class Cone(_Solid):
     """A cone with round ends along local z, centred: the hull of two balls, as many berries are.
 
     Args:
@@ -115,8 +102,7 @@ class Cone:
     length: float
 
     def __post_init__(self) -> None:
-        for name in ("radius", "tip", "length"):
-            object.__setattr__(self, name, _positive("cone", name, getattr(self, name)))
+        super().__post_init__()
         if self.length <= abs(self.radius - self.tip):
             raise InvalidSceneError(
                 f"cone length is {self.length:g}: must be above {abs(self.radius - self.tip):g}, "

@@ -389,10 +389,8 @@ def _nearest_pair(body, group, check, spheres, middles, apart):  # type: ignore[
         z = spheres[a, 2] - spheres[b, 2]
         squared = x * x + y * y + z * z
         reach = gap + body.radius[a] + body.radius[b] - body.slack[i]
-        if reach < 0.0 or squared > reach * reach * (
-            1.0 + 1e-12
-        ):  # no nearer, and no root needed to see it
-            continue
+        if reach < 0.0 or squared > reach * reach * (1.0 + 1e-12):
+            continue  # no nearer, and no root needed to see it
         d = math.sqrt(squared) - body.radius[a] - body.radius[b] + body.slack[i]
         gap = min(gap, d)
         if d < apart[0]:

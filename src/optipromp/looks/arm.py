@@ -20,8 +20,6 @@ from optipromp.robots.model import LinkGeometry, Robot
 from optipromp.robots.tools import FINGERS, TOOL_LINK, Cup, FrankaHand
 from optipromp.robots.urdf import UrdfGeometry
 
-__all__ = ["arm_parts"]
-
 LINK, BASE, DRUM = "#e3e6e9", "#8c9199", "#474d55"
 TOOL_COLOURS = {"mouth": "#a9d8ec", "neck": "#3b434c", "palm": "#dfe2e5", "finger": "#3b434c"}
 GLASS = 0.28  # opacity of a cup: the fruit in it is to be seen

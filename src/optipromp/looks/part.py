@@ -9,8 +9,6 @@ import numpy as np
 from optipromp.arrays import FloatArray, IntArray, frozen
 from optipromp.looks.faces import triangles
 
-__all__ = ["Colour", "Part", "hex_colour"]
-
 Colour = tuple[int, int, int]  # sRGB, 0 to 255
 
 

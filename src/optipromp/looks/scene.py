@@ -4,8 +4,6 @@ The row (gutter, hangers, posts, floor) is decoration: nothing plans around it, 
 where the scene itself has nothing that the stems could hang from.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from optipromp.arrays import FloatArray
@@ -13,8 +11,6 @@ from optipromp.geometry.shapes import HalfSpace, MeshShape, PointCloudShape, Sph
 from optipromp.looks.faces import box, frame_along, revolve, shape_faces, sphere, tube
 from optipromp.looks.part import Part
 from optipromp.scenes.scene import Scene, SceneObject
-
-__all__ = ["FLOOR", "PUSHABLES", "ROLES", "object_parts", "scene_parts", "scenery"]
 
 ROLES = {"target": "#d11a2a", "avoid": "#7f9a5c", "static": "#b39b7c"}
 UNRIPE = ("#a9c46a", "#c6cf86", "#8fb554", "#d3d7a0")  # of fruits on stems, in turn
@@ -100,26 +96,21 @@ def _strip(lower: FloatArray, upper: FloatArray) -> FloatArray:
     return np.stack([lower[:-1], lower[1:], upper[1:], upper[:-1]], axis=1)
 
 
-@dataclass(frozen=True, eq=False)
-class _Row:
-    """Axes away from the robot, along the row and up, as the columns of (3, 3)."""
+def _row(scene: Scene, roots: FloatArray) -> FloatArray:
+    """Axes away from the robot, along the row and up, as columns (3, 3)."""
+    up = np.asarray(scene.up)
+    middle = roots.mean(axis=0) if len(roots) else scene.positions.mean(axis=0)
+    away = middle - (middle @ up) * up
+    if np.linalg.norm(away) < 1e-3:
+        away = np.eye(3)[int(np.argmin(np.abs(up)))]
+        away = away - (away @ up) * up
+    away = away / np.linalg.norm(away)
+    return np.column_stack([away, np.cross(up, away), up])
 
-    axes: FloatArray
 
-    @staticmethod
-    def of(scene: Scene, roots: FloatArray) -> "_Row":
-        up = np.asarray(scene.up)
-        middle = roots.mean(axis=0) if len(roots) else scene.positions.mean(axis=0)
-        away = middle - (middle @ up) * up
-        if np.linalg.norm(away) < 1e-3:
-            away = np.eye(3)[int(np.argmin(np.abs(up)))]
-            away = away - (away @ up) * up
-        away = away / np.linalg.norm(away)
-        return _Row(np.column_stack([away, np.cross(up, away), up]))
-
-    def solid(self, low: FloatArray, high: FloatArray) -> FloatArray:
-        """Faces of a box between two corners in these axes."""
-        return np.asarray((box(high - low) + 0.5 * (low + high)) @ self.axes.T)
+def _solid(row: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Faces of a box between two corners in the axes of a row."""
+    return np.asarray((box(high - low) + 0.5 * (low + high)) @ row.T)
 
 
 def scenery(scene: Scene) -> tuple[Part, ...]:
@@ -135,18 +126,18 @@ def scenery(scene: Scene) -> tuple[Part, ...]:
     holding = next(
         (i for i in scene.static if any(box_distance(i, r) < HANGS for r in roots)), None
     )
-    row = _Row.of(scene, roots)
+    row = _row(scene, roots)
     ground = _ground(scene)
     parts = []
     if ground is not None:
-        center = 0.5 * scene.positions.mean(axis=0) @ row.axes
+        center = 0.5 * scene.positions.mean(axis=0) @ row
         low, high = center - GROUND, center + GROUND
         low[2], high[2] = ground - FLOOR_DEPTH, ground
-        parts.append(Part.of("floor", row.solid(low, high), FLOOR))
+        parts.append(Part.of("floor", _solid(row, low, high), FLOOR))
         if ground < -FLOOR_DEPTH:
             pedestal = np.array([[-0.1, -0.1, ground], [0.1, 0.1, -0.001]])
-            parts.append(Part.of("pedestal", row.solid(*pedestal), POST))
-    local = roots @ row.axes
+            parts.append(Part.of("pedestal", _solid(row, *pedestal), POST))
+    local = roots @ row
     level = 0.0 if ground is None else ground
     if holding is not None:
         parts += _table(row, holding, roots, level)
@@ -155,7 +146,7 @@ def scenery(scene: Scene) -> tuple[Part, ...]:
     return tuple(parts)
 
 
-def _gutter(row: _Row, roots: FloatArray, ground: float) -> list[Part]:
+def _gutter(row: FloatArray, roots: FloatArray, ground: float) -> list[Part]:
     """An open trough over the roots (k, 3) in the row's axes, its posts, and hangers to it."""
     width, height, beyond = TROUGH
     low, high = roots.min(axis=0), roots.max(axis=0)
@@ -170,7 +161,8 @@ def _gutter(row: _Row, roots: FloatArray, ground: float) -> list[Part]:
         ((wall - half, 0.5 * height), (half - wall, 0.75 * height)),
     ]  # fmt: skip
     solids = [
-        row.solid(
+        _solid(
+            row,
             np.array([middle + a[0], ends[0], under + a[1]]),
             np.array([middle + b[0], ends[1], under + b[1]]),
         )
@@ -182,28 +174,28 @@ def _gutter(row: _Row, roots: FloatArray, ground: float) -> list[Part]:
     ]
     posts = []
     for end in (ends[0] + 0.12, ends[1] - 0.12):
-        top = np.array([[middle, end, ground], [middle, end, under]]) @ row.axes.T
+        top = np.array([[middle, end, ground], [middle, end, under]]) @ row.T
         posts.append(tube(top, 0.014, 16))
         bar = np.array([middle, end, under - 0.012])
-        posts.append(row.solid(bar - [half, 0.015, 0.012], bar + [half, 0.015, 0.012]))
+        posts.append(_solid(row, bar - [half, 0.015, 0.012], bar + [half, 0.015, 0.012]))
     parts.append(Part.of("posts", np.concatenate(posts), POST))
     hangers = [
-        tube(np.array([root, [*root[:2], under]]) @ row.axes.T, 0.0015, 8)
+        tube(np.array([root, [*root[:2], under]]) @ row.T, 0.0015, 8)
         for root in roots
         if under - root[2] > OVER
     ]
     return parts + [Part.of("hangers", np.concatenate(hangers), TRUSS)] * bool(hangers)
 
 
-def _table(row: _Row, item: SceneObject, roots: FloatArray, ground: float) -> list[Part]:
+def _table(row: FloatArray, item: SceneObject, roots: FloatArray, ground: float) -> list[Part]:
     """Two legs under an object that stems hang from, and hangers to it."""
     local = _corners(item) @ item.rotation.T + item.position
-    low, high = (local @ row.axes).min(axis=0), (local @ row.axes).max(axis=0)
+    low, high = (local @ row).min(axis=0), (local @ row).max(axis=0)
     middle = 0.5 * (low[0] + high[0])
     legs = []
     for end in (low[1] + 0.04, high[1] - 0.04):
         line = np.array([[middle, end, ground], [middle, end, low[2]]])
-        legs.append(tube(line @ row.axes.T, 0.01, 16))
+        legs.append(tube(line @ row.T, 0.01, 16))
     hangers = [
         tube(np.stack([root, _nearest(item, root)]), 0.0015, 8)
         for root in roots

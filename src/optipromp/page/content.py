@@ -12,6 +12,7 @@ from optipromp.arrays import FloatArray, IntArray, lengths
 from optipromp.budget import Budget
 from optipromp.errors import OptiPrompError
 from optipromp.geometry import distances
+from optipromp.looks.part import rgb
 from optipromp.planning import Plan
 from optipromp.planning.parameters import FOLLOW
 from optipromp.planning.primitive import learnt
@@ -22,7 +23,7 @@ from optipromp.promp.points import JointPoint, TaskPoint
 from optipromp.pushing.model import Combined, PushModel, search
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import PoseGoal, Scene
-from optipromp.viewer.drawn import Moment, Placed, placed
+from optipromp.viewer.drawn import FOLLOWED, GREEN, OPTIMISED, RED, Moment, Placed, placed
 
 SAMPLES, ROWS = 24, 60  # of the bundle; choices for the eye
 CANDIDATES = 40  # shown at most
@@ -32,11 +33,11 @@ WIDE = 2.0  # standard deviations that a tube or band shows
 RED_AT, GREEN_AT = 0.0, 0.05  # [m] of clearance
 CHART_ROWS = 120  # times of a chart
 JOINT_COLOURS = (
-    "#1f5fb4", "#d1661a", "#2f8f4e", "#c8322b", "#7d55a8", "#8a5a44", "#c05a9c", "#6f757d",
+    OPTIMISED, "#d1661a", GREEN, RED, "#7d55a8", "#8a5a44", "#c05a9c", "#6f757d",
 )  # fmt: skip
 ROLE_COLOURS = {
-    "static": "#7a5c2e", "arm to avoid": "#2f8f4e", "tool to avoid": "#1f5fb4",
-    "arm to pushable": "#a0449c",
+    "static": "#7a5c2e", "arm to avoid": GREEN, "tool to avoid": OPTIMISED,
+    "arm to pushable": FOLLOWED,
 }  # fmt: skip
 
 
@@ -108,12 +109,8 @@ def candidates(plan: Plan) -> list[tuple[FloatArray, float]]:
     if model is None or not isinstance(task.goal, PoseGoal):
         return []
     watched = _Watched(model)
-    found = search(
-        watched,
-        task.goal.axis,
-        np.random.default_rng(plan.seed),
-        Budget(time.perf_counter() + SEARCHING),
-    )
+    budget = Budget(time.perf_counter() + SEARCHING)
+    found = search(watched, task.axes, np.random.default_rng(plan.seed), budget)
     for path, good in found:
         if path.harm <= good:
             break
@@ -139,9 +136,9 @@ class _Watched(Combined):
 def between(value: FloatArray, worst: float, best: float) -> IntArray:
     """Colours (..., 3) from red (worst) over yellow to green (best), 0 to 255."""
     share = np.clip((np.asarray(value) - worst) / (best - worst), 0.0, 1.0)
-    marks = np.array([[200, 50, 43], [240, 196, 60], [47, 143, 78]])
-    rgb = [np.interp(share, [0.0, 0.5, 1.0], column) for column in marks.T]
-    return np.stack(rgb, axis=-1).astype(np.uint8)
+    marks = np.array([rgb(RED), (240, 196, 60), rgb(GREEN)])
+    mixed = [np.interp(share, [0.0, 0.5, 1.0], column) for column in marks.T]
+    return np.stack(mixed, axis=-1).astype(np.uint8)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,10 +13,11 @@ from optipromp.page import arrange
 from optipromp.page.content import charts
 from optipromp.page.plots import Plots
 from optipromp.page.stage import LAYERS
-from optipromp.page.table import RED, table
+from optipromp.page.table import table
 from optipromp.page.tabs import RecordTab, ReplayTab, StudyTab
 from optipromp.page.window import Window
 from optipromp.planning import PLANNERS, STRATEGIES
+from optipromp.viewer.drawn import GREEN, RED
 
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0}
 TIME_STEP = 0.02  # [s] of a single step
@@ -62,7 +63,7 @@ class Panel:
         words = html.escape(text).replace("  \n", "<br>")
         first, _, rest = words.partition("**, ")
         words = f"<b>{first.lstrip('*')}</b>, {rest}" if rest else words
-        colour = RED if bad else "#2f8f4e"
+        colour = RED if bad else GREEN
         self.status.content = (
             f'<div class="status" style="padding:0.3em 1em;border-left:4px solid {colour};'
             f'font-size:0.9em;line-height:1.35;max-height:9em;overflow-y:auto">{words}</div>'

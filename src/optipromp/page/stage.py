@@ -11,7 +11,7 @@ from optipromp.looks.part import rgb
 from optipromp.page.content import GREEN_AT, RED_AT, Bundle, Clearances, between
 from optipromp.planning import Plan
 from optipromp.robots.model import Robot
-from optipromp.viewer.drawn import PRIMITIVE, Placed, motions
+from optipromp.viewer.drawn import PRIMITIVE, RED, Placed, motions
 from optipromp.viewer.nodes import FLAT, Nodes, tube
 
 _WIDTH = {"conditioned ProMP": 4.0, "followed path": 3.0, "optimised": 5.0}  # [pixel]
@@ -20,7 +20,7 @@ _LINE_POINTS = 60  # points of a motion's line
 _BALL_CORNERS = 10  # corners around a body sphere
 _ARROW = {"shaft_radius": 0.0025, "head_radius": 0.006, "head_length": 0.014}  # [m]
 _FORCE = 0.02  # [m/N] length of a force's arrow
-_SIDE, _PUSH = (32, 90, 167), (200, 50, 43)
+_SIDE = (32, 90, 167)
 
 PLANNED = (
     "initial bundle", "candidate paths", "trajectories", "passing sides", "pushed objects",
@@ -179,15 +179,12 @@ class PlanNodes(Nodes):
         self.drop("forces")
         if len(points):
             arrows = np.stack([points - _FORCE * forces, points], axis=1).astype(np.float32)
-            self._add("forces|all", self.api.add_arrows, arrows, _PUSH, **_ARROW)
+            self._add("forces|all", self.api.add_arrows, arrows, rgb(RED), **_ARROW)
 
     def say(self, text: str, at: FloatArray | None) -> None:
         """A label at a point (3,) [m] of the scene; empty: none."""
         self.drop("message")
         if text and at is not None:
-            self._add("message|text", self.api.add_label, _wrapped(text), position=at,
+            words = "\n".join(textwrap.wrap(text, 36)[:7])
+            self._add("message|text", self.api.add_label, words, position=at,
                       anchor="bottom-right")  # fmt: skip
-
-
-def _wrapped(text: str) -> str:
-    return "\n".join(textwrap.wrap(text, 36)[:7])

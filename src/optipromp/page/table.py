@@ -6,9 +6,9 @@ from optipromp.judging import Violation
 from optipromp.planning import Plan
 from optipromp.planning.result import verdict
 from optipromp.planning.task import resolve
+from optipromp.viewer.drawn import RED
 from optipromp.viewer.words import plan_rows
 
-RED = "#c8322b"
 _WRONG = {  # rows of the table by the kinds of violation that concern them
     "target": {"goal", "axis"}, "duration": {"velocity", "acceleration", "jerk", "motion"},
     "joint limits": {"limit"},

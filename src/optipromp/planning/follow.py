@@ -86,8 +86,8 @@ def starts(
     be followed exactly.
     """
     assert isinstance(task.goal, PoseGoal)
-    points = path.at(np.linspace(1.0, 0.0, FOLLOW.stations))
-    axes = np.tile(task.goal.axis, (FOLLOW.stations, 1))
+    share = np.linspace(1.0, 0.0, FOLLOW.stations)
+    points, axes = path.at(share), task.axes(share)
     found = []
     for goal in goals:
         back, errors = ik.track(task.robot, points, axes, goal)
@@ -161,21 +161,23 @@ def _follow(
 ) -> Start | None:
     """The start to a goal (n,) through configurations ``stations`` (S, n); None: out of reach."""
     assert isinstance(task.goal, PoseGoal)
-    robot, axis, first, z = task.robot, task.goal.axis, waypoints.first, waypoints.phases
+    robot, first, z = task.robot, waypoints.first, waypoints.phases
     share = np.linspace(0.0, 1.0, FOLLOW.stations)
     phases = z[first] + (1.0 - z[first]) * _time_of(share)
-    weights = conditioned(robot, promp, task.start, goal, path.at(share), axis, stations, phases)
+    poses = path.at(share), task.axes(share)
+    weights = conditioned(robot, promp, task.start, goal, *poses, stations, phases)
     q = promp.basis.evaluate(waypoints.count) @ weights.T
     q[0], q[-1] = task.start, goal
-    points = path.at(braked((z[first:] - z[first]) / (1.0 - z[first])))
-    on_path, errors = ik.each(robot, points, np.tile(axis, (len(points), 1)), q[first:])
+    share = braked((z[first:] - z[first]) / (1.0 - z[first]))
+    points, axes = path.at(share), task.axes(share)
+    on_path, errors = ik.each(robot, points, axes, q[first:])
     if errors.max() > FOLLOW.tracked:
         return None
     on_path[-1] = goal
     on_path = level(robot, on_path[::-1], task.scene.frame[0], path=True)[::-1]
     if first == 0:  # the arm stands on the path, perhaps in another posture
         on_path = on_path + (1.0 - z[:, None]) * (task.start - on_path[0])
-        on_path, errors = ik.each(robot, points, np.tile(axis, (len(points), 1)), on_path)
+        on_path, errors = ik.each(robot, points, axes, on_path)
         on_path[0], on_path[-1] = task.start, goal
         return Start(q, on_path, waypoints, path) if errors.max() < FOLLOW.tracked else None
     followed = np.vstack([q[:first] + _lead_in(on_path - q[first:], first), on_path])
@@ -207,7 +209,7 @@ def conditioned(
     start: FloatArray,
     goal: FloatArray,
     points: FloatArray,
-    axis: FloatArray,
+    axes: FloatArray,
     near: FloatArray,
     phases: FloatArray,
 ) -> FloatArray:
@@ -218,7 +220,7 @@ def conditioned(
         promp: the prior.
         start: (n,) at phase 0; ``goal`` (n,) at phase 1; both at rest.
         points: (S, 3) of the tool point; the last is the goal's.
-        axis: (3,) of the tool.
+        axes: (S, 3) of the tool.
         near: (S, n) configurations at the stations, where the iteration begins.
         phases: (S,).
     """
@@ -235,7 +237,8 @@ def conditioned(
     for _ in range(FOLLOW.linearisations):
         point, pointing, jp, ja = robot.tool_map(q)
         jacobian = np.concatenate([jp, FOLLOW.axis_lever * ja], axis=1)
-        off = np.concatenate([points[:-1] - point, FOLLOW.axis_lever * (axis - pointing)], axis=1)
+        turn = FOLLOW.axis_lever * (axes[:-1] - pointing)
+        off = np.concatenate([points[:-1] - point, turn], axis=1)
         for s in range(stations):
             low, at = ends + 6 * s, ends + n * s
             rows[low : low + 6, at : at + n] = jacobian[s]

@@ -133,7 +133,6 @@ class PaperOptions:
         need(phase is None or 0.0 < phase < 1.0, "camera_phase", "between 0 and 1")
         need(self.via_deviation >= 0, "via_deviation", "not negative [m]")
         need(self.direction_deviation >= 0, "direction_deviation", "not negative [rad]")
-        need(isinstance(self.guard, bool), "guard", "true or false")
         radii = self.trust_radii
         need(
             len(radii) > 0 and min(radii) > 0 and list(radii) == sorted(radii),

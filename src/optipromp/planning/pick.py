@@ -132,8 +132,7 @@ def tool_paths(
     if task.entry is not None and not task.neighbours:
         yield straight(task), PUSH.harm.good
     elif model is not None:
-        assert isinstance(task.goal, PoseGoal)
-        yield from search(model, task.goal.axis, rng, budget)
+        yield from search(model, task.axes, rng, budget)
     elif task.neighbours:
         for corners in rule_paths(task.scene, task.neighbours, task.robot, task.camera, rule):
             yield through(corners, RULE_SPEED), 0.0
@@ -250,10 +249,12 @@ def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation
     if isinstance(task.goal, PoseGoal):
         constraints.append(GoalCost(SOLVE.must, task.goal.position, task.goal.axis))
     if start.path is not None and isinstance(task.goal, PoseGoal):
-        points, _ = robot.tool_pose(start.followed)
+        points, axes = robot.tool_pose(start.followed)
+        if task.scene.approach.lead is None:
+            axes = task.goal.axis[None]
         constraints += [
             CorridorCost(SOLVE.kept, points, np.eye(3), options.corridor, first, SOLVE.within),
-            UprightCost(SOLVE.lean, task.goal.axis, np.deg2rad(SOLVE.upright), first),
+            UprightCost(SOLVE.lean, axes, np.deg2rad(SOLVE.upright), first),
         ]
         if robot.tool is not None and robot.tool.fingers:
             pair = opposite(task)

@@ -96,7 +96,8 @@ def plan(
             scene, robot, planner, strategy, demonstrations, seed, options, progress,
             begun(start_state, previous, at), (previous, at),
         )  # fmt: skip
-        if made.status not in RETRIED or planner != "opti-promp" or start_state or previous:
+        at_rest = start_state is None and previous is None
+        if planner != "opti-promp" or not at_rest or made.status not in RETRIED:
             return made
 
         def again(other: Scene, seconds: float) -> Plan:
@@ -111,7 +112,10 @@ def plan(
 def _otherwise(made: Plan, again: Callable[[Scene, float], Plan], timeout: float) -> Plan:
     """The first harmless plan of the other approaches that the scene allows; else the best."""
     began, before = time.perf_counter(), made.time["total"]
-    for other in approaches.others(made.scene, made.robot):
+    ways = approaches.others(made.scene, made.robot)
+    if not ways:
+        return made
+    for other in ways:
         left = timeout - before - (time.perf_counter() - began)
         if left <= 0.0:
             break

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from optipromp import judging
 from optipromp.arrays import FloatArray
 from optipromp.errors import Code, InvalidRequestError
@@ -15,10 +17,12 @@ from optipromp.planning.task import Task, push_model, resolve, tool_motion
 from optipromp.pushing.model import Prediction
 from optipromp.robots.model import Robot
 from optipromp.scenes.io import load_scene
-from optipromp.scenes.scene import Scene
+from optipromp.scenes.scene import PoseGoal, Scene
 from optipromp.shown import Shown
 from optipromp.trajectory import Trajectory
 from optipromp.trajectory_files import read_trajectory
+
+BELOW = 0.002  # [m] under the camera point's height that counts as at it: a plan's corridor
 
 
 @dataclass(frozen=True)
@@ -276,12 +280,23 @@ def judge(
 
 def verdict(task: Task, trajectory: Trajectory) -> Verdict:
     """The verdict on a trajectory of the task's robot."""
-    prediction = predicted(task, trajectory)
+    prediction = predicted(task, trajectory, _approach(task, trajectory))
     start = None if task.scene.start is None else task.state
     judgement = judging.judge(
         task.scene, task.robot, trajectory, start, stem_side=prediction is None
     )
     return Verdict(judgement, prediction)
+
+
+def _approach(task: Task, trajectory: Trajectory) -> int:
+    """The first waypoint at the camera point's height or above, along z_g; as a plan's approach.
+
+    Below it nothing hangs, and what the model steps through there only moves its later steps.
+    """
+    if not isinstance(task.goal, PoseGoal):
+        return 0
+    points, _ = task.robot.tool_pose(trajectory.positions)
+    return int(np.argmax((points - task.camera) @ task.scene.frame[2] > -BELOW))
 
 
 def predicted(task: Task, trajectory: Trajectory, first: int = 0) -> Prediction | None:

@@ -15,7 +15,7 @@ from optipromp.pushing import hanging, standing
 from optipromp.pushing.cup import flange_of
 from optipromp.pushing.hanging import Hanging
 from optipromp.pushing.model import Combined, Continued, PushModel
-from optipromp.pushing.path import STEP, ToolPath, along, evenly, length
+from optipromp.pushing.path import STEP, ToolPath, along, evenly, length, turning
 from optipromp.pushing.rules import neighbours
 from optipromp.pushing.standing import Standing
 from optipromp.robots.model import Robot
@@ -83,6 +83,12 @@ class Task:
         before = min([0.0, *heights]) - self.scene.approach.camera_distance
         return np.asarray(self.goal.position + before * up)
 
+    def axes(self, share: FloatArray) -> FloatArray:
+        """Tool axes (m, 3) at shares (m,) of the tool's path."""
+        assert isinstance(self.goal, PoseGoal)
+        lead = None if self.entry is not None else self.scene.approach.lead
+        return turning(self.goal.axis, lead, share)
+
     def at_goal(self, q: FloatArray) -> bool:
         """Whether ``q`` (n,) is at the goal, within the judge's tolerances."""
         if isinstance(self.goal, JointGoal):
@@ -92,22 +98,20 @@ class Task:
         return bool(near and axis @ self.goal.axis > np.cos(AXIS_TOLERANCE))
 
 
-def _robot_with_tool(scene: Scene) -> tuple[Robot, BodyPoints]:
-    tool = None
-    if scene.tool is not None:
-        tool = (scene.tool.kind, tuple(sorted(scene.tool.parameters.items())))
-    return _equip(scene.load_robot(), tool)
+def _robot_with_tool(scene: Scene) -> Robot:
+    robot = scene.load_robot()
+    if scene.tool is None:
+        return robot
+    return _equip(robot, scene.tool.kind, tuple(sorted(scene.tool.parameters.items())))
 
 
-ToolKey = tuple[str, tuple[tuple[str, Any], ...]] | None
+# Both by identity: a file that has not changed gives the same robot.
+_body = functools.lru_cache(maxsize=32)(BodyPoints)
 
 
-@functools.lru_cache(maxsize=32)  # by identity: a file that has not changed gives the same robot
-def _equip(robot: Robot, tool: ToolKey) -> tuple[Robot, BodyPoints]:
-    if tool is not None:
-        kind, parameters = tool
-        robot = with_tool(robot, make_tool(kind, dict(parameters)))
-    return robot, BodyPoints(robot)
+@functools.lru_cache(maxsize=32)
+def _equip(robot: Robot, kind: str, parameters: tuple[tuple[str, Any], ...]) -> Robot:
+    return with_tool(robot, make_tool(kind, dict(parameters)))
 
 
 def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None) -> Task:
@@ -125,7 +129,7 @@ def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None
         InvalidRequestError: a tool that cannot be made or mounted; a goal in joints that is not a
             configuration of the robot.
     """
-    robot, body = _robot_with_tool(scene) if robot is None else (robot, BodyPoints(robot))
+    robot = _robot_with_tool(scene) if robot is None else robot
     start = robot.home if scene.start is None else scene.start
     start = start if state is None else state.q
     if start.shape != (robot.n_joints,):
@@ -150,7 +154,7 @@ def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None
     return Task(
         scene,
         robot,
-        body,
+        _body(robot),
         state or State(start),
         goal,
         neighbours(scene, robot.gripper_radius),

@@ -10,59 +10,29 @@
 [1.1, 0.9, 1.0]
 """
 
-from optipromp.promp.basis import Basis
-from optipromp.promp.checks import (
-    ConditioningWarning,
-    ConvergenceWarning,
-    RegularisedWarning,
-    UnitsWarning,
-)
-from optipromp.promp.conditioning import ConditioningReport, condition, condition_with_report
-from optipromp.promp.demonstrations import (
-    Demonstration,
-    Demonstrations,
-    load_demonstrations,
-    save_demonstrations,
-)
-from optipromp.promp.em import fit_em
-from optipromp.promp.learning import fit, held_out_residuals, residuals
-from optipromp.promp.model import ProMP
-from optipromp.promp.operations import (
-    Marginals,
-    Timing,
-    blend,
-    coactivate,
-    coactivate_marginals,
-    modulate,
-)
-from optipromp.promp.points import JointPoint, TaskPoint
-from optipromp.promp.tasks import TaskMap
-
-__all__ = [
-    "Basis",
-    "ConditioningReport",
-    "ConditioningWarning",
-    "ConvergenceWarning",
-    "Demonstration",
-    "Demonstrations",
-    "JointPoint",
-    "Marginals",
-    "ProMP",
-    "RegularisedWarning",
-    "TaskMap",
-    "TaskPoint",
-    "Timing",
-    "UnitsWarning",
-    "blend",
-    "coactivate",
-    "coactivate_marginals",
-    "condition",
-    "condition_with_report",
-    "fit",
-    "fit_em",
-    "held_out_residuals",
-    "load_demonstrations",
-    "modulate",
-    "residuals",
-    "save_demonstrations",
-]
+from optipromp.promp.basis import Basis as Basis
+from optipromp.promp.checks import ConditioningWarning as ConditioningWarning
+from optipromp.promp.checks import ConvergenceWarning as ConvergenceWarning
+from optipromp.promp.checks import RegularisedWarning as RegularisedWarning
+from optipromp.promp.checks import UnitsWarning as UnitsWarning
+from optipromp.promp.conditioning import ConditioningReport as ConditioningReport
+from optipromp.promp.conditioning import condition as condition
+from optipromp.promp.conditioning import condition_with_report as condition_with_report
+from optipromp.promp.demonstrations import Demonstration as Demonstration
+from optipromp.promp.demonstrations import Demonstrations as Demonstrations
+from optipromp.promp.demonstrations import load_demonstrations as load_demonstrations
+from optipromp.promp.demonstrations import save_demonstrations as save_demonstrations
+from optipromp.promp.em import fit_em as fit_em
+from optipromp.promp.learning import fit as fit
+from optipromp.promp.learning import held_out_residuals as held_out_residuals
+from optipromp.promp.learning import residuals as residuals
+from optipromp.promp.model import ProMP as ProMP
+from optipromp.promp.operations import Marginals as Marginals
+from optipromp.promp.operations import Timing as Timing
+from optipromp.promp.operations import blend as blend
+from optipromp.promp.operations import coactivate as coactivate
+from optipromp.promp.operations import coactivate_marginals as coactivate_marginals
+from optipromp.promp.operations import modulate as modulate
+from optipromp.promp.points import JointPoint as JointPoint
+from optipromp.promp.points import TaskPoint as TaskPoint
+from optipromp.promp.tasks import TaskMap as TaskMap

@@ -8,12 +8,10 @@ from numpy.typing import ArrayLike
 
 from optipromp.arrays import FloatArray, all_finite
 from optipromp.errors import InvalidDemonstrationError, InvalidRequestError, OptiPrompError
-from optipromp.shown import printable
+from optipromp.shown import LONGEST_NAME, is_name, printable
 
 PHASE_TOLERANCE = 1e-9
 """Phases this close are one phase, and may lie this far outside [0, 1] (rounding)."""
-
-LONGEST_NAME = 1000
 
 
 class RegularisedWarning(UserWarning):
@@ -98,7 +96,7 @@ def names_for(names: Sequence[str], count: int) -> tuple[str, ...]:
     if len(result) != count:
         raise InvalidRequestError(f"joint_names: expected {count} names, got {len(result)}")
     for name in result:
-        if printable(name) != name or not 0 < len(name) <= LONGEST_NAME:
+        if not is_name(name):
             raise InvalidRequestError(
                 f"joint_names: '{printable(name)[:60]}' must have 1 to {LONGEST_NAME} letters and "
                 "no control characters"

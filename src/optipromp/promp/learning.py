@@ -43,15 +43,13 @@ class Samples:
     """Demonstrations ready to learn from.
 
     ``phases`` and ``positions`` hold one array per demonstration, (m_i,) and (m_i, n). If all have
-    the same phases, ``stacked`` is all positions at once, (N, T, n); ``even`` says that they are
-    evenly spaced from 0 to 1.
+    the same phases, ``stacked`` is all positions at once, (N, T, n).
     """
 
     phases: tuple[FloatArray, ...]
     positions: tuple[FloatArray, ...]
     stacked: FloatArray | None
     joint_names: tuple[str, ...]
-    even: bool = False
 
     @property
     def n_joints(self) -> int:
@@ -198,7 +196,7 @@ def residuals_of(samples: Samples, basis: Basis, weights: FloatArray) -> FloatAr
 
 
 def _shared_bases(samples: Samples, basis: Basis) -> FloatArray:
-    return basis.evaluate(len(samples.phases[0]) if samples.even else samples.phases[0])
+    return basis.evaluate(samples.phases[0])
 
 
 def _each_bases(samples: Samples, basis: Basis) -> list[FloatArray]:
@@ -292,7 +290,7 @@ def gather(demonstrations: DemonstrationsLike, joint_names: Sequence[str] | None
             raise error(f"demonstrations: expected (N, T >= 2, n >= 1), got shape {stacked.shape}")
         phases = np.linspace(0.0, 1.0, stacked.shape[1])
         names = names_for(joint_names or (), stacked.shape[2])
-        return Samples((phases,) * len(stacked), tuple(stacked), stacked, names, even=True)
+        return Samples((phases,) * len(stacked), tuple(stacked), stacked, names)
     if not isinstance(demonstrations, Demonstrations):
         items = []
         for i, item in enumerate(demonstrations):

@@ -89,14 +89,13 @@ def relax(
     moved, woken = 0.0, False
     for i in range(len(length)):
         radius, on_fruit = radii[i], on_fruits[i]
-        x0, x1, x2 = center[i, 0], center[i, 1], center[i, 2]
         begun, inertia = not resting[i], mass[i] / (dt * dt)
         if begun:
             begin(stiffness, free, u, ahead, i, inertia, gradient, inverse)
         pressed[i], firmly[i] = 0.0, False
         largest = t0 = t1 = t2 = 0.0
         last = upper[i] - above[i] / length[i]
-        h, rho, _, _, _ = in_cup(x0, x1, x2, at)
+        h, rho, _, _, _ = in_cup(center[i, 0], center[i, 1], center[i, 2], at)
         within = h > cup.base and rho < cup.inner
         looked_at = on_all[i] if look else close[i]
         if look:
@@ -148,43 +147,38 @@ def relax(
                 axes, shape, shortening, u, i, share, n0, n1, n2, -gap, CONTACT, j, v,
                 gradient, inverse,
             )  # fmt: skip
+            most = r0 = r1 = r2 = 0.0  # force against the slip (r0, r1, r2)
             if 0 < what <= others:
-                slip = _slip(
+                most = ON_SKIN * hard
+                r0, r1, r2 = _slip(
                     root, axes, shape, length, u, before, up, center, began, i, what, share
                 )
-                _rub(
-                    axes, shape, shortening, u, i, share, *slip, n0, n1, n2, ON_SKIN * hard, j, v,
-                    gradient, inverse,
-                )  # fmt: skip
-            if what >= on_fruit:
+            elif what >= on_fruit:
+                most = ON_STEM * hard
                 t0, t1, t2 = t0 + hard * n0, t1 + hard * n1, t2 + hard * n2
                 z0, z1, z2 = place(root, axes, shape, before, i, length[i] - up[i], share)
-                z0, z1, z2 = y0 - z0 - shift.x, y1 - z1 - shift.y, y2 - z2 - shift.z
-                along = z0 * at.u + z1 * at.v + z2 * at.w
-                _rub(
-                    axes, shape, shortening, u, i, share, z0 - along * at.u, z1 - along * at.v,
-                    z2 - along * at.w, n0, n1, n2, ON_STEM * hard, j, v, gradient, inverse,
-                )  # fmt: skip
-            elif what == 0 or what > others or what % 3:  # on the fruit, not on its stem
-                largest = max(largest, hard)
-            if others < what < on_fruit:
+                r0, r1, r2 = y0 - z0 - shift.x, y1 - z1 - shift.y, y2 - z2 - shift.z
+                along = r0 * at.u + r1 * at.v + r2 * at.w
+                r0, r1, r2 = r0 - along * at.u, r1 - along * at.v, r2 - along * at.w
+            elif what > others:
                 firmly[i] = True
-            if what == 0:
-                pressed[i] = hard
-                if earlier[i] != 0.0:
-                    slip = _slip_on_cup(
-                        root, axes, shape, length, u, before, up, center, began, i, share
-                    )
-                    _rub(
-                        axes, shape, shortening, u, i, share, slip[0] - shift.x, slip[1] - shift.y,
-                        slip[2] - shift.z, n0, n1, n2, RUBBING * earlier[i], j, v, gradient,
-                        inverse,
-                    )  # fmt: skip
+            else:
+                most, pressed[i] = RUBBING * earlier[i], hard
+                r0, r1, r2 = _slip_on_cup(
+                    root, axes, shape, length, u, before, up, center, began, i, share
+                )
+                r0, r1, r2 = r0 - shift.x, r1 - shift.y, r2 - shift.z
+            if what < on_fruit and (what == 0 or what > others or what % 3):  # not on its stem
+                largest = max(largest, hard)
+            if most > 0.0:
+                _rub(
+                    axes, shape, shortening, u, i, share, r0, r1, r2, n0, n1, n2, most, j, v,
+                    gradient, inverse,
+                )  # fmt: skip
         forces[p, i] = largest
         stem_forces[p, i] = math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
         if begun:
-            far = _step(shortening, u, up, i, inverse, gradient, eased, taken, v)
-            moved = max(moved, far)
+            moved = max(moved, _step(shortening, u, up, i, inverse, gradient, eased, taken, v))
             y0, y1, y2 = place(root, axes, shape, u, i, length[i] - up[i], 1.0)
             center[i, 0], center[i, 1], center[i, 2] = y0, y1, y2
     return moved, woken

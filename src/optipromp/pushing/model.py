@@ -12,7 +12,7 @@ states (successive halving), and samples new candidates near them.
 import bisect
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -275,12 +275,13 @@ class Continued(PushModel):
 
 SURE = 0.5  # share of a good harm; a candidate of less on few states is tried on all at once
 
+AxesAt = Callable[[FloatArray], FloatArray]
 Judged = tuple[float, FloatArray, ToolPath]
 """Harm, numbers and path of a candidate."""
 
 
 def search(
-    model: PushModel, axis: FloatArray, rng: np.random.Generator, budget: Budget | None = None
+    model: PushModel, axes: AxesAt, rng: np.random.Generator, budget: Budget | None = None
 ) -> Iterator[tuple[ToolPath, float]]:
     """Search tool paths of little harm.
 
@@ -289,7 +290,7 @@ def search(
 
     Args:
         model: of the push.
-        axis: (3,) of the tool along the path.
+        axes: gives the tool axes (m, 3) at shares (m,) of a path.
         rng: samples the candidates.
         budget: asked after each candidate; when it is spent, no further one is tried.
 
@@ -308,8 +309,8 @@ def search(
     def judged(x: FloatArray, path: ToolPath, states: int, limit: float) -> float:
         value = model.aside(x, path)
         if value < limit:
-            axes = np.full((len(path.points), 3), axis)
-            value += model.harm(path.points, axes, states, limit - value)
+            along_path = axes(np.linspace(0.0, 1.0, len(path.points)))
+            value += model.harm(path.points, along_path, states, limit - value)
         return value
 
     for run in range(schedule.runs):

@@ -7,7 +7,7 @@ numbers that it shares with the models; where it has another value, the source s
 
 from dataclasses import dataclass, field
 
-from optipromp.parameters import Checked, parameter
+from optipromp.parameters import GRAVITY, Checked, parameter
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class BeamParameters(Checked):
     fruit_density: float = parameter(
         950.0, "kg/m^3", "reported", "strawberries float barely: 0.9-1.0 g/cm^3"
     )
-    gravity: float = parameter(9.81, "m/s^2", "choice", "standard")
+    gravity: float = parameter(GRAVITY, "m/s^2", "choice", "standard")
     stiff_end: float = parameter(
         100.0, "1", "choice", "stiffness of a fruit over that of its stem: as good as rigid"
     )

@@ -43,6 +43,14 @@ class ToolPath:
         return np.stack([np.interp(share, along, column) for column in self.points.T], axis=1)
 
 
+def turning(axis: FloatArray, lead: FloatArray | None, share: FloatArray) -> FloatArray:
+    """Tool axes (m, 3) at shares (m,) of a path: evenly from ``lead`` to ``axis`` (3,)."""
+    if lead is None:
+        return np.tile(axis, (len(share), 1))
+    axes = lead + share[:, None] * (axis - lead)
+    return np.asarray(axes / np.linalg.norm(axes, axis=1)[:, None])
+
+
 def through(
     corners: FloatArray | Sequence[FloatArray], speed: float, harm: float = 0.0
 ) -> ToolPath:

@@ -11,11 +11,12 @@ moves to the candidate that covers its points with the least. The covers grow by
 time, where the excess is largest, over all meshes together; so they end with about one excess.
 
 A solid is what a voxel grid says: the surface, and what it encloses along two of three axes. So a
-mesh need not be closed. The whole surface is covered: it is cut into triangles whose sides are at
-most 0.7 voxels long, and each of these lies in one sphere.
+mesh need not be closed. The whole surface is covered: its triangles are cut until one centre covers
+all corners with the least excess, or no side is over half a voxel; a sphere holds all of
+its triangles.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -24,43 +25,73 @@ from scipy.spatial.distance import cdist
 
 from optipromp.arrays import BoolArray, FloatArray, IntArray
 
-VOXEL = 0.0025  # [m] of the grid, for parts of up to 0.4 m
+VOXEL = 0.003  # [m] of the grid, for parts of up to 0.4 m
 TIGHT = 0.008  # [m] of excess at which a cover gets no further sphere
-LOOSE = 0.030  # [m] of excess down to which every cover grows, whatever it takes, up to
-MOST_SPHERES = 40  # spheres
-_FINE, _COARSE = 40, 160  # voxels along the longest side: at least, at most
-_VOXELS = 400_000
-_STEP = 0.7  # [voxels] longest side of a piece of the surface
-_POINTS, _CENTERS = 1_200, 2_500  # of a mesh while its cover grows; all points count at the end
+MOST_SPHERES = 40  # of a cover that reaches more than its ``loose``
+_FINE, _COARSE = 40, 130  # voxels along the longest side: at least, at most
+_VOXELS = 250_000
+_STEP = 0.7  # [voxels] between the points of a surface
+_FINE_STEP = 0.5  # [voxels] longest side of a triangle between two spheres
+_POINTS, _CENTERS = 1_000, 1_800  # of a mesh while its cover grows; all points count at the end
 _SHARES = (0.6, 0.85)  # of the excess, that the half of a split may have
 _ROUNDS = 12  # of Lloyd's, at most
 _SLACK = 1.0 + 1e-9  # against rounding
 
 
-def fit_covers(meshes: Sequence[FloatArray], spheres: float) -> list[tuple[FloatArray, float]]:
+def fit_covers(
+    meshes: Sequence[FloatArray], spheres: float, loose: Sequence[float]
+) -> list[tuple[FloatArray, float]]:
     """Covers of meshes, each given by its triangles (f, 3, 3) [m].
 
     A cover is its spheres (k, 4), centres and radii, and how far they reach beyond the mesh at
     most, within about a voxel [m]. ``spheres`` is how many a mesh gets on average: fewer where all
-    covers reach at most :data:`TIGHT`, more for those that reach more than :data:`LOOSE`.
+    covers reach at most :data:`TIGHT`, more for those that reach more than ``loose`` of each mesh
+    [m].
     """
-    fits = [_Fit(triangles) for triangles in meshes]
+    fits = [_Fit(*mesh) for mesh in zip(meshes, loose, strict=True)]
     while growing := [fit for fit in fits if not fit.done and fit.excess > TIGHT]:
-        loosest = max(growing, key=lambda fit: fit.excess)
-        spent = sum(len(fit.chosen) for fit in fits) >= round(spheres * len(fits))
-        if spent and loosest.excess <= LOOSE:
+        if sum(len(fit.chosen) for fit in fits) >= round(spheres * len(fits)):
+            growing = [fit for fit in growing if fit.excess > fit.loose]
+        if not growing:
             break
-        loosest.split()
+        max(growing, key=lambda fit: fit.excess).split()
     for fit in fits:
         fit.exchange()
     return [fit.cover() for fit in fits]
 
 
+def finer(
+    triangles: FloatArray, spheres: FloatArray, split: Collection[int]
+) -> tuple[FloatArray, float]:
+    """A cover of a mesh (f, 3, 3) as of :func:`fit_covers`, from one (k, 4), some spheres halved.
+
+    Each of ``split`` is cut across the axis of its points that gives the least excess.
+    """
+    fit = _Fit(triangles, 0.0)
+    chosen: list[int] = cdist(spheres[:, :3], fit.centers).argmin(axis=1).tolist()
+    points, owner = fit.few, fit.cost[:, chosen].argmin(axis=1)
+    halves = []
+    for own in split:
+        mine = np.flatnonzero(owner == own)
+        if len(mine) < 4:  # too few to have axes
+            continue
+        middle = points[mine] - points[mine].mean(axis=0)
+        tried = []
+        for axis in np.linalg.svd(middle, full_matrices=False)[2]:
+            low = middle @ axis < np.ptp(middle @ axis) / 2.0 + (middle @ axis).min()
+            cost = [fit.cost[mine[half]].max(axis=0) for half in (low, ~low)]
+            tried.append((sum(c.min() for c in cost), [int(c.argmin()) for c in cost]))
+        chosen[own], other = min(tried)[1]
+        halves.append(other)
+    fit.chosen = [*chosen, *halves]
+    return fit.cover()
+
+
 class _Fit:
     """A cover while it grows: ``chosen`` indices of candidate centres, and their ``excess``."""
 
-    def __init__(self, triangles: FloatArray) -> None:
-        self.low = triangles.min(axis=(0, 1))
+    def __init__(self, triangles: FloatArray, loose: float) -> None:
+        self.loose, self.low = loose, triangles.min(axis=(0, 1))
         size = np.ptp(triangles, axis=(0, 1))
         longest = float(size.max())
         self.voxel = max(
@@ -68,11 +99,11 @@ class _Fit:
             longest / _COARSE,
             float(np.prod(size) / _VOXELS) ** (1.0 / 3.0),
         )
-        self.surface = cut(triangles, _STEP * self.voxel).reshape(-1, 3)  # three rows a piece
+        self.triangles, surface = triangles, spread(triangles, _STEP * self.voxel)
         self.origin = self.low - 2.5 * self.voxel
         shape = np.ceil(size / self.voxel).astype(np.int64) + 6
         touched = np.zeros(shape, dtype=bool)
-        at = np.floor((self.surface - self.origin) / self.voxel).astype(np.int64)
+        at = np.floor((surface - self.origin) / self.voxel).astype(np.int64)
         touched[tuple(at.T)] = True
         solid = enclosed(touched)
         out, into = distance_transform_edt(~solid), distance_transform_edt(solid)
@@ -84,10 +115,10 @@ class _Fit:
         sparse = max(1.0, (len(inside) / _CENTERS) ** (1.0 / 3.0))
         inside = inside[order][_thinned(inside[order], sparse, _CENTERS)]
         self.centers = self._middle(inside)
-        thin = _thinned(self.surface - self.low, self.voxel)
-        self.points, self.outside = self.surface[thin], self.surface[thin[outer[thin]]]
-        few = self.points[_thinned(self.points - self.low, 2.0 * self.voxel, _POINTS)]
-        cost = cdist(few, self.centers) - self.depth[tuple(inside.T)]
+        thin = _thinned(surface - self.low, self.voxel)
+        self.points, self.outside = surface[thin], surface[thin[outer[thin]]]
+        self.few = self.points[_thinned(self.points - self.low, 2.0 * self.voxel, _POINTS)]
+        cost = cdist(self.few, self.centers) - self.depth[tuple(inside.T)]
         self.cost = cost.astype(np.float32)
         self.chosen = [int(self.cost.max(axis=0).argmin())]
         self.excess = float(self.cost[:, self.chosen].max())
@@ -153,9 +184,18 @@ class _Fit:
                 break
             best, held = excess, at
             at = np.array([self._moved(at[k], points[owner == k]) for k in np.unique(owner)])
-        centers = self._middle(held)
-        away = cdist(self.surface[::3], centers) - self.depth[tuple(held.T)]
-        owner, pieces = away.argmin(axis=1), self.surface.reshape(-1, 9)
+        centers, depth = self._middle(held), self.depth[tuple(held.T)]
+
+        def excess_of(pieces: FloatArray) -> FloatArray:
+            """Of each corner (m, 3, k): the excess at which each sphere holds it."""
+            away = cdist(pieces.reshape(-1, 3), centers) - depth
+            return np.asarray(away.reshape(-1, 3, len(centers)))
+
+        def whole(pieces: FloatArray) -> BoolArray:
+            return np.asarray(np.ptp(excess_of(pieces).argmin(axis=2), axis=1) == 0)
+
+        pieces = cut(self.triangles, _FINE_STEP * self.voxel, whole)
+        owner = excess_of(pieces).max(axis=1).argmin(axis=1)
         used = np.unique(owner)  # a sphere that holds the corners of a piece holds the piece
         radius = np.array(
             [cdist(pieces[owner == k].reshape(-1, 3), centers[[k]]).max() for k in used]
@@ -177,19 +217,48 @@ class _Fit:
 _NEARBY = np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def cut(triangles: FloatArray, step: float) -> FloatArray:
+def spread(triangles: FloatArray, step: float) -> FloatArray:
+    """Points (m, 3) on triangles (f, 3, 3), in rows along the longest sides, ``step`` [m] apart."""
+    sides = np.linalg.norm(triangles[:, [1, 2, 0]] - triangles, axis=2)
+    longest, each = sides.argmax(axis=1), np.arange(len(triangles))
+    a, b, c = (triangles[each, (longest + k) % 3] for k in range(3))
+    length = sides.max(axis=1)
+    height = np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(length, 1e-12)
+    rows = np.ceil(height / step).astype(np.int64) + 1
+    row, up = _counted(rows)
+    length, up = length[row] * (1.0 - up), up[:, None]
+    start, end = a[row] + up * (c - a)[row], b[row] + up * (c - b)[row]
+    point, along = _counted(np.ceil(length / step).astype(np.int64) + 1)
+    out: FloatArray = start[point] + along[:, None] * (end - start)[point]
+    return out
+
+
+def _counted(count: IntArray) -> tuple[IntArray, FloatArray]:
+    """Each index as often as ``count`` (k,) says, and shares from 0 to 1 that rise along it."""
+    index = np.repeat(np.arange(len(count)), count)
+    turn = np.arange(len(index)) - (np.cumsum(count) - count)[index]
+    return index, turn / np.maximum(count[index] - 1, 1)
+
+
+def cut(
+    triangles: FloatArray, step: float, whole: Callable[[FloatArray], BoolArray] | None = None
+) -> FloatArray:
     """The same surface (c, 3, 3) as triangles (f, 3, 3) with no side over ``step`` [m].
 
-    The longest side is halved until it is short, so that a thin triangle gives few.
+    The longest side is halved until it is short, so that a thin triangle gives few; or until
+    ``whole`` says of triangles that they may stay (m,).
     """
-    done, face = [], np.arange(3)
+    done = []
     while len(triangles):
-        sides = np.linalg.norm(triangles[:, [1, 2, 0]] - triangles, axis=2)
-        longest = sides.argmax(axis=1)
-        long = sides.max(axis=1) > step
+        turned = triangles[:, [1, 2, 0]]
+        sides = np.square(turned - triangles).sum(axis=2)
+        long = (sides > step * step).any(axis=1)
+        if whole is not None:
+            long[long] = ~whole(triangles[long])
         done.append(triangles[~long])
-        turn = (longest[long, None] + face) % 3
-        a, b, c = np.moveaxis(np.take_along_axis(triangles[long], turn[:, :, None], axis=1), 1, 0)
+        longest = sides[long].argmax(axis=1)
+        each = np.flatnonzero(long)
+        a, b, c = (triangles[each, (longest + k) % 3] for k in range(3))
         middle = 0.5 * (a + b)
         triangles = np.concatenate([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])
     return np.concatenate(done)
@@ -210,8 +279,10 @@ def _thinned(points: FloatArray | IntArray, edge: float, most: float = np.inf) -
     """Indices of the first point in each cell of a grid; ``edge`` grows until ``most`` are left."""
     while True:
         cell = np.maximum(np.floor(points / edge), 0.0).astype(np.int64)
-        code = np.ravel_multi_index(tuple(cell.T), tuple(cell.max(axis=0) + 1))
-        first: IntArray = np.sort(np.unique(code, return_index=True)[1])
+        shape = cell.max(axis=0) + 1
+        code, held = np.ravel_multi_index(tuple(cell.T), tuple(shape)), np.full(shape.prod(), -1)
+        held[code[::-1]] = np.arange(len(points))[::-1]  # of several in a cell the first stays
+        first: IntArray = np.sort(held[held >= 0])
         if len(first) <= most:
             return first
         edge *= max(1.05, (len(first) / most) ** (1.0 / 3.0))

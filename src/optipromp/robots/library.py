@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, frozen
+from optipromp.arrays import FloatArray, IntArray, frozen
 from optipromp.errors import InvalidRobotError
 from optipromp.robots.arm import Arm, choose_arm
 from optipromp.robots.chain import Chain, serial_chain
@@ -20,7 +20,7 @@ from optipromp.robots.model import BodySpheres, LeftOut, LinkGeometry, Robot
 from optipromp.robots.packages import expanded, with_meshes_found
 from optipromp.robots.robot_file import RobotFile, read_robot_file
 from optipromp.robots.self_collision import with_self_pairs
-from optipromp.robots.spheres import cover_links, stands_on_its_plane
+from optipromp.robots.spheres import cover_links, finer_cover, stands_on_its_plane
 from optipromp.robots.srdf_groups import read_srdf
 from optipromp.robots.touching import disabled_pairs, srdf_beside, srdf_files
 from optipromp.robots.urdf import UrdfModel, read_urdf
@@ -232,11 +232,6 @@ def _build(
             shown = ", ".join(list(model.links)[:20])
             raise InvalidRobotError(f"{path}: unknown link '{link}'; links: {shown}")
     covers = _covers(entry, model, chain)
-    excess = {
-        link: cover.excess
-        for link, cover in covers.items()
-        if len(cover.spheres) and math.isfinite(cover.excess)
-    }
     robot = Robot(
         name=entry.name,
         joint_names=names,
@@ -257,7 +252,7 @@ def _build(
         gripper_radius=0.0,
         home=home,
         held_joints=chain.held_joints,
-        excess=excess,
+        excess=_excess(covers),
         geometry=tuple(
             LinkGeometry(
                 link,
@@ -275,7 +270,17 @@ def _build(
     )
     srdf = _given_srdf(entry, path, choice) or srdf_beside(model)
     disabled = [] if srdf is None else disabled_pairs(srdf, model)
-    robot = with_self_pairs(robot, [*entry.allow_self, *disabled], excess, _parts(covers, chain))
+
+    def finer(robot: Robot, loose: IntArray) -> tuple[Robot, FloatArray]:
+        for index in np.unique(robot.spheres.link[loose]):
+            link, own = robot.link_names[index], np.flatnonzero(robot.spheres.link == index)
+            split = np.flatnonzero(np.isin(own, loose)).tolist()
+            covers[link] = finer_cover(model, link, covers[link], split)
+        spheres = _body_spheres(entry, model, chain, covers)
+        return replace(robot, spheres=spheres, excess=_excess(covers)), _parts(covers, chain)
+
+    allowed = [*entry.allow_self, *disabled]
+    robot = with_self_pairs(robot, allowed, _parts(covers, chain), finer)
     given = [LeftOut(a, b, "robot file") for a, b in entry.allow_self]
     given += [LeftOut(a, b, srdf.name) for a, b in disabled if srdf is not None]
     return replace(robot, left_out=(*given, *robot.left_out)), arm
@@ -308,10 +313,17 @@ def _per_joint(
 
 def _covers(entry: RobotFile, model: UrdfModel, chain: Chain) -> dict[str, Cover]:
     """What covers each link: the spheres that the robot file gives, or a cover of its geometry."""
-    fitted = cover_links(model, [link for link in chain.placements if link not in entry.spheres])
+    bare = {link: at for link, at in chain.placements.items() if link not in entry.spheres}
+    fitted = cover_links(model, bare, [link for link, at in bare.items() if at.segment < 0])
     given = {link: np.array(rows, dtype=float) for link, rows in entry.spheres.items()}
     covers = fitted | {link: Cover(rows, math.nan) for link, rows in given.items()}
     return {link: covers[link] for link in chain.placements}
+
+
+def _excess(covers: dict[str, Cover]) -> dict[str, float]:
+    """How far each fitted cover reaches beyond its link [m]."""
+    known = {link: cover.excess for link, cover in covers.items() if len(cover.spheres)}
+    return {link: excess for link, excess in known.items() if math.isfinite(excess)}
 
 
 def _parts(covers: dict[str, Cover], chain: Chain) -> FloatArray:

@@ -1,7 +1,7 @@
 """Covers of a robot's meshes: fitted once, then kept on disk under the hash of what they cover."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -14,8 +14,10 @@ from optipromp.files import cache_folder, npz, read_bytes, read_npz, write_atomi
 from optipromp.robots.meshes import mesh_file, triangles
 from optipromp.robots.urdf import UrdfGeometry, UrdfModel
 
+LOOSE = 0.030  # [m] chosen: excess down to which a cover grows
+FIXED = 0.060  # [m] chosen: the same of a link that does not move
 PER_MESH = 7.5  # spheres, on average over the meshes of a robot: 60 for eight links
-_COVERS_VERSION = 3  # part of the cache key: raise it when the same meshes get other covers
+_COVERS_VERSION = 5  # part of the cache key: raise it when the same meshes get other covers
 
 
 class Cover(NamedTuple):
@@ -30,9 +32,11 @@ class Cover(NamedTuple):
 
 
 def cover_meshes(
-    model: UrdfModel, meshes: Sequence[tuple[str, UrdfGeometry]]
+    model: UrdfModel, meshes: Sequence[tuple[str, UrdfGeometry]], fixed: Collection[str] = ()
 ) -> dict[UrdfGeometry, Cover]:
     """Covers of meshes, each given with its link, in the frames of the meshes.
+
+    Those of links that are ``fixed`` may reach :data:`FIXED` beyond them.
 
     The spheres are shared out among all meshes, so that they reach about equally far beyond them.
     The cache folder is ``OPTIPROMP_CACHE``, else the platform's; one that cannot be written is no
@@ -46,14 +50,15 @@ def cover_meshes(
         first.setdefault(key, mesh)
     if not first:
         return {}
-    file = _cache_file(list(first))
+    loose = [FIXED if link in fixed else LOOSE for link, _ in first.values()]
+    file = _cache_file(list(first), loose)
     covers = None if file is None else _load(file, len(first))
     if covers is None:
         from optipromp.robots.fit import fit_covers
         from optipromp.robots.surfaces import parts
 
         solids = [triangles(model.path, link, shape) for link, shape in first.values()]
-        fitted = zip(fit_covers(solids, PER_MESH), solids, strict=True)
+        fitted = zip(fit_covers(solids, PER_MESH, loose), solids, strict=True)
         covers = [Cover(*cover, parts(cover[0], solid)) for cover, solid in fitted]
         if file is not None:
             arrays = {f"{i}": np.vstack([c.spheres, [c.excess] * 4]) for i, c in enumerate(covers)}
@@ -64,12 +69,12 @@ def cover_meshes(
     return {shape: of_key[key] for key, (_, shape) in zip(keys, meshes, strict=True)}
 
 
-def _cache_file(keys: list[tuple[Path, tuple[float, ...]]]) -> Path | None:
+def _cache_file(keys: list[tuple[Path, tuple[float, ...]]], loose: list[float]) -> Path | None:
     """The file that holds the covers of these meshes at these scales, by content."""
     folder = cache_folder()
     if folder is None:
         return None
-    digest = hashlib.sha256(f"{_COVERS_VERSION} {PER_MESH}".encode())
+    digest = hashlib.sha256(f"{_COVERS_VERSION} {PER_MESH} {loose}".encode())
     for path, scale in keys:
         try:
             content = read_bytes(path, InvalidRequestError)

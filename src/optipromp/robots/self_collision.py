@@ -1,95 +1,143 @@
 """The pairs of spheres of a robot that must stay apart."""
 
 import hashlib
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, IntArray, frozen
+from optipromp.arrays import BoolArray, FloatArray, IntArray, frozen, lengths
 from optipromp.errors import InvalidRequestError
 from optipromp.files import cache_folder, npz, read_npz, write_atomically
-from optipromp.robots.model import LeftOut, Robot
+from optipromp.robots.model import BodySpheres, LeftOut, Robot
 from optipromp.robots.surfaces import Parts
 
 SAMPLED_POSTURES = 200
 SORTING_POSTURES = 20_000  # at which pairs of fitted covers are looked at
+TRYING_POSTURES = 4_000  # the same, to see which spheres are loose
+SHARED, SHARE = 2_000, 0.010  # chosen: configurations, and the share of them that makes one loose
+ROUNDS = 3  # chosen: UR10 has no loose sphere after two
 MOSTLY = 0.95  # share of them at which links touch, so that a check of them would say nothing
 OFTEN = 10  # times that two spheres overlap there, at least, for their slack to be known
 KEPT = 0.0005  # [m] of slack given away: parts are known at their corners (see DIRECTIONS)
 FAR = 0.05  # [m] that covers keep at all of them, so that a check of them is not worth its time
 MOST_LINKS = 3000  # pairs of links: a robot of 78 links; a chain of 3,000 would take hours
-_PAIRS_VERSION = 2  # part of the cache key: raise it when the same robot gets other pairs
+_PAIRS_VERSION = 3  # part of the cache key: raise it when the same robot gets other pairs
 _CHUNK = 1_000_000
 
 Found = tuple[IntArray, FloatArray, tuple[LeftOut, ...]]
 
 
+Finer = Callable[[Robot, IntArray], tuple[Robot, FloatArray]]
+
+
 def with_self_pairs(
-    robot: Robot,
-    allowed: Collection[tuple[str, str]] = (),
-    excess: Mapping[str, float] | None = None,
-    parts: FloatArray | None = None,
+    robot: Robot, allowed: Collection[tuple[str, str]], parts: FloatArray, finer: Finer
 ) -> Robot:
     """The robot with its self-collision pairs: spheres of links two or more joints apart.
 
     Left out are the pairs of links in ``allowed``, and those that overlap at every one of
     SAMPLED_POSTURES random configurations (fixed seed): such covers overlap whatever the arm does.
-    ``excess`` holds, for each link whose cover was fitted, how far it reaches beyond the link [m],
-    and ``parts`` (c, 4) their surfaces, see :class:`Parts`: by these :func:`sorted_out` gives the
-    pairs of such links a slack, or leaves them out.
+    By ``parts`` (c, 4), the surfaces of the links whose covers were fitted (see :class:`Parts`),
+    :func:`sorted_out` gives the pairs of such links a slack, or leaves them out. Spheres that are
+    loose (:func:`loose_spheres`) are halved by ``finer``, a function of the robot and their indices
+    that gives the robot and the parts; this goes on for at most ROUNDS rounds.
     """
-    parts = np.zeros((0, 4)) if parts is None else parts
-    excess = excess or {}
-    file = _cache_file(robot, allowed, excess, parts) if len(parts) else None
-    found = None if file is None else _load(file)
-    if found is None:
-        pairs = drop_always_touching(robot, candidate_pairs(robot, allowed))
-        found = sorted_out(robot, pairs, list(excess), parts)
-        if file is not None:
-            why = np.array(found[2], dtype=np.str_).reshape(-1, 3)
-            with suppress(InvalidRequestError):  # the next run finds them again
-                write_atomically(file, npz({"pairs": found[0], "slack": found[1], "left_out": why}))
-    pairs, slack, out = found
+    file = _cache_file(robot, allowed, parts) if len(parts) else None
+    found = None if file is None else _load(robot, file)
+    if found is not None:
+        return found
+    for _ in range(ROUNDS if len(parts) else 0):
+        tried = _sorted(robot, allowed, parts, TRYING_POSTURES)
+        loose = loose_spheres(tried, parts)
+        if not len(loose):
+            break
+        robot, parts = finer(robot, loose)
+    robot = _sorted(robot, allowed, parts, SORTING_POSTURES)
+    if file is not None:
+        kept = {f"spheres {key}": value for key, value in robot.spheres._asdict().items()}
+        kept |= {"pairs": robot.self_pairs, "slack": robot.self_slack}
+        kept["left_out"] = np.array(robot.left_out, dtype=np.str_).reshape(-1, 3)
+        kept |= {f"excess {link}": np.array(excess) for link, excess in robot.excess.items()}
+        with suppress(InvalidRequestError):  # the next run finds them again
+            write_atomically(file, npz(kept))
+    return robot
+
+
+def _sorted(
+    robot: Robot, allowed: Collection[tuple[str, str]], parts: FloatArray, count: int
+) -> Robot:
+    pairs = drop_always_touching(robot, candidate_pairs(robot, allowed))
+    pairs, slack, out = sorted_out(robot, pairs, list(robot.excess), parts, count)
     return replace(
         robot, self_pairs=frozen(pairs, np.int64), self_slack=frozen(slack), left_out=out
     )
 
 
+def loose_spheres(robot: Robot, parts: FloatArray) -> IntArray:
+    """Indices of moving spheres that are short of their slack at more than SHARE of configurations
+    at which the parts (see :class:`Parts`) of no two spheres that are short meet."""
+    surfaces, count = Parts(len(robot.spheres.radius), parts), np.zeros(len(robot.spheres.radius))
+    for postures in np.array_split(_postures(robot, SHARED), 10):
+        row, pair = np.nonzero(robot.self_gaps(postures) < 0.0)
+        pairs = robot.self_pairs[pair]
+        meet = surfaces.touch(robot, robot.segment_frames(postures), row, pairs)
+        apart = ~np.isin(row, row[meet])
+        short = np.column_stack([np.repeat(row[apart], 2), pairs[apart].ravel()])
+        np.add.at(count, np.unique(short, axis=0)[:, 1], 1.0)
+    return np.flatnonzero((count > SHARE * SHARED) & surfaces.known & (robot.spheres.segment >= 0))
+
+
 def _cache_file(
-    robot: Robot,
-    allowed: Collection[tuple[str, str]],
-    excess: Mapping[str, float],
-    parts: FloatArray,
+    robot: Robot, allowed: Collection[tuple[str, str]], parts: FloatArray
 ) -> Path | None:
     """The file that holds the pairs of a robot of these arrays."""
     folder = cache_folder()
     if folder is None:
         return None
-    told = robot.link_names, sorted(allowed), sorted(excess.items())
+    told = robot.link_names, sorted(allowed), sorted(robot.excess.items())
     digest = hashlib.sha256(f"{_PAIRS_VERSION} {told}".encode())
     for array in (robot.lower, robot.upper, *robot.kinematics, *robot.spheres, parts):
         digest.update(np.ascontiguousarray(array).tobytes())
     return folder / "pairs" / f"{digest.hexdigest()}.npz"
 
 
-def _load(file: Path) -> Found | None:
-    """What a cache file holds; None where there is none, or none that can be used."""
+def _load(robot: Robot, file: Path) -> Robot | None:
+    """The robot with what a cache file holds; None without one that can be used."""
     try:
         data = read_npz(file)
-        pairs = np.asarray(data["pairs"], dtype=np.int64).reshape(-1, 2)
-        slack = np.asarray(data["slack"], dtype=np.float64).reshape(len(pairs))
-        return pairs, slack, tuple(LeftOut(*map(str, row)) for row in data["left_out"])
+        spheres = BodySpheres(
+            *[
+                frozen(data[f"spheres {key}"], own.dtype).reshape(-1, *own.shape[1:])
+                for key, own in robot.spheres._asdict().items()
+            ]
+        )
+        count = len(spheres.radius)
+        if any(len(each) != count for each in spheres):
+            return None
+        pairs = frozen(data["pairs"], np.int64).reshape(-1, 2)
+        if pairs.size and not 0 <= pairs.min() <= pairs.max() < count:
+            return None
+        return replace(
+            robot,
+            spheres=spheres,
+            excess={link: float(data[f"excess {link}"]) for link in robot.excess},
+            self_pairs=pairs,
+            self_slack=frozen(data["slack"]).reshape(len(pairs)),
+            left_out=tuple(LeftOut(*map(str, row)) for row in data["left_out"]),
+        )
     except (InvalidRequestError, KeyError, TypeError, ValueError):
         return None
 
 
-def sorted_out(robot: Robot, pairs: IntArray, fitted: Collection[str], given: FloatArray) -> Found:
+def sorted_out(
+    robot: Robot, pairs: IntArray, fitted: Collection[str], given: FloatArray, count: int
+) -> Found:
     """``pairs`` (P, 2) that are to be kept apart, their slack (P,) [m]; what is left out, and why.
 
-    Looked at are pairs of links named in ``fitted``, at SORTING_POSTURES random configurations
+    Looked at are pairs of links named in ``fitted``, at ``count`` random configurations
     (fixed seed). Two spheres may overlap by as much as they do wherever their parts (``given``, see
     :class:`Parts`) are apart: their slack. Those that overlap :data:`OFTEN` while their parts never
     meet are left out; so are links that touch all the same at more than :data:`MOSTLY` of the
@@ -108,7 +156,7 @@ def sorted_out(robot: Robot, pairs: IntArray, fitted: Collection[str], given: Fl
     links, first = np.unique(link[pairs], axis=0, return_index=True)
     if len(links) > MOST_LINKS:
         return np.concatenate([*kept, pairs]), np.zeros(sum(map(len, kept)) + len(pairs)), ()
-    sample = _Sample(robot, Parts(len(link), given))
+    sample = _Sample(robot, Parts(len(link), given), count)
     for (a, b), own in zip(links, np.split(pairs, first[1:]), strict=True):
         slack, share, nearest = sample.slack(own)
         meet = np.isfinite(slack)
@@ -129,10 +177,11 @@ def sorted_out(robot: Robot, pairs: IntArray, fitted: Collection[str], given: Fl
 class _Sample:
     """Random configurations of a robot, home the first, and where its links are there."""
 
-    def __init__(self, robot: Robot, parts: Parts) -> None:
+    def __init__(self, robot: Robot, parts: Parts, count: int) -> None:
         self.robot, self.parts = robot, parts
-        postures = np.vstack([robot.home, _postures(robot, SORTING_POSTURES)])
+        postures = np.vstack([robot.home, _postures(robot, count)])
         self.frames = robot.segment_frames(postures)
+        self.balls = dict[tuple[int, int], tuple[FloatArray, float]]()
         self.chosen = ((robot.home > robot.lower) & (robot.home < robot.upper)).all()
 
     def placed(
@@ -178,21 +227,28 @@ class _Sample:
             slack[:] = np.inf
         short = apart < (full - slack)[pair]
         home = np.flatnonzero(short & (row == 0)) if self.chosen else np.zeros(0, dtype=np.int64)
-        frames = self.frames[0][row[home]], self.frames[1][row[home]]
-        if len(home) and not self.parts.touch(self.robot, frames, pairs[pair[home]]).any():
+        if len(home) and not self._touch(row[home], pairs[pair[home]]).any():
             slack[pair[home]] = full[pair[home]] - apart[home] + KEPT
         short = np.unique(row[short])
         return slack, len(short) / len(self.frames[0]), least
 
     def _near(self, first: IntArray, second: IntArray) -> IntArray:
         """The configurations at which balls about spheres of two links are within FAR."""
-        room, middles = FAR, []
-        for own in (first, second):
-            middle = self.robot.spheres.center[own].mean(axis=0)
-            away = np.linalg.norm(self.robot.spheres.center[own] - middle, axis=1)
-            room += float((away + self.robot.spheres.radius[own]).max())
-            middles.append(self.placed(own, middle[None]))
-        return np.flatnonzero(np.linalg.norm(middles[0] - middles[1], axis=2)[:, 0] < room)
+        (one, reach), (other, further) = self._ball(first), self._ball(second)
+        return np.flatnonzero(lengths(one - other) < FAR + reach + further)
+
+    def _ball(self, own: IntArray) -> tuple[FloatArray, float]:
+        """The middle of a ball about spheres of a link (m, 3) [m], and its radius."""
+        key = int(self.robot.spheres.link[own[0]]), len(own)
+        if key not in self.balls:
+            center, radius = self.robot.spheres.center[own], self.robot.spheres.radius[own]
+            middle = center.mean(axis=0)
+            reach = float((lengths(center - middle) + radius).max())
+            self.balls[key] = self.placed(own, middle[None])[:, 0], reach
+        return self.balls[key]
+
+    def _touch(self, rows: IntArray, pairs: IntArray) -> BoolArray:
+        return self.parts.touch(self.robot, self.frames, rows, pairs)
 
     def _reach(
         self, pairs: IntArray, row: IntArray, pair: IntArray, apart: FloatArray
@@ -207,8 +263,7 @@ class _Sample:
             taken = np.minimum(count, end[open_] - at[open_])
             before = np.cumsum(taken) - taken
             index = np.arange(taken.sum()) + np.repeat(at[open_] - before, taken)
-            frames = self.frames[0][row[index]], self.frames[1][row[index]]
-            meets = self.parts.touch(self.robot, frames, pairs[pair[index]])
+            meets = self._touch(row[index], pairs[pair[index]])
             np.maximum.at(reach, pair[index[meets]], apart[index[meets]])
             at[open_] += taken
             count *= 2

@@ -11,7 +11,8 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.robots.chain import Placement, rotation_of
-from optipromp.robots.mesh_covers import Cover, cover_meshes
+from optipromp.robots.mesh_covers import LOOSE, Cover, cover_meshes
+from optipromp.robots.meshes import triangles
 from optipromp.robots.surfaces import of_box, of_rod, parts
 from optipromp.robots.urdf import UrdfGeometry, UrdfModel
 
@@ -71,7 +72,7 @@ def cover_cylinder(radius: float, length: float, bulge: float) -> FloatArray:
         grid = grid[np.hypot(nearest[:, 0], nearest[:, 1]) < radius]
         if len(grid) > 1:
             return grid
-    count = min(max(1, round(length / (2.0 * radius))), MAX_SPHERES)
+    count = 1
     while math.hypot(radius, length / (2 * count)) - radius > bulge and count < MAX_SPHERES:
         count += 1
     half_step = length / (2.0 * count)
@@ -81,18 +82,30 @@ def cover_cylinder(radius: float, length: float, bulge: float) -> FloatArray:
     return out
 
 
-def cover_links(model: UrdfModel, links: Collection[str]) -> dict[str, Cover]:
+def cover_links(
+    model: UrdfModel, links: Collection[str], fixed: Collection[str] = ()
+) -> dict[str, Cover]:
     """Covers of links over their collision geometry (visual where it has none), in their frames.
+
+    Those of links that are ``fixed`` are coarser.
 
     Raises InvalidRobotError for a mesh that is missing, malformed or degenerate.
     """
     shapes = {link: model.links[link].collisions or model.links[link].visuals for link in links}
     over_meshes = cover_meshes(
-        model, [(link, one) for link in links for one in shapes[link] if one.kind == "mesh"]
+        model, [(link, one) for link in links for one in shapes[link] if one.kind == "mesh"], fixed
     )
     covers = {}
     for link, own in shapes.items():
-        shown = [(over_meshes[one] if one.kind == "mesh" else _cover(one), one) for one in own]
+        bulge = LOOSE if link in fixed else 0.0
+        shown = []
+        for one in own:
+            if one.kind == "mesh":
+                shown.append((over_meshes[one], one))
+            else:
+                spheres, excess = _cover(one, bulge)
+                cover = Cover(spheres, excess, parts(spheres, _surface(model, link, one)))
+                shown.append((cover, one))
         placed = [_placed(cover.spheres, shape) for cover, shape in shown]
         before = np.cumsum([0, *[len(spheres) for spheres in placed]])
         surfaces = [
@@ -105,6 +118,32 @@ def cover_links(model: UrdfModel, links: Collection[str]) -> dict[str, Cover]:
             np.concatenate([np.zeros((0, 4)), *surfaces]),
         )
     return covers
+
+
+def finer_cover(model: UrdfModel, link: str, cover: Cover, split: Collection[int]) -> Cover:
+    """The cover of a link with the spheres ``split``, by their indices, in halves."""
+    from optipromp.robots.fit import finer
+
+    surface = np.concatenate(
+        [
+            _surface(model, link, shape) @ rotation_of(shape.rpy).T + np.array(shape.xyz)
+            for shape in model.links[link].collisions or model.links[link].visuals
+        ]
+    )
+    spheres, excess = finer(surface, cover.spheres, split)
+    return Cover(spheres, excess, parts(spheres, surface))
+
+
+def _surface(model: UrdfModel, link: str, shape: UrdfGeometry) -> FloatArray:
+    """The triangles (f, 3, 3) of a shape, in its frame."""
+    if shape.kind == "mesh":
+        return triangles(model.path, link, shape)
+    if shape.kind == "box":
+        return of_box(np.array(shape.size))
+    if shape.kind == "sphere":
+        return of_rod(shape.size[0], 0.0, shape.size[0])
+    radius, length = shape.size
+    return of_rod(radius, length, radius if shape.kind == "capsule" else 0.0)
 
 
 def stands_on_its_plane(covers: Mapping[str, Cover], places: Mapping[str, Placement]) -> bool:
@@ -123,28 +162,27 @@ def stands_on_its_plane(covers: Mapping[str, Cover], places: Mapping[str, Placem
     return abs(min(lowest, default=np.inf)) <= MOUNTED
 
 
-def _cover(shape: UrdfGeometry) -> Cover:
-    """The cover of a primitive; its excess is that of the centres' depths in it."""
+def _cover(shape: UrdfGeometry, bulge: float) -> tuple[FloatArray, float]:
+    """The spheres of a primitive, and their excess: that of the centres' depths in it.
+
+    It may reach ``bulge`` beyond it, or its :func:`allowance`, whichever is more.
+    """
     if shape.kind == "sphere":
         radius = shape.size[0]
-        spheres = np.array([[0.0, 0.0, 0.0, radius]])
-        return Cover(spheres, 0.0, parts(spheres, of_rod(radius, 0.0, radius)))
+        return np.array([[0.0, 0.0, 0.0, radius]]), 0.0
     if shape.kind == "box":
-        spheres = cover_box(np.array(shape.size), allowance(min(shape.size) / 2.0))
+        spheres = cover_box(np.array(shape.size), max(bulge, allowance(min(shape.size) / 2.0)))
         depth = (np.array(shape.size) / 2.0 - np.abs(spheres[:, :3])).min(axis=1)
-        excess = float((spheres[:, 3] - depth).max())
-        return Cover(spheres, excess, parts(spheres, of_box(np.array(shape.size))))
+        return spheres, float((spheres[:, 3] - depth).max())
     radius, length = shape.size
     if shape.kind == "cylinder":
-        spheres = cover_cylinder(radius, length, allowance(min(radius, length / 2.0)))
+        spheres = cover_cylinder(radius, length, max(bulge, allowance(min(radius, length / 2.0))))
         side = radius - np.hypot(spheres[:, 0], spheres[:, 1])
         depth = np.minimum(side, length / 2.0 - np.abs(spheres[:, 2]))
-        excess = float((spheres[:, 3] - depth).max())
-        return Cover(spheres, excess, parts(spheres, of_rod(radius, length, 0.0)))
+        return spheres, float((spheres[:, 3] - depth).max())
     tip = np.array([0.0, 0.0, length / 2.0])
-    spheres = cover_capsule(-tip, tip, radius, allowance(radius))
-    excess = float((spheres[:, 3] - radius).max())
-    return Cover(spheres, excess, parts(spheres, of_rod(radius, length, radius)))
+    spheres = cover_capsule(-tip, tip, radius, max(bulge, allowance(radius)))
+    return spheres, float((spheres[:, 3] - radius).max())
 
 
 def allowance(half_width: float) -> float:

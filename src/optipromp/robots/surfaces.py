@@ -8,13 +8,16 @@ and that is seen by a plane between the parts' convex hulls.
 import numpy as np
 
 from optipromp.arrays import BoolArray, FloatArray, IntArray
+from optipromp.compiled import inlined, inner, kernel
 from optipromp.robots.model import Robot
 
-PIECE = 0.010  # [m] chosen: longest side of the pieces of a surface
+PIECE = 0.010  # [m] chosen: longest side of the pieces of a surface between two spheres
 ROUND = 64  # chosen: sides of a rod; of a radius of 0.1 m they cut off 0.12 mm
 DIRECTIONS = 300  # chosen: the points of a part that are the farthest in one of them are kept
 TURNS = 20  # chosen: of a plane between two parts, until they count as touching
-_AT_ONCE = 4_000  # pairs of parts at once
+MEETING = 1e-5  # [m] chosen: parts nearer than this count as touching
+_RIDGE = 1e-12  # [m²] so that corners in one plane can be solved for
+_AT_ONCE = 4_000  # points
 
 
 def of_box(size: FloatArray) -> FloatArray:
@@ -48,12 +51,16 @@ def parts(spheres: FloatArray, triangles: FloatArray) -> FloatArray:
 
     from optipromp.robots.fit import cut  # with SciPy's image functions, which load slowly
 
-    pieces = cut(triangles, PIECE)
-    beyond = np.full((len(spheres), len(pieces)), -np.inf)
-    for corner in range(3):
-        away = cdist(spheres[:, :3], pieces[:, corner]) - spheres[:, 3:]
-        np.maximum(beyond, away, out=beyond)
-    owner, out = beyond.argmin(axis=0), []
+    def beyond(pieces: FloatArray) -> FloatArray:
+        """How far each corner (m, 3) of pieces is out of each sphere: (m, 3, k)."""
+        away = cdist(pieces.reshape(-1, 3), spheres[:, :3]) - spheres[:, 3]
+        return np.asarray(away.reshape(-1, 3, len(spheres)))
+
+    def whole(pieces: FloatArray) -> BoolArray:
+        return np.asarray(np.ptp(beyond(pieces).argmin(axis=2), axis=1) == 0)
+
+    pieces = cut(triangles, PIECE, whole)
+    owner, out = beyond(pieces).max(axis=1).argmin(axis=1), []
     for index in np.unique(owner):
         points = _farthest(pieces[owner == index].reshape(-1, 3))
         out.append(np.column_stack([points, np.full(len(points), float(index))]))
@@ -82,79 +89,160 @@ def _directions() -> FloatArray:
 class Parts:
     """The parts of a robot's spheres, as arrays: ``points`` (B, M, 3) in the segments' frames.
 
-    A part of fewer than M points has its last one several times; a sphere without one is not in
-    ``known`` (B,). ``given`` are those of :func:`parts`, with indices of the robot's spheres.
+    A part has the first ``counts`` (B,) of them; a sphere without one is not in ``known`` (B,).
+    ``given`` are those of :func:`parts`, with indices of the robot's spheres.
     """
 
     def __init__(self, count: int, given: FloatArray) -> None:
         index = given[:, 3].astype(np.int64)
-        found, start, size = np.unique(index, return_index=True, return_counts=True)
-        rows = start[:, None] + np.minimum(np.arange(size.max(initial=1)), size[:, None] - 1)
-        self.points = np.zeros((count, rows.shape[1], 3))
-        self.points[found] = given[rows, :3]
-        self.known = np.isin(np.arange(count), found)
+        found = np.bincount(index, minlength=count)
+        self.known, self.counts = found > 0, np.maximum(found, 1)
+        self.points = np.zeros((count, int(self.counts.max(initial=1)), 3))
+        order = np.argsort(index, kind="stable")
+        before = (np.cumsum(found) - found)[index[order]]
+        self.points[index[order], np.arange(len(index)) - before] = given[order, :3]
 
     def touch(
-        self, robot: Robot, frames: tuple[FloatArray, FloatArray], pairs: IntArray
+        self, robot: Robot, frames: tuple[FloatArray, FloatArray], rows: IntArray, pairs: IntArray
     ) -> BoolArray:
-        """Whether the parts of pairs of spheres (m, 2) may touch, each at frames of its own.
-
-        ``frames`` are origins (m, S, 3) and rotations (m, S, 3, 3). A plane between two hulls
-        proves them apart; see :func:`hulls_touch`.
+        """Whether the parts of pairs of spheres (m, 2) may touch, each at row ``rows`` (m,) of
+        ``frames``: origins (k, S, 3) and rotations (k, S, 3, 3). See :func:`hulls_touch`.
         """
-        out = np.empty(len(pairs), dtype=bool)
-        for start in range(0, len(pairs), _AT_ONCE):
-            rows = slice(start, start + _AT_ONCE)
-            one, other = (
-                self._placed(robot, (frames[0][rows], frames[1][rows]), pairs[rows, side])
-                for side in (0, 1)
-            )
-            out[rows] = hulls_touch(one, other)
+        out = np.empty(len(pairs), dtype=np.bool_)
+        parts_touch(self.points, self.counts, robot.spheres.segment, *frames, rows, pairs, out)
         return out
 
-    def _placed(
-        self, robot: Robot, frames: tuple[FloatArray, FloatArray], index: IntArray
-    ) -> FloatArray:
-        segment, each = robot.spheres.segment[index], np.arange(len(index))
-        turns = frames[1][each, segment].transpose(0, 2, 1)
-        placed: FloatArray = np.matmul(self.points[index], turns)
-        placed += frames[0][each, segment][:, None]
-        fixed = segment < 0
-        placed[fixed] = self.points[index[fixed]]
-        return placed
+
+@kernel
+def parts_touch(points, counts, segment, origins, rotations, rows, pairs, out):  # type: ignore[no-untyped-def]
+    """:func:`hulls_touch` of the parts of each pair (m, 2) at its row; see :class:`Parts`."""
+    turn, move, between, shift = (
+        np.empty((2, 3, 3)),
+        np.empty((2, 3)),
+        np.empty((3, 3)),
+        np.empty(3),
+    )
+    corners, weights, gram, best = np.empty((4, 3)), np.empty(4), np.empty((4, 4)), np.empty(4)
+    work = corners, weights, gram, best, np.empty(3), np.empty(3)
+    for i in range(pairs.shape[0]):
+        for side in range(2):
+            s = segment[pairs[i, side]]
+            for j in range(3):
+                move[side, j] = origins[rows[i], s, j] if s >= 0 else 0.0
+                for k in range(3):
+                    fixed = 1.0 if j == k else 0.0
+                    turn[side, j, k] = rotations[rows[i], s, j, k] if s >= 0 else fixed
+        for j in range(3):
+            shift[j] = 0.0
+            for k in range(3):
+                shift[j] += turn[0, k, j] * (move[1, k] - move[0, k])
+                between[j, k] = _dot(turn[0, :, j], turn[1, :, k])
+        a, b = pairs[i, 0], pairs[i, 1]
+        out[i] = hulls_touch(points[a, : counts[a]], points[b, : counts[b]], between, shift, work)
 
 
-def hulls_touch(one: FloatArray, other: FloatArray) -> BoolArray:
-    """Whether the hulls of points (m, M, 3) and (m, M, 3) cannot be told apart by TURNS planes.
+@inner
+def hulls_touch(one, other, rotation, translation, work):  # type: ignore[no-untyped-def]
+    """Whether no plane was found in TURNS turns that has points (m, 3) and (k, 3) on two sides.
 
-    Of their difference (Minkowski's) the corner farthest against the point nearest to zero so far
-    is added to the corners known; the nearest point of these is found by moving weight from the
-    corner farthest along it to the one least far (Mitchell, Demyanov and Malozemov).
+    The second stand at ``rotation`` (3, 3), ``translation`` (3,) in the frame of the first. Of
+    their difference (Minkowski's) the corner farthest against the point nearest to zero so far
+    joins the corners that hold this point; then the nearest point of their hull is found (Wolfe,
+    Finding the nearest point in a polytope, 1976). Hulls within :data:`MEETING` count as touching.
+    ``work``: arrays of 4 by 3, 4, 4 by 4, 4, 3 and 3.
     """
-    left, each = np.arange(len(one)), np.arange(len(one))
-    nearest = other.mean(axis=1) - one.mean(axis=1)
-    corners, weights = np.zeros((len(one), TURNS, 3)), np.zeros((len(one), TURNS))
-    for turn in range(TURNS):
-        way = nearest[:, :, None]
-        far = one[left][each, np.matmul(one[left], way)[:, :, 0].argmax(axis=1)]
-        near = other[left][each, np.matmul(other[left], way)[:, :, 0].argmin(axis=1)]
-        corner = near - far
-        still = (corner * nearest).sum(axis=1) <= 0.0
-        left, corners, weights = left[still], corners[still], weights[still]
-        each = np.arange(len(left))
-        corners[:, turn], weights[:, turn] = corner[still], float(turn == 0)
-        known = corners[:, : turn + 1]
-        for _ in range(turn + 1):
-            nearest = np.matmul(weights[:, None, : turn + 1], known)[:, 0]
-            along = np.matmul(known, nearest[:, :, None])[:, :, 0]
-            to = along.argmin(axis=1)
-            start = np.where(weights[:, : turn + 1] > 0.0, along, -np.inf).argmax(axis=1)
-            back = known[each, start] - known[each, to]
-            share = (back * nearest).sum(axis=1) / np.maximum((back * back).sum(axis=1), 1e-18)
-            share = np.clip(share, 0.0, weights[each, start])
-            weights[each, start] -= share
-            weights[each, to] += share
-        nearest = np.matmul(weights[:, None, : turn + 1], known)[:, 0]
-    out = np.zeros(len(one), dtype=bool)
-    out[left] = True
-    return out
+    corners, weights, gram, best, nearest, back = work
+    held, first, second = 0, _middle(one), _middle(other)
+    for j in range(3):
+        nearest[j] = translation[j] - first[j] + _dot(rotation[j], second)
+    for _ in range(TURNS):
+        for j in range(3):
+            back[j] = -_dot(rotation[:, j], nearest)
+        far, near = _farthest_along(one, nearest), _farthest_along(other, back)
+        for j in range(3):
+            corners[held, j] = translation[j] - one[far, j] + _dot(rotation[j], other[near])
+        if _dot(corners[held], nearest) > 0.0:
+            return False
+        weights[held] = 1.0 if held == 0 else 0.0
+        held = _nearest_of(corners, weights, gram, best, held + 1)
+        for j in range(3):
+            nearest[j] = 0.0
+            for k in range(held):
+                nearest[j] += weights[k] * corners[k, j]
+        if held == 4 or _dot(nearest, nearest) < MEETING * MEETING:
+            return True
+    return True
+
+
+@inner
+def _nearest_of(corners, weights, gram, best, held):  # type: ignore[no-untyped-def]
+    """The weights of the point nearest to zero in the hull of the first ``held`` corners.
+
+    Corners that it does not need are dropped, in place. Returns how many are left.
+    """
+    while True:
+        _nearest_of_flat(corners, gram, best, held)
+        share, out = 1.0, -1
+        for k in range(held):  # from the weights so far as far towards it as none is negative
+            if best[k] <= 0.0 and weights[k] <= share * (weights[k] - best[k]):
+                share, out = weights[k] / (weights[k] - best[k]), k
+        for k in range(held):
+            weights[k] += share * (best[k] - weights[k])
+        if out < 0:
+            return held
+        held -= 1
+        for k in range(out, held):
+            weights[k] = weights[k + 1]
+            for j in range(3):
+                corners[k, j] = corners[k + 1, j]
+
+
+@inner
+def _nearest_of_flat(corners, gram, best, held):  # type: ignore[no-untyped-def]
+    """The weights ``best`` of the point nearest to zero in the flat through corners.
+
+    They solve (C Cᵀ + 1) w = 1 but for their sum; by elimination, as the matrix is positive.
+    """
+    for i in range(held):
+        best[i] = 1.0
+        for j in range(held):
+            gram[i, j] = _dot(corners[i], corners[j]) + 1.0 + (_RIDGE if i == j else 0.0)
+    for i in range(held):
+        for k in range(i + 1, held):
+            factor = gram[k, i] / gram[i, i]
+            best[k] -= factor * best[i]
+            for j in range(i, held):
+                gram[k, j] -= factor * gram[i, j]
+    total = 0.0
+    for i in range(held - 1, -1, -1):
+        for j in range(i + 1, held):
+            best[i] -= gram[i, j] * best[j]
+        best[i] /= gram[i, i]
+        total += best[i]
+    for i in range(held):
+        best[i] /= total
+
+
+@inlined
+def _dot(a, b):  # type: ignore[no-untyped-def]
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inlined
+def _middle(points):  # type: ignore[no-untyped-def]
+    """The mean of points (m, 3), as a tuple."""
+    x, y, z = 0.0, 0.0, 0.0
+    for k in range(points.shape[0]):
+        x, y, z = x + points[k, 0], y + points[k, 1], z + points[k, 2]
+    return x / points.shape[0], y / points.shape[0], z / points.shape[0]
+
+
+@inner
+def _farthest_along(points, way):  # type: ignore[no-untyped-def]
+    """Index of the point farthest along ``way`` (3,)."""
+    best, index = -np.inf, 0
+    for k in range(points.shape[0]):
+        value = _dot(points[k], way)
+        if value > best:
+            best, index = value, k
+    return index

@@ -15,14 +15,13 @@ from typing import Literal, NoReturn
 from optipromp.errors import InvalidRobotError
 from optipromp.robots.urdf_tree import check_mimics, check_tree
 from optipromp.robots.xml_tree import Node, read_xml
-from optipromp.shown import printable
+from optipromp.shown import LONGEST_NAME, is_name, printable
 
 Vector = tuple[float, float, float]
 JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]
 
 JOINT_KINDS: tuple[JointKind, ...] = ("revolute", "continuous", "prismatic", "fixed")
 LENGTH_LIMIT = 20.0  # [m] a length beyond it is taken for millimetres
-LONGEST_NAME = 1000
 ANGLE_LIMIT = 4.0 * math.pi  # [rad] an angle beyond it is taken for degrees
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
@@ -307,7 +306,7 @@ class _Reader:
         name = node.attributes.get("name", "").strip()
         if not name:
             self.refuse(f"a <{node.tag}> has no name", node)
-        if printable(name) != name or len(name) > LONGEST_NAME:
+        if not is_name(name):
             self.refuse(
                 f"name '{printable(name)[:60]}' of a <{node.tag}>; it must have no control "
                 f"characters and at most {LONGEST_NAME} letters",

@@ -5,91 +5,30 @@
 >>> scene = load_scene("scenario-3")
 >>> read_planning_scene(planning_scene(scene), like=scene).target.id
 'ripe'
-
-Each name is loaded when it is first used: to tell a bag takes no planner.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from optipromp.ros.bags import Recorded as Recorded
-    from optipromp.ros.bags import is_bag as is_bag
-    from optipromp.ros.bags import read_bag as read_bag
-    from optipromp.ros.bags import write_bag as write_bag
-    from optipromp.ros.live import LiveScene as LiveScene
-    from optipromp.ros.live import read_planning_scene as read_planning_scene
-    from optipromp.ros.recordings import Cut as Cut
-    from optipromp.ros.recordings import CutParameters as CutParameters
-    from optipromp.ros.recordings import Recording as Recording
-    from optipromp.ros.recordings import load_recording as load_recording
-    from optipromp.ros.scenes import collision_object as collision_object
-    from optipromp.ros.scenes import planning_scene as planning_scene
-    from optipromp.ros.scenes import read_collision_object as read_collision_object
-    from optipromp.ros.service import PlanAnswer as PlanAnswer
-    from optipromp.ros.service import answer as answer
-    from optipromp.ros.trajectories import display_trajectory as display_trajectory
-    from optipromp.ros.trajectories import joint_trajectory as joint_trajectory
-    from optipromp.ros.trajectories import read_trajectories as read_trajectories
-    from optipromp.ros.trajectories import read_trajectory as read_trajectory
-    from optipromp.ros.trajectories import robot_trajectory as robot_trajectory
-    from optipromp.ros.types import Message as Message
-    from optipromp.ros.types import from_bytes as from_bytes
-    from optipromp.ros.types import message as message
-    from optipromp.ros.types import to_bytes as to_bytes
-    from optipromp.ros.types import typestore as typestore
-
-_HOMES = {
-    "bags": (
-        "Recorded",
-        "is_bag",
-        "read_bag",
-        "write_bag",
-    ),
-    "live": (
-        "LiveScene",
-        "read_planning_scene",
-    ),
-    "recordings": (
-        "Cut",
-        "CutParameters",
-        "Recording",
-        "load_recording",
-    ),
-    "scenes": (
-        "collision_object",
-        "planning_scene",
-        "read_collision_object",
-    ),
-    "service": (
-        "PlanAnswer",
-        "answer",
-    ),
-    "trajectories": (
-        "display_trajectory",
-        "joint_trajectory",
-        "read_trajectories",
-        "read_trajectory",
-        "robot_trajectory",
-    ),
-    "types": (
-        "Message",
-        "from_bytes",
-        "message",
-        "to_bytes",
-        "typestore",
-    ),
-}
-_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
-
-__all__ = sorted(_HOME_OF)
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOME_OF[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+from optipromp.files import is_bag as is_bag
+from optipromp.ros.bags import Recorded as Recorded
+from optipromp.ros.bags import read_bag as read_bag
+from optipromp.ros.bags import write_bag as write_bag
+from optipromp.ros.live import LiveScene as LiveScene
+from optipromp.ros.live import read_planning_scene as read_planning_scene
+from optipromp.ros.recordings import Cut as Cut
+from optipromp.ros.recordings import CutParameters as CutParameters
+from optipromp.ros.recordings import Recording as Recording
+from optipromp.ros.recordings import load_recording as load_recording
+from optipromp.ros.scenes import collision_object as collision_object
+from optipromp.ros.scenes import planning_scene as planning_scene
+from optipromp.ros.scenes import read_collision_object as read_collision_object
+from optipromp.ros.service import PlanAnswer as PlanAnswer
+from optipromp.ros.service import answer as answer
+from optipromp.ros.trajectories import display_trajectory as display_trajectory
+from optipromp.ros.trajectories import joint_trajectory as joint_trajectory
+from optipromp.ros.trajectories import read_trajectories as read_trajectories
+from optipromp.ros.trajectories import read_trajectory as read_trajectory
+from optipromp.ros.trajectories import robot_trajectory as robot_trajectory
+from optipromp.ros.types import Message as Message
+from optipromp.ros.types import from_bytes as from_bytes
+from optipromp.ros.types import message as message
+from optipromp.ros.types import to_bytes as to_bytes
+from optipromp.ros.types import typestore as typestore

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
     from rosbags.typesys.store import Typestore
 
-METADATA = "metadata.yaml"
-_FILES = (".mcap", ".db3")
 _METADATA_VERSION: Literal[8] = 8  # of the metadata: that of ROS 2 Iron and later
 
 
@@ -28,11 +26,6 @@ class Recorded(NamedTuple):
     topic: str
     message: Message
     stamp: int = 0
-
-
-def is_bag(path: Path) -> bool:
-    """Whether a path looks like a bag: ``.mcap``, ``.db3``, or a folder with metadata.yaml."""
-    return (path / METADATA).exists() if path.is_dir() else path.suffix.lower() in _FILES
 
 
 def write_bag(path: str | os.PathLike[str], items: Iterable[Recorded]) -> None:

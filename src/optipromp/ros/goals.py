@@ -6,7 +6,6 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
-from optipromp.robots.model import Robot
 from optipromp.ros.live import LiveScene, in_base
 from optipromp.ros.shapes import quaternion, vector
 from optipromp.ros.types import Message
@@ -63,7 +62,7 @@ def read_goal(
 
 def _pose_goal(place: Message, turn: Message, world: LiveScene, prefix: str) -> PoseGoal:
     robot = world.robot
-    flange = prefix + _flange(robot)
+    flange = prefix + [name for name in robot.link_names if name != TOOL][-1]
     for what, item in (("position", place), ("orientation", turn)):
         if item.link_name not in (TOOL, flange) or item.link_name != place.link_name:
             raise InvalidRequestError(
@@ -84,8 +83,3 @@ def _pose_goal(place: Message, turn: Message, world: LiveScene, prefix: str) -> 
     segment: FloatArray = rotation @ robot.flange_rotation.T
     point = origin + segment @ (robot.tool_point - robot.flange_translation)
     return PoseGoal(point, segment @ robot.tool_axis)
-
-
-def _flange(robot: Robot) -> str:
-    """The last link of the arm, without the tool."""
-    return [name for name in robot.link_names if name != TOOL][-1]

@@ -15,7 +15,7 @@ from optipromp.ros.bags import read_bag
 from optipromp.ros.joints import robot_state
 from optipromp.ros.types import Message, message
 from optipromp.trajectory import Trajectory
-from optipromp.trajectory_files import curve
+from optipromp.trajectory_files import CURVE, curve
 
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 TRAJECTORIES = (
@@ -164,7 +164,7 @@ def _read(item: Message, joints: Sequence[str] | None) -> Trajectory:
     if len(points) < 2:
         raise InvalidRequestError(f"{what} has {len(points)} points: must have 2 at least")
     times = np.array([_seconds(point.time_from_start) for point in points])
-    counts = {what: {len(getattr(point, what)) for point in points} for what in _FIELDS}
+    counts = {what: {len(getattr(point, what)) for point in points} for what in CURVE[1:]}
     wanted = len(item.joint_names)
     for field, sizes in counts.items():
         if sizes != {wanted} and (sizes != {0} or field == "positions"):
@@ -176,14 +176,11 @@ def _read(item: Message, joints: Sequence[str] | None) -> Trajectory:
             )
     rows = [
         np.array([getattr(point, field) for point in points]) if counts[field] != {0} else None
-        for field in _FIELDS
+        for field in CURVE[1:]
     ]
     if rows[1] is None and rows[2] is not None:
         raise InvalidRequestError(f"{what} has accelerations and no velocities: must have both")
     return curve(times, rows, item.joint_names, names)
-
-
-_FIELDS = ("positions", "velocities", "accelerations")
 
 
 def _duration(time: float) -> Message:

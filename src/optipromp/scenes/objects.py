@@ -29,7 +29,7 @@ STEM_RADIUS = 0.003
 """Radius of a stem that says none [m]."""
 
 _LARGEST_SIGMA = 10.0  # [m]
-_STEM_SLACK = 0.005  # a stem given by points starts at most this far outside its fruit [m]
+STEM_SLACK = 0.005  # [m] a stem begins at most this far outside its fruit, and off its parent
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,7 @@ class SceneObject:
             object.__setattr__(self, "covariance", _covariance(self.covariance, sigma))
         if self.stem is not None:
             gap = float(np.linalg.norm(self.stem.points[0] - self.position))
-            if gap > bounding_radius(self.shape) + _STEM_SLACK:
+            if gap > bounding_radius(self.shape) + STEM_SLACK:
                 raise InvalidSceneError(
                     f"stem.points[0] is {gap:.3g} m from the fruit's position: a stem must start "
                     "at its fruit"

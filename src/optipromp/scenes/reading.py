@@ -13,18 +13,7 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.files import check_inside
-from optipromp.geometry.shapes import (
-    Box,
-    Capsule,
-    Cone,
-    Cylinder,
-    Ellipsoid,
-    HalfSpace,
-    MeshShape,
-    PointCloudShape,
-    Shape,
-    Sphere,
-)
+from optipromp.geometry.shapes import HalfSpace, MeshShape, PointCloudShape, Shape
 from optipromp.robots.library import NOTHING, Choice, robot_names
 from optipromp.robots.tools import make_tool
 from optipromp.scenes.rotations import IDENTITY
@@ -40,6 +29,7 @@ from optipromp.scenes.scene import (
     ToolSpec,
 )
 from optipromp.scenes.schema import (
+    PRIMITIVES,
     MeshToolModel,
     ObjectModel,
     PoseModel,
@@ -50,12 +40,6 @@ from optipromp.scenes.schema import (
     parse,
 )
 from optipromp.scenes.values import suggest, unit
-
-PRIMITIVES: dict[str, Any] = {
-    "sphere": Sphere, "box": Box, "cylinder": Cylinder, "capsule": Capsule,
-    "ellipsoid": Ellipsoid, "cone": Cone, "half_space": HalfSpace,
-}  # fmt: skip
-"""Shapes without a file, by their names in scene files."""
 
 _FARTHEST = 20.0  # [m] a position beyond is taken for millimetres ...
 _BEYOND_MILLIMETRES = 5_000.0  # [m] ... except where it is too far even in millimetres
@@ -294,6 +278,8 @@ def _approach(model: SceneModel, scale: float, frame: Pose, world: Pose) -> Appr
     }
     if given.shift is not None:
         further["shift"] = frame.rotation @ (scale * np.array(given.shift))
+    if given.lead is not None:
+        further["lead"] = frame.rotation @ np.array(given.lead)
     return Approach(direction, lateral, cone=given.cone or 0.0, **further)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -48,6 +49,8 @@ class Approach:
         aside: and the tool point may end so far beside the target's centre [m].
         shift: (3,) from the target's centre to where the tool point ends [m]; of a plan's scene,
             where the planner has chosen it.
+        lead: (3,) axis of the tool where its path begins; it turns to ``direction`` on the way. Of
+            a plan's scene, where the planner has chosen it; None: ``direction``.
     """
 
     direction: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
@@ -56,6 +59,7 @@ class Approach:
     cone: float = 0.0
     aside: float = 0.0
     shift: FloatArray = field(default_factory=lambda: np.zeros(3))
+    lead: FloatArray | None = None
 
     def __post_init__(self) -> None:
         z = unit("approach.direction", self.direction)
@@ -79,6 +83,14 @@ class Approach:
         object.__setattr__(self, "direction", z)
         object.__setattr__(self, "lateral", y)
         object.__setattr__(self, "shift", array("approach.shift", self.shift, 3))
+        if self.lead is not None:
+            lead = unit("approach.lead", self.lead)
+            if lead @ z < math.cos(math.radians(WIDEST_CONE)) - 1e-9:
+                raise InvalidSceneError(
+                    f"approach.lead {lead.tolist()} is more than {WIDEST_CONE:g} degrees off the "
+                    f"direction {z.tolist()}: must be less"
+                )
+            object.__setattr__(self, "lead", lead)
 
     @cached_property
     def frame(self) -> FloatArray:
@@ -93,7 +105,7 @@ class Approach:
         turn = pose.rotation
         return replace(
             self, direction=turn @ self.direction, lateral=turn @ self.lateral,
-            shift=turn @ self.shift,
+            shift=turn @ self.shift, lead=None if self.lead is None else turn @ self.lead,
         )  # fmt: skip
 
 

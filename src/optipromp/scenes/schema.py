@@ -22,10 +22,11 @@ from pydantic import (
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from optipromp.errors import InvalidSceneError
+from optipromp.geometry.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, HalfSpace, Sphere
 from optipromp.robots.tools import TOOLS
 from optipromp.scenes.objects import Role
 from optipromp.scenes.values import suggest
-from optipromp.shown import printable
+from optipromp.shown import LONGEST_NAME, printable
 
 
 def _refuse(what: str) -> PydanticCustomError:
@@ -38,13 +39,22 @@ def _printable(text: str) -> str:
     return text
 
 
+PRIMITIVES: dict[str, Any] = {
+    "sphere": Sphere, "box": Box, "cylinder": Cylinder, "capsule": Capsule,
+    "ellipsoid": Ellipsoid, "cone": Cone, "half_space": HalfSpace,
+}  # fmt: skip
+"""Shapes without a file, by their names in scene files."""
+
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 60
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]
-Text = Annotated[str, Field(strict=True, min_length=1, max_length=1000), AfterValidator(_printable)]
+Text = Annotated[
+    str, Field(strict=True, min_length=1, max_length=LONGEST_NAME), AfterValidator(_printable)
+]
+Sizes = Annotated[list[Positive], Field(min_length=3, max_length=3)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
 Frame = Literal["world", "base", "camera"]
@@ -84,43 +94,6 @@ class _OneOf(_Model):
         return self
 
 
-class SphereModel(_Model):
-    """A ball."""
-
-    radius: Positive
-
-
-class BoxModel(_Model):
-    """A box, full sizes."""
-
-    size: Annotated[list[Positive], Field(min_length=3, max_length=3)]
-
-
-class RodModel(_Model):
-    """A cylinder or capsule along local z."""
-
-    radius: Positive
-    length: Positive
-
-
-class EllipsoidModel(_Model):
-    """An ellipsoid, radii along local x, y, z."""
-
-    radii: Annotated[list[Positive], Field(min_length=3, max_length=3)]
-
-
-class ConeModel(_Model):
-    """A cone with round ends along local z, its tip at -z."""
-
-    radius: Positive
-    tip: Positive
-    length: Positive
-
-
-class HalfSpaceModel(_Model):
-    """Local z <= 0."""
-
-
 class MeshModel(_Model):
     """A mesh file; ``scale`` turns its unit into metres."""
 
@@ -136,18 +109,21 @@ class PointCloudModel(_Model):
     scale: Positive = 1.0
 
 
-class ShapeModel(_OneOf):
-    """Exactly one shape by name."""
+def _sizes_model(shape: type) -> type[_Model]:
+    """The model of a shape without a file: each of its sizes, above 0."""
+    kinds: dict[Any, Any] = {"float": Positive}
+    keys: dict[str, Any] = {x.name: (kinds.get(x.type, Sizes), ...) for x in fields(shape)}
+    return create_model(f"{shape.__name__}Model", __base__=_Model, **keys)
 
-    sphere: SphereModel | None = None
-    box: BoxModel | None = None
-    cylinder: RodModel | None = None
-    capsule: RodModel | None = None
-    ellipsoid: EllipsoidModel | None = None
-    cone: ConeModel | None = None
-    half_space: HalfSpaceModel | None = None
-    mesh: MeshModel | None = None
-    point_cloud: PointCloudModel | None = None
+
+if TYPE_CHECKING:
+    ShapeModel = _OneOf
+else:
+    _shapes = {name: _sizes_model(shape) for name, shape in PRIMITIVES.items()}
+    _shapes |= {"mesh": MeshModel, "point_cloud": PointCloudModel}
+    ShapeModel = create_model(
+        "ShapeModel", __base__=_OneOf, **{k: (model | None, None) for k, model in _shapes.items()}
+    )
 
 
 class PoseModel(_Model):
@@ -209,6 +185,7 @@ class ApproachModel(_Model):
     cone: NotNegative | None = None
     aside: NotNegative | None = None
     shift: Vector | None = None
+    lead: Vector | None = None
 
 
 class GoalModel(_Model):

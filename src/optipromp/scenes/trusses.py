@@ -7,18 +7,17 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidSceneError
-from optipromp.scenes.objects import SceneObject, Stem
+from optipromp.scenes.objects import STEM_SLACK, SceneObject
 from optipromp.scenes.values import suggest
 
-SLACK = 0.005  # [m] a root is at most this far from the stem that it grows from
 
-
-def nearest(stem: Stem, point: FloatArray) -> FloatArray:
-    """The point (3,) of a stem that is nearest to ``point`` (3,) [m]."""
-    start, pieces = stem.points[:-1], np.diff(stem.points, axis=0)
+def nearest(points: FloatArray, point: FloatArray) -> tuple[int, FloatArray]:
+    """The piece of a stem (N, 3) that is nearest to a ``point`` (3,), and where on it (3,) [m]."""
+    start, pieces = points[:-1], np.diff(points, axis=0)
     share = ((point - start) * pieces).sum(axis=1) / (pieces**2).sum(axis=1)
     places = start + np.clip(share, 0.0, 1.0)[:, None] * pieces
-    return np.asarray(places[int(np.argmin(((places - point) ** 2).sum(axis=1)))])
+    piece = int(np.argmin(((places - point) ** 2).sum(axis=1)))
+    return piece, np.asarray(places[piece])
 
 
 def parents_first(objects: Sequence[SceneObject]) -> list[SceneObject]:
@@ -52,7 +51,7 @@ def check(objects: Sequence[SceneObject]) -> None:
 
     Raises:
         InvalidSceneError: as :func:`parents_first`; a root farther from its parent's stem than
-            :data:`SLACK`.
+            :data:`STEM_SLACK`.
     """
     if all(item.stem is None or item.stem.parent is None for item in objects):
         return
@@ -62,11 +61,11 @@ def check(objects: Sequence[SceneObject]) -> None:
             continue
         other = by_id[item.stem.parent].stem
         assert other is not None
-        off = float(np.linalg.norm(nearest(other, item.stem.root) - item.stem.root))
-        if off > SLACK:
+        off = float(np.linalg.norm(nearest(other.points, item.stem.root)[1] - item.stem.root))
+        if off > STEM_SLACK:
             raise InvalidSceneError(
                 f"object {item.id!r}: the root of its stem is {off:.3g} m from the stem of "
-                f"{item.stem.parent!r}, its parent: must be on it, to {SLACK:g} m"
+                f"{item.stem.parent!r}, its parent: must be on it, to {STEM_SLACK:g} m"
             )
 
 
@@ -87,6 +86,6 @@ def rooted(objects: Iterable[SceneObject]) -> tuple[SceneObject, ...]:
         other = here[item.stem.parent].stem
         assert other is not None
         points = np.array(item.stem.points)
-        points[-1] = nearest(other, points[-1])
+        _, points[-1] = nearest(other.points, points[-1])
         here[item.id] = replace(item, stem=replace(item.stem, points=points))
     return tuple(here[item.id] for item in items)

@@ -13,8 +13,9 @@ import numpy as np
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry.shapes import MeshShape, PointCloudShape, Shape
 from optipromp.robots.library import NOTHING
-from optipromp.scenes.reading import PRIMITIVES, check_magnitude
+from optipromp.scenes.reading import check_magnitude
 from optipromp.scenes.scene import STEM_RADIUS, Scene, SceneObject, ToolSpec
+from optipromp.scenes.schema import PRIMITIVES
 
 POSE = ("position", "orientation")
 
@@ -45,7 +46,8 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
     if scene.goal is not None:
         document["goal"] = _plain(scene.goal, [item.name for item in fields(scene.goal)])
     stated = ["direction", "lateral", "camera_distance"]
-    stated += [name for name in ("cone", "aside", "shift") if np.any(getattr(scene.approach, name))]
+    chosen = "cone", "aside", "shift", "lead"
+    stated += [name for name in chosen if np.any(getattr(scene.approach, name))]
     document["approach"] = _plain(scene.approach, stated)
     if scene.options:
         document["options"] = dict(scene.options)

@@ -12,12 +12,12 @@ from optipromp.arrays import FloatArray, frozen
 from optipromp.geometry.shapes import Capsule, Cylinder, Sphere
 from optipromp.robots.tool_protocol import quaternion
 from optipromp.scenes.scene import SceneObject, Stem
-from optipromp.scenes.trusses import parents_first
+from optipromp.scenes.trusses import nearest, parents_first
 from optipromp.simulation.engine import engine
 from optipromp.simulation.entities import layers
 from optipromp.simulation.parameters import SimulationParameters, StemParameters
 from optipromp.simulation.solids import add_shape, volume
-from optipromp.simulation.trusses import StemChain, carried, link_of
+from optipromp.simulation.trusses import StemChain, carried, holding
 
 RIPE = (0.80, 0.08, 0.10, 1.0)
 UNRIPE = (0.55, 0.72, 0.30, 1.0)
@@ -94,23 +94,18 @@ def add_fruit(
     gravity = -parameters.engine.gravity * up
     chain = chain_of(obj, obj.stem, parameters)
     nodes = chain.nodes
-    bare = _holding(nodes, chain.middles, chain.masses, gravity)
-    grown = bare + _holding(nodes, obj.position[None], np.array([mass]), gravity)
+    bare = sum(
+        holding(nodes, middle[None], chain.masses[[k]], gravity, k)  # joint k carries pieces k, …
+        for k, middle in enumerate(chain.middles)
+    )
+    grown = bare + holding(nodes, obj.position[None], np.array([mass]), gravity, len(nodes) - 2)
     if truss is not None and truss.carries is not None:
         bare, grown = bare + truss.carries, grown + truss.carries
     stiffness = _stiffness(
         obj, nodes, grown, parameters.stem, carries=truss is not None and truss.carries is not None
     )
-    _add_chain(
-        spec,
-        obj.stem,
-        chain,
-        stiffness,
-        parameters,
-        key,
-        stem_entity,
-        None if truss is None else truss.grows_from,
-    )
+    grows_from = None if truss is None else truss.grows_from
+    _add_chain(spec, obj.stem, chain, stiffness, parameters, key, stem_entity, grows_from)
     mouth = obj.rotation.T @ (nodes[-1] - obj.position)
     weld = spec.add_equality(
         name=f"weld:{key}", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
@@ -189,7 +184,7 @@ def trusses_of(
         assert item.stem is not None
         chain = chain_of(item, item.stem, parameters)
         if chain.parent is not None:
-            chain = chain._replace(link=link_of(chains[chain.parent].nodes, chain.nodes[0]))
+            chain = chain._replace(link=nearest(chains[chain.parent].nodes, chain.nodes[0])[0])
         chains[item.id] = chain
     stems, fruits = carried(chains, -parameters.engine.gravity * up)
     out = {}
@@ -292,19 +287,3 @@ def _add_chain(
             solref=[parameters.fruit.contact_time, 1.0], userdata=[float(entity)],
             **layers("stem"),
         )  # fmt: skip
-
-
-def _holding(
-    nodes: FloatArray, points: FloatArray, masses: FloatArray, gravity: FloatArray
-) -> FloatArray:
-    """Torques (N, 3) at the joints nodes[:-1] that carry masses at points beyond them."""
-    weights = masses[:, None] * gravity
-    beyond = points[None] - nodes[:-1, None]
-    torques = np.cross(beyond, weights[None])
-    if len(masses) > 1:  # one mass a segment: joint k carries segments k and on
-        torques = (
-            torques
-            * (np.arange(len(masses))[None] >= np.arange(len(nodes) - 1)[:, None])[:, :, None]
-        )
-    held: FloatArray = -torques.sum(axis=1)
-    return held

@@ -32,14 +32,6 @@ class StemChain(NamedTuple):
         return 0.5 * (self.nodes[:-1] + self.nodes[1:])
 
 
-def link_of(nodes: FloatArray, point: FloatArray) -> int:
-    """Which piece of a chain (N+1, 3) a point (3,) is nearest to."""
-    pieces = np.diff(nodes, axis=0)
-    share = ((point - nodes[:-1]) * pieces).sum(axis=1) / (pieces**2).sum(axis=1)
-    places = nodes[:-1] + np.clip(share, 0.0, 1.0)[:, None] * pieces
-    return int(np.argmin(np.linalg.norm(places - point, axis=1)))
-
-
 def holding(
     nodes: FloatArray, points: FloatArray, masses: FloatArray, gravity: FloatArray, last: int
 ) -> FloatArray:

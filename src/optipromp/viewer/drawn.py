@@ -9,7 +9,7 @@ from scipy.optimize import isotonic_regression
 from scipy.spatial.transform import Rotation
 
 from optipromp.arrays import FloatArray
-from optipromp.looks.scene import PUSHABLES
+from optipromp.looks.scene import PUSHABLES, ROLES
 from optipromp.planning.task import Task, push_model, tool_motion
 from optipromp.scenes.scene import SceneObject
 from optipromp.trajectory import Trajectory
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from optipromp.planning import Plan
 
 PRIMITIVE, FOLLOWED, OPTIMISED = "#f0a33a", "#a0449c", "#1f5fb4"
-COLOURS = {"target": "#d11a2a", "avoid": "#93a1b0", "static": "#b39b7c"}
+RED, GREEN = "#c8322b", "#2f8f4e"  # wrong, right
+COLOURS = ROLES | {"avoid": "#93a1b0"}
 SAME = 1e-9  # [rad or m] below which two trajectories coincide
 STILL = 1e-3  # [m] that an object has to move to count as pushed
 BENDS = 12  # pieces of a bent stem

@@ -1,7 +1,8 @@
 """A scene or a plan as one web page to turn and play, without a server and without a network."""
 
 import io
-from contextlib import redirect_stdout
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from optipromp.looks.scene import box_distance
 from optipromp.planning.task import resolve
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene
-from optipromp.viewer.drawn import Moment, Placed, motions, placed
+from optipromp.viewer.drawn import Moment, motions, placed
 from optipromp.viewer.nodes import Nodes
 from optipromp.viewer.serving import listening
 
@@ -35,9 +36,9 @@ def scene_page(scene: Scene, robot: Robot | None = None, q: FloatArray | None = 
         InvalidRequestError: viser is not installed.
     """
     task = resolve(scene, robot)
-    with _Playback(scene, task.robot) as playback:
-        playback.nodes.pose(task.start if q is None else q)
-        return playback.html()
+    with _recording(scene, task.robot) as (nodes, record):
+        nodes.pose(task.start if q is None else q)
+        return str(record.as_html())
 
 
 def plan_page(plan: "Plan") -> str:
@@ -47,68 +48,54 @@ def plan_page(plan: "Plan") -> str:
         InvalidRequestError: viser is not installed.
     """
     task, curve = resolve(plan.scene, plan.robot), plan.trajectory
-    with _Playback(plan.scene, plan.robot) as playback:
+    places = {item.id: item.position for item in plan.scene.objects}
+    with _recording(plan.scene, plan.robot) as (nodes, record):
         for k, motion in enumerate(reversed(motions(plan))):
             points = plan.robot.tool_pose(motion.trajectory.resample(FRAME_RATE).positions)[0]
-            playback.nodes.line(motion.name, points, motion.colour, 3.0 if k else 6.0)
+            nodes.line(motion.name, points, motion.colour, 3.0 if k else 6.0)
         count = min(max(round(FRAME_RATE * curve.duration), 1), FRAMES)
         for time in np.linspace(0.0, curve.duration, count + 1):
-            playback.nodes.pose(curve.sample(time)[0][0])
+            nodes.pose(curve.sample(time)[0][0])
             now = int(np.searchsorted(curve.times, time + 1e-9)) - 1
             for item in placed(plan, task, Moment(max(now, 0), float(time), "")):
-                playback.put(item)
-            playback.wait(curve.duration / count)
-        playback.wait(REST)
-        return playback.html()
+                if np.linalg.norm(item.position - places[item.item.id]) >= UNMOVED:
+                    places[item.item.id] = item.position
+                    nodes.put(item.item, item.position, item.rotation, item.stem)
+            record.insert_sleep(curve.duration / count)
+        record.insert_sleep(REST)
+        return str(record.as_html())
 
 
-class _Playback:
-    """A server that no one is connected to, and what it would tell a window over time."""
-
-    def __init__(self, scene: Scene, robot: Robot) -> None:
-        self.robot = robot
-        self.server: Any = listening("127.0.0.1", 0)
-        self.server.scene.set_up_direction("+z")
-        self.nodes = Nodes(self.server.scene, "base", shadows=True)
-        self.nodes.show(scene, robot)
-        self.places = {item.id: np.asarray(item.position) for item in scene.objects}
-        self._camera(scene)
-        self.serializer = self.server.get_scene_serializer()
-
-    def __enter__(self) -> "_Playback":
-        return self
-
-    def __exit__(self, *_: object) -> None:
+@contextmanager
+def _recording(scene: Scene, robot: Robot) -> Iterator[tuple[Nodes, Any]]:
+    """Nodes that no one is connected to, and a record of what they would tell a window."""
+    server = listening("127.0.0.1", 0)
+    try:
+        server.scene.set_up_direction("+z")
+        nodes = Nodes(server.scene, "base", shadows=True)
+        nodes.show(scene, robot)
+        _look(server.initial_camera, scene, robot)
+        yield nodes, server.get_scene_serializer()
+    finally:
         with redirect_stdout(io.StringIO()):
-            self.server.stop()
+            server.stop()
 
-    def _camera(self, scene: Scene) -> None:
-        """From where the fewest fruits are hidden, beyond the row if that is such a place."""
-        focus = self.robot.tool_pose(self.robot.home)[0]
-        if len(scene.objects):
-            focus = scene.positions.mean(axis=0)
-        middle, up = 0.8 * focus, scene.up
-        away = focus - (focus @ up) * up
-        away /= max(float(np.linalg.norm(away)), 1e-9)
-        reach = 1.05 * max(float(np.linalg.norm(focus)), 0.6)
-        eyes = [
-            middle + reach * (Rotation.from_rotvec(turn * up).apply(away) + lift * up)
-            for turn, lift in VIEWS
-        ]
-        eye = min(eyes, key=lambda eye: _hidden(scene, eye))
-        camera = self.server.initial_camera
-        camera.look_at, camera.position = scene.base @ middle, scene.base @ eye
 
-    def put(self, item: Placed) -> None:
-        if np.linalg.norm(item.position - self.places[item.item.id]) >= UNMOVED:
-            self.places[item.item.id] = item.position
-            self.nodes.put(item.item, item.position, item.rotation, item.stem)
-
-    def wait(self, seconds: float) -> None:
-        self.serializer.insert_sleep(seconds)
-
-    def html(self) -> str:
-        return str(self.serializer.as_html())
+def _look(camera: Any, scene: Scene, robot: Robot) -> None:
+    """From where the fewest fruits are hidden, beyond the row if that is such a place."""
+    focus = robot.tool_pose(robot.home)[0]
+    if len(scene.objects):
+        focus = scene.positions.mean(axis=0)
+    middle, up = 0.8 * focus, scene.up
+    away = focus - (focus @ up) * up
+    away /= max(float(np.linalg.norm(away)), 1e-9)
+    reach = 1.05 * max(float(np.linalg.norm(focus)), 0.6)
+    eyes = [
+        middle + reach * (Rotation.from_rotvec(turn * up).apply(away) + lift * up)
+        for turn, lift in VIEWS
+    ]
+    eye = min(eyes, key=lambda eye: _hidden(scene, eye))
+    camera.look_at, camera.position = scene.base @ middle, scene.base @ eye
 
 
 def _hidden(scene: Scene, eye: FloatArray) -> int:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from optipromp.judging import RATES
-from optipromp.viewer.drawn import FOLLOWED, OPTIMISED, PRIMITIVE, motions
+from optipromp.viewer.drawn import FOLLOWED, OPTIMISED, PRIMITIVE, RED, motions
 from optipromp.viewer.reach import reach_figure, title
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from optipromp.robots.model import Robot
     from optipromp.trajectory import Trajectory
 
-LIMIT, RECORDED, WRONG = "#7a7f87", "#3d434b", "#c8322b"
+LIMIT, RECORDED = "#7a7f87", "#3d434b"
 LEAST = 0.05  # [rad or m] shown above and below the middle of a joint's motion
 CHANGED = 0.01  # share of its largest value by which a cost has to change to be drawn
 _NAMES = {
@@ -160,10 +160,10 @@ def limits_figure(
             panel.axhline(side, color=LIMIT, lw=1.0, ls=(0, (4, 3)))
         for found in violations:
             if found.time is not None and (found.kind == kind or found.kind not in RATES):
-                panel.axvline(found.time, color=WRONG, lw=1.2)
+                panel.axvline(found.time, color=RED, lw=1.2)
                 panel.annotate(
                     f" {found.kind} {found.subject}", (found.time, 0.97 * high), fontsize=8,
-                    color=WRONG, va="top", ha="left" if found.time < t[-1] / 2 else "right",
+                    color=RED, va="top", ha="left" if found.time < t[-1] / 2 else "right",
                 )  # fmt: skip
         panel.set_ylim(-high, high)
         panel.set_title(f"{kind}, % of its limit", fontsize=9, loc="left")

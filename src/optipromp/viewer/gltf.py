@@ -23,8 +23,6 @@ from optipromp.scenes.scene import Pose, Scene, SceneObject
 from optipromp.trajectory import Trajectory
 from optipromp.viewer.drawn import OPTIMISED
 
-__all__ = ["glb"]
-
 _PATH_RADIUS = 0.001  # [m] a line of no width is hardly seen
 _ROUGH = 0.55  # of every surface; a choice
 _RATE = 50.0  # [Hz] of the animation's frames, at least

@@ -29,12 +29,8 @@ class Nodes:
 
     def __init__(self, api: Any, root: str = "a", offset: Sequence[float] = (0.0, 0.0, 0.0),
                  *, shadows: bool = False) -> None:  # fmt: skip
-        self.api, self.root, self.offset, self.shadows = (
-            api,
-            f"/{root}",
-            np.asarray(offset),
-            shadows,
-        )
+        self.api, self.root = api, f"/{root}"
+        self.offset, self.shadows = np.asarray(offset), shadows
         self.scene: Scene | None = None
         self.robot: Robot | None = None
         self._segments: list[Any] = []

@@ -16,7 +16,7 @@ from optipromp.files import write_atomically
 from optipromp.planning.result import Plan
 from optipromp.promp.model import ProMP
 from optipromp.robots.model import Robot
-from optipromp.scenes.scene import Scene
+from optipromp.scenes.scene import JointGoal, Scene
 from optipromp.trajectory import Trajectory
 from optipromp.viewer.words import plan_rows
 
@@ -76,14 +76,9 @@ def show(thing: Any) -> View3D:
     if isinstance(thing, Scene):
         return View3D(scene_page(thing))
     if isinstance(thing, Robot):
-        return View3D(scene_page(Scene(thing.name, thing.name, (), goal=_at_home(thing)), thing))
+        scene = Scene(thing.name, thing.name, (), goal=JointGoal(thing.home))
+        return View3D(scene_page(scene, thing))
     raise InvalidRequestError(f"there is no 3-D view of a {type(thing).__name__}")
-
-
-def _at_home(robot: Robot) -> Any:
-    from optipromp.scenes.scene import JointGoal
-
-    return JointGoal(robot.home)
 
 
 def plot(thing: Any, *args: Any) -> Plot:

@@ -54,7 +54,10 @@ def goal_penalty(points, tool, position, to_tip, turned, scale, force, stiffness
 
 @dataclass(frozen=True, eq=False)
 class UprightCost(Cost):
-    """The tool axis is within ``tolerance`` [rad] of ``axis`` (3,), from waypoint ``first`` on."""
+    """The tool axis is within ``tolerance`` [rad] of ``axis``, from waypoint ``first`` on.
+
+    ``axis`` (1, 3) is that of all waypoints, or (T, 3) that of each.
+    """
 
     weight: float
     axis: FloatArray
@@ -71,9 +74,10 @@ def axis_penalty(points, tool, lever, axis, tolerance, first, scale, force, stif
     """½ Σ max(0, ‖a − axis‖ − tolerance)², a the tool axis; both are unit vectors."""
     total = 0.0
     for t in range(first, points.shape[0]):
-        x = (points[t, tool + 1, 0] - points[t, tool, 0]) / lever - axis[0]
-        y = (points[t, tool + 1, 1] - points[t, tool, 1]) / lever - axis[1]
-        z = (points[t, tool + 1, 2] - points[t, tool, 2]) / lever - axis[2]
+        k = min(t, axis.shape[0] - 1)
+        x = (points[t, tool + 1, 0] - points[t, tool, 0]) / lever - axis[k, 0]
+        y = (points[t, tool + 1, 1] - points[t, tool, 1]) / lever - axis[k, 1]
+        z = (points[t, tool + 1, 2] - points[t, tool, 2]) / lever - axis[k, 2]
         off = math.sqrt(x * x + y * y + z * z)
         over = off - tolerance
         if over <= 0.0 or off < 1e-12:

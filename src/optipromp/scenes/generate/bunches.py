@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from optipromp.arrays import FloatArray
-from optipromp.geometry.shapes import Box, Capsule, Sphere
+from optipromp.geometry.shapes import Box, Capsule, Shape, Sphere
 from optipromp.scenes.scene import STEM_RADIUS, Approach, Scene, SceneObject, Stem, ToolSpec
 
 GutterSide = Literal["+x", "-x", "+y", "-y", "above"]
@@ -120,16 +120,30 @@ def elongated(scene: Scene, rng: np.random.Generator) -> Scene:
     )
 
 
+def upward(rng: np.random.Generator, lean: float) -> FloatArray:
+    """(3,) unit, off the vertical by at most ``lean`` [rad]."""
+    tilt, turn = float(rng.uniform(0.0, lean)), float(rng.uniform(0.0, 2.0 * np.pi))
+    return np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+
+
+def hung(item: SceneObject, shape: Shape, half: float, axis: FloatArray) -> SceneObject:
+    """The fruit with another shape whose z points along ``axis`` (3,), hung by its upper end.
+
+    ``half`` is the distance of that end from the shape's origin [m].
+    """
+    assert item.stem is not None
+    points = np.array(item.stem.points)
+    points[0] += half * axis
+    turn = np.append(1.0 + axis[2], np.cross([0.0, 0.0, 1.0], axis))
+    turn /= np.linalg.norm(turn)
+    return replace(item, shape=shape, orientation=turn, stem=replace(item.stem, points=points))
+
+
 def _longer(item: SceneObject, rng: np.random.Generator) -> SceneObject:
     assert item.stem is not None
     factor, width = float(rng.uniform(*ELONGATION)), item.radius
     line = item.stem.vector / float(np.linalg.norm(item.stem.vector))
-    points = np.array(item.stem.points)
-    points[0] += factor * width * line
-    turn = np.append(1.0 + line[2], np.cross([0.0, 0.0, 1.0], line))  # the shape's z to the stem
-    shape = Capsule(width, 2.0 * (factor - 1.0) * width)
-    turn /= np.linalg.norm(turn)
-    return replace(item, shape=shape, orientation=turn, stem=replace(item.stem, points=points))
+    return hung(item, Capsule(width, 2.0 * (factor - 1.0) * width), factor * width, line)
 
 
 def _stem(
@@ -138,8 +152,7 @@ def _stem(
 ) -> Stem:  # fmt: skip
     """A straight stem, ended where it meets a ``roof`` [m]."""
     length = float(rng.uniform(*STEM_LENGTH))
-    tilt, turn = float(rng.uniform(0.0, inclination)), float(rng.uniform(0.0, 2.0 * np.pi))
-    line = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+    line = upward(rng, inclination)
     if roof is not None:
         length = min(length, (roof - position[2] - STEM_RADIUS - 1e-3) / line[2])
     return Stem(np.array([position, position + length * line]))

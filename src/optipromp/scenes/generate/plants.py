@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, rotation
+from optipromp.arrays import rotation
 from optipromp.geometry.shapes import Capsule, Cone, Ellipsoid, Shape, Sphere
+from optipromp.parameters import GRAVITY
 from optipromp.scenes.generate import bunches
 from optipromp.scenes.scene import Scene, SceneObject, Stem
 from optipromp.scenes.trusses import rooted
@@ -26,7 +27,6 @@ TURN = (0.3, 0.8)  # [rad] by which a stem springs back without what hangs on it
 DENSITY = (850.0, 1000.0)  # [kg/m³] of fruits
 FRICTION = (0.2, 0.6)
 ABSCISSION = (4.0, 8.0)  # [N]
-GRAVITY = 9.81  # [m/s²]
 
 
 def truss(name: str, count: int, rng: np.random.Generator) -> Scene:
@@ -37,13 +37,13 @@ def truss(name: str, count: int, rng: np.random.Generator) -> Scene:
     """
     scene = bunches.sample(name, 0, False, None, rng)
     ripe = scene.objects[0]
-    axis = _line(rng, bunches.INCLINATION)
+    axis = bunches.upward(rng, bunches.INCLINATION)
     length = float(rng.uniform(*TRUSS_LENGTH))
     ends, roots = [np.zeros(3)], [length * axis]
     for _ in range(count):
         node = (1.0 - float(rng.uniform(*NODE))) * length * axis
         roots.append(node)
-        ends.append(node - float(rng.uniform(*BRANCH_LENGTH)) * _line(rng, BRANCH_LEAN))
+        ends.append(node - float(rng.uniform(*BRANCH_LENGTH)) * bunches.upward(rng, BRANCH_LEAN))
     chosen = int(rng.integers(count + 1))
     names = [f"n{k}" for k in range(1, count + 1)]
     names.insert(chosen, ripe.id)
@@ -100,12 +100,6 @@ def untold(scene: Scene) -> Scene:
     )
 
 
-def _line(rng: np.random.Generator, lean: float) -> FloatArray:
-    """(3,) unit, up, off the vertical by at most ``lean`` [rad]."""
-    tilt, turn = float(rng.uniform(0.0, lean)), float(rng.uniform(0.0, 2.0 * np.pi))
-    return np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
-
-
 def _stiffness(stem: Stem, mass: float, carries: bool, rng: np.random.Generator) -> float:
     """EI [N m²] of green tissue, and so much that ``mass`` [kg] turns it no more than it grew."""
     thickness = float(rng.uniform(*THICKNESS[carries]))
@@ -129,15 +123,9 @@ def _shaped(item: SceneObject, rng: np.random.Generator) -> SceneObject:
         case 3:
             shape, half = _cone(wide, rng)
     line = item.stem.vector / float(np.linalg.norm(item.stem.vector))
-    axis = np.cross(line, _line(rng, np.pi))
+    axis = np.cross(line, bunches.upward(rng, np.pi))
     axis = rotation(axis / np.linalg.norm(axis), float(rng.uniform(0.0, CROOKED))) @ line
-    turn = np.append(1.0 + axis[2], np.cross([0.0, 0.0, 1.0], axis))  # the shape's z to the stem
-    points = np.array(item.stem.points)
-    points[0] += half * axis
-    return replace(
-        item, shape=shape, orientation=turn / np.linalg.norm(turn),
-        stem=replace(item.stem, points=points),
-    )  # fmt: skip
+    return bunches.hung(item, shape, half, axis)
 
 
 def _cone(wide: float, rng: np.random.Generator) -> tuple[Shape, float]:
