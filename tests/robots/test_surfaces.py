@@ -1,5 +1,6 @@
 """Surfaces in parts, and spheres that may overlap because their parts never meet."""
 
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -52,6 +53,16 @@ def test_parts_hold_the_surface(triangles: np.ndarray, half: list[float]) -> Non
     own = spheres[found[:, 3].astype(int)]
     away = np.linalg.norm(found[:, :3] - own[:, :3], axis=1) - own[:, 3]
     assert away.max() < 0.010  # a piece on the border of two spheres
+
+
+def test_a_large_surface_takes_no_more_memory() -> None:
+    """A ball of 2 m radius once had nine million pieces, and took gigabytes."""
+    spheres = np.array([[0.0, 0.0, 0.15, 2.0], [0.0, 0.0, -0.15, 2.0]])
+    surface = of_rod(2.0, 0.3, 2.0)
+    tracemalloc.start()
+    assert len(parts(spheres, surface)) < 1000
+    assert tracemalloc.get_traced_memory()[1] < 200e6
+    tracemalloc.stop()
 
 
 def test_links_whose_covers_alone_touch(
