@@ -71,7 +71,7 @@ def main() -> None:
     parser.add_argument("arms", nargs="*")
     parser.add_argument("--count", type=int, default=50)
     parser.add_argument("--write", action="store_true")
-    given = parser.parse_args()
+    given = parser.parse_intermixed_args()
     warnings.simplefilter("ignore")  # of arms without demonstrations
     warm_up()
     rows = []
@@ -103,8 +103,9 @@ def main() -> None:
     ]
     print("\n".join(lines))
     if given.write:
-        kept = OUT.read_text().partition(f"\n{PICKING}\n")[0]
-        OUT.write_text(kept.rstrip() + "\n\n" + "\n".join(lines) + "\n")
+        before, _, rest = OUT.read_text().partition(f"\n{PICKING}\n")
+        after = "".join(rest.partition("\n## ")[1:])  # other tables
+        OUT.write_text(before.rstrip() + "\n\n" + "\n".join(lines) + "\n" + after)
 
 
 if __name__ == "__main__":

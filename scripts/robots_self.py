@@ -1,4 +1,4 @@
-"""How often a robot touches itself as its meshes do: the table of docs/add-a-robot.md.
+"""How often a robot touches itself as its meshes do: a table of docs/robots-tried.md.
 
     python scripts/robots_self.py COUNT URDF...
 

@@ -17,7 +17,7 @@ from optipromp.errors import InvalidRobotError
 from optipromp.robots.arm import Arm
 from optipromp.robots.library import load_arm
 
-PICKING = "## Arms that pick"  # what robots_pick.py writes, to the end of the page
+PICKING = "## Arms that pick"  # what robots_pick.py writes; it and what follows are kept
 OUT = Path(__file__).resolve().parents[1] / "docs" / "robots-tried.md"
 
 

@@ -323,6 +323,7 @@ def main() -> None:
     """Plan, execute in both engines, and print how often they agree."""
     from optipromp.experiments.baselines import attempt
     from optipromp.scenes.generate import generate
+    from optipromp.scenes.generate.plants import untold
     from optipromp.scenes.io import scene_to_dict
     from optipromp.simulation import simulate
 
@@ -339,7 +340,7 @@ def main() -> None:
             promised = Counter[bool]()
             for seed in range(first, end):
                 scene = generate(preset, seed)
-                made = attempt(scene, planner, seed=seed)  # type: ignore[arg-type]
+                made = attempt(untold(scene), planner, seed=seed)  # type: ignore[arg-type]
                 if made.trajectory is None:
                     continue
                 rows = made.trajectory.resample(1000.0)

@@ -22,7 +22,9 @@ def test_a_scene_is_written_for_viewers(tmp_path):
 
 def test_a_plan_is_written_in_both_formats(tmp_path):
     mujoco = pytest.importorskip("mujoco")
-    planned = CliRunner().invoke(app, ["plan", "scenario-4", "--out", str(tmp_path / "reach")])
+    planned = CliRunner().invoke(
+        app, ["plan", "scenario-4", "--no-figures", "--out", str(tmp_path / "reach")]
+    )
     assert planned.exit_code == 0
     model, picture = tmp_path / "reach.xml", tmp_path / "reach.glb"
     result = invoke(tmp_path / "reach", "--mjcf", model, "--gltf", picture, "--json")

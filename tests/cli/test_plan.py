@@ -131,7 +131,10 @@ def test_a_duration_that_is_asked_for_is_kept() -> None:
 @pytest.mark.skipif(not RECORDED.exists(), reason="the recorded demonstrations are not here")
 def test_learnt_and_raw_demonstrations_plan_alike(tmp_path: Path) -> None:
     learnt = tmp_path / "learnt.npz"
-    assert call("learn", str(RECORDED), "--out", str(learnt), "--robot", "panda")[0] == 0
+    assert (
+        call("learn", str(RECORDED), "--out", str(learnt), "--robot", "panda", "--no-figure")[0]
+        == 0
+    )
     named = tmp_path / "named.npz"
     joints = np.array([f"joint{j}" for j in range(1, 8)])
     np.savez(named, **np.load(RECORDED), joint_names=joints)

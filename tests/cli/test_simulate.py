@@ -27,7 +27,9 @@ def test_a_scene_is_planned_for_executed_and_told(tmp_path):
 
 
 def test_a_plans_folder_is_executed_as_it_is(tmp_path):
-    planned = CliRunner().invoke(app, ["plan", "scenario-3", "--out", str(tmp_path)])
+    planned = CliRunner().invoke(
+        app, ["plan", "scenario-3", "--no-figures", "--out", str(tmp_path)]
+    )
     assert planned.exit_code == 0
     result = invoke(tmp_path, "--json")
     document = json.loads(result.stdout)

@@ -55,7 +55,8 @@ def rotation_of(wxyz):
 
 def distance_at(obstacles, x, k=0):
     gradient = np.full(3, np.nan)
-    return signed_distance(obstacles, k, x[0], x[1], x[2], gradient), gradient
+    place = map(float, x)  # the kernel is compiled once more for each mixture of types
+    return signed_distance(obstacles, k, *place, gradient), gradient
 
 
 @pytest.mark.parametrize("name", SHAPES)

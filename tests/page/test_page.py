@@ -15,7 +15,7 @@ pytest.importorskip("viser")
 from tests.page.conftest import LARGE, SMALL, Opened
 
 from optipromp.output import load_plan, write_plan
-from optipromp.page import arrange
+from optipromp.page import arrange, content
 from optipromp.page.look import look
 from optipromp.page.sources import Source, open_source
 from optipromp.planning import plan
@@ -273,7 +273,8 @@ def test_two_windows_do_not_disturb_one_another(opened: Opened, opener) -> None:
     opened.until(lambda: not theirs.worker._thread.is_alive(), "its thread stays")
 
 
-def test_use_does_not_grow_memory(opened: Opened) -> None:
+def test_use_does_not_grow_memory(opened: Opened, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(content, "SEARCHING", 0.05)  # candidate paths are looked for less long
     window = opened.window
     opened.do(lambda: window.select("n1"))
     at = arrange.place(window.scene, window.selected)

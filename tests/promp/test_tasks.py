@@ -186,10 +186,10 @@ def test_uncertain_points_give_way(arm: TaskMap, arm_promp: ProMP) -> None:
 def test_out_of_reach_is_said(arm: TaskMap, arm_promp: ProMP) -> None:
     far = TaskPoint(1.0, np.array([1e4, 0.0, 0.0]))
     with pytest.warns(ConditioningWarning, match=r"misses point\(s\) 1"):
-        result = condition(arm_promp, [JointPoint(0.0, np.zeros(7)), far], arm)
+        result = condition(arm_promp, [JointPoint(0.0, np.zeros(7)), far], arm, 20)
     assert np.isfinite(result.mean).all()
     assert np.isfinite(result.covariance).all()
-    _, report = condition_with_report(arm_promp, far, arm)
+    _, report = condition_with_report(arm_promp, far, arm, 20, initial=arm_promp.mean)
     assert report.missed == (0,)
     assert not report.converged
     assert report.position_error[0] > 9e3

@@ -112,6 +112,19 @@ def test_spheres_go_where_they_are_needed() -> None:
     assert excess < 0.015
 
 
+def test_halves_cover_what_the_whole_did() -> None:
+    """Three spheres of a capsule; the middle one is halved, and reaches less far beyond it."""
+    triangles = capsule()
+    [(three, _)] = fit.fit_covers([triangles], 3, [1.0])
+    middle = int(np.abs(three[:, 2]).argmin())
+    four, excess = fit.finer(triangles, three, [middle])
+    assert len(four) == len(three) + 1
+    assert outside(on_triangles(triangles), four) <= 0.0
+    assert beyond_capsule(around(four)).max() <= excess + fit.VOXEL
+    near = np.argsort(np.abs(four[:, 2]))[:2]
+    assert four[near, 3].max() < three[middle, 3] - 0.005
+
+
 # -- loading -----------------------------------------------------------------------------------
 
 

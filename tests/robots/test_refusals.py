@@ -137,6 +137,15 @@ def test_tree(
     refused(urdf("".join(joint(*ends) for ends in joints)), *words)
 
 
+def test_a_joint_far_from_its_parent_is_remarked_on(
+    urdf: Writer, joint: Callable[..., str]
+) -> None:
+    """12 m: a crane, or a robot in millimetres."""
+    far = urdf(joint("ab", "a", "b", origin='<origin xyz="0 0 12"/>') + joint("bc", "b", "c"))
+    with pytest.warns(UserWarning, match=r"joint 'ab' stands 12 m .*millimetres.*scale: 0\.001"):
+        load_robot(far)
+
+
 def test_mimics_in_a_ring_or_of_a_fixed_joint(urdf: Writer, joint: Callable[..., str]) -> None:
     first = joint("ab", "a", "b", more='<mimic joint="bc"/>')
     refused(urdf(first + joint("bc", "b", "c", more='<mimic joint="ab"/>')), "ring", "'ab', 'bc'")

@@ -1,12 +1,12 @@
 """Generated scenes: the same again by their seed, within what each preset says, solvable."""
 
-import functools
 import itertools
 import zlib
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.scenes.conftest import made
 
 from optipromp import judging
 from optipromp.errors import InvalidRequestError
@@ -15,12 +15,11 @@ from optipromp.planning.task import resolve
 from optipromp.robots import ik
 from optipromp.robots.roll import rolled
 from optipromp.scenes import Scene, load_scene, save_scene, scene_to_dict
-from optipromp.scenes.generate import PRESETS, generate, generate_with_report, generator
+from optipromp.scenes.generate import PRESETS, generate, generator
 from optipromp.scenes.generate.checks import segments, to_segment, unsolvable
 from optipromp.scenes.generate.shelves import Footprint, apart
 
 SEEDS = range(12)
-made = functools.cache(generate_with_report)
 BUNCHES = [preset for preset in PRESETS if preset not in ("shelf", "elongated", "truss", "field")]
 BEFORE = [preset for preset in BUNCHES if preset != "tight"]
 

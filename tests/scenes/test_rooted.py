@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from tests.scenes.conftest import made
 
 from optipromp.geometry import Sphere
 from optipromp.robots.tools import Cup, FrankaHand
 from optipromp.scenes import Approach, Scene, SceneObject, Stem
-from optipromp.scenes.generate import generate, generate_with_report
+from optipromp.scenes.generate import generate
 from optipromp.scenes.generate.checks import _rooted_in_tool, equipped, unsolvable
 
 ROOTED = "stem rooted where the tool must end"
@@ -120,7 +121,7 @@ def test_scenes_with_a_root_in_the_tool_are_drawn_again_and_counted() -> None:
         scene.name, scene.robot, objects, tool=scene.tool, start=scene.start,
         approach=scene.approach,
     )) == ROOTED  # fmt: skip
-    found = {seed: generate_with_report("cluster", seed) for seed in range(30)}
+    found = {seed: made("cluster", seed) for seed in range(30)}
     assert sum(report.reasons.get(ROOTED, 0) for _, report in found.values()) > 0
     for sampled, report in found.values():
         assert report.redraws == sum(report.reasons.values())

@@ -8,7 +8,9 @@
 True
 """
 
-from optipromp.execution.executor import Executed, Executor, Follower, Guard
-from optipromp.execution.franka import Franky, PandaPy
-
-__all__ = ["Executed", "Executor", "Follower", "Franky", "Guard", "PandaPy"]
+from optipromp.execution.executor import Executed as Executed
+from optipromp.execution.executor import Executor as Executor
+from optipromp.execution.executor import Follower as Follower
+from optipromp.execution.executor import Guard as Guard
+from optipromp.execution.franka import Franky as Franky
+from optipromp.execution.franka import PandaPy as PandaPy

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, IntArray
+from optipromp.arrays import FloatArray, IntArray, read_only
 from optipromp.compiled import kernel
 
 FEWEST = 24  # obstacles; with fewer, testing them all is as fast
@@ -30,15 +30,8 @@ class Cells(NamedTuple):
 
 def no_cells() -> Cells:
     """No cells: every obstacle is near every place."""
-    return _read_only(0.0, 0.0, 0.0, 0, np.zeros(2, np.int64), np.zeros(0, np.int32))
-
-
-def _read_only(
-    reach: float, half: float, inverse: float, along: int, start: IntArray, member: IntArray
-) -> Cells:
-    start.setflags(write=False)
-    member.setflags(write=False)
-    return Cells(reach, half, inverse, along, start, member)
+    start, member = np.zeros(2, np.int64), np.zeros(0, np.int32)
+    return Cells(0.0, 0.0, 0.0, 0, read_only(start), read_only(member))
 
 
 def make_cells(position: FloatArray, bound: FloatArray, reach: float, half: float) -> Cells:
@@ -61,7 +54,7 @@ def make_cells(position: FloatArray, bound: FloatArray, reach: float, half: floa
     member = np.empty(start[-1], dtype=np.int32)
     member[start[-2] :] = np.arange(len(bound))
     _fill(position, bound, reach, half, edge, count, start[:-1].copy(), member, True)
-    return _read_only(reach, half, 1.0 / edge, count, start, member)
+    return Cells(reach, half, 1.0 / edge, count, read_only(start), read_only(member))
 
 
 @kernel

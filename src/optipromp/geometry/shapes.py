@@ -223,8 +223,6 @@ def mesh_volume(mesh: MeshShape) -> float:
 
 def round_mesh(shape: Ellipsoid | Cone, around: int = 24) -> MeshShape:
     """A mesh inscribed in a round shape: the points of its surface of evenly spread normals."""
-    from scipy.spatial import ConvexHull
-
     polar, turn = np.meshgrid(
         np.linspace(0.0, np.pi, around // 2 + 1)[1:-1],
         np.linspace(0.0, 2.0 * np.pi, around, endpoint=False), indexing="ij",
@@ -240,13 +238,17 @@ def round_mesh(shape: Ellipsoid | Cone, around: int = 24) -> MeshShape:
         shoulder, low = shape.radius * normals + half, shape.tip * normals - half
         farther = (shoulder * normals).sum(axis=1) >= (low * normals).sum(axis=1)
         points = np.where(farther[:, None], shoulder, low)
+    return MeshShape(points, hull_faces(points))
+
+
+def hull_faces(points: FloatArray) -> IntArray:
+    """Triangles (F, 3) of the convex hull of points (N, 3), anticlockwise seen from outside."""
+    from scipy.spatial import ConvexHull
+
     hull = ConvexHull(points)
-    faces = np.where(
-        (np.cross(*(points[hull.simplices[:, k]] - points[hull.simplices[:, 0]] for k in (1, 2)))
-         * hull.equations[:, :3]).sum(axis=1)[:, None] > 0.0,
-        hull.simplices, hull.simplices[:, ::-1],
-    )  # fmt: skip
-    return MeshShape(points, faces)
+    a, b, c = (points[hull.simplices[:, k]] for k in range(3))
+    inward = np.einsum("fi,fi->f", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
+    return np.asarray(np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices))
 
 
 def is_convex(mesh: MeshShape) -> bool:

@@ -1,36 +1,19 @@
 """The judge: checks any trajectory, with code that shares nothing with the planners."""
 
-from optipromp.judging.clearance import Overlap, clearances, pushed_away, swept
-from optipromp.judging.curve import Extremes, extremes
-from optipromp.judging.kinematics import centers, refined
-from optipromp.judging.validator import (
-    AXIS_TOLERANCE,
-    GOAL_TOLERANCE,
-    RATES,
-    RATIO_TOLERANCE,
-    Judgement,
-    Metrics,
-    Violation,
-    judge,
-    paper_violations,
-)
-
-__all__ = [
-    "AXIS_TOLERANCE",
-    "GOAL_TOLERANCE",
-    "RATES",
-    "RATIO_TOLERANCE",
-    "Extremes",
-    "Judgement",
-    "Metrics",
-    "Overlap",
-    "Violation",
-    "centers",
-    "clearances",
-    "extremes",
-    "judge",
-    "paper_violations",
-    "pushed_away",
-    "refined",
-    "swept",
-]
+from optipromp.judging.clearance import Overlap as Overlap
+from optipromp.judging.clearance import clearances as clearances
+from optipromp.judging.clearance import pushed_away as pushed_away
+from optipromp.judging.clearance import swept as swept
+from optipromp.judging.curve import Extremes as Extremes
+from optipromp.judging.curve import extremes as extremes
+from optipromp.judging.kinematics import centers as centers
+from optipromp.judging.kinematics import refined as refined
+from optipromp.judging.validator import AXIS_TOLERANCE as AXIS_TOLERANCE
+from optipromp.judging.validator import GOAL_TOLERANCE as GOAL_TOLERANCE
+from optipromp.judging.validator import RATES as RATES
+from optipromp.judging.validator import RATIO_TOLERANCE as RATIO_TOLERANCE
+from optipromp.judging.validator import Judgement as Judgement
+from optipromp.judging.validator import Metrics as Metrics
+from optipromp.judging.validator import Violation as Violation
+from optipromp.judging.validator import judge as judge
+from optipromp.judging.validator import paper_violations as paper_violations

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from optipromp.arrays import FloatArray
-from optipromp.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from optipromp.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere, hull_faces
 from optipromp.looks.faces import coarser, frame_along, revolve, shape_faces, sphere
 from optipromp.looks.part import Part, hex_colour
 from optipromp.robots.chain import rotation_of
@@ -160,12 +159,7 @@ def _parts(name: str, segment: int, solids: Solids) -> list[Part]:
 def _hull(centers: FloatArray, radii: FloatArray) -> FloatArray:
     """The triangles (m, 3, 3) of the convex hull of spheres."""
     points = (centers[:, None] + radii[:, None, None] * _UNIT_BALL).reshape(-1, 3)
-    hull = ConvexHull(points)
-    corners = points[hull.simplices]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = np.einsum("fi,fi->f", normals, hull.equations[:, :3]) < 0.0
-    corners[inward] = corners[inward][:, ::-1]
-    return np.asarray(corners)
+    return np.asarray(points[hull_faces(points)])
 
 
 def _drum(robot: Robot, s: int) -> list[Part]:
@@ -210,14 +204,11 @@ def _drum(robot: Robot, s: int) -> list[Part]:
 
 
 def _tool(robot: Robot) -> list[Part]:
-    tool = robot.tool
+    tool, last, folder = robot.tool, robot.n_segments - 1, _models()
     if tool is None:
         return []
     solids: dict[str, list[FloatArray]] = {}
-    folder = _models()
-    if isinstance(tool, Cup):
-        solids = _cup(tool)
-    elif isinstance(tool, FrankaHand) and folder is not None:
+    if isinstance(tool, FrankaHand) and folder is not None:
         placed = [("hand", np.zeros(3), 1.0)]
         placed += [("finger", np.array([0.0, y, FINGERS]), np.sign(y))
                    for y in (tool.gripper_radius, -tool.gripper_radius)]  # fmt: skip
@@ -225,26 +216,22 @@ def _tool(robot: Robot) -> list[Part]:
             for colour, corners in _mesh(folder / f"{name}.dae"):
                 turned = corners * [sign, sign, 1.0] + at
                 solids.setdefault(colour or LINK, []).append(turned @ tool.rotation.T)
-        return [_mounted(robot, part) for part in _parts("tool", robot.n_segments - 1, solids)]
+        parts = _parts("tool", last, solids)
     else:
-        for solid in tool.solids():
-            faces = shape_faces(solid.shape, solid.position, solid.rotation, np.inf)
-            solids.setdefault(solid.part, []).append(faces)
-    last = robot.n_segments - 1
-    return [
-        _mounted(
-            robot,
+        if isinstance(tool, Cup):
+            solids = _cup(tool)
+        else:
+            for solid in tool.solids():
+                faces = shape_faces(solid.shape, solid.position, solid.rotation, np.inf)
+                solids.setdefault(solid.part, []).append(faces)
+        parts = [
             Part.of(
-                f"tool/{part}", np.concatenate(faces), TOOL_COLOURS[part], segment=last,
-                opacity=GLASS if part == "mouth" else 1.0,
-            ),
-        )
-        for part, faces in solids.items()
-    ]  # fmt: skip
-
-
-def _mounted(robot: Robot, part: Part) -> Part:
-    return part.placed(robot.flange_translation, robot.flange_rotation)
+                f"tool/{name}", np.concatenate(faces), TOOL_COLOURS[name], segment=last,
+                opacity=GLASS if name == "mouth" else 1.0,
+            )
+            for name, faces in solids.items()
+        ]  # fmt: skip
+    return [part.placed(robot.flange_translation, robot.flange_rotation) for part in parts]
 
 
 def _cup(cup: Cup) -> dict[str, list[FloatArray]]:

@@ -1,33 +1,18 @@
 """Planning: ``plan`` with its three planners, ``plan_many``, ``plan_sequence`` and ``judge``."""
 
-from optipromp.planning.many import plan_many
-from optipromp.planning.options import (
-    PLANNERS,
-    STRATEGIES,
-    PaperOptions,
-    Planner,
-    PlanOptions,
-    Strategy,
-)
-from optipromp.planning.plan import plan, warm_up
-from optipromp.planning.result import Plan, Stage, Term, Verdict, judge
-from optipromp.planning.sequence import PickSequence, plan_sequence
-
-__all__ = [
-    "PLANNERS",
-    "STRATEGIES",
-    "PaperOptions",
-    "PickSequence",
-    "Plan",
-    "PlanOptions",
-    "Planner",
-    "Stage",
-    "Strategy",
-    "Term",
-    "Verdict",
-    "judge",
-    "plan",
-    "plan_many",
-    "plan_sequence",
-    "warm_up",
-]
+from optipromp.planning.many import plan_many as plan_many
+from optipromp.planning.options import PLANNERS as PLANNERS
+from optipromp.planning.options import STRATEGIES as STRATEGIES
+from optipromp.planning.options import PaperOptions as PaperOptions
+from optipromp.planning.options import Planner as Planner
+from optipromp.planning.options import PlanOptions as PlanOptions
+from optipromp.planning.options import Strategy as Strategy
+from optipromp.planning.plan import plan as plan
+from optipromp.planning.plan import warm_up as warm_up
+from optipromp.planning.result import Plan as Plan
+from optipromp.planning.result import Stage as Stage
+from optipromp.planning.result import Term as Term
+from optipromp.planning.result import Verdict as Verdict
+from optipromp.planning.result import judge as judge
+from optipromp.planning.sequence import PickSequence as PickSequence
+from optipromp.planning.sequence import plan_sequence as plan_sequence

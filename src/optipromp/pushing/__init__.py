@@ -4,29 +4,20 @@ Rules give a side to pass each neighbour on. A model of the push predicts the ha
 and one search finds the path of least harm in it.
 """
 
-from optipromp.pushing.hanging import Hanging
-from optipromp.pushing.interactive import Push, pushes
-from optipromp.pushing.model import Combined, Prediction, PushModel, Round, Schedule, search
-from optipromp.pushing.path import ToolPath, through
-from optipromp.pushing.rules import Drift, DriftRule, drift_choices, neighbours, rule_paths
-from optipromp.pushing.standing import Standing
-
-__all__ = [
-    "Combined",
-    "Drift",
-    "DriftRule",
-    "Hanging",
-    "Prediction",
-    "Push",
-    "PushModel",
-    "Round",
-    "Schedule",
-    "Standing",
-    "ToolPath",
-    "drift_choices",
-    "neighbours",
-    "pushes",
-    "rule_paths",
-    "search",
-    "through",
-]
+from optipromp.pushing.hanging import Hanging as Hanging
+from optipromp.pushing.interactive import Push as Push
+from optipromp.pushing.interactive import pushes as pushes
+from optipromp.pushing.model import Combined as Combined
+from optipromp.pushing.model import Prediction as Prediction
+from optipromp.pushing.model import PushModel as PushModel
+from optipromp.pushing.model import Round as Round
+from optipromp.pushing.model import Schedule as Schedule
+from optipromp.pushing.model import search as search
+from optipromp.pushing.path import ToolPath as ToolPath
+from optipromp.pushing.path import through as through
+from optipromp.pushing.rules import Drift as Drift
+from optipromp.pushing.rules import DriftRule as DriftRule
+from optipromp.pushing.rules import drift_choices as drift_choices
+from optipromp.pushing.rules import neighbours as neighbours
+from optipromp.pushing.rules import rule_paths as rule_paths
+from optipromp.pushing.standing import Standing as Standing

@@ -1,6 +1,4 @@
 """Reports: one self-contained HTML file about a plan or a study, for screens and for paper."""
 
-from optipromp.reports.plans import plan_report
-from optipromp.reports.studies import study_report
-
-__all__ = ["plan_report", "study_report"]
+from optipromp.reports.plans import plan_report as plan_report
+from optipromp.reports.studies import study_report as study_report

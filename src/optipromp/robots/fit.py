@@ -28,11 +28,11 @@ from optipromp.arrays import BoolArray, FloatArray, IntArray
 VOXEL = 0.003  # [m] of the grid, for parts of up to 0.4 m
 TIGHT = 0.008  # [m] of excess at which a cover gets no further sphere
 MOST_SPHERES = 40  # of a cover that reaches more than its ``loose``
-_FINE, _COARSE = 40, 130  # voxels along the longest side: at least, at most
-_VOXELS = 250_000
+_FINE, _COARSE = 40, 160  # voxels along the longest side: at least, at most
+_VOXELS = 300_000
 _STEP = 0.7  # [voxels] between the points of a surface
 _FINE_STEP = 0.5  # [voxels] longest side of a triangle between two spheres
-_POINTS, _CENTERS = 1_000, 1_800  # of a mesh while its cover grows; all points count at the end
+_POINTS, _CENTERS = 1_200, 2_500  # of a mesh while its cover grows; all points count at the end
 _SHARES = (0.6, 0.85)  # of the excess, that the half of a split may have
 _ROUNDS = 12  # of Lloyd's, at most
 _SLACK = 1.0 + 1e-9  # against rounding

@@ -231,7 +231,7 @@ def _build(
         if link not in known:
             shown = ", ".join(list(model.links)[:20])
             raise InvalidRobotError(f"{path}: unknown link '{link}'; links: {shown}")
-    covers = _covers(entry, model, chain)
+    covers = _covers(entry, model, chain, arm.base)
     robot = Robot(
         name=entry.name,
         joint_names=names,
@@ -311,10 +311,11 @@ def _per_joint(
     return frozen(default if given is None else given)
 
 
-def _covers(entry: RobotFile, model: UrdfModel, chain: Chain) -> dict[str, Cover]:
+def _covers(entry: RobotFile, model: UrdfModel, chain: Chain, base: str) -> dict[str, Cover]:
     """What covers each link: the spheres that the robot file gives, or a cover of its geometry."""
     bare = {link: at for link, at in chain.placements.items() if link not in entry.spheres}
-    fitted = cover_links(model, bare, [link for link, at in bare.items() if at.segment < 0])
+    still = [link for link, at in bare.items() if at.segment < 0 and link != base]
+    fitted = cover_links(model, bare, still)
     given = {link: np.array(rows, dtype=float) for link, rows in entry.spheres.items()}
     covers = fitted | {link: Cover(rows, math.nan) for link, rows in given.items()}
     return {link: covers[link] for link in chain.placements}

@@ -15,9 +15,9 @@ from optipromp.robots.meshes import mesh_file, triangles
 from optipromp.robots.urdf import UrdfGeometry, UrdfModel
 
 LOOSE = 0.030  # [m] chosen: excess down to which a cover grows
-FIXED = 0.060  # [m] chosen: the same of a link that does not move
+FIXED = 0.060  # [m] chosen: the same of a link that does not move, but for the arm's base
 PER_MESH = 7.5  # spheres, on average over the meshes of a robot: 60 for eight links
-_COVERS_VERSION = 5  # part of the cache key: raise it when the same meshes get other covers
+_COVERS_VERSION = 8  # part of the cache key: raise it when the same meshes get other covers
 
 
 class Cover(NamedTuple):

@@ -18,13 +18,15 @@ SAMPLED_POSTURES = 200
 SORTING_POSTURES = 20_000  # at which pairs of fitted covers are looked at
 TRYING_POSTURES = 4_000  # the same, to see which spheres are loose
 SHARED, SHARE = 2_000, 0.010  # chosen: configurations, and the share of them that makes one loose
-ROUNDS = 3  # chosen: UR10 has no loose sphere after two
+WRONG = 0.020  # chosen: share of them at which the parts of no two short spheres meet
+ROUNDS = 4  # chosen: UR10 has no loose sphere after three
 MOSTLY = 0.95  # share of them at which links touch, so that a check of them would say nothing
-OFTEN = 10  # times that two spheres overlap there, at least, for their slack to be known
+OFTEN = 30  # times that two spheres overlap there, at least, for their slack to be known
 KEPT = 0.0005  # [m] of slack given away: parts are known at their corners (see DIRECTIONS)
+TAIL = 3.0  # chosen: given away too, in mean gaps of the distances at which parts may meet
 FAR = 0.05  # [m] that covers keep at all of them, so that a check of them is not worth its time
 MOST_LINKS = 3000  # pairs of links: a robot of 78 links; a chain of 3,000 would take hours
-_PAIRS_VERSION = 3  # part of the cache key: raise it when the same robot gets other pairs
+_PAIRS_VERSION = 7  # part of the cache key: raise it when the same robot gets other pairs
 _CHUNK = 1_000_000
 
 Found = tuple[IntArray, FloatArray, tuple[LeftOut, ...]]
@@ -78,8 +80,10 @@ def _sorted(
 
 def loose_spheres(robot: Robot, parts: FloatArray) -> IntArray:
     """Indices of moving spheres that are short of their slack at more than SHARE of configurations
-    at which the parts (see :class:`Parts`) of no two spheres that are short meet."""
+    where the parts (see :class:`Parts`) of no two spheres that are short meet; none where there are
+    such spheres at fewer than WRONG of the configurations."""
     surfaces, count = Parts(len(robot.spheres.radius), parts), np.zeros(len(robot.spheres.radius))
+    wrong = 0
     for postures in np.array_split(_postures(robot, SHARED), 10):
         row, pair = np.nonzero(robot.self_gaps(postures) < 0.0)
         pairs = robot.self_pairs[pair]
@@ -87,6 +91,9 @@ def loose_spheres(robot: Robot, parts: FloatArray) -> IntArray:
         apart = ~np.isin(row, row[meet])
         short = np.column_stack([np.repeat(row[apart], 2), pairs[apart].ravel()])
         np.add.at(count, np.unique(short, axis=0)[:, 1], 1.0)
+        wrong += len(np.unique(row[apart]))
+    if wrong < WRONG * SHARED:
+        return np.zeros(0, dtype=np.int64)
     return np.flatnonzero((count > SHARE * SHARED) & surfaces.known & (robot.spheres.segment >= 0))
 
 
@@ -137,14 +144,15 @@ def sorted_out(
 ) -> Found:
     """``pairs`` (P, 2) that are to be kept apart, their slack (P,) [m]; what is left out, and why.
 
-    Looked at are pairs of links named in ``fitted``, at ``count`` random configurations
-    (fixed seed). Two spheres may overlap by as much as they do wherever their parts (``given``, see
-    :class:`Parts`) are apart: their slack. Those that overlap :data:`OFTEN` while their parts never
-    meet are left out; so are links that touch all the same at more than :data:`MOSTLY` of the
-    configurations, and links whose covers keep :data:`FAR` at all of them. Spheres that are short
-    at home while the links are apart there get the slack that home needs; but a home with a joint
-    at its limit is where nobody chose to be, and says nothing. Of more than :data:`MOST_LINKS`
-    pairs of links none is looked at.
+    Looked at are pairs of links named in ``fitted``, at ``count`` random configurations (fixed
+    seed). Two spheres may overlap by as much as they do wherever their parts (``given``, see
+    :class:`Parts`) are apart: their slack. Of n samples at less than the largest distance at which
+    parts met, a larger one was not seen: TAIL times their spread over n is given away. Those that
+    overlap :data:`OFTEN` while their parts never meet are left out; so are links that touch all the
+    same at more than :data:`MOSTLY` of the configurations, and links whose covers keep :data:`FAR`
+    at all of them. Spheres that are short at home while the links are apart there get the slack
+    that home needs; but a home with a joint at its limit is where nobody chose to be, and says
+    nothing. Of more than :data:`MOST_LINKS` pairs of links none is looked at.
     """
     link, names = robot.spheres.link, robot.link_names
     pairs = pairs[np.lexsort((link[pairs[:, 1]], link[pairs[:, 0]]))] if fitted else pairs
@@ -220,8 +228,12 @@ class _Sample:
         row, pair, apart = map(np.concatenate, zip(*overlaps, strict=True))
         order = np.lexsort((-apart, pair))
         reach = self._reach(pairs, row[order], pair[order], apart[order])
-        known = self.parts.known[pairs].all(axis=1) & (times >= OFTEN)
-        slack = np.where(known, np.maximum(full - reach - KEPT, 0.0), 0.0)
+        often = OFTEN * len(self.frames[0]) / SORTING_POSTURES
+        known = self.parts.known[pairs].all(axis=1) & (times >= often)
+        deep, nearest = apart <= reach[pair], full.copy()
+        np.minimum.at(nearest, pair, apart)
+        unseen = TAIL * (reach - nearest) / np.bincount(pair[deep], minlength=len(pairs)).clip(1)
+        slack = np.where(known, np.maximum(full - reach - unseen - KEPT, 0.0), 0.0)
         slack[known & (reach == 0.0)] = np.inf
         if known.any() and not reach.any():  # the links never touch
             slack[:] = np.inf

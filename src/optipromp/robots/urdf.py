@@ -6,6 +6,7 @@ repairs nothing; it only normalises the length of a joint axis.
 
 import math
 import re
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,7 @@ JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]
 JOINT_KINDS: tuple[JointKind, ...] = ("revolute", "continuous", "prismatic", "fixed")
 LENGTH_LIMIT = 20.0  # [m] a length beyond it is taken for millimetres
 SHORTEST = 1e-9  # [m] of a solid: of one of 1e-160 no hull can be found
+FAR_LENGTH = 10.0  # [m] chosen: a joint farther from its parent is remarked on
 ANGLE_LIMIT = 4.0 * math.pi  # [rad] an angle beyond it is taken for degrees
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
@@ -228,6 +230,9 @@ class _Reader:
             )
         parent, child = (self.end(node, tag, owner) for tag in ("parent", "child"))
         xyz, rpy = self.origin(node, owner)
+        if (away := math.hypot(*xyz)) > FAR_LENGTH:
+            told = f"{owner} stands {away:.3g} m from its parent: millimetres? then write scale:"
+            warnings.warn(self.at(f"{told} 0.001 in a robot file", node), stacklevel=2)
         axis = self.axis(node, owner) if kind != "fixed" else (1.0, 0.0, 0.0)
         lower, upper, velocity, effort, fault = self.limits(node, kind, owner)
         mimic = self.mimic(node, owner) if kind != "fixed" else None

@@ -111,12 +111,6 @@ class Nodes:
             **({} if self.shadows else FLAT),
         )  # fmt: skip
 
-    def _stem(self, item: SceneObject, points: FloatArray) -> None:
-        assert item.stem is not None
-        radius = np.full(len(points), item.stem.radius)
-        corners, faces = tube(np.asarray(points), radius, 8)
-        self._mesh(Part(f"stem:{item.id}", -1, corners, faces, rgb(STEM), owner=item.id))
-
     def pose(self, q: FloatArray) -> None:
         """Move the arm to ``q`` (n,)."""
         assert self.robot is not None
@@ -136,7 +130,8 @@ class Nodes:
             if part.owner == item.id and not part.name.startswith("stem:"):
                 node.position, node.wxyz = position, turn
         if item.stem is not None and stem is not None:
-            self._stem(item, stem)
+            corners, faces = tube(np.asarray(stem), np.full(len(stem), item.stem.radius), 8)
+            self._mesh(Part(f"stem:{item.id}", -1, corners, faces, rgb(STEM), owner=item.id))
 
     def line(self, name: str, points: FloatArray, colour: str, width: float, **options: Any) -> Any:
         """A line through points (k, 3), ``width`` pixels wide."""
