@@ -3,8 +3,8 @@
     python scripts/full_disk.py             # as root on Linux: disks are small tmpfs
     python scripts/full_disk.py --compile   # takes minutes
 
-Each command ends with 0, or with 2 and one line that names the file; every file that is left is
-whole, and none is temporary. The plans of processes that compile at once, and of one whose cache
+Each command ends with 0, or with 2 and words that tell why; every file that is left is whole, and
+none is temporary. The plans of processes that compile at once, and of one whose cache
 lies on a full disk, are the plan of this process.
 """
 

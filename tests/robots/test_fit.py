@@ -71,6 +71,16 @@ def test_a_capsule_is_covered_and_the_excess_is_as_stated() -> None:
     assert excess < 0.012  # eight equal spheres in a row reach 6 mm beyond
 
 
+def test_spheres_are_halved_however_their_points_lie() -> None:
+    """Points of a sphere may lie in one plane, which nothing halves across."""
+    mesh = trimesh.creation.box((0.04, 0.04, 0.04))
+    triangles = np.asarray(mesh.vertices[mesh.faces])
+    [(spheres, _)] = fit.fit_covers([triangles], 4, [0.001])
+    for _ in range(4):
+        spheres, _ = fit.finer(triangles, spheres, range(len(spheres)))
+        assert outside(on_triangles(triangles), spheres) <= 0.0
+
+
 @pytest.mark.parametrize("what", ["open", "bent", "split"])
 def test_other_shapes_are_covered(what: str) -> None:
     """A tube without ends, an L, two parts apart."""

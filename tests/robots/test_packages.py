@@ -105,6 +105,12 @@ def test_dae(write: Writer, tmp_path: Path) -> None:
     assert in_dae == pytest.approx(reach(write(with_mesh("part.obj"))), rel=0.05)
 
 
+def test_a_scale_beyond_all_numbers_is_refused(write: Writer, tmp_path: Path) -> None:
+    mesh(tmp_path, "part.obj")
+    with pytest.raises(InvalidRobotError, match="beyond 20 m: millimetres"):
+        load_robot(write(with_mesh('part.obj" scale="-1e300 1 1')))
+
+
 def test_unit_of_dae(write: Writer, tmp_path: Path) -> None:
     pytest.importorskip("collada")
     file = mesh(tmp_path / "my_arm", "part.dae", size=1000.0)  # a part of 0.1 m in millimetres

@@ -167,6 +167,8 @@ def test_duplicate_link(urdf: Writer) -> None:
     ("shape", "words"),
     [
         ('<sphere radius="0"/>', ["'a'", "radius is 0", "positive"]),
+        ('<sphere radius="1e-160"/>', ["radius is 1e-160", "positive, 1 nm at least"]),
+        ('<box size="1 1e-160 1"/>', ["1 1e-160 1", "1 nm at least"]),
         ('<sphere radius="-0.1"/>', ["radius is -0.1"]),
         ("<sphere/>", ["no radius"]),
         ('<sphere radius="60"/>', ["60 m", "millimetres"]),

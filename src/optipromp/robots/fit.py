@@ -79,10 +79,13 @@ def finer(
         tried = []
         for axis in np.linalg.svd(middle, full_matrices=False)[2]:
             low = middle @ axis < np.ptp(middle @ axis) / 2.0 + (middle @ axis).min()
+            if low.all() or not low.any():  # all in one plane across the axis
+                continue
             cost = [fit.cost[mine[half]].max(axis=0) for half in (low, ~low)]
             tried.append((sum(c.min() for c in cost), [int(c.argmin()) for c in cost]))
-        chosen[own], other = min(tried)[1]
-        halves.append(other)
+        if tried:
+            chosen[own], other = min(tried)[1]
+            halves.append(other)
     fit.chosen = [*chosen, *halves]
     return fit.cover()
 

@@ -60,16 +60,16 @@ def triangles(urdf: Path, link: str, shape: UrdfGeometry) -> FloatArray:
     if not np.isfinite(vertices).all():
         raise InvalidRobotError(f"{where} is malformed: a vertex is not finite")
     corners: FloatArray = (vertices * np.array(shape.size))[faces]
-    area = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
     extent = float(np.ptp(corners, axis=(0, 1)).max())
-    if not area.sum() > 1e-12 * max(extent, 1e-12) ** 2:
-        raise InvalidRobotError(f"{where} is degenerate: its surface has no area")
     if float(np.abs(corners).max()) > LENGTH_LIMIT:
         raise InvalidRobotError(
             f"{where} spans {extent:g} m and lies beyond 20 m: millimetres? Give it a scale"
         )
+    area = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    if not area.sum() > 1e-12 * max(extent, 1e-12) ** 2:
+        raise InvalidRobotError(f"{where} is degenerate: its surface has no area")
     return corners
 
 
