@@ -95,6 +95,12 @@ def test_through_waypoints_four_derivatives_are_continuous() -> None:
         np.testing.assert_allclose(before, after, rtol=1e-6, atol=1e-6 * np.abs(after).max())
 
 
+def test_slowed_beyond_what_times_can_be_it_is_refused() -> None:
+    for factor in (1e12, 1e200):
+        with pytest.raises(InvalidRequestError, match="times must be finite"):
+            any_curve(3).slowed(factor)
+
+
 def test_slowed_it_is_the_same_path() -> None:
     curve = any_curve(1)
     slow, t = curve.slowed(3.0), np.linspace(0.0, curve.duration, 40)

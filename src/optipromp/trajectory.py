@@ -212,7 +212,7 @@ class Trajectory(Shown):
         """The same path in ``factor`` times the time."""
         return Trajectory(
             self.times * factor, self.positions, self.velocities / factor,
-            self.accelerations / factor**2, self.joint_names,
+            self.accelerations / (factor * factor), self.joint_names,
         )  # fmt: skip
 
 
