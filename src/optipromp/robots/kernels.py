@@ -126,6 +126,17 @@ def carried_points(segment, local, origins, rotations, out):  # type: ignore[no-
 
 
 @inner
+def distances_between(one, other, i, j, out):  # type: ignore[no-untyped-def]
+    """Distances ``out`` (m, P) of points ``one[:, i]`` and ``other[:, j]`` (m, P, 3), in place."""
+    for t in range(one.shape[0]):
+        for p in range(i.shape[0]):
+            x = one[t, i[p], 0] - other[t, j[p], 0]
+            y = one[t, i[p], 1] - other[t, j[p], 1]
+            z = one[t, i[p], 2] - other[t, j[p], 2]
+            out[t, p] = math.sqrt(x * x + y * y + z * z)
+
+
+@inner
 def tool_at(origins, rotations, tool_point, tool_axis, point, direction):  # type: ignore[no-untyped-def]
     """Tool point and axis (3,) at one configuration, from the frames of its segments, in place."""
     o, r = origins[-1], rotations[-1]

@@ -176,10 +176,11 @@ class Robot(Shown):
     def self_gaps(self, q: FloatArray) -> FloatArray:
         """How far each of ``self_pairs`` is from touching (..., P) [m] at ``q`` (..., n)."""
         centers, radius = self.sphere_centers(q), self.spheres.radius
-        i, j = self.self_pairs.T
-        apart = np.linalg.norm(centers[..., i, :] - centers[..., j, :], axis=-1)
-        gaps: FloatArray = apart - radius[i] - radius[j] + self.self_slack
-        return gaps
+        flat, (i, j) = centers.reshape(-1, len(radius), 3), np.ascontiguousarray(self.self_pairs.T)
+        apart = np.empty((len(flat), len(i)))
+        kernels.distances_between(flat, flat, i, j, apart)
+        apart += self.self_slack - radius[i] - radius[j]
+        return apart.reshape(*centers.shape[:-2], len(i))
 
     def _frames(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         array = self.check_configuration(q)

@@ -11,6 +11,7 @@ import numpy as np
 from optipromp.arrays import BoolArray, FloatArray, IntArray, frozen, lengths
 from optipromp.errors import InvalidRequestError
 from optipromp.files import cache_folder, npz, read_npz, write_atomically
+from optipromp.robots.kernels import distances_between
 from optipromp.robots.model import BodySpheres, LeftOut, Robot
 from optipromp.robots.surfaces import Parts
 
@@ -200,7 +201,7 @@ class _Sample:
         segment = int(self.robot.spheres.segment[link[0]])
         origins, rotations = self.frames[0][rows], self.frames[1][rows]
         if segment < 0:
-            return np.broadcast_to(points, (len(origins), *points.shape))
+            return np.tile(points, (len(origins), 1, 1))
         turned = np.matmul(points, rotations[:, segment].transpose(0, 2, 1))
         placed: FloatArray = turned + origins[:, segment, None]
         return placed
@@ -220,7 +221,8 @@ class _Sample:
             rows = near[start : start + step]
             one = self.placed(first, centers[first], rows)
             other = self.placed(second, centers[second], rows)
-            apart = np.linalg.norm(one[:, i] - other[:, j], axis=2)
+            apart = np.empty((len(one), len(pairs)))
+            distances_between(one, other, i, j, apart)
             least = min(least, float((apart - full).min(initial=np.inf)))
             row, pair = np.nonzero(apart < full)
             times += np.bincount(pair, minlength=len(pairs))
