@@ -9,7 +9,7 @@ import pytest
 
 from optipromp.arrays import rotation
 from optipromp.robots import load_robot
-from optipromp.robots.spheres import cover_box
+from optipromp.robots.spheres import cover_box, cover_cylinder
 from optipromp.robots.surfaces import hulls_touch, of_box, of_rod, parts
 
 
@@ -63,6 +63,16 @@ def test_a_large_surface_takes_no_more_memory() -> None:
     assert len(parts(spheres, surface)) < 1000
     assert tracemalloc.get_traced_memory()[1] < 200e6
     tracemalloc.stop()
+
+
+def test_neither_does_a_long_one() -> None:
+    """A rod of 10 m once took a gigabyte."""
+    spheres = cover_cylinder(0.03, 10.0, 0.01)
+    tracemalloc.start()
+    found = parts(spheres, of_rod(0.03, 10.0, 0.0))
+    assert tracemalloc.get_traced_memory()[1] < 400e6
+    tracemalloc.stop()
+    assert set(found[:, 3]) == set(range(len(spheres)))
 
 
 def test_links_whose_covers_alone_touch(

@@ -11,7 +11,8 @@ from optipromp.arrays import BoolArray, FloatArray, IntArray
 from optipromp.compiled import inlined, inner, kernel
 from optipromp.robots.model import Robot
 
-PIECE = 0.010  # [m] chosen: longest side of the pieces of a surface between two spheres
+PIECE = 0.010  # [m] chosen: longest side of the pieces of a surface between two spheres, and
+PIECES = 200  # chosen: so many along a surface of more than 2 m
 ROUND = 64  # chosen: sides of a rod; of a radius of 0.1 m they cut off 0.12 mm
 DIRECTIONS = 300  # chosen: the points of a part that are the farthest in one of them are kept
 TURNS = 20  # chosen: of a plane between two parts, until they count as touching
@@ -59,8 +60,10 @@ def parts(spheres: FloatArray, triangles: FloatArray) -> FloatArray:
     def whole(pieces: FloatArray) -> BoolArray:
         return np.asarray(np.ptp(beyond(pieces).argmin(axis=2), axis=1) == 0)
 
-    pieces = cut(triangles, PIECE, whole)
-    owner, out = beyond(pieces).max(axis=1).argmin(axis=1), []
+    longest = float(np.ptp(triangles, axis=(0, 1)).max())
+    pieces = cut(triangles, max(PIECE, longest / PIECES), whole)
+    some = np.array_split(pieces, 1 + len(pieces) // _AT_ONCE)
+    owner, out = np.concatenate([beyond(each).max(axis=1).argmin(axis=1) for each in some]), []
     for index in np.unique(owner):
         points = _farthest(pieces[owner == index].reshape(-1, 3))
         out.append(np.column_stack([points, np.full(len(points), float(index))]))

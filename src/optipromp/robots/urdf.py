@@ -23,7 +23,7 @@ JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]
 
 JOINT_KINDS: tuple[JointKind, ...] = ("revolute", "continuous", "prismatic", "fixed")
 LENGTH_LIMIT = 20.0  # [m] a length beyond it is taken for millimetres
-SHORTEST = 1e-9  # [m] of a solid: of one of 1e-160 no hull can be found
+SMALLEST = 1e-9  # [m] of a solid: of one of 1e-160 no hull can be found
 FAR_LENGTH = 10.0  # [m] chosen: a joint farther from its parent is remarked on
 ANGLE_LIMIT = 4.0 * math.pi  # [rad] an angle beyond it is taken for degrees
 
@@ -339,7 +339,7 @@ class _Reader:
 
     def size(self, node: Node, key: str, owner: str) -> float:
         value = self.numbers(node, key, 1, owner)[0] * self.scale
-        if value < SHORTEST:
+        if value < SMALLEST:
             self.refuse(f"{owner} {key} is {value:g} m; it must be positive, 1 nm at least", node)
         if value > LENGTH_LIMIT:
             self.refuse(f"{owner} {key} is {value:g} m, beyond 20 m: millimetres?", node)
@@ -354,7 +354,7 @@ class _Reader:
         positive: bool = False,
     ) -> Vector:
         x, y, z = (self.scale * v for v in self.numbers(node, key, 3, owner, default))
-        if positive and min(x, y, z) < SHORTEST:
+        if positive and min(x, y, z) < SMALLEST:
             told = f"{owner} {key} is {x:g} {y:g} {z:g}; each must be positive, 1 nm at least"
             self.refuse(told, node)
         norm = math.hypot(x, y, z)
