@@ -17,6 +17,7 @@ its triangles.
 """
 
 from collections.abc import Callable, Collection, Sequence
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -36,6 +37,7 @@ _POINTS, _CENTERS = 1_200, 2_500  # of a mesh while its cover grows; all points 
 _SHARES = (0.6, 0.85)  # of the excess, that the half of a split may have
 _ROUNDS = 12  # of Lloyd's, at most
 _SLACK = 1.0 + 1e-9  # against rounding
+_AT_ONCE = 4_000  # triangles
 
 
 def fit_covers(
@@ -198,7 +200,7 @@ class _Fit:
             return np.asarray(np.ptp(excess_of(pieces).argmin(axis=2), axis=1) == 0)
 
         pieces = cut(self.triangles, _FINE_STEP * self.voxel, whole)
-        owner = excess_of(pieces).max(axis=1).argmin(axis=1)
+        owner = in_chunks(lambda each: excess_of(each).max(axis=1).argmin(axis=1), pieces)
         used = np.unique(owner)  # a sphere that holds the corners of a piece holds the piece
         radius = np.array(
             [cdist(pieces[owner == k].reshape(-1, 3), centers[[k]]).max() for k in used]
@@ -243,6 +245,13 @@ def _counted(count: IntArray) -> tuple[IntArray, FloatArray]:
     return index, turn / np.maximum(count[index] - 1, 1)
 
 
+def in_chunks(told: Callable[[FloatArray], Any], triangles: FloatArray) -> Any:
+    """What ``told`` says of each of the triangles (m, 3, 3): (m,). Of all at once, 1 GB is soon
+    taken."""
+    chunks = np.array_split(triangles, 1 + len(triangles) // _AT_ONCE)
+    return np.concatenate([told(chunk) for chunk in chunks])
+
+
 def cut(
     triangles: FloatArray, step: float, whole: Callable[[FloatArray], BoolArray] | None = None
 ) -> FloatArray:
@@ -257,7 +266,7 @@ def cut(
         sides = np.square(turned - triangles).sum(axis=2)
         long = (sides > step * step).any(axis=1)
         if whole is not None:
-            long[long] = ~whole(triangles[long])
+            long[long] = ~in_chunks(whole, triangles[long])
         done.append(triangles[~long])
         longest = sides[long].argmax(axis=1)
         each = np.flatnonzero(long)

@@ -50,7 +50,7 @@ def parts(spheres: FloatArray, triangles: FloatArray) -> FloatArray:
     """
     from scipy.spatial.distance import cdist
 
-    from optipromp.robots.fit import cut  # with SciPy's image functions, which load slowly
+    from optipromp.robots.fit import cut, in_chunks  # with SciPy's image functions: slow to load
 
     def beyond(pieces: FloatArray) -> FloatArray:
         """How far each corner (m, 3) of pieces is out of each sphere: (m, 3, k)."""
@@ -62,8 +62,8 @@ def parts(spheres: FloatArray, triangles: FloatArray) -> FloatArray:
 
     longest = float(np.ptp(triangles, axis=(0, 1)).max())
     pieces = cut(triangles, max(PIECE, longest / PIECES), whole)
-    some = np.array_split(pieces, 1 + len(pieces) // _AT_ONCE)
-    owner, out = np.concatenate([beyond(each).max(axis=1).argmin(axis=1) for each in some]), []
+    owner = in_chunks(lambda each: beyond(each).max(axis=1).argmin(axis=1), pieces)
+    out = []
     for index in np.unique(owner):
         points = _farthest(pieces[owner == index].reshape(-1, 3))
         out.append(np.column_stack([points, np.full(len(points), float(index))]))
