@@ -29,7 +29,7 @@ Planned = Callable[..., Plan]
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("waypoints", 2), ("waypoints", 0), ("waypoints", -5), ("waypoints", 3.5),
+        ("waypoints", 2), ("waypoints", 0), ("waypoints", -5), ("waypoints", 3.5), ("waypoints", 20_001),
         ("waypoints", NAN), ("waypoints", True),
         ("duration", 0.0), ("duration", -1.0), ("duration", NAN), ("duration", INF),
         ("timeout", 0.0), ("timeout", -1.0), ("timeout", NAN),

@@ -60,6 +60,7 @@ def _check_types(options: "PaperOptions | PlanOptions", prefix: str) -> None:
 
 
 _LARGEST_SETTING = 1e9  # of any setting, in its unit
+_MOST_WAYPOINTS = 20_000  # the solver keeps 20 KB of each
 _hints = functools.cache(get_type_hints)
 
 
@@ -145,7 +146,7 @@ class PlanOptions:
     """Settings of a plan. Those of the paper's own planners are in :attr:`paper`.
 
     Attributes:
-        waypoints: number T of waypoints, at least 3; None: as many as keep every joint's step below
+        waypoints: number T of waypoints, 3 to 20,000; None: as many as keep every joint's step below
             ``max_step``.
         duration: of the trajectory [s]; None: the shortest that the limits and ``approach_speed``
             allow.
@@ -200,7 +201,8 @@ class PlanOptions:
         need = functools.partial(_need, self, "")
         _check_types(self, "")
         count, steps, most = self.waypoints, self.iterations, self.effort
-        need(count is None or count >= 3, "waypoints", "a whole number >= 3")
+        fits = count is None or 3 <= count <= _MOST_WAYPOINTS
+        need(fits, "waypoints", f"a whole number >= 3, at most {_MOST_WAYPOINTS}")
         need(self.duration is None or self.duration > 0, "duration", "positive [s]")
         need(self.timeout > 0, "timeout", "positive [s]")
         need(most is None or most > 0, "effort", "a whole number > 0")
