@@ -146,8 +146,8 @@ class PlanOptions:
     """Settings of a plan. Those of the paper's own planners are in :attr:`paper`.
 
     Attributes:
-        waypoints: number T of waypoints, 3 to 20,000; None: as many as keep every joint's step below
-            ``max_step``.
+        waypoints: number T of waypoints, 3 to 20,000; None: as many as keep every joint's step
+            below ``max_step``.
         duration: of the trajectory [s]; None: the shortest that the limits and ``approach_speed``
             allow.
         timeout: wall time of planning [s], without that of reading the scene's file and of
