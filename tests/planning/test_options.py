@@ -29,8 +29,8 @@ Planned = Callable[..., Plan]
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("waypoints", 2), ("waypoints", 0), ("waypoints", -5), ("waypoints", 3.5), ("waypoints", 20_001),
-        ("waypoints", NAN), ("waypoints", True),
+        ("waypoints", 2), ("waypoints", 0), ("waypoints", -5), ("waypoints", 3.5),
+        ("waypoints", NAN), ("waypoints", True), ("waypoints", 20_001),
         ("duration", 0.0), ("duration", -1.0), ("duration", NAN), ("duration", INF),
         ("timeout", 0.0), ("timeout", -1.0), ("timeout", NAN),
         ("prediction", 1), ("prediction", "no"), ("rule", "longest"),
