@@ -21,7 +21,7 @@ from optipromp.judging import Metrics, Overlap, judge
 from optipromp.planning import Plan, Term
 from optipromp.planning.options import Planner, Strategy
 from optipromp.planning.result import Stage, ViaPoint
-from optipromp.planning.task import resolve
+from optipromp.planning.task import push_model, resolve
 from optipromp.pushing.model import Prediction
 from optipromp.robots.model import Robot
 from optipromp.scenes.io import scene_from_dict, scene_to_dict
@@ -158,7 +158,8 @@ def _judged(
         raise InvalidRequestError(f"first is {found.first}: must be below {curve.n_waypoints}")
     start = State(curve.positions[0], curve.velocities[0], curve.accelerations[0])
     harm = found.predicted_harm
-    judged = judge(scene, robot, curve, start, stem_side=harm is None)
+    known = harm is not None and push_model(resolve(scene, robot), curve.positions[-1]) is not None
+    judged = judge(scene, robot, curve, start, stem_side=not known)
     wrong = judged.message or (str(harm) if harm is not None and harm.harmful else "")
     if found.status == Code.SUCCESS and wrong:
         raise InvalidRequestError(f"status is success, and the trajectory is none: {wrong}")
