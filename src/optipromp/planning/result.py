@@ -12,7 +12,7 @@ from optipromp.arrays import FloatArray
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.files import plain
 from optipromp.judging import Judgement, Metrics, Overlap
-from optipromp.planning.options import Planner, Strategy
+from optipromp.planning.options import Planner, PlanOptions, Strategy
 from optipromp.planning.task import Task, push_model, resolve, tool_motion
 from optipromp.pushing.model import Prediction
 from optipromp.robots.model import Robot
@@ -22,7 +22,7 @@ from optipromp.shown import Shown
 from optipromp.trajectory import Trajectory
 from optipromp.trajectory_files import read_trajectory
 
-BELOW = 0.002  # [m] under the camera point's height that counts as at it: a plan's corridor
+BELOW = PlanOptions.corridor  # [m] under the camera point's height that counts as at it
 
 
 @dataclass(frozen=True)

@@ -190,17 +190,7 @@ class _Fit:
             best, held = excess, at
             at = np.array([self._moved(at[k], points[owner == k]) for k in np.unique(owner)])
         centers, depth = self._middle(held), self.depth[tuple(held.T)]
-
-        def excess_of(pieces: FloatArray) -> FloatArray:
-            """Of each corner (m, 3, k): the excess at which each sphere holds it."""
-            away = cdist(pieces.reshape(-1, 3), centers) - depth
-            return np.asarray(away.reshape(-1, 3, len(centers)))
-
-        def whole(pieces: FloatArray) -> BoolArray:
-            return np.asarray(np.ptp(excess_of(pieces).argmin(axis=2), axis=1) == 0)
-
-        pieces = cut(self.triangles, _FINE_STEP * self.voxel, whole)
-        owner = in_chunks(lambda each: excess_of(each).max(axis=1).argmin(axis=1), pieces)
+        pieces, owner = shared_out(self.triangles, centers, depth, _FINE_STEP * self.voxel)
         used = np.unique(owner)  # a sphere that holds the corners of a piece holds the piece
         radius = np.array(
             [cdist(pieces[owner == k].reshape(-1, 3), centers[[k]]).max() for k in used]
@@ -245,7 +235,28 @@ def _counted(count: IntArray) -> tuple[IntArray, FloatArray]:
     return index, turn / np.maximum(count[index] - 1, 1)
 
 
-def in_chunks(told: Callable[[FloatArray], Any], triangles: FloatArray) -> Any:
+def shared_out(
+    triangles: FloatArray, centers: FloatArray, radius: FloatArray, step: float
+) -> tuple[FloatArray, IntArray]:
+    """A surface (f, 3, 3) in pieces (m, 3, 3), and which of k balls each belongs to (m,).
+
+    A piece belongs to the ball that its corners are the least out of. It is cut until all of them
+    are the least out of the same ball, or no side is over ``step`` [m].
+    """
+
+    def beyond(pieces: FloatArray) -> FloatArray:
+        """How far each corner is out of each ball: (m, 3, k)."""
+        away = cdist(pieces.reshape(-1, 3), centers) - radius
+        return np.asarray(away.reshape(-1, 3, len(centers)))
+
+    def whole(pieces: FloatArray) -> BoolArray:
+        return np.asarray(np.ptp(beyond(pieces).argmin(axis=2), axis=1) == 0)
+
+    pieces = cut(triangles, step, whole)
+    return pieces, _in_chunks(lambda each: beyond(each).max(axis=1).argmin(axis=1), pieces)
+
+
+def _in_chunks(told: Callable[[FloatArray], Any], triangles: FloatArray) -> Any:
     """What ``told`` says of each of the triangles (m, 3, 3): (m,). Of all at once, 1 GB is soon
     taken."""
     chunks = np.array_split(triangles, 1 + len(triangles) // _AT_ONCE)
@@ -266,7 +277,7 @@ def cut(
         sides = np.square(turned - triangles).sum(axis=2)
         long = (sides > step * step).any(axis=1)
         if whole is not None:
-            long[long] = ~in_chunks(whole, triangles[long])
+            long[long] = ~_in_chunks(whole, triangles[long])
         done.append(triangles[~long])
         longest = sides[long].argmax(axis=1)
         each = np.flatnonzero(long)

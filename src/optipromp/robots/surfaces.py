@@ -48,21 +48,11 @@ def parts(spheres: FloatArray, triangles: FloatArray) -> FloatArray:
 
     ``spheres`` (k, 4) cover it. The hull of a sphere's points holds its part of the surface.
     """
-    from scipy.spatial.distance import cdist
-
-    from optipromp.robots.fit import cut, in_chunks  # with SciPy's image functions: slow to load
-
-    def beyond(pieces: FloatArray) -> FloatArray:
-        """How far each corner (m, 3) of pieces is out of each sphere: (m, 3, k)."""
-        away = cdist(pieces.reshape(-1, 3), spheres[:, :3]) - spheres[:, 3]
-        return np.asarray(away.reshape(-1, 3, len(spheres)))
-
-    def whole(pieces: FloatArray) -> BoolArray:
-        return np.asarray(np.ptp(beyond(pieces).argmin(axis=2), axis=1) == 0)
+    from optipromp.robots.fit import shared_out  # with SciPy's image functions: slow to load
 
     longest = float(np.ptp(triangles, axis=(0, 1)).max())
-    pieces = cut(triangles, max(PIECE, longest / PIECES), whole)
-    owner = in_chunks(lambda each: beyond(each).max(axis=1).argmin(axis=1), pieces)
+    step = max(PIECE, longest / PIECES)
+    pieces, owner = shared_out(triangles, spheres[:, :3], spheres[:, 3], step)
     out = []
     for index in np.unique(owner):
         points = _farthest(pieces[owner == index].reshape(-1, 3))
