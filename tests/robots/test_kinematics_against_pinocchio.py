@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.robots.library import load_robot, robot_from_file
+from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
 
 pin = pytest.importorskip("pinocchio")
@@ -169,7 +169,7 @@ def generate(rng: np.random.Generator, folder: Path) -> tuple[Path, Values, str]
 @pytest.mark.parametrize("seed", range(4))
 def test_random_trees(seed: int, tmp_path: Path) -> None:
     file, values, flange = generate(np.random.default_rng(seed), tmp_path)
-    robot = robot_from_file(file)
+    robot = load_robot(file)
     assert robot.held_joints == ("branch3", "branch6")
     compare(robot, tmp_path / "random.urdf", flange, values, seed)
 

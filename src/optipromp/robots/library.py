@@ -187,11 +187,6 @@ def _stamps(files: list[Path]) -> Stamps:
     return tuple(out)
 
 
-def robot_from_file(path: Path) -> Robot:
-    """The robot that the YAML robot file at ``path`` describes. Raises InvalidRobotError."""
-    return _from_file(path, NOTHING)[0]
-
-
 def _read(entry: RobotFile, path: Path, choice: Choice) -> UrdfModel:
     """The model of the entry of a robot file at ``path``, the meshes that cover it found."""
     folders = [*choice.package_dirs, *(path.parent / each for each in entry.package_dirs)]
