@@ -1,8 +1,31 @@
-"""What a plan may cost: time, and steps of work."""
+"""What a plan may cost: time, steps of work, and memory."""
 
 import math
+import sys
 import time
 from dataclasses import dataclass, field
+
+from optipromp.errors import InvalidRequestError
+
+LEAST_MEMORY = 800_000_000
+"""[bytes] of address space; with less, LLVM waits without end and hears no signal."""
+
+
+def check_memory() -> None:
+    """Refuse to begin where the process may have too little memory to compile kernels in.
+
+    Raises:
+        InvalidRequestError: the address space is limited below :data:`LEAST_MEMORY`.
+    """
+    if sys.platform != "win32":
+        import resource
+
+        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+        if 0 <= limit < LEAST_MEMORY:
+            raise InvalidRequestError(
+                f"memory is limited to {limit / 1e6:.0f} MB (ulimit -v): "
+                f"must be at least {LEAST_MEMORY / 1e6:.0f}"
+            )
 
 
 @dataclass

@@ -19,10 +19,14 @@ from typing import TYPE_CHECKING, Any
 
 from numba import njit
 
+from optipromp.budget import check_memory
+
 if TYPE_CHECKING:
     IndexDataCacheFile: Any = object
 else:
     from numba.core.caching import IndexDataCacheFile
+
+check_memory()
 
 _CHECKED = 4  # bytes of the checksum
 

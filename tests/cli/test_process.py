@@ -144,3 +144,9 @@ def test_too_little_memory_is_told_and_not_waited_in() -> None:
     done = subprocess.run(["bash", "-c", limited], capture_output=True, text=True, timeout=60)
     assert done.returncode == 2
     assert done.stderr.startswith("error INVALID_REQUEST: memory is limited to 410 MB")
+    planned = "from optipromp import load_scene, plan; plan(load_scene('scenario-3'))"
+    limited = f'ulimit -v 400000; {sys.executable} -c "{planned}"'
+    done = subprocess.run(["bash", "-c", limited], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("optipromp.errors.InvalidRequestError: memory is limited to 410 MB")

@@ -15,6 +15,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from optipromp.budget import check_memory
 from optipromp.cli import (
     catalogue,
     check,
@@ -30,6 +31,7 @@ from optipromp.cli import (
     validate,
     view,
 )
+from optipromp.errors import InvalidRequestError
 
 app = typer.Typer(
     name="optipromp",
@@ -103,28 +105,14 @@ def _ready_streams() -> None:
             stream.reconfigure(errors="replace")
 
 
-LEAST_MEMORY = 800_000_000
-"""[bytes] of address space; with less, LLVM waits without end and hears no signal."""
-
-
-def _check_memory() -> None:
-    """End where ``ulimit -v`` leaves too little."""
-    if sys.platform != "win32":
-        import resource
-
-        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-        if 0 <= limit < LEAST_MEMORY:
-            sys.stderr.write(
-                f"error INVALID_REQUEST: memory is limited to {limit / 1e6:.0f} MB (ulimit -v): "
-                f"must be at least {LEAST_MEMORY / 1e6:.0f}\n"
-            )
-            raise SystemExit(2)
-
-
 def main() -> None:
     """Run the command line and end the process with its exit code."""
     _ready_streams()
-    _check_memory()
+    try:
+        check_memory()
+    except InvalidRequestError as error:
+        sys.stderr.write(f"error {error.code}: {error}\n")
+        raise SystemExit(2) from None
     signal.signal(signal.SIGTERM, _terminate)
     sys.unraisablehook = _send_again
     # most of what a short command makes is what it loads, and that stays: looking through it for
