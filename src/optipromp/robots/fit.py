@@ -17,6 +17,7 @@ its triangles.
 """
 
 from collections.abc import Callable, Collection, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from optipromp.arrays import BoolArray, FloatArray, IntArray
+from optipromp.processes import cores
 
 VOXEL = 0.003  # [m] of the grid, for parts of up to 0.4 m
 TIGHT = 0.008  # [m] of excess at which a cover gets no further sphere
@@ -50,16 +52,16 @@ def fit_covers(
     covers reach at most :data:`TIGHT`, more for those that reach more than ``loose`` of each mesh
     [m].
     """
-    fits = [_Fit(*mesh) for mesh in zip(meshes, loose, strict=True)]
+    with ThreadPoolExecutor(cores()) as pool:
+        fits = list(pool.map(_Fit, meshes, loose))
     while growing := [fit for fit in fits if not fit.done and fit.excess > TIGHT]:
         if sum(len(fit.chosen) for fit in fits) >= round(spheres * len(fits)):
             growing = [fit for fit in growing if fit.excess > fit.loose]
         if not growing:
             break
         max(growing, key=lambda fit: fit.excess).split()
-    for fit in fits:
-        fit.exchange()
-    return [fit.cover() for fit in fits]
+    with ThreadPoolExecutor(cores()) as pool:
+        return list(pool.map(_Fit.finished, fits))
 
 
 def finer(
@@ -111,8 +113,8 @@ class _Fit:
         at = np.floor((surface - self.origin) / self.voxel).astype(np.int64)
         touched[tuple(at.T)] = True
         solid = enclosed(touched)
-        out, into = distance_transform_edt(~solid), distance_transform_edt(solid)
-        self.depth = self.voxel * np.where(solid, into - 1.0, -out)  # at the voxels' middles
+        into = distance_transform_edt(solid)
+        self.depth = self.voxel * (into - 1.0)  # at the voxels' middles; negative outside
         outer = into[tuple(at.T)] < 2.0  # where others can touch it
         inside = np.argwhere(solid)
         depth = self.depth[tuple(inside.T)]
@@ -125,7 +127,8 @@ class _Fit:
         self.few = self.points[_thinned(self.points - self.low, 2.0 * self.voxel, _POINTS)]
         cost = cdist(self.few, self.centers) - self.depth[tuple(inside.T)]
         self.cost = cost.astype(np.float32)
-        self.chosen = [int(self.cost.max(axis=0).argmin())]
+        self.known = dict[bytes, int]()
+        self.chosen = [self._center(np.arange(len(self.few)))]
         self.excess = float(self.cost[:, self.chosen].max())
         self.at = inside
         self.done = False
@@ -152,6 +155,11 @@ class _Fit:
                     (self.excess, self.chosen), self._split(self._settled(rest)[1])
                 )
 
+    def finished(self) -> tuple[FloatArray, float]:
+        """The cover, once every centre was tried elsewhere."""
+        self.exchange()
+        return self.cover()
+
     def _split(self, chosen: list[int]) -> tuple[float, list[int]]:
         cost = self.cost[:, chosen]
         needed, owner = cost.min(axis=1), cost.argmin(axis=1)
@@ -174,8 +182,15 @@ class _Fit:
             if excess >= best[0]:
                 break
             best = (excess, chosen)
-            chosen = [int(self.cost[owner == k].max(axis=0).argmin()) for k in np.unique(owner)]
+            chosen = [self._center(np.flatnonzero(owner == k)) for k in np.unique(owner)]
         return best
+
+    def _center(self, points: IntArray) -> int:
+        """The candidate that covers these of the few points with the least excess."""
+        key = points.tobytes()
+        if key not in self.known:  # most sets of points come again and again
+            self.known[key] = int(self.cost[points].max(axis=0).argmin())
+        return self.known[key]
 
     def cover(self) -> tuple[FloatArray, float]:
         """The cover of all points of the surface, its centres moved by voxels."""

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Collection, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -11,6 +12,7 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
 from optipromp.files import cache_folder, npz, read_bytes, read_npz, write_atomically
+from optipromp.processes import cores
 from optipromp.robots.meshes import mesh_file, triangles
 from optipromp.robots.urdf import UrdfGeometry, UrdfModel
 
@@ -58,8 +60,10 @@ def cover_meshes(
         from optipromp.robots.surfaces import parts
 
         solids = [triangles(model.path, link, shape) for link, shape in first.values()]
-        fitted = zip(fit_covers(solids, PER_MESH, loose), solids, strict=True)
-        covers = [Cover(*cover, parts(cover[0], solid)) for cover, solid in fitted]
+        fitted = fit_covers(solids, PER_MESH, loose)
+        with ThreadPoolExecutor(cores()) as pool:
+            own = pool.map(parts, [spheres for spheres, _ in fitted], solids)
+            covers = [Cover(*cover, part) for cover, part in zip(fitted, own, strict=True)]
         if file is not None:
             arrays = {f"{i}": np.vstack([c.spheres, [c.excess] * 4]) for i, c in enumerate(covers)}
             arrays |= {f"parts {i}": c.parts for i, c in enumerate(covers)}
