@@ -13,7 +13,7 @@ from optipromp.errors import InvalidRobotError
 from optipromp.robots.arm import Arm, choose_arm
 from optipromp.robots.chain import Chain, serial_chain
 from optipromp.robots.dynamics import dynamics
-from optipromp.robots.mesh_covers import Cover
+from optipromp.robots.kept_covers import Cover
 from optipromp.robots.meshes import mesh_files
 from optipromp.robots.mjcf import is_mjcf, read_mjcf
 from optipromp.robots.model import BodySpheres, LeftOut, LinkGeometry, Robot

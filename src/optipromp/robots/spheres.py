@@ -5,17 +5,22 @@ the spheres may reach beyond the shape.
 """
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
 from optipromp.arrays import FloatArray
+from optipromp.processes import cores
 from optipromp.robots.chain import Placement, rotation_of
-from optipromp.robots.mesh_covers import LOOSE, Cover, cover_meshes
-from optipromp.robots.meshes import triangles
+from optipromp.robots.kept_covers import Cover, Covered, cache_file, keep_covers, load_covers
+from optipromp.robots.meshes import mesh_file, triangles
 from optipromp.robots.surfaces import of_box, of_rod, parts
 from optipromp.robots.urdf import UrdfGeometry, UrdfModel
 
+LOOSE = 0.030  # [m] chosen: excess down to which a cover grows
+FIXED = 0.060  # [m] chosen: the same of a link that does not move, but for the arm's base
+PER_MESH = 7.5  # spheres, on average over the meshes of a robot: 60 for eight links
 MOUNTED = 0.005  # [m] chosen: how far from z = 0 a base may end that stands there
 MAX_SPHERES = 40  # per box or cylinder
 _SLACK = 1.0 + 1e-9  # against rounding, so that a point on the surface counts as covered
@@ -92,20 +97,10 @@ def cover_links(
     Raises InvalidRobotError for a mesh that is missing, malformed or degenerate.
     """
     shapes = {link: model.links[link].collisions or model.links[link].visuals for link in links}
-    over_meshes = cover_meshes(
-        model, [(link, one) for link in links for one in shapes[link] if one.kind == "mesh"], fixed
-    )
+    over = _cover_shapes(model, [(link, one) for link in links for one in shapes[link]], fixed)
     covers = {}
     for link, own in shapes.items():
-        bulge = LOOSE if link in fixed else 0.0
-        shown = []
-        for one in own:
-            if one.kind == "mesh":
-                shown.append((over_meshes[one], one))
-            else:
-                spheres, excess = _cover(one, bulge)
-                cover = Cover(spheres, excess, parts(spheres, _surface(model, link, one)))
-                shown.append((cover, one))
+        shown = [(over[link, one], one) for one in own]
         placed = [_placed(cover.spheres, shape) for cover, shape in shown]
         before = np.cumsum([0, *[len(spheres) for spheres in placed]])
         surfaces = [
@@ -118,6 +113,46 @@ def cover_links(
             np.concatenate([np.zeros((0, 4)), *surfaces]),
         )
     return covers
+
+
+def _cover_shapes(
+    model: UrdfModel, shapes: Sequence[tuple[str, UrdfGeometry]], fixed: Collection[str]
+) -> dict[tuple[str, UrdfGeometry], Cover]:
+    """The cover of each shape, given with its link, in the shape's frame: read, or made and kept.
+
+    The spheres of meshes are shared out among all of them, so that they reach about equally far
+    beyond them.
+    """
+    first, key_of = dict[Covered, tuple[str, UrdfGeometry]](), {}
+    for link, shape in shapes:
+        mesh = mesh_file(model.path, link, shape) if shape.kind == "mesh" else None
+        key_of[link, shape] = key = Covered(shape.kind, shape.size, mesh, link in fixed)
+        first.setdefault(key, (link, shape))
+    file = cache_file(list(first)) if first else None
+    covers = None if file is None else load_covers(file, len(first))
+    if covers is None:
+        covers = _made(model, first)
+        if file is not None:
+            keep_covers(file, covers)
+    of_key = dict(zip(first, covers, strict=True))
+    return {told: of_key[key] for told, key in key_of.items()}
+
+
+def _made(model: UrdfModel, shapes: Mapping[Covered, tuple[str, UrdfGeometry]]) -> list[Cover]:
+    from optipromp.robots.fit import fit_covers  # with SciPy's image functions: slow to load
+
+    solids = [_surface(model, *told) for told in shapes.values()]
+    meshes = [i for i, key in enumerate(shapes) if key.mesh is not None]
+    loose = [FIXED if key.fixed else LOOSE for key in shapes if key.mesh is not None]
+    fitted = fit_covers([solids[i] for i in meshes], PER_MESH, loose) if meshes else []
+    of_mesh = dict(zip(meshes, fitted, strict=True))
+    spheres = [
+        of_mesh[i] if i in of_mesh else _cover(shape, LOOSE if key.fixed else 0.0)
+        for i, (key, (_, shape)) in enumerate(shapes.items())
+    ]
+    with ThreadPoolExecutor(cores()) as pool:
+        own = pool.map(parts, [centers for centers, _ in spheres], solids)
+        return [Cover(*cover, part) for cover, part in zip(spheres, own, strict=True)]
 
 
 def finer_cover(model: UrdfModel, link: str, cover: Cover, split: Collection[int]) -> Cover:
