@@ -115,22 +115,18 @@ class Hanging(PushModel):
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
         """See :class:`PushModel`; the parts are those of :class:`optipromp.pushing.harm.Harm`."""
-        chosen = np.append(np.arange(0, len(points) - 1, HANGING.every), len(points) - 1)
         return mean_score(
-            self.stems, self.count, states, points[chosen], axes[chosen],
-            HANGING.every * STEP / HANGING.model_speed, self.cup, self.static, PUSH.harm.hopeless,
-            limit,
+            self.stems, self.count, states, *_steps(points, axes), self.cup, self.static,
+            PUSH.harm.hopeless, limit,
         )  # fmt: skip
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """See :class:`PushModel`."""
-        chosen = np.append(np.arange(0, len(points) - 1, HANGING.every), len(points) - 1)
-        points, axes = points[chosen], axes[chosen]
-        dt = HANGING.every * STEP / HANGING.model_speed
+        led_so = *_steps(points, axes), self.cup, self.static
         states = [self._state(d) for d in range(self.states)]
-        harms = [harm(one, points, axes, dt, self.cup, self.static) for one in states]
+        harms = [harm(one, *led_so) for one in states]
         worst = int(np.argmax([score_of(*found) for found in harms]))
-        _, on_fruit, on_stem, within = led(states[worst], points, axes, dt, self.cup, self.static)
+        _, on_fruit, on_stem, within = led(states[worst], *led_so)
         names = [fruit.id for fruit in self.fruits]
         found = harms[worst]
         if found.missed:
@@ -153,15 +149,11 @@ class Hanging(PushModel):
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`."""
-        chosen = np.append(np.arange(0, len(points) - 1, HANGING.every), len(points) - 1)
-        dt = HANGING.every * STEP / HANGING.model_speed
-        seen = self._state(0)
-        positions, *_ = led(seen, points[chosen], axes[chosen], dt, self.cup, self.static)
+        positions, *_ = led(self._state(0), *_steps(points, axes), self.cup, self.static)
         gone = positions[-1] - np.array([balls_of(fruit).center for fruit in self.fruits])
         before = np.array([fruit.position for fruit in self.fruits])
-        return Moved(
-            tuple(fruit.id for fruit in self.fruits), before + gone, np.zeros(self.count)
-        )  # fmt: skip
+        ids = tuple(fruit.id for fruit in self.fruits)
+        return Moved(ids, before + gone, np.zeros(self.count))
 
     def _state(self, d: int) -> Stems:
         return Stems(*(values[d * self.count : (d + 1) * self.count] for values in self.stems))
@@ -239,6 +231,12 @@ class Hanging(PushModel):
                 # where the goal itself is closer, no path can do better
                 worst = max(worst, min(slack, float(room[-1])) - float(room.min()))
         return min(worst, 0.02) / 0.004
+
+
+def _steps(points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Points and tool axes (T, 3) of a path in the model's steps, and their time [s]."""
+    chosen = np.append(np.arange(0, len(points) - 1, HANGING.every), len(points) - 1)
+    return points[chosen], axes[chosen], HANGING.every * STEP / HANGING.model_speed
 
 
 def _close(obstacles: Obstacles, where: FloatArray, reach: float) -> Obstacles:
