@@ -8,6 +8,7 @@ from tests.scenes.test_placing import six
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
+from optipromp.errors import InvalidSceneError
 from optipromp.experiments import study
 from optipromp.experiments.runs import Row
 from optipromp.scenes import load_scene
@@ -133,6 +134,36 @@ def test_scenes_of_another_robot_and_a_plan_with_it(
     assert json.loads(RUN.invoke(app, wrong).stdout)["status"] == "START_INVALID"
     wrong = ["plan", str(out / "cluster-0.yaml"), "--tip", "l9", "--json"]
     assert "l9" in json.loads(RUN.invoke(app, wrong).stdout)["message"]
+
+
+def test_generate_tells_how_scenes_may_read_a_robot_that_lies_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robots, here = tmp_path / "ro bots", tmp_path / "here"
+    robots.mkdir()
+    here.mkdir()
+    (robots / "six.urdf").write_text(six())
+    monkeypatch.chdir(here)
+    told = [
+        "generate",
+        "--preset",
+        "cluster",
+        "--robot",
+        str(robots / "six.urdf"),
+        "--tip",
+        "tool0",
+    ]
+    told += ["--base", "base", "--out", "scenes"]
+    result = RUN.invoke(app, told)
+    assert result.exit_code == 0, result.output
+    export = result.stdout.splitlines()[-1].partition(": ")[2]
+    assert export == f"export OPTIPROMP_FOLDERS='{robots}'"
+    assert json.loads(RUN.invoke(app, [*told, "--json"]).stdout)["folders"] == [str(robots)]
+    with pytest.raises(InvalidSceneError, match="OPTIPROMP_FOLDERS"):
+        load_scene(here / "scenes" / "cluster-0.yaml")
+    monkeypatch.setenv("OPTIPROMP_FOLDERS", str(robots))
+    assert load_scene(here / "scenes" / "cluster-0.yaml").load_robot().n_joints == 6
+    assert "export" not in RUN.invoke(app, told).stdout
 
 
 @pytest.mark.filterwarnings("ignore:no built-in demonstrations")

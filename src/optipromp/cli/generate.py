@@ -1,5 +1,6 @@
 """``optipromp generate``: random scenes that an arm could solve."""
 
+import shlex
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -9,6 +10,7 @@ import typer
 from optipromp.cli.console import OK, AsJson, Generated, command, print_json, stdout
 from optipromp.cli.robot import Named, names_robot
 from optipromp.errors import InvalidRequestError
+from optipromp.files import FOLDERS, check_folder, check_inside
 
 if TYPE_CHECKING:
     from optipromp.scenes.scene import Scene
@@ -68,7 +70,6 @@ def generate(
     optipromp plan tight/seen --out plans
     optipromp simulate plans/tight-0 --in tight/tight-0.yaml
     """
-    from optipromp.files import check_folder
     from optipromp.scenes.generate import NOISES, PANDA, generate_with_report
     from optipromp.scenes.io import save_scene
     from optipromp.scenes.values import suggest
@@ -76,6 +77,7 @@ def generate(
     if noise and noise not in NOISES:
         raise InvalidRequestError(f"noise is {noise!r}: {suggest(noise, NOISES)}")
     check_folder(out / SEEN if noise else out)
+    unread = _unread(named.name, out)
     documents: list[dict[str, Any]] = []
     reasons: Counter[str] = Counter()
     for number in range(seed, seed + count):
@@ -95,7 +97,7 @@ def generate(
         )
     redraws = reasons.total()
     if as_json:
-        print_json({"preset": preset, "redraws": redraws, "scenes": documents})
+        print_json({"preset": preset, "redraws": redraws, "scenes": documents, "folders": unread})
         return OK
     console = stdout()
     scenes = "scene" if count == 1 else "scenes"
@@ -105,7 +107,24 @@ def generate(
     if noise:
         missed = sum(len(document["missed"]) for document in documents)
         console.print(f"wrote as seen to {out / SEEN}; fruits missed: {missed}", markup=False)
+    for folder in unread:
+        console.print(
+            f"the robot lies elsewhere, where scenes may read nothing unless you allow it: "
+            f"export {FOLDERS}={shlex.quote(folder)}",
+            markup=False, soft_wrap=True,
+        )  # fmt: skip
     return OK
+
+
+def _unread(robot: str | None, out: Path) -> list[str]:
+    """The folder of the robot's file, if scenes in ``out`` may not read there."""
+    if robot is None or not Path(robot).suffix:
+        return []
+    try:
+        check_inside(Path(robot), out, InvalidRequestError)
+    except InvalidRequestError:
+        return [str(Path(robot).resolve().parent)]
+    return []
 
 
 def _seen(scene: "Scene", seed: int, noise: str, out: Path) -> dict[str, Any]:
