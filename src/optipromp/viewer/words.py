@@ -43,10 +43,8 @@ def plan_rows(plan: "Plan") -> list[tuple[str, str]]:
 def _passing(offset: float | None, stem: float | None) -> str:
     if offset is None or not math.isfinite(offset):
         return "not passed"
-    side = ""
-    if stem is not None and abs(stem) > 1e-6:
-        side = ", away from its stem" if offset * stem < 0 else ", on the side of its stem"
-    return f"{1e3 * offset:+.1f} mm{side}"
+    leans = "" if stem is None else f"; its stem leans by {1e3 * stem:+.1f} mm"
+    return f"{1e3 * offset:+.1f} mm along y_g{leans}"
 
 
 def _mm(value: float | None) -> str:
