@@ -20,6 +20,7 @@ SORTING_POSTURES = 20_000  # at which pairs of fitted covers are looked at
 TRYING_POSTURES = 4_000  # the same, to see which spheres are loose
 SHARED, SHARE = 2_000, 0.010  # chosen: configurations, and the share of them that makes one loose
 WRONG = 0.030  # chosen: share of them at which spheres may be short though their parts are apart
+ROUNDS = 4  # chosen
 GAIN = 0.95  # chosen: share of it that halving leaves at most, else it ends; UR10 has 0.65 and 0.9
 MOSTLY = 0.95  # share of them at which links touch, so that a check of them would say nothing
 OFTEN = 30  # times that two spheres overlap there, at least, for their slack to be known
@@ -46,14 +47,15 @@ def with_self_pairs(
     By ``parts`` (c, 4), the surfaces of the links whose covers were fitted (see :class:`Parts`),
     :func:`sorted_out` gives the pairs of such links a slack, or leaves them out. Spheres that are
     loose (:func:`loose_spheres`) are halved by ``finer``, a function of the robot and their indices
-    that gives the robot and the parts, as long as that helps (WRONG, GAIN).
+    that gives the robot and the parts, as long as that helps (WRONG, GAIN), for at most ROUNDS
+    rounds.
     """
     file = _cache_file(robot, allowed, parts) if len(parts) else None
     found = None if file is None else _load(robot, file)
     if found is not None:
         return found
     least = np.inf
-    while len(parts):
+    for _ in range(ROUNDS if len(parts) else 0):
         tried = _sorted(robot, allowed, parts, TRYING_POSTURES)
         wrong, loose = loose_spheres(tried, parts)
         if wrong < WRONG or wrong > GAIN * least or not len(loose):
