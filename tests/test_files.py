@@ -73,9 +73,13 @@ def test_a_folder_below_a_file_is_refused(tmp_path: Path) -> None:
         check_folder(tmp_path / "file")
 
 
-def test_checking_a_folder_leaves_it_empty(tmp_path: Path) -> None:
+def test_checking_a_folder_leaves_nothing(tmp_path: Path) -> None:
     check_folder(tmp_path / "a" / "b")
-    assert not names(tmp_path / "a" / "b")
+    assert not names(tmp_path)
+    (tmp_path / "a").mkdir()
+    check_folder(tmp_path / "a" / "b")
+    assert names(tmp_path) == ["a"]
+    assert not names(tmp_path / "a")
 
 
 def test_json_holds_only_what_json_knows() -> None:

@@ -47,10 +47,28 @@ def read_bytes(path: Path, error: type[OptiPrompError], most: int = LARGEST_ARRA
     return content
 
 
+def is_file(path: Path) -> bool:
+    """Whether a path is a file; not where nobody may look, and not of a name that no file can have.
+
+    ``Path.is_file`` raises there, until Python 3.13.
+    """
+    return os.path.isfile(path)  # noqa: PTH113
+
+
+def is_folder(path: Path) -> bool:
+    """The same of a folder."""
+    return os.path.isdir(path)  # noqa: PTH112
+
+
+def is_there(path: Path) -> bool:
+    """The same of anything, a device or a pipe too."""
+    return os.path.exists(path)  # noqa: PTH110
+
+
 def is_bag(path: Path) -> bool:
     """Whether a path looks like a bag: ``.mcap``, ``.db3``, or a folder with metadata.yaml."""
-    if path.is_dir():
-        return (path / "metadata.yaml").exists()
+    if is_folder(path):
+        return is_there(path / "metadata.yaml")
     return path.suffix.lower() in (".mcap", ".db3")
 
 
@@ -93,7 +111,7 @@ def write_atomically(path: Path, content: bytes) -> None:
     """
     temporary: str | None = None
     try:
-        if path.exists() and not path.is_file():
+        if is_there(path) and not is_file(path):
             raise InvalidRequestError(f"cannot write {path}: it is no file")
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
@@ -132,15 +150,19 @@ def cache_folder() -> Path | None:
 
 
 def check_folder(folder: Path) -> None:
-    """Make ``folder`` if need be and try that files can be written there.
+    """Try that files can be written in ``folder``, which need not be there, and leave nothing.
 
     Raises:
         InvalidRequestError: they cannot; the message names the folder and why.
     """
+    new = [path for path in (folder, *folder.parents) if not is_there(path)]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
+        for path in new:
+            with suppress(OSError):  # another process has written there
+                path.rmdir()
     except ValueError as error:  # a name that no file can have
         raise InvalidRequestError(f"cannot write into {str(folder)!r}: {error}") from None
     except OSError as error:

@@ -16,7 +16,7 @@ from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 from optipromp.arrays import FloatArray
 from optipromp.documents import read_document
 from optipromp.errors import Code, InvalidRequestError, InvalidSceneError, OptiPrompError
-from optipromp.files import json_text, npz, read_npz, write_atomically
+from optipromp.files import is_folder, json_text, npz, read_npz, write_atomically
 from optipromp.judging import Metrics, Overlap, judge
 from optipromp.planning import Plan, Term
 from optipromp.planning.options import Planner, Strategy
@@ -96,8 +96,8 @@ def load_plan(path: Path | str) -> Plan:
         InvalidSceneError: the scene the plan was made for cannot be used.
     """
     path = Path(path)
-    folder = path if path.is_dir() else path.parent
-    file = folder / "plan.json" if path.is_dir() else path
+    folder = path if is_folder(path) else path.parent
+    file = folder / "plan.json" if is_folder(path) else path
     content = read_document(file, InvalidRequestError, "a plan")
     rows = read_npz(folder / "waypoints.npz")
     try:

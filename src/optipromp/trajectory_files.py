@@ -8,7 +8,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError, OptiPrompError
-from optipromp.files import read_npz
+from optipromp.files import is_folder, read_npz
 from optipromp.tables import read_table
 from optipromp.trajectory import Trajectory
 
@@ -64,7 +64,7 @@ def read_trajectory(path: str | Path, joint_names: Sequence[str]) -> Trajectory:
             that are not finite, times that do not grow; the message names them.
     """
     path = Path(path)
-    if path.is_dir():
+    if is_folder(path):
         path = path / "waypoints.npz"
     try:
         if path.suffix.lower() == ".csv":

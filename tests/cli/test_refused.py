@@ -290,6 +290,42 @@ def test_a_folder_goes_on_past_a_scene_that_is_none(folder: Path) -> None:
     assert statuses == ["INVALID_SCENE", "INVALID_SCENE", "success"]
 
 
+LONG = "a" * 5_000  # no file can have this name; looking for it raises
+ARM = ["--robot", "arm.urdf"]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["plan", LONG], ["plan", "s.json", "--demonstrations", LONG], ["plan", "s.json", "--robot",
+        LONG + ".urdf"], ["plan", "s.json", *ARM, "--srdf", LONG],
+        ["plan", "s.json", "--previous", LONG],
+        ["plan", "s.json", *ARM, "--package-dir", LONG], ["plan", "s.json", "--out", LONG],
+        ["simulate", LONG], ["simulate", "s.json", "--in", LONG], ["validate", LONG],
+        ["validate", LONG, "--scene", "s.json"], ["validate", "s.csv", "--scene", LONG],
+        ["check", LONG], ["check", LONG + ".urdf"], ["check", LONG + ".yaml"], ["view", LONG],
+        ["report", LONG, "--out", "r.html"], ["export", LONG, "--gltf", "s.glb"],
+        ["export", "s.json", "--mcap", LONG], ["learn", LONG, "--out", "learnt.npz"],
+        ["generate", "--preset", "cluster", "--robot", LONG + ".urdf", "--out", "g"],
+        ["generate", "--preset", "cluster", "--out", LONG],
+        ["study", "--preset", "cluster", "--seeds", "0:1", "--out", LONG],
+    ],
+    ids=lambda command: " ".join(part[:12] for part in command),
+)  # fmt: skip
+def test_names_that_no_file_can_have(folder: Path, command: list[str]) -> None:
+    from random import Random
+
+    (folder / "s.json").write_text(json.dumps(MINIMAL))
+    (folder / "arm.urdf").write_text(chain(Random(1)))
+    (folder / "cube.obj").write_bytes(obj())
+    before = sorted(path.name for path in folder.iterdir())
+    result = runner.invoke(app, command)
+    assert result.exit_code == 2, result.output
+    assert result.exception is None or isinstance(result.exception, SystemExit)
+    assert LONG[:100] in "".join(result.stderr.split())
+    assert sorted(path.name for path in folder.iterdir()) == before
+
+
 def test_a_device_is_not_replaced(folder: Path) -> None:
     np.savez("demos.npz", positions=MOTION, joint_names=NAMES)
     Path("learnt.npz").symlink_to("/dev/full")

@@ -11,6 +11,7 @@ import typer
 from optipromp.cli.console import OK, AsJson, command, exit_code, print_json, stdout
 from optipromp.cli.robot import Named, names_robot
 from optipromp.errors import Code, InvalidRequestError, InvalidSceneError
+from optipromp.files import is_folder, is_there
 
 if TYPE_CHECKING:
     from optipromp.planning import Plan
@@ -48,9 +49,9 @@ def kind_of(item: str) -> Kind:
     path = Path(item)
     if path.name == "plan.json":
         return Kind.PLAN
-    if path.is_dir():
-        return Kind.PLAN if (path / "plan.json").exists() else Kind.DEMONSTRATIONS
-    if not path.exists():
+    if is_folder(path):
+        return Kind.PLAN if is_there(path / "plan.json") else Kind.DEMONSTRATIONS
+    if not is_there(path):
         names = ", ".join([*scene_names(), *robot_names()])
         raise InvalidRequestError(
             f"no file and nothing built in is called {item}; there is {names}"

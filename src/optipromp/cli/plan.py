@@ -30,6 +30,7 @@ from optipromp.cli.console import (
 )
 from optipromp.cli.robot import Named, names_robot
 from optipromp.errors import Code, InvalidRequestError, OptiPrompError
+from optipromp.files import is_folder, is_there
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -178,7 +179,7 @@ def plan(
         "seed": seed,
         "options": options,
     }
-    if scene not in scene_names() and Path(scene).is_dir():
+    if scene not in scene_names() and is_folder(Path(scene)):
         if previous is not None or targets is not None:
             name = "--previous" if targets is None else "--targets"
             raise InvalidRequestError(f"{name} goes with one scene, not with a folder of them")
@@ -282,7 +283,7 @@ def scene_files(folder: Path) -> list[Path]:
         if kind is not Kind.SCENE:
             sys.stderr.write(f"passed over {path}: a {kind}, not a scene\n")
     if not scenes:
-        hint = "; it holds a plan, for 'simulate'" if (folder / "plan.json").exists() else ""
+        hint = "; it holds a plan, for 'simulate'" if is_there(folder / "plan.json") else ""
         raise InvalidRequestError(f"no scene file ({', '.join(_SUFFIXES)}) in {folder}{hint}")
     return scenes
 

@@ -38,17 +38,17 @@ def report(
     optipromp report reach --out reach.html
     """
     from optipromp.experiments.study import ROWS
-    from optipromp.files import write_atomically
+    from optipromp.files import is_file, is_folder, write_atomically
     from optipromp.reports import plan_report, study_report
 
-    folder = item if item.is_dir() else item.parent
+    folder = item if is_folder(item) else item.parent
     path = out or folder / "report.html"
     if path.suffix.lower() != ".html":
         raise InvalidRequestError(f"--out is {str(path)!r}: its name must end in .html")
     with waiting("writing the report ...") as say:
-        if (folder / "plan.json").is_file():
+        if is_file(folder / "plan.json"):
             content = plan_report(folder)
-        elif (folder / ROWS).is_file():
+        elif is_file(folder / ROWS):
             content = study_report(folder, progress=say)
         else:
             raise InvalidRequestError(

@@ -24,6 +24,7 @@ from optipromp.cli.console import (
 )
 from optipromp.cli.robot import Named, names_robot
 from optipromp.errors import InvalidRequestError, OptiPrompError
+from optipromp.files import is_folder
 
 if TYPE_CHECKING:
     from optipromp.planning import Plan
@@ -126,7 +127,7 @@ def simulate(
 
 def _folder(item: str) -> Path:
     path = Path(item)
-    if path.is_dir():
+    if is_folder(path):
         return path
     return path.parent if path.name == "plan.json" else Path("out")
 

@@ -48,12 +48,13 @@ def validate(
     optipromp validate moveit.mcap --scene my-scene.yaml --out verdict --json
     """
     from optipromp.errors import InvalidRequestError
+    from optipromp.files import is_file
     from optipromp.output import load_plan
     from optipromp.planning import judge
     from optipromp.planning.task import resolve
     from optipromp.scenes.io import load_scene
 
-    if scene is None and not (trajectory / "plan.json").is_file():
+    if scene is None and not is_file(trajectory / "plan.json"):
         raise InvalidRequestError(f"{trajectory} states no scene: add --scene SCENE")
     loaded = load_plan(trajectory).scene if scene is None else load_scene(scene)
     robot = resolve(loaded).robot

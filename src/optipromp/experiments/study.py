@@ -266,6 +266,7 @@ def run_study(
         raise InvalidRequestError(f"workers is {workers}; it must be at least 1")
     _need_simulation()
     check_folder(folder)
+    folder.mkdir(parents=True, exist_ok=True)
     with _locked(folder / LOCK):
         return _run(study, RowFile(folder, study), workers or cores(), progress)
 

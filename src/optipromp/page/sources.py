@@ -7,6 +7,7 @@ from typing import get_args
 from optipromp.errors import InvalidRequestError
 from optipromp.experiments.runs import Row, scenes_of
 from optipromp.experiments.study import ROWS, rows_of, settings_of
+from optipromp.files import is_folder, is_there
 from optipromp.output import load_plan
 from optipromp.page.replay import Replay, load_replay
 from optipromp.planning import Plan, Planner
@@ -40,18 +41,18 @@ def open_source(item: str, beside: str | None = None) -> Source:
     folder = Path(item)
     replays = tuple(
         load_replay(Path(name)) for name in (item, beside)
-        if name is not None and (Path(name) / "rollout.npz").exists()
+        if name is not None and is_there(Path(name) / "rollout.npz")
     )  # fmt: skip
     if beside is not None and len(replays) < 2:
         raise InvalidRequestError(f"{item} and {beside} are not both folders of a rollout")
-    if folder.is_dir() and item not in scene_names():
-        if (folder / ROWS).exists():
+    if is_folder(folder) and item not in scene_names():
+        if is_there(folder / ROWS):
             rows, (_, robot) = tuple(rows_of(folder)), settings_of(folder)
             if not rows or robot is None:
                 why = "has no run yet" if robot else "is of a robot that was read with choices"
                 raise InvalidRequestError(f"{item}: the study {why}")
             return Source(scenes_of(rows[0], robot)[1], None, (), rows, robot)
-        if (folder / "plan.json").exists():
+        if is_there(folder / "plan.json"):
             plan = load_plan(folder)
             return Source(plan.scene, plan, replays)
         if replays:

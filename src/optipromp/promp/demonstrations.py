@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optipromp.arrays import FloatArray, read_only
 from optipromp.errors import InvalidDemonstrationError
-from optipromp.files import npz, read_npz, write_atomically
+from optipromp.files import is_folder, is_there, npz, read_npz, write_atomically
 from optipromp.promp.checks import PHASE_TOLERANCE, UnitsWarning, finite_array, matched, names_for
 from optipromp.tables import read_table
 
@@ -158,9 +158,9 @@ def load_demonstrations(path: str | os.PathLike[str]) -> Demonstrations:
         InvalidDemonstrationError: naming the file, and the row or index where there is one.
     """
     path = Path(path)
-    if path.is_dir():
+    if is_folder(path):
         result = _read_folder(path)
-    elif not path.exists():
+    elif not is_there(path):
         raise InvalidDemonstrationError(f"{path} does not exist")
     elif path.suffix.lower() == ".npz":
         result = _read_npz(path)
@@ -281,7 +281,10 @@ def _read_csv(path: Path) -> Demonstrations:
 
 
 def _read_folder(path: Path) -> Demonstrations:
-    files = sorted(file for file in path.iterdir() if file.suffix.lower() == ".csv")
+    try:
+        files = sorted(file for file in path.iterdir() if file.suffix.lower() == ".csv")
+    except OSError as error:
+        raise InvalidDemonstrationError(f"{path}: cannot be read: {error.strerror}") from None
     if not files:
         raise InvalidDemonstrationError(f"{path} holds no .csv file")
     items: list[Demonstration] = []

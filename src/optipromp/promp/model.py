@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from optipromp.arrays import FloatArray, read_only
 from optipromp.errors import InvalidRequestError, OptiPrompError
-from optipromp.files import npz, read_npz, write_atomically
+from optipromp.files import is_file, npz, read_npz, write_atomically
 from optipromp.promp.basis import Basis
 from optipromp.promp.checks import finite_array, matched, names_for, positive
 from optipromp.promp.gaussian import check_covariance, root
@@ -314,7 +314,7 @@ class ProMP(Shown):
 def is_primitive(path: Path) -> bool:
     """Whether ``path`` is a file that :meth:`ProMP.save` wrote."""
     try:
-        if not path.is_file():  # opening a pipe would wait
+        if not is_file(path):  # opening a pipe would wait
             return False
         with zipfile.ZipFile(path) as archive:
             return {"basis.npy", "mean.npy", "covariance.npy"} <= set(archive.namelist())

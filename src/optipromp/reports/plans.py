@@ -9,6 +9,7 @@ from typing import Any
 
 from optipromp.errors import InvalidRequestError
 from optipromp.experiments.scenarios import CASES, ScenarioRow
+from optipromp.files import is_file, is_folder
 from optipromp.output import load_plan
 from optipromp.planning import Plan
 from optipromp.reports.html import (
@@ -41,7 +42,7 @@ def plan_report(folder: Path | str) -> bytes:
     """
     folder = Path(folder)
     plan = load_plan(folder)
-    folder = folder if folder.is_dir() else folder.parent
+    folder = folder if is_folder(folder) else folder.parent
     written = json.loads((folder / "plan.json").read_text(encoding="utf-8")).get("version", "")
     title = f"{plan.scene.name}: {plan.planner}"
     kind = "good" if plan.success else "bad"
@@ -67,7 +68,7 @@ def plan_report(folder: Path | str) -> bytes:
         made_with(_command(plan), {"plan written by": f"optipromp {written}"}),
     ]
     moving = folder / "run.mp4"
-    if moving.is_file():
+    if is_file(moving):
         shown = film(moving.read_bytes(), "The run in the physics simulation")
         if sum(map(len, parts)) + len(shown) < LARGEST_FILE:
             parts.insert(2, section("Film", shown, screen=True))
@@ -119,7 +120,7 @@ def _contacts(plan: Plan) -> list[str]:
 def _run(folder: Path) -> list[str]:
     """The outcome of the simulated run beside the plan."""
     path = folder / "outcome.json"
-    if not path.is_file():
+    if not is_file(path):
         return []
     try:
         found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))

@@ -10,6 +10,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray, frozen
 from optipromp.errors import InvalidRobotError
+from optipromp.files import is_file
 from optipromp.robots.arm import Arm, choose_arm
 from optipromp.robots.chain import Chain, serial_chain
 from optipromp.robots.dynamics import dynamics
@@ -117,7 +118,7 @@ def load_arm(
             f"no robot '{name_or_path}'; built-in: {names}; "
             "or the path of a .urdf, .xacro, .xml (MJCF) or .yaml file"
         )
-    if not path.is_file():
+    if not is_file(path):
         raise InvalidRobotError(f"{path}: no such file; built-in robots: {names}")
     return _from_file(path, choice)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray
 from optipromp.errors import InvalidRobotError
-from optipromp.files import read_bytes
+from optipromp.files import is_file, read_bytes
 from optipromp.robots.urdf import LENGTH_LIMIT, UrdfGeometry, UrdfModel
 
 SUFFIXES = (".stl", ".obj", ".ply", ".dae", ".off")
@@ -32,7 +32,7 @@ def mesh_file(urdf: Path, link: str, shape: UrdfGeometry) -> Path:
     else:
         candidates = [folder / name.removeprefix("file://")]
     for candidate in candidates:
-        if candidate.is_file():
+        if is_file(candidate):
             return candidate
     where = mesh_name(urdf, link, shape)
     raise InvalidRobotError(f"{where}: no such file, looked for {candidates[0]}")

@@ -20,7 +20,7 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.arrays import rotation as turned
 from optipromp.errors import InvalidRequestError, InvalidRobotError
-from optipromp.files import cache_folder, read_bytes, write_atomically
+from optipromp.files import cache_folder, is_file, read_bytes, write_atomically
 from optipromp.robots.urdf import (
     UrdfGeometry,
     UrdfInertial,
@@ -224,7 +224,7 @@ def _stl(model: Any, mesh: int) -> Path:
     content = bytes(80) + struct.pack("<I", len(faces)) + rows.tobytes()
     folder = cache_folder() or Path(tempfile.gettempdir()) / "optipromp"
     file = folder / "meshes" / f"{hashlib.sha256(content).hexdigest()}.stl"
-    if not file.is_file():
+    if not is_file(file):
         try:
             write_atomically(file, content)
         except InvalidRequestError as error:

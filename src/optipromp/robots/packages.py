@@ -8,6 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from optipromp.errors import InvalidRobotError
+from optipromp.files import is_file, is_folder
 from optipromp.robots.urdf import UrdfGeometry, UrdfModel
 
 PREFIX = "package://"
@@ -27,7 +28,7 @@ def package_folders(name: str, urdf: Path, given: Sequence[Path] = ()) -> list[P
     ament = [Path(part) / "share" for part in _paths("AMENT_PREFIX_PATH")]
     places = [*given, *over, *ament, *_paths("ROS_PACKAGE_PATH")]
     folders = [each for place in places for each in (place, place / name) if each.name == name]
-    return [each for each in dict.fromkeys(folders) if each.is_dir()]
+    return [each for each in dict.fromkeys(folders) if is_folder(each)]
 
 
 def with_meshes_found(
@@ -36,9 +37,12 @@ def with_meshes_found(
     """``model`` with the ``package://`` meshes of ``links`` as files, and those of DAE in metres.
 
     Raises InvalidRobotError for a mesh that covers a link (its collision geometry, or its visual
-    where it has none) and is in none of the folders searched. A link of which only a visual mesh is
-    missing loses its visual geometry.
+    where it has none) and is in none of the folders searched, and for one of ``package_dirs`` that
+    is no folder. A link of which only a visual mesh is missing loses its visual geometry.
     """
+    for each in package_dirs:
+        if not is_folder(each):
+            raise InvalidRobotError(f"{each}: no such folder; packages were to be looked for there")
 
     def found(link: str, shape: UrdfGeometry) -> UrdfGeometry:
         if not shape.mesh.startswith(PREFIX):
@@ -48,7 +52,7 @@ def with_meshes_found(
         folders = package_folders(name, model.path, package_dirs)
         for folder in folders:
             file = (folder / rest).resolve()
-            if file.is_file():
+            if is_file(file):
                 return _in_metres(replace(shape, mesh=str(file)), file)
         seen = f"not in {', '.join(map(str, folders))}" if folders else f"no folder '{name}'"
         raise InvalidRobotError(
@@ -77,7 +81,7 @@ def _in_metres(shape: UrdfGeometry, file: Path) -> UrdfGeometry:
 
     RViz does so too; trimesh leaves the unit out.
     """
-    if file.suffix.lower() != ".dae" or not file.is_file():
+    if file.suffix.lower() != ".dae" or not is_file(file):
         return shape
     with file.open("rb") as content:
         unit = _UNIT.search(content.read(_HEAD))

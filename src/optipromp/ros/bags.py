@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from optipromp.errors import InvalidRequestError, OptiPrompError
+from optipromp.files import is_there
 from optipromp.ros.types import Message, typestore
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def write_bag(path: str | os.PathLike[str], items: Iterable[Recorded]) -> None:
     path, items = Path(path), list(items)
     if not items:
         raise InvalidRequestError(f"no messages for the bag {path}: must be one at least")
-    if path.exists():
+    if is_there(path):
         raise InvalidRequestError(f"{path} exists: a bag must have a path of its own")
     single = path.suffix == ".mcap"
     plugin = StoragePlugin.MCAP if single else StoragePlugin.SQLITE3

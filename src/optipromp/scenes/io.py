@@ -11,7 +11,7 @@ import yaml
 
 from optipromp.documents import read_document
 from optipromp.errors import InvalidRequestError, InvalidSceneError
-from optipromp.files import write_atomically
+from optipromp.files import is_there, write_atomically
 from optipromp.scenes.reading import scene_from_dict
 from optipromp.scenes.scene import Scene
 from optipromp.scenes.values import suggest
@@ -49,7 +49,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
         with resources.as_file(built_in) as path:
             return scene_from_dict(_read(path), source=f"{name}.yaml")
     path = Path(name_or_path)
-    if path.suffix not in _SUFFIXES and not path.exists():
+    if path.suffix not in _SUFFIXES and not is_there(path):
         raise InvalidSceneError(
             f"scene {name!r} is neither a file nor built in: {suggest(name, scene_names())}"
         )
