@@ -34,9 +34,10 @@ Planned = Callable[..., Plan]
         ("duration", 0.0), ("duration", -1.0), ("duration", NAN), ("duration", INF),
         ("timeout", 0.0), ("timeout", -1.0), ("timeout", NAN),
         ("prediction", 1), ("prediction", "no"), ("rule", "longest"),
-        ("approach_speed", 0.0), ("approach_speed", -0.1), ("approach_speed", NAN),
+        ("approach_speed", 0.0), ("approach_speed", -0.1), ("approach_speed", 5e-324),
+        ("approach_speed", NAN),
         ("corridor", -0.01), ("corridor", NAN),
-        ("max_step", 0.0), ("max_step", -0.1), ("max_step", INF),
+        ("max_step", 0.0), ("max_step", -0.1), ("max_step", INF), ("max_step", 5e-324),
         ("smoothness", -1e-9), ("smoothness", INF),
         ("static_clearance", -0.01), ("static_clearance", NAN),
         ("avoid_clearance", -0.01), ("self_clearance", -0.01), ("limit_margin", -0.01),
@@ -48,6 +49,13 @@ def test_refusals_name_the_setting(name: str, value: Any) -> None:
     with pytest.raises(InvalidRequestError, match=rf"^{name} is .*must be") as caught:
         PlanOptions(**{name: value})
     assert caught.value.code is Code.INVALID_REQUEST
+
+
+@pytest.mark.parametrize("setting", ["max_step", "approach_speed"])
+def test_the_least_step_and_speed_end_in_a_plan(setting: str, planned: Planned) -> None:
+    made = planned("scenario-3", waypoints=60, **{setting: 1e-6})
+    assert len(made.trajectory.positions) == 60
+    assert np.isfinite(made.trajectory.positions).all()
 
 
 @pytest.mark.parametrize(

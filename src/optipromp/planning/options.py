@@ -60,6 +60,7 @@ def _check_types(options: "PaperOptions | PlanOptions", prefix: str) -> None:
 
 
 _LARGEST_SETTING = 1e9  # of any setting, in its unit
+_LEAST = 1e-6  # [rad, m or m/s] of a step or a speed: 20,000 such steps are 0.02 rad
 _MOST_WAYPOINTS = 20_000  # the solver keeps 20 KB of each
 _hints = functools.cache(get_type_hints)
 
@@ -207,8 +208,8 @@ class PlanOptions:
         need(self.timeout > 0, "timeout", "positive [s]")
         need(most is None or most > 0, "effort", "a whole number > 0")
         speed = self.approach_speed
-        need(speed is None or speed > 0, "approach_speed", "positive [m/s]")
-        need(self.max_step > 0, "max_step", "positive [rad or m]")
+        need(speed is None or speed >= _LEAST, "approach_speed", f"at least {_LEAST:g} [m/s]")
+        need(self.max_step >= _LEAST, "max_step", f"at least {_LEAST:g} [rad or m]")
         for name in (
             "corridor", "smoothness", "static_clearance", "avoid_clearance", "self_clearance",
             "limit_margin",
