@@ -77,42 +77,35 @@ def generate(
     if noise and noise not in NOISES:
         raise InvalidRequestError(f"noise is {noise!r}: {suggest(noise, NOISES)}")
     check_folder(out / SEEN if noise else out)
-    unread = _unread(named.name, out)
     documents: list[dict[str, Any]] = []
     reasons: Counter[str] = Counter()
     for number in range(seed, seed + count):
         scene, report = generate_with_report(preset, number, named.name or PANDA, named.choice)
-        path = out / f"{scene.name}.yaml"
-        save_scene(scene, path)
+        save_scene(scene, path := out / f"{scene.name}.yaml")
         reasons.update(report.reasons)
-        documents.append(
-            {
-                "file": str(path),
-                "seed": number,
-                "pushables": len(scene.pushables),
-                "redraws": report.redraws,
-                "reasons": report.reasons,
-                **(_seen(scene, number, noise, out) if noise else {}),
-            }
-        )
+        documents.append({
+            "file": str(path), "seed": number, "pushables": len(scene.pushables),
+            "redraws": report.redraws, "reasons": report.reasons,
+            **(_seen(scene, number, noise, out) if noise else {}),
+        })  # fmt: skip
     redraws = reasons.total()
+    unread = _unread(named.name, out)
     if as_json:
-        print_json({"preset": preset, "redraws": redraws, "scenes": documents, "folders": unread})
+        told = {"preset": preset, "redraws": redraws, "scenes": documents, "folders": unread}
+        print_json(told)
         return OK
     console = stdout()
-    scenes = "scene" if count == 1 else "scenes"
-    console.print(f"wrote {count} {scenes} to {out}", markup=False)
+    console.print(f"wrote {count} scene{'s' * (count != 1)} to {out}", markup=False)
     why = "".join(f", {number} {reason}" for reason, number in reasons.most_common())
     console.print(f"sampled again: {redraws}{why}", markup=False)
     if noise:
         missed = sum(len(document["missed"]) for document in documents)
         console.print(f"wrote as seen to {out / SEEN}; fruits missed: {missed}", markup=False)
     for folder in unread:
-        console.print(
-            f"the robot lies elsewhere, where scenes may read nothing unless you allow it: "
-            f"export {FOLDERS}={shlex.quote(folder)}",
-            markup=False, soft_wrap=True,
-        )  # fmt: skip
+        words = (
+            "the robot lies elsewhere, where scenes may read nothing unless you allow it: export "
+        )
+        console.print(f"{words}{FOLDERS}={shlex.quote(folder)}", markup=False, soft_wrap=True)
     return OK
 
 

@@ -30,6 +30,8 @@ from optipromp.judging.kinematics import body_of, carried, centers, segments
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene, SceneObject
 
+CONFIGURATIONS = 4_000  # at once: 10 MB of spheres; a motion may have 200,000
+
 
 @dataclass(frozen=True)
 class Overlap:
@@ -112,28 +114,35 @@ def _other_shapes(
     when: Callable[[float], float | None],
 ) -> list[Overlap]:
     """Contacts with meshes and point clouds; updates ``closest`` and ``core``."""
-    spheres, radius = centers(robot, q), np.array(robot.spheres.radius)
-    distal, contacts = np.array(robot.spheres.distal), []
+    radius, distal = np.array(robot.spheres.radius), np.array(robot.spheres.distal)
     sets = {
         STATIC: np.arange(len(radius)),
         AVOID: np.flatnonzero(~distal),
         AVOID_BY_TOOL: np.flatnonzero(distal),
         PUSHABLE: np.flatnonzero(~distal),
     }
-    for item in items:
-        role = ROLES[item.role]
-        for row in (AVOID, AVOID_BY_TOOL) if role == AVOID else (role,):
-            own = sets[row]
-            if not len(own):
-                continue
+    asked = [
+        (item, row, sets[row])
+        for item in items
+        for row in ((AVOID, AVOID_BY_TOOL) if ROLES[item.role] == AVOID else (ROLES[item.role],))
+        if len(sets[row])
+    ]
+    deepest = dict[int, tuple[float, int, int]]()
+    for start in range(0, len(q), CONFIGURATIONS):
+        spheres = centers(robot, q[start : start + CONFIGURATIONS])
+        for n, (item, row, own) in enumerate(asked):
             d, sphere, at = nearest(item, spheres[:, own], radius[own], closest[row])
             closest[row] = min(closest[row], d)
-            if row != AVOID_BY_TOOL and d < 0.0:
-                link = str(robot.link_names[robot.spheres.link[own[sphere]]])
-                contacts.append(Overlap(link, item.id, item.role, -d, when(at)))
-        if role != PUSHABLE and len(radius):  # the core of such a shape is its surface
-            core[0] = min(core[0], nearest(item, spheres, np.zeros_like(radius), core[0])[0])
-    return contacts
+            if row != AVOID_BY_TOOL and d < deepest.get(n, (0.0,))[0]:
+                deepest[n] = d, int(own[sphere]), start + at
+        for item in items:
+            if ROLES[item.role] != PUSHABLE and len(radius):  # such a core is the surface
+                core[0] = min(core[0], nearest(item, spheres, np.zeros_like(radius), core[0])[0])
+    names = [str(robot.link_names[link]) for link in robot.spheres.link]
+    return [
+        Overlap(names[sphere], asked[n][0].id, asked[n][0].role, -d, when(at))
+        for n, (d, sphere, at) in sorted(deepest.items())
+    ]
 
 
 def pushed_away(
@@ -154,17 +163,23 @@ def pushed_away(
         for k, item in enumerate(scene.objects_at(objects.rows))
         if item.id in met and item.stem is None
     }
-    spheres, radius = centers(robot, q), np.array(robot.spheres.radius)
-    distal = np.array(robot.spheres.distal)
+    if not loose:
+        return list(contacts), []
+    found = {k: np.zeros(3) for k in loose.values()}
+    radius, distal = np.array(robot.spheres.radius), np.array(robot.spheres.distal)
+    for start in range(0, len(q), CONFIGURATIONS):
+        spheres = centers(robot, q[start : start + CONFIGURATIONS])
+        for place, so_far in found.items():
+            enter(objects, place, spheres, radius, distal, so_far)
     kept, notes = [], []
     for contact in contacts:
         k = loose.get(contact.other)
         if k is None:
             kept.append(contact)
             continue
-        depth, sphere = entered_first(objects, k, spheres, radius, distal)
+        _, depth, sphere = found[k]
         if depth > 0.0:
-            link = str(robot.link_names[robot.spheres.link[sphere]])
+            link = str(robot.link_names[robot.spheres.link[int(sphere)]])
             kept.append(replace(contact, link=link, depth=float(depth)))
         else:
             notes.append(
@@ -175,20 +190,19 @@ def pushed_away(
 
 
 @inner
-def entered_first(objects, k, spheres, radius, distal):  # type: ignore[no-untyped-def]
-    """Largest depth [m] of the arm in object ``k`` that no tool has reached before.
+def enter(objects, k, spheres, radius, distal, so_far):  # type: ignore[no-untyped-def]
+    """Lead the arm into object ``k``: how deep is it where no tool was so deep before?
 
     Args:
         objects: see :class:`optipromp.judging.distances.Objects`.
         k: which of them.
         spheres: (M, B, 3) centres, one configuration after the other.
         radius, distal: (B,) of the spheres; the last link and the tool are distal.
-
-    Returns:
-        The depth, 0 where there is none, and the sphere.
+        so_far: (3,) in and out: the largest depth of the tool [m], the largest of the arm where no
+            tool was so deep before [m], and its sphere.
     """
     size, p = objects.size[k], objects.position
-    pushed, depth, deepest = 0.0, 0.0, 0
+    pushed, depth, deepest = so_far[0], so_far[1], so_far[2]
     for m in range(spheres.shape[0]):
         reached = pushed
         for b in range(radius.shape[0]):
@@ -199,9 +213,9 @@ def entered_first(objects, k, spheres, radius, distal):  # type: ignore[no-untyp
             if distal[b]:
                 reached = max(reached, d)
             elif d > max(pushed, depth):
-                depth, deepest = d, b
+                depth, deepest = d, float(b)
         pushed = reached
-    return depth, deepest
+    so_far[0], so_far[1], so_far[2] = pushed, depth, deepest
 
 
 @kernel

@@ -18,7 +18,7 @@ DIRECTIONS = 300  # chosen: the points of a part that are the farthest in one of
 TURNS = 20  # chosen: of a plane between two parts, until they count as touching
 MEETING = 1e-5  # [m] chosen: parts nearer than this count as touching
 _RIDGE = 1e-12  # [m²] so that corners in one plane can be solved for
-_AT_ONCE = 500  # points: what they are multiplied to stays in the processor's cache
+_POINTS_AT_ONCE = 500  # points: what they are multiplied to stays in the processor's cache
 
 
 def of_box(size: FloatArray) -> FloatArray:
@@ -63,7 +63,7 @@ def parts(spheres: FloatArray, triangles: FloatArray) -> FloatArray:
 def _farthest(points: FloatArray) -> FloatArray:
     """Those of ``points`` (m, 3) that are the farthest in one of the directions."""
     ways = _directions()
-    for chunk in (_AT_ONCE, len(points)):  # of the farthest of each chunk the farthest
+    for chunk in (_POINTS_AT_ONCE, len(points)):  # of the farthest of each chunk the farthest
         starts = range(0, len(points), chunk)
         far = [start + (ways @ points[start : start + chunk].T).argmax(axis=1) for start in starts]
         points = points[np.unique(far)]
