@@ -68,7 +68,7 @@ def test_settings_add_up_and_the_last_of_a_key_counts() -> None:
         ("costs=[]", r"--set costs: no such setting"),
         ("paper=3", r"--set paper: no such setting"),
         ("max_step=[", r"--set max_step=\[: cannot read"),
-        ("max_step=-1", r"max_step is -1; it must be positive"),
+        ("max_step=-1", r"max_step is -1; it must be at least 1e-06"),
         ("max_step=fast", r"max_step is fast; it must be of type float"),
         ("paper.epsilon=0", r"paper\.epsilon is 0; it must be positive"),
         ("constraints=all", r"constraints is all; it must be"),
