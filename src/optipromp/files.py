@@ -160,15 +160,16 @@ def check_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
-        for path in new:
-            with suppress(OSError):  # another process has written there
-                path.rmdir()
     except ValueError as error:  # a name that no file can have
         raise InvalidRequestError(f"cannot write into {str(folder)!r}: {error}") from None
     except OSError as error:
         raise InvalidRequestError(
             f"cannot write into {folder}: {error.strerror or error}"
         ) from error
+    finally:
+        for path in new:
+            with suppress(OSError, ValueError):  # not made, or another process has written there
+                path.rmdir()
 
 
 def npz(arrays: Mapping[str, Any], *, compressed: bool = False) -> bytes:

@@ -17,7 +17,6 @@ its triangles.
 """
 
 from collections.abc import Callable, Collection, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from optipromp.arrays import BoolArray, FloatArray, IntArray
-from optipromp.processes import cores
+from optipromp.processes import in_threads
 
 VOXEL = 0.003  # [m] of the grid, for parts of up to 0.4 m
 TIGHT = 0.008  # [m] of excess at which a cover gets no further sphere
@@ -52,16 +51,14 @@ def fit_covers(
     covers reach at most :data:`TIGHT`, more for those that reach more than ``loose`` of each mesh
     [m].
     """
-    with ThreadPoolExecutor(cores()) as pool:
-        fits = list(pool.map(_Fit, meshes, loose))
+    fits = in_threads(_Fit, meshes, loose)
     while growing := [fit for fit in fits if not fit.done and fit.excess > TIGHT]:
         if sum(len(fit.chosen) for fit in fits) >= round(spheres * len(fits)):
             growing = [fit for fit in growing if fit.excess > fit.loose]
         if not growing:
             break
         max(growing, key=lambda fit: fit.excess).split()
-    with ThreadPoolExecutor(cores()) as pool:
-        return list(pool.map(_Fit.finished, fits))
+    return in_threads(_Fit.finished, fits)
 
 
 def finer(

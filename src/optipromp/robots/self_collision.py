@@ -19,16 +19,15 @@ SAMPLED_POSTURES = 200
 SORTING_POSTURES = 20_000  # at which pairs of fitted covers are looked at
 TRYING_POSTURES = 4_000  # the same, to see which spheres are loose
 SHARED, SHARE = 2_000, 0.010  # chosen: configurations, and the share of them that makes one loose
-WRONG = 0.030  # chosen: share of them at which spheres may be short though their parts are apart
+WRONG = 0.030  # chosen: share of them at which the parts of no two short spheres meet
 ROUNDS = 2  # chosen: UR10 needs them
-GAIN = 0.95  # chosen: share of it that halving leaves at most, else it ends; UR10 has 0.65 and 0.9
 MOSTLY = 0.95  # share of them at which links touch, so that a check of them would say nothing
 OFTEN = 30  # times that two spheres overlap there, at least, for their slack to be known
 KEPT = 0.0005  # [m] of slack given away: parts are known at their corners (see DIRECTIONS)
 TAIL = 3.0  # chosen: given away too, in mean gaps of the distances at which parts may meet
 FAR = 0.05  # [m] that covers keep at all of them, so that a check of them is not worth its time
 MOST_LINKS = 3000  # pairs of links: a robot of 78 links; a chain of 3,000 would take hours
-_PAIRS_VERSION = 10  # part of the cache key: raise it when the same robot gets other pairs
+_PAIRS_VERSION = 11  # part of the cache key: raise it when the same robot gets other pairs
 _CHUNK = 1_000_000
 
 Found = tuple[IntArray, FloatArray, tuple[LeftOut, ...]]
@@ -47,20 +46,18 @@ def with_self_pairs(
     By ``parts`` (c, 4), the surfaces of the links whose covers were fitted (see :class:`Parts`),
     :func:`sorted_out` gives the pairs of such links a slack, or leaves them out. Spheres that are
     loose (:func:`loose_spheres`) are halved by ``finer``, a function of the robot and their indices
-    that gives the robot and the parts, as long as that helps (WRONG, GAIN), for at most ROUNDS
-    rounds.
+    that gives the robot and the parts; this goes on for at most ROUNDS rounds.
     """
     file = _cache_file(robot, allowed, parts) if len(parts) else None
     found = None if file is None else _load(robot, file)
     if found is not None:
         return found
-    least = np.inf
     for _ in range(ROUNDS if len(parts) else 0):
         tried = _sorted(robot, allowed, parts, TRYING_POSTURES)
-        wrong, loose = loose_spheres(tried, parts)
-        if wrong < WRONG or wrong > GAIN * least or not len(loose):
+        loose = loose_spheres(tried, parts)
+        if not len(loose):
             break
-        least, (robot, parts) = wrong, finer(robot, loose)
+        robot, parts = finer(robot, loose)
     robot = _sorted(robot, allowed, parts, SORTING_POSTURES)
     if file is not None:
         kept = {f"spheres {key}": value for key, value in robot.spheres._asdict().items()}
@@ -82,10 +79,10 @@ def _sorted(
     )
 
 
-def loose_spheres(robot: Robot, parts: FloatArray) -> tuple[float, IntArray]:
-    """The share of configurations where spheres are short of their slack, but the parts (see
-    :class:`Parts`) of no two of them meet; indices of moving spheres that are short at more than
-    SHARE of all configurations in this way."""
+def loose_spheres(robot: Robot, parts: FloatArray) -> IntArray:
+    """Indices of moving spheres that are short of their slack at more than SHARE of configurations
+    where the parts (see :class:`Parts`) of no two spheres that are short meet; none where there are
+    such spheres at fewer than WRONG of the configurations."""
     surfaces, count = Parts(len(robot.spheres.radius), parts), np.zeros(len(robot.spheres.radius))
     wrong = 0
     for postures in np.array_split(_postures(robot, SHARED), 10):
@@ -96,8 +93,9 @@ def loose_spheres(robot: Robot, parts: FloatArray) -> tuple[float, IntArray]:
         short = np.column_stack([np.repeat(row[apart], 2), pairs[apart].ravel()])
         np.add.at(count, np.unique(short, axis=0)[:, 1], 1.0)
         wrong += len(np.unique(row[apart]))
-    loose = (count > SHARE * SHARED) & surfaces.known & (robot.spheres.segment >= 0)
-    return wrong / SHARED, np.flatnonzero(loose)
+    if wrong < WRONG * SHARED:
+        return np.zeros(0, dtype=np.int64)
+    return np.flatnonzero((count > SHARE * SHARED) & surfaces.known & (robot.spheres.segment >= 0))
 
 
 def _cache_file(

@@ -6,12 +6,11 @@ the spheres may reach beyond the shape.
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
 from optipromp.arrays import FloatArray
-from optipromp.processes import cores
+from optipromp.processes import in_threads
 from optipromp.robots.chain import Placement, rotation_of
 from optipromp.robots.kept_covers import Cover, Covered, cache_file, keep_covers, load_covers
 from optipromp.robots.meshes import mesh_file, triangles
@@ -150,9 +149,8 @@ def _made(model: UrdfModel, shapes: Mapping[Covered, tuple[str, UrdfGeometry]]) 
         of_mesh[i] if i in of_mesh else _cover(shape, LOOSE if key.fixed else 0.0)
         for i, (key, (_, shape)) in enumerate(shapes.items())
     ]
-    with ThreadPoolExecutor(cores()) as pool:
-        own = pool.map(parts, [centers for centers, _ in spheres], solids)
-        return [Cover(*cover, part) for cover, part in zip(spheres, own, strict=True)]
+    own = in_threads(parts, [centers for centers, _ in spheres], solids)
+    return [Cover(*cover, part) for cover, part in zip(spheres, own, strict=True)]
 
 
 def finer_cover(model: UrdfModel, link: str, cover: Cover, split: Collection[int]) -> Cover:
