@@ -167,6 +167,13 @@ def test_no_joint_steps_farther_than_asked() -> None:
     assert np.abs(np.diff(q, axis=0)).max() <= options.max_step * WAYPOINT.share * (1 + 1e-9)
 
 
+def test_a_way_out_has_no_more_waypoints_than_any_motion() -> None:
+    options = PlanOptions(max_step=1e-4, iterations=0)
+    made = plan(from_furniture("under-table", 503), options=options)
+    assert made.first > 0
+    assert len(made.trajectory.positions) <= WAYPOINT.most + WAYPOINT.fewest_reach
+
+
 def test_levers_bound_how_far_a_joint_moves_the_body() -> None:
     task = task_of("box", 0)
     robot, lever = task.robot, tree.levers(task.robot)

@@ -34,7 +34,7 @@ def worst_gap(points: np.ndarray, cover: np.ndarray) -> float:
 @settings(max_examples=25, deadline=None)
 @given(
     radius=st.floats(0.01, 0.2),
-    height=st.floats(0.01, 0.2),
+    height=st.floats(0.01, 3.0),
     length=st.floats(0.0, 0.3),
     share=st.floats(0.05, 1.0),
 )

@@ -64,9 +64,10 @@ def led_round(
         )
     if corners is None:
         return
-    reach = max(int(way_count(corners, options)), WAYPOINT.fewest_reach)
-    if options.waypoints:
-        reach = first
+    reach = first
+    if not options.waypoints:
+        most = WAYPOINT.most - (last - first)
+        reach = max(int(min(way_count(corners, options), most)), WAYPOINT.fewest_reach)
     q = np.vstack([along(corners, reach + 1, stop=False)[:-1], start.followed[first:]])
     rows = np.concatenate(
         [np.linspace(0, first, reach, endpoint=False), np.arange(first, last + 1)]

@@ -22,7 +22,7 @@ from optipromp.arrays import FloatArray, IntArray
 from optipromp.robots.spheres import cover_capsule
 
 NECK_RADIUS = 0.01
-_STEPS = 100  # heights of the dynamic programme
+_STEPS = 100  # heights of the dynamic programme, at least; none is more than a bulge high
 _SLACK = 1.0 + 1e-9
 
 
@@ -62,23 +62,24 @@ def cover_cup(radius: float, inner: float, height: float, length: float) -> Floa
 
 def _stack(radius: float, height: float, bulge: float) -> list[tuple[float, _Band]]:
     """Heights and bands that cover the wall from the rim (z = height) to the base (z = 0)."""
-    step = height / _STEPS
+    steps = max(_STEPS, math.ceil(height / bulge))
+    step = height / steps
     count, ring, size, half = _bands(radius, bulge)
     lowest = np.ceil((size - half - height - bulge - 1e-12) / step)  # minus the steps to the rim
     kept = _undominated(count + 1e-3 * size, lowest, np.ceil(2.0 * half / step - 1e-9))
     count, ring, size, half = count[kept], ring[kept], size[kept], half[kept]
     advance, below_rim, price = 2.0 * half / step, size - half, 1e-3 * size
-    cost, choice = np.zeros(_STEPS + 1), np.zeros(_STEPS + 1, dtype=int)
-    at = np.arange(_STEPS + 1)[:, None]
+    cost, choice = np.zeros(steps + 1), np.zeros(steps + 1, dtype=int)
+    at = np.arange(steps + 1)[:, None]
     after = np.maximum(np.ceil(at - advance + 1e-9), 0).astype(int)
     # a band must be below the rim, and must advance
     fits = (below_rim <= height + bulge - at * step + 1e-12) & (after < at)
     own = np.where(fits, count, np.inf)
-    for i in range(1, _STEPS + 1):
+    for i in range(1, steps + 1):
         total = own[i] + cost.take(after[i]) + price
         choice[i] = total.argmin()
         cost[i] = total[choice[i]]
-    rows, i = [], _STEPS
+    rows, i = [], steps
     while i > 0:
         k, top = choice[i], i * step
         band = _Band(int(count[k]), float(ring[k]), float(size[k]), float(half[k]))
