@@ -119,6 +119,17 @@ def test_other_paths_come_for_who_asks_on() -> None:
     assert np.mean(np.array(counts) > 1) > 0.5
 
 
+@pytest.mark.parametrize("good", [0.03, 0.1, 0.3])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_round_ends_early_only_with_a_path(seed: int, good: float) -> None:
+    """Whoever refuses good paths is not left with rounds in which nothing is tried."""
+    runs = 4
+    model = Bowl(good=good, runs=runs)
+    paths = found(model, seed)
+    whole = runs * len(ROUNDS) - len(paths)
+    assert len(model.asked) >= whole * min(step.candidates for step in ROUNDS)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_the_same_seed_gives_the_same_paths(seed: int) -> None:
     one, other = (found(Bowl(good=0.3), seed) for _ in range(2))

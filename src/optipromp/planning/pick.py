@@ -8,7 +8,7 @@ goal, and the tool on its path.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -67,7 +67,8 @@ def pick(
     best: tuple[Attempt, Prediction | None] | None = None
     least, tries = np.inf, 0
     known = model if options.prediction else None
-    for path, good in tool_paths(task, known, rng, budget, options.rule):
+    paths = tool_paths(task, known, rng, budget, options.rule, lambda good: least <= good)
+    for path, good in paths:
         begin: Iterator[Start] = follow.starts(task, path, promp, options, goals, GOALS)
         if path is task.kept and options.duration is None:
             begin = chain(rest(task), begin)
@@ -121,6 +122,7 @@ def tool_paths(
     rng: np.random.Generator,
     budget: Budget,
     rule: DriftRule = "shortest",
+    serves: Callable[[float], bool] = lambda _: False,
 ) -> Iterator[tuple[ToolPath, float]]:
     """Tool paths to the target, each with the harm that is good; none where nothing is in the way.
 
@@ -132,7 +134,7 @@ def tool_paths(
     if task.entry is not None and not task.neighbours:
         yield straight(task), PUSH.harm.good
     elif model is not None:
-        yield from search(model, task.axes, rng, budget)
+        yield from search(model, task.axes, rng, budget, serves)
     elif task.neighbours:
         for corners in rule_paths(task.scene, task.neighbours, task.robot, task.camera, rule):
             yield through(corners, RULE_SPEED), 0.0

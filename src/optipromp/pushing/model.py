@@ -281,23 +281,31 @@ Judged = tuple[float, FloatArray, ToolPath]
 
 
 def search(
-    model: PushModel, axes: AxesAt, rng: np.random.Generator, budget: Budget | None = None
+    model: PushModel,
+    axes: AxesAt,
+    rng: np.random.Generator,
+    budget: Budget | None = None,
+    serves: Callable[[float], bool] = lambda _: False,
 ) -> Iterator[tuple[ToolPath, float]]:
     """Search tool paths of little harm.
 
     A path is yielded as soon as it is good, otherwise at the end of a run if it is the best so far.
-    After a good path the search goes on for another one.
+    After a good path the search goes on for another good one.
 
     Args:
         model: of the push.
         axes: gives the tool axes (m, 3) at shares (m,) of a path.
         rng: samples the candidates.
         budget: asked after each candidate; when it is spent, no further one is tried.
+        serves: asked after each round, with the harm that counts as good from then on, whether a
+            path that was yielded serves after all.
 
     Yields:
         A path with its harm, and the harm that counts as good at that time.
     """
-    schedule, best, told, good = model.schedule, np.inf, np.inf, model.good
+    schedule, best, good = model.schedule, np.inf, model.good
+    told = np.inf  # harm of the path that was yielded last, if it was not good
+    refused = False  # whether a good one was yielded, and did not serve
     found: ToolPath | None = None
     seen: list[Judged] = []
     tried: set[ToolPath] = set()  # on all states, and no better than the best
@@ -335,10 +343,10 @@ def search(
                     value = judged(x, path, schedule.states, best)
                     if value < best:
                         best, found = value, replace(path, harm=value)
-                if best < good or late():
+                if best < min(good, told) or late():
                     break
             for value, x, path in seen[: schedule.screened]:
-                if best < good or value >= best:
+                if best < min(good, told) or value >= best:
                     break
                 if path in tried:
                     continue
@@ -348,15 +356,17 @@ def search(
                     best, found = value, replace(path, harm=value)
             if found is None:
                 found = replace(seen[0][2], harm=seen[0][0])
-            if (best < good and best < told) or late():
+            if best < min(good, told) or late():
                 yield found, good
                 if late():
                     return
                 seen = [item for item in seen if item[2].points is not found.points]
-                best, told = np.inf, good
+                best, told, refused = np.inf, np.inf, True
                 tried.clear()
-            good *= schedule.lenient
-        if found is not None and best < told:
+            good = min(good * schedule.lenient, model.threshold)
+            if serves(good):
+                return
+        if found is not None and best < (min(good, told) if refused else told):
             told = best
             yield found, good
 
