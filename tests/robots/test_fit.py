@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from optipromp.robots import fit, load_robot
 
@@ -60,6 +62,17 @@ def test_pieces_are_small_and_leave_nothing_out() -> None:
         return float(np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1).sum())
 
     assert area(pieces) == pytest.approx(area(triangles), rel=1e-9)
+
+
+@given(st.floats(0.0, 1.0), st.floats(1e-6, 0.01), st.floats(0.1, 10.0))
+def test_a_thin_triangle_gives_no_more_pieces_than_its_length(
+    foot: float, height: float, length: float
+) -> None:
+    triangle = np.array([[[0.0, 0.0, 0.0], [length, 0.0, 0.0], [foot * length, 0.0, height]]])
+    pieces = fit.cut(triangle, 0.01)
+    assert len(pieces) <= 10.0 * length / 0.01
+    assert pieces.min() >= -1e-12
+    assert (pieces.max(axis=(0, 1)) <= [length + 1e-12, 0.0, height + 1e-12]).all()
 
 
 def test_a_capsule_is_covered_and_the_excess_is_as_stated() -> None:

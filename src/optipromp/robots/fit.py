@@ -39,6 +39,8 @@ _SHARES = (0.6, 0.85)  # of the excess, that the half of a split may have
 _ROUNDS = 12  # of Lloyd's, at most
 _SLACK = 1.0 + 1e-9  # against rounding
 _AT_ONCE = 4_000  # triangles
+_THIN, _ACROSS = 4.0, 2.0  # chosen: longest sides over heights: what is thin, and its parts
+_FOOT = 1e-9  # of a side, that the point below the third corner keeps from its ends
 
 
 def fit_covers(
@@ -280,8 +282,9 @@ def cut(
 ) -> FloatArray:
     """The same surface (c, 3, 3) as triangles (f, 3, 3) with no side over ``step`` [m].
 
-    The longest side is halved until it is short, so that a thin triangle gives few; or until
-    ``whole`` says of triangles that they may stay (m,).
+    The longest side is halved until it is short, or until ``whole`` says of triangles that they may
+    stay (m,). A triangle over :data:`_THIN` times as long as high is cut across instead: its halves
+    are as thin, so there would be the square of as many.
     """
     done = []
     while len(triangles):
@@ -294,9 +297,40 @@ def cut(
         longest = sides[long].argmax(axis=1)
         each = np.flatnonzero(long)
         a, b, c = (triangles[each, (longest + k) % 3] for k in range(3))
-        middle = 0.5 * (a + b)
-        triangles = np.concatenate([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])
+        length = np.sqrt(sides[each, longest])
+        wide = np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(length, 1e-12)
+        parts = length / np.maximum(wide, step)
+        thin, middle = parts > _THIN, 0.5 * (a + b)
+        halves = [np.stack([a, middle, c], 1)[~thin], np.stack([middle, b, c], 1)[~thin]]
+        count = np.ceil(parts[thin] / _ACROSS).astype(np.int64)
+        triangles = np.concatenate([*halves, _across(a[thin], b[thin], c[thin], count)])
     return np.concatenate(done)
+
+
+def _across(a: FloatArray, b: FloatArray, c: FloatArray, count: IntArray) -> FloatArray:
+    """Triangles (m, 3, 3), the side from ``a`` to ``b`` (f, 3) cut in ``count`` (f,) of at least 2.
+
+    Each of its points is joined to the one above it on the other two sides; one is that below c.
+    """
+    along = b - a
+    foot = ((c - a) * along).sum(axis=1) / np.square(along).sum(axis=1)
+    foot = np.clip(foot, _FOOT, 1.0 - _FOOT)
+    below = np.clip(np.rint(foot * count), 1, count - 1).astype(np.int64)
+    own, _ = _counted(count)
+    number = np.arange(len(own)) - (np.cumsum(count) - count)[own]
+
+    def at(number: IntArray) -> tuple[FloatArray, FloatArray]:
+        """The ends of the parts of these numbers (m,), and what is above them (m, 3)."""
+        top = foot[own]
+        share = np.where(number == below[own], top, number / count[own])
+        far = share > top
+        end = np.where(far[:, None], b[own], a[own])
+        up = np.where(far, (1.0 - share) / (1.0 - top), share / top)
+        return a[own] + share[:, None] * along[own], end + up[:, None] * (c[own] - end)
+
+    (one, above_one), (two, above_two) = at(number), at(number + 1)
+    low, high = np.stack([one, two, above_two], 1), np.stack([one, above_two, above_one], 1)
+    return np.concatenate([low[number + 1 < count[own]], high[number > 0]])
 
 
 def enclosed(touched: BoolArray) -> BoolArray:

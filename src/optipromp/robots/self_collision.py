@@ -27,7 +27,7 @@ KEPT = 0.0005  # [m] of slack given away: parts are known at their corners (see 
 TAIL = 3.0  # chosen: given away too, in mean gaps of the distances at which parts may meet
 FAR = 0.05  # [m] that covers keep at all of them, so that a check of them is not worth its time
 MOST_LINKS = 3000  # pairs of links: a robot of 78 links; a chain of 3,000 would take hours
-_PAIRS_VERSION = 11  # part of the cache key: raise it when the same robot gets other pairs
+_PAIRS_VERSION = 12  # part of the cache key: raise it when the same robot gets other pairs
 _CHUNK = 1_000_000
 
 Found = tuple[IntArray, FloatArray, tuple[LeftOut, ...]]
