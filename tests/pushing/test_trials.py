@@ -38,11 +38,11 @@ def test_steps_are_equal_and_meet_the_ends():
 
 def test_a_limit_changes_no_cost_below_it(tried):
     board, *rest = tried
-    told = 0
+    told, hardest = 0, np.random.default_rng(2).uniform(0.0, 50.0, 8)
     for way in ways(board):
-        whole = trials.cost(rest[0], way, *rest[1:], np.inf)
-        assert trials.cost(rest[0], way, *rest[1:], whole * 1.001) == whole
-        less = trials.cost(rest[0], way, *rest[1:], whole * 0.5)
+        whole = trials.cost(rest[0], way, *rest[1:], np.zeros(8), np.inf)
+        assert trials.cost(rest[0], way, *rest[1:], hardest, whole * 1.001) == whole
+        less = trials.cost(rest[0], way, *rest[1:], hardest, whole * 0.5)
         assert less > whole * 0.5
         told += less == np.inf
     assert told > 20  # most are given up before the last trial
@@ -53,7 +53,7 @@ def test_a_jam_costs_more_the_earlier_it_comes(tried):
     side = float(board.walls.box[:, 3].max())  # the outer side of a wall
     early = np.array([[board.entry, 0.0], [board.entry + 0.03, side], [0.0, 0.0]])
     costs = [
-        trials.cost(bench, way, states[:1], slips[:1], np.inf)
+        trials.cost(bench, way, states[:1], slips[:1], np.zeros(1), np.inf)
         for way in (early, np.array([[board.entry, 0.0], [0.0, 0.0]]))
     ]
     assert costs[0] > trials.WORST

@@ -10,6 +10,7 @@ states (successive halving), and samples new candidates near them.
 """
 
 import bisect
+import functools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -314,10 +315,14 @@ def search(
         begun = found is not None or len(seen) > 0
         return begun and budget is not None and budget.spent()
 
+    @functools.cache
+    def axes_at(count: int) -> FloatArray:
+        return axes(np.linspace(0.0, 1.0, count))
+
     def judged(x: FloatArray, path: ToolPath, states: int, limit: float) -> float:
         value = model.aside(x, path)
         if value < limit:
-            along_path = axes(np.linspace(0.0, 1.0, len(path.points)))
+            along_path = axes_at(len(path.points))
             value += model.harm(path.points, along_path, states, limit - value)
         return value
 

@@ -69,7 +69,10 @@ class Standing(PushModel):
         self.names = [obj.id for obj in seen]
         self._seen = np.array([obj.position for obj in seen])
         self.bench = self.board.bench(tool, behind)
+        self._low = np.array([self.board.entry, -STANDING.sideways, -np.inf])
+        self._high = np.array([0.0, STANDING.sideways, np.inf])
         rng = np.random.default_rng(seed)
+        self._hardest = dict[int, FloatArray]()  # by the number of states
         self._places = np.tile(self.board.state, (self.states, 1, 1))
         errors = rng.standard_normal((STANDING.samples, len(self.board.state), 2))
         self._places[1:, :, :2] += self.board.spread[:, None] * errors
@@ -87,14 +90,16 @@ class Standing(PushModel):
     ) -> float:
         """See :class:`PushModel`; the costs are those of :mod:`optipromp.pushing.trials`."""
         flat = self._corners(points)
-        return float(cost(self.bench, flat, self._places[:states], self._slips[:states], limit))
+        hardest = self._hardest.setdefault(states, np.zeros(states))
+        tried = self._places[:states], self._slips[:states]
+        return float(cost(self.bench, flat, *tried, hardest, limit))
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """See :class:`PushModel`."""
         flat = self._corners(points)
         one = [
-            float(cost(self.bench, flat, self._places[n : n + 1], self._slips[n : n + 1], np.inf))
-            for n in range(self.states)
+            float(cost(self.bench, flat, place[None], np.array([slip]), np.zeros(1), np.inf))
+            for place, slip in zip(self._places, self._slips, strict=True)
         ]
         worst = int(np.argmax(one))
         before, bench = self._places[worst], self.bench
@@ -151,8 +156,7 @@ class Standing(PushModel):
         corners[: between + 2, 2] = drop
         corners[0, 0], corners[0, 1] = entry, x[0]
         corners[1 : between + 1, :2] = x[1:].reshape(-1, 2)
-        low, high = (entry, -STANDING.sideways, -np.inf), (0.0, STANDING.sideways, np.inf)
-        corners = np.minimum(np.maximum(corners, low), high)
+        corners = np.minimum(np.maximum(corners, self._low), self._high)
         return through(self.target + corners @ self._upright, STANDING.speed)
 
     def aside(self, x: FloatArray, path: ToolPath) -> float:

@@ -68,17 +68,19 @@ def stepped(corners, step):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def cost(bench, corners, states, slips, limit):  # type: ignore[no-untyped-def]
+def cost(bench, corners, states, slips, hardest, limit):  # type: ignore[no-untyped-def]
     """Mean cost of a path over trials, or infinity where it is sure to exceed ``limit``.
 
     A trial costs where the target moves, an object jams, an object ends between the fingers, the
-    force is large, or a wall or the board's edge is near.
+    force is large, or a wall or the board's edge is near. The trials that cost the most for earlier
+    paths are made first, so that a bad path is soon known for one.
 
     Args:
         bench: what stands there.
         corners: (k, 2) of the path.
         states: (N, B, 3) where objects stand in each trial.
         slips: (N,) coefficients of friction between objects, and with the tool.
+        hardest: (N,) what each trial has cost for the paths so far, in sum; changed in place.
         limit: largest mean cost of interest.
     """
     path = stepped(corners, MODEL_STEP)
@@ -87,30 +89,41 @@ def cost(bench, corners, states, slips, limit):  # type: ignore[no-untyped-def]
         near = max(0.0, WIDE - clear(path, 5, bench.hand, bench.walls, WIDE))
         always += (near / TIGHT) ** 2
     total, trials = 0.0, len(slips)
-    hardest = LIGHT + HEAVY * math.sqrt(WORST)
+    costs = np.full(trials, -1.0)  # of those that were made
+    bearable = LIGHT + HEAVY * math.sqrt(WORST)
     palm, tip, half = bench.mouth
     report = np.zeros(3)
-    for n in range(trials):
+    for _ in range(trials):
         left = (limit - always) * trials - total
         if left < 0.0:
             return math.inf
+        n = -1
+        for k in range(trials):
+            if costs[k] < 0.0 and (n < 0 or hardest[k] > hardest[n]):
+                n = k
         end = states[n].copy()
         pushed(
             path, bench.hand, bench.objects, end, bench.yields, bench.lever2, bench.walls,
-            slips[n], FAR, min(hardest, LIGHT + HEAVY * math.sqrt(left)), report,
+            slips[n], FAR, min(bearable, LIGHT + HEAVY * math.sqrt(left)), report,
         )  # fmt: skip
         force, jam, done = report
         if done < 1.0:
-            total += WORST * (2.0 - done)
-            continue
-        moved_u, moved_v = end[0, 0] - states[n, 0, 0], end[0, 1] - states[n, 0, 1]
-        one = (moved_u * moved_u + moved_v * moved_v) / (MOVED * MOVED)
-        one += (max(0.0, end[0, 0] - 0.4 * tip) / BEYOND) ** 2
-        one += (jam / JAM) ** 2 + (max(0.0, force - LIGHT) / HEAVY) ** 2
-        for b in range(1, len(end)):
-            u, v = end[b, 0], end[b, 1]
-            if palm < u < tip and abs(v) < half:
-                one += TAKEN
-            one += (max(0.0, bench.edge + BEHIND - u) / BACK) ** 2
-        total += min(one, 2.0 * WORST)
+            one = WORST * (2.0 - done)
+        else:
+            moved_u, moved_v = end[0, 0] - states[n, 0, 0], end[0, 1] - states[n, 0, 1]
+            one = (moved_u * moved_u + moved_v * moved_v) / (MOVED * MOVED)
+            one += (max(0.0, end[0, 0] - 0.4 * tip) / BEYOND) ** 2
+            one += (jam / JAM) ** 2 + (max(0.0, force - LIGHT) / HEAVY) ** 2
+            for b in range(1, len(end)):
+                u, v = end[b, 0], end[b, 1]
+                if palm < u < tip and abs(v) < half:
+                    one += TAKEN
+                one += (max(0.0, bench.edge + BEHIND - u) / BACK) ** 2
+            one = min(one, 2.0 * WORST)
+        costs[n] = one
+        hardest[n] += one
+        total += one
+    total = 0.0
+    for n in range(trials):  # in the order of the trials: the sum does not depend on ``hardest``
+        total += costs[n]
     return always + total / trials
