@@ -132,6 +132,8 @@ def test_is_immutable(make_promp: Make) -> None:
         ({"covariance": -np.eye(10)}, "positive semi-definite"),
         ({"covariance": np.diag([1.0] * 9 + [-1e-3])}, "smallest eigenvalue -0.001"),
         ({"covariance": np.full((10, 10), np.nan)}, r"covariance\[0, 0\] is nan"),
+        ({"covariance": np.diag([1.0] * 9 + [1e19])}, r"covariance reaches 1e\+19: at most 1e\+18"),
+        ({"noise": 1e300}, "noise reaches"),
         ({"noise": -1.0}, "noise"),
         ({"noise": np.ones(3)}, "noise"),
         ({"joint_names": ("a",)}, "joint_names"),

@@ -233,6 +233,7 @@ def conditioned(
     wanted = np.concatenate([start, goal, np.zeros(2 * n), np.zeros(6 * stations)])
     noise = np.full(len(rows), FOLLOW.station_deviation**2)
     noise[:ends] = 1e-10
+    rounding = len(rows) * np.finfo(np.float64).eps
     q = np.array(near[:-1])
     for _ in range(FOLLOW.linearisations):
         point, pointing, jp, ja = robot.tool_map(q)
@@ -245,7 +246,7 @@ def conditioned(
         wanted[ends:] = (off + np.einsum("sij,sj->si", jacobian, q)).ravel()
         spread = rows @ joint
         total = spread @ rows.T
-        total.flat[:: len(total) + 1] += noise
+        total.flat[:: len(total) + 1] += np.maximum(noise, rounding * total.diagonal())
         force = np.linalg.solve(total, wanted - rows @ mean)
         there = (mean + spread.T @ force)[ends:].reshape(stations, n)
         step = np.clip(there - q, -FOLLOW.posture_step, FOLLOW.posture_step)

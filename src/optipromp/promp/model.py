@@ -72,6 +72,11 @@ class ProMP(Shown):
         noise = finite_array(self.noise, "noise")
         if noise.shape not in ((), (n,)) or (noise < 0.0).any():
             raise InvalidRequestError(f"noise: expected {n} variances >= 0, got {noise.tolist()}")
+        for name, variances in (("covariance", covariance), ("noise", noise)):
+            if variances.max() > LARGEST_WEIGHT**2:
+                raise InvalidRequestError(
+                    f"{name} reaches {variances.max():g}: at most {LARGEST_WEIGHT**2:g}"
+                )
         object.__setattr__(self, "mean", read_only(mean))
         object.__setattr__(self, "covariance", read_only(covariance))
         object.__setattr__(self, "noise", read_only(np.broadcast_to(noise, (n,)).copy()))
