@@ -174,6 +174,23 @@ def test_each_round_without_a_good_path_is_easier_to_please() -> None:
     assert len(found(Bowl(good=0.001, runs=3))) <= 3
 
 
+def test_no_harm_above_the_threshold_is_good() -> None:
+    goods = [good for _, good in found(Bowl(good=0.9, threshold=1.0, runs=3))]
+    assert max(goods) == 1.0
+
+
+def test_the_search_ends_when_what_is_held_serves() -> None:
+    """After the first path, as soon as a harm of 0.002 is good."""
+    model = Bowl(good=0.001)
+    paths = search(
+        model, partial(turning, UP, None), np.random.default_rng(0), None, lambda good: good > 0.002
+    )
+    assert list(paths) == []  # no path of so little harm was found before
+    rounds = int(np.ceil(np.log(2.0) / np.log(1.1)))
+    assert rounds < len(ROUNDS)
+    assert len(model.asked) < sum(step.candidates + 3 for step in ROUNDS[:rounds]) + 5
+
+
 def test_the_search_ends() -> None:
     """It judges no more than the schedule says: each candidate on few states, the best on all."""
     model = Bowl(good=1e-9, runs=2)
