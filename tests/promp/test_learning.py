@@ -153,6 +153,17 @@ def test_inputs_are_unchanged() -> None:
     np.testing.assert_array_equal(y, before)
 
 
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("value", [-756_802.0, 1e6])
+@pytest.mark.parametrize("size", [3, 30])
+def test_em_takes_a_number_that_lost_its_point(size: int, value: float) -> None:
+    y = np.sin(np.arange(7 * size)).reshape(1, size, 7)
+    y[0, 0, 3] = value
+    promp = fit_em(y, Basis(5))
+    assert np.isfinite(promp.mean).all()
+    assert np.linalg.eigvalsh(promp.covariance).min() >= -1e-10 * promp.covariance.max()
+
+
 @pytest.mark.parametrize("learn", [fit, fit_em])
 def test_refuses(learn: object) -> None:
     assert callable(learn)

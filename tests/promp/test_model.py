@@ -101,6 +101,17 @@ def test_log_likelihood_prefers_its_own(make_promp: Make) -> None:
     assert promp.log_likelihood(own) > promp.log_likelihood(own + 1.0)
 
 
+def test_the_mean_of_vaguer_weights_is_less_likely(make_promp: Make) -> None:
+    """Each weight that the samples tell is worth half the logarithm of its variance."""
+    promp = make_promp(6)
+    likely = []
+    for variance in (1e6, 1e12, 1e18):
+        vague = promp.with_weights(promp.mean, variance * np.eye(promp.n_weights))
+        likely.append(vague.log_likelihood(promp.mean_trajectory(50)))
+    lost = 0.5 * promp.n_weights * np.log(1e6)
+    np.testing.assert_allclose(np.diff(likely), -lost, rtol=1e-3)
+
+
 def test_log_likelihood_refuses(make_promp: Make) -> None:
     promp = make_promp(6)
     certain = ProMP(promp.basis, promp.mean, promp.covariance)

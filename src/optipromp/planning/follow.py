@@ -21,6 +21,7 @@ from optipromp.arrays import FloatArray, frozen
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.parameters import FOLLOW, WAYPOINT
 from optipromp.planning.task import Task
+from optipromp.promp.gaussian import add_noise
 from optipromp.promp.model import ProMP
 from optipromp.pushing.path import ToolPath
 from optipromp.robots import ik
@@ -233,7 +234,6 @@ def conditioned(
     wanted = np.concatenate([start, goal, np.zeros(2 * n), np.zeros(6 * stations)])
     noise = np.full(len(rows), FOLLOW.station_deviation**2)
     noise[:ends] = 1e-10
-    rounding = len(rows) * np.finfo(np.float64).eps
     q = np.array(near[:-1])
     for _ in range(FOLLOW.linearisations):
         point, pointing, jp, ja = robot.tool_map(q)
@@ -246,7 +246,7 @@ def conditioned(
         wanted[ends:] = (off + np.einsum("sij,sj->si", jacobian, q)).ravel()
         spread = rows @ joint
         total = spread @ rows.T
-        total.flat[:: len(total) + 1] += np.maximum(noise, rounding * total.diagonal())
+        add_noise(total, noise)
         force = np.linalg.solve(total, wanted - rows @ mean)
         there = (mean + spread.T @ force)[ends:].reshape(stations, n)
         step = np.clip(there - q, -FOLLOW.posture_step, FOLLOW.posture_step)

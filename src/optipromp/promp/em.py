@@ -9,7 +9,7 @@ from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
 from optipromp.promp.basis import Basis
 from optipromp.promp.checks import ConvergenceWarning, regularised
-from optipromp.promp.gaussian import root
+from optipromp.promp.gaussian import add_noise, root
 from optipromp.promp.learning import (
     NOISE_FLOOR,
     DemonstrationsLike,
@@ -168,7 +168,7 @@ def _expectation(
     gram = data.gram[data.first]
     weighted = gram[:, None] @ (blocks / noise[:, None, None])
     matrix = factor.T @ weighted.reshape(len(gram), n * count, -1)
-    matrix += np.eye(n * count)
+    add_noise(matrix, 1.0)
     covariances = factor @ np.linalg.solve(matrix, factor.T)
     covariances = 0.5 * (covariances + covariances.transpose(0, 2, 1))
     gap = data.moment - data.gram @ mean.reshape(n, count).T

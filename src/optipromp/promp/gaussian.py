@@ -54,6 +54,17 @@ def root(covariance: FloatArray) -> FloatArray:
     return factor
 
 
+def add_noise(matrix: FloatArray, noise: ArrayLike) -> None:
+    """Add variances to the diagonals of positive semi-definite matrices (..., d, d), in place.
+
+    Where a diagonal is so large that they would be lost, as much as rounding makes of it is added:
+    the result can always be inverted.
+    """
+    diagonal = np.einsum("...ii->...i", matrix)  # a view
+    rounding = 10.0 * diagonal.shape[-1] * np.finfo(np.float64).eps
+    diagonal += np.maximum(noise, rounding * diagonal)
+
+
 @dataclass(frozen=True)
 class Inverse:
     """A symmetric positive semi-definite S (p, p), ready for S⁺ b.

@@ -16,7 +16,7 @@ from optipromp.errors import InvalidRequestError, OptiPrompError
 from optipromp.files import is_file, npz, read_npz, write_atomically
 from optipromp.promp.basis import Basis
 from optipromp.promp.checks import finite_array, matched, names_for, positive
-from optipromp.promp.gaussian import check_covariance, root
+from optipromp.promp.gaussian import add_noise, check_covariance, root
 from optipromp.shown import Shown
 
 PROMP_FORMAT = 1
@@ -226,7 +226,7 @@ class ProMP(Shown):
         factor = self._root.reshape(n, count, -1)
         weighted = (gram @ factor) / self.noise[:, None, None]
         matrix = np.tensordot(factor, weighted, axes=([0, 1], [0, 1]))
-        matrix.flat[:: self.n_weights + 1] += 1.0
+        add_noise(matrix, 1.0)
         force = ((gap / self.noise).T @ values).reshape(-1) @ self._root
         lower = np.linalg.cholesky(matrix)
         whitened = np.linalg.solve(matrix, force)
