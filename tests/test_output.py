@@ -130,7 +130,9 @@ def test_damage_is_named(result: Plan, tmp_path: Path, damage: str) -> None:
         load_plan(tmp_path)
 
 
-@pytest.mark.parametrize("damage", ["scaled", "columns", "metrics", "status", "first", "harm"])
+@pytest.mark.parametrize(
+    "damage", ["scaled", "columns", "metrics", "status", "message", "first", "harm"]
+)
 def test_what_a_file_says_is_not_believed(result: Plan, tmp_path: Path, damage: str) -> None:
     write_plan(result, tmp_path)
     path, rows = tmp_path / "plan.json", tmp_path / "waypoints.npz"
@@ -147,6 +149,8 @@ def test_what_a_file_says_is_not_believed(result: Plan, tmp_path: Path, damage: 
             document["metrics"]["goal_error"] = "x"
         case "status":
             document["status"] = "splendid"
+        case "message":
+            document["message"] = ""
         case "first":
             document["first"] = 10**9
         case "harm":

@@ -73,7 +73,7 @@ class _PlanFile(BaseModel):
     strategy: Strategy | None
     seed: Annotated[int, Field(ge=0)]
     status: Code
-    message: str
+    message: Annotated[str, Field(min_length=1)]
     metrics: Metrics
     terms: dict[str, Term]
     stages: tuple[Stage, ...]
