@@ -282,12 +282,9 @@ Judged = tuple[float, FloatArray, ToolPath]
 
 
 def search(
-    model: PushModel,
-    axes: AxesAt,
-    rng: np.random.Generator,
-    budget: Budget | None = None,
+    model: PushModel, axes: AxesAt, rng: np.random.Generator, budget: Budget | None = None,
     serves: Callable[[float], bool] = lambda _: False,
-) -> Iterator[tuple[ToolPath, float]]:
+) -> Iterator[tuple[ToolPath, float]]:  # fmt: skip
     """Search tool paths of little harm.
 
     A path is yielded as soon as it is good, otherwise at the end of a run if it is the best so far.
@@ -310,21 +307,11 @@ def search(
     found: ToolPath | None = None
     seen: list[Judged] = []
     tried: set[ToolPath] = set()  # on all states, and no better than the best
+    judged = _judging(model, axes)
 
     def late() -> bool:
         begun = found is not None or len(seen) > 0
         return begun and budget is not None and budget.spent()
-
-    @functools.cache
-    def axes_at(count: int) -> FloatArray:
-        return axes(np.linspace(0.0, 1.0, count))
-
-    def judged(x: FloatArray, path: ToolPath, states: int, limit: float) -> float:
-        value = model.aside(x, path)
-        if value < limit:
-            along_path = axes_at(len(path.points))
-            value += model.harm(path.points, along_path, states, limit - value)
-        return value
 
     for run in range(schedule.runs):
         mean, spread = model.spread(run)
@@ -374,6 +361,22 @@ def search(
         if found is not None and best < (min(good, told) if refused else told):
             told = best
             yield found, good
+
+
+def _judging(model: PushModel, axes: AxesAt) -> Callable[[FloatArray, ToolPath, int, float], float]:
+    """A function of a candidate's numbers, its path, a number of states and a limit: its harm."""
+
+    @functools.cache
+    def axes_at(count: int) -> FloatArray:
+        return axes(np.linspace(0.0, 1.0, count))
+
+    def judged(x: FloatArray, path: ToolPath, states: int, limit: float) -> float:
+        value = model.aside(x, path)
+        if value < limit:
+            value += model.harm(path.points, axes_at(len(path.points)), states, limit - value)
+        return value
+
+    return judged
 
 
 def _candidates(

@@ -39,7 +39,7 @@ _SHARES = (0.6, 0.85)  # of the excess, that the half of a split may have
 _ROUNDS = 12  # of Lloyd's, at most
 _SLACK = 1.0 + 1e-9  # against rounding
 _AT_ONCE = 4_000  # triangles
-_THIN, _ACROSS = 4.0, 2.0  # chosen: longest sides over heights: what is thin, and its parts
+_SLENDER, _SLICE = 4.0, 2.0  # chosen: longest sides over heights: what is thin, and its slices
 _FOOT = 1e-9  # of a side, that the point below the third corner keeps from its ends
 
 
@@ -283,8 +283,8 @@ def cut(
     """The same surface (c, 3, 3) as triangles (f, 3, 3) with no side over ``step`` [m].
 
     The longest side is halved until it is short, or until ``whole`` says of triangles that they may
-    stay (m,). A triangle over :data:`_THIN` times as long as high is cut across instead: its halves
-    are as thin, so there would be the square of as many.
+    stay (m,). A triangle over :data:`_SLENDER` times as long as high is cut across instead: its
+    halves are as thin, so there would be the square of as many.
     """
     done = []
     while len(triangles):
@@ -300,9 +300,9 @@ def cut(
         length = np.sqrt(sides[each, longest])
         wide = np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(length, 1e-12)
         parts = length / np.maximum(wide, step)
-        thin, middle = parts > _THIN, 0.5 * (a + b)
+        thin, middle = parts > _SLENDER, 0.5 * (a + b)
         halves = [np.stack([a, middle, c], 1)[~thin], np.stack([middle, b, c], 1)[~thin]]
-        count = np.ceil(parts[thin] / _ACROSS).astype(np.int64)
+        count = np.ceil(parts[thin] / _SLICE).astype(np.int64)
         triangles = np.concatenate([*halves, _across(a[thin], b[thin], c[thin], count)])
     return np.concatenate(done)
 
