@@ -38,11 +38,11 @@ def test_steps_are_equal_and_meet_the_ends():
 
 def test_a_limit_changes_no_cost_below_it(tried):
     board, *rest = tried
-    told, hardest = 0, np.random.default_rng(2).uniform(0.0, 50.0, 8)
+    told, so_far = 0, np.random.default_rng(2).uniform(0.0, 50.0, 8)
     for way in ways(board):
         whole = trials.cost(rest[0], way, *rest[1:], np.zeros(8), np.inf)
-        assert trials.cost(rest[0], way, *rest[1:], hardest, whole * 1.001) == whole
-        less = trials.cost(rest[0], way, *rest[1:], hardest, whole * 0.5)
+        assert trials.cost(rest[0], way, *rest[1:], so_far, whole * 1.001) == whole
+        less = trials.cost(rest[0], way, *rest[1:], so_far, whole * 0.5)
         assert less > whole * 0.5
         told += less == np.inf
     assert told > 20  # most are given up before the last trial

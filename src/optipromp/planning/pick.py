@@ -121,8 +121,8 @@ def tool_paths(
     model: PushModel | None,
     rng: np.random.Generator,
     budget: Budget,
-    rule: DriftRule = "shortest",
-    serves: Callable[[float], bool] = lambda _: False,
+    rule: DriftRule,
+    serves: Callable[[float], bool],
 ) -> Iterator[tuple[ToolPath, float]]:
     """Tool paths to the target, each with the harm that is good; none where nothing is in the way.
 

@@ -64,19 +64,18 @@ class ProMP(Shown):
                 f"mean: expected shape (n, {count}) or (n * {count},), got {mean.shape}"
             )
         n = mean.shape[0]
-        if np.abs(mean).max() > LARGEST_WEIGHT:
-            raise InvalidRequestError(
-                f"mean reaches {np.abs(mean).max():g}: at most {LARGEST_WEIGHT:g}"
-            )
         covariance = check_covariance(self.covariance, n * count, "covariance")
         noise = finite_array(self.noise, "noise")
         if noise.shape not in ((), (n,)) or (noise < 0.0).any():
             raise InvalidRequestError(f"noise: expected {n} variances >= 0, got {noise.tolist()}")
-        for name, variances in (("covariance", covariance), ("noise", noise)):
-            if variances.max() > LARGEST_WEIGHT**2:
-                raise InvalidRequestError(
-                    f"{name} reaches {variances.max():g}: at most {LARGEST_WEIGHT**2:g}"
-                )
+        for name, values, power in (
+            ("mean", mean, 1),
+            ("covariance", covariance, 2),
+            ("noise", noise, 2),
+        ):
+            largest, most = np.abs(values).max(), LARGEST_WEIGHT**power
+            if largest > most:
+                raise InvalidRequestError(f"{name} reaches {largest:g}: at most {most:g}")
         object.__setattr__(self, "mean", read_only(mean))
         object.__setattr__(self, "covariance", read_only(covariance))
         object.__setattr__(self, "noise", read_only(np.broadcast_to(noise, (n,)).copy()))

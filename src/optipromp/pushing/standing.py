@@ -72,7 +72,7 @@ class Standing(PushModel):
         self._low = np.array([self.board.entry, -STANDING.sideways, -np.inf])
         self._high = np.array([0.0, STANDING.sideways, np.inf])
         rng = np.random.default_rng(seed)
-        self._hardest = dict[int, FloatArray]()  # by the number of states
+        self._so_far = dict[int, FloatArray]()  # cost of each trial, by the number of states
         self._places = np.tile(self.board.state, (self.states, 1, 1))
         errors = rng.standard_normal((STANDING.samples, len(self.board.state), 2))
         self._places[1:, :, :2] += self.board.spread[:, None] * errors
@@ -90,9 +90,9 @@ class Standing(PushModel):
     ) -> float:
         """See :class:`PushModel`; the costs are those of :mod:`optipromp.pushing.trials`."""
         flat = self._corners(points)
-        hardest = self._hardest.setdefault(states, np.zeros(states))
+        so_far = self._so_far.setdefault(states, np.zeros(states))
         tried = self._places[:states], self._slips[:states]
-        return float(cost(self.bench, flat, *tried, hardest, limit))
+        return float(cost(self.bench, flat, *tried, so_far, limit))
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """See :class:`PushModel`."""

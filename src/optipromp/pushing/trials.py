@@ -68,7 +68,7 @@ def stepped(corners, step):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def cost(bench, corners, states, slips, hardest, limit):  # type: ignore[no-untyped-def]
+def cost(bench, corners, states, slips, so_far, limit):  # type: ignore[no-untyped-def]
     """Mean cost of a path over trials, or infinity where it is sure to exceed ``limit``.
 
     A trial costs where the target moves, an object jams, an object ends between the fingers, the
@@ -80,7 +80,7 @@ def cost(bench, corners, states, slips, hardest, limit):  # type: ignore[no-unty
         corners: (k, 2) of the path.
         states: (N, B, 3) where objects stand in each trial.
         slips: (N,) coefficients of friction between objects, and with the tool.
-        hardest: (N,) what each trial has cost for the paths so far, in sum; changed in place.
+        so_far: (N,) what each trial has cost for the paths so far, in sum; changed in place.
         limit: largest mean cost of interest.
     """
     path = stepped(corners, MODEL_STEP)
@@ -90,7 +90,7 @@ def cost(bench, corners, states, slips, hardest, limit):  # type: ignore[no-unty
         always += (near / TIGHT) ** 2
     total, trials = 0.0, len(slips)
     costs = np.full(trials, -1.0)  # of those that were made
-    bearable = LIGHT + HEAVY * math.sqrt(WORST)
+    hardest = LIGHT + HEAVY * math.sqrt(WORST)
     palm, tip, half = bench.mouth
     report = np.zeros(3)
     for _ in range(trials):
@@ -99,12 +99,12 @@ def cost(bench, corners, states, slips, hardest, limit):  # type: ignore[no-unty
             return math.inf
         n = -1
         for k in range(trials):
-            if costs[k] < 0.0 and (n < 0 or hardest[k] > hardest[n]):
+            if costs[k] < 0.0 and (n < 0 or so_far[k] > so_far[n]):
                 n = k
         end = states[n].copy()
         pushed(
             path, bench.hand, bench.objects, end, bench.yields, bench.lever2, bench.walls,
-            slips[n], FAR, min(bearable, LIGHT + HEAVY * math.sqrt(left)), report,
+            slips[n], FAR, min(hardest, LIGHT + HEAVY * math.sqrt(left)), report,
         )  # fmt: skip
         force, jam, done = report
         if done < 1.0:
@@ -121,9 +121,9 @@ def cost(bench, corners, states, slips, hardest, limit):  # type: ignore[no-unty
                 one += (max(0.0, bench.edge + BEHIND - u) / BACK) ** 2
             one = min(one, 2.0 * WORST)
         costs[n] = one
-        hardest[n] += one
+        so_far[n] += one
         total += one
     total = 0.0
-    for n in range(trials):  # in the order of the trials: the sum does not depend on ``hardest``
+    for n in range(trials):  # in the order of the trials: the sum does not depend on ``so_far``
         total += costs[n]
     return always + total / trials

@@ -316,21 +316,17 @@ def _across(a: FloatArray, b: FloatArray, c: FloatArray, count: IntArray) -> Flo
     foot = ((c - a) * along).sum(axis=1) / np.square(along).sum(axis=1)
     foot = np.clip(foot, _FOOT, 1.0 - _FOOT)
     below = np.clip(np.rint(foot * count), 1, count - 1).astype(np.int64)
-    own, _ = _counted(count)
-    number = np.arange(len(own)) - (np.cumsum(count) - count)[own]
-
-    def at(number: IntArray) -> tuple[FloatArray, FloatArray]:
-        """The ends of the parts of these numbers (m,), and what is above them (m, 3)."""
-        top = foot[own]
-        share = np.where(number == below[own], top, number / count[own])
-        far = share > top
-        end = np.where(far[:, None], b[own], a[own])
-        up = np.where(far, (1.0 - share) / (1.0 - top), share / top)
-        return a[own] + share[:, None] * along[own], end + up[:, None] * (c[own] - end)
-
-    (one, above_one), (two, above_two) = at(number), at(number + 1)
-    low, high = np.stack([one, two, above_two], 1), np.stack([one, above_two, above_one], 1)
-    return np.concatenate([low[number + 1 < count[own]], high[number > 0]])
+    own, share = _counted(count + 1)
+    share[np.cumsum(count + 1) - (count + 1) + below] = foot
+    far = share > foot[own]
+    end = np.where(far[:, None], b[own], a[own])
+    up = np.where(far, (1.0 - share) / (1.0 - foot[own]), share / foot[own])
+    low, high = a[own] + share[:, None] * along[own], end + up[:, None] * (c[own] - end)
+    one = np.flatnonzero(share < 1.0)  # every point of a side but its last, and the next one
+    two = one + 1
+    lower = np.stack([low[one], low[two], high[two]], 1)
+    upper = np.stack([low[one], high[two], high[one]], 1)
+    return np.concatenate([lower[share[two] < 1.0], upper[share[one] > 0.0]])
 
 
 def enclosed(touched: BoolArray) -> BoolArray:
