@@ -1,11 +1,13 @@
 """A budget's steps and time."""
 
 import math
+import threading
 import time
 
 import pytest
+from numba import njit
 
-from optipromp.budget import Budget
+from optipromp.budget import Budget, clock
 
 
 def test_so_many_steps_and_no_more() -> None:
@@ -33,3 +35,31 @@ def test_time_leaves_room_for_two_more_steps(monkeypatch: pytest.MonkeyPatch) ->
     assert budget.ending == "time ran out"
     assert Budget(deadline=99.0).spent()
     assert not Budget(deadline=math.inf).spent()
+
+
+def test_the_clock_stands_still_while_its_thread_compiles() -> None:
+    """And in no other thread."""
+
+    @njit
+    def within(x: float) -> float:
+        return 2.0 * x
+
+    @njit
+    def outer(x: float) -> float:
+        return within(x) + 1.0
+
+    passed = []
+
+    def compiles() -> None:
+        clocks = clock(), time.perf_counter()
+        assert outer(1.0) == 3.0
+        passed.extend((clock() - clocks[0], time.perf_counter() - clocks[1]))
+
+    before = time.perf_counter() - clock()
+    thread = threading.Thread(target=compiles)
+    thread.start()
+    thread.join()
+    ours, real = passed
+    assert real > 0.02
+    assert 0.0 <= ours < 0.3 * real
+    assert time.perf_counter() - clock() == pytest.approx(before, abs=1e-3)

@@ -2,6 +2,7 @@
 
 import math
 import sys
+import threading
 import time
 from dataclasses import dataclass, field
 
@@ -28,6 +29,23 @@ def check_memory() -> None:
             )
 
 
+class _Pauses(threading.local):
+    seconds = 0.0
+
+
+_pauses = _Pauses()
+
+
+def clock() -> float:
+    """Seconds of this thread's clock: ``time.perf_counter()`` less :func:`pauses <pause>`."""
+    return time.perf_counter() - _pauses.seconds
+
+
+def pause(seconds: float) -> None:
+    """Count so many seconds just past as none; a kernel was compiled in them."""
+    _pauses.seconds += seconds
+
+
 @dataclass
 class Budget:
     """What a plan may cost. It is asked once in each step of the work, and counts them.
@@ -38,7 +56,7 @@ class Budget:
     longest so far would overrun it: one, and the judgement that follows the last.
 
     Args:
-        deadline: of ``time.perf_counter()`` [s].
+        deadline: of :func:`clock` [s].
         steps: how many there may be.
     """
 
@@ -56,7 +74,7 @@ class Budget:
 
     def spent(self) -> bool:
         """Count a step; whether there may be no further one."""
-        now = time.perf_counter()
+        now = clock()
         self.longest = max(self.longest, now - self.last)
         self.last, self.used = now, self.used + (not self.cut)
         self.cut |= self.used > self.steps or now + 2.0 * self.longest > self.deadline

@@ -10,6 +10,7 @@ a damaged one would end the process. Where there is no such folder, kernels are 
 import io
 import os
 import stat
+import time
 import warnings
 import zlib
 from collections.abc import Iterator
@@ -18,8 +19,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from numba import njit
+from numba.core import event
 
-from optipromp.budget import check_memory
+from optipromp.budget import check_memory, pause
 
 if TYPE_CHECKING:
     IndexDataCacheFile: Any = object
@@ -27,6 +29,24 @@ else:
     from numba.core.caching import IndexDataCacheFile
 
 check_memory()
+
+
+class _Pausing(event.Listener):
+    """Stops the clock of a thread's plan while a kernel is compiled there."""
+
+    def __init__(self) -> None:
+        self._began: list[float] = []  # of kernels within kernels; Numba's lock lets one thread in
+
+    def on_start(self, event: Any) -> None:
+        self._began.append(time.perf_counter())
+
+    def on_end(self, event: Any) -> None:
+        began = self._began.pop()
+        if not self._began:
+            pause(time.perf_counter() - began)
+
+
+event.register("numba:compile", _Pausing())  # type: ignore[no-untyped-call]
 
 _CHECKED = 4  # bytes of the checksum
 

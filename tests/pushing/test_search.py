@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from optipromp.budget import Budget
+from optipromp.budget import Budget, clock
 from optipromp.pushing.model import Moved, Prediction, PushModel, Round, Schedule, search
 from optipromp.pushing.path import ToolPath, through, turning
 
@@ -213,14 +213,14 @@ def test_from_the_deadline_on_the_best_so_far_comes_and_the_search_ends() -> Non
     whole = Slow(good=1e-9)
     found(whole)
     late = Slow(good=1e-9)
-    ((path, _),) = found(late, budget=Budget(time.perf_counter() - 1.0))
+    ((path, _),) = found(late, budget=Budget(clock() - 1.0))
     assert np.isfinite(path.harm)
     assert len(late.asked) <= 2  # one candidate, on one state and then on all
     assert len(whole.asked) > 100
     seconds = 0.05
-    began = time.perf_counter()
+    began = clock()
     paths = found(Slow(good=1e-9, runs=100), budget=Budget(began + seconds))
-    assert time.perf_counter() - began < 10.0 * seconds
+    assert clock() - began < 10.0 * seconds
     assert len(paths) == 1
 
 

@@ -1,6 +1,5 @@
 """The model of the push of a hand among packs on a board: what it predicts, and what it finds."""
 
-import time
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -8,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optipromp.budget import Budget
+from optipromp.budget import Budget, clock
 from optipromp.geometry.shapes import Box, Cylinder
 from optipromp.pushing.model import Round, search
 from optipromp.pushing.path import ToolPath, through, turning
@@ -203,7 +202,7 @@ def test_late_there_is_a_path_and_little_is_tried_for_it(monkeypatch: pytest.Mon
     model = Standing(scene, HAND)
     model.good = 0.0  # so that it goes on
     up = scene.frame[2]
-    late_by = Budget(time.perf_counter() - 1.0)
+    late_by = Budget(clock() - 1.0)
     found = list(search(model, partial(turning, up, None), np.random.default_rng(0), late_by))
     late = len(tried)
     assert len(found) == 1

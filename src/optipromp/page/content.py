@@ -1,6 +1,5 @@
 """What the page shows of a plan: bundle, candidate paths, clearances, pushed objects, charts."""
 
-import time
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray, lengths
-from optipromp.budget import Budget
+from optipromp.budget import Budget, clock
 from optipromp.errors import OptiPrompError
 from optipromp.geometry import distances
 from optipromp.looks.part import rgb
@@ -109,7 +108,7 @@ def candidates(plan: Plan) -> list[tuple[FloatArray, float]]:
     if model is None or not isinstance(task.goal, PoseGoal):
         return []
     watched = _Watched(model)
-    budget = Budget(time.perf_counter() + SEARCHING)
+    budget = Budget(clock() + SEARCHING)
     found = search(watched, task.axes, np.random.default_rng(plan.seed), budget)
     for path, good in found:
         if path.harm <= good:

@@ -17,7 +17,6 @@ as constraints) and one for collision and velocity (L-BFGS-B): the push first be
 
 import itertools
 import math
-import time
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,7 +27,7 @@ from scipy.interpolate import BSpline
 
 from optipromp import judging
 from optipromp.arrays import FloatArray
-from optipromp.budget import Budget
+from optipromp.budget import Budget, clock
 from optipromp.judging import Judgement, Violation
 from optipromp.optimization import gauss_newton
 from optipromp.optimization.costs import Cost
@@ -79,7 +78,7 @@ def solve(
 
     The initial trajectories are those of ``promp``, to the goal configurations ``goals`` (m, n).
     """
-    began = time.perf_counter()
+    began = clock()
     radii = options.paper.trust_radii
     if strategy == "joint" or not task.neighbours:
         radii = radii[:1]  # there is no push stage to begin from them
@@ -109,7 +108,7 @@ def solve(
         for stage in best.stages
     )
     times = {stage.name: stage.seconds for stage in stages}
-    times[strategy] = time.perf_counter() - began
+    times[strategy] = clock() - began
     same = best.posed is first
     initial = unmoved.trajectory if same else best.posed.timed(best.posed.initial)
     return Planned(
@@ -169,14 +168,14 @@ def _joint(posed: Posed, budget: Budget) -> Solved:
     options, task = posed.options, posed.task
     if options.iterations == 0:
         return _judged(posed, posed.initial, ())
-    began = time.perf_counter()
+    began = clock()
     constraints = [*limits_and_clearances(task, options), posed.rows(PAPER.stiffness)]
     if isinstance(task.goal, PoseGoal):
         constraints.append(GoalCost(SOLVE.must, task.goal.position, task.goal.axis))
     terms = [*posed.functionals(), SmoothnessCost(options.smoothness), *options.costs]
     problem = posed.problem(terms, constraints, ends=isinstance(task.goal, JointGoal))
     result = gauss_newton.solve(problem, posed.initial, schedule(options), budget)
-    seconds = time.perf_counter() - began
+    seconds = clock() - began
     names = tuple(term.name for term in terms)
     stage = Stage("joint", "gauss-newton", names, result.history, seconds, result.message)
     return _judged(posed, result.q, [stage])
@@ -236,7 +235,7 @@ class Spline:
         )
         terms = [term for term in posed.functionals() if term.name in names]
         self.problem = posed.problem(terms, held, ends=True)
-        self.began = time.perf_counter()
+        self.began = clock()
         value = self.problem.evaluate(q)
         self.history = [value.costs]
         self.scale = 1.0 / max(value.merit, 1e-12)
@@ -262,7 +261,7 @@ class Spline:
     def stage(self, name: str, solver: str, message: str, radius: float | None = None) -> Stage:
         """The record of the stage."""
         names = tuple(term.name for term in self.problem.costs)
-        seconds = time.perf_counter() - self.began
+        seconds = clock() - self.began
         return Stage(name, solver, names, tuple(self.history), seconds, message, radius)
 
 

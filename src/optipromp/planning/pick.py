@@ -7,7 +7,6 @@ goal, and the tool on its path.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -16,7 +15,7 @@ import numpy as np
 
 from optipromp import judging
 from optipromp.arrays import FloatArray
-from optipromp.budget import Budget
+from optipromp.budget import Budget, clock
 from optipromp.judging import Judgement
 from optipromp.optimization import gauss_newton
 from optipromp.optimization.costs import Cost
@@ -60,7 +59,7 @@ def pick(
 
     The goal configurations ``goals`` (m, n) come best first.
     """
-    began = time.perf_counter()
+    began = clock()
     rng = np.random.default_rng(seed)
     model = push_model(task, goals[0])
     solver = Solver(pushed_aside(task), options, budget, task.scene, stem_side=model is None)
@@ -97,7 +96,7 @@ def pick(
         assert attempt is not None  # there is at least one goal configuration
         best = attempt, None
     attempt, prediction = best
-    return outcome(attempt, prediction, time.perf_counter() - began)
+    return outcome(attempt, prediction, clock() - began)
 
 
 def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> Planned:

@@ -4,7 +4,6 @@ import functools
 import math
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from optipromp import judging
-from optipromp.budget import Budget
+from optipromp.budget import Budget, clock
 from optipromp.compiled import in_cache
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.optimization.kernels import add_stiffness
@@ -30,7 +29,6 @@ from optipromp.planning.timing import stopped
 from optipromp.planning.underway import Moving, begun, underway
 from optipromp.processes import cores
 from optipromp.promp.model import ProMP
-from optipromp.pushing import standing, trials
 from optipromp.robots.model import Robot
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene
@@ -111,18 +109,18 @@ def plan(
 
 def _otherwise(made: Plan, again: Callable[[Scene, float], Plan], timeout: float) -> Plan:
     """The first harmless plan of the other approaches that the scene allows; else the best."""
-    began, before = time.perf_counter(), made.time["total"]
+    began, before = clock(), made.time["total"]
     ways = approaches.others(made.scene, made.robot)
     if not ways:
         return made
     for other in ways:
-        left = timeout - before - (time.perf_counter() - began)
+        left = timeout - before - (clock() - began)
         if left <= 0.0:
             break
         made = min(made, again(other, left), key=_badness)
         if made.success:
             break
-    spent = time.perf_counter() - began
+    spent = clock() - began
     return replace(made, time={**made.time, "approaches": spent, "total": before + spent})
 
 
@@ -159,22 +157,12 @@ def warm_up(scene: Scene | str = WARM_UP) -> None:
 
 @functools.cache
 def _compiled() -> None:
-    """Compile the kernels, once in a process, where Numba's cache has none of them."""
+    """Compile what most plans need, once in a process, where Numba's cache has none of it.
+
+    What only some need is compiled when they do; a plan's clock stands still meanwhile.
+    """
     if not (in_cache(add_stiffness) and in_cache(tree.shorten)):
         warm_up()
-
-
-def _compile_shelf(task: Task) -> float:
-    """Seconds spent compiling the model of packs: where the task needs it, and none is cached.
-
-    The cache is a folder: it is looked at last, and once in a process.
-    """
-    ready = trials.cost.signatures  # compiled or loaded in this process
-    if ready or not standing.applies(task.scene, task.robot.tool) or in_cache(trials.cost):
-        return 0.0
-    began = time.perf_counter()
-    _predict_once(task)
-    return time.perf_counter() - began
 
 
 def compile_kernels() -> None:
@@ -236,19 +224,18 @@ def _plan(
     say = progress or (lambda _: None)
     if not isinstance(scene, Scene):
         scene = load_scene(scene)
-    began = time.perf_counter()
+    began = clock()
     task = resolve(scene, robot, state)
     if state is not None:
         task = underway(task, *running)
-    began += _compile_shelf(task)  # the plan's clock stands still
     paper = planner == "opti-promp" and (strategy == "sequential" or options.constraints == "paper")
     default = planner == "opti-promp" and not paper
     promp = learnt(task, demonstrations, **({"basis": PAPER_BASIS} if paper else {}))
-    clock = {"setup": time.perf_counter() - began}
+    so_far = {"setup": clock() - began}
     budget = Budget(began + options.timeout, np.inf if options.effort is None else options.effort)
 
     def finish(outcome: Planned, status: Code | None = None, message: str = "") -> Plan:
-        start = time.perf_counter()
+        start = clock()
         prediction = outcome.prediction or predicted(task, outcome.trajectory, outcome.first)
         verdict = outcome.judgement or judging.judge(
             scene, task.robot, outcome.trajectory, task.state, stem_side=prediction is None
@@ -257,8 +244,8 @@ def _plan(
             status, message = _status(Verdict(verdict, prediction), outcome, options, budget)
         elif status == Code.GOAL_IN_COLLISION:
             message += f"; the trajectory that comes nearest: {verdict.message}{_cut(budget)}"
-        now = time.perf_counter()
-        times = {**clock, **outcome.time, "check": now - start, "total": now - began}
+        now = clock()
+        times = {**so_far, **outcome.time, "check": now - start, "total": now - began}
         return Plan(
             scene=scene, robot=task.robot, planner=planner,
             strategy=strategy if planner == "opti-promp" else None, seed=seed, status=status,
@@ -278,14 +265,14 @@ def _plan(
         return finish(stay)
 
     say("inverse kinematics")
-    before = time.perf_counter()
+    before = clock()
     hasty = planner != "opti-promp" or budget.spent()
     near = primitive.end(promp) if planner != "opti-promp" else None
     chosen, is_free, reason = goals.choose(
         pushed_aside(task) if default else task, seed, GOAL.few_starts if hasty else GOAL.starts,
         near if task.entry is None else task.start, budget,
     )  # fmt: skip
-    clock["inverse kinematics"] = time.perf_counter() - before
+    so_far["inverse kinematics"] = clock() - before
     if not len(chosen):
         return finish(stay, Code.GOAL_UNREACHABLE, reason)
     if planner != "opti-promp":

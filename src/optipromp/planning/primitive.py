@@ -2,7 +2,6 @@
 
 import functools
 import math
-import time
 import warnings
 from collections.abc import Sequence
 from importlib import resources
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from optipromp.arrays import FloatArray, frozen
+from optipromp.budget import clock
 from optipromp.errors import InvalidDemonstrationError, InvalidRequestError
 from optipromp.planning.options import Planner, PlanOptions
 from optipromp.planning.parameters import FOLLOW, PRIMITIVE, WAYPOINT
@@ -225,7 +225,7 @@ def plan_primitive(
     ``i-promp`` also each neighbour's pose and pushed pose, at evenly spaced phases. The arm pauses
     at the camera point, to look.
     """
-    began = time.perf_counter()
+    began = clock()
     goal = goals[int(np.argmin(np.linalg.norm(goals - end(promp), axis=1)))]
     paper = options.paper
     phase = paper.camera_phase or PRIMITIVE.camera_phase
@@ -267,5 +267,5 @@ def plan_primitive(
         q[-1] = goal
     first = math.ceil(phase * (count - 1))
     trajectory = timed(task, options, q, first if task.neighbours else None)
-    seconds = time.perf_counter() - began
+    seconds = clock() - began
     return Planned(trajectory, trajectory, trajectory, first, (), True, {planner: seconds}, via=met)
