@@ -1,6 +1,6 @@
 """How often a robot touches itself as its meshes do: a table of docs/robots-tried.md.
 
-    python scripts/robots_self.py COUNT URDF...
+    python scripts/robots_self.py COUNT FILE...  (URDF or MJCF)
 
 COUNT random configurations a robot, checked by Coal. Pairs that the maker's SRDF disables are left
 out. Links touch where their surfaces meet, or one is inside the other (winding number). A collision
@@ -20,6 +20,7 @@ from optipromp.robots.chain import Placement, rotation_of, serial_chain
 from optipromp.robots.fit import spread
 from optipromp.robots.library import load_arm
 from optipromp.robots.meshes import triangles
+from optipromp.robots.mjcf import is_mjcf, read_mjcf
 from optipromp.robots.touching import disabled_pairs, srdf_beside
 from optipromp.robots.urdf import UrdfGeometry, UrdfModel, read_urdf
 
@@ -142,7 +143,8 @@ def main(count: int, files: list[str]) -> None:
     print("|---|---|---|---|---|---|---|---|---|")
     for file in files:
         robot, arm = load_arm(Path(file))
-        model, q = read_urdf(Path(file)), random_configurations(robot, count)
+        model = (read_mjcf if is_mjcf(Path(file)) else read_urdf)(Path(file))
+        q = random_configurations(robot, count)
         some = np.array_split(q, max(1, count // 500))  # all at once would take gigabytes
         ours = np.concatenate([(robot.self_gaps(each) < 0.0).any(axis=1) for each in some])
         places = serial_chain(model, arm.tip, arm.base).placements

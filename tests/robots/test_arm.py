@@ -213,6 +213,16 @@ def test_rule(write: Writer, case: str) -> None:
     assert not any(name.startswith(("left_", "right_", "finger", "jaw")) for name in arm.joints)
 
 
+def test_a_frame_for_a_hand_that_is_not_there_is_the_flange(write: Writer) -> None:
+    """In robosuite's models the flange's z is that of ``right_hand``, not of the last link."""
+    text = robot(*ARM, fixed("alink6", "right_hand"), fixed("right_hand", "ee"))
+    assert load_arm(write(text))[1].tip == "alink6"
+    text = text.replace(f'<link name="right_hand">{BALL}</link>', '<link name="right_hand"/>')
+    assert load_arm(write(text))[1].tip == "alink6"  # the hand is the link that it carries
+    text = text.replace(f'<link name="ee">{BALL}</link>', '<link name="ee"/>')
+    assert load_arm(write(text))[1].tip == "right_hand"
+
+
 def test_fingers_ride_on_the_last_body_at_a_given_opening(write: Writer) -> None:
     path = write(robot(*ARM, fixed("alink6", "palm"), *GRIPPER))
     closed, opened = load_robot(path), load_robot(path, hold={"left_drive": 0.03})

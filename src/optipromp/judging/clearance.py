@@ -19,8 +19,10 @@ from optipromp.judging.distances import (
     PUSHABLE,
     ROLES,
     STATIC,
+    STEM,
     apart_by,
     inside,
+    names_of,
     nearest,
     objects_of,
     to_core,
@@ -52,9 +54,10 @@ def clearances(
 ) -> tuple[dict[str, float | None], list[Overlap]]:
     """Smallest distances [m] over configurations ``q`` (M, n), and forbidden contacts.
 
-    Contacts count with static objects for every sphere, with avoid objects and pushables for B_d
-    (all but the last link and the tool), and between links that are not neighbours. The dictionary
-    has the keys of :class:`optipromp.judging.Metrics`; None where there is nothing to measure.
+    Contacts count with static objects for every sphere, with avoid objects, pushables and stems for
+    B_d (all but the last link and the tool), and between links that are not neighbours. The
+    dictionary has the keys of :class:`optipromp.judging.Metrics`; None where there is nothing to
+    measure.
     """
     distances, contacts, _, _ = swept(scene, robot, q)
     return distances, contacts
@@ -69,7 +72,7 @@ def swept(
     """
     body = body_of(robot)
     objects, rest = objects_of(scene)
-    closest, core, apart = np.full(4, np.inf), np.full(1, np.inf), np.full(4, np.inf)
+    closest, core, apart = np.full(STEM + 1, np.inf), np.full(1, np.inf), np.full(4, np.inf)
     count = len(objects.kind)
     depth, deepest = np.full(count, np.inf), np.zeros((2, count), dtype=np.int64)
     q = np.array(q, dtype=np.float64, order="C")  # always writable: kernels compile once
@@ -83,10 +86,11 @@ def swept(
         return None if times is None else float(times[int(at)])
 
     met = np.flatnonzero(depth < 0.0)
-    met = met[np.argsort(objects.rows[met])]
+    met = met[np.lexsort((depth[met], objects.rows[met]))]
+    met = met[np.diff(objects.rows[met], prepend=-1) > 0]  # of a stem's pieces the deepest
     contacts = [
-        Overlap(name(deepest[0, k]), item.id, item.role, -float(depth[k]), when(deepest[1, k]))
-        for k, item in zip(met.tolist(), scene.objects_at(objects.rows[met]), strict=True)
+        Overlap(name(deepest[0, k]), *other, -float(depth[k]), when(deepest[1, k]))
+        for k, other in zip(met.tolist(), names_of(scene, objects.rows[met]), strict=True)
     ]
     if rest:
         contacts += _other_shapes(rest, robot, q, closest, core, when)
@@ -159,9 +163,11 @@ def pushed_away(
         return list(contacts), []
     objects, _ = objects_of(scene)
     loose = {
-        item.id: k
-        for k, item in enumerate(scene.objects_at(objects.rows))
-        if item.id in met and item.stem is None
+        scene.objects[row].id: k
+        for k, row in enumerate(objects.rows.tolist())
+        if row < len(scene.objects)
+        and scene.objects[row].id in met
+        and scene.objects[row].stem is None
     }
     if not loose:
         return list(contacts), []
@@ -234,8 +240,8 @@ def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart
         objects: see :class:`optipromp.judging.distances.Objects`.
         q: configurations.
         points, axes: (M, 3) tool point [m] and tool axis at each of them.
-        closest: (4,) smallest distances [m]: static, avoid by B_d, avoid by the last link and tool,
-            pushable by B_d.
+        closest: (5,) smallest distances [m]: static, avoid by B_d, avoid by the last link and tool,
+            pushable and stem by B_d.
         core: (1,) the paper's M_c [m] over static and avoid objects.
         depth: (K,) smallest distance [m] of the spheres that must not touch each object; exact
             where negative.
@@ -283,11 +289,11 @@ def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart
                     r, p, least = objects.rotation, objects.position, math.inf
                     size0, size1, size2 = objects.size[k, 0], objects.size[k, 1], objects.size[k, 2]
                     for link in range(n_links):
-                        if role == PUSHABLE and body.distal[link]:
+                        if role >= PUSHABLE and body.distal[link]:
                             continue  # the tool may touch what it pushes
                         if travel[link] >= wait[k, link]:
                             row = AVOID_BY_TOOL if role == AVOID and body.distal[link] else role
-                            wanted = max(closest[row], 0.0 if role == PUSHABLE else core[0], 0.0)
+                            wanted = max(closest[row], 0.0 if role >= PUSHABLE else core[0], 0.0)
                             far = apart_by(middles, link, p, k) - bound - body.reach[link]
                             if far < wanted:
                                 x, y, z = inside(r, p, k, middles, link)
@@ -304,14 +310,14 @@ def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart
                                     d = to_surface(kind, size0, size1, size2, x, y, z)
                                     d -= body.radius[b]
                                     gap = min(gap, d)
-                                    if role != PUSHABLE:
+                                    if role < PUSHABLE:
                                         d_core = to_core(kind, size0, size1, size2, x, y, z)
                                         gap_core = min(gap_core, d_core)
                                     if row != AVOID_BY_TOOL and d < depth[k]:
                                         depth[k], deepest[0, k], deepest[1, k] = d, b, m
                                 closest[row] = min(closest[row], gap)
                                 spare = gap - max(closest[row], 0.0)
-                                if role != PUSHABLE:
+                                if role < PUSHABLE:
                                     core[0] = min(core[0], gap_core)
                                     spare = min(spare, gap_core - core[0])
                             wait[k, link] = travel[link] + spare
@@ -374,7 +380,7 @@ def _wanted(role, closest, core):  # type: ignore[no-untyped-def]
         return max(closest[STATIC], core[0], 0.0)
     if role == AVOID:
         return max(closest[AVOID], closest[AVOID_BY_TOOL], core[0], 0.0)
-    return max(closest[PUSHABLE], 0.0)
+    return max(closest[role], 0.0)
 
 
 @inlined

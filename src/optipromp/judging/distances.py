@@ -5,6 +5,7 @@ Kernels measure simple shapes; meshes and point clouds are measured in NumPy. No
 
 import functools
 from collections.abc import Sequence
+from itertools import pairwise
 from math import hypot, sqrt
 from typing import Any, NamedTuple
 
@@ -24,7 +25,7 @@ from optipromp.geometry.obstacles import (
 )
 from optipromp.scenes.scene import Scene, SceneObject
 
-STATIC, AVOID, AVOID_BY_TOOL, PUSHABLE = 0, 1, 2, 3  # roles, and rows of the smallest distances
+STATIC, AVOID, AVOID_BY_TOOL, PUSHABLE, STEM = range(5)  # roles; rows of the smallest distances
 ROLES = {"static": STATIC, "avoid": AVOID, "pushable": PUSHABLE}
 BLOCK = 4  # objects in a block; of 4, 8, 16 and 32 the fastest among 1,000 obstacles
 CELL = 0.05  # [m] objects in one such cell are neighbours; about the size of a fruit
@@ -33,7 +34,7 @@ CELL = 0.05  # [m] objects in one such cell are neighbours; about the size of a 
 class Objects(NamedTuple):
     """K objects of simple shape, in C blocks of near objects of one role."""
 
-    rows: IntArray  # (K,) in the scene's objects
+    rows: IntArray  # (K,) in the scene's objects; of a piece of a stem: after them, by whose it is
     kind: IntArray  # (K,)
     role: IntArray  # (K,)
     position: FloatArray  # (K, 3) [m]
@@ -47,14 +48,24 @@ class Objects(NamedTuple):
 
 @functools.lru_cache(maxsize=4)
 def objects_of(scene: Scene) -> tuple[Objects, tuple[SceneObject, ...]]:
-    """Objects of simple shape as arrays, and the other objects; never the target."""
+    """Objects of simple shape as arrays, and the other objects; never the target.
+
+    Stems, the target's too, are capsules.
+    """
     role = np.full(len(scene.objects), -1)
     for name, code in ROLES.items():
         role[scene.rows(name)] = code  # type: ignore[arg-type]
     kind, size, bound = measured([item.shape for item in scene.objects])
-    rows, rest = (np.flatnonzero((role >= 0) & own) for own in (kind >= 0, kind < 0))
-    rows = rows[neighbours(role[rows], scene.positions[rows], bound[rows])]
-    role, position, bound = role[rows], scene.positions[rows], bound[rows]
+    owner, middle, turn, capsule = _stems(scene)
+    rows = np.concatenate([np.arange(len(role)), len(role) + owner])
+    role = np.concatenate([role, np.full(len(owner), STEM)])
+    kind = np.concatenate([kind, np.full(len(owner), CAPSULE)])
+    size, bound = np.vstack([size, capsule]), np.append(bound, capsule.sum(axis=1))
+    position = np.vstack([scene.positions, middle])
+    rotation = np.concatenate([scene.rotations, turn])
+    own, rest = (np.flatnonzero((role >= 0) & each) for each in (kind >= 0, kind < 0))
+    own = own[neighbours(role[own], position[own], bound[own])]
+    role, position, bound = role[own], position[own], bound[own]
     place = np.arange(len(role))
     first = np.maximum.accumulate(np.where(np.diff(role, prepend=-1) != 0, place, 0))
     start = np.flatnonzero((place - first) % BLOCK == 0)
@@ -63,10 +74,36 @@ def objects_of(scene: Scene) -> tuple[Objects, tuple[SceneObject, ...]]:
     middle = 0.5 * (low + high)
     reach = lengths(position - np.repeat(middle, np.diff(ends), axis=0)) + bound
     objects = Objects(
-        rows, kind[rows], role, position, scene.rotations[rows], size[rows], bound, ends, middle,
+        rows[own], kind[own], role, position, rotation[own], size[own], bound, ends, middle,
         np.maximum.reduceat(reach, start),
     )  # fmt: skip
     return objects, scene.objects_at(rest)
+
+
+def _stems(scene: Scene) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """The S pieces of all stems as capsules: whose they are (S,), indices of the scene's objects;
+    middles (S, 3) [m]; rotations (S, 3, 3), local to world; radius, half length and 0 (S, 3) [m].
+    """
+    held = [(k, item.stem) for k, item in enumerate(scene.objects) if item.stem is not None]
+    owner = [k for k, stem in held for _ in stem.points[1:]]
+    ends = np.array([pair for _, stem in held for pair in pairwise(stem.points)]).reshape(-1, 2, 3)
+    radius = np.array([stem.radius for _, stem in held for _ in stem.points[1:]])
+    along = ends[:, 1] - ends[:, 0]
+    length = lengths(along)
+    z = along / length[:, None]
+    helper = np.eye(3)[np.abs(z).argmin(axis=1)]
+    x = np.cross(helper, z)
+    x /= lengths(x)[:, None]
+    size = np.column_stack([radius, 0.5 * length, np.zeros(len(z))])
+    turn = np.stack([x, np.cross(z, x), z], axis=2)
+    return np.array(owner, dtype=np.int64), ends.mean(axis=1), turn, size
+
+
+def names_of(scene: Scene, rows: IntArray) -> list[tuple[str, str]]:
+    """What ``rows`` (K,) of :class:`Objects` are called, and their roles."""
+    count = len(scene.objects)
+    items = zip(rows.tolist(), scene.objects_at(rows % max(count, 1)), strict=True)
+    return [(item.id if k < count else f"the stem of {item.id}", item.role) for k, item in items]
 
 
 def measured(of: Sequence[Any]) -> tuple[IntArray, FloatArray, FloatArray]:

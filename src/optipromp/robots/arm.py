@@ -143,9 +143,9 @@ def _other_ends(tree: Tree, arm: Arm) -> tuple[str, ...]:
 def flange_of(tree: Tree, last: str, plain: bool = False) -> str:
     """The flange of an arm whose last joint carries the link ``last``.
 
-    A link named tool0, flange or attachment (a site of an MJCF); else, on a body that is a hand,
-    its tool frame; else the end of what is fixed to it, without sensors and (unless ``plain``)
-    hands.
+    A link named tool0, flange or attachment (a site of an MJCF); else a frame for a hand that is
+    not there; else, on a body that is a hand, its tool frame; else the end of what is fixed to it,
+    without sensors and (unless ``plain``) hands.
     """
     sensors = frozenset(part for _, part in tree.rigid(last)[1:] if words(part) & SENSOR)
     if plain:
@@ -159,6 +159,9 @@ def flange_of(tree: Tree, last: str, plain: bool = False) -> str:
         for _, part in tree.rigid(last, sensors):
             if name in words(part):
                 return part
+    for _, part in tree.rigid(last, sensors)[1:]:
+        if "hand" in words(part) and not words(part) & CENTRE and tree.is_bare(part):
+            return part
     is_hand = words(last) & PALM or any(joint.name in tree.hands for joint in tree.below[last])
     parts = tree.rigid(last, sensors if is_hand else sensors | palms)
     if is_hand:

@@ -75,6 +75,11 @@ class Tree:
             ]
         return out
 
+    def is_bare(self, link: str) -> bool:
+        """Whether ``link``, and what it carries, is a mere frame: no geometry, no moving joint."""
+        parts = [self.model.links[part] for _, part in self.rigid(link)]
+        return not self.onward(link) and not any(p.collisions or p.visuals for p in parts)
+
     def onward(self, link: str) -> list[UrdfJoint]:
         """The movable joints on the rigid body of ``link``, outward."""
         return [j for _, part in self.rigid(link) for j in self.below[part] if j.kind != "fixed"]
