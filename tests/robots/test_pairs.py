@@ -6,11 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from optipromp import judging
 from optipromp.errors import InvalidRobotError
+from optipromp.optimization.costs.obstacles import self_overlap
+from optipromp.optimization.evaluation import BodyPoints, Evaluation
 from optipromp.robots import Robot, load_robot
 from optipromp.robots.chain import serial_chain
 from optipromp.robots.library import load_arm
 from optipromp.robots.urdf import read_urdf
+from optipromp.scenes import JointGoal, Scene
 
 Writer = Callable[..., Path]
 
@@ -110,6 +114,43 @@ def test_only_the_covers_touch_at_home(write: Writer, joint: Callable[..., str])
     assert ("l0", "l2") in kept_apart(robot)
     assert robot.self_gaps(robot.home).min() >= 0.0
     assert robot.self_gaps(np.array([0.0, 0.3])).min() < 0.0  # 24 mm into the box
+
+
+def test_the_rim_of_a_base_that_stands_on_its_plane_is_kept(
+    write: Writer, joint: Callable[..., str]
+) -> None:
+    """A rod swings down past a round base, 6 mm within its rim. The base's spheres are raised, so
+    that the rim at its foot is in none of them. Its cover always meets that of the rod's hub."""
+    links = (
+        '<link name="base"><collision><origin xyz="0 0 0.05"/><geometry>'
+        '<cylinder radius="0.1" length="0.1"/></geometry></collision></link><link name="l1"/>'
+        '<link name="l2"><collision><origin xyz="0 0 -0.2"/><geometry>'
+        '<cylinder radius="0.02" length="0.36"/></geometry></collision><collision><geometry>'
+        '<sphere radius="0.115"/></geometry></collision></link>'
+    )
+    joints = joint("turn", "base", "l1", origin='<origin xyz="0 0 0.22"/>') + joint(
+        "swing", "l1", "l2", origin='<origin xyz="0 0.114 0"/>', axis='<axis xyz="0 1 0"/>'
+    )
+    robot = load_robot(write(f'<robot name="r">{links}{joints}</robot>'))
+    fixed = robot.spheres.segment < 0
+    assert (robot.spheres.center[fixed, 2] - robot.spheres.radius[fixed]).min() > -1e-6
+    q = np.random.default_rng(0).uniform(robot.lower, robot.upper, (400, 2))
+    down, round_ = np.meshgrid(np.linspace(-0.38, -0.02, 90), np.linspace(0.0, 2 * np.pi, 60))
+    rod = np.stack([0.02 * np.cos(round_), 0.02 * np.sin(round_), down], -1).reshape(-1, 3)
+    origins, turns = robot.segment_frames(q)
+    points = rod @ turns[:, 1].transpose(0, 2, 1) + origins[:, 1, None]
+    beside = np.hypot(points[..., 0], points[..., 1]) < 0.0995
+    touch = (beside & (points[..., 2] > 0.0005) & (points[..., 2] < 0.0995)).any(axis=1)
+    assert 10 < touch.sum() < 200
+    short = (robot.self_gaps(q) < 0.0).any(axis=1)
+    assert short[touch].all()
+    goal = Scene("s", "r", (), goal=JointGoal(q[0]))
+    judged = [bool(judging.clearances(goal, robot, row[None])[1]) for row in q]
+    np.testing.assert_array_equal(judged, short)
+    arrays = Evaluation(robot, BodyPoints(robot), len(q), 1.0)
+    arrays.move_to(q)
+    overlap = self_overlap(arrays, 0.0)
+    np.testing.assert_array_equal(overlap > 0.0, short)
 
 
 # -- against the meshes of robots of the trade ---------------------------------------------------

@@ -56,7 +56,10 @@ class BodyPoints:
         self.segment: IntArray = frozen(
             np.concatenate([segment, [last, last], bound_segments]), np.int64
         )
-        self.link_bound: FloatArray = frozen(bound_radii)
+        kept = np.zeros(len(links))  # where slack is negative
+        paired = np.searchsorted(links, spheres.link[robot.self_pairs])
+        np.maximum.at(kept, paired, -robot.self_slack[:, None])
+        self.link_bound: FloatArray = frozen(np.add(bound_radii, kept))
         self.link_distal: BoolArray = frozen(distal, np.bool_)
         self.groups, self.pairs, by = _grouped_pairs(robot.self_pairs, order, link, links)
         self.slack: FloatArray = frozen(robot.self_slack[by])

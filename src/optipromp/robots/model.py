@@ -71,7 +71,8 @@ class Robot(Shown):
     spheres: BodySpheres
     link_names: tuple[str, ...]
     self_pairs: IntArray  # (P, 2) sphere indices of links that are not neighbours
-    self_slack: FloatArray  # (P,) [m] that they may overlap, for their links are still apart
+    self_slack: FloatArray  # (P,) [m] that they may overlap, for their links are still apart;
+    # negative: that they must keep, for a sphere leaves some of its link outside
     flange_rotation: FloatArray  # (3, 3) in the last segment's frame
     flange_translation: FloatArray  # (3,)
     tool_point: FloatArray  # (3,)

@@ -27,7 +27,7 @@ KEPT = 0.0005  # [m] of slack given away: parts are known at their corners (see 
 TAIL = 3.0  # chosen: given away too, in mean gaps of the distances at which parts may meet
 FAR = 0.05  # [m] that covers keep at all of them, so that a check of them is not worth its time
 MOST_LINKS = 3000  # pairs of links: a robot of 78 links; a chain of 3,000 would take hours
-_PAIRS_VERSION = 12  # part of the cache key: raise it when the same robot gets other pairs
+_PAIRS_VERSION = 13  # part of the cache key: raise it when the same robot gets other pairs
 _CHUNK = 1_000_000
 
 Found = tuple[IntArray, FloatArray, tuple[LeftOut, ...]]
@@ -41,12 +41,12 @@ def with_self_pairs(
 ) -> Robot:
     """The robot with its self-collision pairs: spheres of links two or more joints apart.
 
-    Left out are the pairs of links in ``allowed``, and those that overlap at every one of
-    SAMPLED_POSTURES random configurations (fixed seed): such covers overlap whatever the arm does.
-    By ``parts`` (c, 4), the surfaces of the links whose covers were fitted (see :class:`Parts`),
-    :func:`sorted_out` gives the pairs of such links a slack, or leaves them out. Spheres that are
-    loose (:func:`loose_spheres`) are halved by ``finer``, a function of the robot and their indices
-    that gives the robot and the parts; this goes on for at most ROUNDS rounds.
+    Left out are the pairs of links in ``allowed``. By ``parts`` (c, 4), the surfaces of the links
+    whose covers were fitted (see :class:`Parts`), :func:`sorted_out` gives the pairs of such links
+    a slack, or leaves them out. Of others those are left out that overlap at every one of
+    SAMPLED_POSTURES random configurations (fixed seed): they do whatever the arm does. Spheres that
+    are loose (:func:`loose_spheres`) are halved by ``finer``, a function of the robot and their
+    indices that gives the robot and the parts; this goes on for at most ROUNDS rounds.
     """
     file = _cache_file(robot, allowed, parts) if len(parts) else None
     found = None if file is None else _load(robot, file)
@@ -72,7 +72,10 @@ def with_self_pairs(
 def _sorted(
     robot: Robot, allowed: Collection[tuple[str, str]], parts: FloatArray, count: int
 ) -> Robot:
-    pairs = drop_always_touching(robot, candidate_pairs(robot, allowed))
+    pairs = candidate_pairs(robot, allowed)
+    fitted = [robot.link_names.index(name) for name in robot.excess] if len(parts) else []
+    mine = np.isin(robot.spheres.link[pairs], fitted).all(axis=1)
+    pairs = np.concatenate([pairs[mine], drop_always_touching(robot, pairs[~mine])])
     pairs, slack, out = sorted_out(robot, pairs, list(robot.excess), parts, count)
     return replace(
         robot, self_pairs=frozen(pairs, np.int64), self_slack=frozen(slack), left_out=out
@@ -80,9 +83,10 @@ def _sorted(
 
 
 def loose_spheres(robot: Robot, parts: FloatArray) -> IntArray:
-    """Indices of moving spheres that are short of their slack at more than SHARE of configurations
-    where the parts (see :class:`Parts`) of no two spheres that are short meet; none where there are
-    such spheres at fewer than WRONG of the configurations."""
+    """Indices of spheres that are short of their slack at more than SHARE of configurations where
+    the parts (see :class:`Parts`) of no two spheres that are short meet; none where there are such
+    spheres at fewer than WRONG of the configurations. Of spheres that do not move only those that
+    leave some of their part outside."""
     surfaces, count = Parts(len(robot.spheres.radius), parts), np.zeros(len(robot.spheres.radius))
     wrong = 0
     for postures in np.array_split(_postures(robot, SHARED), 10):
@@ -95,7 +99,8 @@ def loose_spheres(robot: Robot, parts: FloatArray) -> IntArray:
         wrong += len(np.unique(row[apart]))
     if wrong < WRONG * SHARED:
         return np.zeros(0, dtype=np.int64)
-    return np.flatnonzero((count > SHARE * SHARED) & surfaces.known & (robot.spheres.segment >= 0))
+    able = surfaces.known & ((robot.spheres.segment >= 0) | (surfaces.beyond(robot) > 0.0))
+    return np.flatnonzero((count > SHARE * SHARED) & able)
 
 
 def _cache_file(
@@ -147,13 +152,15 @@ def sorted_out(
 
     Looked at are pairs of links named in ``fitted``, at ``count`` random configurations (fixed
     seed). Two spheres may overlap by as much as they do wherever their parts (``given``, see
-    :class:`Parts`) are apart: their slack. Of n samples at less than the largest distance at which
-    parts met, a larger one was not seen: TAIL times their spread over n is given away. Those that
-    overlap :data:`OFTEN` while their parts never meet are left out; so are links that touch all the
-    same at more than :data:`MOSTLY` of the configurations, and links whose covers keep :data:`FAR`
-    at all of them. Spheres that are short at home while the links are apart there get the slack
-    that home needs; but a home with a joint at its limit is where nobody chose to be, and says
-    nothing. Of more than :data:`MOST_LINKS` pairs of links none is looked at.
+    :class:`Parts`) are apart: their slack. A sphere that leaves some of its part outside, because
+    the robot stands there, counts as so much larger; such a pair's slack may be negative. Of n
+    samples at less than the largest distance at which parts met, a larger one was not seen: TAIL
+    times their spread over n is given away. Those that overlap :data:`OFTEN` while their parts
+    never meet are left out; so are links that touch all the same at more than :data:`MOSTLY` of the
+    configurations, and links whose covers keep :data:`FAR` at all of them. Spheres that are short
+    at home while the links are apart there get the slack that home needs; but a home with a joint
+    at its limit is where nobody chose to be, and says nothing. Of more than :data:`MOST_LINKS`
+    pairs of links none is looked at.
     """
     link, names = robot.spheres.link, robot.link_names
     pairs = pairs[np.lexsort((link[pairs[:, 1]], link[pairs[:, 0]]))] if fitted else pairs
@@ -191,6 +198,7 @@ class _Sample:
         postures = np.vstack([robot.home, _postures(robot, count)])
         self.frames = robot.segment_frames(postures)
         self.balls = dict[tuple[int, int], tuple[FloatArray, float]]()
+        self.larger = parts.beyond(robot)
         self.chosen = ((robot.home > robot.lower) & (robot.home < robot.upper)).all()
 
     def placed(
@@ -210,7 +218,7 @@ class _Sample:
         """Of pairs (P, 2) of spheres of two links: the slack (P,) of each [m], infinite where their
         parts never meet; the share of configurations at which any is short of its slack; and the
         least gap of any [m]."""
-        centers, radius = self.robot.spheres.center, self.robot.spheres.radius
+        centers, radius = self.robot.spheres.center, self.robot.spheres.radius + self.larger
         first, i = np.unique(pairs[:, 0], return_inverse=True)
         second, j = np.unique(pairs[:, 1], return_inverse=True)
         full = radius[pairs].sum(axis=1)
@@ -244,6 +252,7 @@ class _Sample:
         if len(home) and not self._touch(row[home], pairs[pair[home]]).any():
             slack[pair[home]] = full[pair[home]] - apart[home] + KEPT
         short = np.unique(row[short])
+        slack -= self.larger[pairs].sum(axis=1)
         return slack, len(short) / len(self.frames[0]), least
 
     def _near(self, first: IntArray, second: IntArray) -> IntArray:
@@ -255,7 +264,8 @@ class _Sample:
         """The middle of a ball about spheres of a link (m, 3) [m], and its radius."""
         key = int(self.robot.spheres.link[own[0]]), len(own)
         if key not in self.balls:
-            center, radius = self.robot.spheres.center[own], self.robot.spheres.radius[own]
+            center = self.robot.spheres.center[own]
+            radius = self.robot.spheres.radius[own] + self.larger[own]
             middle = center.mean(axis=0)
             reach = float((lengths(center - middle) + radius).max())
             self.balls[key] = self.placed(own, middle[None])[:, 0], reach

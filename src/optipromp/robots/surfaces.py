@@ -95,6 +95,14 @@ class Parts:
         before = (np.cumsum(found) - found)[index[order]]
         self.points[index[order], np.arange(len(index)) - before] = given[order, :3]
 
+    def beyond(self, robot: Robot) -> FloatArray:
+        """How far the part of each fixed sphere of ``robot`` reaches out of it (B,) [m]; 0 of
+        those that move."""
+        off = np.linalg.norm(self.points - robot.spheres.center[:, None], axis=2)
+        off[np.arange(off.shape[1]) >= self.counts[:, None]] = 0.0
+        fixed = self.known & (robot.spheres.segment < 0)
+        return np.where(fixed, np.maximum(off.max(axis=1) - robot.spheres.radius, 0.0), 0.0)
+
     def touch(
         self, robot: Robot, frames: tuple[FloatArray, FloatArray], rows: IntArray, pairs: IntArray
     ) -> BoolArray:
