@@ -51,7 +51,11 @@ ARM = """<mujoco model="stock">
   <equality>
     <joint joint1="right_finger_joint" joint2="left_finger_joint" polycoef="0 1 0 0 0"/>
   </equality>
-  <actuator><motor joint="lift" gear="50" forcerange="-2 2" forcelimited="true"/></actuator>
+  <actuator>
+    <motor joint="lift" gear="50" forcerange="-2 2" forcelimited="true"/>
+    <motor joint="twist" gear="2" ctrllimited="true" ctrlrange="-14 10"/>
+    <position joint="roll" kp="100" ctrllimited="true" ctrlrange="-1 1"/>
+  </actuator>
 </mujoco>"""
 
 
@@ -73,8 +77,8 @@ def test_the_arm_and_its_limits(path: Path) -> None:
     assert "cube" not in robot.link_names
     assert robot.held_joints == ("left_finger_joint", "right_finger_joint")
     assert robot.dynamics is not None
-    assert robot.dynamics.effort[:2].tolist() == [87.0, 100.0]
-    assert np.isinf(robot.dynamics.effort[2:]).all()
+    assert robot.dynamics.effort[:3].tolist() == [87.0, 100.0, 28.0]
+    assert np.isinf(robot.dynamics.effort[3:]).all()  # a position's control is no force
 
 
 def test_forward_kinematics_and_masses_of_mujoco(path: Path) -> None:

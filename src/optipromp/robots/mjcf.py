@@ -177,10 +177,20 @@ class _Reader:
             least = float(np.abs(model.jnt_actfrcrange[j]).max())
         for a in range(model.nu):
             on_joint = int(model.actuator_trntype[a]) == 0 and int(model.actuator_trnid[a, 0]) == j
-            if on_joint and model.actuator_forcelimited[a]:
-                gear = abs(float(model.actuator_gear[a, 0]))
-                least = min(least, gear * float(np.abs(model.actuator_forcerange[a]).max()))
+            if on_joint:
+                least = min(least, abs(float(model.actuator_gear[a, 0])) * self._force(a))
         return least or math.inf
+
+    def _force(self, a: int) -> float:
+        """The most that actuator ``a`` gives: by its range, and a motor's by its control's."""
+        model, least = self.model, math.inf
+        if model.actuator_forcelimited[a]:
+            least = float(np.abs(model.actuator_forcerange[a]).max())
+        fixed = not (model.actuator_gaintype[a] or model.actuator_biastype[a])  # no feedback
+        if model.actuator_ctrllimited[a] and fixed:
+            most = float(np.abs(model.actuator_ctrlrange[a]).max())
+            least = min(least, abs(float(model.actuator_gainprm[a, 0])) * most)
+        return least
 
     def _link(self, body: int) -> UrdfLink:
         model = self.model
