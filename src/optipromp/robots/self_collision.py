@@ -171,7 +171,8 @@ def sorted_out(
         return kept[0], slacks[0], ()
     links, first = np.unique(link[pairs], axis=0, return_index=True)
     if len(links) > MOST_LINKS:
-        return np.concatenate([*kept, pairs]), np.zeros(sum(map(len, kept)) + len(pairs)), ()
+        pairs = np.concatenate([*kept, drop_always_touching(robot, pairs)])
+        return pairs, np.zeros(len(pairs)), ()
     sample = _Sample(robot, Parts(len(link), given), count)
     for (a, b), own in zip(links, np.split(pairs, first[1:]), strict=True):
         slack, share, nearest = sample.slack(own)
