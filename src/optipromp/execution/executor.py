@@ -147,7 +147,7 @@ class Follower(ABC):
         if (beyond > 1e-6).any():
             return f"the curve leaves the limits of {robot.joint_names[int(np.argmax(beyond))]}"
         shares = found.largest / np.stack([robot.velocity, robot.acceleration, robot.jerk])
-        if shares.max() > 1.0 + judging.RATIO_TOLERANCE:
+        if shares.max() > 1.0 + judging.ROUNDING:
             row, joint = divmod(int(np.argmax(shares)), robot.n_joints)
             return (
                 f"{judging.RATES[row]} of {robot.joint_names[joint]} reaches "

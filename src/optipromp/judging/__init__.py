@@ -11,7 +11,7 @@ from optipromp.judging.kinematics import refined as refined
 from optipromp.judging.validator import AXIS_TOLERANCE as AXIS_TOLERANCE
 from optipromp.judging.validator import GOAL_TOLERANCE as GOAL_TOLERANCE
 from optipromp.judging.validator import RATES as RATES
-from optipromp.judging.validator import RATIO_TOLERANCE as RATIO_TOLERANCE
+from optipromp.judging.validator import ROUNDING as ROUNDING
 from optipromp.judging.validator import Judgement as Judgement
 from optipromp.judging.validator import Metrics as Metrics
 from optipromp.judging.validator import Violation as Violation

@@ -26,9 +26,8 @@ from optipromp.trajectory import State, Trajectory
 
 GOAL_TOLERANCE = 1e-3  # [m], or [rad] for a goal in joints; method §5
 AXIS_TOLERANCE = np.deg2rad(2.0)  # [rad]; method §5
-START_TOLERANCE = 1e-6  # [rad, rad/s, rad/s²]; rounding of what is read from files
+ROUNDING = 1e-6  # of starts [rad, rad/s, rad/s²] and of shares of a limit, as read from files
 RATES = ("velocity", "acceleration", "jerk")
-RATIO_TOLERANCE = 1e-6  # share of a limit of velocity, acceleration or jerk; rounding
 
 
 @dataclass(frozen=True)
@@ -261,7 +260,7 @@ def _motion(
         shares = found.largest[row] / limit
         joint = int(np.argmax(shares))
         ratio = ratios[f"{kind}_ratio"] = float(shares[joint])
-        if ratio > 1.0 + RATIO_TOLERANCE:
+        if ratio > 1.0 + ROUNDING:
             text = f"{kind} of {names[joint]} reaches {ratio:.3f} of its limit"
             when = float(found.when[2 + row, joint])
             out.append(Violation(kind, text, names[joint], when, ratio, "of the limit"))
@@ -288,7 +287,7 @@ def _ends(robot: Robot, trajectory: Trajectory, start: State | None) -> list[Vio
     if start is not None:
         begin = start
         off = float(np.max(np.abs(trajectory.positions[0] - start.q)))
-        if off > START_TOLERANCE:
+        if off > ROUNDING:
             text = "the trajectory does not begin at the start"
             out.append(Violation("start", text, "", 0.0, off, "rad or m"))
     for row, verb, state in ((0, "begins", begin), (-1, "ends", end)):
@@ -298,7 +297,7 @@ def _ends(robot: Robot, trajectory: Trajectory, start: State | None) -> list[Vio
         for kind, (is_, asked) in (("velocity", speed), ("acceleration", gain)):
             joint = int(np.argmax(np.abs(is_ - asked)))
             amount = float(abs(is_[joint] - asked[joint]))
-            if amount > START_TOLERANCE:
+            if amount > ROUNDING:
                 text = f"{names[joint]} {verb} with {kind} {is_[joint]:.4g}, not {asked[joint]:.4g}"
                 when = float(trajectory.times[row])
                 out.append(Violation("motion", text, names[joint], when, amount))
