@@ -41,6 +41,13 @@ def lengths(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.einsum("ki,ki->k", vectors, vectors)))
 
 
+def frame_along(axis: FloatArray) -> FloatArray:
+    """A rotation (..., 3, 3) whose third column is the unit vector ``axis`` (..., 3)."""
+    x = np.cross(np.eye(3)[np.abs(axis).argmin(axis=-1)], axis)
+    x /= np.linalg.norm(x, axis=-1, keepdims=True)
+    return np.stack([x, np.cross(axis, x), axis], axis=-1)
+
+
 def rotation(axis: Sequence[float] | FloatArray, angle: float) -> FloatArray:
     """Rotation (3, 3) about a unit ``axis`` (3,) by ``angle`` [rad] (Rodrigues)."""
     x, y, z = axis

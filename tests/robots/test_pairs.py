@@ -97,7 +97,7 @@ def test_links_that_never_come_near_are_left_out(write: Writer, joint: Callable[
     }.items()
 
 
-def test_only_the_covers_touch_at_home(write: Writer, joint: Callable[..., str]) -> None:
+def test_only_the_covers_touch_at_home(urdf: Writer, joint: Callable[..., str]) -> None:
     """l0 is a box that a cover exceeds; l2 stands 5 mm before it at home, and may fold into it."""
     box = '<geometry><box size="0.3 0.3 0.02"/></geometry>'
     links = (
@@ -109,7 +109,7 @@ def test_only_the_covers_touch_at_home(write: Writer, joint: Callable[..., str])
     joints = joint("j0", "l0", "l1", origin="") + joint(
         "j1", "l1", "l2", origin="", axis='<axis xyz="0 1 0"/>'
     )
-    robot = load_robot(write(f'<robot name="r">{links}{joints}</robot>'))
+    robot = load_robot(urdf(joints, links))
     assert robot.excess["l0"] > 0.005
     assert ("l0", "l2") in kept_apart(robot)
     assert robot.self_gaps(robot.home).min() >= 0.0
@@ -117,7 +117,7 @@ def test_only_the_covers_touch_at_home(write: Writer, joint: Callable[..., str])
 
 
 def test_the_rim_of_a_base_that_stands_on_its_plane_is_kept(
-    write: Writer, joint: Callable[..., str]
+    urdf: Writer, joint: Callable[..., str]
 ) -> None:
     """A rod swings down past a round base, 6 mm within its rim. The base's spheres are raised, so
     that the rim at its foot is in none of them. Its cover always meets that of the rod's hub."""
@@ -131,7 +131,7 @@ def test_the_rim_of_a_base_that_stands_on_its_plane_is_kept(
     joints = joint("turn", "base", "l1", origin='<origin xyz="0 0 0.22"/>') + joint(
         "swing", "l1", "l2", origin='<origin xyz="0 0.114 0"/>', axis='<axis xyz="0 1 0"/>'
     )
-    robot = load_robot(write(f'<robot name="r">{links}{joints}</robot>'))
+    robot = load_robot(urdf(joints, links))
     fixed = robot.spheres.segment < 0
     assert (robot.spheres.center[fixed, 2] - robot.spheres.radius[fixed]).min() > -1e-6
     q = np.random.default_rng(0).uniform(robot.lower, robot.upper, (400, 2))

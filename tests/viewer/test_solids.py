@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from optipromp.arrays import frame_along
 from optipromp.geometry.shapes import Box, Capsule, Cylinder, HalfSpace, PointCloudShape, Sphere
-from optipromp.looks.faces import frame_along, shape_faces, sphere
+from optipromp.looks.faces import shape_faces, sphere
 from optipromp.viewer.picture import Camera, Picture
 
 ROTATION = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

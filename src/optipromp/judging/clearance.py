@@ -162,12 +162,11 @@ def pushed_away(
     if not met:
         return list(contacts), []
     objects, _ = objects_of(scene)
+    own = np.flatnonzero(objects.role == PUSHABLE)
     loose = {
-        scene.objects[row].id: k
-        for k, row in enumerate(objects.rows.tolist())
-        if row < len(scene.objects)
-        and scene.objects[row].id in met
-        and scene.objects[row].stem is None
+        item.id: k
+        for k, item in zip(own.tolist(), scene.objects_at(objects.rows[own]), strict=True)
+        if item.id in met and item.stem is None
     }
     if not loose:
         return list(contacts), []

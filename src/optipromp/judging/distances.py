@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, IntArray, lengths
+from optipromp.arrays import FloatArray, IntArray, frame_along, lengths
 from optipromp.compiled import inlined, inner
 from optipromp.geometry import shapes
 from optipromp.geometry.obstacles import (
@@ -90,12 +90,8 @@ def _stems(scene: Scene) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
     radius = np.array([stem.radius for _, stem in held for _ in stem.points[1:]])
     along = ends[:, 1] - ends[:, 0]
     length = lengths(along)
-    z = along / length[:, None]
-    helper = np.eye(3)[np.abs(z).argmin(axis=1)]
-    x = np.cross(helper, z)
-    x /= lengths(x)[:, None]
-    size = np.column_stack([radius, 0.5 * length, np.zeros(len(z))])
-    turn = np.stack([x, np.cross(z, x), z], axis=2)
+    turn = frame_along(along / length[:, None])
+    size = np.column_stack([radius, 0.5 * length, np.zeros(len(length))])
     return np.array(owner, dtype=np.int64), ends.mean(axis=1), turn, size
 
 

@@ -63,16 +63,13 @@ def body_of(robot: Robot) -> Body:
     middle = np.reshape(
         [0.5 * (low[own].min(axis=0) + high[own].max(axis=0)) for own in spans], (-1, 3)
     )
-    reach = np.array(
-        [
-            np.max(lengths(local[own] - center) + radius[own])
-            for own, center in zip(spans, middle, strict=True)
-        ]
-    )
+    reach = [
+        np.max(lengths(local[own] - center) + radius[own])
+        for own, center in zip(spans, middle, strict=True)
+    ]
     pairs = np.sort(np.argsort(order)[np.asarray(robot.self_pairs).reshape(-1, 2)], axis=1)
     links, kept = np.searchsorted(names, link[pairs]), np.zeros(len(names))
     np.maximum.at(kept, links, -np.reshape(robot.self_slack, (-1, 1)))  # where slack is negative
-    reach += kept
     code = links[:, 0] * len(names) + links[:, 1]
     by = np.argsort((code * len(radius) + pairs[:, 0]) * len(radius) + pairs[:, 1])
     pairs = pairs[by]
@@ -90,7 +87,7 @@ def body_of(robot: Robot) -> Body:
         axis=kin.axis, driver=kin.dof, ratio=kin.multiplier, offset=kin.offset,
         carrier=carrier, local=local, radius=radius, original=order,
         start=start, distal=np.asarray(spheres.distal)[order][start[:-1]], middle=middle,
-        reach=reach, tool=np.array([robot.tool_point, robot.tool_axis]),
+        reach=np.add(reach, kept), tool=np.array([robot.tool_point, robot.tool_axis]),
         groups=np.column_stack([both, first, first + count]).astype(np.int64),
         pairs=pairs.astype(np.int64), slack=np.asarray(robot.self_slack)[by], levers=levers,
         longest=levers.max(axis=0, initial=0.0),

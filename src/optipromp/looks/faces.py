@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, IntArray
+from optipromp.arrays import FloatArray, IntArray, frame_along
 from optipromp.geometry import shapes
 from optipromp.geometry.shapes import Shape
 
@@ -48,14 +48,6 @@ def tube(points: FloatArray, radius: float, around: int = 16) -> FloatArray:
             profile = np.array([[radius, 0.0], [radius, length]])
             parts.append(revolve(profile, around) @ frame_along((end - start) / length).T + start)
     return np.concatenate(parts)
-
-
-def frame_along(axis: FloatArray) -> FloatArray:
-    """A rotation (3, 3) whose third column is the unit vector ``axis``."""
-    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    x = np.cross(helper, axis)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(axis, x), axis])
 
 
 def _local_faces(shape: Shape, cut: float) -> FloatArray:

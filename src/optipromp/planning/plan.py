@@ -192,7 +192,11 @@ def compile_kernels() -> None:
 def compile_push_model() -> None:
     """Compile what predicts a push, and what searches a way."""
     scene = load_scene(WARM_UP)
-    _predict_once(resolve(scene))
+    task = resolve(scene)
+    model = push_model(task, task.robot.home)
+    assert model is not None
+    path = model.path(model.spread(0)[0])  # the first candidate
+    model.predict(path.points, path.points)
     _search_once(scene)
 
 
@@ -201,14 +205,6 @@ def _search_once(scene: Scene) -> None:
     task = resolve(scene)
     home = task.robot.home[None]
     tree.way(task, home, home, np.random.default_rng(0))
-
-
-def _predict_once(task: Task) -> None:
-    """Predict the push along the first candidate path, for what that compiles."""
-    model = push_model(task, task.robot.home)
-    assert model is not None
-    path = model.path(model.spread(0)[0])
-    model.predict(path.points, path.points)
 
 
 def _plan(

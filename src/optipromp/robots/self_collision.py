@@ -73,9 +73,6 @@ def _sorted(
     robot: Robot, allowed: Collection[tuple[str, str]], parts: FloatArray, count: int
 ) -> Robot:
     pairs = candidate_pairs(robot, allowed)
-    fitted = [robot.link_names.index(name) for name in robot.excess] if len(parts) else []
-    mine = np.isin(robot.spheres.link[pairs], fitted).all(axis=1)
-    pairs = np.concatenate([pairs[mine], drop_always_touching(robot, pairs[~mine])])
     pairs, slack, out = sorted_out(robot, pairs, list(robot.excess), parts, count)
     return replace(
         robot, self_pairs=frozen(pairs, np.int64), self_slack=frozen(slack), left_out=out
@@ -165,7 +162,8 @@ def sorted_out(
     link, names = robot.spheres.link, robot.link_names
     pairs = pairs[np.lexsort((link[pairs[:, 1]], link[pairs[:, 0]]))] if fitted else pairs
     looked = np.isin(link[pairs], [names.index(name) for name in fitted]).all(axis=1)
-    kept, slacks = [pairs[~looked]], [np.zeros(int((~looked).sum()))]
+    kept = [drop_always_touching(robot, pairs[~looked])]
+    slacks = [np.zeros(len(kept[0]))]
     pairs, out = pairs[looked], list[LeftOut]()
     if not len(pairs):
         return kept[0], slacks[0], ()
@@ -199,7 +197,7 @@ class _Sample:
         postures = np.vstack([robot.home, _postures(robot, count)])
         self.frames = robot.segment_frames(postures)
         self.balls = dict[tuple[int, int], tuple[FloatArray, float]]()
-        self.larger = parts.beyond(robot)
+        self.radius = robot.spheres.radius + parts.beyond(robot)
         self.chosen = ((robot.home > robot.lower) & (robot.home < robot.upper)).all()
 
     def placed(
@@ -219,7 +217,7 @@ class _Sample:
         """Of pairs (P, 2) of spheres of two links: the slack (P,) of each [m], infinite where their
         parts never meet; the share of configurations at which any is short of its slack; and the
         least gap of any [m]."""
-        centers, radius = self.robot.spheres.center, self.robot.spheres.radius + self.larger
+        centers, radius = self.robot.spheres.center, self.radius
         first, i = np.unique(pairs[:, 0], return_inverse=True)
         second, j = np.unique(pairs[:, 1], return_inverse=True)
         full = radius[pairs].sum(axis=1)
@@ -253,7 +251,7 @@ class _Sample:
         if len(home) and not self._touch(row[home], pairs[pair[home]]).any():
             slack[pair[home]] = full[pair[home]] - apart[home] + KEPT
         short = np.unique(row[short])
-        slack -= self.larger[pairs].sum(axis=1)
+        slack -= full - self.robot.spheres.radius[pairs].sum(axis=1)
         return slack, len(short) / len(self.frames[0]), least
 
     def _near(self, first: IntArray, second: IntArray) -> IntArray:
@@ -265,8 +263,7 @@ class _Sample:
         """The middle of a ball about spheres of a link (m, 3) [m], and its radius."""
         key = int(self.robot.spheres.link[own[0]]), len(own)
         if key not in self.balls:
-            center = self.robot.spheres.center[own]
-            radius = self.robot.spheres.radius[own] + self.larger[own]
+            center, radius = self.robot.spheres.center[own], self.radius[own]
             middle = center.mean(axis=0)
             reach = float((lengths(center - middle) + radius).max())
             self.balls[key] = self.placed(own, middle[None])[:, 0], reach
