@@ -1,5 +1,6 @@
 """MJCF files: the same kinematics, limits, bodies and masses that MuJoCo itself has."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,9 @@ import pytest
 
 from optipromp.errors import InvalidRobotError
 from optipromp.robots import load_robot
+from optipromp.robots.kept_mjcf import mjcf_files
 from optipromp.robots.library import load_arm
+from optipromp.robots.mjcf import read_mjcf
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -146,3 +149,73 @@ def test_what_is_refused(path: Path, old: str, new: str, told: str) -> None:
     path.write_text(ARM.replace(old, new))
     with pytest.raises(InvalidRobotError, match=told):
         load_robot(path)
+
+
+BODY = """<mujocoinclude><default><geom rgba="1 0 0 1"/></default>
+  <worldbody><body name="base"><body name="upper" pos="0 0 {height}">
+    <joint name="turn" axis="0 0 1" range="-1 1" limited="true"/>
+    <geom type="mesh" mesh="cube"/></body></body></worldbody></mujocoinclude>"""
+WHOLE = """<mujoco><compiler meshdir="assets"/><asset><mesh name="cube" file="cube.stl"/></asset>
+  <include file="parts/body.xml"/></mujoco>"""
+
+
+@pytest.fixture
+def scattered(tmp_path: Path) -> Path:
+    """An arm whose body and mesh are in files of their own."""
+    trimesh = pytest.importorskip("trimesh")
+    (tmp_path / "assets").mkdir()
+    (tmp_path / "parts").mkdir()
+    trimesh.creation.box([0.1, 0.1, 0.2]).export(tmp_path / "assets" / "cube.stl")
+    (tmp_path / "parts" / "body.xml").write_text(BODY.format(height=0.3))
+    out = tmp_path / "arm.xml"
+    out.write_text(WHOLE)
+    return out
+
+
+def test_a_file_read_before_needs_no_mujoco(
+    path: Path, scattered: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for each in (path, scattered):
+        first = read_mjcf(each)
+        with monkeypatch.context() as patched:
+            patched.setitem(sys.modules, "mujoco", None)
+            assert read_mjcf(each) == first
+            with pytest.raises(InvalidRobotError, match="needs MuJoCo"):
+                read_mjcf(each.rename(each.with_stem("other")))  # its name may be the robot's
+
+
+def test_a_change_of_any_file_is_read(scattered: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    files = mjcf_files(scattered)
+    assert files is not None
+    assert [file.name for file in files] == ["arm.xml", "cube.stl", "body.xml"]
+    before = load_robot(scattered)
+    (scattered.parent / "parts" / "body.xml").write_text(BODY.format(height=0.4))
+    raised = load_robot(scattered)
+    trimesh.creation.box([0.1, 0.1, 0.4]).export(scattered.parent / "assets" / "cube.stl")
+    longer = load_robot(scattered)
+    at_zero = [robot.segment_frames(np.zeros((1, 1)))[0][0, 0, 2] for robot in (before, raised)]
+    assert at_zero == pytest.approx([0.3, 0.4])
+    tops = [(r.spheres.center[:, 2] + r.spheres.radius).max() for r in (raised, longer)]
+    assert tops[1] - tops[0] > 0.08
+
+
+def test_a_lost_mesh_of_the_cache_is_made_again(path: Path) -> None:
+    model = read_mjcf(path)
+    (mesh,) = {
+        shape.mesh for link in model.links.values() for shape in link.collisions if shape.mesh
+    }
+    Path(mesh).unlink()
+    assert read_mjcf(path) == model
+    assert Path(mesh).is_file()
+
+
+def test_a_damaged_cache_is_made_again(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
+    model = read_mjcf(path)
+    (kept,) = (tmp_path / "cache" / "mjcf").iterdir()
+    for content in (b"", b"{", b'{"name": "a"}', b"[" * 100_000):
+        kept.write_bytes(content)
+        assert read_mjcf(path) == model

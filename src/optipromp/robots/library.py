@@ -15,6 +15,7 @@ from optipromp.robots.arm import Arm, choose_arm
 from optipromp.robots.chain import Chain, serial_chain
 from optipromp.robots.dynamics import dynamics
 from optipromp.robots.kept_covers import Cover
+from optipromp.robots.kept_mjcf import mjcf_files
 from optipromp.robots.meshes import mesh_files
 from optipromp.robots.mjcf import is_mjcf, read_mjcf
 from optipromp.robots.model import BodySpheres, LeftOut, LinkGeometry, Robot
@@ -164,11 +165,11 @@ def _from_file(path: Path, choice: Choice) -> tuple[Robot, Arm]:
         model = _read(entry, path, choice)
     bare = [name for name in model.links if name not in entry.spheres]
     groups = _given_srdf(entry, path, choice)
-    beside = model.path.parent.glob("*.xml") if is_mjcf(model.path) else ()  # it may include them
-    files = [path, model.path, *beside, *([groups] if groups else []), *mesh_files(model, bare)]
+    named = mjcf_files(model.path) if is_mjcf(model.path) else [model.path]
+    files = [path, *(named or ()), *([groups] if groups else []), *mesh_files(model, bare)]
     stamps = _stamps([*files, *srdf_files(model)])
     out = _build(entry, model, path, choice)
-    if model.path.suffix.lower() != ".xacro":  # it may include files that are not known here
+    if named is not None and model.path.suffix.lower() != ".xacro":  # it may include others
         while len(_held) >= _HELD:
             _held.pop(next(iter(_held)), None)
         _held[key] = model, files, stamps, out

@@ -21,6 +21,7 @@ from optipromp.arrays import FloatArray
 from optipromp.arrays import rotation as turned
 from optipromp.errors import InvalidRequestError, InvalidRobotError
 from optipromp.files import cache_folder, is_file, read_bytes, write_atomically
+from optipromp.robots.kept_mjcf import SUFFIXES, kept_mjcf
 from optipromp.robots.urdf import (
     UrdfGeometry,
     UrdfInertial,
@@ -38,7 +39,7 @@ _LIMIT = math.inf
 
 def is_mjcf(path: Path) -> bool:
     """Whether a file is an MJCF, by its suffix and its root element."""
-    if path.suffix.lower() not in (".xml", ".mjcf"):
+    if path.suffix.lower() not in SUFFIXES:
         return False
     with suppress(InvalidRobotError):
         return b"<mujoco" in read_bytes(path, InvalidRobotError)
@@ -48,8 +49,14 @@ def is_mjcf(path: Path) -> bool:
 def read_mjcf(path: Path) -> UrdfModel:
     """Read the MJCF file at ``path``. Its meshes are left in the cache folder, by their content.
 
+    What is read is left there too (:mod:`optipromp.robots.kept_mjcf`).
+
     Raises InvalidRobotError where MuJoCo is not installed or cannot read the file.
     """
+    return kept_mjcf(path, lambda: _compiled(path))
+
+
+def _compiled(path: Path) -> UrdfModel:
     try:
         import mujoco
     except ImportError:
