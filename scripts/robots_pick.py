@@ -47,9 +47,9 @@ def pick(name: str, path: str | Path, choice: Choice, count: int) -> str:
     for seed in range(SEED, SEED + count):
         for times, args in ((panda, ()), (own, (path, choice))):
             scene = generate("cluster", seed, *args)
-            began = time.process_time()
+            began = time.thread_time()
             made = plan(scene)
-            times.append(time.process_time() - began)
+            times.append(time.thread_time() - began)
         outcome = simulate(made).outcome
         valid, picked = valid + made.success, picked + outcome.success
         causes += [] if outcome.success else [f"{seed} {made.status} {outcome.cause}"]

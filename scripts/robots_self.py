@@ -1,6 +1,6 @@
 """How often a robot touches itself as its meshes do: a table of docs/robots-tried.md.
 
-    python scripts/robots_self.py COUNT FILE...  (URDF or MJCF)
+    python scripts/robots_self.py COUNT FILE...  (URDF, MJCF or robot file)
 
 COUNT random configurations a robot, checked by Coal. Pairs that the maker's SRDF disables are left
 out. Links touch where their surfaces meet, or one is inside the other (winding number). A collision
@@ -8,40 +8,33 @@ is missed where only the meshes touch; its depth is that of the points of one me
 """
 
 import sys
-from pathlib import Path
 
 import coal
 import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
-from optipromp.robots import Robot
-from optipromp.robots.chain import Placement, rotation_of, serial_chain
+from optipromp.robots import Robot, load_robot
+from optipromp.robots.chain import rotation_of
 from optipromp.robots.fit import spread
-from optipromp.robots.library import load_arm
 from optipromp.robots.meshes import triangles
-from optipromp.robots.mjcf import is_mjcf, read_mjcf
-from optipromp.robots.touching import disabled_pairs, srdf_beside
-from optipromp.robots.urdf import UrdfGeometry, UrdfModel, read_urdf
+from optipromp.robots.model import LinkGeometry
+from optipromp.robots.urdf import UrdfGeometry
 
 
-def link_meshes(model: UrdfModel) -> dict[str, np.ndarray]:
+def link_meshes(robot: Robot) -> dict[str, np.ndarray]:
     """The triangles (f, 3, 3) of each link that has geometry, in its frame [m]."""
     return {
-        name: np.concatenate(
-            [
-                _triangles(model, name, shape) @ rotation_of(shape.rpy).T + shape.xyz
-                for shape in link.collisions or link.visuals
-            ]
+        each.link: np.concatenate(
+            [_triangles(each, one) @ rotation_of(one.rpy).T + one.xyz for one in each.shapes]
         )
-        for name, link in model.links.items()
-        if link.collisions or link.visuals
+        for each in robot.geometry
     }
 
 
-def _triangles(model: UrdfModel, link: str, shape: UrdfGeometry) -> np.ndarray:
+def _triangles(geometry: LinkGeometry, shape: UrdfGeometry) -> np.ndarray:
     if shape.kind == "mesh":
-        return triangles(model.path, link, shape)
+        return triangles(geometry.urdf, geometry.link, shape)
     made = {
         "box": lambda: trimesh.creation.box(shape.size),
         "sphere": lambda: trimesh.creation.icosphere(radius=shape.size[0]),
@@ -58,16 +51,13 @@ def random_configurations(robot: Robot, count: int) -> np.ndarray:
     return np.random.default_rng(1).uniform(low, high, (count, robot.n_joints))
 
 
-def meshes_touch(
-    robot: Robot, model: UrdfModel, places: dict[str, Placement], q: np.ndarray, missed: np.ndarray
-) -> tuple[np.ndarray, float]:
+def meshes_touch(robot: Robot, q: np.ndarray, missed: np.ndarray) -> tuple[np.ndarray, float]:
     """Whether links two or more segments apart touch at ``q`` (m, n): (m,).
 
     And how deep they are in one another [m] where they do and ``missed`` (m,).
     """
-    srdf = srdf_beside(model)
-    wrong = {frozenset(pair) for pair in disabled_pairs(srdf, model)} if srdf else set()
-    meshes = {name: mesh for name, mesh in link_meshes(model).items() if name in places}
+    places, meshes = {each.link: each for each in robot.geometry}, link_meshes(robot)
+    wrong = {frozenset(each[:2]) for each in robot.left_out if each.why.endswith(".srdf")}
     models = {name: _bvh(mesh) for name, mesh in meshes.items()}
     solids = {name: (mesh, mesh.min((0, 1)), mesh.max((0, 1))) for name, mesh in meshes.items()}
     origins, rotations = robot.segment_frames(q)
@@ -142,13 +132,11 @@ def main(count: int, files: list[str]) -> None:
     )
     print("|---|---|---|---|---|---|---|---|---|")
     for file in files:
-        robot, arm = load_arm(Path(file))
-        model = (read_mjcf if is_mjcf(Path(file)) else read_urdf)(Path(file))
+        robot = load_robot(file)
         q = random_configurations(robot, count)
         some = np.array_split(q, max(1, count // 500))  # all at once would take gigabytes
         ours = np.concatenate([(robot.self_gaps(each) < 0.0).any(axis=1) for each in some])
-        places = serial_chain(model, arm.tip, arm.base).placements
-        theirs, deepest = meshes_touch(robot, model, places, q, ~ours)
+        theirs, deepest = meshes_touch(robot, q, ~ours)
         print(
             f"| {robot.name} | {len(robot.spheres.radius)} | {len(robot.self_pairs)} "
             f"| {1e3 * max(robot.excess.values()):.0f} mm | {100 * (~ours).mean():.1f} % "

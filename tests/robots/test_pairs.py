@@ -11,9 +11,6 @@ from optipromp.errors import InvalidRobotError
 from optipromp.optimization.costs.obstacles import self_overlap
 from optipromp.optimization.evaluation import BodyPoints, Evaluation
 from optipromp.robots import Robot, load_robot
-from optipromp.robots.chain import serial_chain
-from optipromp.robots.library import load_arm
-from optipromp.robots.urdf import read_urdf
 from optipromp.scenes import JointGoal, Scene
 
 Writer = Callable[..., Path]
@@ -184,13 +181,12 @@ def test_a_stock_robot(name: str) -> None:
         pytest.importorskip(needed)
     from scripts.robots_self import link_meshes, meshes_touch, random_configurations
 
-    path = stock(name)
-    (robot, chosen), model = load_arm(path), read_urdf(path)
-    places = serial_chain(model, chosen.tip, chosen.base).placements
+    robot = load_robot(stock(name))
+    places = {each.link: each for each in robot.geometry}
     arm = [i for i, n in enumerate(robot.link_names) if not any(word in n for word in TOOLS)]
     moving = robot.spheres.segment >= 0
     assert (np.isin(robot.spheres.link, arm) & moving).sum() <= 60
-    for link, triangles in link_meshes(model).items():
+    for link, triangles in link_meshes(robot).items():
         mine = robot.spheres.link == robot.link_names.index(link)
         place = places[link]
         picked = np.random.default_rng(0).integers(len(triangles), size=3000)
@@ -209,6 +205,6 @@ def test_a_stock_robot(name: str) -> None:
         assert robot.excess[link] <= 0.03, link
     q = random_configurations(robot, CONFIGURATIONS)
     gaps = robot.self_gaps(q).min(axis=1)
-    theirs, _ = meshes_touch(robot, model, places, q, np.zeros(len(q), dtype=np.bool_))
+    theirs, _ = meshes_touch(robot, q, np.zeros(len(q), dtype=np.bool_))
     assert not (theirs & (gaps > 0.001)).any()
     assert ((gaps < 0.0) == theirs).mean() >= STOCK[name][1]

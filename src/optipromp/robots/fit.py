@@ -17,7 +17,6 @@ its triangles.
 """
 
 from collections.abc import Callable, Collection, Sequence
-from typing import Any
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -26,6 +25,7 @@ from scipy.spatial.distance import cdist
 
 from optipromp.arrays import BoolArray, FloatArray, IntArray
 from optipromp.processes import in_threads
+from optipromp.robots.fit_kernels import costs, farthest, first_of_cells, largest, owners
 
 VOXEL = 0.003  # [m] of the grid, for parts of up to 0.4 m
 TIGHT = 0.008  # [m] of excess at which a cover gets no further sphere
@@ -38,7 +38,6 @@ _POINTS, _CENTERS = 1_200, 2_500  # of a mesh while its cover grows; all points 
 _SHARES = (0.6, 0.85)  # of the excess, that the half of a split may have
 _ROUNDS = 12  # of Lloyd's, at most
 _SLACK = 1.0 + 1e-9  # against rounding
-_AT_ONCE = 4_000  # triangles
 _SLENDER, _SLICE = 4.0, 2.0  # chosen: longest sides over heights: what is thin, and its slices
 _FOOT = 1e-9  # of a side, that the point below the third corner keeps from its ends
 
@@ -119,13 +118,14 @@ class _Fit:
         depth = self.depth[tuple(inside.T)]
         order = np.argsort(-depth, kind="stable")  # of the candidates in a cell the deepest stays
         sparse = max(1.0, (len(inside) / _CENTERS) ** (1.0 / 3.0))
-        inside = inside[order][_thinned(inside[order], sparse, _CENTERS)]
+        inside = inside[order]
+        inside = inside[_thinned(inside, sparse, _CENTERS)]
         self.centers = self._middle(inside)
         thin = _thinned(surface - self.low, self.voxel)
         self.points, self.outside = surface[thin], surface[thin[outer[thin]]]
         self.few = self.points[_thinned(self.points - self.low, 2.0 * self.voxel, _POINTS)]
-        cost = cdist(self.few, self.centers) - self.depth[tuple(inside.T)]
-        self.cost = cost.astype(np.float32)
+        self.cost = np.empty((len(self.few), len(inside)), np.float32)
+        costs(self.few, _columns(self.centers), self.depth[tuple(inside.T)], self.cost)
         self.known = dict[bytes, int]()
         self.chosen = [self._center(np.arange(len(self.few)))]
         self.excess = float(self.cost[:, self.chosen].max())
@@ -188,7 +188,8 @@ class _Fit:
         """The candidate that covers these of the few points with the least excess."""
         key = points.tobytes()
         if key not in self.known:  # most sets of points come again and again
-            self.known[key] = int(self.cost[points].max(axis=0).argmin())
+            largest(self.cost, points, most := np.empty(self.cost.shape[1], np.float32))
+            self.known[key] = int(most.argmin())
         return self.known[key]
 
     def cover(self) -> tuple[FloatArray, float]:
@@ -197,8 +198,8 @@ class _Fit:
         points = self.points
         best, held = np.inf, at
         for _ in range(_ROUNDS):
-            cost = cdist(points, self._middle(at)) - self.depth[tuple(at.T)]
-            excess, owner = float(cost.min(axis=1).max()), cost.argmin(axis=1)
+            owner, beyond = _owners(points[:, None], self._middle(at), self.depth[tuple(at.T)])
+            excess = float(beyond.max())
             if excess >= best - 1e-6:
                 break
             best, held = excess, at
@@ -206,8 +207,9 @@ class _Fit:
         centers, depth = self._middle(held), self.depth[tuple(held.T)]
         pieces, owner = shared_out(self.triangles, centers, depth, _FINE_STEP * self.voxel)
         used = np.unique(owner)  # a sphere that holds the corners of a piece holds the piece
+        corners = [pieces[owner == k].reshape(-1, 3) for k in used]
         radius = np.array(
-            [cdist(pieces[owner == k].reshape(-1, 3), centers[[k]]).max() for k in used]
+            [_farthest(own, centers[[k]])[0] for k, own in zip(used, corners, strict=True)]
         )
         depth = cKDTree(self.outside).query(centers[used])[0]
         return np.column_stack([centers[used], radius * _SLACK]), float((radius - depth).max())
@@ -218,8 +220,7 @@ class _Fit:
         near = near[((near >= 0) & (near < self.depth.shape)).all(axis=1)]
         depth = self.depth[tuple(near.T)]
         near, depth = near[depth >= 0.0], depth[depth >= 0.0]
-        cost = cdist(points, self._middle(near)).max(axis=0) - depth
-        best: IntArray = near[int(cost.argmin())]
+        best: IntArray = near[int((_farthest(points, self._middle(near)) - depth).argmin())]
         return best
 
 
@@ -258,23 +259,33 @@ def shared_out(
     are the least out of the same ball, or no side is over ``step`` [m].
     """
 
-    def beyond(pieces: FloatArray) -> FloatArray:
-        """How far each corner is out of each ball: (m, 3, k)."""
-        away = cdist(pieces.reshape(-1, 3), centers) - radius
-        return np.asarray(away.reshape(-1, 3, len(centers)))
-
     def whole(pieces: FloatArray) -> BoolArray:
-        return np.asarray(np.ptp(beyond(pieces).argmin(axis=2), axis=1) == 0)
+        owner = _owners(pieces.reshape(-1, 1, 3), centers, radius)[0].reshape(-1, 3)
+        return np.asarray(np.ptp(owner, axis=1) == 0)
 
     pieces = cut(triangles, step, whole)
-    return pieces, _in_chunks(lambda each: beyond(each).max(axis=1).argmin(axis=1), pieces)
+    return pieces, _owners(pieces, centers, radius)[0]
 
 
-def _in_chunks(told: Callable[[FloatArray], Any], triangles: FloatArray) -> Any:
-    """What ``told`` says of each of the triangles (m, 3, 3): (m,). Of all at once, 1 GB is soon
-    taken."""
-    chunks = np.array_split(triangles, 1 + len(triangles) // _AT_ONCE)
-    return np.concatenate([told(chunk) for chunk in chunks])
+def _owners(
+    pieces: FloatArray, centers: FloatArray, radius: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """See :func:`optipromp.robots.fit_kernels.owners`."""
+    owner, beyond = np.zeros(len(pieces), np.int64), np.empty(len(pieces))
+    owners(pieces, centers, radius, owner, beyond)
+    return owner, beyond
+
+
+def _farthest(points: FloatArray, centers: FloatArray) -> FloatArray:
+    """See :func:`optipromp.robots.fit_kernels.farthest`."""
+    out = np.empty(len(centers))
+    farthest(points, _columns(centers), out)
+    return out
+
+
+def _columns(points: FloatArray) -> FloatArray:
+    """Points (n, 3) as (3, n), each coordinate whole in memory."""
+    return np.ascontiguousarray(points.T)
 
 
 def cut(
@@ -292,7 +303,7 @@ def cut(
         sides = np.square(turned - triangles).sum(axis=2)
         long = (sides > step * step).any(axis=1)
         if whole is not None:
-            long[long] = ~_in_chunks(whole, triangles[long])
+            long[long] = ~whole(triangles[long])
         done.append(triangles[~long])
         longest = sides[long].argmax(axis=1)
         each = np.flatnonzero(long)
@@ -342,12 +353,12 @@ def enclosed(touched: BoolArray) -> BoolArray:
 
 def _thinned(points: FloatArray | IntArray, edge: float, most: float = np.inf) -> IntArray:
     """Indices of the first point in each cell of a grid; ``edge`` grows until ``most`` are left."""
+    points = points.astype(np.float64)
+    end = points.max(axis=0)
     while True:
-        cell = np.maximum(np.floor(points / edge), 0.0).astype(np.int64)
-        shape = cell.max(axis=0) + 1
-        code, held = np.ravel_multi_index(tuple(cell.T), tuple(shape)), np.full(shape.prod(), -1)
-        held[code[::-1]] = np.arange(len(points))[::-1]  # of several in a cell the first stays
-        first: IntArray = np.sort(held[held >= 0])
+        shape = np.maximum(np.floor(end / edge), 0.0).astype(np.int64) + 1
+        first = np.empty(len(points), np.int64)
+        first = first[: first_of_cells(points, edge, shape, first)]
         if len(first) <= most:
             return first
         edge *= max(1.05, (len(first) / most) ** (1.0 / 3.0))
