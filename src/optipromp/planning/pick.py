@@ -63,7 +63,7 @@ def pick(
     rng = np.random.default_rng(seed)
     model = push_model(task, goals[0])
     solver = Solver(pushed_aside(task), options, budget, task.scene, stem_side=model is None)
-    best: tuple[Attempt, Prediction | None] | None = None
+    best: tuple[Attempt, tuple[FloatArray, FloatArray], float] | None = None
     least, tries = np.inf, 0
     known = model if options.prediction else None
     paths = tool_paths(task, known, rng, budget, options.rule, lambda good: least <= good)
@@ -80,23 +80,23 @@ def pick(
             attempt = first_valid(solver, begin) or attempt
         tries += 1
         q = attempt.trajectory.positions[attempt.start.waypoints.first :]
-        prediction = None if model is None else model.predict(*tool_motion(task.robot, q))
-        score = prediction.harm if prediction and options.prediction else 0.0
+        motion = tool_motion(task.robot, q)
+        harm = 0.0 if model is None else model.harm(*motion, model.states)
+        score = harm if options.prediction else 0.0
         if path is task.kept:  # another one must be better by as much
             score = max(score - good, 0.0)
         score += 0.0 if attempt.valid else INVALID
         if best is None or score < least:
-            best, least = (attempt, prediction), score
+            best, least = (attempt, motion, harm), score
         if least <= good or solver.budget.spent() or (tries >= TRIES and not best[0].valid):
             break
-    if best is None:
-        attempt = first_valid(
-            solver, ways.free_starts(solver.task, options, promp, goals, rng, budget)
-        )
-        assert attempt is not None  # there is at least one goal configuration
-        best = attempt, None
-    attempt, prediction = best
-    return outcome(attempt, prediction, clock() - began)
+    if best is not None:
+        attempt, motion, harm = best
+        prediction = None if model is None else model.predict(*motion, harm)
+        return outcome(attempt, prediction, clock() - began)
+    attempt = first_valid(solver, ways.free_starts(solver.task, options, promp, goals, rng, budget))
+    assert attempt is not None  # there is at least one goal configuration
+    return outcome(attempt, None, clock() - began)
 
 
 def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> Planned:

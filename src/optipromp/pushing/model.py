@@ -136,9 +136,11 @@ class PushModel(ABC):
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """Id of the object that is harmed most in the worst state, and what happens to it."""
 
-    def predict(self, points: FloatArray, axes: FloatArray) -> Prediction:
-        """The harm of a motion over all states, and its cause."""
-        harm = self.harm(points, axes, self.states)
+    def predict(
+        self, points: FloatArray, axes: FloatArray, harm: float | None = None
+    ) -> Prediction:
+        """The harm of a motion over all states (``harm``, where it is known), and its cause."""
+        harm = self.harm(points, axes, self.states) if harm is None else harm
         harmed = self.cause(points, axes) if harm > self.threshold else ("", "nothing is harmed")
         return Prediction(harm, self.threshold, *harmed)
 

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray
+from optipromp.compiled import inner
 from optipromp.robots.spheres import cover_capsule
 
 NECK_RADIUS = 0.01
@@ -68,26 +69,42 @@ def _stack(radius: float, height: float, bulge: float) -> list[tuple[float, _Ban
     lowest = np.ceil((size - half - height - bulge - 1e-12) / step)  # minus the steps to the rim
     kept = _undominated(count + 1e-3 * size, lowest, np.ceil(2.0 * half / step - 1e-9))
     count, ring, size, half = count[kept], ring[kept], size[kept], half[kept]
-    advance, below_rim, price = 2.0 * half / step, size - half, 1e-3 * size
-    cost, choice = np.zeros(steps + 1), np.zeros(steps + 1, dtype=int)
-    at = np.arange(steps + 1)[:, None]
-    after = np.maximum(np.ceil(at - advance + 1e-9), 0).astype(int)
-    # a band must be below the rim, and must advance
-    fits = (below_rim <= height + bulge - at * step + 1e-12) & (after < at)
-    own = np.where(fits, count, np.inf)
-    for i in range(1, steps + 1):
-        total = own[i] + cost.take(after[i]) + price
-        choice[i] = total.argmin()
-        cost[i] = total[choice[i]]
+    cost, choice, after = np.zeros(steps + 1), *np.zeros((2, steps + 1), dtype=np.int64)
+    _cheapest(
+        count,
+        1e-3 * size,
+        2.0 * half / step,
+        size - half,
+        step,
+        height + bulge,
+        cost,
+        choice,
+        after,
+    )
     rows, i = [], steps
     while i > 0:
         k, top = choice[i], i * step
         band = _Band(int(count[k]), float(ring[k]), float(size[k]), float(half[k]))
         # the lowest band may stand higher than needed, so that it does not reach behind the base
         middle = min(max(top - band.half_height, top / 2.0), height + bulge - band.radius)
-        rows.append((middle if after[i, k] == 0 else top - band.half_height, band))
-        i = int(after[i, k])
+        rows.append((middle if after[i] == 0 else top - band.half_height, band))
+        i = int(after[i])
     return rows
+
+
+@inner
+def _cheapest(count, price, advance, below_rim, step, top, cost, choice, after):  # type: ignore[no-untyped-def]
+    """The least cost of the wall below each height of the programme, the band (m,) chosen there,
+    and the height after it, in place. A band must be below the rim, and must advance."""
+    for i in range(1, cost.shape[0]):
+        cost[i] = np.inf
+        for k in range(count.shape[0]):
+            to = max(math.ceil(i - advance[k] + 1e-9), 0)
+            if to >= i or below_rim[k] > top - i * step + 1e-12:
+                continue
+            total = count[k] + cost[to] + price[k]
+            if total < cost[i]:
+                cost[i], choice[i], after[i] = total, k, to
 
 
 def _undominated(cost: FloatArray, below_rim: FloatArray, steps: FloatArray) -> IntArray:
