@@ -125,7 +125,9 @@ else:
 
     def compiler(**options):
         """A decorator of kernels with further options of Numba's."""
-        make = njit(cache=_CACHED, error_model="numpy", nogil=True, **options)
+        make = njit(
+            cache=_CACHED, error_model="numpy", nogil=True, no_cfunc_wrapper=True, **options
+        )
 
         def compiled(function):
             dispatcher = make(function)

@@ -18,7 +18,7 @@ from optipromp.robots.urdf import UrdfJoint, UrdfLink, UrdfModel
 from optipromp.robots.xml_tree import Node, read_xml
 
 SUFFIXES = (".xml", ".mjcf")
-_VERSION = 1  # part of the cache key: raise it when the same files give another model
+_MJCF_VERSION = 1  # part of the cache key: raise it when the same files give another model
 _FOLDERS = ("meshdir", "texturedir", "assetdir")  # of a <compiler>: where assets are
 
 
@@ -100,7 +100,7 @@ def _cache_file(path: Path) -> Path | None:
     if folder is None or files is None:
         return None
     try:
-        digest = hashlib.sha256(f"{_VERSION} {version('mujoco')} {path.name}".encode())
+        digest = hashlib.sha256(f"{_MJCF_VERSION} {version('mujoco')} {path.name}".encode())
         for file in files:
             content = read_bytes(file, InvalidRequestError)
             name = os.path.relpath(file, path.parent)
