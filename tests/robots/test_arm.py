@@ -249,6 +249,33 @@ def test_hold_refused(write: Writer, hold: dict[str, float], said: list[str]) ->
     assert all(word in caught.value.message for word in [*said, "robot.urdf"])
 
 
+def free(kind: str, parent: str, child: str) -> str:
+    return joint(f"{parent}-{child}", parent, child, kind=kind, **SHORT)
+
+
+@pytest.mark.parametrize("kind", ["planar", "floating"])
+def test_an_arm_on_a_base_that_drives_or_floats(write: Writer, kind: str) -> None:
+    wheeled = fixed("chassis", "base")
+    path = write(robot(free(kind, "world", "chassis"), *WHEELS, wheeled, *ARM))
+    with pytest.warns(UserWarning, match=rf"'world-chassis' is {kind}: taken as fixed, at zero"):
+        found = load_robot(path)
+    fixed_there = write(robot(fixed("world", "chassis"), *WHEELS, wheeled, *ARM), "other.urdf")
+    assert found.joint_names == tuple(f"a{k + 1}" for k in range(6))
+    home = np.full((1, 6), 0.3)
+    for mine, theirs in zip(
+        found.segment_frames(home), load_robot(fixed_there).segment_frames(home), strict=True
+    ):
+        np.testing.assert_array_equal(mine, theirs)
+
+
+@pytest.mark.parametrize("kind", ["planar", "floating"])
+@pytest.mark.parametrize("parent", ["alink3", "alink6"])
+def test_an_arm_itself_neither_drives_nor_floats(write: Writer, kind: str, parent: str) -> None:
+    path = write(robot(*ARM, free(kind, parent, "far"), *series("b", "far", 2)))
+    with pytest.raises(InvalidRobotError, match=f"'{kind}'; .* only what an arm stands on"):
+        load_robot(path)
+
+
 TWO = [*TORSO, *series("left", "column", 6), *series("right", "column", 6)]
 
 

@@ -1,6 +1,8 @@
 """Tools: where the tool point lies, what the spheres cover, what is refused."""
 
 import math
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -98,6 +100,23 @@ def test_a_second_tool_takes_the_place_of_the_first() -> None:
     assert bare.link_names == panda.link_names
     np.testing.assert_array_equal(bare.self_pairs, panda.self_pairs)
     np.testing.assert_array_equal(bare.tool_point, panda.tool_point)
+
+
+def test_a_cup_among_the_fingers_of_the_robot_is_told_of(
+    urdf: Callable[..., Path], joint: Callable[..., str]
+) -> None:
+    """A finger 0.15 m long stands beside a cup of 0.1 m of neck, and behind one of 0.16 m."""
+    ball = '<collision><geometry><sphere radius="0.02"/></geometry></collision>'
+    rod = (
+        '<origin xyz="0.05 0 0.075"/><geometry><cylinder radius="0.005" length="0.15"/></geometry>'
+    )
+    links = f'<link name="a">{ball}</link><link name="b">{ball}</link><link name="finger">'
+    links += f"<collision>{rod}</collision></link>"
+    finger = joint("bf", "b", "finger", kind="fixed", axis="", limit="", origin="")
+    robot = load_robot(urdf(joint("ab", "a", "b") + finger, links), tip="b")
+    with pytest.warns(UserWarning, match="'finger' reaches 5[0-9] mm beyond where the mouth"):
+        with_tool(robot, Cup(0.05, length=0.1))
+    with_tool(robot, Cup(0.05, length=0.16))
 
 
 def test_tool_against_the_forearm_is_seen() -> None:

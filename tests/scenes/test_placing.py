@@ -14,8 +14,17 @@ SIX = (  # joint axis, length of the link beyond it [m]
 )  # fmt: skip
 
 
-def six(reach: float = 1.0) -> str:
-    """An arm of six joints whose links are ``reach`` times as long."""
+FINGERS = "".join(
+    f'<link name="{side}"><collision><origin xyz="{aside} 0 0.08"/><geometry><box size="0.01 0.02 '
+    f'0.16"/></geometry></collision></link><joint name="{side}" type="prismatic"><parent '
+    f'link="tool0"/><child link="{side}"/><axis xyz="1 0 0"/><limit lower="0" upper="0.04" '
+    'velocity="1"/></joint>'
+    for side, aside in (("left_finger", 0.04), ("right_finger", -0.04))
+)  # 0.16 m long
+
+
+def six(reach: float = 1.0, more: str = "") -> str:
+    """An arm of six joints whose links are ``reach`` times as long, and ``more`` elements."""
     parts, parent, height = ['<link name="base"/>'], "base", 0.15
     for k, (axis, length) in enumerate(SIX):
         length *= reach
@@ -31,7 +40,7 @@ def six(reach: float = 1.0) -> str:
         f'<link name="tool0"/><joint name="mount" type="fixed"><parent link="{parent}"/>'
         f'<child link="tool0"/><origin xyz="0 0 {height}"/></joint>'
     )
-    return f'<robot name="six">{"".join(parts)}</robot>'
+    return f'<robot name="six">{"".join(parts)}{more}</robot>'
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +84,16 @@ def test_another_robot_picks(arm) -> None:
         made = plan(generate("cluster", seed, arm))
         assert made.success, made.message
         assert simulate(made).success
+
+
+def test_the_cup_stands_before_the_fingers_of_the_robot(tmp_path) -> None:
+    path = tmp_path / "gripper.urdf"
+    path.write_text(six(more=FINGERS))
+    scene = generate("cluster", 5, path)
+    robot = resolve(scene).robot  # or it warns
+    assert {"left_finger", "right_finger"} <= set(robot.link_names)
+    assert scene.tool is not None
+    assert 0.16 <= scene.tool.parameters["length"] < 0.2
 
 
 def test_a_robot_that_cannot_reach_is_refused(tmp_path) -> None:

@@ -6,6 +6,7 @@ fingers whose rubber tips are 17.5 mm high, 15 mm wide and 18.5 mm long, 80 mm a
 """
 
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
@@ -50,6 +51,7 @@ PALM_SPHERES = (
     (0.072, 0.044, 0.035),
 )  # fmt: skip
 FINGER_SPHERES = (0.012, 0.016, 0.025), (0.008, 0.036, 0.0212)
+BESIDE = 0.02  # [m] chosen: so far covers reach beyond links, and no link is said to be in the way
 WALLS = 16  # flat pieces of a cup's wall
 
 
@@ -339,6 +341,7 @@ def with_tool(robot: Robot, tool: Tool) -> Robot:
     cover = tool.spheres()
     rotation, translation = bare.flange_rotation, bare.flange_translation
     body, k = bare.spheres, len(cover)
+    _check_free(bare, tool)
     spheres = BodySpheres(
         segment=frozen([*body.segment, *[bare.n_segments - 1] * k], np.int64),
         center=frozen(np.concatenate([body.center, cover[:, :3] @ rotation.T + translation])),
@@ -363,6 +366,20 @@ def with_tool(robot: Robot, tool: Tool) -> Robot:
         self_pairs=frozen(np.concatenate([bare.self_pairs, pairs]), np.int64),
         self_slack=frozen(np.append(bare.self_slack, np.zeros(len(pairs)))),
     )
+
+
+def _check_free(bare: Robot, tool: Tool) -> None:
+    """Warn where links at the flange, such as a gripper's fingers, stand beside a tool's mouth."""
+    spheres = bare.spheres
+    along = (spheres.center - bare.flange_translation) @ bare.flange_rotation @ tool.rotation[:, 2]
+    before = np.where(spheres.distal, along + spheres.radius, -np.inf) - tool.front
+    if before.max(initial=-np.inf) > BESIDE:
+        link = bare.link_names[spheres.link[before.argmax()]]
+        warnings.warn(
+            f"link '{link}' reaches {1e3 * before.max():.0f} mm beyond where the mouth of the tool "
+            "begins: give the tool a longer neck, or the robot a flange (tip) before that link",
+            stacklevel=3,
+        )
 
 
 def without_tool(robot: Robot) -> Robot:

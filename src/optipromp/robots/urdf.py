@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import Literal, NoReturn
 
 from optipromp.errors import InvalidRobotError
-from optipromp.robots.urdf_tree import check_mimics, check_tree
+from optipromp.robots.urdf_tree import bases, check_mimics, check_tree
 from optipromp.robots.xml_tree import Node, read_xml
 from optipromp.shown import LONGEST_NAME, is_name, printable
 
@@ -129,6 +129,7 @@ class _Reader:
     def __init__(self, path: Path, scale: float) -> None:
         self.path = path
         self.scale = scale
+        self.free: dict[str, Node] = {}  # joints of no kind that an arm has
 
     def refuse(self, what: str, node: Node | None = None) -> NoReturn:
         raise InvalidRobotError(self.at(what, node))
@@ -158,6 +159,7 @@ class _Reader:
             self.refuse("no <link> in it; a robot has at least a base link and one joint", root)
         top = check_tree(links, joints, self.refuse)
         check_mimics(joints, self.refuse)
+        self.hold_bases(joints)
         name = root.attributes.get("name", self.path.stem)
         return UrdfModel(name, self.path, top, MappingProxyType(links), MappingProxyType(joints))
 
@@ -224,10 +226,10 @@ class _Reader:
         owner = f"joint '{name}'"
         given = node.attributes.get("type", "")
         kind = next((k for k in JOINT_KINDS if k == given), None)
+        if given in ("planar", "floating"):
+            self.free[name], kind = node, "fixed"
         if kind is None:
-            self.refuse(
-                f"{owner} has type '{given}'; it must be one of {', '.join(JOINT_KINDS)}", node
-            )
+            self.refuse_kind(owner, node)
         parent, child = (self.end(node, tag, owner) for tag in ("parent", "child"))
         xyz, rpy = self.origin(node, owner)
         if (away := math.hypot(*xyz)) > FAR_LENGTH:
@@ -239,6 +241,21 @@ class _Reader:
         return UrdfJoint(
             name, kind, parent, child, xyz, rpy, axis, lower, upper, velocity, mimic, effort, fault
         )
+
+    def refuse_kind(self, owner: str, node: Node, why: str = "") -> NoReturn:
+        given = node.attributes.get("type", "")
+        kinds = ", ".join(JOINT_KINDS)
+        self.refuse(f"{owner} has type '{given}'; it must be one of {kinds}{why}", node)
+
+    def hold_bases(self, joints: Mapping[str, UrdfJoint]) -> None:
+        """A planar or floating joint is taken as fixed where arms stand on it, else refused."""
+        under = bases(joints, self.free) if self.free else set()
+        for name, node in self.free.items():
+            if name not in under:
+                why = "; only what an arm stands on may be planar or floating"
+                self.refuse_kind(f"joint '{name}'", node, why)
+            told = f"joint '{name}' is {node.attributes['type']}: taken as fixed, at zero"
+            warnings.warn(self.at(told, node), stacklevel=2)
 
     def end(self, node: Node, tag: str, owner: str) -> str:
         found = self.only(node, tag, owner)

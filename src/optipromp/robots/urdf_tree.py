@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, NoReturn
 
@@ -55,6 +55,27 @@ def check_mimics(joints: Mapping[str, UrdfJoint], refuse: Refuse) -> None:
         ring = cycle.args[1][:0:-1]  # each mimics the next
         what = "mimics itself" if len(ring) == 1 else "is in a ring of mimics"
         refuse(f"joint '{ring[0]}' {what}: {_quoted(ring)}")
+
+
+def bases(joints: Mapping[str, UrdfJoint], names: Collection[str]) -> set[str]:
+    """Those of ``names``, fixed joints, that joints which move come after, and none before."""
+    above = {joint.child: joint for joint in joints.values()}
+    before, after = set[str](), set[str]()
+    for moving in joints.values():
+        if moving.kind == "fixed":
+            continue
+        link = moving.parent
+        while link in above:
+            link, name = above[link].parent, above[link].name
+            if name in names:
+                before.add(name)
+    for name in before:
+        link = joints[name].parent
+        while link in above:
+            if above[link].kind != "fixed":
+                after.add(name)
+            link = above[link].parent
+    return before - after
 
 
 def _quoted(names: list[str]) -> str:

@@ -63,9 +63,14 @@ def at_robot(scene: Scene, robot: str | Path, choice: Choice) -> Scene:
 def _with_cup(arm: Robot) -> tuple[Standpoint, float]:
     """The placement of an arm, and the length of the cup's neck that it needs [m].
 
-    The neck is so long that the links but the last stay below the lowest pushable.
+    The neck is so long that the cup stands before the links at the flange, a gripper's fingers for
+    one, and that the other links stay below the lowest pushable.
     """
-    placed, length = _placed(arm, bunches.NECK), bunches.NECK
+    at_flange, spheres = arm.spheres.distal, arm.spheres
+    before = (spheres.center - arm.flange_translation) @ arm.tool_axis + spheres.radius
+    farthest = float(before[at_flange].max(initial=0.0))
+    length = max(bunches.NECK, float(np.ceil(farthest / NECKS) * NECKS))
+    placed = _placed(arm, length)
     if placed.low < LOW:
         length += float(np.ceil((LOW - placed.low) / NECKS) * NECKS)
         placed = _placed(arm, length)
