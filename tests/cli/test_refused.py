@@ -58,7 +58,7 @@ ROBOTS: list[tuple[str | bytes, str]] = [
     (robot(axis='<axis xyz="0 0 0"/>'), "zero axis"),
     (robot(name='name="ab"'), "defined twice"), (robot(parent='<parent link="c"/>'), "cycle"),
     (robot(parent='<parent link="a"/>', child='<child link="b"/>'), "two parents"),
-    (robot(child='<child link="z"/>'), "not defined"), (robot(kind="floating"), "'floating'"),
+    (robot(child='<child link="z"/>'), "not defined"), (robot(kind="hinge"), "'hinge'"),
     (robot(limit=MIMIC.format("ab")), "mimics itself"), (robot(limit=MIMIC.format("zz")), "'zz'"),
     (robot(shape='<mesh filename="none.stl"/>'), "no such file"),
     (robot(shape='<mesh filename="/etc/passwd"/>'), "its suffix must be"),

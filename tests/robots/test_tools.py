@@ -114,7 +114,7 @@ def test_a_cup_among_the_fingers_of_the_robot_is_told_of(
     links += f"<collision>{rod}</collision></link>"
     finger = joint("bf", "b", "finger", kind="fixed", axis="", limit="", origin="")
     robot = load_robot(urdf(joint("ab", "a", "b") + finger, links), tip="b")
-    with pytest.warns(UserWarning, match="'finger' reaches 5[0-9] mm beyond where the mouth"):
+    with pytest.warns(UserWarning, match="'finger' stands beside the mouth of the tool"):
         with_tool(robot, Cup(0.05, length=0.1))
     with_tool(robot, Cup(0.05, length=0.16))
 

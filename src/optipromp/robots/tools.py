@@ -51,7 +51,6 @@ PALM_SPHERES = (
     (0.072, 0.044, 0.035),
 )  # fmt: skip
 FINGER_SPHERES = (0.012, 0.016, 0.025), (0.008, 0.036, 0.0212)
-BESIDE = 0.02  # [m] chosen: so far covers reach beyond links, and no link is said to be in the way
 WALLS = 16  # flat pieces of a cup's wall
 
 
@@ -369,15 +368,17 @@ def with_tool(robot: Robot, tool: Tool) -> Robot:
 
 
 def _check_free(bare: Robot, tool: Tool) -> None:
-    """Warn where links at the flange, such as a gripper's fingers, stand beside a tool's mouth."""
+    """Warn where a link on the last one, such as a finger, stands beside a tool's mouth."""
     spheres = bare.spheres
+    last = spheres.link[spheres.distal].min(initial=len(bare.link_names))
+    riding = spheres.distal & (spheres.link > last)
     along = (spheres.center - bare.flange_translation) @ bare.flange_rotation @ tool.rotation[:, 2]
-    before = np.where(spheres.distal, along + spheres.radius, -np.inf) - tool.front
-    if before.max(initial=-np.inf) > BESIDE:
+    before = np.where(riding, along - tool.front, -np.inf)  # of the spheres' middles
+    if before.max(initial=0.0) > 0.0:
         link = bare.link_names[spheres.link[before.argmax()]]
         warnings.warn(
-            f"link '{link}' reaches {1e3 * before.max():.0f} mm beyond where the mouth of the tool "
-            "begins: give the tool a longer neck, or the robot a flange (tip) before that link",
+            f"link '{link}' stands beside the mouth of the tool, or before it: give the tool a "
+            "longer neck, or the robot a flange (tip) before that link",
             stacklevel=3,
         )
 
