@@ -276,6 +276,45 @@ def test_an_arm_itself_neither_drives_nor_floats(write: Writer, kind: str, paren
         load_robot(path)
 
 
+def base_that_drives(*kinds: str, solid: bool = False) -> str:
+    """Joints x, y and turn of ``kinds`` that carry ARM; links between without geometry."""
+    axes, links, parts = ("1 0 0", "0 1 0", "0 0 1"), ["world", "rail", "wagon", "base"], []
+    for kind, axis, name, parent, child in zip(kinds, axes, "xyt", links, links[1:], strict=False):
+        limit = "" if kind == "continuous" else '<limit lower="-5" upper="5"/>'
+        at = f'<axis xyz="{axis}"/>'
+        parts.append(joint(name, parent, child, kind=kind, limit=limit, axis=at, origin=""))
+    text = robot(*parts, *ARM)
+    return text if solid else re.sub(f'(<link name="(?:world|rail|wagon)">){BALL}', r"\1", text)
+
+
+def test_a_base_that_drives_is_no_part_of_the_arm(write: Writer) -> None:
+    """Two slides and a turn, as simulators have them. Slides that can be seen are of a gantry."""
+    path = write(base_that_drives("prismatic", "prismatic", "continuous"))
+    driven, arm = load_arm(path)
+    assert (driven.n_joints, driven.held_joints, arm.base) == (6, ("x", "y", "t"), "base")
+    assert load_robot(path, base="world").n_joints == 9
+    seen = write(base_that_drives("prismatic", "prismatic", "continuous", solid=True), "seen.urdf")
+    assert load_robot(seen).n_joints == 9
+    first = write(base_that_drives("revolute", "prismatic", "continuous"), "first.urdf")
+    assert load_robot(first).n_joints == 9
+
+
+def test_a_wrist_that_turns_a_jaw_is_of_the_arm(write: Writer) -> None:
+    """As in an SO-100: the roll of the wrist carries the fixed jaw, and the gripper the other."""
+    jaws = [joint("wrist_roll", "alink4", "fixed_jaw"), joint("gripper", "fixed_jaw", "moving_jaw")]
+    found, arm = load_arm(write(robot(*series("a", "base", 4), *jaws)))
+    assert found.joint_names[-1] == "wrist_roll"
+    assert (arm.tip, found.held_joints) == ("fixed_jaw", ("gripper",))
+
+
+@pytest.mark.parametrize("written", ['velocity="0"', 'effort="0" velocity="0"', ""])
+def test_a_velocity_of_zero_is_none(write: Writer, written: str) -> None:
+    """Some programs write it where they know none."""
+    limit = f'<limit lower="-1" upper="1" {written}/>'
+    found = load_robot(write(robot(joint("one", "base", "b", limit=limit))))
+    assert np.isinf(found.velocity).all()
+
+
 TWO = [*TORSO, *series("left", "column", 6), *series("right", "column", 6)]
 
 

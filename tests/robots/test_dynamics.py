@@ -62,7 +62,7 @@ def test_a_negative_mass_is_refused(write: Callable[..., Path], joint: Callable[
         load_robot(write(f'<robot name="r">{links}{joint("ab", "a", "b")}</robot>'))
 
 
-@pytest.mark.parametrize("limit", ["", '<limit lower="-1" upper="1" velocity="0"/>'])
+@pytest.mark.parametrize("limit", ["", '<limit lower="-1" upper="1" velocity="-2"/>'])
 def test_a_joint_that_is_held_needs_no_limits(
     write: Callable[..., Path], joint: Callable[..., str], limit: str
 ) -> None:

@@ -124,7 +124,7 @@ def export(kind: str, path: Path) -> np.ndarray:
 
 
 @pytest.mark.parametrize("kind", ["two", "cone", "plate", "capsule"])
-@pytest.mark.parametrize("suffix", ["stl", "obj", "ply"])
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "glb"])
 def test_mesh(urdf: Writer, tmp_path: Path, kind: str, suffix: str) -> None:
     (tmp_path / "meshes").mkdir()
     points = export(kind, tmp_path / "meshes" / f"m.{suffix}")

@@ -224,7 +224,8 @@ def _beginning(tree: Tree, end: UrdfJoint, usable: AbstractSet[str]) -> str:
     """The link the arm begins at: beyond the last body that carries another arm, a leg or a head.
 
     A body that has more joints before it than beyond it begins no arm. Nor does a body with a head
-    whose joints before and beyond have one name but for digits: it is a link of the arm.
+    whose joints before and beyond have one name but for digits: it is a link of the arm. A base
+    that drives is no part of an arm.
     """
     path = tree.movable(end.child)
     for k in range(len(path) - 1, 0, -1):
@@ -238,7 +239,8 @@ def _beginning(tree: Tree, end: UrdfJoint, usable: AbstractSet[str]) -> str:
         series = len({joint.name.translate(_NO_DIGITS) for joint in path[k - 1 : k + 1]}) == 1
         if k < len(path) - k and (limbs or (heads and not series)):
             return path[k].parent
-    return tree.model.root
+    driving = tree.driving(path)
+    return path[driving].parent if 0 < driving < len(path) - 1 else tree.model.root
 
 
 # -- groups of an SRDF -----------------------------------------------------------------------

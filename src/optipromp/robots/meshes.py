@@ -11,7 +11,7 @@ from optipromp.errors import InvalidRobotError
 from optipromp.files import is_file, read_bytes
 from optipromp.robots.urdf import LENGTH_LIMIT, UrdfGeometry, UrdfModel
 
-SUFFIXES = (".stl", ".obj", ".ply", ".dae", ".off")
+SUFFIXES = (".stl", ".obj", ".ply", ".dae", ".off", ".glb")
 
 
 def mesh_name(urdf: Path, link: str, shape: UrdfGeometry) -> str:

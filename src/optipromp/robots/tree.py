@@ -1,9 +1,13 @@
 """The tree of a URDF, and what its names and its branches say: fingers, wheels, heads, sensors."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
+from optipromp.robots.chain import rotation_of
 from optipromp.robots.urdf import UrdfJoint, UrdfModel
 
 
@@ -27,6 +31,7 @@ TORSO = _set("torso waist spine trunk lumbar chest lift body base")
 FLANGE = _set("flange tool0 attachment")
 CENTRE = _set("tcp tool tool0 ee eef effector grasp grasping center centre frame")
 LEAST_ABOVE = 3  # joints, chosen: equal branches beyond as many are fingers, not arms or legs
+ACROSS = 0.1  # chosen: largest cosine between slides at right angles
 
 _WORD = re.compile(r"[A-Z]?[a-z]+[0-9]*|[A-Z]+(?![a-z])|[0-9]+")
 
@@ -77,8 +82,26 @@ class Tree:
 
     def is_bare(self, link: str) -> bool:
         """Whether ``link``, and what it carries, is a mere frame: no geometry, no moving joint."""
+        return not self.onward(link) and self._is_hollow(link)
+
+    def _is_hollow(self, link: str) -> bool:
+        """Whether neither ``link`` nor what is fixed to it has geometry."""
         parts = [self.model.links[part] for _, part in self.rigid(link)]
-        return not self.onward(link) and not any(p.collisions or p.visuals for p in parts)
+        return not any(part.collisions or part.visuals for part in parts)
+
+    def driving(self, path: Sequence[UrdfJoint]) -> int:
+        """How many joints at the beginning of ``path``, from the root, are those of a base that
+        drives: two slides at right angles, of links without geometry, and a turn after them."""
+        slides = path[:2]
+        if len(path) < 2 or not all(
+            joint.kind == "prismatic" and self._is_hollow(joint.child) for joint in slides
+        ):
+            return 0
+        first, second = slides
+        across = rotation_of(second.rpy) @ np.array(second.axis)
+        if abs(float(across @ np.array(first.axis))) > ACROSS:
+            return 0
+        return 3 if [joint.kind for joint in path[2:3]] in (["revolute"], ["continuous"]) else 2
 
     def onward(self, link: str) -> list[UrdfJoint]:
         """The movable joints on the rigid body of ``link``, outward."""
@@ -149,7 +172,7 @@ class Tree:
         if joint.kind == "fixed":
             return False
         own, link = words(joint.name), words(joint.child)
-        if own & FINGER or link & FINGER or (own & HAND and not own & TURN):
+        if own & FINGER or ((link & FINGER or own & HAND) and not own & TURN):
             return True
         above = self.before[joint.parent]
         beside = self.onward(self.body(joint.parent))

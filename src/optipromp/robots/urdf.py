@@ -82,8 +82,8 @@ class UrdfMimic:
 class UrdfJoint:
     """A joint; ``axis`` has unit length; a continuous joint has infinite limits.
 
-    ``velocity`` and ``effort`` are infinite when the file gives none. ``fault`` says why the joint
-    cannot be moved; such a joint can be held.
+    ``velocity`` and ``effort`` are infinite when the file gives none, or 0. ``fault`` says why the
+    joint cannot be moved; such a joint can be held.
     """
 
     name: str
@@ -286,8 +286,8 @@ class _Reader:
         found, what, fault = self.only(node, "limit", owner), f"{owner} <limit>", ""
         velocity = effort = math.inf
         if found is not None and "velocity" in found.attributes:
-            velocity = self.numbers(found, "velocity", 1, what)[0]
-            if velocity <= 0.0:
+            velocity = self.numbers(found, "velocity", 1, what)[0] or math.inf
+            if velocity < 0.0:
                 fault = f"{what} velocity is {velocity:g}; give a positive one, or none"
         if found is not None and "effort" in found.attributes:
             effort = self.numbers(found, "effort", 1, what)[0] or math.inf
