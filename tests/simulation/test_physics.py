@@ -1,10 +1,14 @@
 """The simulation against what is known of hanging, bending, breaking and standing objects."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from optipromp.errors import InvalidRequestError
 from optipromp.geometry.shapes import Box, Cylinder
 from optipromp.planning.task import resolve
+from optipromp.robots import Robot, load_robot
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Pose, SceneObject
 from optipromp.simulation import Cause, SimulationParameters, simulate
@@ -165,3 +169,43 @@ def test_a_pressed_stem_is_caught(bench):
             bench.line((0.10, 0.0, 0.52), (-0.10, 0.0, 0.52), 1.0), scene, parameters=limits
         ).outcome.stem_caught
     )
+
+
+def with_inertia(*moments: float) -> Robot:
+    """The Panda with these principal moments of its third segment [kg m²]."""
+    robot = load_robot("panda")
+    assert robot.dynamics is not None
+    tensors = np.array(robot.dynamics.inertia)
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    tensors[2] = turn @ np.diag(moments) @ turn.T
+    return replace(robot, dynamics=robot.dynamics._replace(inertia=tensors))
+
+
+def test_the_inertia_that_a_robot_states_is_simulated():
+    """A flat body's too: its largest moment is the sum of the others, but for rounding."""
+    for moments in ((0.01, 0.02, 0.025), (0.01, 0.02, 0.03)):
+        model = build(load_scene("scenario-1"), with_inertia(*moments)).model
+        body = model.body("segment:2").id
+        assert sorted(model.body_inertia[body]) == pytest.approx(moments, rel=1e-6)
+
+
+@pytest.mark.parametrize("moments", [(0.01, 0.02, 0.05), (-0.01, 0.02, 0.02), (0.0, 0.0, 0.01)])
+def test_an_inertia_that_no_body_has_is_replaced(moments):
+    """As files of real robots have it, an xArm6's for one. The mass stays."""
+    with pytest.warns(UserWarning, match="segment 2: no body has the inertia that is stated"):
+        model = build(load_scene("scenario-1"), with_inertia(*moments)).model
+    body, robot = model.body("segment:2").id, load_robot("panda")
+    assert robot.dynamics is not None
+    assert model.body_mass[body] == pytest.approx(robot.dynamics.mass[2])
+    low, middle, high = sorted(model.body_inertia[body])
+    assert 0.0 < low <= high < low + middle
+
+
+def test_what_mujoco_refuses_is_told():
+    robot = load_robot("panda")
+    assert robot.dynamics is not None
+    mass = np.array(robot.dynamics.mass)
+    mass[2] = 1e-300
+    thin = replace(robot, dynamics=robot.dynamics._replace(mass=mass))
+    with pytest.raises(InvalidRequestError, match=r"MuJoCo cannot build the scene: .*mass"):
+        build(load_scene("scenario-1"), thin)

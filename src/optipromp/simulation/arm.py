@@ -1,5 +1,6 @@
 """The robot and its tool as MuJoCo bodies."""
 
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +16,7 @@ from optipromp.simulation.parameters import SimulationParameters
 from optipromp.simulation.solids import add_shape
 
 GUARD = "tool:guard"
+FLAT, EVEN = 1e-6, 1e-9  # shares of a moment: files round so, and MuJoCo must not see it
 LEAST_MASS, LEAST_INERTIA = 0.05, 1e-5  # of a link without spheres [kg], [kg m²]
 ARM_COLOUR = (0.78, 0.79, 0.80, 1.0)
 BASE_COLOUR = (0.55, 0.57, 0.60, 1.0)
@@ -132,7 +134,8 @@ def _add_spheres(
 def _set_inertia(body: Any, robot: Robot, segment: int, density: float) -> None:
     """The inertia that the robot states; else that of its mass, in balls where the spheres are.
 
-    Where no mass is stated either it is by density.
+    So it is too where no body can have what is stated. Where no mass is stated either it is by
+    density.
     """
     spheres = robot.spheres
     mine = spheres.segment == segment
@@ -143,8 +146,8 @@ def _set_inertia(body: Any, robot: Robot, segment: int, density: float) -> None:
     mass = 0.0
     if (given := robot.dynamics) is not None:
         mass = float(given.mass[segment])
-        if given.inertia[segment].any():
-            _explicit(body, mass, given.center[segment], given.inertia[segment])
+        if (inertia := _stated(robot, segment)) is not None:
+            _explicit(body, mass, given.center[segment], inertia)
             return
     if mass == 0.0:  # spheres overlap by about half
         mass = max(0.5 * density * float(volume.sum()), LEAST_MASS)
@@ -155,6 +158,27 @@ def _set_inertia(body: Any, robot: Robot, segment: int, density: float) -> None:
         for m, r, c in zip(share, radius, center - middle, strict=True):
             inertia = inertia + m * ((0.4 * r**2 + c @ c) * np.eye(3) - np.outer(c, c))
     _explicit(body, mass, middle, inertia)
+
+
+def _stated(robot: Robot, segment: int) -> FloatArray | None:
+    """The inertia (3, 3) that a robot states of a segment; None of none, or one that no body has.
+
+    No moment of a body is over the sum of the others. Where it is by rounding, all are raised.
+    """
+    assert robot.dynamics is not None
+    inertia = robot.dynamics.inertia[segment]
+    low, middle, high = np.linalg.eigvalsh(inertia)
+    over = high - low - middle
+    if low > 0.0 and over <= FLAT * high:
+        return np.asarray(inertia + 2.0 * max(over + EVEN * high, 0.0) * np.eye(3))
+    if inertia.any():
+        warnings.warn(
+            f"robot {robot.name}, segment {segment}: no body has the inertia that is stated, of "
+            f"moments {low:.3g}, {middle:.3g} and {high:.3g} kg m^2; that of its mass, where its "
+            "spheres are, is taken",
+            stacklevel=4,
+        )
+    return None
 
 
 def _explicit(body: Any, mass: float, middle: FloatArray, inertia: FloatArray) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray, frozen
+from optipromp.errors import InvalidRequestError
 from optipromp.geometry.shapes import Sphere
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene, SceneObject, Stem
@@ -112,7 +113,7 @@ def build(
 
     Raises:
         InvalidSceneError: a shape that cannot be built.
-        InvalidRequestError: MuJoCo is not installed.
+        InvalidRequestError: MuJoCo is not installed, or cannot build the scene.
     """
     parameters = parameters or SimulationParameters()
     draft = _Draft(scene, robot, parameters, seed)
@@ -245,7 +246,11 @@ class _Draft:
             self.fruits.append((fruit, built, entity, entity))
 
     def compile(self) -> Any:
-        return self.spec.compile()
+        try:
+            return self.spec.compile()
+        except ValueError as error:
+            told = " ".join(str(error).split())
+            raise InvalidRequestError(f"MuJoCo cannot build the scene: {told}") from error
 
     def overlapping(self, model: Any) -> list[tuple[int, int]]:
         """Pairs of entities that penetrate in the scene's pose, the robot left out."""
