@@ -208,3 +208,27 @@ def test_a_stock_robot(name: str) -> None:
     theirs, _ = meshes_touch(robot, q, np.zeros(len(q), dtype=np.bool_))
     assert not (theirs & (gaps > 0.001)).any()
     assert ((gaps < 0.0) == theirs).mean() >= STOCK[name][1]
+
+
+@pytest.mark.parametrize(("turned", "kept"), [("0 0 0", False), ("0 0 0.5", True)])
+def test_a_telescope_may_be_pushed_together(
+    write: Writer, joint: Callable[..., str], turned: str, kept: bool
+) -> None:
+    """Tubes of one direction, and a wrist; a slide of another direction is no telescope's."""
+    tube = '<collision><origin xyz="0.2 0 0"/><geometry><box size="0.4 {0} {0}"/></geometry>'
+    links = "".join(
+        f'<link name="t{k}">{tube.format(0.10 - 0.02 * k)}</collision></link>' for k in range(4)
+    )
+    slides = [
+        joint(
+            f"s{k}", f"t{k}", f"t{k + 1}", kind="prismatic", axis='<axis xyz="1 0 0"/>',
+            limit='<limit lower="0" upper="0.4"/>',
+            origin=f'<origin rpy="{turned if k == 1 else "0 0 0"}"/>',
+        )
+        for k in range(3)
+    ]  # fmt: skip
+    path = write(f'<robot name="r">{links}{"".join(slides)}</robot>')
+    robot = load_robot(path, tip="t3")
+    told = {(one, other) for one, other, why in robot.left_out if "one direction" in why}
+    assert told == {("t1", "t3"), *(() if kept else (("t0", "t2"), ("t0", "t3")))}
+    assert (robot.self_gaps(np.zeros((1, 3))).min(initial=np.inf) < 0.0) == kept

@@ -21,7 +21,7 @@ from optipromp.robots.mjcf import is_mjcf, read_mjcf
 from optipromp.robots.model import BodySpheres, LeftOut, LinkGeometry, Robot
 from optipromp.robots.packages import expanded, with_meshes_found
 from optipromp.robots.robot_file import RobotFile, read_robot_file
-from optipromp.robots.self_collision import with_self_pairs
+from optipromp.robots.self_collision import telescopes, with_self_pairs
 from optipromp.robots.spheres import cover_links, finer_cover, stands_on_its_plane
 from optipromp.robots.srdf_groups import read_srdf
 from optipromp.robots.touching import disabled_pairs, srdf_beside, srdf_files
@@ -276,10 +276,12 @@ def _build(
         spheres = _body_spheres(entry, model, chain, covers)
         return replace(robot, spheres=spheres, excess=_excess(covers)), _parts(covers, chain)
 
-    allowed = [*entry.allow_self, *disabled]
+    sliding = telescopes(robot)
+    allowed = [*entry.allow_self, *disabled, *sliding]
     robot = with_self_pairs(robot, allowed, _parts(covers, chain), finer)
     given = [LeftOut(a, b, "robot file") for a, b in entry.allow_self]
     given += [LeftOut(a, b, srdf.name) for a, b in disabled if srdf is not None]
+    given += [LeftOut(a, b, "slide along one direction") for a, b in sliding]
     return replace(robot, left_out=(*given, *robot.left_out)), arm
 
 

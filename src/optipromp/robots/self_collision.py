@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from optipromp.arrays import BoolArray, FloatArray, IntArray, frozen, lengths
 from optipromp.errors import InvalidRequestError
 from optipromp.files import cache_folder, npz, read_npz, write_atomically
-from optipromp.robots.kernels import distances_between
+from optipromp.robots.kernels import PRISMATIC, distances_between
 from optipromp.robots.model import BodySpheres, LeftOut, Robot
 from optipromp.robots.surfaces import Parts
 
@@ -26,6 +27,7 @@ OFTEN = 30  # times that two spheres overlap there, at least, for their slack to
 KEPT = 0.0005  # [m] of slack given away: parts are known at their corners (see DIRECTIONS)
 TAIL = 3.0  # chosen: given away too, in mean gaps of the distances at which parts may meet
 FAR = 0.05  # [m] that covers keep at all of them, so that a check of them is not worth its time
+ALONG = 0.9999  # chosen: least cosine of slides of one direction, 0.8 degrees
 MOST_LINKS = 3000  # pairs of links: a robot of 78 links; a chain of 3,000 would take hours
 _PAIRS_VERSION = 13  # part of the cache key: raise it when the same robot gets other pairs
 _CHUNK = 1_000_000
@@ -299,6 +301,30 @@ def _postures(robot: Robot, count: int) -> FloatArray:
     high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
     postures: FloatArray = rng.uniform(low, high, size=(count, robot.n_joints))
     return postures
+
+
+def telescopes(robot: Robot) -> list[tuple[str, str]]:
+    """Pairs of links that only slide along one direction past one another, as tubes of a telescope.
+
+    Of tubes within tubes covers meet, and so do the hulls of their parts, where the tubes do not.
+    """
+    kin, spheres = robot.kinematics, robot.spheres
+    links, first = np.unique(spheres.link, return_index=True)
+    of_segment = dict[int, list[str]]()
+    for link, segment in zip(links, spheres.segment[first], strict=True):
+        of_segment.setdefault(int(segment), []).append(robot.link_names[link])
+    out = []
+    for base in range(-1, robot.n_segments - 2):
+        turn, lead = np.eye(3), None
+        for s in range(base + 1, robot.n_segments):
+            turn = turn @ kin.rotation[s]
+            way = turn @ kin.axis[s]
+            lead = way if lead is None else lead
+            if kin.kind[s] != PRISMATIC or abs(float(way @ lead)) < ALONG:
+                break
+            if s > base + 1:
+                out += list(product(of_segment.get(base, ()), of_segment.get(s, ())))
+    return out
 
 
 def candidate_pairs(robot: Robot, allowed: Collection[tuple[str, str]] = ()) -> IntArray:
