@@ -189,7 +189,9 @@ def test_the_inertia_that_a_robot_states_is_simulated():
         assert sorted(model.body_inertia[body]) == pytest.approx(moments, rel=1e-6)
 
 
-@pytest.mark.parametrize("moments", [(0.01, 0.02, 0.05), (-0.01, 0.02, 0.02), (0.0, 0.0, 0.01)])
+@pytest.mark.parametrize(
+    "moments", [(0.01, 0.02, 0.05), (-0.01, 0.02, 0.02), (0.0, 0.0, 0.01), (0.1, 0.2, np.inf)]
+)
 def test_an_inertia_that_no_body_has_is_replaced(moments):
     """As files of real robots have it, an xArm6's for one. The mass stays."""
     with pytest.warns(UserWarning, match="segment 2: no body has the inertia that is stated"):

@@ -71,16 +71,9 @@ def _stack(radius: float, height: float, bulge: float) -> list[tuple[float, _Ban
     count, ring, size, half = count[kept], ring[kept], size[kept], half[kept]
     cost, choice, after = np.zeros(steps + 1), *np.zeros((2, steps + 1), dtype=np.int64)
     _cheapest(
-        count,
-        1e-3 * size,
-        2.0 * half / step,
-        size - half,
-        step,
-        height + bulge,
-        cost,
-        choice,
-        after,
-    )
+        count, 1e-3 * size, 2.0 * half / step, size - half, step, height + bulge,
+        cost, choice, after,
+    )  # fmt: skip
     rows, i = [], steps
     while i > 0:
         k, top = choice[i], i * step

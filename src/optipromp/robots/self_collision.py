@@ -307,23 +307,23 @@ def telescopes(robot: Robot) -> list[tuple[str, str]]:
     """Pairs of links that only slide along one direction past one another, as tubes of a telescope.
 
     Of tubes within tubes covers meet, and so do the hulls of their parts, where the tubes do not.
+    Of more than :data:`MOST_LINKS` none is told.
     """
     kin, spheres = robot.kinematics, robot.spheres
     links, first = np.unique(spheres.link, return_index=True)
     of_segment = dict[int, list[str]]()
     for link, segment in zip(links, spheres.segment[first], strict=True):
         of_segment.setdefault(int(segment), []).append(robot.link_names[link])
-    out = []
-    for base in range(-1, robot.n_segments - 2):
-        turn, lead = np.eye(3), None
-        for s in range(base + 1, robot.n_segments):
-            turn = turn @ kin.rotation[s]
-            way = turn @ kin.axis[s]
-            lead = way if lead is None else lead
-            if kin.kind[s] != PRISMATIC or abs(float(way @ lead)) < ALONG:
-                break
-            if s > base + 1:
-                out += list(product(of_segment.get(base, ()), of_segment.get(s, ())))
+    ways = np.einsum("sij,sj->si", kin.rotation, kin.axis)  # in the frame of the segment before
+    slides = kin.kind == PRISMATIC
+    alike = np.abs(np.einsum("si,si->s", ways[1:], kin.axis[:-1])) > ALONG
+    on = np.append(False, slides[1:] & slides[:-1] & alike)  # with the slide before
+    out, first = [], np.maximum.accumulate(np.where(on, 0, np.arange(len(on)))) - 1
+    if (np.arange(len(on)) - 1 - first)[on].sum() > MOST_LINKS:
+        return out
+    for s in np.flatnonzero(on):
+        for other in range(first[s], s - 1):
+            out += list(product(of_segment.get(other, ()), of_segment.get(int(s), ())))
     return out
 
 

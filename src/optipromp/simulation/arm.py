@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, IntArray, frozen
+from optipromp.arrays import FloatArray, IntArray, all_finite, frozen
 from optipromp.robots.model import Robot
 from optipromp.robots.tool_protocol import Part, quaternion
 from optipromp.robots.tools import TOOL_LINK, WALL
@@ -167,7 +167,7 @@ def _stated(robot: Robot, segment: int) -> FloatArray | None:
     """
     assert robot.dynamics is not None
     inertia = robot.dynamics.inertia[segment]
-    low, middle, high = np.linalg.eigvalsh(inertia)
+    low, middle, high = np.linalg.eigvalsh(inertia) if all_finite(inertia) else [np.nan] * 3
     over = high - low - middle
     if low > 0.0 and over <= FLAT * high:
         return np.asarray(inertia + 2.0 * max(over + EVEN * high, 0.0) * np.eye(3))
