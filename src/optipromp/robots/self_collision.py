@@ -307,7 +307,6 @@ def telescopes(robot: Robot) -> list[tuple[str, str]]:
     """Pairs of links that only slide along one direction past one another, as tubes of a telescope.
 
     Of tubes within tubes covers meet, and so do the hulls of their parts, where the tubes do not.
-    Of more than :data:`MOST_LINKS` none is told.
     """
     kin, spheres = robot.kinematics, robot.spheres
     links, first = np.unique(spheres.link, return_index=True)
@@ -319,8 +318,6 @@ def telescopes(robot: Robot) -> list[tuple[str, str]]:
     alike = np.abs(np.einsum("si,si->s", ways[1:], kin.axis[:-1])) > ALONG
     on = np.append(False, slides[1:] & slides[:-1] & alike)  # with the slide before
     out, first = [], np.maximum.accumulate(np.where(on, 0, np.arange(len(on)))) - 1
-    if (np.arange(len(on)) - 1 - first)[on].sum() > MOST_LINKS:
-        return out
     for s in np.flatnonzero(on):
         for other in range(first[s], s - 1):
             out += list(product(of_segment.get(other, ()), of_segment.get(int(s), ())))
