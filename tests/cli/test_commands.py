@@ -81,7 +81,7 @@ def test_check_tells_the_kind_of_built_in_objects(item: str, kind: str) -> None:
     assert (document["status"], document["kind"]) == ("success", kind)
 
 
-def test_check_tells_the_body_of_a_robot(tmp_path: Path) -> None:
+def test_check_tells_the_body_of_a_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ball = '<collision><geometry><box size="0.1 0.1 0.2"/></geometry></collision>'
     joints = "".join(
         f'<joint name="{a}{b}" type="continuous"><parent link="{a}"/><child link="{b}"/>'
@@ -100,6 +100,13 @@ def test_check_tells_the_body_of_a_robot(tmp_path: Path) -> None:
     assert set(document["spheres"]) == set("abcd")
     assert 0.0 < document["excess"]["a"] < 0.03
     assert "a and c (arm.srdf)" in document["may_touch"]
+    monkeypatch.setattr("optipromp.cli.check.LISTED", 3)
+    shown = dict(
+        line.split(maxsplit=1)
+        for line in runner.invoke(app, ["check", str(path)]).stdout.splitlines()[1:]
+    )
+    assert shown["links"] == "a, b, c, and 1 more (--json)"
+    assert shown["joints"] == "ab, bc, cd"
     assert (tmp_path / "out" / "cover.png").read_bytes().startswith(b"\x89PNG")
     refused = runner.invoke(app, ["check", "scenario-1", "--out", str(tmp_path)])
     assert refused.exit_code == 2

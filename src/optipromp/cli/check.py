@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from optipromp.robots.model import Robot
     from optipromp.scenes.scene import Scene
 
+LISTED = 20  # chosen: of a list in text; a robot on a base has hundreds of pairs of links
 _SCENE_KEYS = frozenset({"objects", "robot", "target", "goal", "approach", "start"})
 _PLAN_KEYS = frozenset({"planner", "status", "metrics", "terms"})
 
@@ -166,9 +167,10 @@ def check(
 
 def _words(value: object) -> str:
     if isinstance(value, dict):
-        return ", ".join(f"{key} {_words(item)}" for key, item in value.items()) or "none"
+        value = [f"{key} {_words(item)}" for key, item in value.items()]
     if isinstance(value, list | tuple):
-        return ", ".join(_words(item) for item in value) or "none"
+        more = f", and {len(value) - LISTED} more (--json)" if len(value) > LISTED else ""
+        return (", ".join(_words(item) for item in value[:LISTED]) or "none") + more
     if isinstance(value, float):
         return f"{value:.4g}"
     return "none" if value is None else str(value)

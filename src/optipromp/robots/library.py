@@ -276,7 +276,7 @@ def _build(
         spheres = _body_spheres(entry, model, chain, covers)
         return replace(robot, spheres=spheres, excess=_excess(covers)), _parts(covers, chain)
 
-    sliding = telescopes(robot)
+    sliding = [pair for pair in telescopes(robot) if not {pair, pair[::-1]} & {*disabled}]
     allowed = [*entry.allow_self, *disabled, *sliding]
     robot = with_self_pairs(robot, allowed, _parts(covers, chain), finer)
     given = [LeftOut(a, b, "robot file") for a, b in entry.allow_self]
