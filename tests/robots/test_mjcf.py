@@ -1,5 +1,6 @@
 """MJCF files: the same kinematics, limits, bodies and masses that MuJoCo itself has."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -185,14 +186,18 @@ def test_a_file_read_before_needs_no_mujoco(
 
 
 def test_a_change_of_any_file_is_read(scattered: Path) -> None:
+    """A mesh that changes within a second too, which MuJoCo's own cache does not see."""
     trimesh = pytest.importorskip("trimesh")
+    mesh, second = scattered.parent / "assets" / "cube.stl", 1_700_000_000 * 10**9
+    os.utime(mesh, ns=(second, second))
     files = mjcf_files(scattered)
     assert files is not None
     assert [file.name for file in files] == ["arm.xml", "cube.stl", "body.xml"]
     before = load_robot(scattered)
     (scattered.parent / "parts" / "body.xml").write_text(BODY.format(height=0.4))
     raised = load_robot(scattered)
-    trimesh.creation.box([0.1, 0.1, 0.4]).export(scattered.parent / "assets" / "cube.stl")
+    trimesh.creation.box([0.1, 0.1, 0.4]).export(mesh)
+    os.utime(mesh, ns=(second, second + 10**8))
     longer = load_robot(scattered)
     at_zero = [robot.segment_frames(np.zeros((1, 1)))[0][0, 0, 2] for robot in (before, raised)]
     assert at_zero == pytest.approx([0.3, 0.4])

@@ -64,6 +64,7 @@ def _compiled(path: Path) -> UrdfModel:
             f"{path}: reading MJCF needs MuJoCo: pip install 'optipromp[sim]'"
         ) from None
     try:
+        mujoco.mj_clearCache(mujoco.mj_getCache())  # it knows a mesh by its name and second
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
         raise InvalidRobotError(f"{path}: {' '.join(str(error).split())}") from error
