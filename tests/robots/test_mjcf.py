@@ -185,8 +185,11 @@ def test_a_file_read_before_needs_no_mujoco(
                 read_mjcf(each.rename(each.with_stem("other")))  # its name may be the robot's
 
 
-def test_a_change_of_any_file_is_read(scattered: Path) -> None:
+def test_a_change_of_any_file_is_read(
+    scattered: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A mesh that changes within a second too, which MuJoCo's own cache does not see."""
+    monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
     trimesh = pytest.importorskip("trimesh")
     mesh, second = scattered.parent / "assets" / "cube.stl", 1_700_000_000 * 10**9
     os.utime(mesh, ns=(second, second))
