@@ -97,18 +97,24 @@ def test_the_prediction_is_of_the_trajectory_that_is_returned() -> None:
     task = resolve(result.scene)
     model = model_of(task)
     points, axes = tool_motion(task.robot, approach(result))
-    assert np.abs(np.linalg.norm(np.diff(points, axis=0), axis=1) - STEP).max() < 0.05 * STEP
+    apart = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    assert apart.min() > 0.9 * STEP  # less where the way bends
+    assert apart.max() < 1.001 * STEP
     np.testing.assert_allclose(np.linalg.norm(axes, axis=1), 1.0)
     assert result.prediction is not None
     assert model.predict(points, axes).harm == pytest.approx(result.prediction.harm, abs=0.05)
 
 
-@pytest.mark.parametrize(("preset", "seed"), [("mixed", 20097), ("table-top", 20088)])
-def test_the_judge_predicts_the_push_that_the_plan_does(preset: str, seed: int) -> None:
-    """On these two its harm of the whole motion was above the threshold, the plan's below."""
-    made = plan(generate(preset, seed), seed=seed)  # type: ignore[arg-type]
+@pytest.mark.parametrize("seed", [20127, 20154])
+def test_the_judge_predicts_the_push_that_the_plan_does(seed: int) -> None:
+    """On these two the harm of the whole motion is above the threshold, the plan's below."""
+    made = plan(generate("table-top", seed), seed=seed)
     assert made.success
     assert made.prediction is not None
+    task = resolve(made.scene)
+    whole = tool_motion(task.robot, made.trajectory.positions)
+    model = model_of(task)
+    assert model.harm(*whole, model.states) > model.threshold
     told = judge(made.scene, made.trajectory)
     assert told.status == Code.SUCCESS
     assert told.prediction is not None

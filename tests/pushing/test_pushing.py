@@ -193,7 +193,7 @@ def test_unknown_rules_are_refused(settings_: Any, message: str) -> None:
 
 def windows_of(objects: Sequence[SceneObject], *directions: Sequence[float]) -> np.ndarray:
     """The rim windows of pushables that the tool passes along ``directions``."""
-    wanted = [np.asarray(d, dtype=float) for d in directions]
+    wanted = np.array(directions, dtype=float)
     return passing_windows(scene(*objects), objects, wanted, "rim", 0.02)
 
 

@@ -228,10 +228,20 @@ def test_a_short_blow_is_no_lasting_force() -> None:
     points = np.tile(far, (steps, 1))
     points[4] = near  # one step only
     _, forces, _ = led(s, points)
-    assert (forces[:, 0] > 0.0).sum() < swinging.LASTING
+    assert (forces[:, 0] > 0.0).sum() * DT < swinging.LASTING
     assert predicted(s, points).target == 0.0
     points[4:] = near
     assert predicted(s, points).target > 0.0
+
+
+@pytest.mark.parametrize(("dt", "short", "long"), [(0.04, 4, 5), (0.08, 2, 3)])
+def test_a_force_lasts_in_time_however_long_the_steps_are(dt: float, short: int, long: int) -> None:
+    s = hung(((0, 0, 0), (0, 0, 0.1)))
+    for steps, lasts in ((short, False), (long, True)):
+        points = np.tile(TARGET + [0.0, 0.3, 0.0], (30, 1))
+        points[4 : 4 + steps] = TARGET + [0.034, 0.0, 0.0]
+        found = harm(s, points, np.tile(UP, (30, 1)), dt, CUP, NOTHING)
+        assert (found.target > 0.0) == lasts
 
 
 @settings(max_examples=25, deadline=None)

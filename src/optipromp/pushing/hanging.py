@@ -77,6 +77,7 @@ class Hanging(PushModel):
         inner, outer = tool.mouth
         base = tool.front - tool.reach
         inner = inner if inner > 0.0 else -outer  # solid
+        self._places = np.array([fruit.position for fruit in self.neighbours]).reshape(-1, 3)
         self.cup = Mouth(inner, outer, base, tool.depth, WALL, NECK_RADIUS, *flange)
         self.static, self.avoid = (
             near(
@@ -93,7 +94,7 @@ class Hanging(PushModel):
         self.states = HANGING.detected_states if detected else HANGING.states
         self.stems = _sampled(fruits, self.states - 1, scene.up)
         self.schedule = Schedule(
-            rounds=(Round(9, 1), *[Round(12, 1)] * 3), runs=1, kept=6, screened=3,
+            rounds=(Round(9, 1), *[Round(12, 1)] * 3), runs=1, kept=6, screened=4,
             states=min(self.states, HANGING.screened_states), fresh=0.3, lenient=1.6,
         )  # fmt: skip
 
@@ -115,8 +116,9 @@ class Hanging(PushModel):
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
         """See :class:`PushModel`; the parts are those of :class:`optipromp.pushing.harm.Harm`."""
+        every = HANGING.screened_every if states == 1 else HANGING.every
         return mean_score(
-            self.stems, self.count, states, *_steps(points, axes), self.cup, self.static,
+            self.stems, self.count, states, *_steps(points, axes, every), self.cup, self.static,
             PUSH.harm.hopeless, limit,
         )  # fmt: skip
 
@@ -161,17 +163,12 @@ class Hanging(PushModel):
     def path(self, x: FloatArray) -> ToolPath:
         """Past neighbour n at the angle ``x[n]`` from x_g, with ``x[N + n]`` radii of clearance."""
         directions, clearances = self._split(x)
-        windows = passing_windows(
-            self.scene, self.neighbours, list(directions), "rim", self.cup.rim
-        )
-        drift = Drift(
-            tuple(fruit.id for fruit in self.neighbours),
-            np.array([fruit.position for fruit in self.neighbours]).reshape(-1, 3), directions,
-            windows,
-        )  # fmt: skip
+        windows = passing_windows(self.scene, self.neighbours, directions, "rim", self.cup.rim)
+        ids = tuple(fruit.id for fruit in self.neighbours)
         radii = np.array([fruit.radius for fruit in self.neighbours])
         corners = path_past(
-            drift, self.gripper_radius + clearances * radii, self.aim,
+            Drift(ids, self._places, directions, windows),
+            self.gripper_radius + clearances * radii, self.aim,
             self.scene.frame, self.camera,
             max(self.cup.rim + self.target.radius + HANGING.capture, 0.0),
         )  # fmt: skip
@@ -233,10 +230,12 @@ class Hanging(PushModel):
         return min(worst, 0.02) / 0.004
 
 
-def _steps(points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Points and tool axes (T, 3) of a path in the model's steps, and their time [s]."""
-    chosen = np.append(np.arange(0, len(points) - 1, HANGING.every), len(points) - 1)
-    return points[chosen], axes[chosen], HANGING.every * STEP / HANGING.model_speed
+def _steps(
+    points: FloatArray, axes: FloatArray, every: int = HANGING.every
+) -> tuple[FloatArray, FloatArray, float]:
+    """Points and tool axes (T, 3) of a path in steps of the model, and the time of a step [s]."""
+    chosen = np.append(np.arange(0, len(points) - 1, every), len(points) - 1)
+    return points[chosen], axes[chosen], every * STEP / HANGING.model_speed
 
 
 def _close(obstacles: Obstacles, where: FloatArray, reach: float) -> Obstacles:

@@ -129,7 +129,8 @@ class PushModel(ABC):
         """Mean harm of a motion of the tool over the first ``states`` states.
 
         ``points`` (P, 3) are tool points about :data:`STEP` apart, ``axes`` (P, 3) tool axes. Where
-        the harm is above ``limit``, any number above ``limit`` may be returned.
+        the harm is above ``limit``, any number above ``limit`` may be returned. One state alone
+        serves to compare candidates: a model may take longer steps there.
         """
 
     @abstractmethod

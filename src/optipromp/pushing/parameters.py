@@ -126,7 +126,7 @@ class HarmParameters(Checked):
         "longest that a fruit may be pinched; in 400 runs, crushed or torn fruits were pinched for "
         "0.4-0.8 s, 97 % of the others for less than 0.1 s",
     )  # fmt: skip
-    lasting: int = parameter(5, "1", "choice", "steps that a lasting force does not fall in")
+    lasting: float = parameter(0.2, "s", "choice", "time in which a lasting force does not fall")
     swallowed: float = parameter(
         5.0, "1", "choice", "harm of a swallowed neighbour or a missed target"
     )
@@ -148,6 +148,10 @@ class HangingParameters(Checked):
     """States and candidate paths among fruits on stems (:mod:`optipromp.pushing.hanging`)."""
 
     every: int = parameter(3, "1", "choice", "points of a path in a step of the model")
+    screened_every: int = parameter(
+        6, "1", "measured",
+        "the same where candidates are compared on one state; with 3 as many plans succeed, later",
+    )  # fmt: skip
     model_speed: float = parameter(0.07, "m/s", "choice", "of the tool in the model")
     speed: float = parameter(0.1, "m/s", "choice", "largest, of the tool on its path")
     states: int = parameter(

@@ -35,7 +35,7 @@ class ToolPath:
     @cached_property
     def length(self) -> float:
         """Length from entry to goal [m]."""
-        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+        return length(self.points)
 
     def at(self, share: FloatArray) -> FloatArray:
         """Points (m, 3) at shares (m,) of the length."""

@@ -137,11 +137,13 @@ def _towards(start: FloatArray, goal: FloatArray, most: float) -> FloatArray:
 def passing_windows(
     scene: Scene,
     objects: Sequence[SceneObject],
-    directions: Sequence[FloatArray],
+    directions: FloatArray,
     window: Window,
     depth: float,
 ) -> FloatArray:
     """Heights (N, 2) of the tool point over each pushable between which its drift holds [m].
+
+    The tool passes the pushables in ``directions`` (N, 3).
 
     The ``paper`` window is the pushable's own extent about its centre. The rim, ``depth`` [m] above
     the tool point, decides whether a fruit ends inside the mouth. It must be aside before it
@@ -150,23 +152,18 @@ def passing_windows(
     another direction. Then it ends as soon as the rim is safely past the centre.
     """
     radii = np.array([obj.radius for obj in objects])
-    if window == "paper" or scene.target is None:
+    if window == "paper" or scene.target is None or not len(objects):
         return np.stack([-radii, radii], axis=1).reshape(-1, 2)
     up = scene.frame[2]
-    heights = np.array([obj.position @ up for obj in objects])
+    heights = np.array([obj.position for obj in objects]) @ up
     capture = float(scene.target.position @ up) - depth - scene.target.radius
-    wanted = [capture - RULE.room_to_turn]
-    out = np.empty((len(objects), 2))
-    for n in range(len(objects) - 1, -1, -1):
-        released = -depth + RULE.release * radii[n]
-        elsewhere = [
-            heights[m] - depth - radii[m] - RULE.under - RULE.room_to_turn
-            for m in range(n + 1, len(objects))
-            if float(directions[m] @ directions[n]) < RULE.alike
-        ]
-        free = min([*wanted, *elsewhere]) - heights[n]
-        out[n] = -depth - radii[n] - RULE.under, min(radii[n], max(free, released))
-    return out
+    lowest = heights - depth - radii - RULE.under  # where the rim must be aside of each
+    later = np.triu(directions @ directions.T < RULE.alike, 1)  # and elsewhere
+    elsewhere = np.where(later, lowest, np.inf).min(axis=1)
+    free = np.minimum(capture, elsewhere) - RULE.room_to_turn - heights
+    released = -depth + RULE.release * radii
+    ends = np.minimum(radii, np.maximum(free, released))
+    return np.stack([lowest - heights, ends], axis=1)
 
 
 def drift_choices(
@@ -208,10 +205,10 @@ def drift_choices(
         Drift(
             tuple(obj.id for obj in objects),
             centers,
-            np.array(directions).reshape(-1, 3),
+            directions,
             passing_windows(scene, objects, directions, window, depth),
         )
-        for directions in chosen
+        for directions in (np.array(sides).reshape(-1, 3) for sides in chosen)
     )
 
 

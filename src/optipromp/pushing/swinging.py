@@ -4,6 +4,8 @@ At every step all fruits come to the equilibrium of their stems, their inertia a
 (:mod:`optipromp.pushing.equilibrium`). The harm on the path is recorded.
 """
 
+import math
+
 import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray
@@ -185,9 +187,10 @@ def _take(
     ``spell`` (N,) counts the steps that each fruit has been inside without a break, ``pinched``
     (N,) those that the cup has pressed it against a static object.
     """
+    held = math.ceil(LASTING / dt)  # steps
     for i in range(len(f.up)):
-        lasting = lasting_on_fruit = np.inf if p >= LASTING - 1 else 0.0
-        for q in range(max(p - LASTING + 1, 0), p + 1):
+        lasting = lasting_on_fruit = np.inf if p >= held - 1 else 0.0
+        for q in range(max(p - held + 1, 0), p + 1):
             lasting = min(lasting, stem_forces[q, i])
             lasting_on_fruit = min(lasting_on_fruit, forces[q, i])
         so_far[0] = max(so_far[0], lasting)
@@ -208,7 +211,7 @@ def harm(
 ) -> Harm:
     """The harm of the cup, led along a path (see :func:`push`); the first fruit is the target.
 
-    A lasting force is the least of :data:`LASTING` steps in a row.
+    A lasting force is the least in a time :data:`LASTING`.
     """
     positions, forces, stem_forces = _room(s, points)
     so_far = np.zeros(5)
@@ -236,7 +239,8 @@ def led(
     """
     positions, forces, stem_forces = _room(s, points)
     push(s, points, axes, dt, cup, solid, np.inf, positions, forces, stem_forces, np.zeros(5))
-    held = np.lib.stride_tricks.sliding_window_view(stem_forces, min(LASTING, len(points)), axis=0)
+    steps = min(math.ceil(LASTING / dt), len(points))
+    held = np.lib.stride_tricks.sliding_window_view(stem_forces, steps, axis=0)
     within = np.array(
         [
             [inside(x[0], x[1], x[2], MouthPose(*point, *axis), cup) for x in places]
