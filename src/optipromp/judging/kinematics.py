@@ -69,14 +69,16 @@ def body_of(robot: Robot) -> Body:
     ]
     pairs = np.sort(np.argsort(order)[np.asarray(robot.self_pairs).reshape(-1, 2)], axis=1)
     links, kept = np.searchsorted(names, link[pairs]), np.zeros(len(names))
-    np.maximum.at(kept, links, -np.reshape(robot.self_slack, (-1, 1)))  # where slack is negative
+    apart = np.asarray(robot.self_slack) < 0.0
+    np.maximum.at(kept, links[apart], -robot.self_slack[apart, None])
     code = links[:, 0] * len(names) + links[:, 1]
     by = np.argsort((code * len(radius) + pairs[:, 0]) * len(radius) + pairs[:, 1])
     pairs = pairs[by]
     code, first, count = np.unique(code[by], return_index=True, return_counts=True)
     both, carrier = np.column_stack(np.divmod(code, len(names))), np.asarray(spheres.segment)[order]
     bearer = carrier[start[:-1]]
-    moves = [_levers(robot, local[own], at) for own, at in zip(spans, bearer, strict=True)]
+    shifts = lengths(kin.translation)
+    moves = [_levers(robot, local[own], at, shifts) for own, at in zip(spans, bearer, strict=True)]
     two = bearer[both]
     far = both[np.arange(len(both)), two.argmax(axis=1)]
     levers = np.reshape(moves, (-1, robot.n_segments))[far]
@@ -94,11 +96,12 @@ def body_of(robot: Robot) -> Body:
     )  # fmt: skip
 
 
-def _levers(robot: Robot, local: FloatArray, carrier: int) -> FloatArray:
+def _levers(robot: Robot, local: FloatArray, carrier: int, shifts: FloatArray) -> FloatArray:
     """Largest motion (S,) of spheres on segment ``carrier`` by unit of each joint before them.
 
-    ``local`` (k, 3) are their centres. The bound is the length of the chain from the joint to the
-    spheres; a prismatic joint in between leaves it infinite.
+    ``local`` (k, 3) are their centres, ``shifts`` (S,) the distances between joints. The bound is
+    the length of the chain from the joint to the spheres; a prismatic joint in between leaves it
+    infinite.
     """
     kin, out = robot.kinematics, np.zeros(robot.n_segments)
     if carrier < 0:
@@ -109,7 +112,7 @@ def _levers(robot: Robot, local: FloatArray, carrier: int) -> FloatArray:
     for s in range(carrier, -1, -1):
         lever = lengths(aside).max() if s == carrier else length
         out[s] = 1.0 if kin.kind[s] == 1 else lever
-        length += np.inf if kin.kind[s] == 1 else np.linalg.norm(kin.translation[s])
+        length += np.inf if kin.kind[s] == 1 else shifts[s]
     return out
 
 

@@ -56,9 +56,9 @@ class BodyPoints:
         self.segment: IntArray = frozen(
             np.concatenate([segment, [last, last], bound_segments]), np.int64
         )
-        kept = np.zeros(len(links))  # where slack is negative
-        paired = np.searchsorted(links, spheres.link[robot.self_pairs])
-        np.maximum.at(kept, paired, -robot.self_slack[:, None])
+        kept, apart = np.zeros(len(links)), robot.self_slack < 0.0
+        paired = np.searchsorted(links, spheres.link[robot.self_pairs[apart]])
+        np.maximum.at(kept, paired, -robot.self_slack[apart, None])
         self.link_bound: FloatArray = frozen(np.add(bound_radii, kept))
         self.link_distal: BoolArray = frozen(distal, np.bool_)
         self.groups, self.pairs, by = _grouped_pairs(robot.self_pairs, order, link, links)

@@ -15,6 +15,7 @@ bands, from the rim down; the cheapest stack is found by dynamic programming ove
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -65,9 +66,8 @@ def _stack(radius: float, height: float, bulge: float) -> list[tuple[float, _Ban
     """Heights and bands that cover the wall from the rim (z = height) to the base (z = 0)."""
     steps = max(_STEPS, math.ceil(height / bulge))
     step = height / steps
-    count, ring, size, half = _bands(radius, bulge)
-    lowest = np.ceil((size - half - height - bulge - 1e-12) / step)  # minus the steps to the rim
-    kept = _undominated(count + 1e-3 * size, lowest, np.ceil(2.0 * half / step - 1e-9))
+    count, ring, size, half, steps_on, below_rim = _bands(radius, bulge, height, step)
+    kept = _undominated(count + 1e-3 * size, below_rim, steps_on)
     count, ring, size, half = count[kept], ring[kept], size[kept], half[kept]
     cost, choice, after = np.zeros(steps + 1), *np.zeros((2, steps + 1), dtype=np.int64)
     _cheapest(
@@ -109,18 +109,37 @@ def _undominated(cost: FloatArray, below_rim: FloatArray, steps: FloatArray) -> 
     return np.sort(order[cheaper])
 
 
-def _bands(radius: float, bulge: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Bands to choose among (m,): count, ring, radius and half height; see :class:`_Band`."""
+def _bands(
+    radius: float, bulge: float, height: float, step: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Bands to choose among (m,): count, ring, radius and half height; see :class:`_Band`.
+
+    Then the whole steps by which each advances, and minus those that it stands below the rim. Of
+    rings with spheres of one size, and alike in both, only the one of the fewest is given.
+    """
     outer = radius + bulge
     count = np.arange(5.0, 61.0)[:, None]
     size = np.linspace(bulge, 0.9 * outer, 120)
     ring = outer - size
     square = size**2 - (ring**2 + radius**2 - 2.0 * ring * radius * np.cos(np.pi / count))
-    rows, columns = np.nonzero(square > 0.0)
-    on_axis = 1.0, 0.0, outer, math.sqrt(outer**2 - radius**2)
-    rings = count[rows, 0], ring[columns], size[columns], np.sqrt(square[rows, columns])
-    bands = [np.concatenate([[one], many]) for one, many in zip(on_axis, rings, strict=True)]
-    return bands[0], bands[1], bands[2], bands[3]
+    half = np.sqrt(np.maximum(square, 0.0))
+    covers = square > 0.0
+    steps, lowest = _in_steps(size, half, height + bulge, step)
+    alike = (steps[1:] == steps[:-1]) & (lowest[1:] == lowest[:-1])
+    covers[1:] &= ~(alike & covers[:-1])
+    rows, columns = np.nonzero(covers)
+    axis = np.array([1.0, 0.0, outer, math.sqrt(outer**2 - radius**2)])
+    first = *axis, *_in_steps(axis[2], axis[3], height + bulge, step)
+    rings = (
+        count[rows, 0], ring[columns], size[columns], half[covers], steps[covers], lowest[covers],
+    )  # fmt: skip
+    bands = [np.append(one, many) for one, many in zip(first, rings, strict=True)]
+    return bands[0], bands[1], bands[2], bands[3], bands[4], bands[5]
+
+
+def _in_steps(size: Any, half: Any, top: float, step: float) -> tuple[Any, Any]:
+    """Whole steps by which bands advance, and minus those that they stand below the rim."""
+    return np.ceil(2.0 * half / step - 1e-9), np.ceil((size - half - top - 1e-12) / step)
 
 
 def _span(band: _Band, offset: float) -> tuple[float, float]:
