@@ -27,7 +27,7 @@ from optipromp.pushing.rules import (
     passing_windows,
     path_past,
 )
-from optipromp.pushing.swinging import harm, led, mean_score
+from optipromp.pushing.swinging import harm, led, mean_score, steps_inside
 from optipromp.robots.cup_cover import NECK_RADIUS
 from optipromp.robots.tool_protocol import Tool
 from optipromp.robots.tools import WALL
@@ -128,12 +128,13 @@ class Hanging(PushModel):
         states = [self._state(d) for d in range(self.states)]
         harms = [harm(one, *led_so) for one in states]
         worst = int(np.argmax([score_of(*found) for found in harms]))
-        _, on_fruit, on_stem, within = led(states[worst], *led_so)
+        positions, on_fruit, on_stem = led(states[worst], *led_so)
         names = [fruit.id for fruit in self.fruits]
         found = harms[worst]
         if found.missed:
             return names[0], "is not inside at the end"
         if found.inside > BRIEFLY:
+            within = steps_inside(positions, *led_so[:2], self.cup)
             return names[int(np.argmax(within[1:])) + 1], "is swallowed"
         on_fruit[0] = 0.0  # the force on the target is a part of its own
         crushed = int(np.argmax(on_fruit))

@@ -230,24 +230,32 @@ def _room(s: Stems, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatAr
 
 def led(
     s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth, solid: Obstacles
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where the cup, led along a path (see :func:`push`), brings the fruits, and how hard.
 
     Returns:
         Positions (P, N, 3) [m]; the largest force on each fruit and the largest lasting one on each
-        stem (N,) [N]; and how long each fruit is inside (N,) [s].
+        stem (N,) [N].
     """
     positions, forces, stem_forces = _room(s, points)
     push(s, points, axes, dt, cup, solid, np.inf, positions, forces, stem_forces, np.zeros(5))
     steps = min(math.ceil(LASTING / dt), len(points))
     held = np.lib.stride_tricks.sliding_window_view(stem_forces, steps, axis=0)
+    return positions, forces.max(axis=0), held.min(axis=-1).max(axis=0)
+
+
+def steps_inside(
+    positions: FloatArray, points: FloatArray, axes: FloatArray, cup: Mouth
+) -> IntArray:
+    """In how many steps each fruit (N,), at ``positions`` (P, N, 3), is inside the cup."""
+    poses = [MouthPose(*point, *axis) for point, axis in zip(points, axes, strict=True)]
     within = np.array(
         [
-            [inside(x[0], x[1], x[2], MouthPose(*point, *axis), cup) for x in places]
-            for places, point, axis in zip(positions, points, axes, strict=True)
+            [inside(x, y, z, at, cup) for x, y, z in places]
+            for places, at in zip(positions.tolist(), poses, strict=True)
         ]
     )
-    return positions, forces.max(axis=0), held.min(axis=-1).max(axis=0), dt * within.sum(axis=0)
+    return np.asarray(within.sum(axis=0), dtype=np.int64)
 
 
 @kernel
