@@ -105,20 +105,20 @@ def test_the_prediction_is_of_the_trajectory_that_is_returned() -> None:
     assert model.predict(points, axes).harm == pytest.approx(result.prediction.harm, abs=0.05)
 
 
-@pytest.mark.parametrize("seed", [20127, 20154])
-def test_the_judge_predicts_the_push_that_the_plan_does(seed: int) -> None:
-    """On these two the harm of the whole motion is above the threshold, the plan's below."""
-    made = plan(generate("table-top", seed), seed=seed)
-    assert made.success
-    assert made.prediction is not None
-    task = resolve(made.scene)
-    whole = tool_motion(task.robot, made.trajectory.positions)
-    model = model_of(task)
-    assert model.harm(*whole, model.states) > model.threshold
-    told = judge(made.scene, made.trajectory)
-    assert told.status == Code.SUCCESS
-    assert told.prediction is not None
-    assert told.prediction.harm == made.prediction.harm
+def test_the_judge_predicts_the_push_that_the_plan_does() -> None:
+    """Not that of the whole motion, which may come near a fruit before the path begins."""
+    apart = []
+    for seed in range(20120, 20132):
+        made = plan(generate("table-top", seed), seed=seed)
+        task = resolve(made.scene)
+        whole = tool_motion(task.robot, made.trajectory.positions)
+        model, told = model_of(task), judge(made.scene, made.trajectory)
+        assert told.status == made.status
+        assert made.prediction is not None
+        assert told.prediction is not None
+        assert told.prediction.harm == made.prediction.harm
+        apart.append(abs(model.harm(*whole, model.states) - made.prediction.harm))
+    assert max(apart) > 0.05
 
 
 @pytest.mark.parametrize("scene", ["scenario-3", "shelf"])

@@ -8,13 +8,9 @@ import numpy as np
 import pytest
 from tests.pushing.fruits import TARGET, UP
 
-from optipromp.geometry import Box, Sphere
+from optipromp.geometry import Box, HalfSpace, Sphere, distances, pack
 from optipromp.planning.task import push_model, resolve
-from optipromp.pushing.hanging import (
-    HANGING,
-    Hanging,
-    applies,
-)
+from optipromp.pushing.hanging import HANGING, Hanging, applies, rooms
 from optipromp.pushing.harm import Harm, score_of
 from optipromp.pushing.model import search
 from optipromp.pushing.parameters import PUSH
@@ -69,6 +65,21 @@ def harm(a: Hanging, path: ToolPath, states: int = 1) -> float:
 
 def detected(obj: SceneObject, deviation: float = 0.005) -> SceneObject:
     return replace(obj, covariance=deviation**2 * np.eye(3))
+
+
+def test_the_room_about_an_upright_tool_is_the_distance_less_its_radius() -> None:
+    rng = np.random.default_rng(3)
+    up = np.array([0.0, 0.6, 0.8])
+    heights, none = np.array([-0.1, 0.0, 0.03]), np.eye(3)
+    for count in range(5):
+        balls = [(Sphere(0.02), at, none) for at in rng.uniform(-0.2, 0.2, (count, 3))]
+        obstacles = pack([*balls, (HalfSpace(), np.array([0.0, 0.0, -0.3]), none)])
+        points = rng.uniform(-0.2, 0.2, (12, 3))
+        where = (points[:, None] + heights[:, None] * up).reshape(-1, 3)
+        room = distances(obstacles, where)[0].reshape(12, -1).min(axis=1) - 0.03
+        for most in (0.01, 0.3):
+            expected = min(room.min(), most), min(room[-1], most)
+            assert rooms(points, heights, up, obstacles, 0.03, most) == pytest.approx(expected)
 
 
 # --- harm of known paths -----------------------------------------------------------------------

@@ -11,10 +11,11 @@ from optipromp.geometry import Box, Capsule, Cone, Ellipsoid, Sphere
 from optipromp.geometry.obstacles import Obstacles, pack
 from optipromp.geometry.shapes import round_mesh
 from optipromp.planning import plan
+from optipromp.pushing import swinging
 from optipromp.pushing.bending import Stems, balls_of
 from optipromp.pushing.cup import cup_distance
 from optipromp.pushing.equilibrium import CONTACT
-from optipromp.pushing.swinging import harm, push
+from optipromp.pushing.swinging import push
 from optipromp.scenes import SceneObject, Stem
 from optipromp.scenes.generate import generate
 from optipromp.simulation import simulate
@@ -70,8 +71,8 @@ def test_a_wall_behind_pinches_the_upper_end() -> None:
     points = along((0.06, 0, 0), (0.02, 0, 0))
     axes = np.tile(UP, (len(points), 1))
     stems = hung(((0.2, 0, 0), UP), ((0, 0, 0), (0.0, 0.0, 0.2)), apart=0.03)
-    free = harm(stems, points, axes, DT, CUP, NOTHING)
-    held = harm(stems, points, axes, DT, CUP, wall)
+    free = swinging.led(stems, points, axes, DT, CUP, NOTHING).harm
+    held = swinging.led(stems, points, axes, DT, CUP, wall).harm
     assert free.pinched == 0.0
     assert held.pinched > 0.0
     assert held.fruit > 2.0 * free.fruit

@@ -377,7 +377,9 @@ def test_the_path_past_them_is_aside_in_every_window_and_ends_at_the_goal() -> N
     (drift,) = drift_choices(s, objects, depth=0.02)
     offsets = np.full(2, 0.04)
     camera = TARGET - np.array([0.0, 0.0, 0.25])
-    corners = path_past(drift, offsets, TARGET, s.frame, camera, 0.035)
+    corners = path_past(
+        drift.centers, drift.directions, drift.windows, offsets, TARGET, s.frame, camera, 0.035
+    )
     np.testing.assert_allclose(corners[0], camera)
     np.testing.assert_allclose(corners[-1], TARGET)
     points = evenly(corners, 400)

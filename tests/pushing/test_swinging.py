@@ -13,7 +13,7 @@ from optipromp.pushing.bending import Stems
 from optipromp.pushing.cup import Mouth, cup_distance
 from optipromp.pushing.equilibrium import CONTACT
 from optipromp.pushing.harm import Harm
-from optipromp.pushing.swinging import harm, push
+from optipromp.pushing.swinging import push
 
 NOTHING = pack([])
 
@@ -34,7 +34,7 @@ def led(
 
 
 def predicted(stems: Stems, points: np.ndarray) -> Harm:
-    return harm(stems, points, np.tile(UP, (len(points), 1)), DT, CUP, NOTHING)
+    return swinging.led(stems, points, np.tile(UP, (len(points), 1)), DT, CUP, NOTHING).harm
 
 
 def gaps(positions: np.ndarray, points: np.ndarray, radius: float = 0.015) -> np.ndarray:
@@ -240,7 +240,7 @@ def test_a_force_lasts_in_time_however_long_the_steps_are(dt: float, short: int,
     for steps, lasts in ((short, False), (long, True)):
         points = np.tile(TARGET + [0.0, 0.3, 0.0], (30, 1))
         points[4 : 4 + steps] = TARGET + [0.034, 0.0, 0.0]
-        found = harm(s, points, np.tile(UP, (30, 1)), dt, CUP, NOTHING)
+        found = swinging.led(s, points, np.tile(UP, (30, 1)), dt, CUP, NOTHING).harm
         assert (found.target > 0.0) == lasts
 
 
@@ -290,8 +290,8 @@ def test_a_fruit_is_pressed_against_what_stands_firm() -> None:
     axes = np.tile(UP, (len(points), 1))
     middle = TARGET + np.array([0.05 + 0.02, 0.0, -0.05])
     wall = pack([(Box((0.04, 0.2, 0.2)), middle, np.eye(3))])
-    free = harm(stems, points, axes, DT, CUP, NOTHING)
-    jammed = harm(stems, points, axes, DT, CUP, wall)
+    free = swinging.led(stems, points, axes, DT, CUP, NOTHING).harm
+    jammed = swinging.led(stems, points, axes, DT, CUP, wall).harm
     assert free.fruit < 20.0
     assert jammed.fruit > 2.0 * free.fruit
     assert free.pinched == 0.0

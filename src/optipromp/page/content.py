@@ -122,13 +122,13 @@ class _Watched(Combined):
 
     def __init__(self, model: PushModel) -> None:
         super().__init__(model)
-        self.seen: dict[int, tuple[FloatArray, float]] = {}
+        self.seen: dict[bytes, tuple[FloatArray, float]] = {}
 
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
         value = super().harm(points, axes, states, limit)
-        self.seen[id(points)] = points, value
+        self.seen[points.tobytes()] = points, value
         return value
 
 

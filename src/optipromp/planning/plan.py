@@ -168,18 +168,17 @@ def _compiled() -> None:
 def compile_kernels() -> None:
     """Fill Numba's cache.
 
-    The push model and the search of a way take nearly as long to compile as all other kernels.
-    Where there is a second core, another process compiles them, while this one plans where nothing
-    is to be pushed.
+    The push model takes nearly as long to compile as all other kernels. Where there is a second
+    core, another process compiles it, while this one plans where nothing hangs.
     """
     scene = load_scene(WARM_UP)
-    bare = replace(scene, objects=tuple(o for o in scene.objects if o.role != "pushable"))
+    bare = tuple(replace(o, stem=None) for o in scene.objects if o.role != "pushable")
     other = None
     if cores() > 1:
         code = f"from {__name__} import compile_push_model as run; run()"
         other = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)
     try:
-        warm_up(bare)
+        warm_up(replace(scene, objects=bare))
         if other is not None:
             other.wait()
     finally:
@@ -190,14 +189,13 @@ def compile_kernels() -> None:
 
 
 def compile_push_model() -> None:
-    """Compile what predicts a push, and what searches a way."""
+    """Compile what predicts a push."""
     scene = load_scene(WARM_UP)
     task = resolve(scene)
     model = push_model(task, task.robot.home)
     assert model is not None
     path = model.path(model.spread(0)[0])  # the first candidate
     model.predict(path.points, path.points)
-    _search_once(scene)
 
 
 def _search_once(scene: Scene) -> None:

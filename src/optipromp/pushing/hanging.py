@@ -12,7 +12,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from optipromp.arrays import FloatArray, frozen
-from optipromp.geometry import distances
+from optipromp.compiled import kernel
+from optipromp.geometry import signed_distance
 from optipromp.geometry.obstacles import Obstacles, near
 from optipromp.pushing.bending import Stems, balls_of, moved, parents, stems
 from optipromp.pushing.cup import Mouth
@@ -20,14 +21,8 @@ from optipromp.pushing.harm import BRIEFLY, Harm, score_of
 from optipromp.pushing.model import Moved, PushModel, Round, Schedule
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import STEP, ToolPath, through
-from optipromp.pushing.rules import (
-    Drift,
-    detection_variance,
-    drift_choices,
-    passing_windows,
-    path_past,
-)
-from optipromp.pushing.swinging import harm, led, mean_score, steps_inside
+from optipromp.pushing.rules import detection_variance, drift_choices, path_past, rim_windows
+from optipromp.pushing.swinging import Push, led, mean_score, steps_inside
 from optipromp.robots.cup_cover import NECK_RADIUS
 from optipromp.robots.tool_protocol import Tool
 from optipromp.robots.tools import WALL
@@ -77,8 +72,12 @@ class Hanging(PushModel):
         inner, outer = tool.mouth
         base = tool.front - tool.reach
         inner = inner if inner > 0.0 else -outer  # solid
-        self._places = np.array([fruit.position for fruit in self.neighbours]).reshape(-1, 3)
         self.cup = Mouth(inner, outer, base, tool.depth, WALL, NECK_RADIUS, *flange)
+        self._frame = np.array(scene.frame)
+        self._centers = np.array([fruit.position for fruit in self.neighbours]).reshape(-1, 3)
+        self._heights = self._centers @ self._frame[2]
+        self._radii = np.array([fruit.radius for fruit in self.neighbours])
+        self._capture = float(target.position @ self._frame[2]) - tool.depth - target.radius
         self.static, self.avoid = (
             near(
                 scene.packed(scene.around(target.position, HANGING.around, role)),
@@ -94,7 +93,7 @@ class Hanging(PushModel):
         self.states = HANGING.detected_states if detected else HANGING.states
         self.stems = _sampled(fruits, self.states - 1, scene.up)
         self.schedule = Schedule(
-            rounds=(Round(9, 1), *[Round(12, 1)] * 3), runs=1, kept=6, screened=4,
+            rounds=(Round(9, 1), *[Round(10, 1)] * 3), runs=1, kept=6, screened=3,
             states=min(self.states, HANGING.screened_states), fresh=0.3, lenient=1.6,
         )  # fmt: skip
 
@@ -124,18 +123,16 @@ class Hanging(PushModel):
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """See :class:`PushModel`."""
-        led_so = *_steps(points, axes), self.cup, self.static
-        states = [self._state(d) for d in range(self.states)]
-        harms = [harm(one, *led_so) for one in states]
-        worst = int(np.argmax([score_of(*found) for found in harms]))
-        positions, on_fruit, on_stem = led(states[worst], *led_so)
+        so = *_steps(points, axes), self.cup, self.static
+        worst = max((led(self._state(d), *so) for d in range(self.states)), key=_score)
+        found = worst.harm
         names = [fruit.id for fruit in self.fruits]
-        found = harms[worst]
         if found.missed:
             return names[0], "is not inside at the end"
         if found.inside > BRIEFLY:
-            within = steps_inside(positions, *led_so[:2], self.cup)
+            within = steps_inside(worst.positions, *so[:2], self.cup)
             return names[int(np.argmax(within[1:])) + 1], "is swallowed"
+        on_fruit, on_stem = worst.on_fruits, worst.on_stems
         on_fruit[0] = 0.0  # the force on the target is a part of its own
         crushed = int(np.argmax(on_fruit))
         parts = (
@@ -152,8 +149,8 @@ class Hanging(PushModel):
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`."""
-        positions, *_ = led(self._state(0), *_steps(points, axes), self.cup, self.static)
-        gone = positions[-1] - np.array([balls_of(fruit).center for fruit in self.fruits])
+        done = led(self._state(0), *_steps(points, axes), self.cup, self.static)
+        gone = done.positions[-1] - np.array([balls_of(fruit).center for fruit in self.fruits])
         before = np.array([fruit.position for fruit in self.fruits])
         ids = tuple(fruit.id for fruit in self.fruits)
         return Moved(ids, before + gone, np.zeros(self.count))
@@ -164,13 +161,10 @@ class Hanging(PushModel):
     def path(self, x: FloatArray) -> ToolPath:
         """Past neighbour n at the angle ``x[n]`` from x_g, with ``x[N + n]`` radii of clearance."""
         directions, clearances = self._split(x)
-        windows = passing_windows(self.scene, self.neighbours, directions, "rim", self.cup.rim)
-        ids = tuple(fruit.id for fruit in self.neighbours)
-        radii = np.array([fruit.radius for fruit in self.neighbours])
+        windows = rim_windows(self._heights, self._radii, directions, self.cup.rim, self._capture)
         corners = path_past(
-            Drift(ids, self._places, directions, windows),
-            self.gripper_radius + clearances * radii, self.aim,
-            self.scene.frame, self.camera,
+            self._centers, directions, windows, self.gripper_radius + clearances * self._radii,
+            self.aim, self._frame, self.camera,
             max(self.cup.rim + self.target.radius + HANGING.capture, 0.0),
         )  # fmt: skip
         return through(corners, HANGING.speed)
@@ -217,18 +211,46 @@ class Hanging(PushModel):
     def _too_near(self, points: FloatArray) -> float:
         """Lack of clearance of the cup, led upright through ``points`` [in units of 4 mm]."""
         heights = np.array([self.cup.base, 0.5 * (self.cup.base + self.cup.rim), self.cup.rim])
-        where = (
-            points[:: 2 * HANGING.every, None] + heights[:, None] * self.scene.frame[2]
-        ).reshape(-1, 3)
+        where = points[:: 2 * HANGING.every]
         worst = 0.0
         for obstacles, slack in ((self.static, HANGING.slack), (self.avoid, 0.0)):
-            close = _close(obstacles, where, self.cup.outer + slack)
-            if len(close.kind):
-                away = distances(close, where)[0].min(axis=1).reshape(-1, 3).min(axis=1)
-                room = away - self.cup.outer
+            if len(obstacles.kind):
+                least, end = rooms(where, heights, self._frame[2], obstacles, self.cup.outer, slack)
                 # where the goal itself is closer, no path can do better
-                worst = max(worst, min(slack, float(room[-1])) - float(room.min()))
+                worst = max(worst, end - least)
         return min(worst, 0.02) / 0.004
+
+
+@kernel
+def rooms(
+    points: FloatArray, heights: FloatArray, up: FloatArray, obstacles: Obstacles, radius: float,
+    most: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Least room about an upright tool on its way, and the room at its end [m].
+
+    Args:
+        points: (P, 3) of the tool point.
+        heights: (m,) over it, along ``up`` (3,), where the room is measured.
+        obstacles: from whose surfaces.
+        radius: of the tool, as far as there is no room [m].
+        most: the room that is given where there is more.
+    """
+    least = room = most
+    gradient = np.empty(3)
+    for p in range(len(points)):
+        room = most
+        for h in heights:
+            x, y, z = points[p, 0] + h * up[0], points[p, 1] + h * up[1], points[p, 2] + h * up[2]
+            for k in range(len(obstacles.kind)):
+                u, v, w = (
+                    x - obstacles.position[k, 0],
+                    y - obstacles.position[k, 1],
+                    z - obstacles.position[k, 2],
+                )
+                if math.sqrt(u * u + v * v + w * w) - obstacles.bound[k] - radius < room:
+                    room = min(room, signed_distance(obstacles, k, x, y, z, gradient) - radius)
+        least = min(least, room)
+    return least, room
 
 
 def _steps(
@@ -239,12 +261,8 @@ def _steps(
     return points[chosen], axes[chosen], every * STEP / HANGING.model_speed
 
 
-def _close(obstacles: Obstacles, where: FloatArray, reach: float) -> Obstacles:
-    """The obstacles that come within ``reach`` of points (m, 3)."""
-    if len(obstacles.kind) <= 4:  # sorting them takes longer than measuring
-        return obstacles
-    middle = 0.5 * (where.min(axis=0) + where.max(axis=0))
-    return near(obstacles, middle, float(np.linalg.norm(where - middle, axis=1).max()) + reach)
+def _score(push: Push) -> float:
+    return score_of(*push.harm)
 
 
 def _sampled(fruits: Sequence[SceneObject], samples: int, up: FloatArray) -> Stems:

@@ -166,7 +166,31 @@ class PushModel(ABC):
         """Mean and standard deviation (k,) of the candidates that a run begins with."""
 
 
-class Combined(PushModel):
+class _Led(PushModel):
+    """A model whose candidates, speed and schedule are another's."""
+
+    def __init__(self, lead: PushModel) -> None:
+        self.lead, self.speed, self.schedule = lead, lead.speed, lead.schedule
+        self.good, self.threshold, self.states = lead.good, lead.threshold, lead.states
+
+    def path(self, x: FloatArray) -> ToolPath:
+        """See :class:`PushModel`."""
+        return self.lead.path(x)
+
+    def aside(self, x: FloatArray, path: ToolPath) -> float:
+        """See :class:`PushModel`."""
+        return self.lead.aside(x, path)
+
+    def first(self) -> FloatArray:
+        """See :class:`PushModel`."""
+        return self.lead.first()
+
+    def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
+        """See :class:`PushModel`."""
+        return self.lead.spread(run)
+
+
+class Combined(_Led):
     """Several models of one scene. Their harms are added, each in proportion to its threshold.
 
     Args:
@@ -174,10 +198,8 @@ class Combined(PushModel):
     """
 
     def __init__(self, *models: PushModel) -> None:
-        self.models, lead = models, models[0]
-        self.speed, self.good, self.schedule = lead.speed, lead.good, lead.schedule
-        self.threshold = lead.threshold
-        self.states = max(model.states for model in models)
+        super().__init__(models[0])
+        self.models, self.states = models, max(model.states for model in models)
 
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
@@ -210,24 +232,8 @@ class Combined(PushModel):
             np.concatenate([m.turns for m in found])[rows],
         )  # fmt: skip
 
-    def path(self, x: FloatArray) -> ToolPath:
-        """The first model's."""
-        return self.models[0].path(x)
 
-    def aside(self, x: FloatArray, path: ToolPath) -> float:
-        """The first model's."""
-        return self.models[0].aside(x, path)
-
-    def first(self) -> FloatArray:
-        """The first model's."""
-        return self.models[0].first()
-
-    def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
-        """The first model's."""
-        return self.models[0].spread(run)
-
-
-class Continued(PushModel):
+class Continued(_Led):
     """A model of a push that has begun: the motion so far comes before every path.
 
     Args:
@@ -236,9 +242,8 @@ class Continued(PushModel):
     """
 
     def __init__(self, model: PushModel, points: FloatArray, axes: FloatArray) -> None:
-        self.model, self._points, self._axes = model, points, axes
-        self.speed, self.good, self.threshold = model.speed, model.good, model.threshold
-        self.states, self.schedule = model.states, model.schedule
+        super().__init__(model)
+        self._points, self._axes = points, axes
 
     def _whole(self, points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
         points = np.concatenate([self._points, points])
@@ -250,31 +255,15 @@ class Continued(PushModel):
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
         """See :class:`PushModel`; of the whole motion."""
-        return self.model.harm(*self._whole(points, axes), states, limit)
+        return self.lead.harm(*self._whole(points, axes), states, limit)
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """See :class:`PushModel`; of the whole motion."""
-        return self.model.cause(*self._whole(points, axes))
+        return self.lead.cause(*self._whole(points, axes))
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`; by the whole motion."""
-        return self.model.moved(*self._whole(points, axes))
-
-    def path(self, x: FloatArray) -> ToolPath:
-        """The model's."""
-        return self.model.path(x)
-
-    def aside(self, x: FloatArray, path: ToolPath) -> float:
-        """The model's."""
-        return self.model.aside(x, path)
-
-    def first(self) -> FloatArray:
-        """The model's."""
-        return self.model.first()
-
-    def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
-        """The model's."""
-        return self.model.spread(run)
+        return self.lead.moved(*self._whole(points, axes))
 
 
 SURE = 0.5  # share of a good harm; a candidate of less on few states is tried on all at once

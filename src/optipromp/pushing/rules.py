@@ -30,7 +30,8 @@ from optipromp.scenes.scene import Scene, SceneObject
 DriftRule = Literal["shortest", "lateral-plane", "paper"]
 Window = Literal["rim", "paper"]
 RULE = PUSH.rule
-RULE_SWEEPS = RULE.sweeps
+RULE_SWEEPS, RULE_LEVEL, RULE_ALIKE = RULE.sweeps, RULE.level, RULE.alike
+RULE_UNDER, RULE_ROOM, RULE_RELEASE = RULE.under, RULE.room_to_turn, RULE.release
 
 
 def neighbours(
@@ -157,13 +158,34 @@ def passing_windows(
     up = scene.frame[2]
     heights = np.array([obj.position for obj in objects]) @ up
     capture = float(scene.target.position @ up) - depth - scene.target.radius
-    lowest = heights - depth - radii - RULE.under  # where the rim must be aside of each
-    later = np.triu(directions @ directions.T < RULE.alike, 1)  # and elsewhere
-    elsewhere = np.where(later, lowest, np.inf).min(axis=1)
-    free = np.minimum(capture, elsewhere) - RULE.room_to_turn - heights
-    released = -depth + RULE.release * radii
-    ends = np.minimum(radii, np.maximum(free, released))
-    return np.stack([lowest - heights, ends], axis=1)
+    return rim_windows(heights, radii, np.array(directions), depth, capture)
+
+
+@kernel
+def rim_windows(
+    heights: FloatArray, radii: FloatArray, directions: FloatArray, depth: float, capture: float
+) -> FloatArray:
+    """The ``rim`` windows (N, 2) of pushables at ``heights`` (N,) along z_g, first met first [m].
+
+    At the height ``capture`` of the tool point the rim takes in the target; the other arguments are
+    those of :func:`passing_windows`.
+    """
+    count = len(heights)
+    lowest, windows = np.empty(count), np.empty((count, 2))
+    for i in range(count):
+        lowest[i] = heights[i] - depth - radii[i] - RULE_UNDER  # where the rim must be aside of it
+    for i in range(count):
+        turn = capture
+        for k in range(i + 1, count):
+            alike = 0.0
+            for m in range(3):
+                alike += directions[i, m] * directions[k, m]
+            if alike < RULE_ALIKE:
+                turn = min(turn, lowest[k])
+        released = -depth + RULE_RELEASE * radii[i]
+        windows[i, 0] = lowest[i] - heights[i]
+        windows[i, 1] = min(radii[i], max(turn - RULE_ROOM - heights[i], released))
+    return windows
 
 
 def drift_choices(
@@ -220,11 +242,12 @@ def rule_paths(
     assert scene.target is not None
     assert scene.aim is not None
     depth = 0.0 if robot.tool is None else robot.tool.depth
-    radii = np.array([obj.radius for obj in objects])
+    offsets = robot.gripper_radius + PUSH.hanging.clearance * np.array([o.radius for o in objects])
+    capture = max(depth + scene.target.radius, 0.0)
     return [
         path_past(
-            drift, robot.gripper_radius + PUSH.hanging.clearance * radii, scene.aim,
-            scene.frame, camera, max(depth + scene.target.radius, 0.0),
+            drift.centers, drift.directions, drift.windows, offsets, np.array(scene.aim),
+            np.array(scene.frame), np.array(camera), capture,
         )
         for drift in drift_choices(
             scene, objects, rule, depth=depth, gripper_radius=robot.gripper_radius
@@ -232,42 +255,49 @@ def rule_paths(
     ]  # fmt: skip
 
 
+@kernel
 def path_past(
-    drift: Drift,
-    offsets: FloatArray,
-    goal: FloatArray,
-    frame: FloatArray,
-    camera: FloatArray,
-    capture: float,
-) -> FloatArray:
+    centers: FloatArray, directions: FloatArray, windows: FloatArray, offsets: FloatArray,
+    goal: FloatArray, frame: FloatArray, camera: FloatArray, capture: float,
+) -> FloatArray:  # fmt: skip
     """Corners (k, 3) of the path from the camera point to the goal [m].
 
     Args:
-        drift: windows and directions of the neighbours.
+        centers: (N, 3) of the neighbours; ``directions`` and ``windows`` as in :class:`Drift`.
         offsets: (N,) how far the tool is to pass each of them [m].
         goal: (3,) where the tool point ends.
         frame: (3, 3) rows x_g, y_g, z_g.
         camera: (3,) where the path begins.
         capture: depth below the goal from which the path is on the approach line [m].
     """
-    lateral, up = frame[:2], frame[2]
-    centers = drift.centers - goal
-    heights, flat = centers @ up, centers @ lateral.T
-    directions = drift.directions @ lateral.T
-    bottom = float((camera - goal) @ up)
-    levels = np.arange(bottom, -capture, RULE.level)
-    local = np.empty((2 * len(levels) + 3, 3))
-    local[0, :2], local[0, 2] = (camera - goal) @ lateral.T, bottom
-    aside = flat + offsets[:, None] * directions
-    farthest = math.sqrt(max((float(point @ point) for point in aside), default=0.0))
-    count = _corners(
-        levels, np.ascontiguousarray(drift.windows), heights, flat, directions,
-        np.ascontiguousarray(offsets), farthest, local,
-    )  # fmt: skip
-    local[count] = 0.0, 0.0, max(bottom, -capture)
-    local[count + 1] = 0.0
-    local = local[: count + 2]
-    return np.asarray(goal + local[:, :2] @ lateral + local[:, 2:] * up)
+    lateral, up, n = frame[:2], frame[2], len(centers)
+    heights, flat, towards = np.zeros(n), np.zeros((n, 2)), np.zeros((n, 2))
+    start, farthest = np.zeros(3), 0.0
+    for m in range(3):
+        for a in range(3):
+            start[a] += (camera[m] - goal[m]) * frame[a, m]
+        for k in range(n):
+            heights[k] += (centers[k, m] - goal[m]) * up[m]
+            for a in range(2):
+                flat[k, a] += (centers[k, m] - goal[m]) * lateral[a, m]
+                towards[k, a] += directions[k, m] * lateral[a, m]
+    for k in range(n):
+        x, y = flat[k, 0] + offsets[k] * towards[k, 0], flat[k, 1] + offsets[k] * towards[k, 1]
+        farthest = max(farthest, math.sqrt(x * x + y * y))
+    levels = np.empty(max(0, math.ceil((-capture - start[2]) / RULE_LEVEL)))
+    for i in range(len(levels)):
+        levels[i] = start[2] + i * RULE_LEVEL
+    local = np.zeros((2 * len(levels) + 3, 3))
+    for a in range(3):
+        local[0, a] = start[a]
+    count = _corners(levels, windows, heights, flat, towards, offsets, farthest, local)
+    local[count, 2] = max(start[2], -capture)
+    corners = np.empty((count + 2, 3))
+    for c in range(count + 2):
+        for m in range(3):
+            aside = local[c, 0] * lateral[0, m] + local[c, 1] * lateral[1, m]
+            corners[c, m] = goal[m] + aside + local[c, 2] * up[m]
+    return corners
 
 
 @kernel

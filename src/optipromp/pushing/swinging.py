@@ -5,8 +5,10 @@ At every step all fruits come to the equilibrium of their stems, their inertia a
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from optipromp.arrays import FloatArray, IntArray
 from optipromp.compiled import inner, kernel
@@ -206,42 +208,38 @@ def _take(
             so_far[4] = max(so_far[4], pinched[i] * dt)
 
 
-def harm(
-    s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth, solid: Obstacles
-) -> Harm:
-    """The harm of the cup, led along a path (see :func:`push`); the first fruit is the target.
+class Push(NamedTuple):
+    """What the cup, led along a path, does to the N fruits.
 
-    A lasting force is the least in a time :data:`LASTING`.
+    Attributes:
+        harm: its parts.
+        positions: (P, N, 3) of the fruits, after each step [m].
+        on_fruits: (N,) largest force on each fruit [N].
+        on_stems: (N,) largest lasting force on each stem: the least in a time :data:`LASTING` [N].
     """
-    positions, forces, stem_forces = _room(s, points)
-    so_far = np.zeros(5)
-    push(s, points, axes, dt, cup, solid, np.inf, positions, forces, stem_forces, so_far)
-    x, y, z = positions[-1, 0]
-    missed = cup.inner > 0.0 and not inside(x, y, z, MouthPose(*points[-1], *axes[-1]), cup)
-    stem, fruit, target, within, pinched = so_far.tolist()
-    return Harm(stem, fruit, target, within, pinched, missed)
 
-
-def _room(s: Stems, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Arrays for what :func:`push` finds."""
-    steps, count = len(points), len(s.root)
-    return np.zeros((steps, count, 3)), np.zeros((steps, count)), np.zeros((steps, count))
+    harm: Harm
+    positions: FloatArray
+    on_fruits: FloatArray
+    on_stems: FloatArray
 
 
 def led(
     s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth, solid: Obstacles
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where the cup, led along a path (see :func:`push`), brings the fruits, and how hard.
-
-    Returns:
-        Positions (P, N, 3) [m]; the largest force on each fruit and the largest lasting one on each
-        stem (N,) [N].
-    """
-    positions, forces, stem_forces = _room(s, points)
-    push(s, points, axes, dt, cup, solid, np.inf, positions, forces, stem_forces, np.zeros(5))
-    steps = min(math.ceil(LASTING / dt), len(points))
-    held = np.lib.stride_tricks.sliding_window_view(stem_forces, steps, axis=0)
-    return positions, forces.max(axis=0), held.min(axis=-1).max(axis=0)
+) -> Push:
+    """What the cup does, led along a path (see :func:`push`); the first fruit is the target."""
+    steps, count = len(points), len(s.root)
+    positions, so_far = np.zeros((steps, count, 3)), np.zeros(5)
+    forces, stem_forces = np.zeros((steps, count)), np.zeros((steps, count))
+    push(s, points, axes, dt, cup, solid, np.inf, positions, forces, stem_forces, so_far)
+    x, y, z = positions[-1, 0]
+    missed = cup.inner > 0.0 and not inside(x, y, z, MouthPose(*points[-1], *axes[-1]), cup)
+    stem, fruit, target, within, pinched = so_far.tolist()
+    held = sliding_window_view(stem_forces, min(math.ceil(LASTING / dt), steps), axis=0)
+    return Push(
+        Harm(stem, fruit, target, within, pinched, missed), positions, forces.max(axis=0),
+        held.min(axis=-1).max(axis=0),
+    )  # fmt: skip
 
 
 def steps_inside(
