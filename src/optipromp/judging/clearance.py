@@ -284,42 +284,15 @@ def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart
             wait_block[c] = math.inf
             for k in range(objects.block[c], objects.block[c + 1]):
                 if farthest >= wait_object[k]:
-                    kind, bound = objects.kind[k], objects.bound[k]
-                    r, p, least = objects.rotation, objects.position, math.inf
-                    size0, size1, size2 = objects.size[k, 0], objects.size[k, 1], objects.size[k, 2]
+                    least = math.inf
                     for link in range(n_links):
                         if role >= PUSHABLE and body.distal[link]:
                             continue  # the tool may touch what it pushes
                         if travel[link] >= wait[k, link]:
-                            row = AVOID_BY_TOOL if role == AVOID and body.distal[link] else role
-                            wanted = max(closest[row], 0.0 if role >= PUSHABLE else core[0], 0.0)
-                            far = apart_by(middles, link, p, k) - bound - body.reach[link]
-                            if far < wanted:
-                                x, y, z = inside(r, p, k, middles, link)
-                                d = to_surface(kind, size0, size1, size2, x, y, z)
-                                far = max(far, d - body.reach[link])
-                            spare = far - wanted
-                            if far < wanted:
-                                if not placed[link]:
-                                    _place_link(body, turns, origins, link, spheres)
-                                    placed[link] = True
-                                gap, gap_core = math.inf, math.inf
-                                for b in range(body.start[link], body.start[link + 1]):
-                                    x, y, z = inside(r, p, k, spheres, b)
-                                    d = to_surface(kind, size0, size1, size2, x, y, z)
-                                    d -= body.radius[b]
-                                    gap = min(gap, d)
-                                    if role < PUSHABLE:
-                                        d_core = to_core(kind, size0, size1, size2, x, y, z)
-                                        gap_core = min(gap_core, d_core)
-                                    if row != AVOID_BY_TOOL and d < depth[k]:
-                                        depth[k], deepest[0, k], deepest[1, k] = d, b, m
-                                closest[row] = min(closest[row], gap)
-                                spare = gap - max(closest[row], 0.0)
-                                if role < PUSHABLE:
-                                    core[0] = min(core[0], gap_core)
-                                    spare = min(spare, gap_core - core[0])
-                            wait[k, link] = travel[link] + spare
+                            wait[k, link] = travel[link] + _measured(
+                                body, objects, k, link, m, turns, origins, middles, spheres,
+                                placed, closest, core, depth, deepest,
+                            )  # fmt: skip
                         least = min(least, wait[k, link] - travel[link])
                     wait_object[k] = farthest + least
                 wait_block[c] = min(wait_block[c], wait_object[k])
@@ -342,6 +315,44 @@ def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart
                     gap = _nearest_pair(body, g, m, spheres, middles, apart)
                 wait_pair[g] = moved + gap - apart[0]
             wait_pairs = min(wait_pairs, most + wait_pair[g] - moved)
+
+
+@inlined
+def _measured(  # type: ignore[no-untyped-def]
+    body, objects, k, link, m, turns, origins, middles, spheres, placed, closest, core, depth,
+    deepest,
+):  # fmt: skip
+    """Distance [m] by which a link may come nearer to object ``k`` before a figure changes.
+
+    The figures (see :func:`advance`) are updated where the link is near enough to change one now.
+    """
+    role, kind, size = objects.role[k], objects.kind[k], objects.size[k]
+    row = AVOID_BY_TOOL if role == AVOID and body.distal[link] else role
+    wanted = max(closest[row], 0.0 if role >= PUSHABLE else core[0], 0.0)
+    far = apart_by(middles, link, objects.position, k) - objects.bound[k] - body.reach[link]
+    if far < wanted:
+        x, y, z = inside(objects.rotation, objects.position, k, middles, link)
+        far = max(far, to_surface(kind, size[0], size[1], size[2], x, y, z) - body.reach[link])
+    if far >= wanted:
+        return far - wanted
+    if not placed[link]:
+        _place_link(body, turns, origins, link, spheres)
+        placed[link] = True
+    gap, gap_core = math.inf, math.inf
+    for b in range(body.start[link], body.start[link + 1]):
+        x, y, z = inside(objects.rotation, objects.position, k, spheres, b)
+        d = to_surface(kind, size[0], size[1], size[2], x, y, z) - body.radius[b]
+        gap = min(gap, d)
+        if role < PUSHABLE:
+            gap_core = min(gap_core, to_core(kind, size[0], size[1], size[2], x, y, z))
+        if row != AVOID_BY_TOOL and d < depth[k]:
+            depth[k], deepest[0, k], deepest[1, k] = d, b, m
+    closest[row] = min(closest[row], gap)
+    spare = gap - max(closest[row], 0.0)
+    if role < PUSHABLE:
+        core[0] = min(core[0], gap_core)
+        spare = min(spare, gap_core - core[0])
+    return spare
 
 
 @inlined
