@@ -93,7 +93,7 @@ class Hanging(PushModel):
         self.states = HANGING.detected_states if detected else HANGING.states
         self.stems = _sampled(fruits, self.states - 1, scene.up)
         self.schedule = Schedule(
-            rounds=(Round(9, 1), *[Round(10, 1)] * 3), runs=1, kept=6, screened=3,
+            rounds=(Round(9, 1), *[Round(12, 1)] * 3), runs=1, kept=6, screened=4,
             states=min(self.states, HANGING.screened_states), fresh=0.3, lenient=1.6,
         )  # fmt: skip
 
