@@ -22,7 +22,7 @@ from optipromp.pushing.model import Moved, PushModel, Round, Schedule
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import STEP, ToolPath, through
 from optipromp.pushing.rules import detection_variance, drift_choices, path_past, rim_windows
-from optipromp.pushing.swinging import Push, led, mean_score, steps_inside
+from optipromp.pushing.swinging import Led, led, mean_score, steps_inside
 from optipromp.robots.cup_cover import NECK_RADIUS
 from optipromp.robots.tool_protocol import Tool
 from optipromp.robots.tools import WALL
@@ -261,7 +261,7 @@ def _steps(
     return points[chosen], axes[chosen], every * STEP / HANGING.model_speed
 
 
-def _score(push: Push) -> float:
+def _score(push: Led) -> float:
     return score_of(*push.harm)
 
 

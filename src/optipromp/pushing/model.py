@@ -166,7 +166,7 @@ class PushModel(ABC):
         """Mean and standard deviation (k,) of the candidates that a run begins with."""
 
 
-class _Led(PushModel):
+class _Guided(PushModel):
     """A model whose candidates, speed and schedule are another's."""
 
     def __init__(self, lead: PushModel) -> None:
@@ -190,7 +190,7 @@ class _Led(PushModel):
         return self.lead.spread(run)
 
 
-class Combined(_Led):
+class Combined(_Guided):
     """Several models of one scene. Their harms are added, each in proportion to its threshold.
 
     Args:
@@ -233,7 +233,7 @@ class Combined(_Led):
         )  # fmt: skip
 
 
-class Continued(_Led):
+class Continued(_Guided):
     """A model of a push that has begun: the motion so far comes before every path.
 
     Args:

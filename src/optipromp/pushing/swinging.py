@@ -208,7 +208,7 @@ def _take(
             so_far[4] = max(so_far[4], pinched[i] * dt)
 
 
-class Push(NamedTuple):
+class Led(NamedTuple):
     """What the cup, led along a path, does to the N fruits.
 
     Attributes:
@@ -226,7 +226,7 @@ class Push(NamedTuple):
 
 def led(
     s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth, solid: Obstacles
-) -> Push:
+) -> Led:
     """What the cup does, led along a path (see :func:`push`); the first fruit is the target."""
     steps, count = len(points), len(s.root)
     positions, so_far = np.zeros((steps, count, 3)), np.zeros(5)
@@ -236,7 +236,7 @@ def led(
     missed = cup.inner > 0.0 and not inside(x, y, z, MouthPose(*points[-1], *axes[-1]), cup)
     stem, fruit, target, within, pinched = so_far.tolist()
     held = sliding_window_view(stem_forces, min(math.ceil(LASTING / dt), steps), axis=0)
-    return Push(
+    return Led(
         Harm(stem, fruit, target, within, pinched, missed), positions, forces.max(axis=0),
         held.min(axis=-1).max(axis=0),
     )  # fmt: skip
