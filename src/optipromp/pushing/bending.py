@@ -61,6 +61,8 @@ class Stems(NamedTuple):
         shortening: (N, L, L) S [1/m].
         joint: (N, N, 3, 3) motion of each fruit by a force on another one of its truss [m/N];
             (N, 0, 3, 3) where no stem grows from another.
+        rest: (N, 2L) deflections of the loaded points at rest: the bow of the stem [m].
+        lifted: (N,) by how much that bow is shorter than its arc [m].
     """
 
     root: FloatArray
@@ -76,6 +78,8 @@ class Stems(NamedTuple):
     compliance: FloatArray
     shortening: FloatArray
     joint: FloatArray
+    rest: FloatArray
+    lifted: FloatArray
 
 
 def stems(
@@ -235,8 +239,22 @@ def bent(
     shortening = np.einsum("nki,nkj->nij", steps, steps) / (FINER * h)[:, None, None]
     return Stems(
         root, axes, length, mass, radius, thickness, 1.0 - apart / length, above, shape, condensed,
-        between, shortening, joint,
+        between, shortening, joint, np.zeros((count, 2 * loaded)), np.zeros(count),
     )  # fmt: skip
+
+
+def bowed(straight: Stems, size: FloatArray, turn: FloatArray) -> Stems:
+    """The N stems, each half a sine wave at rest, from its root to where its fruit begins.
+
+    ``size`` (N,) is the bow, middle off the line over length, ``turn`` (N,) its direction about the
+    stem [rad].
+    """
+    free = straight.upper - straight.above / straight.length  # without the fruit
+    share = np.minimum(np.array(LOADED) / free[:, None], 1.0)
+    off = (size * straight.length)[:, None] * np.sin(np.pi * share)
+    rest = np.concatenate([np.cos(turn)[:, None] * off, np.sin(turn)[:, None] * off], axis=1)
+    lifted = 0.5 * np.einsum("na,nab,nb->n", off, straight.shortening, off)
+    return straight._replace(rest=rest, lifted=lifted)
 
 
 def _band(ei: FloatArray, pull: FloatArray) -> FloatArray:

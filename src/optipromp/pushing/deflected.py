@@ -1,7 +1,7 @@
 """Kernels of one deflected stem of :class:`optipromp.pushing.bending.Stems`.
 
-The deflections ``u[i]`` (2L,) are those of the stem's loaded points along the first direction
-across it, then along the second. Kernels take the arrays of all stems and the index of one, because
+The deflections ``u[i]`` (2L,) are those of the stem's loaded points, off the straight line, along the
+first direction across it, then along the second. Kernels take the arrays of all stems and the index of one, because
 a slice would count references, which costs more than these kernels do.
 """
 
@@ -72,16 +72,16 @@ def freely(compliance: FloatArray, inertia: float, i: int, free: FloatArray) -> 
 
 @inner
 def begin(
-    stiffness: FloatArray, free: FloatArray, u: FloatArray, ahead: FloatArray, i: int,
-    inertia: float, gradient: FloatArray, inverse: FloatArray,
+    stiffness: FloatArray, rest: FloatArray, free: FloatArray, u: FloatArray, ahead: FloatArray,
+    i: int, inertia: float, gradient: FloatArray, inverse: FloatArray,
 ) -> None:  # fmt: skip
     """Energy of stem and inertia: gradient (2L,) and inverse Hessian (2L, 2L)."""
     for a in range(LOADS):
         g1 = g2 = 0.0
         for b in range(LOADS):
             k = stiffness[i, a, b]
-            g1 += k * u[i, b]
-            g2 += k * u[i, LOADS + b]
+            g1 += k * (u[i, b] - rest[i, b])
+            g2 += k * (u[i, LOADS + b] - rest[i, LOADS + b])
             inverse[a, b] = inverse[LOADS + a, LOADS + b] = free[i, a, b]
             inverse[a, LOADS + b] = inverse[LOADS + a, b] = 0.0
         gradient[a], gradient[LOADS + a] = g1, g2

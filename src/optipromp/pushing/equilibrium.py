@@ -2,10 +2,11 @@ r"""The equilibrium of stems and their fruits after one step of the cup.
 
 Each fruit takes the deflections u of its stem (:mod:`optipromp.pushing.bending`) that minimise
 
-.. math:: \tfrac12 u^T K u + \tfrac{m}{2\,dt^2}\|u_L - \hat u_L\|^2
+.. math:: \tfrac12 (u - u_0)^T K (u - u_0) + \tfrac{m}{2\,dt^2}\|u_L - \hat u_L\|^2
           + \tfrac{k_c}{2}\sum_j \max(0, -g_j(u))^2
 
-by Gauss-Newton steps from the last equilibrium. The terms are the stem's energy, the fruit's
+by Gauss-Newton steps from the last equilibrium. The terms are the stem's energy, which is least at
+its bow :math:`u_0`, the fruit's
 inertia (an implicit Euler step; :math:`\hat u_L` is where the fruit would swing to by itself) and
 the contacts with their gaps g (:mod:`optipromp.pushing.contacts`). What touches rubs: Coulomb
 friction is a spring against the slip of the step, as stiff as the contact force allows. Between cup
@@ -77,7 +78,7 @@ def relax(
     """
     root, axes, shape, shortening, stiffness = s.root, s.axes, s.shape, s.shortening, s.stiffness
     length, radii, thickness, mass = s.length, s.radius, s.thickness, s.mass
-    upper, above = s.upper, s.above
+    upper, above, rest, lifted = s.upper, s.above, s.rest, s.lifted
     u, before, ahead, up, center, began = f.u, f.before, f.ahead, f.up, f.center, f.began
     resting, pressed, earlier, firmly = f.resting, f.pressed, f.earlier, f.firmly
     overlap, firm, on_fruits, on_all = c.overlap, c.firm, c.on_fruit, c.on_all
@@ -91,7 +92,7 @@ def relax(
         radius, on_fruit = radii[i], on_fruits[i]
         begun, inertia = not resting[i], mass[i] / (dt * dt)
         if begun:
-            begin(stiffness, free, u, ahead, i, inertia, gradient, inverse)
+            begin(stiffness, rest, free, u, ahead, i, inertia, gradient, inverse)
         pressed[i], firmly[i] = 0.0, False
         largest = t0 = t1 = t2 = 0.0
         last = upper[i] - above[i] / length[i]
@@ -141,7 +142,7 @@ def relax(
                 continue
             if not begun:
                 begun, woken, resting[i] = True, True, False
-                begin(stiffness, free, u, ahead, i, inertia, gradient, inverse)
+                begin(stiffness, rest, free, u, ahead, i, inertia, gradient, inverse)
             hard = -gap * CONTACT
             press(
                 axes, shape, shortening, u, i, share, n0, n1, n2, -gap, CONTACT, j, v,
@@ -178,7 +179,7 @@ def relax(
         forces[p, i] = largest
         stem_forces[p, i] = math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
         if begun:
-            moved = max(moved, _step(shortening, u, up, i, inverse, gradient, eased, taken, v))
+            moved = max(moved, _step(shortening, lifted, u, up, i, inverse, gradient, eased, taken, v))
             y0, y1, y2 = place(root, axes, shape, u, i, length[i] - up[i], 1.0)
             center[i, 0], center[i, 1], center[i, 2] = y0, y1, y2
     return moved, woken
@@ -283,8 +284,9 @@ def _rub(
 
 @inner
 def _step(
-    shortening: FloatArray, u: FloatArray, up: FloatArray, i: int, inverse: FloatArray,
-    gradient: FloatArray, eased: FloatArray, last: FloatArray, step: FloatArray,
+    shortening: FloatArray, lifted: FloatArray, u: FloatArray, up: FloatArray, i: int,
+    inverse: FloatArray, gradient: FloatArray, eased: FloatArray, last: FloatArray,
+    step: FloatArray,
 ) -> float:  # fmt: skip
     """Step stem i to the minimum of the quadratic model; the largest change of a deflection [m].
 
@@ -306,5 +308,5 @@ def _step(
     for a in range(2 * LOADS):
         last[i, a] = scale * step[a]
         u[i, a] -= last[i, a]
-    up[i] = shortened(shortening, u, i)
+    up[i] = shortened(shortening, u, i) - lifted[i]
     return far * scale

@@ -15,11 +15,12 @@ from optipromp.arrays import FloatArray, frozen
 from optipromp.compiled import kernel
 from optipromp.geometry import signed_distance
 from optipromp.geometry.obstacles import Obstacles, near
-from optipromp.pushing.bending import Stems, balls_of, moved, parents, stems
+from optipromp.pushing.bending import Stems, balls_of, bowed, moved, parents, stems
 from optipromp.pushing.cup import Mouth
 from optipromp.pushing.harm import BRIEFLY, Harm, score_of
 from optipromp.pushing.model import Moved, PushModel, Round, Schedule
 from optipromp.pushing.parameters import PUSH
+from optipromp.pushing.parting import part
 from optipromp.pushing.path import STEP, ToolPath, through
 from optipromp.pushing.rules import detection_variance, drift_choices, path_past, rim_windows
 from optipromp.pushing.swinging import Led, led, mean_score, steps_inside
@@ -78,6 +79,9 @@ class Hanging(PushModel):
         self._heights = self._centers @ self._frame[2]
         self._radii = np.array([fruit.radius for fruit in self.neighbours])
         self._capture = float(target.position @ self._frame[2]) - tool.depth - target.radius
+        doubts = np.sqrt([detection_variance(fruit) for fruit in (target, *self.neighbours)])
+        self._early = HANGING.capture + HANGING.lower * float(doubts[0])
+        self._under = PUSH.rule.under + HANGING.lower * doubts[1:]
         self.static, self.avoid = (
             near(
                 scene.packed(scene.around(target.position, HANGING.around, role)),
@@ -161,11 +165,13 @@ class Hanging(PushModel):
     def path(self, x: FloatArray) -> ToolPath:
         """Past neighbour n at the angle ``x[n]`` from x_g, with ``x[N + n]`` radii of clearance."""
         directions, clearances = self._split(x)
-        windows = rim_windows(self._heights, self._radii, directions, self.cup.rim, self._capture)
+        windows = rim_windows(
+            self._heights, self._radii, directions, self.cup.rim, self._capture, self._under
+        )
         corners = path_past(
             self._centers, directions, windows, self.gripper_radius + clearances * self._radii,
             self.aim, self._frame, self.camera,
-            max(self.cup.rim + self.target.radius + HANGING.capture, 0.0),
+            max(self.cup.rim + self.target.radius + self._early, 0.0),
         )  # fmt: skip
         return through(corners, HANGING.speed)
 
@@ -268,7 +274,7 @@ def _score(push: Led) -> float:
 def _sampled(fruits: Sequence[SceneObject], samples: int, up: FloatArray) -> Stems:
     """The perceived state of the fruits, then ``samples`` sampled ones."""
     cases = _cases(fruits, up)
-    seen = cases[0]
+    seen, count = cases[0], len(fruits)
     sure = [fruit.covariance is None for fruit in fruits]
     spread = [HANGING.shift if known else HANGING.wider * np.sqrt(detection_variance(fruit))
               for known, fruit in zip(sure, fruits, strict=True)]  # fmt: skip
@@ -280,7 +286,11 @@ def _sampled(fruits: Sequence[SceneObject], samples: int, up: FloatArray) -> Ste
     place = np.array([balls_of(fruit).center for fruit in fruits])
     places = np.concatenate([place[None], place + shift])
     roots = np.concatenate([seen.root[None], seen.root + shift + swing])
-    return moved(cases, roots, places)
+    part(places, roots, seen.radius, seen.above, (1.0 - seen.upper) * seen.length)
+    size, turn = _uniform((2, (samples + 1) * count))
+    beam = PUSH.beam
+    size = beam.bow_least + size * (beam.bow_most - beam.bow_least)
+    return bowed(moved(cases, roots, places), size, 2.0 * np.pi * turn)
 
 
 def _cases(fruits: Sequence[SceneObject], up: FloatArray) -> list[Stems]:
@@ -305,6 +315,12 @@ def _spread(fruit: SceneObject) -> float:
     """The factor by which a stem may well be softer or stiffer than told, or than assumed."""
     assumed = 1.0 if "stem_stiffness" in fruit.physical else STIFFNESS_SPREAD
     return fruit.physical.get("stem_stiffness_spread", assumed)
+
+
+@lru_cache(maxsize=16)
+def _uniform(shape: tuple[int, ...]) -> FloatArray:
+    """Numbers between 0 and 1, always the same."""
+    return frozen(np.random.default_rng(1).random(shape))
 
 
 @lru_cache(maxsize=16)

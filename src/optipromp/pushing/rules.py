@@ -158,22 +158,24 @@ def passing_windows(
     up = scene.frame[2]
     heights = np.array([obj.position for obj in objects]) @ up
     capture = float(scene.target.position @ up) - depth - scene.target.radius
-    return rim_windows(heights, radii, np.array(directions), depth, capture)
+    return rim_windows(heights, radii, np.array(directions), depth, capture, np.full(len(radii), RULE_UNDER))
 
 
 @kernel
 def rim_windows(
-    heights: FloatArray, radii: FloatArray, directions: FloatArray, depth: float, capture: float
-) -> FloatArray:
+    heights: FloatArray, radii: FloatArray, directions: FloatArray, depth: float, capture: float,
+    under: FloatArray,
+) -> FloatArray:  # fmt: skip
     """The ``rim`` windows (N, 2) of pushables at ``heights`` (N,) along z_g, first met first [m].
 
-    At the height ``capture`` of the tool point the rim takes in the target; the other arguments are
-    those of :func:`passing_windows`.
+    At the height ``capture`` of the tool point the rim takes in the target. ``under`` (N,) is how
+    far below a pushable the rim must be aside of it. The other arguments are those of
+    :func:`passing_windows`.
     """
     count = len(heights)
     lowest, windows = np.empty(count), np.empty((count, 2))
     for i in range(count):
-        lowest[i] = heights[i] - depth - radii[i] - RULE_UNDER  # where the rim must be aside of it
+        lowest[i] = heights[i] - depth - radii[i] - under[i]  # where the rim must be aside of it
     for i in range(count):
         turn = capture
         for k in range(i + 1, count):

@@ -53,7 +53,7 @@ def push(
     walls, others = len(solid.kind), 3 * (count - 1)
     most = others + 1 + walls + n + 3  # contacts of a fruit and its stem
     f = Fruits(
-        np.zeros((count, dofs)), np.zeros((count, dofs)), np.zeros((count, dofs)), np.zeros(count),
+        s.rest.copy(), s.rest.copy(), s.rest.copy(), np.zeros(count),
         np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count, dtype=np.bool_),
         np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.bool_),
     )  # fmt: skip
@@ -72,7 +72,7 @@ def push(
     held, load = s.root, np.zeros((s.joint.shape[1], 3))
     s = Stems(
         held.copy(), s.axes, s.length, s.mass, s.radius, s.thickness, s.upper, s.above, s.shape,
-        s.stiffness, s.compliance, s.shortening, s.joint,
+        s.stiffness, s.compliance, s.shortening, s.joint, s.rest, s.lifted,
     )  # fmt: skip
     overlapping(s, f.u, c.overlap)
     _hang(s, f, c, d, dt)
@@ -117,8 +117,8 @@ def _follow_truss(s: Stems, f: Fruits, held: FloatArray, load: FloatArray) -> No
         for a in range(LOADS):
             f1 = f2 = 0.0
             for b in range(LOADS):
-                f1 += s.stiffness[i, a, b] * f.u[i, b]
-                f2 += s.stiffness[i, a, b] * f.u[i, LOADS + b]
+                f1 += s.stiffness[i, a, b] * (f.u[i, b] - s.rest[i, b])
+                f2 += s.stiffness[i, a, b] * (f.u[i, LOADS + b] - s.rest[i, LOADS + b])
             for k in range(3):
                 load[i, k] += f1 * s.axes[i, 0, k] + f2 * s.axes[i, 1, k]
     for i in range(len(load)):
@@ -282,7 +282,7 @@ def mean_score(
             s.root[low:high], s.axes[low:high], s.length[low:high], s.mass[low:high],
             s.radius[low:high], s.thickness[low:high], s.upper[low:high], s.above[low:high],
             s.shape[low:high], s.stiffness[low:high], s.compliance[low:high],
-            s.shortening[low:high], s.joint[low:high],
+            s.shortening[low:high], s.joint[low:high], s.rest[low:high], s.lifted[low:high],
         )  # fmt: skip
         left = min(worst * samples - total, hopeless)
         h[:], forces[:], stem_forces[:] = 0.0, 0.0, 0.0

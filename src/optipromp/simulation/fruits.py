@@ -79,10 +79,12 @@ def add_fruit(
     key: str | None = None,
     kind: str | None = None,
     truss: Truss | None = None,
+    bow: FloatArray | None = None,
 ) -> BuiltFruit:
     """Add a target or pushable: free, and where it has a stem, welded to the end of it.
 
-    ``up`` (3,) is opposite to gravity. ``truss`` is what its stem shares with others.
+    ``up`` (3,) is opposite to gravity. ``truss`` is what its stem shares with others. ``bow`` (3,)
+    is how far the middle of its stem lies off the straight line [m], see :func:`bows`.
     """
     mujoco = engine()
     key = obj.id if key is None else key
@@ -92,18 +94,14 @@ def add_fruit(
         none = frozen(np.zeros((0, 3)))
         return BuiltFruit(obj.id, key, mass, none, none, none, np.inf)
     gravity = -parameters.engine.gravity * up
-    chain = chain_of(obj, obj.stem, parameters)
-    nodes = chain.nodes
-    bare = sum(
-        holding(nodes, middle[None], chain.masses[[k]], gravity, k)  # joint k carries pieces k, …
-        for k, middle in enumerate(chain.middles)
-    )
-    grown = bare + holding(nodes, obj.position[None], np.array([mass]), gravity, len(nodes) - 2)
-    if truss is not None and truss.carries is not None:
-        bare, grown = bare + truss.carries, grown + truss.carries
+    straight = chain_of(obj, obj.stem, parameters)
+    chain = straight if bow is None else straight.bowed(bow)
+    bare, grown = _held(chain, mass, obj.position, gravity, truss)
     stiffness = _stiffness(
-        obj, nodes, grown, parameters.stem, carries=truss is not None and truss.carries is not None
-    )
+        obj, straight.nodes, _held(straight, mass, obj.position, gravity, truss)[1],
+        parameters.stem, carries=truss is not None and truss.carries is not None,
+    )  # fmt: skip
+    nodes = chain.nodes
     grows_from = None if truss is None else truss.grows_from
     _add_chain(spec, obj.stem, chain, stiffness, parameters, key, stem_entity, grows_from)
     mouth = obj.rotation.T @ (nodes[-1] - obj.position)
@@ -121,6 +119,48 @@ def add_fruit(
         obj.id, key, mass, frozen(nodes), frozen(grown), frozen(bare), force, kind is None,
         {} if truss is None else truss.carried_by,
     )  # fmt: skip
+
+
+def _held(
+    chain: StemChain, mass: float, center: FloatArray, gravity: FloatArray, truss: Truss | None
+) -> tuple[FloatArray, FloatArray]:
+    """Torques (N, 3) at the joints that hold a chain as it is [N m]: without its fruit, with it."""
+    nodes = chain.nodes
+    bare = sum(
+        (holding(nodes, middle[None], chain.masses[[k]], gravity, k)  # joint k carries pieces k, …
+         for k, middle in enumerate(chain.middles)),
+        np.zeros((len(nodes) - 1, 3)),
+    )  # fmt: skip
+    grown = bare + holding(nodes, center[None], np.array([mass]), gravity, len(nodes) - 2)
+    if truss is not None and truss.carries is not None:
+        bare, grown = bare + truss.carries, grown + truss.carries
+    return bare, grown
+
+
+def bows(
+    objects: Sequence[SceneObject], stem: StemParameters, seed: int
+) -> dict[str, FloatArray]:
+    """How far the middle of each straight stem lies off its line (3,), across it, by fruit [m].
+
+    A perfectly straight stem that is pressed along its line is a strut; no stem grows so. Size and
+    direction are drawn for each. A stem of more than two points has the form that its scene gives,
+    and one that others grow from stays where they grow.
+    """
+    carrying = {item.stem.parent for item in objects if item.stem is not None}
+    out = {}
+    for k, item in enumerate(objects):
+        if item.stem is None or len(item.stem.points) > 2 or item.id in carrying:
+            continue
+        share, turn = np.random.default_rng([seed, 3, k]).random(2)
+        line = item.stem.vector
+        side = np.cross(line, np.eye(3)[int(np.argmin(np.abs(line)))])
+        side /= np.linalg.norm(side)
+        other = np.cross(line, side) / np.linalg.norm(line)
+        angle = 2.0 * np.pi * turn
+        size = stem.bow_least + share * (stem.bow_most - stem.bow_least)
+        size *= float(np.linalg.norm(line))
+        out[item.id] = size * (np.cos(angle) * side + np.sin(angle) * other)
+    return out
 
 
 def _add_body(

@@ -81,6 +81,7 @@ class Outcome:
             ``acceleration``, ``jerk`` (of the reference) and ``torque``.
         overlapping: pairs of fruits, stems and objects that overlap in the scene, and so could not
             touch.
+        parted: how far fruits that overlapped in the scene were moved apart before, by id [m].
         duration: of the motion, without the hold at the end [s].
         warnings: of MuJoCo, or the place of a NaN.
         target: id of the target, None for a scene without.
@@ -109,6 +110,7 @@ class Outcome:
     joint_error: float = 0.0
     limit_use: Mapping[str, float] = field(default_factory=dict)
     overlapping: tuple[tuple[str, str], ...] = ()
+    parted: Mapping[str, float] = field(default_factory=dict)
     duration: float = 0.0
     warnings: tuple[str, ...] = ()
     target: str | None = None
@@ -226,6 +228,7 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
         joint_error=rollout.joint_error,
         limit_use=dict(rollout.limit_use),
         overlapping=world.overlapping,
+        parted=dict(world.parted),
         duration=rollout.motion,
         warnings=rollout.warnings,
         target=target,

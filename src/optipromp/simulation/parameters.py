@@ -64,6 +64,14 @@ class StemParameters(Checked):
     swing_damping: float = parameter(
         2e-4, "N m s/rad", "guess", "of the joint at the root: leaves and neighbours brake a swing"
     )
+    bow_least: float = parameter(
+        PUSH.beam.bow_least, "1", "guess",
+        "least bow of a straight stem, middle off its line over length; drawn evenly between this "
+        "and the next",
+    )  # fmt: skip
+    bow_most: float = parameter(
+        PUSH.beam.bow_most, "1", "guess", "largest bow of a straight stem"
+    )
     segment_length: float = parameter(
         0.025, "m", "choice", "wanted length of one capsule of the chain"
     )
@@ -233,6 +241,11 @@ class SimulationParameters:
             raise InvalidRequestError(
                 f"stem.most_segments is {self.stem.most_segments}, below stem.least_segments, "
                 f"{self.stem.least_segments}"
+            )
+        if not 0.0 <= self.stem.bow_least <= self.stem.bow_most <= 0.2:
+            raise InvalidRequestError(
+                f"stem.bow_least is {self.stem.bow_least} and stem.bow_most {self.stem.bow_most}; "
+                "valid: 0 <= least <= most <= 0.2"
             )
         if self.stem.calyx not in ("rigid", "free"):
             raise InvalidRequestError(f"stem.calyx is {self.stem.calyx!r}; valid: rigid, free")

@@ -1,7 +1,7 @@
 """What the stems of a truss carry for others in the simulation."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -30,6 +30,13 @@ class StemChain(NamedTuple):
     def middles(self) -> FloatArray:
         """(N, 3) of the pieces [m]."""
         return 0.5 * (self.nodes[:-1] + self.nodes[1:])
+
+    def bowed(self, bow: FloatArray) -> Self:
+        """The chain along half a sine wave, whose middle is off the line by ``bow`` (3,) [m]."""
+        gone = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(self.nodes, axis=0), axis=1)))
+        off = np.sin(np.pi * gone / gone[-1])
+        off[-1] = 0.0
+        return self._replace(nodes=self.nodes + off[:, None] * bow)
 
 
 def holding(

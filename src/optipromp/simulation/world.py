@@ -1,6 +1,7 @@
 """A scene and its robot as a MuJoCo model."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -8,13 +9,14 @@ import numpy as np
 from optipromp.arrays import FloatArray, IntArray, frozen
 from optipromp.errors import InvalidRequestError
 from optipromp.geometry.shapes import Sphere
+from optipromp.pushing.parting import shifts
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene, SceneObject, Stem
-from optipromp.scenes.trusses import parents_first
+from optipromp.scenes.trusses import parents_first, rooted
 from optipromp.simulation.arm import Drives, add_robot, drives, link_entities
 from optipromp.simulation.engine import engine
 from optipromp.simulation.entities import Entity, layers
-from optipromp.simulation.fruits import BuiltFruit, add_fruit, trusses_of
+from optipromp.simulation.fruits import BuiltFruit, add_fruit, bows, trusses_of
 from optipromp.simulation.parameters import SimulationParameters
 from optipromp.simulation.solids import add_shape
 
@@ -66,6 +68,7 @@ class World:
         geom_entity: (ngeom,) index into ``entities``.
         fruits: targets and pushables, then the fruits of real neighbouring clusters.
         overlapping: pairs of labels that overlap in the scene and so do not collide.
+        parted: how far fruits that overlapped were moved, by id [m].
         spec: the ``MjSpec`` that the model was compiled from.
     """
 
@@ -78,6 +81,7 @@ class World:
     geom_entity: IntArray
     fruits: tuple[Fruit, ...]
     overlapping: tuple[tuple[str, str], ...]
+    parted: Mapping[str, float]
     spec: Any
 
     @property
@@ -101,21 +105,23 @@ def build(
 ) -> World:
     """Build the world of ``scene`` with ``robot`` (with its tool) in it.
 
-    Objects that overlap in the scene (a fruit and the stem of another, in the paper's own scenes)
-    would burst apart at the first step; such a pair does not collide, and ``World.overlapping``
-    names it. The robot collides with everything.
+    Hanging fruits that overlap in the scene are pushed apart first, and ``World.parted`` tells how
+    far. Others that overlap (a fruit and the stem of another, in the paper's own scenes) would burst
+    apart at the first step; such a pair does not collide, and ``World.overlapping`` names it. The
+    robot collides with everything.
 
     Args:
         scene: robot and objects.
         robot: whose frame is the world's.
         parameters: physical numbers.
-        seed: of the fruits of real neighbouring clusters.
+        seed: of the bows of stems, and of the fruits of real neighbouring clusters.
 
     Raises:
         InvalidSceneError: a shape that cannot be built.
         InvalidRequestError: MuJoCo is not installed, or cannot build the scene.
     """
     parameters = parameters or SimulationParameters()
+    scene, parted = apart(scene)
     draft = _Draft(scene, robot, parameters, seed)
     model = draft.compile()
     pairs = draft.overlapping(model)
@@ -123,9 +129,33 @@ def build(
         for a, b in pairs:
             draft.exclude(a, b)
         model = draft.compile()
-    return draft.world(
-        model, tuple((draft.entities[a].label, draft.entities[b].label) for a, b in pairs)
-    )
+    named = tuple((draft.entities[a].label, draft.entities[b].label) for a, b in pairs)
+    return draft.world(model, named, parted)
+
+
+def apart(scene: Scene) -> tuple[Scene, dict[str, float]]:
+    """The scene with hanging fruits out of one another, and how far each was moved, by id [m].
+
+    The roots of the stems stay.
+    """
+    hanging = [
+        item for item in scene.objects
+        if item.stem is not None and item.role in ("target", "pushable")
+    ]  # fmt: skip
+    by = {item.id: shift for item, shift in zip(hanging, shifts(hanging), strict=True)}
+    far = {name: float(np.linalg.norm(shift)) for name, shift in by.items()}
+    far = {name: size for name, size in far.items() if size > 0.0}
+    if not far:
+        return scene, {}
+    objects = []
+    for item in scene.objects:
+        if item.id in far and item.stem is not None:
+            points = np.array(item.stem.points)
+            points[0] += by[item.id]
+            stem = replace(item.stem, points=points)
+            item = replace(item, position=item.position + by[item.id], stem=stem)
+        objects.append(item)
+    return replace(scene, objects=rooted(objects)), far
 
 
 class _Draft:
@@ -140,6 +170,7 @@ class _Draft:
         self.spec = self._options()
         add_robot(self.spec, robot, parameters, 0)
         self.trusses = trusses_of(scene.objects, parameters, scene.up)
+        self.bows = bows(scene.objects, parameters.stem, seed)
         for obj in parents_first(scene.objects):
             if obj.role in ("target", "pushable"):
                 self._fruit(obj)
@@ -192,7 +223,7 @@ class _Draft:
         stem = -1 if obj.stem is None else self._entity("stem", obj.id)
         built = add_fruit(
             self.spec, obj, self.parameters, entity, stem, self.scene.up,
-            truss=self.trusses.get(obj.id),
+            truss=self.trusses.get(obj.id), bow=self.bows.get(obj.id),
         )  # fmt: skip
         self.fruits.append((obj, built, entity, stem))
 
@@ -286,12 +317,14 @@ class _Draft:
                 out += [f"stem:{built.key}:{k}" for k in range(len(built.nodes) - 1)]
         return out
 
-    def world(self, model: Any, overlapping: tuple[tuple[str, str], ...]) -> World:
+    def world(
+        self, model: Any, overlapping: tuple[tuple[str, str], ...], parted: Mapping[str, float]
+    ) -> World:
         return World(
             model, self.scene, self.robot, self.parameters, drives(self.robot),
             tuple(self.entities), frozen(_owners(model), np.int64),
             tuple(self._located(model, *item) for item in self.fruits), overlapping,
-            self.spec,
+            parted, self.spec,
         )  # fmt: skip
 
     def _located(
