@@ -3,13 +3,11 @@
 They may touch it on the way. No motion can begin there.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from optipromp.arrays import FloatArray, lengths
 from optipromp.judging.clearance import Overlap, enter, swept
-from optipromp.judging.distances import nearest, objects_of
+from optipromp.judging.distances import Objects, measured, nearest
 from optipromp.judging.kinematics import centers
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene, SceneObject
@@ -54,7 +52,7 @@ def entered(
             name = str(robot.link_names[one])
             if one == link.max() and _in_mouth(robot, item, point, axis):
                 continue
-            depth = _depth(scene, item, spheres[:, link == one], radius[link == one])
+            depth = _depth(item, spheres[:, link == one], radius[link == one])
             if depth > max(robot.excess.get(name, 0.0), BRUSHED):
                 out.append(Overlap(name, item.id, item.role, depth, 0.0))
     return out
@@ -71,12 +69,15 @@ def _in_mouth(robot: Robot, item: SceneObject, point: FloatArray, axis: FloatArr
     return height > tool.front - tool.reach and aside < tool.mouth[0]
 
 
-def _depth(scene: Scene, item: SceneObject, spheres: FloatArray, radius: FloatArray) -> float:
+def _depth(item: SceneObject, spheres: FloatArray, radius: FloatArray) -> float:
     """How deep (1, B, 3) spheres are in an object [m]."""
-    alone = replace(scene, objects=(replace(item, role="pushable", stem=None),))
-    objects, rest = objects_of(alone)
-    if rest:
+    kind, size, bound = measured([item.shape])
+    if kind[0] < 0:
         return -nearest(item, spheres, radius, 0.0)[0]
-    found = np.zeros(3)
-    enter(objects, 0, spheres, radius, np.ones(len(radius), dtype=np.bool_), found)
+    none, found = np.zeros(1, dtype=np.int64), np.zeros(3)
+    alone = Objects(
+        none, kind, none, np.array([item.position]), np.array([item.rotation]), size, bound, none,
+        np.zeros((0, 3)), np.zeros(0),
+    )  # fmt: skip
+    enter(alone, 0, spheres, radius, np.ones(len(radius), dtype=np.bool_), found)
     return float(found[0])
