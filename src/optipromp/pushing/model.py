@@ -114,7 +114,7 @@ class PushModel(ABC):
         threshold: largest harm of a success.
         states: number of states of the scene; the first is the perceived one.
         schedule: of the search.
-        entry: where paths begin along z_g [m].
+        entry: where paths begin along z_g [m]; -inf: anywhere.
     """
 
     speed: float
@@ -122,13 +122,13 @@ class PushModel(ABC):
     threshold: float
     states: int
     schedule: Schedule
-    entry: float
+    entry: float = -math.inf
 
-    @abstractmethod
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
         """Whether the tool and the last link, led through ``points`` (P, 3), surely touch nothing
-        that they could push, where it is before any push.
+        that they could push, where it is before any push. False where the model cannot tell.
         """
+        return False
 
     @abstractmethod
     def harm(
@@ -256,11 +256,7 @@ class Continued(_Guided):
 
     def __init__(self, model: PushModel, points: FloatArray, axes: FloatArray) -> None:
         super().__init__(model)
-        self._points, self._axes = points, axes
-
-    def clear(self, points: FloatArray, axes: FloatArray) -> bool:
-        """Never: what was pushed is elsewhere."""
-        return False
+        self._points, self._axes = points, axes  # ``clear`` is never sure: what was pushed is away
 
     def _whole(self, points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
         points = np.concatenate([self._points, points])
