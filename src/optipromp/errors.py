@@ -59,6 +59,12 @@ class InvalidRequestError(OptiPrompError):
     code = Code.INVALID_REQUEST
 
 
+class InvalidPlanError(OptiPrompError):
+    """A plan's file that says better of its trajectory than the judge does."""
+
+    code = Code.INVALID_PLAN
+
+
 class StartInvalidError(OptiPrompError):
     """The start configuration breaks a joint limit or has the wrong size."""
 

@@ -1,15 +1,17 @@
 """Files: read up to a size, written whole or not at all; JSON text; archives of arrays."""
 
 import errno
+import glob
 import io
 import json
 import math
 import os
+import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -100,37 +102,129 @@ def check_inside(path: Path, folder: Path | None, error: type[OptiPrompError]) -
     )
 
 
+COMMITTED = ".committed"
+"""Folder beside files that were written together, while they are moved to their places."""
+
+
 def write_atomically(path: Path, content: bytes) -> None:
     """Write ``content`` beside ``path`` and rename it into place; the folder is made if need be.
 
-    Whatever interrupts the writing (a full disk, Ctrl-C), ``path`` holds its old content or the
-    new.
+    Whatever interrupts the writing (a full disk, Ctrl-C, a kill), ``path`` holds its old content or
+    the new. What a killed process has left beside it goes.
 
     Raises:
         InvalidRequestError: the folder or the file cannot be written; the message names it and why.
     """
-    temporary: str | None = None
+    if is_there(path) and not is_file(path):
+        raise InvalidRequestError(f"cannot write {path}: it is no file")
+    with _writing(path), _aside(path.parent, path.name) as temporary:
+        _write(temporary, content)
+        temporary.replace(path)
+
+
+def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write several files of a folder, all of them or none; the folder is made if need be.
+
+    They are written aside, in a folder that is then renamed to :data:`COMMITTED`: from then on they
+    are what :func:`whole` gives. Then they are moved to their places. Where a kill interrupts that,
+    the next call goes on with it. Other files of the folder stay.
+
+    Raises:
+        InvalidRequestError: the folder or a file cannot be written; the message names it and why.
+    """
+    for name in files:
+        if is_there(folder / name) and not is_file(folder / name):
+            raise InvalidRequestError(f"cannot write {folder / name}: it is no file")
+    committed = folder / COMMITTED
+    with _writing(folder), _aside(folder, COMMITTED.removeprefix(".")) as temporary:
+        temporary.mkdir()
+        for name, content in files.items():
+            _write(temporary / name, content)
+        while True:
+            _settle(committed)
+            try:
+                temporary.rename(committed)
+                break
+            except OSError:
+                if not is_folder(committed):  # else another process was faster
+                    raise
+        _settle(committed)
+
+
+def whole(folder: Path, name: str) -> Path:
+    """Where a file is that :func:`write_together` wrote; in its place, unless that was cut short."""
+    committed = folder / COMMITTED / name
+    return committed if is_file(committed) and not (folder / COMMITTED).is_symlink() else (
+        folder / name
+    )  # fmt: skip
+
+
+def _settle(committed: Path) -> None:
+    """Move what was committed to its place; a link to elsewhere goes."""
+    if committed.is_symlink():
+        committed.unlink()
+    while is_folder(committed):
+        with suppress(FileNotFoundError):  # another process moves it too
+            for file in sorted(committed.iterdir()):
+                file.replace(committed.parent / file.name)
+            committed.rmdir()
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Tell of what cannot be written in one way."""
     try:
-        if is_there(path) and not is_file(path):
-            raise InvalidRequestError(f"cannot write {path}: it is no file")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        Path(temporary).chmod(0o666 & ~umask)  # mkstemp is private; a result need not be
-        Path(temporary).replace(path)
+        yield
     except OSError as error:
         raise InvalidRequestError(f"cannot write {path}: {error.strerror or error}") from error
     except ValueError as error:  # a name that no file can have
         raise InvalidRequestError(f"cannot write {str(path)!r}: {error}") from None
+
+
+@contextmanager
+def _aside(folder: Path, name: str) -> Iterator[Path]:
+    """A path beside ``name`` for what is being written, which is gone afterwards.
+
+    Paths of processes that are no more go first.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    if os.name == "posix":
+        for left in folder.glob(f".{glob.escape(name)}.*.writing"):
+            number = left.name.split(".")[-2].partition("-")[0]
+            if number.isdecimal() and not _runs(int(number)):
+                _remove(left)
+    temporary = folder / f".{name}.{os.getpid()}-{os.urandom(4).hex()}.writing"
+    try:
+        yield temporary
     finally:
-        if temporary is not None:
-            with suppress(OSError):
-                Path(temporary).unlink(missing_ok=True)
+        _remove(temporary)
+
+
+def _runs(process: int) -> bool:
+    """Whether there is a process of this number."""
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def _write(path: Path, content: bytes) -> None:
+    with path.open("xb") as stream:
+        stream.write(content)
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or a folder, if it is there and may be removed."""
+    with suppress(OSError, ValueError):
+        if is_folder(path):
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def cache_folder() -> Path | None:

@@ -1,12 +1,14 @@
 """Plans as files, and back.
 
-``plan.json`` holds everything but the curves. ``trajectory.csv`` and ``trajectory.npz`` hold the
-executable curve at a controller's rate. ``waypoints.npz`` holds the rows that define the three
-curves of a plan.
+``plan.json`` holds everything but the curves, and the digests of the other files.
+``trajectory.csv`` and ``trajectory.npz`` hold the executable curve at a controller's rate.
+``waypoints.npz`` holds the rows that define the three curves of a plan.
 """
 
-from collections.abc import Mapping, Sequence
+import hashlib
+from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,13 +17,20 @@ from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
 from optipromp.arrays import FloatArray
 from optipromp.documents import read_document
-from optipromp.errors import Code, InvalidRequestError, InvalidSceneError, OptiPrompError
-from optipromp.files import is_folder, json_text, npz, read_npz, write_atomically
-from optipromp.judging import Metrics, Overlap, judge
+from optipromp.errors import (
+    Code,
+    InvalidPlanError,
+    InvalidRequestError,
+    InvalidSceneError,
+    OptiPrompError,
+)
+from optipromp.files import is_folder, json_text, npz, read_bytes, read_npz, whole, write_together
+from optipromp.judging import Metrics, Overlap
 from optipromp.planning import Plan, Term
 from optipromp.planning.options import Planner, Strategy
 from optipromp.planning.result import Stage, ViaPoint
-from optipromp.planning.task import push_model, resolve
+from optipromp.planning.task import resolve
+from optipromp.planning.verdict import verdict_of
 from optipromp.pushing.model import Prediction
 from optipromp.robots.model import Robot
 from optipromp.scenes.io import scene_from_dict, scene_to_dict
@@ -29,13 +38,17 @@ from optipromp.scenes.scene import Scene
 from optipromp.trajectory import State, Trajectory
 from optipromp.trajectory_files import arrays, csv, from_arrays
 
-FORMAT = 3
+FORMAT = 4
 PUSHED = ("pushed_points", "pushed_axes")
+FILES = ("trajectory.csv", "trajectory.npz", "waypoints.npz")
+START = "start"  # (3, n) position, velocity and acceleration
+SEARCHED = Code.TIMEOUT, Code.GOAL_IN_COLLISION, Code.GOAL_UNREACHABLE, Code.NO_PLAN
+WORSE = Code.SUCCESS, Code.HARM_PREDICTED, Code.INVALID_PLAN, Code.START_IN_COLLISION, *SEARCHED
 RATE = 1000.0  # [Hz] of the Panda's control interface
 
 
 def write_plan(plan: Plan, folder: Path, *, rate: float = RATE) -> tuple[str, ...]:
-    """Write a plan into ``folder``, each file whole or not at all, ``plan.json`` last.
+    """Write a plan into ``folder``, all files or none.
 
     Args:
         plan: any plan, also one that failed.
@@ -53,10 +66,11 @@ def write_plan(plan: Plan, folder: Path, *, rate: float = RATE) -> tuple[str, ..
         "trajectory.csv": csv(curve),
         "trajectory.npz": npz(arrays(curve)),
         "waypoints.npz": npz(_waypoints(plan), compressed=True),
-        "plan.json": json_text(_document(plan, folder)).encode("utf-8"),
     }
-    for name, content in files.items():
-        write_atomically(folder / name, content)
+    digests = {name: _digest(content) for name, content in files.items()}
+    document = _document(plan, folder) | {"sha256": digests}
+    files["plan.json"] = json_text(document).encode("utf-8")
+    write_together(folder, files)
     return tuple(files)
 
 
@@ -68,7 +82,8 @@ class _Via(BaseModel):
 class _PlanFile(BaseModel):
     """What ``plan.json`` must hold to be read again."""
 
-    format: Literal[3]
+    format: Literal[4]
+    sha256: dict[str, str]
     planner: Planner
     strategy: Strategy | None
     seed: Annotated[int, Field(ge=0)]
@@ -88,52 +103,35 @@ class _PlanFile(BaseModel):
 def load_plan(path: Path | str) -> Plan:
     """Load what :func:`write_plan` left: a folder, or the ``plan.json`` in it.
 
-    The trajectory is judged again: metrics and contacts are the judge's, whatever the file says.
+    The trajectory is judged again: metrics, contacts and prediction are the judge's, whatever the
+    file says.
 
     Raises:
-        InvalidRequestError: files missing, damaged, of another format or for another robot; a
-            ``success`` whose trajectory is none; the message names them.
+        InvalidPlanError: the file says better than the judge does.
+        InvalidRequestError: files missing, damaged, of another plan, of another format or for
+            another robot; the message names them.
         InvalidSceneError: the scene the plan was made for cannot be used.
     """
     path = Path(path)
     folder = path if is_folder(path) else path.parent
-    file = folder / "plan.json" if is_folder(path) else path
+    file = whole(folder, "plan.json") if is_folder(path) or path.name == "plan.json" else path
     content = read_document(file, InvalidRequestError, "a plan")
-    rows = read_npz(folder / "waypoints.npz")
     try:
         found = _PlanFile.model_validate(content)
+        _check_digests(folder, found.sha256)
+        rows = read_npz(whole(folder, "waypoints.npz"))
         if found.scene_file is None:
             raise InvalidRequestError(
                 "its scene was not written: it held a shape made in memory, or the plan was made "
                 "with another robot or tool than the scene's"
             )
         scene = scene_from_dict(found.scene_file, base_dir=folder, source=str(path))
-        robot = resolve(scene).robot
-        curves = [from_arrays(rows, prefix) for prefix in ("", "initial_", "followed_")]
-        return Plan(
-            scene=scene,
-            robot=robot,
-            planner=found.planner,
-            strategy=found.strategy,
-            seed=found.seed,
-            status=found.status,
-            message=found.message,
-            trajectory=curves[0],
-            initial=curves[1],
-            followed=curves[2],
-            prediction=found.predicted_harm,
-            terms=found.terms,
-            stages=found.stages,
-            time=found.time,
-            first=found.first,
-            via=tuple(ViaPoint(via.name, np.array(via.position)) for via in found.via),
-            pushed=_pushed(rows),
-            **_judged(found, scene, robot, curves),
-        )
-    except InvalidSceneError:
+        return _plan(found, scene, rows)
+    except (InvalidSceneError, InvalidPlanError):
         raise
     except OptiPrompError as error:
-        raise InvalidRequestError(f"{path}: {error.message}") from None
+        told = "" if str(folder) in error.message else f"{path}: "
+        raise InvalidRequestError(f"{told}{error.message}") from None
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(step) for step in first["loc"])
@@ -144,10 +142,26 @@ def load_plan(path: Path | str) -> Plan:
         raise InvalidRequestError(f"{path}: not a plan that this version wrote ({error})") from None
 
 
-def _judged(
-    found: _PlanFile, scene: Scene, robot: Robot, curves: Sequence[Trajectory]
-) -> dict[str, Any]:
-    """Metrics and contacts of the trajectory, the first of the curves."""
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _check_digests(folder: Path, digests: Mapping[str, str]) -> None:
+    """Refuse a folder that holds files of two plans, or a plan in part."""
+    if set(digests) != set(FILES):
+        raise InvalidRequestError(f"sha256: must name {', '.join(FILES)}")
+    for name, digest in digests.items():
+        if _digest(read_bytes(whole(folder, name), InvalidRequestError)) != digest:
+            raise InvalidRequestError(
+                f"{folder / name}: is not the file that belongs to plan.json: must be of the same "
+                "plan, as it was written"
+            )
+
+
+def _plan(found: "_PlanFile", scene: Scene, rows: Mapping[str, Any]) -> Plan:
+    """The plan that a file describes, if the judge says no worse of it."""
+    robot = resolve(scene).robot
+    curves = [from_arrays(rows, prefix) for prefix in ("", "initial_", "followed_")]
     curve = curves[0]
     if any(one.joint_names != robot.joint_names for one in curves):
         raise InvalidRequestError(
@@ -156,14 +170,47 @@ def _judged(
         )
     if found.first >= curve.n_waypoints:
         raise InvalidRequestError(f"first is {found.first}: must be below {curve.n_waypoints}")
-    start = State(curve.positions[0], curve.velocities[0], curve.accelerations[0])
-    harm = found.predicted_harm
-    known = harm is not None and push_model(resolve(scene, robot), curve.positions[-1]) is not None
-    judged = judge(scene, robot, curve, start, stem_side=not known)
-    wrong = judged.message or (str(harm) if harm is not None and harm.harmful else "")
-    if found.status == Code.SUCCESS and wrong:
-        raise InvalidRequestError(f"status is success, and the trajectory is none: {wrong}")
-    return {"metrics": judged.metrics, "contacts": judged.contacts}
+    stated = Plan(
+        scene=scene,
+        robot=robot,
+        planner=found.planner,
+        strategy=found.strategy,
+        seed=found.seed,
+        status=found.status,
+        message=found.message,
+        trajectory=curve,
+        initial=curves[1],
+        followed=curves[2],
+        prediction=found.predicted_harm,
+        metrics=found.metrics,
+        terms=found.terms,
+        stages=found.stages,
+        contacts=found.contacts,
+        time=found.time,
+        first=found.first,
+        via=tuple(ViaPoint(via.name, np.array(via.position)) for via in found.via),
+        start=_start(rows, robot),
+        pushed=_pushed(rows),
+    )
+    judged = verdict_of(stated)
+    if WORSE.index(judged.status) > WORSE.index(found.status):
+        raise InvalidPlanError(
+            f"{scene.name}: the file says {found.status}; judged again it is {judged.status}: "
+            f"{judged.message}"
+        )
+    return replace(
+        stated, prediction=judged.prediction, metrics=judged.judgement.metrics,
+        contacts=judged.judgement.contacts,
+    )  # fmt: skip
+
+
+def _start(rows: Mapping[str, Any], robot: Robot) -> State | None:
+    if START not in rows:
+        return None
+    values = np.asarray(rows[START], dtype=np.float64)
+    if values.shape != (3, robot.n_joints) or not np.isfinite(values).all():
+        raise InvalidRequestError(f"{START} must be finite, of shape (3, {robot.n_joints})")
+    return State(*values)
 
 
 def _pushed(rows: Mapping[str, Any]) -> tuple[FloatArray, FloatArray] | None:
@@ -200,10 +247,15 @@ def _alike(one: Robot, other: Robot) -> bool:
     )  # fmt: skip
 
 
+def _state(start: State) -> FloatArray:
+    return np.array([start.q, start.velocity, start.acceleration])
+
+
 def _waypoints(plan: Plan) -> dict[str, Any]:
     return {
         **arrays(plan.trajectory),
         **arrays(plan.initial, "initial_"),
         **arrays(plan.followed, "followed_"),
+        **({} if plan.start is None else {START: _state(plan.start)}),
         **({} if plan.pushed is None else dict(zip(PUSHED, plan.pushed, strict=True))),
     }

@@ -105,8 +105,8 @@ def test_an_undecided_pushable_is_passed_where_there_is_room(three: Scene) -> No
     """One side is blocked for the arm and the tool: both are tried, the free one is kept."""
     n2 = next(o for o in three.objects if o.id == "n2")
     target = next(o for o in three.objects if o.role == "target")
-    for side in (-1.0, 1.0):
-        wall = block("static", Box((0.3, 0.01, 0.1)), n2.position + [0.0, side * 0.062, -0.02])
+    for side, away in ((-1.0, 0.062), (1.0, 0.075)):  # nearer, the arm finds no way past it
+        wall = block("static", Box((0.3, 0.01, 0.1)), n2.position + [0.0, side * away, -0.02])
         scene = replace(three, objects=(target, replace(n2, stem=None), wall))
         result = plan(scene)
         assert_success(result)

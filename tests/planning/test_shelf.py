@@ -11,9 +11,9 @@ from optipromp.scenes.generate import generate
 from optipromp.scenes.scene import Scene
 
 
-@pytest.fixture(scope="module", params=[5, 14])
+@pytest.fixture(scope="module", params=[5, 7])
 def scene(request: pytest.FixtureRequest) -> Scene:
-    """Wrist or forearm end in the place of a pack (5), whatever the configuration (14)."""
+    """Wrist or forearm end in the place of a pack."""
     return generate("shelf", request.param)
 
 

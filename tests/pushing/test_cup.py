@@ -79,7 +79,7 @@ def test_its_gradient_is_that_of_finite_differences(cup: Mouth, rho: float, h: f
 def test_the_flange_is_where_the_last_link_is(tool: Cup | FrankaHand) -> None:
     """Rays from outside at the tool axis meet the link's spheres at its radius in the median."""
     robot = with_tool(load_robot("panda"), tool)
-    radius, top = flange_of(robot)
+    radius, top, low = flange_of(robot)
     link = robot.spheres.link == robot.link_names.index("link7")
     center, size = robot.spheres.center[link], robot.spheres.radius[link]
     below = robot.tool_point + np.linspace(-0.4, 0.1, 2001)[:, None] * robot.tool_axis
@@ -99,6 +99,7 @@ def test_the_flange_is_where_the_last_link_is(tool: Cup | FrankaHand) -> None:
     assert radius == pytest.approx(np.median(reach), abs=1.5e-3)
     assert top == pytest.approx(np.median(height), abs=1.5e-3)
     assert top < -tool.reach + 0.02
+    assert low == pytest.approx(((center - robot.tool_point) @ robot.tool_axis - size).min())
 
 
 def test_a_robot_without_spheres_there_has_no_flange() -> None:
@@ -106,4 +107,4 @@ def test_a_robot_without_spheres_there_has_no_flange() -> None:
     spheres = bare.spheres
     kept = spheres.link != bare.link_names.index("link7")
     fewer = type(spheres)(*(values[kept] for values in spheres))
-    assert flange_of(replace(bare, spheres=fewer)) == (0.0, -1.0)
+    assert flange_of(replace(bare, spheres=fewer)) == (0.0, -1.0, -1.0)

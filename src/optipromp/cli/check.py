@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.console import OK, AsJson, command, exit_code, print_json, stdout
+from optipromp.cli.console import OK, AsJson, command, exit_code, headline, print_json, stdout
 from optipromp.cli.robot import Named, names_robot
 from optipromp.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.files import is_folder, is_there
@@ -159,9 +159,9 @@ def check(
         print_json({"status": status, "message": "", "kind": kind, "item": item, **summary})
     else:
         console = stdout()
-        console.print(f"[bold]{kind}[/bold] {item}: right")
+        console.print(headline((kind, "bold"), f" {item}: right"))
         for key, value in summary.items():
-            console.print(f"  {key.replace('_', ' '):<15} {_words(value)}", markup=False)
+            console.print(f"  {key.replace('_', ' '):<15} {_words(value)}")
     return OK if kind is not Kind.PLAN else exit_code(status)
 
 
@@ -279,6 +279,8 @@ def _plan(item: str) -> dict[str, Any]:
     plan = load_plan(Path(item))
     return {
         "status": plan.status,
+        "reason": plan.message,
+        "predicted_harm": None if plan.prediction is None else plan.prediction.harm,
         "scene": plan.scene.name,
         "planner": plan.planner,
         "strategy": plan.strategy,

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, ParamSpec
+from typing import TYPE_CHECKING, Annotated, Any, Literal, ParamSpec, TextIO
 
 import typer
 
@@ -20,6 +20,7 @@ from optipromp.shown import printable
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
     from rich.table import Table
+    from rich.text import Text
 
     from optipromp.planning import Plan
 
@@ -68,17 +69,26 @@ def exit_code(code: Code) -> int:
 
 
 def stdout() -> "Console":
-    """A console for the answer."""
-    from rich.console import Console
-
-    return Console(file=sys.stdout, highlight=False, soft_wrap=not sys.stdout.isatty())
+    """A console for the answer. Text is printed as it is, also where it looks like markup."""
+    return _console(sys.stdout, soft_wrap=not sys.stdout.isatty())
 
 
 def stderr() -> "Console":
-    """A console for everything that is not the answer."""
+    """The same for everything that is not the answer."""
+    return _console(sys.stderr, soft_wrap=True)
+
+
+def _console(file: TextIO, *, soft_wrap: bool) -> "Console":
     from rich.console import Console
 
-    return Console(file=sys.stderr, highlight=False, soft_wrap=True)
+    return Console(file=file, highlight=False, markup=False, emoji=False, soft_wrap=soft_wrap)
+
+
+def headline(*parts: tuple[str, str] | str) -> "Text":
+    """A line of words, and of words with their style."""
+    from rich.text import Text
+
+    return Text.assemble(*parts)
 
 
 def grid(
@@ -161,12 +171,12 @@ def waiting(message: str) -> Iterator[Callable[[str], None]]:
         return
     from rich.status import Status
 
-    status = Status(message, console=stderr())
+    status = Status(headline(message), console=stderr())
     timer = threading.Timer(_PATIENCE, status.start)
     timer.daemon = True
     timer.start()
     try:
-        yield status.update
+        yield lambda words: status.update(headline(words))
     finally:
         timer.cancel()
         timer.join()
@@ -189,7 +199,7 @@ def progress_bar(lines: int) -> Iterator[Callable[[int, int, str], None]]:
         return
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
+    columns = TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn()
     with Progress(*columns, console=stderr(), transient=True) as bar:
         task = bar.add_task("", total=None)
         yield lambda done, total, words: bar.update(
@@ -213,7 +223,6 @@ def say_if_compiling() -> None:
 def plan_report(plan: "Plan") -> "RenderableType":
     """What the plan is, whether it holds, and the figures it is judged by."""
     from rich.console import Group
-    from rich.markup import escape
     from rich.table import Table
     from rich.text import Text
 
@@ -222,10 +231,10 @@ def plan_report(plan: "Plan") -> "RenderableType":
     strategy = f", {plan.strategy}" if plan.strategy else ""
     colour = "green" if plan.success else "red"
     total = plan.time.get("total", math.nan)
-    head = Text.from_markup(
-        f"[bold]{escape(plan.scene.name)}[/bold]  {plan.planner}{strategy}  "
-        f"[bold {colour}]{plan.status}[/bold {colour}] in {seconds(total)}"
-    )
+    head = headline(
+        (plan.scene.name, "bold"), f"  {plan.planner}{strategy}  ",
+        (plan.status, f"bold {colour}"), f" in {seconds(total)}",
+    )  # fmt: skip
     table = Table(box=None, show_header=False, padding=(0, 2))
     for label, value in plan_rows(plan):
         table.add_row(label, value)

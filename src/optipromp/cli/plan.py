@@ -338,7 +338,7 @@ def plan_folder(
         console.print(table(entries))
         console.print(f"{succeeded} of {len(entries)} plans succeeded, in {seconds:.1f} s")
         if out is not None:
-            console.print(f"wrote a folder for each plan to {out}", markup=False)
+            console.print(f"wrote a folder for each plan to {out}")
     return max((exit_code(entry.status) for entry in entries), default=OK)
 
 

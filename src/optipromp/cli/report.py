@@ -60,5 +60,5 @@ def report(
             {"status": Code.SUCCESS, "message": "", "file": str(path), "bytes": len(content)}
         )
     else:
-        stdout().print(f"wrote {path} ({len(content) / 1e6:.1f} MB)", markup=False)
+        stdout().print(f"wrote {path} ({len(content) / 1e6:.1f} MB)")
     return OK

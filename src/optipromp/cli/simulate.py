@@ -166,9 +166,9 @@ def _report(run: "Run", plan: "Plan") -> None:
     outcome, console = run.outcome, stdout()
     verdict = "picked" if run.success else f"failed: {outcome.cause}"
     console.print(f"{run.scene.name}  {plan.planner} (plan: {plan.status})  {verdict}")
-    console.print(outcome.message, markup=False)
+    console.print(outcome.message)
     for name, words in _rows(run, outcome):
-        console.print(f"  {name:<26}{words}", markup=False)
+        console.print(f"  {name:<26}{words}")
 
 
 def _rows(run: "Run", outcome: "Outcome") -> list[tuple[str, str]]:

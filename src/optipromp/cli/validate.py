@@ -5,7 +5,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.console import AsJson, command, exit_code, grid, print_json, stdout, waiting
+from optipromp.cli.console import (
+    AsJson,
+    command,
+    exit_code,
+    grid,
+    headline,
+    print_json,
+    stdout,
+    waiting,
+)
+from optipromp.errors import Code
 
 if TYPE_CHECKING:
     from optipromp.planning import Verdict
@@ -50,17 +60,21 @@ def validate(
     from optipromp.errors import InvalidRequestError
     from optipromp.files import is_file
     from optipromp.output import load_plan
-    from optipromp.planning import judge
+    from optipromp.planning import judge, verdict_of
     from optipromp.planning.task import resolve
     from optipromp.scenes.io import load_scene
 
     if scene is None and not is_file(trajectory / "plan.json"):
         raise InvalidRequestError(f"{trajectory} states no scene: add --scene SCENE")
-    loaded = load_plan(trajectory).scene if scene is None else load_scene(scene)
-    robot = resolve(loaded).robot
-    curve = read(trajectory, robot)
     with waiting("judging ..."):
-        found = judge(loaded, curve)
+        if scene is None:
+            plan = load_plan(trajectory)
+            loaded, robot, curve, found = plan.scene, plan.robot, plan.trajectory, verdict_of(plan)
+        else:
+            loaded = load_scene(scene)
+            robot = resolve(loaded).robot
+            curve = read(trajectory, robot)
+            found = judge(loaded, curve)
     document = describe(found, curve, loaded)
     if out is not None:
         leave(out, document, curve, robot, found)
@@ -113,10 +127,13 @@ def leave(
 
 def _print(found: "Verdict", document: dict[str, Any], curve: "Trajectory") -> None:
     console, m = stdout(), found.judgement.metrics
-    colour = "green" if not found.judgement.violations else "red"
+    colour = "green" if found.status is Code.SUCCESS else "red"
     console.print(
-        f"[bold]{document['scene']}[/bold]  {curve.n_waypoints} rows, {curve.duration:.3f} s  "
-        f"[bold {colour}]{found.status}[/bold {colour}]"
+        headline(
+            (str(document["scene"]), "bold"),
+            f"  {curve.n_waypoints} rows, {curve.duration:.3f} s  ",
+            (found.status, f"bold {colour}"),
+        )
     )
     if found.judgement.violations:
         table = grid(("what", "where"), ("when, s", "how much"))
@@ -125,7 +142,7 @@ def _print(found: "Verdict", document: dict[str, Any], curve: "Trajectory") -> N
             amount = "" if violation.amount is None else f"{violation.amount:.4g} {violation.unit}"
             table.add_row(violation.kind, violation.subject, when, amount)
         console.print(table)
-    console.print(found.message, markup=False)
+    console.print(found.message)
     off = f"{m.goal_error:.4f}" if m.goal_axis_error is None else f"{1e3 * m.goal_error:.2f} mm"
     console.print(
         f"limits in use: velocity {m.velocity_ratio:.0%}, acceleration {m.acceleration_ratio:.0%}, "

@@ -19,6 +19,7 @@ from optipromp.arrays import FloatArray, lengths
 from optipromp.judging import kinematics
 from optipromp.judging.clearance import Overlap, pushed_away, swept
 from optipromp.judging.curve import extremes
+from optipromp.judging.entered import entered, touching
 from optipromp.judging.passing import passing
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene
@@ -119,12 +120,14 @@ class Judgement:
         violations: every reason why the trajectory is not valid; empty when it is valid.
         contacts: pairs that touch but must not.
         notes: remarks that do not make the trajectory invalid.
+        at_start: pairs that touch but must not at the first instant, as deep as then.
     """
 
     metrics: Metrics
     violations: tuple[Violation, ...]
     contacts: tuple[Overlap, ...]
     notes: tuple[str, ...] = ()
+    at_start: tuple[Overlap, ...] = ()
 
     @property
     def message(self) -> str:
@@ -139,6 +142,7 @@ def judge(
     start: State | None = None,
     *,
     stem_side: bool = True,
+    begun: bool = False,
 ) -> Judgement:
     """Judge a trajectory against robot and scene.
 
@@ -148,6 +152,8 @@ def judge(
         trajectory: of the robot.
         start: state in which it must begin; None: anywhere, at rest.
         stem_side: true: passing a pushable on the side of its stem is a violation; false: a note.
+        begun: whether it begins among what the tool pushes; else tool and last link must not be
+            inside of that at the first instant.
 
     Returns:
         The judgement. The trajectory is valid if there are no violations.
@@ -156,6 +162,9 @@ def judge(
     times, fine, waypoints, complete = kinematics.refined(robot, trajectory)
     distances, contacts, points, axes = swept(scene, robot, fine, times)
     contacts, notes = pushed_away(scene, robot, fine, contacts)
+    inside = [] if begun else entered(scene, robot, q[0], points[0], axes[0])
+    contacts += inside
+    at_start = touching(scene, robot, q[0], begun=begun) if contacts else []
     tips, axes = points[waypoints], axes[waypoints]
     rims = tips + (0.0 if robot.tool is None else robot.tool.depth) * axes
     passed = passing(scene, tips, rims, robot.gripper_radius)
@@ -185,7 +194,7 @@ def judge(
         drift_shortfall=passed.drift_shortfall, stem_gap=passed.stem_gap,
         goal_error=goal_error, goal_axis_error=axis_error, **figures,
     )  # fmt: skip
-    return Judgement(metrics, tuple(violations), tuple(contacts), tuple(notes))
+    return Judgement(metrics, tuple(violations), tuple(contacts), tuple(notes), tuple(at_start))
 
 
 def paper_violations(scene: Scene, metrics: Metrics, tolerance: float = 1e-4) -> list[Violation]:

@@ -4,8 +4,7 @@ import html
 
 from optipromp.judging import Violation
 from optipromp.planning import Plan
-from optipromp.planning.result import verdict
-from optipromp.planning.task import resolve
+from optipromp.planning.verdict import verdict_of
 from optipromp.viewer.drawn import RED
 from optipromp.viewer.words import plan_rows
 
@@ -46,5 +45,4 @@ def table(plan: Plan) -> str:
 
 def violations(plan: Plan) -> tuple[Violation, ...]:
     """What the judge finds wrong with a plan."""
-    task = resolve(plan.scene, plan.robot)
-    return verdict(task, plan.trajectory).judgement.violations
+    return verdict_of(plan).judgement.violations

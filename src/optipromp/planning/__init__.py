@@ -12,7 +12,8 @@ from optipromp.planning.plan import warm_up as warm_up
 from optipromp.planning.result import Plan as Plan
 from optipromp.planning.result import Stage as Stage
 from optipromp.planning.result import Term as Term
-from optipromp.planning.result import Verdict as Verdict
-from optipromp.planning.result import judge as judge
 from optipromp.planning.sequence import PickSequence as PickSequence
 from optipromp.planning.sequence import plan_sequence as plan_sequence
+from optipromp.planning.verdict import Verdict as Verdict
+from optipromp.planning.verdict import judge as judge
+from optipromp.planning.verdict import verdict_of as verdict_of

@@ -39,6 +39,7 @@ from optipromp.planning.parameters import PAPER, SOLVE
 from optipromp.planning.pick import limits_and_clearances, schedule
 from optipromp.planning.result import Planned, Stage
 from optipromp.planning.task import Task
+from optipromp.planning.verdict import judged
 from optipromp.promp.model import ProMP
 from optipromp.scenes.scene import JointGoal, PoseGoal
 from optipromp.trajectory import Trajectory
@@ -121,7 +122,7 @@ def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
     """Judge ``q`` (T, n); with ``constraints: paper`` also by constraints 1 and 2."""
     task, options = posed.task, posed.options
     trajectory = posed.timed(q)
-    judgement = judging.judge(task.scene, task.robot, trajectory, task.state)
+    judgement = judged(task, trajectory, stem_side=True)
     if options.constraints == "paper":
         missing = [
             Violation(

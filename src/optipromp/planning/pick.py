@@ -13,7 +13,6 @@ from itertools import chain
 
 import numpy as np
 
-from optipromp import judging
 from optipromp.arrays import FloatArray
 from optipromp.budget import Budget, clock
 from optipromp.judging import Judgement
@@ -30,9 +29,10 @@ from optipromp.planning.goals import clearance
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.parameters import SOLVE
 from optipromp.planning.result import Planned, Stage
-from optipromp.planning.task import Task, push_model, pushed_aside, tool_motion
+from optipromp.planning.task import Task, model_at, push_model, pushed_aside
 from optipromp.planning.timing import timed
 from optipromp.planning.underway import rest, straight
+from optipromp.planning.verdict import judged, led
 from optipromp.promp.model import ProMP
 from optipromp.pushing.model import Prediction, PushModel, search
 from optipromp.pushing.parameters import PUSH
@@ -63,7 +63,8 @@ def pick(
     rng = np.random.default_rng(seed)
     model = push_model(task, goals[0])
     solver = Solver(pushed_aside(task), options, budget, task.scene, stem_side=model is None)
-    best: tuple[Attempt, tuple[FloatArray, FloatArray], float] | None = None
+    best: tuple[Attempt, tuple[PushModel, tuple[FloatArray, FloatArray]] | None, float] | None
+    best = None
     least, tries = np.inf, 0
     known = model if options.prediction else None
     paths = tool_paths(task, known, rng, budget, options.rule, lambda good: least <= good)
@@ -79,20 +80,22 @@ def pick(
             begin = ways.led_round(solver.task, attempt.start, options, rng, budget)
             attempt = first_valid(solver, begin) or attempt
         tries += 1
-        q = attempt.trajectory.positions[attempt.start.waypoints.first :]
-        motion = tool_motion(task.robot, q)
-        harm = 0.0 if model is None else model.harm(*motion, model.states)
+        harm, push = 0.0, None
+        if model is not None:
+            own = model_at(task, model, attempt.trajectory.positions[-1])
+            push = own, led(task, own, attempt.trajectory)
+            harm = own.harm(*push[1], own.states)
         score = harm if options.prediction else 0.0
         if path is task.kept:  # another one must be better by as much
             score = max(score - good, 0.0)
         score += 0.0 if attempt.valid else INVALID
         if best is None or score < least:
-            best, least = (attempt, motion, harm), score
+            best, least = (attempt, push, harm), score
         if least <= good or solver.budget.spent() or (tries >= TRIES and not best[0].valid):
             break
     if best is not None:
-        attempt, motion, harm = best
-        prediction = None if model is None else model.predict(*motion, harm)
+        attempt, push, harm = best
+        prediction = None if push is None else push[0].predict(*push[1], harm)
         return outcome(attempt, prediction, clock() - began)
     attempt = first_valid(solver, ways.free_starts(solver.task, options, promp, goals, rng, budget))
     assert attempt is not None  # there is at least one goal configuration
@@ -230,9 +233,7 @@ class Solver:
         else:
             names = task.robot.joint_names
             trajectory = Trajectory.through(q, start.times, names, begin=task.state)
-        verdict = judging.judge(
-            self.scene, task.robot, trajectory, task.state, stem_side=self.stem_side
-        )
+        verdict = judged(replace(task, scene=self.scene), trajectory, stem_side=self.stem_side)
         return Attempt(start, trajectory, verdict, merit, history, message)
 
 

@@ -23,10 +23,11 @@ from optipromp.planning.paper_problem import functional_values
 from optipromp.planning.parameters import GOAL
 from optipromp.planning.pick import pick
 from optipromp.planning.primitive import PAPER_BASIS, learnt
-from optipromp.planning.result import Plan, Planned, Term, Terms, Verdict, predicted
+from optipromp.planning.result import Plan, Planned, Term, Terms
 from optipromp.planning.task import Task, push_model, pushed_aside, resolve
 from optipromp.planning.timing import stopped
 from optipromp.planning.underway import Moving, begun, underway
+from optipromp.planning.verdict import Verdict, judged, predicted
 from optipromp.processes import cores
 from optipromp.promp.model import ProMP
 from optipromp.robots.model import Robot
@@ -230,9 +231,9 @@ def _plan(
 
     def finish(outcome: Planned, status: Code | None = None, message: str = "") -> Plan:
         start = clock()
-        prediction = outcome.prediction or predicted(task, outcome.trajectory, outcome.first)
-        verdict = outcome.judgement or judging.judge(
-            scene, task.robot, outcome.trajectory, task.state, stem_side=prediction is None
+        prediction = outcome.prediction or predicted(task, outcome.trajectory)
+        verdict = outcome.judgement or judged(
+            task, outcome.trajectory, stem_side=prediction is None
         )
         if status is None:
             status, message = _status(Verdict(verdict, prediction), outcome, options, budget)
@@ -248,10 +249,11 @@ def _plan(
             terms=Terms(functools.partial(_terms, task, options, outcome, paper, strategy)),
             stages=outcome.stages, contacts=verdict.contacts, time=times,
             first=outcome.first, via=outcome.via, pushed=task.pushed,
+            start=task.state if task.begun else None,
         )  # fmt: skip
 
     stay = _stay(task)
-    _, touching = judging.clearances(scene, task.robot, task.start[None])
+    touching = judging.touching(scene, task.robot, task.start, begun=task.begun)
     if touching:
         told = "at the start " + "; ".join(map(str, touching))
         return finish(stay, Code.START_IN_COLLISION, told)

@@ -1,28 +1,19 @@
-"""The results of planning: stages of an optimisation, an outcome, a plan, a verdict."""
+"""The results of planning: stages of an optimisation, an outcome, a plan."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from optipromp import judging
 from optipromp.arrays import FloatArray
-from optipromp.errors import Code, InvalidRequestError
+from optipromp.errors import Code
 from optipromp.files import plain
 from optipromp.judging import Judgement, Metrics, Overlap
-from optipromp.planning.options import Planner, PlanOptions, Strategy
-from optipromp.planning.task import Task, push_model, resolve, tool_motion
+from optipromp.planning.options import Planner, Strategy
 from optipromp.pushing.model import Prediction
 from optipromp.robots.model import Robot
-from optipromp.scenes.io import load_scene
-from optipromp.scenes.scene import PoseGoal, Scene
+from optipromp.scenes.scene import Scene
 from optipromp.shown import Shown
-from optipromp.trajectory import Trajectory
-from optipromp.trajectory_files import read_trajectory
-
-BELOW = PlanOptions.corridor  # [m] under the camera point's height that counts as at it
+from optipromp.trajectory import State, Trajectory
 
 
 @dataclass(frozen=True)
@@ -161,6 +152,7 @@ class Plan(Shown):
         time: ``total`` and per stage [s].
         first: index of the first waypoint on the approach.
         via: points of the tool that ``promp`` and ``i-promp`` conditioned the primitive on.
+        start: state in which it begins, where that is not the scene's start at rest.
         pushed: tool points and axes (P, 3) of the push that came before, where the plan goes on
             with one that ran.
     """
@@ -183,6 +175,7 @@ class Plan(Shown):
     time: Mapping[str, float] = field(default_factory=dict)
     first: int = 0
     via: tuple[ViaPoint, ...] = ()
+    start: State | None = None
     pushed: tuple[FloatArray, FloatArray] | None = None
 
     def _words(self) -> str:
@@ -216,94 +209,3 @@ class Plan(Shown):
             "via": [vars(via) for via in self.via],
         }
         return dict(plain(document))
-
-
-@dataclass(frozen=True, eq=False)
-class Verdict:
-    """The judgement of a trajectory and the prediction of its push.
-
-    Attributes:
-        judgement: metrics and violations, by the independent judge.
-        prediction: of the push; None where no model applies.
-    """
-
-    judgement: Judgement
-    prediction: Prediction | None
-
-    @property
-    def status(self) -> Code:
-        """INVALID_PLAN where there are violations, else HARM_PREDICTED or ``success``."""
-        if self.judgement.violations:
-            return Code.INVALID_PLAN
-        harmful = self.prediction is not None and self.prediction.harmful
-        return Code.HARM_PREDICTED if harmful else Code.SUCCESS
-
-    @property
-    def message(self) -> str:
-        """The status in words."""
-        if self.judgement.violations:
-            return self.judgement.message
-        if self.prediction is not None and self.prediction.harmful:
-            return str(self.prediction)
-        message = "reaches the target, keeps all limits, touches nothing it must not"
-        return "; ".join([message, *(f"note: {note}" for note in self.judgement.notes)])
-
-
-def judge(
-    scene: Scene | str | Path, trajectory: Trajectory | str | Path, *, robot: Robot | None = None
-) -> Verdict:
-    """Judge a trajectory of any origin in a scene.
-
-    It must begin at the scene's start, if the scene states one, and begin and end at rest.
-
-    Args:
-        scene: a scene, a built-in scene's name, or a scene file.
-        trajectory: of the robot, joints in the robot's order; or a file or folder of one, see
-            :func:`optipromp.trajectory_files.read_trajectory`.
-        robot: with its tool, in place of the scene's.
-
-    Raises:
-        InvalidRequestError: joints of other names or number than the robot's; a file that cannot be
-            read.
-        InvalidSceneError, InvalidRobotError, StartInvalidError: wrong input.
-    """
-    task = resolve(scene if isinstance(scene, Scene) else load_scene(scene), robot)
-    if not isinstance(trajectory, Trajectory):
-        trajectory = read_trajectory(trajectory, task.robot.joint_names)
-    if trajectory.joint_names != task.robot.joint_names:
-        raise InvalidRequestError(
-            f"the trajectory's joints are {', '.join(trajectory.joint_names)}; "
-            f"{task.robot.name} has {', '.join(task.robot.joint_names)}"
-        )
-    return verdict(task, trajectory)
-
-
-def verdict(task: Task, trajectory: Trajectory) -> Verdict:
-    """The verdict on a trajectory of the task's robot."""
-    prediction = predicted(task, trajectory, _approach(task, trajectory))
-    start = None if task.scene.start is None else task.state
-    judgement = judging.judge(
-        task.scene, task.robot, trajectory, start, stem_side=prediction is None
-    )
-    return Verdict(judgement, prediction)
-
-
-def _approach(task: Task, trajectory: Trajectory) -> int:
-    """The first waypoint at the camera point's height or above, along z_g; as a plan's approach.
-
-    Below it nothing hangs, and what the model steps through there only moves its later steps.
-    """
-    if not isinstance(task.goal, PoseGoal):
-        return 0
-    points, _ = task.robot.tool_pose(trajectory.positions)
-    return int(np.argmax((points - task.camera) @ task.scene.frame[2] > -BELOW))
-
-
-def predicted(task: Task, trajectory: Trajectory, first: int = 0) -> Prediction | None:
-    """The prediction of a trajectory's push from waypoint ``first`` on.
-
-    None where no model applies, and for a trajectory that does not move.
-    """
-    q = trajectory.positions
-    model = None if (q == q[0]).all() else push_model(task, q[-1])
-    return None if model is None else model.predict(*tool_motion(task.robot, q[first:]))

@@ -12,7 +12,7 @@ from optipromp.judging import AXIS_TOLERANCE, GOAL_TOLERANCE
 from optipromp.optimization.evaluation import BodyPoints
 from optipromp.optimization.problem import Surroundings
 from optipromp.pushing import hanging, standing
-from optipromp.pushing.cup import flange_of
+from optipromp.pushing.cup import flange_of, rings_of
 from optipromp.pushing.hanging import Hanging
 from optipromp.pushing.model import Combined, Continued, PushModel
 from optipromp.pushing.path import STEP, ToolPath, along, evenly, length, turning
@@ -25,6 +25,7 @@ from optipromp.trajectory import State, Trajectory
 
 LIMIT_TOLERANCE = 1e-9
 AMONG = 0.3  # [m] behind the target within which the arm may meet objects that stand
+MOST_POINTS = 50_000  # of a tool's motion: 50 m
 NEAR = 0.065  # [m] largest distance of an obstacle from a body sphere that cells list
 
 
@@ -44,6 +45,8 @@ class Task:
         passed: neighbours that lie below the rim of a tool on its approach.
         running: the trajectory that runs already, from now on; ``kept`` is its tool path.
         pushed: tool points and axes (P, 3) of the push so far, if the scene is as it was before it.
+        begun: whether ``state`` is one that was given in place of the scene's start: the tool may
+            be among what it pushes.
     """
 
     scene: Scene
@@ -58,6 +61,7 @@ class Task:
     running: Trajectory | None = None
     kept: ToolPath | None = None
     pushed: tuple[FloatArray, FloatArray] | None = None
+    begun: bool = False
 
     @property
     def start(self) -> FloatArray:
@@ -159,6 +163,7 @@ def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None
         goal,
         neighbours(scene, robot.gripper_radius),
         scene,
+        begun=state is not None,
     )
 
 
@@ -209,8 +214,8 @@ def push_model(task: Task, goal: FloatArray) -> PushModel | None:
     if tool is None or not isinstance(task.goal, PoseGoal):
         return None
     models: list[PushModel] = []
-    if standing.applies(scene, tool):
-        models.append(Standing(scene, tool, wrist(task, goal)))
+    if _stands(task):
+        models.append(Standing(scene, tool, wrist(task, goal), rings=rings_of(task.robot)))
     if hanging.applies(scene, tool, task.neighbours or task.passed):
         radius, flange = task.robot.gripper_radius, flange_of(task.robot)
         models.append(Hanging(scene, tool, task.neighbours, task.camera, radius, flange))
@@ -220,20 +225,36 @@ def push_model(task: Task, goal: FloatArray) -> PushModel | None:
     return model if task.pushed is None else Continued(model, *task.pushed)
 
 
+def model_at(task: Task, model: PushModel, goal: FloatArray) -> PushModel:
+    """The push model for another configuration (n,) of the arm at the target, on which only what
+    stands among the objects depends.
+    """
+    return push_model(task, goal) or model if _stands(task) else model
+
+
 def tool_motion(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Tool points (P, 3), about :data:`STEP` apart, and axes (P, 3) along configurations (T, n)."""
-    points, axes = robot.tool_pose(q)
-    count = max(2, int(np.ceil(length(points) / STEP)) + 1)
+    return spaced(*robot.tool_pose(q))
+
+
+def spaced(points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The same of tool points and axes (T, 3); of a longer way than any arm's, farther apart."""
+    count = max(2, min(int(np.ceil(length(points) / STEP)) + 1, MOST_POINTS))
     axes = along(points, axes, count)
     return evenly(points, count), axes / lengths(axes)[:, None]
 
 
 def pushed_aside(task: Task) -> Task:
     """The task without the objects that stand: the tool pushes them aside before the arm comes."""
-    if not isinstance(task.goal, PoseGoal) or not standing.applies(task.scene, task.robot.tool):
+    if not _stands(task):
         return task
     scene = emptied(task.scene)
     return replace(task, scene=scene, standing=scene)
+
+
+def _stands(task: Task) -> bool:
+    """Whether the model of what stands applies."""
+    return isinstance(task.goal, PoseGoal) and standing.applies(task.scene, task.robot.tool)
 
 
 @functools.lru_cache(maxsize=4)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.arrays import lengths
+from optipromp.arrays import FloatArray, frozen, lengths
 from optipromp.compiled import inner
 from optipromp.pushing.parameters import PUSH
 from optipromp.robots.model import Robot
@@ -30,6 +30,7 @@ class Mouth(NamedTuple):
     neck: float  # radius
     flange: float = 0.0  # radius of the arm's last link, taken as round; see :func:`flange_of`
     flange_top: float = -1.0  # height of its end
+    end: float = -1.0  # height where it and the neck end
 
 
 class MouthPose(NamedTuple):
@@ -47,12 +48,14 @@ Pose = MouthPose  # Numba's caches of earlier versions hold this name, and are r
 
 
 @lru_cache(maxsize=32)
-def flange_of(robot: Robot) -> tuple[float, float]:
-    """The arm's last link as a round body behind the tool: radius, height over the tool point [m].
+def flange_of(robot: Robot) -> tuple[float, float, float]:
+    """The arm's last link as a round body behind the tool: its radius, and the heights of its two
+    ends over the tool point [m].
 
-    Both are medians over the directions around the tool axis: of how far the link's body spheres
-    reach from the axis, and of how far they reach along it at 0.7 of that radius. (0, -1) for a
-    link without spheres about the axis.
+    Radius and first height are medians over the directions around the tool axis: of how far the
+    link's body spheres reach from the axis, and of how far they reach along it at 0.7 of that
+    radius. The second height is that of the lowest sphere. (0, -1, -1) for a link without spheres
+    about the axis.
     """
     spheres = robot.spheres
     last = np.asarray(spheres.segment) == robot.n_segments - 1
@@ -62,7 +65,7 @@ def flange_of(robot: Robot) -> tuple[float, float]:
     height = center @ robot.tool_axis
     aside = center - height[:, None] * robot.tool_axis
     if not (lengths(aside) < radius).any():
-        return 0.0, -1.0
+        return 0.0, -1.0, -1.0
     angles = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
     across = np.linalg.svd(robot.tool_axis[None])[2][1:]  # two directions across the axis
     toward = np.column_stack([np.cos(angles), np.sin(angles)]) @ across
@@ -72,7 +75,18 @@ def flange_of(robot: Robot) -> tuple[float, float]:
     wide = float(np.median(reach))
     off = np.linalg.norm(0.7 * wide * toward[:, None] - aside, axis=2)
     top = np.where(off < radius, height + np.sqrt(np.maximum(radius**2 - off**2, 0.0)), -np.inf)
-    return wide, float(np.median(top.max(axis=1)))
+    return wide, float(np.median(top.max(axis=1))), float((height - radius).min())
+
+
+@lru_cache(maxsize=32)
+def rings_of(robot: Robot) -> FloatArray:
+    """The body spheres (k, 3) of the last link and the tool, whatever the roll: their heights over
+    the tool point, their distances from the tool axis, their radii [m]."""
+    own = np.asarray(robot.spheres.distal)
+    center = robot.spheres.center[own] - robot.tool_point
+    height = center @ robot.tool_axis
+    aside = lengths(center - height[:, None] * robot.tool_axis)
+    return frozen(np.column_stack([height, aside, robot.spheres.radius[own]]))
 
 
 @inner
@@ -98,11 +112,11 @@ def cup_distance(rho: float, h: float, cup: Mouth) -> tuple[float, float, float]
     d, e0, e1 = _box(rho, h, -cup.outer, cup.outer, cup.base, cup.base + cup.floor)
     if d < best:
         best, g0, g1 = d, e0, e1
-    d, e0, e1 = _box(rho, h, -cup.neck, cup.neck, cup.base - 1.0, cup.base)
+    d, e0, e1 = _box(rho, h, -cup.neck, cup.neck, cup.end, cup.base)
     if d < best:
         best, g0, g1 = d, e0, e1
     if cup.flange > cup.neck:
-        d, e0, e1 = _box(rho, h, -cup.flange, cup.flange, cup.flange_top - 1.0, cup.flange_top)
+        d, e0, e1 = _box(rho, h, -cup.flange, cup.flange, cup.end, cup.flange_top)
         if d < best:
             best, g0, g1 = d, e0, e1
     return best, g0, g1

@@ -23,7 +23,7 @@ from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.parting import part
 from optipromp.pushing.path import STEP, ToolPath, through
 from optipromp.pushing.rules import detection_variance, drift_choices, path_past, rim_windows
-from optipromp.pushing.swinging import Led, led, mean_score, steps_inside
+from optipromp.pushing.swinging import Led, clear, led, mean_score, steps_inside
 from optipromp.robots.cup_cover import NECK_RADIUS
 from optipromp.robots.tool_protocol import Tool
 from optipromp.robots.tools import WALL
@@ -63,13 +63,14 @@ class Hanging(PushModel):
 
     def __init__(
         self, scene: Scene, tool: Tool, neighbours: Sequence[SceneObject], camera: FloatArray,
-        gripper_radius: float, flange: tuple[float, float] = (0.0, -1.0),
+        gripper_radius: float, flange: tuple[float, float, float] = (0.0, -1.0, -1.0),
     ) -> None:  # fmt: skip
         target = scene.target
         assert target is not None
         self.scene, self.target, self.neighbours = scene, target, tuple(neighbours)
         self.aim = target.position + scene.approach.shift
         self.camera, self.gripper_radius = camera, gripper_radius
+        self.entry = float(camera @ scene.frame[2])
         inner, outer = tool.mouth
         base = tool.front - tool.reach
         inner = inner if inner > 0.0 else -outer  # solid
@@ -124,6 +125,10 @@ class Hanging(PushModel):
             self.stems, self.count, states, *_steps(points, axes, every), self.cup, self.static,
             PUSH.harm.hopeless, limit,
         )  # fmt: skip
+
+    def clear(self, points: FloatArray, axes: FloatArray) -> bool:
+        """See :class:`PushModel`; in any state."""
+        return bool(clear(self.stems, points, axes, self.cup))
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """See :class:`PushModel`."""

@@ -114,6 +114,7 @@ class PushModel(ABC):
         threshold: largest harm of a success.
         states: number of states of the scene; the first is the perceived one.
         schedule: of the search.
+        entry: where paths begin along z_g [m]; -inf: anywhere.
     """
 
     speed: float
@@ -121,6 +122,13 @@ class PushModel(ABC):
     threshold: float
     states: int
     schedule: Schedule
+    entry: float = -math.inf
+
+    def clear(self, points: FloatArray, axes: FloatArray) -> bool:
+        """Whether the tool and the last link, led through ``points`` (P, 3), surely touch nothing
+        that they could push, where it is before any push. False where the model cannot tell.
+        """
+        return False
 
     @abstractmethod
     def harm(
@@ -172,6 +180,7 @@ class _Guided(PushModel):
     def __init__(self, lead: PushModel) -> None:
         self.lead, self.speed, self.schedule = lead, lead.speed, lead.schedule
         self.good, self.threshold, self.states = lead.good, lead.threshold, lead.states
+        self.entry = lead.entry
 
     def path(self, x: FloatArray) -> ToolPath:
         """See :class:`PushModel`."""
@@ -200,6 +209,10 @@ class Combined(_Guided):
     def __init__(self, *models: PushModel) -> None:
         super().__init__(models[0])
         self.models, self.states = models, max(model.states for model in models)
+
+    def clear(self, points: FloatArray, axes: FloatArray) -> bool:
+        """See :class:`PushModel`; for every model."""
+        return all(model.clear(points, axes) for model in self.models)
 
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
@@ -243,7 +256,7 @@ class Continued(_Guided):
 
     def __init__(self, model: PushModel, points: FloatArray, axes: FloatArray) -> None:
         super().__init__(model)
-        self._points, self._axes = points, axes
+        self._points, self._axes = points, axes  # ``clear`` is never sure: what was pushed is away
 
     def _whole(self, points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
         points = np.concatenate([self._points, points])

@@ -298,6 +298,9 @@ class StandingParameters(Checked):
     before: float = parameter(
         0.025, "m", "choice", "distance before all packs at which a path begins"
     )
+    sure: float = parameter(
+        2.0, "1", "choice", "standard deviations by which a pack may be nearer to the hand"
+    )
     low: float = parameter(
         0.006, "m", "choice", "of the hand's spheres over the board: packs pushed low do not topple"
     )

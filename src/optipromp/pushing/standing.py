@@ -48,6 +48,8 @@ class Standing(PushModel):
         tool: with an outline.
         behind: convex polygons (k, 2) of the wrist behind the tool, in the outline's frame [m].
         seed: of the sampled states.
+        rings: (k, 3) the hand and the last link, see :func:`optipromp.pushing.cup.rings_of`; none:
+            it is not known where they are clear of the packs.
     """
 
     speed, good, threshold, states, schedule = (
@@ -59,8 +61,9 @@ class Standing(PushModel):
     )
 
     def __init__(
-        self, scene: Scene, tool: Tool, behind: Sequence[FloatArray] = (), seed: int = 0
-    ) -> None:
+        self, scene: Scene, tool: Tool, behind: Sequence[FloatArray] = (), seed: int = 0,
+        rings: FloatArray | None = None,
+    ) -> None:  # fmt: skip
         assert scene.target is not None
         self.target, self.frame = scene.target.position, scene.frame
         self._flat, self._upright = scene.frame[[2, 1]].T, scene.frame[[2, 1, 0]]
@@ -69,6 +72,14 @@ class Standing(PushModel):
         self.names = [obj.id for obj in seen]
         self._seen = np.array([obj.position for obj in seen])
         self.bench = self.board.bench(tool, behind)
+        self.entry, self._rings = float(self.target @ self.frame[2]) + self.board.entry, rings
+        near = self.board.objects.radius[:, None] + np.zeros(3)  # along x_g, y_g, z_g
+        near[:, 0] = [_half_height(obj, self.frame) for obj in seen]
+        place, near = (
+            (self._seen - self.target) @ self.frame.T,
+            near + STANDING.sure * self.board.spread[:, None],
+        )
+        self._packs = (place - near).min(axis=0), (place + near).max(axis=0)
         self._low = np.array([self.board.entry, -STANDING.sideways, -np.inf])
         self._high = np.array([0.0, STANDING.sideways, np.inf])
         rng = np.random.default_rng(seed)
@@ -93,6 +104,20 @@ class Standing(PushModel):
         so_far = self._so_far.setdefault(states, np.zeros(states))
         tried = self._places[:states], self._slips[:states]
         return float(cost(self.bench, flat, *tried, so_far, limit))
+
+    def clear(self, points: FloatArray, axes: FloatArray) -> bool:
+        """See :class:`PushModel`; of the box that holds all packs."""
+        if self._rings is None:
+            return False
+        height, aside, radius = self._rings.T
+        lean, at = axes @ self.frame.T, (points - self.target) @ self.frame.T
+        free = np.zeros(len(points), dtype=bool)
+        for middle, along, low, high in zip(at.T, lean.T, *self._packs, strict=True):
+            across = np.sqrt(np.maximum(1.0 - along**2, 0.0))[:, None] * aside + radius
+            centers = middle[:, None] + along[:, None] * height
+            free |= (centers - across).min(axis=1) > high
+            free |= (centers + across).max(axis=1) < low
+        return bool(free.all())
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """See :class:`PushModel`."""

@@ -142,6 +142,33 @@ def _untouched(s: Stems, f: Fruits, at: MouthPose, cup: Mouth) -> bool:
     return True
 
 
+@kernel
+def clear(s: Stems, points: FloatArray, axes: FloatArray, cup: Mouth) -> bool:
+    """Whether the cup, led through points (P, 3), stays away from all of N fruits at rest.
+
+    A fruit and its stem lie before the rim, behind the last link's end, or aside of both.
+    """
+    wide = max(cup.outer, cup.neck, cup.flange) + CLOSE
+    for p in range(len(points)):
+        at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
+        for i in range(len(s.root)):
+            x, y, z, far = s.root[i, 0], s.root[i, 1], s.root[i, 2], s.length[i]
+            above, _, a, b, c = in_cup(x, y, z, at)
+            x, y, z = x + far * s.axes[i, 2, 0], y + far * s.axes[i, 2, 1], z + far * s.axes[i, 2, 2]
+            h, _, u, v, w = in_cup(x, y, z, at)
+            thick = max(s.radius[i], s.above[i])
+            if min(h, above) - thick > cup.rim + CLOSE or max(h, above) + thick < cup.end - CLOSE:
+                continue
+            a, b, c = a - u, b - v, c - w  # across the cup's axis, from the fruit to the root
+            along = a * a + b * b + c * c
+            k = -(a * u + b * v + c * w) / along if along > 0.0 else 0.0
+            k = min(max(k, 0.0), 1.0)
+            u, v, w = u + k * a, v + k * b, w + k * c
+            if math.sqrt(u * u + v * v + w * w) < wide + thick:
+                return False
+    return True
+
+
 @inner
 def _advance(
     s: Stems, f: Fruits, c: Contacts, d: Descent, at: MouthPose, shift: MouthPose, cup: Mouth,
