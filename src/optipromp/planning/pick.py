@@ -242,6 +242,7 @@ def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation
     costs: list[Cost] = [
         ObstacleCost("static", 1.0, SOLVE.safety, "sum"),
         ObstacleCost("avoid", 1.0, SOLVE.safety, "sum"),
+        ObstacleCost("tool avoid", 1.0, SOLVE.safety, "sum"),
         SmoothnessCost(options.smoothness),
         *options.costs,
     ]
