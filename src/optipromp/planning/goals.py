@@ -49,7 +49,7 @@ def find(task: Task, seed: int, starts: int = GOAL.starts) -> FloatArray:
         seed=seed,
         near=task.start[None],
         rest=task.start,
-        distinct=0.1 if starts >= GOAL.many_starts else 0.25,
+        distinct=0.1 if starts >= GOAL.many_starts else GOAL.distinct,
         clearance=lambda q: clearance(task, level(task.robot, q, task.scene.frame[0])),
     )
     return level(task.robot, solutions.joints, task.scene.frame[0])
@@ -144,6 +144,23 @@ def choose(
         False,
         f"every one of {len(goals)} configurations found at the goal touches: {blocked}",
     )
+
+
+def further(task: Task, seed: int, known: FloatArray) -> FloatArray:
+    """Free goal configurations (m, n) unlike those ``known`` (k, n), best first.
+
+    They are found from more starts of inverse kinematics, spread over all branches and over the
+    roll of the elbow.
+    """
+    if isinstance(task.goal, JointGoal):
+        return known[:0]
+    new = [
+        goal
+        for goal in find(task, seed, GOAL.spread_starts)
+        if np.abs(known - goal).max(axis=1).min() > GOAL.distinct
+        and not judging.clearances(task.scene, task.robot, goal[None])[1]
+    ]
+    return np.array(new).reshape(-1, task.robot.n_joints)
 
 
 def unreachable(task: Task) -> str:

@@ -18,7 +18,7 @@ as constraints) and one for collision and velocity (L-BFGS-B): the push first be
 import itertools
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,7 +32,9 @@ from optipromp.judging import Judgement, Violation
 from optipromp.optimization import gauss_newton
 from optipromp.optimization.costs import Cost
 from optipromp.optimization.costs.joints import SmoothnessCost
+from optipromp.optimization.costs.obstacles import SelfCost
 from optipromp.optimization.costs.tool import GoalCost
+from optipromp.planning.goals import further
 from optipromp.planning.options import PlanOptions, Strategy
 from optipromp.planning.paper_problem import Posed, functionals, posed_problems
 from optipromp.planning.parameters import PAPER, SOLVE
@@ -69,12 +71,15 @@ def solve(
     options: PlanOptions,
     strategy: Strategy,
     goals: FloatArray,
+    seed: int,
     budget: Budget,
 ) -> Planned:
     """Plan as the paper does, to one goal configuration after the other until a plan is valid.
 
     Of the choices of sides, where stems leave some, the valid plan of least objective is kept. The
     sequential strategy goes through all of them with the smallest trust radius, then with the next.
+    Where the smallest radius gives no valid plan, further goal configurations are found by ``seed``
+    (:func:`optipromp.planning.goals.further`).
 
     The initial trajectories are those of ``promp``, to the goal configurations ``goals`` (m, n).
     """
@@ -85,12 +90,21 @@ def solve(
     tried: list[float] = []
     best: Solved | None = None
     by_goal = list(posed_problems(task, promp, options, strategy, goals))
+
+    def attempts() -> Iterator[tuple[float, list[Posed]]]:
+        """Trust radii with the choices of sides of a goal, in the order in which they are tried."""
+        yield from itertools.product(radii[:1], by_goal)
+        more = further(task, seed, goals)
+        new = list(posed_problems(task, promp, options, strategy, more))
+        yield from itertools.product(radii[:1], new)
+        yield from itertools.product(radii[1:], by_goal + new)
+
     first = by_goal[0][0]
     budget.spent()
     unmoved = _judged(first, first.initial, ())  # the budget learns what the last judgement takes
     if budget.spent():
         best, radii = unmoved, ()
-    for radius, same_goal in itertools.product(radii, by_goal):
+    for radius, same_goal in attempts():
         tried += [radius] if radius not in tried else []
         for posed in same_goal:
             if best is None or not budget.spent():
@@ -126,10 +140,12 @@ def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
         missing = [
             Violation(
                 "drift",
-                f"the tool passes {name} {1e3 * (posed.offset - short):.1f} mm aside; constraint 1 "
-                f"of the paper asks for {1e3 * posed.offset:.1f} mm", name, None, short, "m",
+                f"the tool passes {name} {1e3 * (offset - short):.1f} mm aside; constraint 1 "
+                f"of the paper asks for {1e3 * offset:.1f} mm", name, None, short, "m",
             )
-            for name, short in drift_shortfalls(posed, q).items()
+            for (name, short), offset in zip(
+                drift_shortfalls(posed, q).items(), posed.offsets, strict=True
+            )
             if short > 0.0
         ]  # fmt: skip
         missing += [
@@ -152,14 +168,14 @@ def drift_shortfalls(posed: Posed, q: FloatArray) -> dict[str, float]:
     _, _, points, _ = judging.swept(posed.task.scene, posed.task.robot, q)
     up, drift = posed.task.scene.frame[2], posed.drift
     out = {}
-    for name, center, direction, (low, high) in zip(
-        drift.ids, drift.centers, drift.directions, drift.windows, strict=True
+    for name, center, direction, (low, high), offset in zip(
+        drift.ids, drift.centers, drift.directions, drift.windows, posed.offsets, strict=True
     ):
         off = points[posed.waypoints.first :] - center
         height = off @ up
         within = (height >= low) & (height <= high)
         within[np.argmin(np.abs(height))] = True  # a leap over the window is a passage too
-        out[name] = posed.offset - float((off[within] @ direction).min())
+        out[name] = float(offset) - float((off[within] @ direction).min())
     return out
 
 
@@ -174,11 +190,19 @@ def _joint(posed: Posed, budget: Budget) -> Solved:
         constraints.append(GoalCost(SOLVE.must, task.goal.position, task.goal.axis))
     terms = [*posed.functionals(), SmoothnessCost(options.smoothness), *options.costs]
     problem = posed.problem(terms, constraints, ends=isinstance(task.goal, JointGoal))
-    result = gauss_newton.solve(problem, posed.initial, schedule(options), budget)
+    result = gauss_newton.solve(problem, posed.initial, _schedule(options), budget)
     seconds = clock() - began
     names = tuple(term.name for term in terms)
     stage = Stage("joint", "gauss-newton", names, result.history, seconds, result.message)
     return _judged(posed, result.q, [stage])
+
+
+def _schedule(options: PlanOptions) -> gauss_newton.GaussNewtonOptions:
+    """That of the default planner with more iterations, or the ``options`` iterations."""
+    usual = schedule(options)
+    if options.iterations is not None:
+        return usual
+    return replace(usual, iterations=PAPER.joint_iterations)
 
 
 def _staged(posed: Posed, radius: float, budget: Budget) -> Solved:

@@ -55,10 +55,18 @@ class GoalParameters(Checked):
     few_starts: int = parameter(12, "1", "choice", "of inverse kinematics, for a primitive")
     starts: int = parameter(24, "1", "measured", "of inverse kinematics, at first; decisions.md")
     more_starts: int = parameter(48, "1", "choice", "where fewer than ``spare`` solutions are free")
+    spread_starts: int = parameter(
+        96, "1", "measured",
+        "where the paper's planner has no valid plan: the branches of the elbow's roll that lead "
+        "between side clusters are missed by half of all seeds with 24, by none of 20 with 96",
+    )  # fmt: skip
     many_starts: int = parameter(320, "1", "choice", "where no solution is free")
     enough: int = parameter(6, "1", "choice", "free configurations to choose among")
     spare: int = parameter(
         3, "1", "choice", "with fewer free configurations, more starts are tried"
+    )
+    distinct: float = parameter(
+        0.25, "rad", "choice", "of the joint that differs most; configurations nearer are one"
     )
     room: float = parameter(0.06, "m", "choice", "clearance beyond which more is not better")
     self_margin: float = parameter(0.01, "m", "choice", "the same between links")
@@ -122,6 +130,9 @@ class PaperParameters(Checked):
         1e5, "1/m^2", "measured",
         "of constraints 1 to 3; at 1e4 scenario III lacks 0.5 mm of constraint 1",
     )  # fmt: skip
+    joint_iterations: tuple[int, int] = parameter(
+        (20, 40), "1", "measured", "in the stages of the joint strategy; decisions.md"
+    )
     hold: float = parameter(
         1e2,
         "1/m^2",
