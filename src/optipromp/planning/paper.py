@@ -32,7 +32,7 @@ from optipromp.judging import Judgement, Violation
 from optipromp.optimization import gauss_newton
 from optipromp.optimization.costs import Cost
 from optipromp.optimization.costs.joints import SmoothnessCost
-from optipromp.optimization.costs.obstacles import SelfCost
+from optipromp.optimization.costs.obstacles import ClearanceCost, SelfCost
 from optipromp.optimization.costs.tool import GoalCost
 from optipromp.planning.goals import further
 from optipromp.planning.options import PlanOptions, Strategy
@@ -238,7 +238,10 @@ class Spline:
 
     B are cubic B-splines over the waypoints, times ``PAPER.unit``, without the two that move an
     end: start and goal stay, the change is smooth, and, since the splines are a partition of unity,
-    bounds on c keep every waypoint inside the joint limits.
+    bounds on c keep every waypoint inside the joint limits, or draw one in that is outside.
+
+    Links that are not neighbours keep apart, and what is ``held`` stays, as penalties beside the
+    stage's own objective, which is 1 at the beginning.
     """
 
     def __init__(
@@ -254,29 +257,32 @@ class Spline:
         moved = (self.basis > 0.0)[:, :, None]
         low = np.where(moved, (robot.lower - q)[:, None, :], -np.inf).max(axis=0)
         high = np.where(moved, (robot.upper - q)[:, None, :], np.inf).min(axis=0)
-        self.bounds = optimize.Bounds(
-            np.minimum(low, 0.0).ravel() / PAPER.unit, np.maximum(high, 0.0).ravel() / PAPER.unit
-        )
+        low, high = (
+            np.minimum(low, high),
+            np.maximum(low, high),
+        )  # where a change leaves both limits
+        self.bounds = optimize.Bounds(low.ravel() / PAPER.unit, high.ravel() / PAPER.unit)
         terms = [term for term in posed.functionals() if term.name in names]
-        self.problem = posed.problem(terms, held, ends=True)
+        apart = SelfCost(PAPER.apart, posed.options.self_clearance)
+        self.problem = posed.problem(terms, [apart, *held], ends=True)
         self.began = clock()
         value = self.problem.evaluate(q)
         self.history = [value.costs]
-        self.scale = 1.0 / max(value.merit, 1e-12)
+        self.size = max(value.cost, 1e-12)
 
-    def zero(self) -> FloatArray:
-        """The control points of the trajectory itself (flat)."""
-        return np.zeros(math.prod(self.shape))
+    def begin(self) -> FloatArray:
+        """The control points (flat) of the trajectory itself, drawn within the joint limits."""
+        return np.clip(np.zeros(math.prod(self.shape)), self.bounds.lb, self.bounds.ub)
 
     def at(self, c: FloatArray) -> FloatArray:
         """The trajectory (T, n) of control points ``c`` (flat)."""
         return np.asarray(self.q + self.basis @ c.reshape(self.shape))
 
     def objective(self, c: FloatArray) -> tuple[float, FloatArray]:
-        """What the stage minimises, 1 at the beginning, and its gradient."""
-        value = self.problem.evaluate(self.at(c))
+        """What the stage minimises, and its gradient."""
+        value = self.problem.evaluate(self.at(c), self.size)
         gradient = self.basis.T @ self.problem.gradient()
-        return self.scale * value.merit, self.scale * gradient.ravel()
+        return value.merit / self.size, gradient.ravel() / self.size
 
     def record(self, c: FloatArray) -> None:
         """Note the terms after an iteration."""
@@ -292,8 +298,13 @@ class Spline:
 def _collision(
     posed: Posed, q: FloatArray, limit: int, budget: Budget, hold: bool
 ) -> tuple[FloatArray, Stage]:
-    """α1 F_s + α2 F_d + α4 F_v by L-BFGS-B, from ``q`` (T, n)."""
-    held = [posed.rows(PAPER.hold)] if hold else []
+    """α1 F_s + α2 F_d + α4 F_v by L-BFGS-B, from ``q`` (T, n).
+
+    That the tool keeps off objects to avoid is a wish beside them.
+    """
+    tool = np.array(posed.task.body.distal)
+    held: list[Cost] = [ClearanceCost("tool avoid", "dynamic", PAPER.wish, 0.0, tool)]
+    held += [posed.rows(PAPER.hold)] if hold else []
     spline = Spline(posed, q, ("static", "avoid", "velocity"), held)
 
     def record(c: FloatArray) -> None:
@@ -302,7 +313,7 @@ def _collision(
             raise StopIteration
 
     result = optimize.minimize(
-        spline.objective, spline.zero(), jac=True, method="L-BFGS-B",
+        spline.objective, spline.begin(), jac=True, method="L-BFGS-B",
         bounds=spline.bounds, callback=record, options={"maxiter": limit},
     )  # fmt: skip
     return spline.at(result.x), spline.stage("collision", "l-bfgs-b", str(result.message))
@@ -326,7 +337,7 @@ def _push(
         points, _ = robot.tool_jacobian(spline.at(c))
         of_joints = np.einsum("mi,min->mn", rows.axes, points[rows.at]) / PAPER.unit
         full = np.einsum("mk,mn->mkn", spline.basis[rows.at], of_joints)
-        return np.asarray(full.reshape(len(rows.at), -1))
+        return np.asarray(full.reshape(len(rows.at), spline.basis.shape[1] * robot.n_joints))
 
     def record(c: FloatArray, _: object) -> bool:
         spline.record(c)
@@ -338,8 +349,9 @@ def _push(
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="delta_grad == 0.0", category=UserWarning)
         result = optimize.minimize(
-            spline.objective, spline.zero(), jac=True, method="trust-constr",
-            hess=optimize.BFGS(), bounds=spline.bounds, constraints=[constraint],
+            spline.objective, spline.begin(), jac=True, method="trust-constr",
+            hess=optimize.BFGS(), bounds=spline.bounds,
+            constraints=[constraint] if len(rows.at) else [],  # among a few waypoints none is free
             callback=record, options={
                 "maxiter": limit, "initial_tr_radius": radius / PAPER.unit,
                 "initial_barrier_parameter": PAPER.barrier,

@@ -133,12 +133,16 @@ class PaperParameters(Checked):
     joint_iterations: tuple[int, int] = parameter(
         (20, 40), "1", "measured", "in the stages of the joint strategy; decisions.md"
     )
-    hold: float = parameter(
-        1e2,
-        "1/m^2",
-        "measured",
-        "of them in a collision stage after the push; 1 leaves a lack of 9 mm",
+    apart: float = parameter(
+        1e6, "1/m^2", "choice", "of self-collision in a stage, whose objective is 1 at first"
     )
+    wish: float = parameter(
+        1e4, "1/m^2", "choice", "of the tool among objects to avoid, in a collision stage"
+    )
+    hold: float = parameter(
+        1e6, "1/m^2", "measured",
+        "of constraints 1 to 3 in a collision stage after the push; at 1e4 the first lacks 0.2 mm",
+    )  # fmt: skip
     margin: float = parameter(
         1e-3, "m", "choice", "added to constraint 1: penalties and barriers yield by as much"
     )
