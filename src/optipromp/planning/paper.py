@@ -34,7 +34,7 @@ from optipromp.optimization.costs import Cost
 from optipromp.optimization.costs.joints import SmoothnessCost
 from optipromp.optimization.costs.obstacles import ClearanceCost, SelfCost
 from optipromp.optimization.costs.tool import GoalCost
-from optipromp.planning.goals import further
+from optipromp.planning.goals import further, narrow, passed_over
 from optipromp.planning.options import PlanOptions, Strategy
 from optipromp.planning.paper_problem import Posed, functionals, posed_problems
 from optipromp.planning.parameters import PAPER, SOLVE
@@ -50,7 +50,8 @@ from optipromp.trajectory import Trajectory
 class Solved:
     """A posed problem, the trajectory that solves it, and its judgement.
 
-    ``objective`` is Σ α·F with the quadratic F_p; valid plans are compared by it.
+    ``objective`` is Σ α·F with the quadratic F_p; valid plans are compared by it, but first by what
+    is ``narrow``, their lack of the margin from static objects [m].
     """
 
     posed: Posed
@@ -58,11 +59,17 @@ class Solved:
     stages: tuple[Stage, ...]
     judgement: Judgement
     objective: float
+    narrow: float
 
     @property
-    def rank(self) -> tuple[bool, float]:
-        """Sort key: valid before invalid, then by the objective."""
-        return bool(self.judgement.violations), self.objective
+    def valid(self) -> bool:
+        """Whether nothing was found against it."""
+        return not self.judgement.violations
+
+    @property
+    def rank(self) -> tuple[bool, float, float]:
+        """Sort key: valid before invalid, then by the margin, then by the objective."""
+        return not self.valid, self.narrow, self.objective
 
 
 def solve(
@@ -88,6 +95,7 @@ def solve(
     if strategy == "joint" or not task.neighbours:
         radii = radii[:1]  # there is no push stage to begin from them
     tried: list[float] = []
+    left: list[Judgement] = []
     best: Solved | None = None
     by_goal = list(posed_problems(task, promp, options, strategy, goals))
 
@@ -112,9 +120,12 @@ def solve(
                     solved = _joint(posed, budget)
                 else:
                     solved = _staged(posed, radius, budget)
+                left += [solved.judgement] if solved.valid and solved.narrow else []
                 best = solved if best is None or solved.rank < best.rank else best
         assert best is not None  # there is at least one choice of sides
-        if not best.judgement.violations or not best.stages or budget.spent():
+        if (best.valid and not best.narrow) or not best.stages or budget.spent():
+            break
+        if best.valid and radius > radii[0]:
             break
     assert best is not None  # there is at least one goal configuration
     stages = tuple(
@@ -127,7 +138,7 @@ def solve(
     initial = unmoved.trajectory if same else best.posed.timed(best.posed.initial)
     return Planned(
         initial, initial, best.trajectory, best.posed.waypoints.first, stages, bool(stages), times,
-        best.judgement,
+        passed_over(best.judgement, left),
     )  # fmt: skip
 
 
@@ -157,7 +168,8 @@ def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
     paper = replace(options.paper, reduction="sum", push="quadratic")
     terms = functionals(task, paper, posed.waypoints.first, authors=False)
     value = posed.problem(terms, (), True).evaluate(q)
-    return Solved(posed, trajectory, tuple(stages), judgement, value.cost)
+    short = narrow(task, judgement, q[-1])
+    return Solved(posed, trajectory, tuple(stages), judgement, value.cost, short)
 
 
 def drift_shortfalls(posed: Posed, q: FloatArray) -> dict[str, float]:

@@ -70,6 +70,9 @@ class GoalParameters(Checked):
     )
     room: float = parameter(0.06, "m", "choice", "clearance beyond which more is not better")
     self_margin: float = parameter(0.01, "m", "choice", "the same between links")
+    same_room: float = parameter(
+        2e-4, "m", "choice", "clearances from static objects that differ by less are one"
+    )
     nearest_error: float = parameter(
         1e-6, "m", "choice", "largest error of a goal found by following the approach line"
     )
