@@ -104,13 +104,15 @@ void Problem::measure(const std::vector<Obstacle>& all, size_t common, Field& ou
     }
 }
 
-template <bool Curvature> double Problem::obstacles(const Field& f, double weight) {
+template <bool Curvature> double Problem::obstacles(const Field& f, double weight, bool tool) {
     double total = 0;
     for (size_t t = 0; t < T; ++t) {
         double w = dt * (t == 0 || t == T - 1 ? 0.5 : 1.0);
         size_t before = t ? t - 1 : 0, after = std::min(t + 1, T - 1);
         double span = double(after - before) * dt;
-        for (size_t b = 0; b < B; ++b) {
+        for (size_t link = 0; link < L; ++link) {
+          if (!tool && distal[link]) continue;
+          for (int b = start[link]; b < start[link + 1]; ++b) {
             double d = f.distance[t * B + b];
             if (d >= epsilon) continue;
             double c = d >= 0 ? (d - epsilon) * (d - epsilon) / (2 * epsilon) : 0.5 * epsilon - d;
@@ -133,6 +135,7 @@ template <bool Curvature> double Problem::obstacles(const Field& f, double weigh
             }
             if (Curvature)
                 outer(stiff(t, b), weight * w * speed / epsilon, normal[0], normal[1], normal[2]);
+          }
         }
     }
     return total;
@@ -247,8 +250,8 @@ template <bool Curvature> double Problem::evaluate() {
     clear<Curvature>();
     measure(fixed, fixed.size(), near_fixed);
     measure(moving, shared, near_moving);
-    terms[0] = obstacles<Curvature>(near_fixed, weights[0]);
-    terms[1] = obstacles<Curvature>(near_moving, weights[1]);
+    terms[0] = obstacles<Curvature>(near_fixed, weights[0], true);
+    terms[1] = obstacles<Curvature>(near_moving, weights[1], false);
     terms[2] = push<Curvature>();
     terms[3] = velocity<Curvature>();
     terms[4] = self<Curvature>();
@@ -273,8 +276,8 @@ Numbers Problem::profile(int runs) {
         measure(fixed, fixed.size(), near_fixed);
         measure(moving, shared, near_moving);
         passed(1);
-        obstacles<true>(near_fixed, weights[0]);
-        obstacles<true>(near_moving, weights[1]);
+        obstacles<true>(near_fixed, weights[0], true);
+        obstacles<true>(near_moving, weights[1], false);
         push<true>();
         velocity<true>();
         passed(2);

@@ -49,7 +49,7 @@ class Problem {
     template <bool Curvature> void clear();
     void kinematics();
     void measure(const std::vector<Obstacle>& obstacles, size_t shared, Field& out) const;
-    template <bool Curvature> double obstacles(const Field& f, double weight);
+    template <bool Curvature> double obstacles(const Field& f, double weight, bool tool);
     template <bool Curvature> double push();
     template <bool Curvature> double velocity();
     template <bool Curvature> double self();

@@ -172,8 +172,6 @@ def test_scenarios_end_as_in_the_paper(tmp_path: Path) -> None:
         ("4-joint", 0.03), ("4-sequential", 0.03), ("paper-4", 0.03),
     ):  # fmt: skip
         told = "success" if "joint" in key else "HARM_PREDICTED"  # the paper's plans swallow fruit
-        if key == "paper-3":  # whose wrist is between the clusters, as joint origins do not tell
-            told = "INVALID_PLAN"
         assert rows[key]["status"] == told
         assert rows[key]["metrics"]["M_c"] > least
         assert rows[key]["M_c_joints"] > least
@@ -185,6 +183,7 @@ def test_scenarios_end_as_in_the_paper(tmp_path: Path) -> None:
             assert all(holds.values())
     assert rows["3-joint"]["paper"]["M_c"] == 0.157
     for key in ("paper-3", "paper-4"):
+        assert rows[key]["scene"] == key
         assert rows[key]["start"][:5] == [0.0, 0.0, 0.0, -0.1, 0.0]
     assert rows["paper-4"]["M_c_joints"] >= rows["paper-4"]["paper"]["M_c"]
     assert {item["term"] for item in rows["4-sequential"]["reductions"]} == {"static", "push"}

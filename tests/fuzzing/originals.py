@@ -55,7 +55,9 @@ def shapes_scene() -> Any:
     scene["objects"][5]["position"] = [0, 0, -0.2]
     return scene | {
         "tool": {"kind": "cup", "radius": 0.04}, "start": [0, 0, 0, -0.1, 0, 0, 0.8],
-        "target": "ripe", "options": {"camera_point": True}, "scale": 1.0, "frame": "world",
+        "target": "ripe",
+        "options": {"camera_point": True, "drift_offset": {"n1": 0.01}},
+        "scale": 1.0, "frame": "world",
         "approach": {"direction": [0, 0, 1], "lateral": [0, 1, 0], "camera_distance": 0.1},
         "base": {"position": [0, 0, 0], "orientation": [1, 0, 0, 0]},
         "camera": {"position": [0, 0, 1], "orientation": [1, 0, 0, 0]},

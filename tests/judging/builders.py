@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from optipromp.geometry import MeshShape
 from optipromp.robots.model import Robot
 from optipromp.scenes import Scene, SceneObject
 from optipromp.trajectory import Trajectory
@@ -27,3 +28,13 @@ def moving(robot: Robot, q: Any, dt: float = 1.0) -> Trajectory:
     q = np.asarray(q, float)
     still = np.zeros_like(q)
     return Trajectory(dt * np.arange(len(q)), q, still, still, robot.joint_names)
+
+
+def box_mesh(size: tuple[float, float, float]) -> MeshShape:
+    half = 0.5 * np.array(size)
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
+    faces = [
+        (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
+        (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
+    ]  # fmt: skip
+    return MeshShape(corners, np.array(faces))

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.judging.builders import TURN, UP, obj, to
+from tests.judging.builders import TURN, UP, box_mesh, obj, to
 
 from optipromp import judging
-from optipromp.geometry import Box, Capsule, Cylinder, HalfSpace, MeshShape, PointCloudShape, Sphere
+from optipromp.geometry import Box, Capsule, Cylinder, HalfSpace, PointCloudShape, Sphere
 from optipromp.judging import clearance
 from optipromp.robots.library import load_robot
 from optipromp.robots.model import Robot
@@ -42,16 +42,6 @@ def coals(shape: Any) -> Any:
         case Capsule():
             return coal.Capsule(shape.radius, shape.length)
     return coal.Halfspace(UP, 0.0)
-
-
-def box_mesh(size: tuple[float, float, float]) -> MeshShape:
-    half = 0.5 * np.array(size)
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
-    faces = [
-        (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
-        (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
-    ]  # fmt: skip
-    return MeshShape(corners, np.array(faces))
 
 
 @pytest.mark.parametrize("name", ["panda", "scara"])

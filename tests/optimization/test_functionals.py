@@ -144,3 +144,35 @@ def test_push_is_what_the_method_says(panda: Any) -> None:
     term = PushCost(1.0, goal, frame, first, weights, "reciprocal", 1e-9)
     value = panda.problem([term]).evaluate(panda.q).costs["push"]
     assert value == pytest.approx(float(np.sum(1.0 / np.abs(off[:-1, 1]))), rel=1e-9)
+
+
+@pytest.mark.parametrize("reduction", ["sum", "max"])
+def test_f_d_is_over_b_d_alone(reduction: Any, panda: Any) -> None:
+    """An object to avoid that only the tool is near costs F_d nothing; the tool's wish has it."""
+    spheres, waypoint = panda.robot.spheres, 4
+    distal = np.asarray(spheres.distal)
+    at = panda.robot.tool_pose(panda.q[waypoint])[0]
+    around = Surroundings(EMPTY, pack([(Sphere(0.03), at, np.eye(3))]), 1)
+
+    def terms(*names: Any) -> dict[str, float]:
+        costs = [ObstacleCost(name, 1.0, 0.02, reduction) for name in names]
+        problem = panda.problem(costs, surroundings=around, cutoff=0.3)
+        value = problem.evaluate(panda.q)
+        e = problem.evaluation
+        assert e.dynamic.distance[:, ~distal[np.argsort(spheres.link, kind="stable")]].min() > 0.02
+        assert bool(np.any(problem.gradient())) == (value.cost > 0.0)
+        return value.costs
+
+    assert terms("avoid") == {"avoid": 0.0}
+    assert terms("tool avoid")["tool avoid"] > 1e-3
+
+
+def test_f_d_and_the_tool_s_part_are_the_whole(panda: Any) -> None:
+    """Over objects to avoid, the sums over B_d and over the rest are the sum over all spheres."""
+    dynamic = panda.surroundings().dynamic
+    around = Surroundings(dynamic, dynamic, len(dynamic.kind))
+    names: tuple[Any, ...] = ("static", "avoid", "tool avoid")
+    costs = [ObstacleCost(name, 1.0, 0.08, "sum") for name in names]
+    value = panda.problem(costs, surroundings=around).evaluate(panda.q).costs
+    assert min(value.values()) > 0.0
+    assert value["static"] == pytest.approx(value["avoid"] + value["tool avoid"], rel=1e-12)

@@ -31,6 +31,7 @@ def terms(case: Any) -> dict[str, Cost]:
         "static max": ObstacleCost("static", 1.3, 0.03, "max"),
         "avoid sum": ObstacleCost("avoid", 0.7, 0.05, "sum"),
         "avoid max": ObstacleCost("avoid", 0.7, 0.05, "max"),
+        "tool avoid sum": ObstacleCost("tool avoid", 0.7, 0.08, "sum"),
         "push quadratic": PushCost(1.1, goal, FRAME, 2, weights),
         "push reciprocal": PushCost(1.1, goal, FRAME, 2, weights, "reciprocal", 1e-2),
         "velocity": VelocityCost(0.9),
@@ -62,8 +63,8 @@ def constraints(case: Any) -> dict[str, Cost]:
 
 
 TERMS = (
-    "static sum", "static max", "avoid sum", "avoid max", "push quadratic", "push reciprocal",
-    "velocity", "smoothness",
+    "static sum", "static max", "avoid sum", "avoid max", "tool avoid sum", "push quadratic",
+    "push reciprocal", "velocity", "smoothness",
 )  # fmt: skip
 CONSTRAINTS = (
     "touch", "avoid", "self", "corridor", "upright", "goal", "goal without axis",

@@ -76,8 +76,9 @@ def test_a_surface_that_touches_exactly_costs_half_epsilon() -> None:
     for use_max in (False, True):
         force, stiffness = np.zeros((3, 3, 3)), np.zeros((3, 3, 6))
         value = obstacle_functional(
-            points, 1, distance, normal, 0.02, 0.5, use_max, 1.0, force, stiffness
-        )
+            points, 1, distance, normal, np.ones(1, dtype=np.bool_), 0.02, 0.5, use_max, 1.0,
+            force, stiffness,
+        )  # fmt: skip
         assert value == pytest.approx(0.5 * 0.01 * 1.0)
         np.testing.assert_allclose(force[1, 0], [-0.5, 0.0, 0.0], atol=1e-15)
         np.testing.assert_allclose(force[2, 0], [0.0, 0.005, 0.0], atol=1e-15)

@@ -50,6 +50,11 @@ def three() -> Scene:
     return load_scene("scenario-3")
 
 
+@pytest.fixture
+def four() -> Scene:
+    return load_scene("scenario-4")
+
+
 @pytest.fixture(scope="session")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The recorded demonstrations, named; they lie beside the repository where they are at all."""

@@ -4,6 +4,7 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.planning.builders import block, without
 
+from optipromp import judging
 from optipromp.arrays import FloatArray
+from optipromp.budget import Budget
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.geometry import Box
 from optipromp.optimization.evaluation import Evaluation
-from optipromp.planning import Plan, PlanOptions, plan
+from optipromp.planning import Plan, PlanOptions, goals, plan
+from optipromp.planning import paper as paper_planner
 from optipromp.planning.options import PaperOptions
-from optipromp.planning.paper_problem import ConstraintRows
+from optipromp.planning.paper_problem import ConstraintRows, drift_offsets, posed_problems
+from optipromp.planning.primitive import PAPER_BASIS, learnt
 from optipromp.planning.task import resolve
 from optipromp.scenes import Scene, load_scene
 
@@ -260,13 +265,12 @@ def test_radii_and_stages_stand_in_the_document(planned: Planned) -> None:
 
 
 def test_the_collision_stage_leaves_no_collision_cost(planned: Planned) -> None:
-    """Of the authors' stages the last one is free to undo a drift, and does: −55 to −37 mm."""
+    """Of the authors' stages the last one is free to undo a drift, and does: −69 to −17 mm."""
+    avoid = planned("paper-3", strategy="sequential", constraints="paper").terms["avoid"]
+    assert avoid.history[0] > 0.0
+    assert avoid.final <= avoid.history[0] / 9.5  # the paper's factor
     free = planned("scenario-3", strategy="sequential")
     held = planned("scenario-3", strategy="sequential", constraints="paper")
-    avoid = free.terms["avoid"]
-    assert avoid.history[0] > 0.0
-    assert avoid.final <= avoid.history[0] / 9.5
-    assert held.terms["avoid"].final < held.terms["avoid"].history[0]
     for obj in SIDE:
         assert abs(free.metrics.M_p[obj] or 0.0) < abs(held.metrics.M_p[obj] or 0.0)
 
@@ -278,6 +282,96 @@ def test_the_sequential_strategy_heeds_its_deadline(three: Scene) -> None:
     result = plan(three, strategy="sequential", options=options)
     assert time.perf_counter() - began < 2.0
     assert result.status is Code.TIMEOUT
+
+
+@pytest.mark.parametrize("strategy", ["joint", "sequential"])
+@pytest.mark.parametrize("name", ["paper-3", "paper-4"])
+@pytest.mark.parametrize("seed", [0, 4])
+def test_the_paper_s_own_cases_are_feasible(name: str, strategy: Any, seed: int) -> None:
+    """Drift offsets of 10 and 2 mm; seed 0 has no such goal among 24 starts in paper-3."""
+    options = PlanOptions(constraints="paper")
+    result = plan(name, strategy=strategy, seed=seed, options=options)
+    assert result.status in VALID, result.message
+    wanted = {"n1": 0.010, "n2": 0.002}
+    tools, up = result.robot.tool_pose(result.trajectory.positions)[0], result.scene.frame[2]
+    for item in result.scene.pushables:
+        off = tools - item.position
+        within = np.abs(off @ up) <= FRUIT
+        within[: result.first] = False
+        assert within.sum() >= 3
+        assert (SIDE[item.id] * off[within, 1]).min() >= wanted[item.id]
+        stem = result.metrics.stem_projection[item.id]
+        assert stem is not None
+        assert (result.metrics.M_p[item.id] or 0.0) * stem < 0.0
+    if name == "paper-3":
+        assert (result.metrics.clearance_avoid or 0.0) > 0.0
+        assert (result.metrics.M_c or 0.0) > 0.1
+    else:
+        assert (result.metrics.clearance_static or 0.0) > 0.0
+        assert (result.metrics.M_c or 0.0) > 0.03
+
+
+def test_the_further_goals_are_free_and_unlike_the_first() -> None:
+    task = resolve(load_scene("paper-3"))
+    first, is_free, _ = goals.choose(task, 0)
+    assert is_free
+    more = goals.further(task, 0, first)
+    assert len(more) >= 3
+    for goal in more:
+        assert np.abs(first - goal).max(axis=1).min() > 0.25
+        assert task.at_goal(goal)
+        assert not judging.clearances(task.scene, task.robot, goal[None])[1]
+
+
+def test_stages_keep_the_links_apart(recorded: Path) -> None:
+    """Recorded demonstrations fold the arm: without a term for it link 5 enters the hand, 20 mm."""
+    made = plan(
+        "paper-4", strategy="sequential", seed=2, demonstrations=recorded,
+        options=PlanOptions(constraints="paper", timeout=20.0),
+    )  # fmt: skip
+    assert made.status in VALID, made.message
+    assert (made.metrics.clearance_self or 0.0) >= 0.004
+
+
+@pytest.mark.parametrize("stage", [paper_planner._collision, paper_planner._push])
+def test_a_stage_draws_in_what_leaves_its_limits(stage: Any, four: Scene) -> None:
+    """A primitive beyond a joint's limit in mid-motion ends within it, start and goal unmoved."""
+    task = resolve(four)
+    options = PlanOptions(constraints="paper")
+    found, _, _ = goals.choose(task, 0)
+    promp = learnt(task, None, PAPER_BASIS)
+    (posed, *_) = next(posed_problems(task, promp, options, "sequential", found))
+    over = np.sin(np.linspace(0.0, np.pi, len(posed.initial))) ** 2
+    q = posed.initial.copy()
+    middle = len(q) // 2
+    q[:, 5] += over * (task.robot.upper[5] + 0.05 - q[middle, 5])
+    assert 0.02 < (q[:, 5] - task.robot.upper[5]).max() < 0.2
+    last = (False,) if stage is paper_planner._collision else ()
+    first = () if stage is paper_planner._collision else (0.02,)
+    out, _ = stage(posed, q, *first, 5, Budget(), *last)
+    assert (out[:, 5] - task.robot.upper[5]).max() <= 1e-9
+    np.testing.assert_array_equal(out[[0, -1]], q[[0, -1]])
+
+
+@pytest.mark.parametrize("waypoints", [3, 4])
+def test_few_waypoints_are_no_error(waypoints: int) -> None:
+    options = PlanOptions(waypoints=waypoints, timeout=5.0)
+    assert plan("scenario-4", strategy="sequential", options=options).status is not None
+
+
+def test_offsets_go_by_id(four: Scene) -> None:
+    """Of an id that is left out, R_gripper; of the options before those of the scene."""
+    scene = replace(four, options={"drift_offset": {"n2": 0.03}})
+    told = PlanOptions(paper=PaperOptions(drift_offset={"n1": 0.01}))
+    task = resolve(scene)
+    ids = [item.id for item in task.neighbours]
+    assert ids == ["n1", "n2"]
+    assert drift_offsets(task, PlanOptions()).tolist() == [R_GRIPPER, 0.03]
+    assert drift_offsets(task, told).tolist() == [0.01, R_GRIPPER]
+    assert drift_offsets(resolve(four), PlanOptions()).tolist() == [R_GRIPPER, R_GRIPPER]
+    wrong = PlanOptions(paper=PaperOptions(drift_offset={"n9": 0.01}))
+    with pytest.raises(InvalidRequestError, match="drift_offset of 'n9': valid are n1, n2"):
+        drift_offsets(task, wrong)
 
 
 # --- settings ---------------------------------------------------------------------------------
@@ -292,6 +386,7 @@ def test_the_sequential_strategy_heeds_its_deadline(three: Scene) -> None:
         ("reduction", "mean"), ("push", "cubic"),
         ("push_weights", (1.0, 1.0)), ("push_weights", (1.0, NAN, 1.0)),
         ("drift", "left"), ("drift_offset", -0.01), ("drift_offset", NAN),
+        ("drift_offset", {"n1": -0.01}), ("drift_offset", {"n1": NAN}), ("drift_offset", {1: 0.1}),
         ("corridor", -0.01), ("corridor", NAN),
         ("trust_radii", ()), ("trust_radii", (0.0,)), ("trust_radii", (0.1, 0.05)),
         ("trust_radii", (NAN,)),
@@ -334,7 +429,9 @@ SEQUENTIAL: dict[str, Any] = {
 )
 def test_every_setting_is_heeded(strategy: str, name: str, planned: Planned) -> None:
     table = JOINT if strategy == "joint" else SEQUENTIAL
-    more = {"push": "quadratic"} if (strategy, name) == ("sequential", "push_weights") else {}
+    more: dict[str, Any] = {}
+    more |= {"push": "quadratic"} if (strategy, name) == ("sequential", "push_weights") else {}
+    more |= {"epsilon": 0.06} if name == "reduction" else {}  # B_d keeps 1 cm from the clusters
     plain, changed = (
         planned(
             "scenario-3", strategy=strategy, constraints="paper", paper=PaperOptions(**settings)

@@ -25,6 +25,7 @@ from optipromp.scenes import (
     load_scene,
     save_scene,
     scene_from_dict,
+    scene_names,
     scene_to_dict,
 )
 from optipromp.scenes.rotations import from_quaternion, to_quaternion
@@ -45,7 +46,7 @@ def full():
         "start": [0, 0.1, -1.5],
         "target": "ripe",
         "approach": {"direction": [1, 0, 0], "lateral": [0.1, 1, 0], "camera_distance": 0.2},
-        "options": {"camera_point": True},
+        "options": {"camera_point": True, "drift_offset": {"n1": 0.01}},
         "objects": [
             FRUIT | {"stem": {"root": [0.45, 0.0, 1.02], "radius": 0.002}, "sigma": 0.004},
             {
@@ -86,7 +87,7 @@ def test_everything_loads(files, suffix):
         Sphere, Sphere, Box, Cylinder, Capsule, HalfSpace, MeshShape, PointCloudShape,
     ]  # fmt: skip
     assert scene.tool.parameters == {"radius": 0.05}
-    assert scene.options == {"camera_point": True}
+    assert scene.options == {"camera_point": True, "drift_offset": {"n1": 0.01}}
     np.testing.assert_allclose(scene.frame[2], [1, 0, 0])
     np.testing.assert_allclose(scene.frame[1], [0, 1, 0], atol=1e-15)
     np.testing.assert_allclose(scene.frame @ scene.frame.T, np.eye(3), atol=1e-15)
@@ -126,7 +127,17 @@ def assert_same(a, b):
         assert a == b
 
 
-@pytest.mark.parametrize("name", ["scenario-1", "scenario-2", "scenario-3", "scenario-4"])
+def test_a_drift_offset_is_a_length():
+    """It is in the file's unit, one for all pushables or one by id; nothing negative."""
+    for stated, told in ((10, 0.01), ({"ripe": 10.0, "n2": 2}, {"ripe": 0.01, "n2": 0.002})):
+        scene = scene_from_dict(MINIMAL | {"scale": 1e-3, "options": {"drift_offset": stated}})
+        assert scene.options["drift_offset"] == pytest.approx(told)
+    for wrong in (-1.0, {"n1": -1.0}, {"n1": "far"}, [0.01]):
+        with pytest.raises(InvalidSceneError, match="drift_offset"):
+            scene_from_dict(MINIMAL | {"options": {"drift_offset": wrong}})
+
+
+@pytest.mark.parametrize("name", scene_names())
 def test_built_in_scenes_round_trip_exactly(tmp_path, name):
     scene = load_scene(name)
     save_scene(scene, tmp_path / "s.yaml")
@@ -189,13 +200,13 @@ def test_scale_reaches_every_length():
     metres["objects"] = metres["objects"][:6]
 
     def thousandfold(value, key=""):
-        if key in ("orientation", "direction", "lateral", "start", "physical", "format", "options"):
+        if key in ("orientation", "direction", "lateral", "start", "physical", "format"):
             return value
         if isinstance(value, dict):
             return {k: thousandfold(v, k) for k, v in value.items()}
         if isinstance(value, list):
             return [thousandfold(v, key) for v in value]
-        if isinstance(value, str):
+        if isinstance(value, str | bool):
             return value
         return value * (1e6 if key == "covariance" else 1e3)
 

@@ -1,19 +1,44 @@
-"""The four built-in scenarios hold the numbers of the paper."""
+"""The built-in scenarios hold the numbers of the paper."""
 
 import math
 
 import numpy as np
 import pytest
 
+from optipromp import judging
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry import Box, Sphere
+from optipromp.planning.task import resolve
 from optipromp.scenes import load_scene, scene_names
 
 NAMES = ("scenario-1", "scenario-2", "scenario-3", "scenario-4")
+PAPER = ("paper-3", "paper-4")
 
 
 def test_names():
-    assert scene_names() == NAMES
+    assert scene_names() == (*PAPER, *NAMES)
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_what_the_paper_must_have_had(name):
+    """The fruits of scenario III or IV; the hand, and the start but for joint 6, of the paper."""
+    scene, like = load_scene(name), load_scene(name.replace("paper", "scenario"))
+    assert scene.name == name
+    assert scene.tool.kind == "franka_hand"
+    assert scene.start.tolist() == [0.0, 0.0, 0.0, -0.1, 0.0, 0.22, 0.8]
+    robot = resolve(scene).robot
+    distances, touching = judging.clearances(scene, robot, scene.start[None])
+    assert not touching
+    assert distances["clearance_self"] >= 0.005
+    assert [o.id for o in scene.objects] == [o.id for o in like.objects]
+    for one, other in zip(scene.objects, like.objects, strict=True):
+        if one.role == "static":
+            assert one.shape == Box((0.4, 0.06, 0.06))  # the paper's half depth is 0.03
+            assert one.position[1] == pytest.approx(0.0352 + 0.03379, abs=2e-3)  # M_c + M_p
+        else:
+            np.testing.assert_array_equal(one.position, other.position)
+            assert one.shape == other.shape
+    assert scene.options == {"drift_offset": {"n1": 0.010, "n2": 0.002}}
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -90,5 +115,7 @@ def test_table_top():
 def test_an_unknown_name_lists_the_valid_ones():
     with pytest.raises(InvalidSceneError) as caught:
         load_scene("scenario-33")
-    assert "scenario-1, scenario-2, scenario-3, scenario-4" in caught.value.message
+    assert (
+        "paper-3, paper-4, scenario-1, scenario-2, scenario-3, scenario-4" in caught.value.message
+    )
     assert "did you mean 'scenario-3'?" in caught.value.message

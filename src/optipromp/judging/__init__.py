@@ -9,8 +9,10 @@ from optipromp.judging.curve import extremes as extremes
 from optipromp.judging.entered import touching as touching
 from optipromp.judging.kinematics import centers as centers
 from optipromp.judging.kinematics import refined as refined
+from optipromp.judging.near import nearest_static as nearest_static
 from optipromp.judging.validator import AXIS_TOLERANCE as AXIS_TOLERANCE
 from optipromp.judging.validator import GOAL_TOLERANCE as GOAL_TOLERANCE
+from optipromp.judging.validator import JUDGE as JUDGE
 from optipromp.judging.validator import RATES as RATES
 from optipromp.judging.validator import ROUNDING as ROUNDING
 from optipromp.judging.validator import Judgement as Judgement

@@ -20,7 +20,9 @@ from optipromp.judging import kinematics
 from optipromp.judging.clearance import Overlap, pushed_away, swept
 from optipromp.judging.curve import extremes
 from optipromp.judging.entered import entered, touching
+from optipromp.judging.near import nearest_static
 from optipromp.judging.passing import passing
+from optipromp.parameters import Checked, parameter
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene
 from optipromp.trajectory import State, Trajectory
@@ -29,6 +31,20 @@ GOAL_TOLERANCE = 1e-3  # [m], or [rad] for a goal in joints; method §5
 AXIS_TOLERANCE = np.deg2rad(2.0)  # [rad]; method §5
 ROUNDING = 1e-6  # of starts [rad, rad/s, rad/s²] and of shares of a limit, as read from files
 RATES = ("velocity", "acceleration", "jerk")
+
+
+@dataclass(frozen=True)
+class JudgeParameters(Checked):
+    """What the judge remarks on, though it makes no trajectory invalid."""
+
+    static_margin: float = parameter(
+        5e-3, "m", "measured",
+        "clearance from static objects that a controller needs: in the simulation the tool is up "
+        "to 1 mm off its path in free motion; the rest is for an arm that is known to some mm",
+    )  # fmt: skip
+
+
+JUDGE = JudgeParameters()
 
 
 @dataclass(frozen=True)
@@ -121,6 +137,8 @@ class Judgement:
         contacts: pairs that touch but must not.
         notes: remarks that do not make the trajectory invalid.
         at_start: pairs that touch but must not at the first instant, as deep as then.
+        near: the moving link that comes nearest to a static object, where it touches none and comes
+            nearer than ``JUDGE.static_margin``; the depth is the distance with the sign changed.
     """
 
     metrics: Metrics
@@ -128,6 +146,7 @@ class Judgement:
     contacts: tuple[Overlap, ...]
     notes: tuple[str, ...] = ()
     at_start: tuple[Overlap, ...] = ()
+    near: Overlap | None = None
 
     @property
     def message(self) -> str:
@@ -188,13 +207,25 @@ def judge(
         violations.append(Violation("unchecked", text))
     violations += [*missed, *(astray if stem_side else []), *broken]
     notes += [] if stem_side else map(str, astray)
+    near, room = None, distances["clearance_static"]
+    if room is not None and room < JUDGE.static_margin:
+        near = nearest_static(scene, robot, fine, times)
+        if near is not None and 0.0 < -near.depth < JUDGE.static_margin:
+            notes.append(
+                f"{near.link} comes within {-1e3 * near.depth:.1f} mm of {near.other}; a "
+                f"controller needs about {1e3 * JUDGE.static_margin:g} mm"
+            )
+        else:
+            near = None
     figures: dict[str, Any] = {**distances, **motion}
     metrics = Metrics(
         M_p=passed.M_p, stem_projection=passed.stem_projection,
         drift_shortfall=passed.drift_shortfall, stem_gap=passed.stem_gap,
         goal_error=goal_error, goal_axis_error=axis_error, **figures,
     )  # fmt: skip
-    return Judgement(metrics, tuple(violations), tuple(contacts), tuple(notes), tuple(at_start))
+    return Judgement(
+        metrics, tuple(violations), tuple(contacts), tuple(notes), tuple(at_start), near
+    )
 
 
 def paper_violations(scene: Scene, metrics: Metrics, tolerance: float = 1e-4) -> list[Violation]:

@@ -91,7 +91,8 @@ class Evaluation:
     ``force`` (T, B+2, 3), the gradient with respect to points; to ``stiffness`` (T, B+2, 6), a
     positive semi-definite curvature at points; to ``joint_gradient`` (T, n), and to its curvature
     ``band`` (T, 3, n). Curvature is optional: the solver's metric takes its place. ``every`` (B,)
-    chooses every body sphere.
+    chooses every body sphere, ``proximal`` (B,) those of B_d, ``distal`` (B,) those of the last
+    link and the tool.
     """
 
     def __init__(self, robot: Robot, body: BodyPoints, n_waypoints: int, dt: float) -> None:
@@ -108,6 +109,8 @@ class Evaluation:
         self.joint_gradient = np.zeros((n_waypoints, n))
         self.band = np.zeros((n_waypoints, 3, n))
         self.every = np.ones(spheres, dtype=np.bool_)
+        self.distal = np.array(body.distal)
+        self.proximal = ~self.distal
         self.static = Field(n_waypoints, spheres)
         self.dynamic = Field(n_waypoints, spheres)
 

@@ -1,10 +1,14 @@
 """Goal configurations: found by inverse kinematics, ranked by clearance, checked by the judge."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from optipromp import judging
 from optipromp.arrays import FloatArray
 from optipromp.budget import Budget
+from optipromp.judging import Judgement
 from optipromp.optimization.costs.obstacles import self_overlap
 from optipromp.optimization.evaluation import Evaluation
 from optipromp.planning.parameters import GOAL
@@ -49,7 +53,7 @@ def find(task: Task, seed: int, starts: int = GOAL.starts) -> FloatArray:
         seed=seed,
         near=task.start[None],
         rest=task.start,
-        distinct=0.1 if starts >= GOAL.many_starts else 0.25,
+        distinct=0.1 if starts >= GOAL.many_starts else GOAL.distinct,
         clearance=lambda q: clearance(task, level(task.robot, q, task.scene.frame[0])),
     )
     return level(task.robot, solutions.joints, task.scene.frame[0])
@@ -144,6 +148,52 @@ def choose(
         False,
         f"every one of {len(goals)} configurations found at the goal touches: {blocked}",
     )
+
+
+def further(task: Task, seed: int, known: FloatArray) -> FloatArray:
+    """Free goal configurations (m, n) unlike those ``known`` (k, n), best first.
+
+    They are found from more starts of inverse kinematics, spread over all branches and over the
+    roll of the elbow.
+    """
+    if isinstance(task.goal, JointGoal):
+        return known[:0]
+    new = [
+        goal
+        for goal in find(task, seed, GOAL.spread_starts)
+        if np.abs(known - goal).max(axis=1).min() > GOAL.distinct
+        and not judging.clearances(task.scene, task.robot, goal[None])[1]
+    ]
+    return np.array(new).reshape(-1, task.robot.n_joints)
+
+
+def narrow(task: Task, judgement: Judgement, goal: FloatArray) -> float:
+    """What a judged trajectory to ``goal`` (n,) lacks of the margin from static objects [m].
+
+    Only what another goal configuration may mend counts: all have the start in common, and the tool
+    at the goal. 0 where nothing is lacking.
+    """
+    if judgement.near is None or isinstance(task.goal, JointGoal):
+        return 0.0
+    margin, moving = judging.JUDGE.static_margin, task.body.segment[: task.body.tool] >= 0
+    e, around = Evaluation(task.robot, task.body, 2, 1.0), task.surroundings.static
+    e.move_to(np.array([task.start, goal]))
+    e.static.measure(e, around, len(around.kind), margin)
+    room = np.where([moving, moving & task.body.distal], e.static.distance, margin).min()
+    return max(float(room) + judgement.near.depth - GOAL.same_room, 0.0)
+
+
+def passed_over(judgement: Judgement, left: Sequence[Judgement]) -> Judgement:
+    """``judgement`` with a note where valid trajectories were ``left`` for want of the margin."""
+    nears = [one.near for one in left if one is not judgement and one.near is not None]
+    if not nears or judgement.near is not None:
+        return judgement
+    worst = max(nears, key=lambda near: near.depth)
+    note = (
+        f"other motions were left, which bring {worst.link} within {-1e3 * worst.depth:.1f} mm of "
+        f"{worst.other}"
+    )
+    return replace(judgement, notes=(*judgement.notes, note))
 
 
 def unreachable(task: Task) -> str:

@@ -3,6 +3,7 @@
 import functools
 import math
 import reprlib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -32,6 +33,10 @@ def _fits(value: object, hint: Any) -> bool:
         return any(_fits(value, one) for one in of)
     if kind is Literal:
         return isinstance(value, str) and value in of
+    if kind is Mapping:
+        return isinstance(value, Mapping) and all(
+            _fits(key, of[0]) and _fits(item, of[1]) for key, item in value.items()
+        )
     if kind is tuple:
         return isinstance(value, tuple | list) and all(_fits(item, of[0]) for item in value)
     if hint in (int, float):
@@ -50,13 +55,19 @@ def _check_types(options: "PaperOptions | PlanOptions", prefix: str) -> None:
         hint = hints[item.name]
         wanted = str(hint).replace("typing.", "") if get_origin(hint) else hint.__name__
         _need(options, prefix, _fits(value, hint), item.name, f"of type {wanted}")
-        numbers: Any = value if isinstance(value, tuple | list) else (value,)
-        for number in numbers:
+        for number in _numbers(value):
             if _fits(number, float):
                 endless = item.name == "timeout" and number == math.inf
                 _need(
                     options, prefix, endless or abs(number) < _LARGEST_SETTING, item.name, "finite"
                 )
+
+
+def _numbers(value: Any) -> Iterable[Any]:
+    """The parts of a setting: of a sequence, of a mapping, or the setting itself."""
+    if isinstance(value, Mapping):
+        return value.values()
+    return value if isinstance(value, tuple | list) else (value,)
 
 
 _LARGEST_SETTING = 1e9  # of any setting, in its unit
@@ -86,7 +97,8 @@ class PaperOptions:
         push_weights: weights of the quadratic F_p along x_g, y_g and z_g.
         drift: direction d_n of constraint 1: ``paper`` takes ±y_g, ``lateral-plane`` the direction
             away from the lateral part of the stem.
-        drift_offset: least d_n·(fk − X_n) that constraint 1 asks for [m]; None: R_gripper.
+        drift_offset: least d_n·(fk − X_n) that constraint 1 asks for [m]; or one by the id of each
+            pushable, R_gripper for those left out; None: as the scene says (by default R_gripper).
         corridor: tolerance of constraint 3 about the initial tool points [m]: along x_g and z_g,
             and along z_g alone where ``drift`` is ``lateral-plane``.
         camera_phase: t_1, the phase of the camera point in (0, 1); None: 0.5 for promp and i-promp;
@@ -108,7 +120,7 @@ class PaperOptions:
     push: PushForm | None = None
     push_weights: tuple[float, float, float] = (1.0, 1.0, 1.0)
     drift: PaperDrift = "paper"
-    drift_offset: float | None = None
+    drift_offset: float | Mapping[str, float] | None = None
     corridor: float = 0.002
     camera_phase: float | None = None
     camera_point: bool | None = None
@@ -128,8 +140,8 @@ class PaperOptions:
             len(self.push_weights) == 3 and min(self.push_weights) >= 0,
             "push_weights", "three weights, none negative",
         )  # fmt: skip
-        offset = self.drift_offset
-        need(offset is None or offset >= 0, "drift_offset", "not negative [m]")
+        offsets = () if self.drift_offset is None else _numbers(self.drift_offset)
+        need(all(offset >= 0 for offset in offsets), "drift_offset", "not negative [m]")
         need(self.corridor >= 0, "corridor", "not negative [m]")
         phase = self.camera_phase
         need(phase is None or 0.0 < phase < 1.0, "camera_phase", "between 0 and 1")

@@ -18,7 +18,7 @@ as constraints) and one for collision and velocity (L-BFGS-B): the push first be
 import itertools
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,7 +32,9 @@ from optipromp.judging import Judgement, Violation
 from optipromp.optimization import gauss_newton
 from optipromp.optimization.costs import Cost
 from optipromp.optimization.costs.joints import SmoothnessCost
+from optipromp.optimization.costs.obstacles import ClearanceCost, SelfCost
 from optipromp.optimization.costs.tool import GoalCost
+from optipromp.planning.goals import further, narrow, passed_over
 from optipromp.planning.options import PlanOptions, Strategy
 from optipromp.planning.paper_problem import Posed, functionals, posed_problems
 from optipromp.planning.parameters import PAPER, SOLVE
@@ -49,7 +51,8 @@ from optipromp.trajectory import Trajectory
 class Solved:
     """A posed problem, the trajectory that solves it, and its judgement.
 
-    ``objective`` is Σ α·F with the quadratic F_p; valid plans are compared by it.
+    ``objective`` is Σ α·F with the quadratic F_p; valid plans are compared by it, but first by what
+    is ``narrow``, their lack of the margin from static objects [m].
     """
 
     posed: Posed
@@ -57,11 +60,17 @@ class Solved:
     stages: tuple[Stage, ...]
     judgement: Judgement
     objective: float
+    narrow: float
 
     @property
-    def rank(self) -> tuple[bool, float]:
-        """Sort key: valid before invalid, then by the objective."""
-        return bool(self.judgement.violations), self.objective
+    def valid(self) -> bool:
+        """Whether nothing was found against it."""
+        return not self.judgement.violations
+
+    @property
+    def rank(self) -> tuple[bool, float, float]:
+        """Sort key: valid before invalid, then by the margin, then by the objective."""
+        return not self.valid, self.narrow, self.objective
 
 
 def solve(
@@ -70,12 +79,15 @@ def solve(
     options: PlanOptions,
     strategy: Strategy,
     goals: FloatArray,
+    seed: int,
     budget: Budget,
 ) -> Planned:
     """Plan as the paper does, to one goal configuration after the other until a plan is valid.
 
     Of the choices of sides, where stems leave some, the valid plan of least objective is kept. The
     sequential strategy goes through all of them with the smallest trust radius, then with the next.
+    Where the smallest radius gives no valid plan, further goal configurations are found by ``seed``
+    (:func:`optipromp.planning.goals.further`).
 
     The initial trajectories are those of ``promp``, to the goal configurations ``goals`` (m, n).
     """
@@ -84,14 +96,24 @@ def solve(
     if strategy == "joint" or not task.neighbours:
         radii = radii[:1]  # there is no push stage to begin from them
     tried: list[float] = []
+    left: list[Judgement] = []
     best: Solved | None = None
     by_goal = list(posed_problems(task, promp, options, strategy, goals))
+
+    def attempts() -> Iterator[tuple[float, list[Posed]]]:
+        """Trust radii with the choices of sides of a goal, in the order in which they are tried."""
+        yield from itertools.product(radii[:1], by_goal)
+        more = further(task, seed, goals)
+        new = list(posed_problems(task, promp, options, strategy, more))
+        yield from itertools.product(radii[:1], new)
+        yield from itertools.product(radii[1:], by_goal + new)
+
     first = by_goal[0][0]
     budget.spent()
     unmoved = _judged(first, first.initial, ())  # the budget learns what the last judgement takes
     if budget.spent():
         best, radii = unmoved, ()
-    for radius, same_goal in itertools.product(radii, by_goal):
+    for radius, same_goal in attempts():
         tried += [radius] if radius not in tried else []
         for posed in same_goal:
             if best is None or not budget.spent():
@@ -99,9 +121,12 @@ def solve(
                     solved = _joint(posed, budget)
                 else:
                     solved = _staged(posed, radius, budget)
+                left += [solved.judgement] if solved.valid and solved.narrow else []
                 best = solved if best is None or solved.rank < best.rank else best
         assert best is not None  # there is at least one choice of sides
-        if not best.judgement.violations or not best.stages or budget.spent():
+        if (best.valid and not best.narrow) or not best.stages or budget.spent():
+            break
+        if best.valid and radius > radii[0]:
             break
     assert best is not None  # there is at least one goal configuration
     stages = tuple(
@@ -114,7 +139,7 @@ def solve(
     initial = unmoved.trajectory if same else best.posed.timed(best.posed.initial)
     return Planned(
         initial, initial, best.trajectory, best.posed.waypoints.first, stages, bool(stages), times,
-        best.judgement,
+        passed_over(best.judgement, left),
     )  # fmt: skip
 
 
@@ -127,10 +152,12 @@ def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
         missing = [
             Violation(
                 "drift",
-                f"the tool passes {name} {1e3 * (posed.offset - short):.1f} mm aside; constraint 1 "
-                f"of the paper asks for {1e3 * posed.offset:.1f} mm", name, None, short, "m",
+                f"the tool passes {name} {1e3 * (offset - short):.1f} mm aside; constraint 1 "
+                f"of the paper asks for {1e3 * offset:.1f} mm", name, None, short, "m",
             )
-            for name, short in drift_shortfalls(posed, q).items()
+            for (name, short), offset in zip(
+                drift_shortfalls(posed, q).items(), posed.offsets, strict=True
+            )
             if short > 0.0
         ]  # fmt: skip
         missing += [
@@ -142,7 +169,8 @@ def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
     paper = replace(options.paper, reduction="sum", push="quadratic")
     terms = functionals(task, paper, posed.waypoints.first, authors=False)
     value = posed.problem(terms, (), True).evaluate(q)
-    return Solved(posed, trajectory, tuple(stages), judgement, value.cost)
+    short = narrow(task, judgement, q[-1])
+    return Solved(posed, trajectory, tuple(stages), judgement, value.cost, short)
 
 
 def drift_shortfalls(posed: Posed, q: FloatArray) -> dict[str, float]:
@@ -153,14 +181,14 @@ def drift_shortfalls(posed: Posed, q: FloatArray) -> dict[str, float]:
     _, _, points, _ = judging.swept(posed.task.scene, posed.task.robot, q)
     up, drift = posed.task.scene.frame[2], posed.drift
     out = {}
-    for name, center, direction, (low, high) in zip(
-        drift.ids, drift.centers, drift.directions, drift.windows, strict=True
+    for name, center, direction, (low, high), offset in zip(
+        drift.ids, drift.centers, drift.directions, drift.windows, posed.offsets, strict=True
     ):
         off = points[posed.waypoints.first :] - center
         height = off @ up
         within = (height >= low) & (height <= high)
         within[np.argmin(np.abs(height))] = True  # a leap over the window is a passage too
-        out[name] = posed.offset - float((off[within] @ direction).min())
+        out[name] = float(offset) - float((off[within] @ direction).min())
     return out
 
 
@@ -175,11 +203,19 @@ def _joint(posed: Posed, budget: Budget) -> Solved:
         constraints.append(GoalCost(SOLVE.must, task.goal.position, task.goal.axis))
     terms = [*posed.functionals(), SmoothnessCost(options.smoothness), *options.costs]
     problem = posed.problem(terms, constraints, ends=isinstance(task.goal, JointGoal))
-    result = gauss_newton.solve(problem, posed.initial, schedule(options), budget)
+    result = gauss_newton.solve(problem, posed.initial, _schedule(options), budget)
     seconds = clock() - began
     names = tuple(term.name for term in terms)
     stage = Stage("joint", "gauss-newton", names, result.history, seconds, result.message)
     return _judged(posed, result.q, [stage])
+
+
+def _schedule(options: PlanOptions) -> gauss_newton.GaussNewtonOptions:
+    """That of the default planner with more iterations, or the ``options`` iterations."""
+    usual = schedule(options)
+    if options.iterations is not None:
+        return usual
+    return replace(usual, iterations=PAPER.joint_iterations)
 
 
 def _staged(posed: Posed, radius: float, budget: Budget) -> Solved:
@@ -215,7 +251,10 @@ class Spline:
 
     B are cubic B-splines over the waypoints, times ``PAPER.unit``, without the two that move an
     end: start and goal stay, the change is smooth, and, since the splines are a partition of unity,
-    bounds on c keep every waypoint inside the joint limits.
+    bounds on c keep every waypoint inside the joint limits, or draw one in that is outside.
+
+    Links that are not neighbours keep apart, and what is ``held`` stays, as penalties beside the
+    stage's own objective, which is 1 at the beginning.
     """
 
     def __init__(
@@ -231,29 +270,32 @@ class Spline:
         moved = (self.basis > 0.0)[:, :, None]
         low = np.where(moved, (robot.lower - q)[:, None, :], -np.inf).max(axis=0)
         high = np.where(moved, (robot.upper - q)[:, None, :], np.inf).min(axis=0)
-        self.bounds = optimize.Bounds(
-            np.minimum(low, 0.0).ravel() / PAPER.unit, np.maximum(high, 0.0).ravel() / PAPER.unit
-        )
+        low, high = (
+            np.minimum(low, high),
+            np.maximum(low, high),
+        )  # where a change leaves both limits
+        self.bounds = optimize.Bounds(low.ravel() / PAPER.unit, high.ravel() / PAPER.unit)
         terms = [term for term in posed.functionals() if term.name in names]
-        self.problem = posed.problem(terms, held, ends=True)
+        apart = SelfCost(PAPER.apart, posed.options.self_clearance)
+        self.problem = posed.problem(terms, [apart, *held], ends=True)
         self.began = clock()
         value = self.problem.evaluate(q)
         self.history = [value.costs]
-        self.scale = 1.0 / max(value.merit, 1e-12)
+        self.size = max(value.cost, 1e-12)
 
-    def zero(self) -> FloatArray:
-        """The control points of the trajectory itself (flat)."""
-        return np.zeros(math.prod(self.shape))
+    def begin(self) -> FloatArray:
+        """The control points (flat) of the trajectory itself, drawn within the joint limits."""
+        return np.clip(np.zeros(math.prod(self.shape)), self.bounds.lb, self.bounds.ub)
 
     def at(self, c: FloatArray) -> FloatArray:
         """The trajectory (T, n) of control points ``c`` (flat)."""
         return np.asarray(self.q + self.basis @ c.reshape(self.shape))
 
     def objective(self, c: FloatArray) -> tuple[float, FloatArray]:
-        """What the stage minimises, 1 at the beginning, and its gradient."""
-        value = self.problem.evaluate(self.at(c))
+        """What the stage minimises, and its gradient."""
+        value = self.problem.evaluate(self.at(c), self.size)
         gradient = self.basis.T @ self.problem.gradient()
-        return self.scale * value.merit, self.scale * gradient.ravel()
+        return value.merit / self.size, gradient.ravel() / self.size
 
     def record(self, c: FloatArray) -> None:
         """Note the terms after an iteration."""
@@ -269,8 +311,13 @@ class Spline:
 def _collision(
     posed: Posed, q: FloatArray, limit: int, budget: Budget, hold: bool
 ) -> tuple[FloatArray, Stage]:
-    """α1 F_s + α2 F_d + α4 F_v by L-BFGS-B, from ``q`` (T, n)."""
-    held = [posed.rows(PAPER.hold)] if hold else []
+    """α1 F_s + α2 F_d + α4 F_v by L-BFGS-B, from ``q`` (T, n).
+
+    That the tool keeps off objects to avoid is a wish beside them.
+    """
+    tool = np.array(posed.task.body.distal)
+    held: list[Cost] = [ClearanceCost("tool avoid", "dynamic", PAPER.wish, 0.0, tool)]
+    held += [posed.rows(PAPER.hold)] if hold else []
     spline = Spline(posed, q, ("static", "avoid", "velocity"), held)
 
     def record(c: FloatArray) -> None:
@@ -279,7 +326,7 @@ def _collision(
             raise StopIteration
 
     result = optimize.minimize(
-        spline.objective, spline.zero(), jac=True, method="L-BFGS-B",
+        spline.objective, spline.begin(), jac=True, method="L-BFGS-B",
         bounds=spline.bounds, callback=record, options={"maxiter": limit},
     )  # fmt: skip
     return spline.at(result.x), spline.stage("collision", "l-bfgs-b", str(result.message))
@@ -303,7 +350,7 @@ def _push(
         points, _ = robot.tool_jacobian(spline.at(c))
         of_joints = np.einsum("mi,min->mn", rows.axes, points[rows.at]) / PAPER.unit
         full = np.einsum("mk,mn->mkn", spline.basis[rows.at], of_joints)
-        return np.asarray(full.reshape(len(rows.at), -1))
+        return np.asarray(full.reshape(len(rows.at), spline.basis.shape[1] * robot.n_joints))
 
     def record(c: FloatArray, _: object) -> bool:
         spline.record(c)
@@ -315,8 +362,9 @@ def _push(
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="delta_grad == 0.0", category=UserWarning)
         result = optimize.minimize(
-            spline.objective, spline.zero(), jac=True, method="trust-constr",
-            hess=optimize.BFGS(), bounds=spline.bounds, constraints=[constraint],
+            spline.objective, spline.begin(), jac=True, method="trust-constr",
+            hess=optimize.BFGS(), bounds=spline.bounds,
+            constraints=[constraint] if len(rows.at) else [],  # among a few waypoints none is free
             callback=record, options={
                 "maxiter": limit, "initial_tr_radius": radius / PAPER.unit,
                 "initial_barrier_parameter": PAPER.barrier,

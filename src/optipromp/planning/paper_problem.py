@@ -5,12 +5,13 @@ for both strategies of :mod:`optipromp.planning.paper`.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray
+from optipromp.errors import InvalidRequestError
 from optipromp.optimization.costs import Cost
 from optipromp.optimization.costs.joints import VelocityCost
 from optipromp.optimization.costs.obstacles import ObstacleCost
@@ -26,6 +27,7 @@ from optipromp.planning.timing import timed
 from optipromp.promp.model import ProMP
 from optipromp.pushing.rules import Drift, detection_variance, drift_choices
 from optipromp.scenes.scene import PoseGoal
+from optipromp.scenes.values import suggest
 from optipromp.trajectory import Trajectory
 
 
@@ -107,6 +109,7 @@ class Posed:
         strategy: ``joint`` or ``sequential``.
         waypoints: their number, and the first at or after t_1.
         drift: direction and place of each pushable to pass.
+        offsets: (N,) what constraint 1 asks for at each of these [m].
         initial: (T, n) the conditioned ProMP.
         points: (T, 3) its tool points.
     """
@@ -116,14 +119,9 @@ class Posed:
     strategy: Strategy
     waypoints: Waypoints
     drift: Drift
+    offsets: FloatArray
     initial: FloatArray
     points: FloatArray
-
-    @property
-    def offset(self) -> float:
-        """What constraint 1 asks for [m]."""
-        wanted = self.options.paper.drift_offset
-        return self.task.robot.gripper_radius if wanted is None else wanted
 
     def rows(self, weight: float = 0.0, every: int = 1, most: int | None = None) -> ConstraintRows:
         """Constraints 1 to 3 at ``most`` waypoints (None: all); 3 at every so many of these.
@@ -135,12 +133,12 @@ class Posed:
         apart = 1 if most is None else math.ceil(self.waypoints.count / most)
         free = np.arange(self.waypoints.first, self.waypoints.count - 1)[::apart]
         rows: list[tuple[IntArray, FloatArray, FloatArray, FloatArray]] = []
-        for center, direction, (low, high) in zip(
-            self.drift.centers, self.drift.directions, self.drift.windows, strict=True
+        for center, direction, (low, high), offset in zip(
+            self.drift.centers, self.drift.directions, self.drift.windows, self.offsets, strict=True
         ):
             height = (self.points[free] - center) @ frame[2]
             at = free[(height >= low - paper.corridor) & (height <= high + paper.corridor)]
-            least = np.full(len(at), float(center @ direction) + self.offset + PAPER.margin)
+            least = np.full(len(at), float(center @ direction) + offset + PAPER.margin)
             rows.append((at, direction, least, np.full(len(at), np.inf)))
         for axis in frame[[0, 2] if paper.drift == "paper" else [2]]:
             at = free[::every]
@@ -170,6 +168,25 @@ class Posed:
         )  # fmt: skip
 
 
+def drift_offsets(task: Task, options: PlanOptions) -> FloatArray:
+    """What constraint 1 asks for at each neighbour (N,): of the options, or of the scene [m].
+
+    Raises:
+        InvalidRequestError: an offset of an id that no pushable of the scene has.
+    """
+    wanted = options.paper.drift_offset
+    wanted = task.scene.options.get("drift_offset") if wanted is None else wanted
+    wanted = task.robot.gripper_radius if wanted is None else wanted
+    if not isinstance(wanted, Mapping):
+        return np.full(len(task.neighbours), float(wanted))
+    ids = [item.id for item in task.scene.pushables]
+    for name in wanted:
+        if name not in ids:
+            raise InvalidRequestError(f"drift_offset of {name!r}: {suggest(name, ids)}")
+    usual = task.robot.gripper_radius
+    return np.array([float(wanted.get(item.id, usual)) for item in task.neighbours])
+
+
 def posed_problems(
     task: Task, promp: ProMP, options: PlanOptions, strategy: Strategy, goals: FloatArray
 ) -> Iterator[list[Posed]]:
@@ -177,7 +194,7 @@ def posed_problems(
 
     The configuration whose motion takes fewest waypoints comes first.
     """
-    positions = [obj.position for obj in task.neighbours]
+    positions, offsets = [obj.position for obj in task.neighbours], drift_offsets(task, options)
     branches: list[tuple[FloatArray, FloatArray]] = []
     for goal in goals:
         branch = None
@@ -197,7 +214,7 @@ def posed_problems(
         q = led_through(promp, task.start, np.array(phases), values, variances, waypoints.count)
         points = task.robot.tool_pose(q)[0]
         yield [
-            Posed(task, options, strategy, waypoints, drift, q, points)
+            Posed(task, options, strategy, waypoints, drift, offsets, q, points)
             for drift in drift_choices(
                 task.scene, task.neighbours, options.paper.drift, window="paper"
             )

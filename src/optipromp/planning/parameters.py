@@ -55,13 +55,24 @@ class GoalParameters(Checked):
     few_starts: int = parameter(12, "1", "choice", "of inverse kinematics, for a primitive")
     starts: int = parameter(24, "1", "measured", "of inverse kinematics, at first; decisions.md")
     more_starts: int = parameter(48, "1", "choice", "where fewer than ``spare`` solutions are free")
+    spread_starts: int = parameter(
+        96, "1", "measured",
+        "where the paper's planner has no valid plan: the branches of the elbow's roll that lead "
+        "between side clusters are missed by half of all seeds with 24, by none of 20 with 96",
+    )  # fmt: skip
     many_starts: int = parameter(320, "1", "choice", "where no solution is free")
     enough: int = parameter(6, "1", "choice", "free configurations to choose among")
     spare: int = parameter(
         3, "1", "choice", "with fewer free configurations, more starts are tried"
     )
+    distinct: float = parameter(
+        0.25, "rad", "choice", "of the joint that differs most; configurations nearer are one"
+    )
     room: float = parameter(0.06, "m", "choice", "clearance beyond which more is not better")
     self_margin: float = parameter(0.01, "m", "choice", "the same between links")
+    same_room: float = parameter(
+        2e-4, "m", "choice", "clearances from static objects that differ by less are one"
+    )
     nearest_error: float = parameter(
         1e-6, "m", "choice", "largest error of a goal found by following the approach line"
     )
@@ -122,12 +133,19 @@ class PaperParameters(Checked):
         1e5, "1/m^2", "measured",
         "of constraints 1 to 3; at 1e4 scenario III lacks 0.5 mm of constraint 1",
     )  # fmt: skip
-    hold: float = parameter(
-        1e2,
-        "1/m^2",
-        "measured",
-        "of them in a collision stage after the push; 1 leaves a lack of 9 mm",
+    joint_iterations: tuple[int, int] = parameter(
+        (20, 40), "1", "measured", "in the stages of the joint strategy; decisions.md"
     )
+    apart: float = parameter(
+        1e6, "1/m^2", "choice", "of self-collision in a stage, whose objective is 1 at first"
+    )
+    wish: float = parameter(
+        1e4, "1/m^2", "choice", "of the tool among objects to avoid, in a collision stage"
+    )
+    hold: float = parameter(
+        1e6, "1/m^2", "measured",
+        "of constraints 1 to 3 in a collision stage after the push; at 1e4 the first lacks 0.2 mm",
+    )  # fmt: skip
     margin: float = parameter(
         1e-3, "m", "choice", "added to constraint 1: penalties and barriers yield by as much"
     )

@@ -25,7 +25,7 @@ from optipromp.optimization.evaluation import Evaluation
 from optipromp.optimization.problem import Problem
 from optipromp.planning import follow, ways
 from optipromp.planning.follow import Start
-from optipromp.planning.goals import clearance
+from optipromp.planning.goals import clearance, narrow, passed_over
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.parameters import SOLVE
 from optipromp.planning.result import Planned, Stage
@@ -88,13 +88,16 @@ def pick(
         score = harm if options.prediction else 0.0
         if path is task.kept:  # another one must be better by as much
             score = max(score - good, 0.0)
+        if attempt.narrow:  # worse than all that keep the margin, better than what does harm
+            score = max(score, 0.0 if model is None else model.threshold) + attempt.narrow
         score += 0.0 if attempt.valid else INVALID
         if best is None or score < least:
             best, least = (attempt, push, harm), score
-        if least <= good or solver.budget.spent() or (tries >= TRIES and not best[0].valid):
+        if least <= good or solver.budget.spent() or (tries >= TRIES and not best[0].roomy):
             break
     if best is not None:
         attempt, push, harm = best
+        attempt = replace(attempt, judgement=passed_over(attempt.judgement, solver.left))
         prediction = None if push is None else push[0].predict(*push[1], harm)
         return outcome(attempt, prediction, clock() - began)
     attempt = first_valid(solver, ways.free_starts(solver.task, options, promp, goals, rng, budget))
@@ -143,13 +146,17 @@ def tool_paths(
 
 
 def first_valid(solver: Solver, starts: Iterable[Start]) -> Attempt | None:
-    """The first valid attempt; without one, the best before time runs out; None without starts."""
+    """The first valid attempt that keeps the margin from static objects.
+
+    Without one the best of the first ones that are valid, or before time runs out; None without
+    starts.
+    """
     best: Attempt | None = None
-    for start in starts:
+    for count, start in enumerate(starts, 1):
         attempt = solver.solve(start)
-        if best is None or attempt.valid or attempt.merit < best.merit:
+        if best is None or attempt.rank < best.rank:
             best = attempt
-        if best.valid or solver.budget.spent():
+        if best.roomy or solver.budget.spent() or (best.valid and count >= GOALS):
             break
     return best
 
@@ -165,6 +172,8 @@ class Attempt:
         merit: value of the objective.
         history: value of each cost after each iteration, the start first.
         message: why the solver stopped.
+        narrow: what it lacks of the margin from static objects, where another goal configuration
+            may have more room [m].
     """
 
     start: Start
@@ -173,11 +182,22 @@ class Attempt:
     merit: float
     history: tuple[dict[str, float], ...]
     message: str
+    narrow: float = 0.0
 
     @property
     def valid(self) -> bool:
         """Whether the judge found no violation."""
         return not self.judgement.violations
+
+    @property
+    def roomy(self) -> bool:
+        """Whether it is valid and keeps the margin from static objects."""
+        return self.valid and not self.narrow
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Sort key: valid before invalid; then by the margin, or by the objective."""
+        return not self.valid, self.narrow if self.valid else self.merit
 
     @property
     def reach(self) -> FloatArray:
@@ -187,6 +207,8 @@ class Attempt:
 
 class Solver:
     """Optimises starts of one task; keeps its arrays from one start to the next.
+
+    Of valid trajectories without the margin from static objects the judgements are in ``left``.
 
     Args:
         task: scene and robot.
@@ -201,6 +223,7 @@ class Solver:
     ) -> None:
         self.task, self.options, self.budget = task, options, budget
         self.scene, self.stem_side = scene, stem_side
+        self.left: list[Judgement] = []
         self._arrays: dict[int, Evaluation] = {}
 
     def solve(self, start: Start) -> Attempt:
@@ -234,7 +257,9 @@ class Solver:
             names = task.robot.joint_names
             trajectory = Trajectory.through(q, start.times, names, begin=task.state)
         verdict = judged(replace(task, scene=self.scene), trajectory, stem_side=self.stem_side)
-        return Attempt(start, trajectory, verdict, merit, history, message)
+        short = narrow(task, verdict, q[-1])
+        self.left += [] if verdict.violations or not short else [verdict]
+        return Attempt(start, trajectory, verdict, merit, history, message, short)
 
 
 def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation) -> Problem:
@@ -243,6 +268,7 @@ def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation
     costs: list[Cost] = [
         ObstacleCost("static", 1.0, SOLVE.safety, "sum"),
         ObstacleCost("avoid", 1.0, SOLVE.safety, "sum"),
+        ObstacleCost("tool avoid", 1.0, SOLVE.safety, "sum"),
         SmoothnessCost(options.smoothness),
         *options.costs,
     ]

@@ -278,7 +278,7 @@ def _plan(
     if paper:
         from optipromp.planning.paper import solve  # with SciPy's optimisers
 
-        outcome = solve(task, promp, options, strategy, chosen, budget)
+        outcome = solve(task, promp, options, strategy, chosen, seed, budget)
     else:
         outcome = pick(task, promp, options, chosen, seed, budget)
     return finish(outcome) if is_free else finish(outcome, Code.GOAL_IN_COLLISION, reason)

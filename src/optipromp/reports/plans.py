@@ -89,7 +89,7 @@ def _view(plan: Plan) -> str:
 def _beside_paper(plan: Plan) -> list[str]:
     """What the paper reports of the same scene, beside the plan's own figures."""
     cases = [case for case in CASES if case.scene == plan.scene.name and case.published]
-    alike = [case for case in cases if case.strategy == plan.strategy and not case.as_paper]
+    alike = [case for case in cases if case.strategy == plan.strategy]
     case = next(iter(alike or cases), None)
     if case is None or case.published is None:
         return []

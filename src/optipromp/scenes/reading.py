@@ -90,7 +90,7 @@ def scene_from_dict(
             start=None if model.start is None else np.array(model.start),
             approach=approach,
             goal=goal,
-            options=model.options.model_dump(exclude_none=True),
+            options=_options(model, scale),
             base_dir=base_dir,
             base=Pose() if model.base is None else _pose(model.base, scale),
             camera=None if model.camera is None else frames["camera"],
@@ -281,6 +281,16 @@ def _approach(model: SceneModel, scale: float, frame: Pose, world: Pose) -> Appr
     if given.lead is not None:
         further["lead"] = frame.rotation @ np.array(given.lead)
     return Approach(direction, lateral, cone=given.cone or 0.0, **further)
+
+
+def _options(model: SceneModel, scale: float) -> dict[str, Any]:
+    """Settings of the planners that belong to the scene; lengths in metres."""
+    out, offset = model.options.model_dump(exclude_none=True), model.options.drift_offset
+    if isinstance(offset, dict):
+        out["drift_offset"] = {name: scale * one for name, one in offset.items()}
+    elif offset is not None:
+        out["drift_offset"] = scale * offset
+    return out
 
 
 def _goal(

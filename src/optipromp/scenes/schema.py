@@ -275,6 +275,7 @@ class OptionsModel(_Model):
     """Settings of the planners that belong to a scene."""
 
     camera_point: bool | None = None
+    drift_offset: NotNegative | dict[Text, NotNegative] | None = None
 
 
 class SceneModel(_Model):

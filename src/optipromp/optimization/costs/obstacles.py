@@ -19,11 +19,15 @@ Reduction = Literal["max", "sum"]
 class ObstacleCost(Cost):
     r""":math:`F_s` or :math:`F_d` :math:`=\int \max_u c(x(\xi,u))\,\lVert dx/dt\rVert\,dt`.
 
+    ``static`` is :math:`F_s`, over all body spheres and static objects. ``avoid`` is :math:`F_d`,
+    over B_d and the objects to avoid and to push. ``tool avoid`` is no part of :math:`F_d`: it is
+    the same integral over the last link and the tool, and the objects to avoid.
+
     ``epsilon`` is the safety distance of c [m]. CHOMP has the sum over the body points u. Raises
     InvalidRequestError for an epsilon that is not positive or another reduction.
     """
 
-    name: Literal["static", "avoid"]
+    name: Literal["static", "avoid", "tool avoid"]
     weight: float
     epsilon: float
     reduction: Reduction
@@ -36,9 +40,12 @@ class ObstacleCost(Cost):
             raise InvalidRequestError(f"reduction is {self.reduction!r}; use 'max' or 'sum'")
 
     def add(self, e: Evaluation, scale: float) -> float:
-        field = e.static if self.name == "static" else e.dynamic
+        field, chosen = {
+            "static": (e.static, e.every), "avoid": (e.dynamic, e.proximal),
+            "tool avoid": (e.dynamic, e.distal),
+        }[self.name]  # fmt: skip
         return e.at_points(
-            obstacle_functional, scale, field.distance, field.normal, self.epsilon, e.dt,
+            obstacle_functional, scale, field.distance, field.normal, chosen, self.epsilon, e.dt,
             self.reduction == "max",
         )  # fmt: skip
 
@@ -73,9 +80,9 @@ def any_below(distance, limit):  # type: ignore[no-untyped-def]
 
 @inner
 def obstacle_functional(  # type: ignore[no-untyped-def]
-    points, _tool, distance, normal, epsilon, dt, use_max, scale, force, stiffness
+    points, _tool, distance, normal, chosen, epsilon, dt, use_max, scale, force, stiffness
 ):
-    r"""F = ∫ max_u c(x_u) ‖dx_u/dt‖ dt (or the sum over u), by the trapezoid rule.
+    r"""F = ∫ max_u c(x_u) ‖dx_u/dt‖ dt (or the sum) over the ``chosen`` (B,) u, by trapezoids.
 
     The gradient is that of the discrete sum, so it agrees with finite differences at any T, and
     tends to the functional gradient as T grows.
@@ -87,16 +94,18 @@ def obstacle_functional(  # type: ignore[no-untyped-def]
         w = dt * (0.5 if t == 0 or t == n_waypoints - 1 else 1.0)
         before, after = max(t - 1, 0), min(t + 1, n_waypoints - 1)
         span = (after - before) * dt
-        best, chosen = 0.0, -1
+        best, worst = 0.0, -1
         if use_max:
             for b in range(distance.shape[1]):
+                if not chosen[b]:
+                    continue
                 rate = chomp_cost(distance[t, b], epsilon)[0]
                 if rate > 0.0:
                     rate *= velocity(points, before, after, b, span)[3]
                 if rate > best:
-                    best, chosen = rate, b
+                    best, worst = rate, b
         for b in range(distance.shape[1]):
-            if distance[t, b] >= epsilon or (use_max and b != chosen):
+            if distance[t, b] >= epsilon or not chosen[b] or (use_max and b != worst):
                 continue
             c, slope = chomp_cost(distance[t, b], epsilon)
             vx, vy, vz, speed = velocity(points, before, after, b, span)
