@@ -87,6 +87,7 @@ class _PlanFile(BaseModel):
     planner: Planner
     strategy: Strategy | None
     seed: Annotated[int, Field(ge=0)]
+    risk: Annotated[float, Field(gt=0.0, lt=1.0)]
     status: Code
     message: Annotated[str, Field(min_length=1)]
     metrics: Metrics
@@ -189,6 +190,7 @@ def _plan(found: "_PlanFile", scene: Scene, rows: Mapping[str, Any]) -> Plan:
         time=found.time,
         first=found.first,
         via=tuple(ViaPoint(via.name, np.array(via.position)) for via in found.via),
+        risk=found.risk,
         start=_start(rows, robot),
         pushed=_pushed(rows),
     )

@@ -5,7 +5,7 @@ A scene allows them by the cone and the distance of its approach
 order of the harm that the push model predicts for its first candidate paths.
 """
 
-import itertools
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -14,52 +14,77 @@ from optipromp.arrays import FloatArray, rotation
 from optipromp.planning.parameters import APPROACH
 from optipromp.planning.task import push_model, resolve
 from optipromp.pushing.model import PushModel
-from optipromp.pushing.path import turning
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene
 
 
-def others(scene: Scene, robot: Robot) -> list[Scene]:
+def limits(scene: Scene) -> tuple[float, float]:
+    """Largest angle off the approach [rad], and distance beside the target [m], that are allowed.
+
+    Where the scene says nothing, a target that hangs may be approached at an angle.
+    """
+    target, approach = scene.target, scene.approach
+    if target is None:
+        return 0.0, 0.0
+    hangs = target.stem is not None
+    cone, aside = (
+        (chosen if hangs else 0.0) if told is None else told
+        for told, chosen in ((approach.cone, APPROACH.cone), (approach.aside, APPROACH.aside))
+    )
+    return np.deg2rad(cone), aside
+
+
+def others(scene: Scene, robot: Robot | None = None) -> Iterator[Scene]:
     """The scene with each other approach that it allows, the most promising first.
 
     The cup stays round the target: a tool ends no farther beside its centre than its mouth leaves
     room.
     """
-    target, approach = scene.target, scene.approach
-    if target is None or robot.tool is None or (approach.cone == 0.0 and approach.aside == 0.0):
-        return []
-    room = max(robot.tool.mouth[0] - target.radius - APPROACH.room, 0.0)
-    reach = min(approach.aside, room)
+    cone, aside = limits(scene)
+    robot = resolve(scene, robot).robot
+    if robot.tool is None or scene.target is None:
+        return
+    room = max(robot.tool.mouth[0] - scene.target.radius - APPROACH.room, 0.0)
+    reach = min(aside, room)
     x_g, y_g, z_g = scene.frame
-    tilts = [share * np.deg2rad(approach.cone) for share in (APPROACH.inner, 1.0)]
     around = np.arange(APPROACH.around) * 2.0 * np.pi / APPROACH.around
-    ways: list[tuple[FloatArray, FloatArray, FloatArray | None]] = []
+    ways: list[tuple[FloatArray, FloatArray]] = []
     for turn in around:
         flat = np.cos(turn) * x_g + np.sin(turn) * y_g
         if reach > 0.0:
-            ways.append((z_g, reach * flat, None))
-        if approach.cone > 0.0:
-            for tilt, share in itertools.product(tilts, (0.0, 1.0) if reach > 0.0 else (0.0,)):
-                turned = rotation(np.cross(z_g, flat), float(tilt))
-                ways.append((turned @ z_g, share * reach * (turned @ flat), None))
-                if tilt == tilts[-1]:  # the tool turns upright on its way
-                    ways.append((z_g, share * reach * flat, turned @ z_g))
-    scenes = [
-        replace(scene, approach=replace(approach, direction=way, shift=shift, lead=lead))
-        for way, shift, lead in ways
-    ]
-    models = [push_model(resolve(one, robot), robot.home) for one in scenes]
-    harms = [np.inf if model is None else _promise(one, model) for one, model in
-             zip(scenes, models, strict=True)]  # fmt: skip
-    return [scenes[k] for k in np.argsort(harms, kind="stable")[: APPROACH.tried]]
+            ways.append((z_g, reach * flat))
+        for share in (APPROACH.inner, 1.0) if cone > 0.0 else ():
+            turned = rotation(np.cross(z_g, flat), float(share * cone))
+            ways.append((turned @ z_g, np.zeros(3)))
+    import os
+    if os.environ.get('XSH'):
+        for turn in around:
+            flat = np.cos(turn) * x_g + np.sin(turn) * y_g
+            turned = rotation(np.cross(z_g, flat), float(cone))
+            ways.append((turned @ z_g, reach * (turned @ flat)))
+    if os.environ.get('XNOASIDE'): ways=[w for w in ways if not w[1].any()]
+    TR=int(os.environ.get('XTRIED', APPROACH.tried))
+    best: list[tuple[float, int, Scene]] = []
+    for k, (way, shift) in enumerate(ways):
+        one = replace(scene, approach=replace(scene.approach, direction=way, shift=shift))
+        model = push_model(resolve(one, robot), robot.home)
+        if model is not None:
+            most = best[-1][0] if len(best) >= TR else np.inf
+            best = sorted([*best, (_promise(one, model, most), k, one)])[: TR]
+    yield from (one for _, _, one in best)
 
 
-def _promise(scene: Scene, model: PushModel) -> float:
-    """The least harm of the model's first candidate paths, in the perceived state."""
-    axis, least = scene.frame[2], np.inf
-    for x in model.first():
+def _promise(scene: Scene, model: PushModel, most: float) -> float:
+    """The least harm of the model's first candidate paths, in the perceived state.
+
+    Where it is above ``most``, any number above ``most`` may be returned.
+    """
+    axis, least = scene.frame[2], most
+    import os
+    for x in model.first()[:int(os.environ.get('XF',9))]:
         path = model.path(x)
-        share = np.linspace(0.0, 1.0, len(path.points))
-        axes = turning(axis, scene.approach.lead, share)
-        least = min(least, model.harm(path.points, axes, 1, least) + model.aside(x, path))
+        away = model.aside(x, path)
+        if away < least:
+            axes = np.tile(axis, (len(path.points), 1))
+            least = min(least, model.harm(path.points, axes, 1, least - away) + away)
     return least

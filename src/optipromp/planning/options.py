@@ -14,6 +14,7 @@ from optipromp.errors import InvalidRequestError
 from optipromp.optimization.costs import Cost
 from optipromp.optimization.costs.obstacles import Reduction
 from optipromp.optimization.costs.tool import PushForm
+from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.rules import DriftRule
 
 Planner = Literal["promp", "i-promp", "opti-promp"]
@@ -168,6 +169,8 @@ class PlanOptions:
             its status is TIMEOUT if it is not valid or nothing has been optimised yet.
         effort: steps of work, at most: iterations, candidates and batches of samples. It ends a
             plan as the timeout does, but at the same place on every machine. None: no limit.
+        risk: share of promised successes that may be broken, over many scenes. It sets the largest
+            predicted harm of a success; a smaller risk refuses more.
         prediction: true: where a model of the push applies, the tool path is searched in it. False:
             ``rule`` gives the path. The plan reports the predicted harm either way.
         rule: on which side the tool passes each neighbour, without a prediction: away from its
@@ -195,6 +198,7 @@ class PlanOptions:
     duration: float | None = None
     timeout: float = 60.0
     effort: int | None = None
+    risk: float = PUSH.harm.risk
     prediction: bool = True
     rule: DriftRule = "shortest"
     approach_speed: float | None = None
@@ -218,6 +222,7 @@ class PlanOptions:
         need(fits, "waypoints", f"a whole number >= 3, at most {_MOST_WAYPOINTS}")
         need(self.duration is None or self.duration > 0, "duration", "positive [s]")
         need(self.timeout > 0, "timeout", "positive [s]")
+        need(0.0 < self.risk < 1.0, "risk", "between 0 and 1")
         need(most is None or most > 0, "effort", "a whole number > 0")
         speed = self.approach_speed
         need(speed is None or speed >= _LEAST, "approach_speed", f"at least {_LEAST:g} [m/s]")

@@ -215,6 +215,10 @@ class ApproachParameters(Checked):
     """Other ways to come than straight (``planning/approaches.py``)."""
 
     around: int = parameter(6, "1", "choice", "directions about the approach")
+    cone: float = parameter(
+        25.0, "deg", "choice", "off the approach to a target that hangs, where the scene tells none"
+    )
+    aside: float = parameter(0.01, "m", "choice", "beside the target's centre, likewise")
     inner: float = parameter(
         0.5, "1", "choice", "share of the cone at which there are further ones"
     )

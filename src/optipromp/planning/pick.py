@@ -47,17 +47,34 @@ TRIES = 6  # paths that are followed while no trajectory is valid
 RULE_SPEED = PUSH.hanging.speed  # of the tool along a path that the rule gives
 
 
+@dataclass(frozen=True, eq=False)
+class Harmful:
+    """A scene in which all paths that were found do harm: none was followed with the arm.
+
+    Attributes:
+        scene: with its approach.
+        path: of the least harm.
+    """
+
+    scene: Scene
+    path: ToolPath
+
+
 def pick(
-    task: Task,
-    promp: ProMP,
-    options: PlanOptions,
-    goals: FloatArray,
-    seed: int,
-    budget: Budget,
-) -> Planned:
+    task: Task, promp: ProMP, options: PlanOptions, goals: FloatArray, seed: int, budget: Budget,
+    sparing: bool = False, path: ToolPath | None = None,
+) -> Planned | Harmful:  # fmt: skip
     """The valid trajectory of least predicted harm; without a valid one, the best of the others.
 
-    The goal configurations ``goals`` (m, n) come best first.
+    Args:
+        task: to be solved.
+        promp: the primitive.
+        options: see :class:`PlanOptions`.
+        goals: configurations (m, n), best first.
+        seed: of the search.
+        budget: of the plan.
+        sparing: paths that do harm by themselves are not followed.
+        path: the only one that is followed; None: those that a search finds.
     """
     began = clock()
     rng = np.random.default_rng(seed)
@@ -67,8 +84,14 @@ def pick(
     best = None
     least, tries = np.inf, 0
     known = model if options.prediction else None
-    paths = tool_paths(task, known, rng, budget, options.rule, lambda good: least <= good)
-    for path, good in paths:
+    found: Iterable[tuple[ToolPath, float]] = [(path, np.inf)] if path is not None else tool_paths(
+        task, known, rng, budget, options.rule, lambda good: least <= good
+    )
+    spared: list[ToolPath] = []
+    for path, good in found:
+        if sparing and known is not None and path.harm > known.threshold:
+            spared.append(path)
+            continue
         begin: Iterator[Start] = follow.starts(task, path, promp, options, goals, GOALS)
         if path is task.kept and options.duration is None:
             begin = chain(rest(task), begin)
@@ -100,6 +123,8 @@ def pick(
         attempt = replace(attempt, judgement=passed_over(attempt.judgement, solver.left))
         prediction = None if push is None else push[0].predict(*push[1], harm)
         return outcome(attempt, prediction, clock() - began)
+    if spared:
+        return Harmful(task.scene, min(spared, key=lambda path: path.harm))
     attempt = first_valid(solver, ways.free_starts(solver.task, options, promp, goals, rng, budget))
     assert attempt is not None  # there is at least one goal configuration
     return outcome(attempt, None, clock() - began)

@@ -1,10 +1,11 @@
 """``plan``, the entry point of all planners; ``plan_many``; and compiling beforehand."""
 
 import functools
+import itertools
 import math
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
@@ -20,8 +21,8 @@ from optipromp.optimization.kernels import add_stiffness
 from optipromp.planning import approaches, goals, primitive, tree
 from optipromp.planning.options import Planner, PlanOptions, Strategy
 from optipromp.planning.paper_problem import functional_values
-from optipromp.planning.parameters import GOAL
-from optipromp.planning.pick import pick
+from optipromp.planning.parameters import GOAL, TIMING
+from optipromp.planning.pick import Harmful, pick
 from optipromp.planning.primitive import PAPER_BASIS, learnt
 from optipromp.planning.result import Plan, Planned, Term, Terms
 from optipromp.planning.task import Task, push_model, pushed_aside, resolve
@@ -30,6 +31,7 @@ from optipromp.planning.underway import Moving, begun, underway
 from optipromp.planning.verdict import Verdict, judged, predicted
 from optipromp.processes import cores
 from optipromp.promp.model import ProMP
+from optipromp.pushing.path import ToolPath
 from optipromp.robots.model import Robot
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene
@@ -91,38 +93,55 @@ def plan(
     """
     _compiled()  # before the plan's clock starts
     with _threads().limit(limits=1, user_api="blas"):  # on small matrices threads only wait
-        made = _plan(
-            scene, robot, planner, strategy, demonstrations, seed, options, progress,
-            begun(start_state, previous, at), (previous, at),
-        )  # fmt: skip
-        at_rest = start_state is None and previous is None
-        if planner != "opti-promp" or not at_rest or made.status not in RETRIED:
-            return made
+        state = begun(start_state, previous, at)
+        scene = scene if isinstance(scene, Scene) else load_scene(scene)
+        options, began = options or DEFAULTS, clock()
 
-        def again(other: Scene, seconds: float) -> Plan:
+        def attempt(other: Scene, path: ToolPath | None, sparing: bool) -> Plan | Harmful:
+            left = options
+            if other is not scene or path is not None:
+                spent = clock() - began
+                left = replace(options, timeout=max(options.timeout - spent, TIMING.least_dt))
             return _plan(
-                other, robot, planner, strategy, demonstrations, seed,
-                replace(options or DEFAULTS, timeout=seconds), progress,
+                other, robot, planner, strategy, demonstrations, seed, left, progress, state,
+                (previous, at), sparing, path,
             )  # fmt: skip
 
-        return _otherwise(made, again, (options or DEFAULTS).timeout)
+        if planner != "opti-promp" or state is not None or approaches.limits(scene) == (0.0, 0.0):
+            return attempt(scene, None, False)
+        ways = itertools.chain([scene], approaches.others(scene, robot))
+        return _best_way(ways, attempt, began + options.timeout)
 
 
-def _otherwise(made: Plan, again: Callable[[Scene, float], Plan], timeout: float) -> Plan:
-    """The first harmless plan of the other approaches that the scene allows; else the best."""
-    began, before = clock(), made.time["total"]
-    ways = approaches.others(made.scene, made.robot)
-    if not ways:
-        return made
+def _best_way(
+    ways: Iterable[Scene], attempt: Callable[[Scene, ToolPath | None, bool], Plan | Harmful],
+    end: float,
+) -> Plan:  # fmt: skip
+    """The first harmless plan: straight, or else by the other approaches that the scene allows.
+
+    Only paths that do no harm by themselves are followed with the arm. Without a harmless plan the
+    best is given, or the path of least harm is followed.
+    """
+    began = clock()
+    made: list[Plan] = []
+    harmful: list[Harmful] = []
     for other in ways:
-        left = timeout - before - (clock() - began)
-        if left <= 0.0:
+        if (made or harmful) and clock() > end:
             break
-        made = min(made, again(other, left), key=_badness)
-        if made.success:
+        found = attempt(other, None, True)
+        if isinstance(found, Harmful):
+            harmful.append(found)
+            continue
+        made.append(found)
+        if found.status not in RETRIED:
             break
-    spent = clock() - began
-    return replace(made, time={**made.time, "approaches": spent, "total": before + spent})
+    if harmful and not any(one.success for one in made):
+        least = min(harmful, key=lambda one: one.path.harm)
+        found = attempt(least.scene, least.path, False)
+        assert isinstance(found, Plan)
+        made.append(found)
+    best = min(made, key=_badness)
+    return replace(best, time={**best.time, "total": clock() - began})
 
 
 def _badness(made: Plan) -> tuple[bool, float]:
@@ -210,8 +229,9 @@ def _plan(
     scene: Scene | str | Path, robot: Robot | None, planner: Planner, strategy: Strategy,
     demonstrations: ProMP | str | Path | None, seed: int, options: PlanOptions | None,
     progress: Callable[[str], None] | None, state: State | None = None,
-    running: tuple[Plan | None, float | None] = (None, None),
-) -> Plan:  # fmt: skip
+    running: tuple[Plan | None, float | None] = (None, None), sparing: bool = False,
+    path: ToolPath | None = None,
+) -> Plan | Harmful:  # fmt: skip
     options = options or DEFAULTS
     check_planner(planner, strategy, seed)
     if not isinstance(options, PlanOptions):
@@ -220,7 +240,7 @@ def _plan(
     if not isinstance(scene, Scene):
         scene = load_scene(scene)
     began = clock()
-    task = resolve(scene, robot, state)
+    task = replace(resolve(scene, robot, state), risk=options.risk)
     if state is not None:
         task = underway(task, *running)
     paper = planner == "opti-promp" and (strategy == "sequential" or options.constraints == "paper")
@@ -249,7 +269,7 @@ def _plan(
             terms=Terms(functools.partial(_terms, task, options, outcome, paper, strategy)),
             stages=outcome.stages, contacts=verdict.contacts, time=times,
             first=outcome.first, via=outcome.via, pushed=task.pushed,
-            start=task.state if task.begun else None,
+            start=task.state if task.begun else None, risk=options.risk,
         )  # fmt: skip
 
     stay = _stay(task)
@@ -280,7 +300,9 @@ def _plan(
 
         outcome = solve(task, promp, options, strategy, chosen, seed, budget)
     else:
-        outcome = pick(task, promp, options, chosen, seed, budget)
+        outcome = pick(task, promp, options, chosen, seed, budget, sparing and is_free, path)
+        if isinstance(outcome, Harmful):
+            return outcome
     return finish(outcome) if is_free else finish(outcome, Code.GOAL_IN_COLLISION, reason)
 
 

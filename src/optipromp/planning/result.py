@@ -10,6 +10,7 @@ from optipromp.files import plain
 from optipromp.judging import Judgement, Metrics, Overlap
 from optipromp.planning.options import Planner, Strategy
 from optipromp.pushing.model import Prediction
+from optipromp.pushing.parameters import PUSH
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene
 from optipromp.shown import Shown
@@ -152,6 +153,7 @@ class Plan(Shown):
         time: ``total`` and per stage [s].
         first: index of the first waypoint on the approach.
         via: points of the tool that ``promp`` and ``i-promp`` conditioned the primitive on.
+        risk: share of promised successes that may be broken, by which the status is told.
         start: state in which it begins, where that is not the scene's start at rest.
         pushed: tool points and axes (P, 3) of the push that came before, where the plan goes on
             with one that ran.
@@ -175,6 +177,7 @@ class Plan(Shown):
     time: Mapping[str, float] = field(default_factory=dict)
     first: int = 0
     via: tuple[ViaPoint, ...] = ()
+    risk: float = PUSH.harm.risk
     start: State | None = None
     pushed: tuple[FloatArray, FloatArray] | None = None
 
@@ -197,6 +200,7 @@ class Plan(Shown):
             "planner": self.planner,
             "strategy": self.strategy,
             "seed": self.seed,
+            "risk": self.risk,
             "status": self.status,
             "message": self.message,
             "metrics": self.metrics.to_dict(),

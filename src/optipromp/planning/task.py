@@ -15,6 +15,7 @@ from optipromp.pushing import hanging, standing
 from optipromp.pushing.cup import flange_of, rings_of
 from optipromp.pushing.hanging import Hanging
 from optipromp.pushing.model import Combined, Continued, PushModel
+from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import STEP, ToolPath, along, evenly, length, turning
 from optipromp.pushing.rules import neighbours
 from optipromp.pushing.standing import Standing
@@ -45,6 +46,7 @@ class Task:
         passed: neighbours that lie below the rim of a tool on its approach.
         running: the trajectory that runs already, from now on; ``kept`` is its tool path.
         pushed: tool points and axes (P, 3) of the push so far, if the scene is as it was before it.
+        risk: share of promised successes that may be broken.
         begun: whether ``state`` is one that was given in place of the scene's start: the tool may
             be among what it pushes.
     """
@@ -61,6 +63,7 @@ class Task:
     running: Trajectory | None = None
     kept: ToolPath | None = None
     pushed: tuple[FloatArray, FloatArray] | None = None
+    risk: float = PUSH.harm.risk
     begun: bool = False
 
     @property
@@ -215,10 +218,12 @@ def push_model(task: Task, goal: FloatArray) -> PushModel | None:
         return None
     models: list[PushModel] = []
     if _stands(task):
-        models.append(Standing(scene, tool, wrist(task, goal), rings=rings_of(task.robot)))
+        models.append(Standing(scene, tool, wrist(task, goal), rings=rings_of(task.robot), risk=task.risk))
     if hanging.applies(scene, tool, task.neighbours or task.passed):
         radius, flange = task.robot.gripper_radius, flange_of(task.robot)
-        models.append(Hanging(scene, tool, task.neighbours, task.camera, radius, flange))
+        models.append(
+            Hanging(scene, tool, task.neighbours, task.camera, radius, flange, task.risk)
+        )
     if not models:
         return None
     model = models[0] if len(models) == 1 else Combined(*models)

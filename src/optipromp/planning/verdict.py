@@ -67,8 +67,9 @@ class Verdict:
 
 
 def judge(
-    scene: Scene | str | Path, trajectory: Trajectory | str | Path, *, robot: Robot | None = None
-) -> Verdict:
+    scene: Scene | str | Path, trajectory: Trajectory | str | Path, *, robot: Robot | None = None,
+    risk: float = PlanOptions.risk,
+) -> Verdict:  # fmt: skip
     """Judge a trajectory of any origin in a scene.
 
     It must begin at the scene's start, if the scene states one, and begin and end at rest.
@@ -78,13 +79,16 @@ def judge(
         trajectory: of the robot, joints in the robot's order; or a file or folder of one, see
             :func:`optipromp.trajectory_files.read_trajectory`.
         robot: with its tool, in place of the scene's.
+        risk: share of promised successes that may be broken, see :class:`PlanOptions`.
 
     Raises:
-        InvalidRequestError: joints of other names or number than the robot's; a file that cannot be
+        InvalidRequestError: a risk that is not between 0 and 1; joints of other names or number than the robot's; a file that cannot be
             read.
         InvalidSceneError, InvalidRobotError, StartInvalidError: wrong input.
     """
+    risk = PlanOptions(risk=risk).risk
     task = resolve(scene if isinstance(scene, Scene) else load_scene(scene), robot)
+    task = replace(task, risk=risk)
     if not isinstance(trajectory, Trajectory):
         trajectory = read_trajectory(trajectory, task.robot.joint_names)
     if trajectory.joint_names != task.robot.joint_names:
@@ -97,7 +101,7 @@ def judge(
 
 def verdict_of(plan: Plan) -> Verdict:
     """The verdict on a plan's trajectory, in its scene, from the state that it began in."""
-    task = resolve(plan.scene, plan.robot, plan.start)
+    task = replace(resolve(plan.scene, plan.robot, plan.start), risk=plan.risk)
     if plan.start is not None:
         task = replace(underway(task, None, None), pushed=plan.pushed)
     return verdict(task, plan.trajectory)

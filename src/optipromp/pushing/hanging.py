@@ -18,7 +18,7 @@ from optipromp.geometry.obstacles import Obstacles, near
 from optipromp.pushing.bending import Stems, balls_of, bowed, moved, parents, stems
 from optipromp.pushing.cup import Mouth
 from optipromp.pushing.harm import BRIEFLY, Harm, score_of
-from optipromp.pushing.model import Moved, PushModel, Round, Schedule
+from optipromp.pushing.model import Calibration, Moved, PushModel, Round, Schedule
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.parting import part
 from optipromp.pushing.path import STEP, ToolPath, through
@@ -30,7 +30,11 @@ from optipromp.robots.tools import WALL
 from optipromp.scenes.scene import Scene, SceneObject
 
 HANGING = PUSH.hanging
-THRESHOLD = PUSH.harm.threshold
+KNOWN, DETECTED = (
+    Calibration(own.harm, own.failed, PUSH.harm.risks, own.thresholds)
+    for own in (PUSH.known, PUSH.detected)
+)
+RISK = PUSH.harm.risk
 STIFFNESS_SPREAD = PUSH.beam.stiffness_spread
 NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
 
@@ -57,13 +61,15 @@ class Hanging(PushModel):
         camera: (3,) where a path begins [m].
         gripper_radius: R_gripper [m].
         flange: of the arm, see :func:`optipromp.pushing.cup.flange_of`; none by default.
+        risk: share of promised successes that may be broken.
     """
 
-    speed, threshold, good = HANGING.speed, THRESHOLD, PUSH.harm.good
+    speed, good = HANGING.speed, PUSH.harm.good
 
     def __init__(
         self, scene: Scene, tool: Tool, neighbours: Sequence[SceneObject], camera: FloatArray,
         gripper_radius: float, flange: tuple[float, float, float] = (0.0, -1.0, -1.0),
+        risk: float = RISK,
     ) -> None:  # fmt: skip
         target = scene.target
         assert target is not None
@@ -91,19 +97,23 @@ class Hanging(PushModel):
             )
             for role in ("static", "avoid")
         )
-        hanging = [fruit for fruit in self.neighbours if fruit.stem is not None]
-        fruits = (target, *hanging, *self._others())
+        fruits = (target, *self._hanging())
         detected = any(fruit.covariance is not None for fruit in fruits)
         self.fruits, self.count = fruits, len(fruits)
+        self.calibration = DETECTED if detected else KNOWN
+        self.threshold = self.calibration.allowed(risk)
         self.states = HANGING.detected_states if detected else HANGING.states
-        self.stems = _sampled(fruits, self.states - 1, scene.up)
+        self.stems = _sampled(fruits, self.states - 1, tuple(scene.up.tolist()))
         self.schedule = Schedule(
             rounds=(Round(9, 1), *[Round(12, 1)] * 3), runs=1, kept=6, screened=4,
             states=min(self.states, HANGING.screened_states), fresh=0.3, lenient=1.6,
         )  # fmt: skip
 
-    def _others(self) -> list[SceneObject]:
-        """Fruits that are not in the way, but that a tool on a detour may meet."""
+    def _hanging(self) -> list[SceneObject]:
+        """The neighbours that hang, and the fruits that a tool on a detour may meet, by their ids.
+
+        The order is the same for all approaches to one target.
+        """
         scene, target, known = self.scene, self.target, {fruit.id for fruit in self.neighbours}
 
         def away(obj: SceneObject) -> float:
@@ -114,7 +124,9 @@ class Hanging(PushModel):
             for obj in scene.objects_at(scene.around(target.position, HANGING.around, "pushable"))
             if obj.id not in known and obj.stem is not None and away(obj) < HANGING.around
         ]
-        return sorted(others, key=away)[: HANGING.most - len(known)]
+        others = sorted(others, key=away)[: HANGING.most - len(known)]
+        hanging = [fruit for fruit in self.neighbours if fruit.stem is not None]
+        return sorted([*hanging, *others], key=lambda fruit: fruit.id)
 
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
@@ -276,8 +288,12 @@ def _score(push: Led) -> float:
     return score_of(*push.harm)
 
 
-def _sampled(fruits: Sequence[SceneObject], samples: int, up: FloatArray) -> Stems:
+@lru_cache(maxsize=4)  # by identity: all approaches to a target meet the same fruits
+def _sampled(
+    fruits: tuple[SceneObject, ...], samples: int, vertical: tuple[float, ...]
+) -> Stems:
     """The perceived state of the fruits, then ``samples`` sampled ones."""
+    up = np.array(vertical)
     cases = _cases(fruits, up)
     seen, count = cases[0], len(fruits)
     sure = [fruit.covariance is None for fruit in fruits]

@@ -60,6 +60,31 @@ class Schedule:
 
 
 @dataclass(frozen=True)
+class Calibration:
+    """How a predicted harm compares with what happened in simulated runs.
+
+    Attributes:
+        harm: (k,) ascending; ``failed`` (k,) the probability at each of them that a pick is not
+            clean. Between them it is interpolated, beyond them it stays.
+        risk: (m,) ascending shares of broken promises; ``threshold`` (m,) the harm up to which plans
+            may be promised, so that no larger share is broken.
+    """
+
+    harm: tuple[float, ...]
+    failed: tuple[float, ...]
+    risk: tuple[float, ...]
+    threshold: tuple[float, ...]
+
+    def probability(self, harm: float) -> float:
+        """The probability that a pick of this predicted harm is not clean."""
+        return float(np.interp(harm, self.harm, self.failed))
+
+    def allowed(self, risk: float) -> float:
+        """The largest harm of a success, for a share of promises that may be broken."""
+        return float(np.interp(risk, self.risk, self.threshold))
+
+
+@dataclass(frozen=True)
 class Prediction:
     """What the push of a trajectory is expected to do.
 
@@ -68,12 +93,14 @@ class Prediction:
         threshold: largest harm of a success.
         object: id of the object that is harmed most in the worst state; empty where none is.
         cause: what happens to it, in words.
+        probability: that the pick is not clean, see :class:`Calibration`.
     """
 
     harm: float
     threshold: float
     object: str
     cause: str
+    probability: float = math.nan
 
     @property
     def harmful(self) -> bool:
@@ -81,10 +108,11 @@ class Prediction:
         return self.harm > self.threshold
 
     def __str__(self) -> str:
+        sure = f"clean with probability {100.0 * (1.0 - self.probability):.0f} %"
         if not self.harmful:
-            return f"no harm is predicted ({self.harm:.2f}, allowed {self.threshold:g})"
+            return f"no harm is predicted ({sure}; harm {self.harm:.2f} of {self.threshold:.2g})"
         what = f"{self.object} {self.cause}" if self.object else self.cause
-        return f"harm is predicted: {what} (harm {self.harm:.2f}, allowed {self.threshold:g})"
+        return f"harm is predicted: {what} ({sure}; harm {self.harm:.2f} of {self.threshold:.2g})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +139,8 @@ class PushModel(ABC):
     Attributes:
         speed: of the tool along a path [m/s].
         good: harm below which the search ends.
-        threshold: largest harm of a success.
+        threshold: largest harm of a success, for the share of promises that may be broken.
+        calibration: of the harm.
         states: number of states of the scene; the first is the perceived one.
         schedule: of the search.
         entry: where paths begin along z_g [m]; -inf: anywhere.
@@ -120,6 +149,7 @@ class PushModel(ABC):
     speed: float
     good: float
     threshold: float
+    calibration: Calibration
     states: int
     schedule: Schedule
     entry: float = -math.inf
@@ -151,7 +181,7 @@ class PushModel(ABC):
         """The harm of a motion over all states (``harm``, where it is known), and its cause."""
         harm = self.harm(points, axes, self.states) if harm is None else harm
         harmed = self.cause(points, axes) if harm > self.threshold else ("", "nothing is harmed")
-        return Prediction(harm, self.threshold, *harmed)
+        return Prediction(harm, self.threshold, *harmed, self.calibration.probability(harm))
 
     @abstractmethod
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
@@ -180,6 +210,7 @@ class _Guided(PushModel):
     def __init__(self, lead: PushModel) -> None:
         self.lead, self.speed, self.schedule = lead, lead.speed, lead.schedule
         self.good, self.threshold, self.states = lead.good, lead.threshold, lead.states
+        self.calibration = lead.calibration
         self.entry = lead.entry
 
     def path(self, x: FloatArray) -> ToolPath:

@@ -145,12 +145,27 @@ class HarmParameters(Checked):
         3.0, "1", "measured",
         "largest harm of one state; with 25 states 9 % of paths harmed, 13 % without a largest",
     )  # fmt: skip
-    threshold: float = parameter(
-        1.0, "1", "measured", "largest harm of a success; see docs/studies.md"
+    risk: float = parameter(
+        0.03, "1", "choice", "share of promised successes that may be broken, where none is told"
+    )
+    risks: tuple[float, ...] = parameter(
+        (0.01, 0.02, 0.03, 0.05, 0.1), "1", "choice", "shares at which thresholds are known"
     )
     good: float = parameter(
         0.2, "1", "measured",
         "harm below which a path is good enough; 231 of 240 runs succeed, 226 with 0.5",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class CalibrationParameters(Checked):
+    """Predicted harm against simulated runs (:class:`optipromp.pushing.model.Calibration`)."""
+
+    harm: tuple[float, ...] = parameter((0.0, 1.0), "1", "measured", "at which it was counted")
+    failed: tuple[float, ...] = parameter((0.0, 0.1), "1", "measured", "share of runs not clean")
+    thresholds: tuple[float, ...] = parameter(
+        (0.2, 0.35, 0.5, 0.8, 1.2), "1", "measured",
+        "largest harm of a success, at each of ``harm.risks``",
     )  # fmt: skip
 
 
@@ -289,9 +304,6 @@ class StandingParameters(Checked):
         "harm below which a path is good enough; with half the candidates and 3 runs for 5 as many "
         "of 30 shelves stay below 8 as with 1.2, in a third of the time",
     )  # fmt: skip
-    threshold: float = parameter(
-        8.0, "1", "measured", "largest harm of a success; of 40 simulated shelves all below picked"
-    )
     tilt: float = parameter(
         5.0, "deg", "choice", "largest, of the approach from the level and of a can from upright"
     )
@@ -363,6 +375,11 @@ class PushParameters:
     beam: BeamParameters = field(default_factory=BeamParameters)
     swing: SwingParameters = field(default_factory=SwingParameters)
     harm: HarmParameters = field(default_factory=HarmParameters)
+    known: CalibrationParameters = field(default_factory=CalibrationParameters)
+    detected: CalibrationParameters = field(default_factory=CalibrationParameters)
+    packs: CalibrationParameters = field(
+        default_factory=lambda: CalibrationParameters((0.0, 8.0), (0.0, 0.1), (4.0, 6.0, 8.0, 12.0, 20.0))
+    )
     hanging: HangingParameters = field(default_factory=HangingParameters)
     plane: PlaneParameters = field(default_factory=PlaneParameters)
     pack: PackParameters = field(default_factory=PackParameters)

@@ -13,7 +13,7 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.geometry.shapes import Box, Cylinder
 from optipromp.pushing.flat import Shapes, clear, shapes
-from optipromp.pushing.model import Moved, PushModel, Round, Schedule
+from optipromp.pushing.model import Calibration, Moved, PushModel, Round, Schedule
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import STEP, ToolPath, through
 from optipromp.pushing.quasi_static import JAMMED, Pushed, push
@@ -50,21 +50,20 @@ class Standing(PushModel):
         seed: of the sampled states.
         rings: (k, 3) the hand and the last link, see :func:`optipromp.pushing.cup.rings_of`; none:
             it is not known where they are clear of the packs.
+        risk: share of promised successes that may be broken.
     """
 
-    speed, good, threshold, states, schedule = (
-        STANDING.speed,
-        STANDING.good,
-        STANDING.threshold,
-        1 + STANDING.samples,
-        SCHEDULE,
+    speed, good, states, schedule = STANDING.speed, STANDING.good, 1 + STANDING.samples, SCHEDULE
+    calibration = Calibration(
+        PUSH.packs.harm, PUSH.packs.failed, PUSH.harm.risks, PUSH.packs.thresholds
     )
 
     def __init__(
         self, scene: Scene, tool: Tool, behind: Sequence[FloatArray] = (), seed: int = 0,
-        rings: FloatArray | None = None,
+        rings: FloatArray | None = None, risk: float = PUSH.harm.risk,
     ) -> None:  # fmt: skip
         assert scene.target is not None
+        self.threshold = self.calibration.allowed(risk)
         self.target, self.frame = scene.target.position, scene.frame
         self._flat, self._upright = scene.frame[[2, 1]].T, scene.frame[[2, 1, 0]]
         self.board = plane(scene, tool)

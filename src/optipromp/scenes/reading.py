@@ -280,7 +280,7 @@ def _approach(model: SceneModel, scale: float, frame: Pose, world: Pose) -> Appr
         further["shift"] = frame.rotation @ (scale * np.array(given.shift))
     if given.lead is not None:
         further["lead"] = frame.rotation @ np.array(given.lead)
-    return Approach(direction, lateral, cone=given.cone or 0.0, **further)
+    return Approach(direction, lateral, cone=given.cone, **further)
 
 
 def _options(model: SceneModel, scale: float) -> dict[str, Any]:

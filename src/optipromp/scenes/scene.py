@@ -45,8 +45,8 @@ class Approach:
         lateral: (3,) y_g, along which the tool drifts; made orthogonal to ``direction``.
         camera_distance: from the camera point to the lowest fruit, along z_g [m].
         cone: where the straight way harms, the planner may come along another axis, off the
-            ``direction`` by at most this angle [degrees].
-        aside: and the tool point may end so far beside the target's centre [m].
+            ``direction`` by at most this angle [degrees]; None: as the planner chooses; 0: never.
+        aside: and the tool point may end so far beside the target's centre [m]; likewise.
         shift: (3,) from the target's centre to where the tool point ends [m]; of a plan's scene,
             where the planner has chosen it.
         lead: (3,) axis of the tool where its path begins; it turns to ``direction`` on the way. Of
@@ -56,8 +56,8 @@ class Approach:
     direction: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     lateral: FloatArray = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
     camera_distance: float = 0.10
-    cone: float = 0.0
-    aside: float = 0.0
+    cone: float | None = None
+    aside: float | None = None
     shift: FloatArray = field(default_factory=lambda: np.zeros(3))
     lead: FloatArray | None = None
 
@@ -74,11 +74,11 @@ class Approach:
                 f"approach.camera_distance is {self.camera_distance:g}: must be above 0 [m] and at "
                 f"most {_FARTHEST_CAMERA:g}"
             )
-        if not 0.0 <= self.cone <= WIDEST_CONE:
+        if self.cone is not None and not 0.0 <= self.cone <= WIDEST_CONE:
             raise InvalidSceneError(
                 f"approach.cone is {self.cone:g}: must be 0 to {WIDEST_CONE:g} [degrees]"
             )
-        if not 0.0 <= self.aside < np.inf:
+        if self.aside is not None and not 0.0 <= self.aside < np.inf:
             raise InvalidSceneError(f"approach.aside is {self.aside:g}: must be at least 0 [m]")
         object.__setattr__(self, "direction", z)
         object.__setattr__(self, "lateral", y)

@@ -46,8 +46,8 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
     if scene.goal is not None:
         document["goal"] = _plain(scene.goal, [item.name for item in fields(scene.goal)])
     stated = ["direction", "lateral", "camera_distance"]
-    chosen = "cone", "aside", "shift", "lead"
-    stated += [name for name in chosen if np.any(getattr(scene.approach, name))]
+    stated += [name for name in ("cone", "aside") if getattr(scene.approach, name) is not None]
+    stated += [name for name in ("shift", "lead") if np.any(getattr(scene.approach, name))]
     document["approach"] = _plain(scene.approach, stated)
     if scene.options:
         document["options"] = dict(scene.options)
