@@ -98,7 +98,7 @@ def test_no_command_believes_what_the_judge_does_not(
     write_plan(harmful if lie.startswith("status") else good, tmp_path)
     LIES[lie](tmp_path)
     wrong = "HARM_PREDICTED" if lie.startswith("status") else "INVALID_PLAN"
-    told = f"the file says success; judged again it is {wrong}"
+    told = f"plan.json: status is success; judged again it is {wrong}"
     for reader in (load_plan, open_source, plan_report):
         with pytest.raises(InvalidPlanError, match=told):
             reader(str(tmp_path))  # type: ignore[operator]
@@ -108,7 +108,7 @@ def test_no_command_believes_what_the_judge_does_not(
     ):  # fmt: skip
         done = runner.invoke(app, [words[0], str(tmp_path), *words[1:]])
         assert done.exit_code == 1, done.output
-        assert f"error INVALID_PLAN: {harmful.scene.name}: {told}" in done.stderr
+        assert f"error INVALID_PLAN: {tmp_path / told}" in done.stderr
         assert len(done.stderr.splitlines()) == 1
 
 
@@ -257,7 +257,7 @@ def test_a_plan_that_goes_on_is_judged_from_where_it_began(good: Plan, tmp_path:
     arrays = read(tmp_path / "waypoints.npz")
     np.savez(tmp_path / "waypoints.npz", **{k: v for k, v in arrays.items() if k != "start"})
     stated(tmp_path)
-    with pytest.raises(InvalidPlanError, match="does not begin at the start"):
+    with pytest.raises(InvalidPlanError, match="at the start link7 enters n1"):
         load_plan(tmp_path)
 
 
