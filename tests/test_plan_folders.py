@@ -122,7 +122,9 @@ def test_the_file_that_differs_is_named(
     path = tmp_path / "a" / name
     match change:
         case "larger" if name.endswith("npz"):
-            np.savez(path, **{k: v if v.dtype.kind == "U" else 10 * v for k, v in read(path).items()})
+            np.savez(
+                path, **{k: v if v.dtype.kind == "U" else 10 * v for k, v in read(path).items()}
+            )
         case "larger":
             path.write_bytes(path.read_bytes().replace(b"1", b"2", 1))
         case "of another":
@@ -248,9 +250,7 @@ def test_a_plan_that_goes_on_is_judged_from_where_it_began(good: Plan, tmp_path:
         assert (again.status, again.prediction) == (made.status, made.prediction)
         assert again.metrics == made.metrics
         assert again.start is not None
-        document = json.loads(
-            runner.invoke(app, ["validate", str(tmp_path), "--json"]).stdout
-        )
+        document = json.loads(runner.invoke(app, ["validate", str(tmp_path), "--json"]).stdout)
         assert document["status"] == "success"
         assert made.prediction is not None
         assert document["predicted_harm"]["harm"] == made.prediction.harm

@@ -35,7 +35,7 @@ from optipromp.pushing.model import Prediction
 from optipromp.robots.model import Robot
 from optipromp.scenes.io import scene_from_dict, scene_to_dict
 from optipromp.scenes.scene import Scene
-from optipromp.trajectory import State, Trajectory
+from optipromp.trajectory import State
 from optipromp.trajectory_files import arrays, csv, from_arrays
 
 FORMAT = 4

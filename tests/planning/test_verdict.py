@@ -20,7 +20,7 @@ from optipromp.cli.main import app
 from optipromp.errors import Code
 from optipromp.judging import centers
 from optipromp.output import FILES
-from optipromp.planning import Plan, PlanOptions, plan
+from optipromp.planning import PlanOptions, plan
 from optipromp.planning.task import push_model, resolve, spaced
 from optipromp.planning.verdict import predicted, verdict_of
 from optipromp.reports import plan_report
@@ -104,14 +104,6 @@ def test_a_motion_that_goes_on_may_begin_among_fruits(share: float) -> None:
 # --- the whole motion ----------------------------------------------------------------------------
 
 
-def through_fruit(task: Any, made: Plan, detour: float) -> Trajectory:
-    """The plan's motion, with a detour of the first joint before its approach [rad]."""
-    q = made.trajectory.positions.copy()
-    bump = np.sin(np.linspace(0.0, np.pi, made.first))
-    q[: made.first, 0] += detour * bump * bump
-    return Trajectory.through(q, made.trajectory.times, made.trajectory.joint_names)
-
-
 def test_a_fruit_that_is_met_before_the_approach_counts() -> None:
     made = plan("scenario-3")
     task = resolve(made.scene)
@@ -132,27 +124,26 @@ def test_a_fruit_that_is_met_before_the_approach_counts() -> None:
     assert harm.object == "low"
 
 
-@settings(max_examples=60, deadline=None)
-@given(st.integers(0, 10**6))
-def test_what_is_clear_is_left_alone(seed: int) -> None:
-    """Led through a motion that is clear of them, no fruit is moved; and it leaves no harm."""
-    rng = np.random.default_rng(seed)
-    scene = generate("cluster", seed % 7)
-    task = resolve(scene)
-    model = push_model(task, task.robot.home)
-    assert model is not None
-    assert scene.target is not None
-    axis = rng.standard_normal(3)
-    ends = scene.target.position + rng.uniform(-0.35, 0.35, (2, 3))
-    points, axes = spaced(ends, np.tile(axis / np.linalg.norm(axis), (2, 1)))
-    places = model.moved(points, axes)
-    before = {o.id: o.position for o in scene.objects}
-    far = [np.linalg.norm(at - before[name]) for name, at in
-           zip(places.ids, places.positions, strict=True)]  # fmt: skip
-    if model.clear(points, axes):
-        assert max(far) < 1e-9
-    elif np.linalg.norm(ends - scene.target.position, axis=1).min() > 0.5:
-        assert max(far) < 1e-9
+def test_what_is_clear_is_left_alone() -> None:
+    """Led through a motion that is clear of them, at any lean, no fruit moves."""
+    rng, clear = np.random.default_rng(0), 0
+    for seed in range(8):
+        scene = generate("cluster", seed)
+        model = push_model(resolve(scene), resolve(scene).robot.home)
+        assert model is not None
+        assert scene.target is not None
+        before = {o.id: o.position for o in scene.objects}
+        for _ in range(12):
+            axis = rng.standard_normal(3)
+            ends = scene.target.position + rng.uniform(-0.35, 0.35, (2, 3))
+            motion = spaced(ends, np.tile(axis / np.linalg.norm(axis), (2, 1)))
+            if not model.clear(*motion):
+                continue
+            clear += 1
+            found = model.moved(*motion)
+            for name, place in zip(found.ids, found.positions, strict=True):
+                np.testing.assert_allclose(place, before[name], atol=1e-9)
+    assert 20 < clear < 80
 
 
 def test_rows_far_apart_are_followed_along_their_curve() -> None:
@@ -199,9 +190,11 @@ def scenes() -> st.SearchStrategy[Scene]:
             return moved(scene, last_link(scene, home) + [0.0, 0.05, 0.02] - scene.target.position)
         return replace(scene, start=None) if start == 4 else scene
 
-    names = st.sampled_from(["scenario-3", "cluster", "table-top", "side-clusters", "truss", "mixed"])
-    return st.builds(drawn, names, st.integers(0, 40), st.integers(0, 4),
-                     st.sampled_from([0.02, 0.1, 0.4, 5.0]), st.sampled_from([True, True, False]))  # fmt: skip
+    names = st.sampled_from(
+        ["scenario-3", "cluster", "table-top", "side-clusters", "truss", "mixed"]
+    )
+    cameras, sure = st.sampled_from([0.02, 0.1, 0.4, 5.0]), st.sampled_from([True, True, False])
+    return st.builds(drawn, names, st.integers(0, 40), st.integers(0, 4), cameras, sure)
 
 
 def restated(folder: Path, **changes: Any) -> None:
@@ -296,7 +289,8 @@ def assert_one_verdict(
         return
     readers = {told[reader] for reader in ("load_plan", "check")}
     assert len(readers) == 1
-    assert (told["validate"][0] == "success") <= (verdict.status is Code.SUCCESS or tampered == "bent")
+    if told["validate"][0] == "success":  # a motion that is bent may be one
+        assert verdict.status is Code.SUCCESS or tampered == "bent"
     if told["load_plan"][0].startswith("error"):
         assert told["validate"] == told["load_plan"]
     if tampered == "status" and verdict.status is not Code.SUCCESS:
