@@ -98,7 +98,7 @@ def test_no_command_believes_what_the_judge_does_not(
     write_plan(harmful if lie.startswith("status") else good, tmp_path)
     LIES[lie](tmp_path)
     wrong = "HARM_PREDICTED" if lie.startswith("status") else "INVALID_PLAN"
-    told = f"the file says success; judged again it is {wrong}"
+    told = f"plan.json: status is success; judged again it is {wrong}"
     for reader in (load_plan, open_source, plan_report):
         with pytest.raises(InvalidPlanError, match=told):
             reader(str(tmp_path))  # type: ignore[operator]
@@ -108,7 +108,7 @@ def test_no_command_believes_what_the_judge_does_not(
     ):  # fmt: skip
         done = runner.invoke(app, [words[0], str(tmp_path), *words[1:]])
         assert done.exit_code == 1, done.output
-        assert f"error INVALID_PLAN: {harmful.scene.name}: {told}" in done.stderr
+        assert f"error INVALID_PLAN: {tmp_path / told}" in done.stderr
         assert len(done.stderr.splitlines()) == 1
 
 
@@ -122,7 +122,9 @@ def test_the_file_that_differs_is_named(
     path = tmp_path / "a" / name
     match change:
         case "larger" if name.endswith("npz"):
-            np.savez(path, **{k: v if v.dtype.kind == "U" else 10 * v for k, v in read(path).items()})
+            np.savez(
+                path, **{k: v if v.dtype.kind == "U" else 10 * v for k, v in read(path).items()}
+            )
         case "larger":
             path.write_bytes(path.read_bytes().replace(b"1", b"2", 1))
         case "of another":
@@ -248,16 +250,14 @@ def test_a_plan_that_goes_on_is_judged_from_where_it_began(good: Plan, tmp_path:
         assert (again.status, again.prediction) == (made.status, made.prediction)
         assert again.metrics == made.metrics
         assert again.start is not None
-        document = json.loads(
-            runner.invoke(app, ["validate", str(tmp_path), "--json"]).stdout
-        )
+        document = json.loads(runner.invoke(app, ["validate", str(tmp_path), "--json"]).stdout)
         assert document["status"] == "success"
         assert made.prediction is not None
         assert document["predicted_harm"]["harm"] == made.prediction.harm
     arrays = read(tmp_path / "waypoints.npz")
     np.savez(tmp_path / "waypoints.npz", **{k: v for k, v in arrays.items() if k != "start"})
     stated(tmp_path)
-    with pytest.raises(InvalidPlanError, match="does not begin at the start"):
+    with pytest.raises(InvalidPlanError, match="at the start link7 enters n1"):
         load_plan(tmp_path)
 
 

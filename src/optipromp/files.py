@@ -152,11 +152,10 @@ def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
 
 
 def whole(folder: Path, name: str) -> Path:
-    """Where a file is that :func:`write_together` wrote; in its place, unless that was cut short."""
-    committed = folder / COMMITTED / name
-    return committed if is_file(committed) and not (folder / COMMITTED).is_symlink() else (
-        folder / name
-    )  # fmt: skip
+    """Where a file is that :func:`write_together` wrote; in its place, if no kill came before."""
+    committed = folder / COMMITTED
+    waits = is_file(committed / name) and not committed.is_symlink()
+    return committed / name if waits else folder / name
 
 
 def _settle(committed: Path) -> None:

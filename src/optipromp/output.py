@@ -35,7 +35,7 @@ from optipromp.pushing.model import Prediction
 from optipromp.robots.model import Robot
 from optipromp.scenes.io import scene_from_dict, scene_to_dict
 from optipromp.scenes.scene import Scene
-from optipromp.trajectory import State, Trajectory
+from optipromp.trajectory import State
 from optipromp.trajectory_files import arrays, csv, from_arrays
 
 FORMAT = 4
@@ -127,7 +127,7 @@ def load_plan(path: Path | str) -> Plan:
                 "with another robot or tool than the scene's"
             )
         scene = scene_from_dict(found.scene_file, base_dir=folder, source=str(path))
-        return _plan(found, scene, rows)
+        return _plan(found, scene, rows, folder / file.name)
     except (InvalidSceneError, InvalidPlanError):
         raise
     except OptiPrompError as error:
@@ -159,7 +159,7 @@ def _check_digests(folder: Path, digests: Mapping[str, str]) -> None:
             )
 
 
-def _plan(found: "_PlanFile", scene: Scene, rows: Mapping[str, Any]) -> Plan:
+def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -> Plan:
     """The plan that a file describes, if the judge says no worse of it."""
     robot = resolve(scene).robot
     curves = [from_arrays(rows, prefix) for prefix in ("", "initial_", "followed_")]
@@ -197,7 +197,7 @@ def _plan(found: "_PlanFile", scene: Scene, rows: Mapping[str, Any]) -> Plan:
     judged = verdict_of(stated)
     if WORSE.index(judged.status) > WORSE.index(found.status):
         raise InvalidPlanError(
-            f"{scene.name}: the file says {found.status}; judged again it is {judged.status}: "
+            f"{file}: status is {found.status}; judged again it is {judged.status}: "
             f"{judged.message}"
         )
     return replace(

@@ -13,9 +13,9 @@ import numpy as np
 from optipromp.arrays import FloatArray, lengths
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.planning import PaperOptions, Plan, PlanOptions, plan
-from optipromp.planning.verdict import verdict
 from optipromp.planning.task import Task, resolve
 from optipromp.planning.timing import shortest
+from optipromp.planning.verdict import verdict
 from optipromp.robots import ik
 from optipromp.robots.roll import level
 from optipromp.scenes.scene import JointGoal, Scene

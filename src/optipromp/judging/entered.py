@@ -29,8 +29,8 @@ def entered(
 ) -> list[Overlap]:
     """The target and the pushables that the tool or the last link is inside of, and how deep.
 
-    An object whose centre is in the tool's mouth, or before it, is not inside of the tool. A link
-    may enter by as much as its spheres stand out of it, and by :data:`BRUSHED`.
+    An object that is in the tool's mouth, or before it, is not inside of the tool. A link may enter
+    by as much as its spheres stand out of it, and by :data:`BRUSHED`.
 
     Args:
         scene: with the objects.
@@ -59,14 +59,18 @@ def entered(
 
 
 def _in_mouth(robot: Robot, item: SceneObject, point: FloatArray, axis: FloatArray) -> bool:
-    """Whether an object's centre is in the tool's mouth, or before it."""
+    """Whether an object is in the tool's mouth, or before it; a long one is taken for as thin as it
+    is.
+    """
     tool = robot.tool
     if tool is None:
         return False
     off = item.position - point
     height = float(off @ axis)
     aside = float(np.linalg.norm(off - height * axis))
-    return height > tool.front - tool.reach and aside < tool.mouth[0]
+    _, size, _ = measured([item.shape])
+    thin = float(size.min(where=size > 0.0, initial=np.inf)) if size.any() else 0.0
+    return height > tool.front - tool.reach and aside + thin < tool.mouth[0] + BRUSHED
 
 
 def _depth(item: SceneObject, spheres: FloatArray, radius: FloatArray) -> float:

@@ -154,7 +154,11 @@ def clear(s: Stems, points: FloatArray, axes: FloatArray, cup: Mouth) -> bool:
         for i in range(len(s.root)):
             x, y, z, far = s.root[i, 0], s.root[i, 1], s.root[i, 2], s.length[i]
             above, _, a, b, c = in_cup(x, y, z, at)
-            x, y, z = x + far * s.axes[i, 2, 0], y + far * s.axes[i, 2, 1], z + far * s.axes[i, 2, 2]
+            x, y, z = (
+                x + far * s.axes[i, 2, 0],
+                y + far * s.axes[i, 2, 1],
+                z + far * s.axes[i, 2, 2],
+            )
             h, _, u, v, w = in_cup(x, y, z, at)
             thick = max(s.radius[i], s.above[i])
             if min(h, above) - thick > cup.rim + CLOSE or max(h, above) + thick < cup.end - CLOSE:
