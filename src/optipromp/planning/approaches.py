@@ -12,7 +12,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, rotation
 from optipromp.planning.parameters import APPROACH
-from optipromp.planning.task import push_model, resolve
+from optipromp.planning.task import approached, push_model, resolve
 from optipromp.pushing.model import PushModel
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene
@@ -41,35 +41,29 @@ def others(scene: Scene, robot: Robot | None = None) -> Iterator[Scene]:
     room.
     """
     cone, aside = limits(scene)
-    robot = resolve(scene, robot).robot
-    if robot.tool is None or scene.target is None:
+    task = resolve(scene, robot)
+    tool, target = task.robot.tool, scene.target
+    if tool is None or target is None:
         return
-    room = max(robot.tool.mouth[0] - scene.target.radius - APPROACH.room, 0.0)
-    reach = min(aside, room)
+    reach = min(aside, max(tool.mouth[0] - target.radius - APPROACH.room, 0.0))
     x_g, y_g, z_g = scene.frame
-    around = np.arange(APPROACH.around) * 2.0 * np.pi / APPROACH.around
+    import os
+    XA=os.environ.get('XA','1,.5'); XS=os.environ.get('XSHIFT','1'); N=int(os.environ.get('XN',6)); TR=int(os.environ.get('XTRIED', 3))
+    around = np.arange(N) * 2.0 * np.pi / N
     ways: list[tuple[FloatArray, FloatArray]] = []
     for turn in around:
         flat = np.cos(turn) * x_g + np.sin(turn) * y_g
-        if reach > 0.0:
+        if reach > 0.0 and XS=='1':
             ways.append((z_g, reach * flat))
-        for share in (APPROACH.inner, 1.0) if cone > 0.0 else ():
+        for share in [float(a) for a in XA.split(',')] if cone > 0.0 else ():
             turned = rotation(np.cross(z_g, flat), float(share * cone))
             ways.append((turned @ z_g, np.zeros(3)))
-    import os
-    if os.environ.get('XSH'):
-        for turn in around:
-            flat = np.cos(turn) * x_g + np.sin(turn) * y_g
-            turned = rotation(np.cross(z_g, flat), float(cone))
-            ways.append((turned @ z_g, reach * (turned @ flat)))
-    if os.environ.get('XNOASIDE'): ways=[w for w in ways if not w[1].any()]
-    TR=int(os.environ.get('XTRIED', APPROACH.tried))
     best: list[tuple[float, int, Scene]] = []
     for k, (way, shift) in enumerate(ways):
         one = replace(scene, approach=replace(scene.approach, direction=way, shift=shift))
-        model = push_model(resolve(one, robot), robot.home)
+        model = push_model(approached(task, one), task.robot.home)
         if model is not None:
-            most = best[-1][0] if len(best) >= TR else np.inf
+            most = best[-1][0] if len(best) == TR else np.inf
             best = sorted([*best, (_promise(one, model, most), k, one)])[: TR]
     yield from (one for _, _, one in best)
 

@@ -170,6 +170,15 @@ def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None
     )
 
 
+def approached(task: Task, scene: Scene) -> Task:
+    """The task for its scene with another approach."""
+    assert scene.aim is not None
+    return replace(
+        task, scene=scene, goal=PoseGoal(scene.aim, scene.frame[2]), standing=scene,
+        neighbours=neighbours(scene, task.robot.gripper_radius),
+    )  # fmt: skip
+
+
 def _within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> None:
     over = np.maximum(robot.lower - q, q - robot.upper)
     worst = int(np.argmax(over))
