@@ -166,10 +166,19 @@ class UnderwayParameters(Checked):
     )
     same: float = parameter(1e-3, "m", "choice", "within which a fruit is where it was before")
     rows: int = parameter(100, "1", "choice", "at which the rest of a running path is read")
+    fewest: int = parameter(4, "1", "choice", "least number of waypoints of the rest of a motion")
+    exact: float = parameter(
+        1e-9, "rad, rad/s, rad/s^2", "choice", "of a joint: within it the arm is on the curve"
+    )
+    left: float = parameter(1e-5, "s", "choice", "shortest rest of a motion or of an interval")
     join: float = parameter(0.5, "s", "choice", "how far ahead the new motion is joined, at most")
     quickest: float = parameter(0.01, "s", "choice", "shortest time of a join")
     slowest: float = parameter(2.0, "s", "choice", "longest time of a join")
     durations: int = parameter(40, "1", "choice", "of a join that are tried for each waypoint")
+    samples: int = parameter(12, "1", "choice", "of a join, between which the tool's speed counts")
+    spare: float = parameter(
+        0.05, "1", "choice", "share by which a join or a path that moved may exceed the tool's speed"
+    )
 
 
 @dataclass(frozen=True)

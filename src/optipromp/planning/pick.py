@@ -70,7 +70,7 @@ def pick(
     for path, good in paths:
         begin: Iterator[Start] = follow.starts(task, path, promp, options, goals, GOALS)
         if path is task.kept and options.duration is None:
-            begin = chain(rest(task), begin)
+            begin = chain(rest(task, options), begin)
         attempt = first_valid(solver, begin)
         if attempt is None:
             continue
@@ -84,7 +84,8 @@ def pick(
         harm = 0.0 if model is None else model.harm(*motion, model.states)
         score = harm if options.prediction else 0.0
         if path is task.kept:  # another one must be better by as much
-            score = max(score - good, 0.0)
+            known = model is not None and task.same and attempt.trajectory is task.running
+            score = max(score - (model.threshold if known else good), 0.0)
         score += 0.0 if attempt.valid else INVALID
         if best is None or score < least:
             best, least = (attempt, motion, harm), score
@@ -104,7 +105,7 @@ def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> 
     start, made = attempt.start, attempt.trajectory
     history = attempt.history
     stage = Stage("joint", "gauss-newton", tuple(history[0]), history, seconds, attempt.message)
-    optimised = len(history) > 1 or start.times is not None  # or it was, as it began
+    optimised = len(history) > 1 or start.running is not None  # or it was, as it began
     primitive, followed = (
         Trajectory.through(q, made.times, made.joint_names)
         for q in (start.primitive, start.followed)
@@ -208,7 +209,7 @@ class Solver:
             self._arrays[count] = Evaluation(task.robot, task.body, count, 1.0 / (count - 1))
         problem = following(task, self.options, start, self._arrays[count])
         value = problem.evaluate(start.followed, settings.stages[-1])
-        if self.options.iterations == 0 or self.budget.spent() or start.times is not None:
+        if self.options.iterations == 0 or self.budget.spent() or start.running is not None:
             return self._judged(start, start.followed, value.merit, (value.costs,), "")
         if settings.keeps(value):
             last = slice(-1, None)
@@ -225,11 +226,7 @@ class Solver:
     ) -> Attempt:  # fmt: skip
         task, path = self.task, start.path
         first, speed = (None, None) if path is None else (start.waypoints.first, path.speed)
-        if start.times is None:
-            trajectory = timed(task, self.options, q, first, speed)
-        else:
-            names = task.robot.joint_names
-            trajectory = Trajectory.through(q, start.times, names, begin=task.state)
+        trajectory = start.running or timed(task, self.options, q, first, speed)
         verdict = judging.judge(
             self.scene, task.robot, trajectory, task.state, stem_side=self.stem_side
         )

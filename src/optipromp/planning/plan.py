@@ -255,7 +255,7 @@ def _plan(
     if touching:
         told = "at the start " + "; ".join(map(str, touching))
         return finish(stay, Code.START_IN_COLLISION, told)
-    if all(task.at_goal(q) for q in stay.trajectory.positions):
+    if task.running is None and all(task.at_goal(q) for q in stay.trajectory.positions):
         return finish(stay)
 
     say("inverse kinematics")

@@ -9,6 +9,7 @@ Stretching all times by c divides the k-th derivative by :math:`c^k`, so the lea
 """
 
 import functools
+import math
 
 import numpy as np
 
@@ -17,8 +18,12 @@ from optipromp.planning.options import PlanOptions
 from optipromp.planning.parameters import TIMING, UNDERWAY
 from optipromp.planning.task import Task
 from optipromp.pushing.parameters import PUSH
+from optipromp.pushing.path import STEP, along, evenly, length
 from optipromp.robots.model import Robot
 from optipromp.trajectory import State, Trajectory, control_points
+
+
+BINOMIAL = np.array([1.0, 5.0, 10.0, 10.0, 5.0, 1.0])  # of a quintic's control points
 
 
 def timed(
@@ -34,12 +39,12 @@ def timed(
     else below ``speed`` (None: that of the model of what hangs) [m/s].
     """
     limit = options.approach_speed or speed or PUSH.hanging.speed
-    if options.duration is not None:
-        slow = None
-    made = shortest(task.robot, q, slow, limit)
+    made = shortest(task.robot, q, None if options.duration else slow, limit)
     if options.duration is not None:
         made = made.slowed(options.duration / made.duration)
-    return joined(task.robot, task.state, made) if task.state.moving else made
+    if not task.state.moving:
+        return made
+    return joined(task.robot, task.state, made, slow, options.corridor)
 
 
 def shortest(
@@ -72,13 +77,21 @@ def shortest(
     return best
 
 
-def joined(robot: Robot, state: State, made: Trajectory) -> Trajectory:
+def joined(
+    robot: Robot,
+    state: State,
+    made: Trajectory,
+    slow: int | None = None,
+    corridor: float = np.inf,
+) -> Trajectory:
     """A trajectory that begins at rest, begun in a moving ``state`` instead.
 
     One quintic leads from the state to a waypoint ahead, and takes the place of what was before.
     Of the waypoints at most ``UNDERWAY.join`` ahead [s], and of the quintic's durations, those are
-    chosen with which the whole ends soonest within all limits. Where none keeps the limits, the one
-    that comes nearest is taken, and the judge says so. The number of waypoints stays.
+    chosen with which the whole ends soonest within all limits. From waypoint ``slow`` on (None:
+    nowhere) the tool is led no faster than the trajectory leads it there, and within ``corridor``
+    [m] of its path. Where none keeps the limits, the one that comes nearest is taken, and the judge
+    says so; of those that do, the corridor comes first. The number of waypoints stays.
     """
     last = max(2, int(np.searchsorted(made.times, UNDERWAY.join, side="right")))
     rows = np.arange(1, min(last, made.n_waypoints))
@@ -89,11 +102,20 @@ def joined(robot: Robot, state: State, made: Trajectory) -> Trajectory:
     points = control_points(h[:, None], begin, made.rows(row))
     outside = np.maximum(robot.lower - points, points - robot.upper).max(axis=(0, 2))
     over = np.maximum(shares(robot, points, h[:, None]) - 1.0, 0.0) + np.maximum(outside, 0.0)
-    ends = np.where(over > 0.0, np.inf, h - made.times[row])
-    best = int(np.argmin(ends if np.isfinite(ends).any() else over))
+    off, ends = np.zeros(len(row)), h - made.times[row]
+    if slow is not None:
+        path, _ = robot.tool_pose(made.positions)
+        speed = tool_speed(robot, made, slow)
+        least = np.where(row > slow, lengths(path[row] - path[slow]), 0.0) / h
+        over += np.maximum(least / speed - 1.0 - UNDERWAY.spare, 0.0)
+        some = np.flatnonzero(over <= over.min())
+        row, h, ends, over = row[some], h[some], ends[some], over[some]
+        fast, off = _led(robot, points[:, some], h, path[: last + 1], slow, speed)
+        over, off = over + fast, np.maximum(off - corridor, 0.0)
+    best = int(np.lexsort((ends, off, over))[0])
     j, span, names = int(row[best]), float(h[best]), made.joint_names
     q, velocity, acceleration = (
-        np.stack([one[best], other]) for one, other in zip(begin, made.rows(j), strict=True)
+        np.stack([one[0], other]) for one, other in zip(begin, made.rows(j), strict=True)
     )
     lead = Trajectory(np.array([0.0, span]), q, velocity, acceleration, names)
     at = np.linspace(0.0, span, j + 1)[:-1]
@@ -103,6 +125,41 @@ def joined(robot: Robot, state: State, made: Trajectory) -> Trajectory:
     )
     times = np.append(at, made.times[j:] - made.times[j] + span)
     return Trajectory(times, q, velocity, acceleration, names)
+
+
+def tool_speed(robot: Robot, made: Trajectory, first: int) -> float:
+    """Largest mean speed of the tool over an interval from waypoint ``first`` on [m/s]."""
+    points, _ = robot.tool_pose(made.positions[first:])
+    gone = lengths(np.diff(points, axis=0))
+    return float((gone / np.diff(made.times[first:])).max(initial=0.0))
+
+
+def _led(
+    robot: Robot, points: FloatArray, h: FloatArray, path: FloatArray, slow: int, speed: float
+) -> tuple[FloatArray, FloatArray]:
+    """How long (m,) each quintic leads the tool too fast, and how far (m,) off its path [m].
+
+    Args:
+        robot: with its tool.
+        points: (6, m, n) control points of the quintics; ``h`` (m,) their durations [s].
+        path: (P, 3) of the tool at waypoints [m]; what is nearer to one before ``slow`` is free.
+        slow: the first waypoint that counts.
+        speed: largest of the tool [m/s]; twice the speed for a second counts as much as 1.
+    """
+    s = np.linspace(0.0, 1.0, UNDERWAY.samples + 1)[:, None]
+    power = np.arange(6)
+    blend = BINOMIAL * s**power * (1.0 - s) ** (5 - power)
+    tool, _ = robot.tool_pose(np.einsum("sk,kmn->msn", blend, points))
+    count = max(2, math.ceil(length(path) / STEP) + 1)
+    row = along(path, np.arange(len(path), dtype=np.float64)[:, None], count)[:, 0]
+    away = lengths((tool[:, :, None] - evenly(path, count)).reshape(-1, 3))
+    away = away.reshape(*tool.shape[:2], count)
+    counts = row[away.argmin(axis=2)] >= slow - 1e-9
+    off = np.where(counts, away.min(axis=2), 0.0).max(axis=1)
+    times = h[:, None] / UNDERWAY.samples
+    fast = lengths(np.diff(tool, axis=1).reshape(-1, 3)).reshape(len(h), -1) / times / speed - 1.0
+    fast = np.where(counts[:, 1:] & (fast > UNDERWAY.spare), fast * times, 0.0).sum(axis=1)
+    return fast, off
 
 
 def stopped(robot: Robot, state: State) -> Trajectory:
