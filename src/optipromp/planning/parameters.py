@@ -176,9 +176,6 @@ class UnderwayParameters(Checked):
     slowest: float = parameter(2.0, "s", "choice", "longest time of a join")
     durations: int = parameter(40, "1", "choice", "of a join that are tried for each waypoint")
     samples: int = parameter(12, "1", "choice", "of a join, between which the tool's speed counts")
-    spare: float = parameter(
-        0.05, "1", "choice", "share by which a join or a path that moved may exceed the tool's speed"
-    )
 
 
 @dataclass(frozen=True)
@@ -228,6 +225,10 @@ class TimingParameters(Checked):
     gain: float = parameter(0.5, "1", "measured", "power of an interval's need; 1 oscillates")
     shrink: float = parameter(0.9, "1", "choice", "least change of an interval in a refinement")
     widen: float = parameter(3.0, "1", "choice", "largest change of an interval in a refinement")
+    spare: float = parameter(
+        0.05, "1", "choice", "share by which the tool may exceed its speed within an interval"
+    )
+    parts: int = parameter(4, "1", "choice", "of an interval, in which that speed is looked at")
 
 
 WAYPOINT = WaypointParameters()

@@ -48,25 +48,26 @@ def timed(
 
 
 def shortest(
-    robot: Robot, q: FloatArray, slow: int | None = None, tool_speed: float = np.inf
+    robot: Robot, q: FloatArray, slow: int | None = None, speed: float = np.inf
 ) -> Trajectory:
     """The trajectory through waypoints ``q`` (T, n) that ends soonest, from rest to rest.
 
     It keeps the robot's limits of velocity, acceleration and jerk at every instant and, from
-    waypoint ``slow`` on (None: nowhere), the ``tool_speed`` [m/s] in the mean of each interval.
+    waypoint ``slow`` on (None: nowhere), the tool's ``speed`` [m/s] in the mean of each interval.
     Where the tool's speed decides, the waypoints are evenly spaced. Where the joints' limits
-    decide, the intervals near the ends are widened, and then each by its own need.
+    decide, the intervals near the ends are widened, and then each by its own need. So are those
+    within which the tool is faster than ``speed`` by more than ``TIMING.spare``.
     """
     count, names = len(q), robot.joint_names
     least = np.zeros(count - 1)
     if slow is not None:
         points, _ = robot.tool_pose(q[slow:])
-        least[slow:] = lengths(points[1:] - points[:-1]) / tool_speed
+        least[slow:] = lengths(points[1:] - points[:-1]) / speed
     even = np.arange(count, dtype=np.float64)
     dt = max(float(least.max()), TIMING.least_dt)
     made = Trajectory.through(q, dt * even, names)
     if needs(robot, made).max() <= 1.0:
-        return made
+        return _calmed(robot, made, slow, speed)
     best = min((_within(robot, q, _ramped(count, r), least) for r in TIMING.ramps), key=_end)
     made = best
     for _ in range(TIMING.refinements):
@@ -74,7 +75,21 @@ def shortest(
         widths = np.diff(made.times) * np.clip(need**TIMING.gain, TIMING.shrink, TIMING.widen)
         made = _within(robot, q, np.append(0.0, np.cumsum(widths)), least)
         best = min(best, made, key=_end)
-    return best
+    return _calmed(robot, best, slow, speed)
+
+
+def _calmed(robot: Robot, made: Trajectory, slow: int | None, speed: float) -> Trajectory:
+    """A trajectory, its intervals widened where the tool is faster within them than allowed."""
+    if slow is None or speed == np.inf:
+        return made
+    for _ in range(TIMING.refinements):
+        fast = tool_speeds(robot, made, slow, TIMING.parts) / speed
+        if fast.max() <= 1.0 + TIMING.spare:
+            break
+        widths = np.diff(made.times)
+        widths[slow:] *= np.maximum(fast, 1.0)
+        made = _within(robot, made.positions, np.append(0.0, np.cumsum(widths)), widths)
+    return made
 
 
 def joined(
@@ -105,9 +120,9 @@ def joined(
     off, ends = np.zeros(len(row)), h - made.times[row]
     if slow is not None:
         path, _ = robot.tool_pose(made.positions)
-        speed = tool_speed(robot, made, slow)
+        speed = float(tool_speeds(robot, made, slow).max())
         least = np.where(row > slow, lengths(path[row] - path[slow]), 0.0) / h
-        over += np.maximum(least / speed - 1.0 - UNDERWAY.spare, 0.0)
+        over += np.maximum(least / speed - 1.0 - TIMING.spare, 0.0)
         some = np.flatnonzero(over <= over.min())
         row, h, ends, over = row[some], h[some], ends[some], over[some]
         fast, off = _led(robot, points[:, some], h, path[: last + 1], slow, speed)
@@ -127,11 +142,16 @@ def joined(
     return Trajectory(times, q, velocity, acceleration, names)
 
 
-def tool_speed(robot: Robot, made: Trajectory, first: int) -> float:
-    """Largest mean speed of the tool over an interval from waypoint ``first`` on [m/s]."""
-    points, _ = robot.tool_pose(made.positions[first:])
-    gone = lengths(np.diff(points, axis=0))
-    return float((gone / np.diff(made.times[first:])).max(initial=0.0))
+def tool_speeds(robot: Robot, made: Trajectory, first: int, parts: int = 1) -> FloatArray:
+    """Speed (T-1-first,) of the tool in each interval from waypoint ``first`` on [m/s].
+
+    It is the mean, or the largest of the means over so many equal ``parts`` of the interval.
+    """
+    rows = np.arange(first, made.n_waypoints - 1 + 1e-9, 1.0 / parts)
+    times = np.interp(rows, np.arange(made.n_waypoints), made.times)
+    points, _ = robot.tool_pose(made.sample(times)[0])
+    speeds = lengths(np.diff(points, axis=0)) / np.diff(times)
+    return np.asarray(speeds.reshape(-1, parts).max(axis=1))
 
 
 def _led(
@@ -158,7 +178,7 @@ def _led(
     off = np.where(counts, away.min(axis=2), 0.0).max(axis=1)
     times = h[:, None] / UNDERWAY.samples
     fast = lengths(np.diff(tool, axis=1).reshape(-1, 3)).reshape(len(h), -1) / times / speed - 1.0
-    fast = np.where(counts[:, 1:] & (fast > UNDERWAY.spare), fast * times, 0.0).sum(axis=1)
+    fast = np.where(counts[:, 1:] & (fast > TIMING.spare), fast * times, 0.0).sum(axis=1)
     return fast, off
 
 

@@ -20,9 +20,9 @@ from optipromp.arrays import FloatArray, frozen, lengths
 from optipromp.errors import InvalidRequestError
 from optipromp.planning.follow import Start, Waypoints, braked
 from optipromp.planning.options import PlanOptions
-from optipromp.planning.parameters import FOLLOW, UNDERWAY
+from optipromp.planning.parameters import FOLLOW, TIMING, UNDERWAY
 from optipromp.planning.task import Task, tool_motion
-from optipromp.planning.timing import timed, tool_speed
+from optipromp.planning.timing import timed, tool_speeds
 from optipromp.pushing import standing
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import STEP, ToolPath, evenly, length
@@ -128,7 +128,7 @@ def rest(task: Task, options: PlanOptions) -> Iterator[Start]:
         q[0] = task.start
         made = Trajectory.through(q, made.times, made.joint_names, begin=task.state)
     limit = options.approach_speed or path.speed
-    if tool_speed(robot, made, first) > limit * (1.0 + UNDERWAY.spare):
+    if tool_speeds(robot, made, first, TIMING.parts).max() > limit * (1.0 + TIMING.spare):
         made = timed(task, options, made.positions, first, path.speed)
     q = made.positions
     yield Start(q, q, Waypoints(count, first), path, made)
