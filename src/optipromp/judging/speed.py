@@ -18,7 +18,11 @@ PARTS = 8  # equal ones of the time between two checks, over which the speed is 
 
 
 def among_fruits(
-    scene: Scene, robot: Robot, trajectory: Trajectory, rows: IntArray, points: FloatArray,
+    scene: Scene,
+    robot: Robot,
+    trajectory: Trajectory,
+    rows: IntArray,
+    points: FloatArray,
     axes: FloatArray,
 ) -> tuple[float, float] | None:
     """Largest speed of the tool among pushables that hang [m/s], and when it is reached [s].

@@ -184,7 +184,9 @@ def judge(
     violations += [*missed, *(astray if stem_side else []), *broken]
     speed, when = among_fruits(scene, robot, trajectory, waypoints, points, every) or (None, None)
     if speed is not None and speed > PUSHED * (1.0 + FASTER):
-        text = f"the tool moves at {speed:.3f} m/s among fruits (pushes are predicted for {PUSHED:g})"
+        text = (
+            f"the tool moves at {speed:.3f} m/s among fruits (pushes are predicted for {PUSHED:g})"
+        )
         violations.append(Violation("speed", text, "", when, speed, "m/s"))
     notes += [] if stem_side else map(str, astray)
     figures: dict[str, Any] = {**distances, **motion}

@@ -175,6 +175,7 @@ class UnderwayParameters(Checked):
     quickest: float = parameter(0.01, "s", "choice", "shortest time of a join")
     slowest: float = parameter(2.0, "s", "choice", "longest time of a join")
     durations: int = parameter(40, "1", "choice", "of a join that are tried for each waypoint")
+    ticks: int = parameter(100, "1", "choice", "in which a joint's acceleration comes to its peak")
     samples: int = parameter(12, "1", "choice", "of a join, between which the tool's speed counts")
 
 

@@ -69,7 +69,7 @@ def pick(
     paths = tool_paths(task, known, rng, budget, options.rule, lambda good: least <= good)
     for path, good in paths:
         begin: Iterator[Start] = follow.starts(task, path, promp, options, goals, GOALS)
-        if path is task.kept and options.duration is None:
+        if path is task.kept:
             begin = chain(rest(task, options), begin)
         attempt = first_valid(solver, begin)
         if attempt is None:
@@ -95,7 +95,8 @@ def pick(
         attempt, motion, harm = best
         prediction = None if model is None else model.predict(*motion, harm)
         return outcome(attempt, prediction, clock() - began)
-    attempt = first_valid(solver, ways.free_starts(solver.task, options, promp, goals, rng, budget))
+    free = ways.free_starts(solver.task, options, promp, goals, rng, budget)
+    attempt = first_valid(solver, chain(rest(task, options), free))
     assert attempt is not None  # there is at least one goal configuration
     return outcome(attempt, None, clock() - began)
 

@@ -238,6 +238,8 @@ def _plan(
             status, message = _status(Verdict(verdict, prediction), outcome, options, budget)
         elif status == Code.GOAL_IN_COLLISION:
             message += f"; the trajectory that comes nearest: {verdict.message}{_cut(budget)}"
+        elif broken := [str(v) for v in verdict.violations if v.kind in ("limit", *judging.RATES)]:
+            message += "; on the way to rest " + "; ".join(broken)
         now = clock()
         times = {**so_far, **outcome.time, "check": now - start, "total": now - began}
         return Plan(

@@ -22,7 +22,6 @@ from optipromp.pushing.path import STEP, along, evenly, length
 from optipromp.robots.model import Robot
 from optipromp.trajectory import State, Trajectory, control_points
 
-
 BINOMIAL = np.array([1.0, 5.0, 10.0, 10.0, 5.0, 1.0])  # of a quintic's control points
 
 
@@ -84,7 +83,7 @@ def _calmed(robot: Robot, made: Trajectory, slow: int | None, speed: float) -> T
         return made
     for _ in range(TIMING.refinements):
         fast = tool_speeds(robot, made, slow, TIMING.parts) / speed
-        if fast.max() <= 1.0 + TIMING.spare:
+        if fast.max(initial=0.0) <= 1.0 + TIMING.spare:
             break
         widths = np.diff(made.times)
         widths[slow:] *= np.maximum(fast, 1.0)
@@ -118,9 +117,9 @@ def joined(
     outside = np.maximum(robot.lower - points, points - robot.upper).max(axis=(0, 2))
     over = np.maximum(shares(robot, points, h[:, None]) - 1.0, 0.0) + np.maximum(outside, 0.0)
     off, ends = np.zeros(len(row)), h - made.times[row]
-    if slow is not None:
+    if slow is not None and slow < min(last, made.n_waypoints - 1):
         path, _ = robot.tool_pose(made.positions)
-        speed = float(tool_speeds(robot, made, slow).max())
+        speed = max(float(tool_speeds(robot, made, slow).max()), 1e-6)
         least = np.where(row > slow, lengths(path[row] - path[slow]), 0.0) / h
         over += np.maximum(least / speed - 1.0 - TIMING.spare, 0.0)
         some = np.flatnonzero(over <= over.min())
@@ -186,7 +185,8 @@ def stopped(robot: Robot, state: State) -> Trajectory:
     """From a moving ``state`` to rest: the shortest of the quintics that end half-way.
 
     At constant deceleration a joint at speed v comes to rest over a time h after v·h/2. Where no
-    quintic keeps all limits, the longest is taken, and the judge says so.
+    quintic keeps all limits, each joint is braked as hard as it may be: it leaves the limits of
+    position by the least, and the judge says so.
     """
     rest = np.zeros((2, robot.n_joints))
     rest[0] = state.velocity
@@ -197,8 +197,58 @@ def stopped(robot: Robot, state: State) -> Trajectory:
         points = control_points(np.array([[h]]), made.rows([0]), made.rows([1]))
         inside = ((points >= robot.lower) & (points <= robot.upper)).all()
         if inside and shares(robot, points, np.array([[h]])).max() <= 1.0:
+            return made
+    return _braked(robot, state)
+
+
+def _braked(robot: Robot, state: State) -> Trajectory:
+    """From a moving ``state`` to rest, each joint as soon as its acceleration and jerk allow.
+
+    The acceleration changes evenly to a peak, stays there, and goes evenly to zero. The times of
+    the three are whole ticks, of all joints alike, so that no two rows are too close.
+    """
+    v, a, least = state.velocity, state.acceleration, TIMING.least_dt
+    most = np.maximum(np.minimum(robot.acceleration, np.abs(v) / least), np.abs(a)) + 1e-9
+    jerk = np.minimum(robot.jerk, most / least)
+    sign = -np.sign(v + 0.5 * a * np.abs(a) / jerk)  # of the speed that is left without a peak
+    wanted, now = -sign * v, sign * a  # change of speed, acceleration
+    peak = np.minimum(np.sqrt(np.maximum(jerk * wanted + 0.5 * now**2, 0.0)), most)
+    tick = max(least, float(((peak + np.abs(now)) / jerk).max()) / UNDERWAY.ticks)
+    held = (wanted - (peak**2 - 0.5 * now**2) / jerk) / np.maximum(peak, 1e-9)
+    held = np.ceil(np.maximum(held, 0.0) / tick - 1e-6)
+    ticks = np.array(
+        [_phases(*one, tick) for one in zip(wanted, now, most, jerk, held, strict=True)]
+    ).T
+    peak = (wanted / tick - 0.5 * now * ticks[0]) / (0.5 * (ticks[0] + ticks[2]) + ticks[1])
+    jerks = sign * np.stack([(peak - now) / ticks[0], 0.0 * peak, -peak / ticks[2]]) / tick
+    ends = np.cumsum(ticks, axis=0)
+    times = np.append(0.0, np.unique(ends)) * tick
+    q, v, a = (np.tile(one, (len(times), 1)) for one in (state.q, v, a))
+    for begin, span, slope in zip((ends - ticks) * tick, ticks * tick, jerks, strict=True):
+        t = np.clip(times[:, None] - begin, 0.0, span)
+        q = q + t * (v + t * (a / 2.0 + t * slope / 6.0))
+        v, a = v + t * (a + t * slope / 2.0), a + t * slope
+    v[-1] = a[-1] = 0.0  # without rounding
+    return Trajectory(times, q, v, a, robot.joint_names)
+
+
+def _phases(
+    wanted: float, now: float, most: float, jerk: float, held: float, tick: float
+) -> tuple[float, float, float]:
+    """The three times of :func:`_braked` for one joint, in whole ticks and the fewest.
+
+    The speed changes by ``wanted``, with the peak held for ``held`` ticks or little more.
+    """
+    first, last = np.mgrid[1 : UNDERWAY.ticks + 3, 1 : UNDERWAY.ticks + 3] * tick
+    slack = 1.0 + 1e-9
+    for more in range(UNDERWAY.ticks):
+        peak = (wanted - 0.5 * now * first) / (0.5 * (first + last) + (held + more) * tick)
+        fits = np.abs(peak) <= np.minimum(jerk * last, most) * slack
+        fits &= np.abs(peak - now) <= jerk * first * slack
+        if fits.any():
             break
-    return made
+    row, column = np.unravel_index(np.argmin(np.where(fits, first + last, np.inf)), fits.shape)
+    return float(row + 1), held + more, float(column + 1)
 
 
 def needs(robot: Robot, made: Trajectory) -> FloatArray:

@@ -27,7 +27,7 @@ from optipromp.pushing import standing
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import STEP, ToolPath, evenly, length
 from optipromp.robots import ik
-from optipromp.scenes.scene import PoseGoal
+from optipromp.scenes.scene import JointGoal, PoseGoal
 from optipromp.trajectory import State, Trajectory
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def begun(start_state: Moving | None, previous: Plan | None, at: float | None) -
 def underway(task: Task, previous: Plan | None, at: float | None) -> Task:
     """The task of an arm that moves: what the tool has passed is dropped; see the module."""
     if not isinstance(task.goal, PoseGoal):
-        return task
+        return replace(task, running=running(previous, at))
     up, (point, axis) = task.scene.frame[2], task.robot.tool_pose(task.start)
     ahead = float((task.goal.position - point) @ up)
     aside = math.dist(task.goal.position - ahead * up, point)
@@ -88,8 +88,10 @@ def underway(task: Task, previous: Plan | None, at: float | None) -> Task:
     return replace(task, pushed=pushed(task, previous, at))
 
 
-def running(previous: Plan, at: float) -> Trajectory | None:
+def running(previous: Plan | None, at: float | None) -> Trajectory | None:
     """The rest of a running trajectory, the same curve; None where nothing is left."""
+    if previous is None or at is None:
+        return None
     curve = previous.trajectory
     times = np.append(at, curve.times[curve.times > at + UNDERWAY.left])
     if len(times) < 2:
@@ -107,16 +109,23 @@ def rest(task: Task, options: PlanOptions) -> Iterator[Start]:
     waypoints that are moved otherwise. It is timed anew where the tool would be too fast.
     """
     made, path = task.running, task.kept
-    if made is None or path is None:
+    if made is None or options.duration is not None:
         return
-    assert isinstance(task.goal, PoseGoal)
-    count, robot = made.n_waypoints, task.robot
+    on_curve = task.state.near(State(*made.rows(0)), UNDERWAY.exact)
+    if isinstance(task.goal, JointGoal):
+        q, last = made.positions, made.n_waypoints - 1
+        if on_curve and task.at_goal(q[-1]):
+            yield Start(q, q, Waypoints(last + 1, last), None, made)
+        return
+    if path is None:
+        return
+    robot = task.robot
     points, _ = robot.tool_pose(made.positions)
     first = 0
     if task.entry is None:
         first = int(np.argmin(np.linalg.norm(points - path.points[0], axis=1)))
     moved = task.goal.position - points[-1]
-    if math.hypot(*moved) > FOLLOW.tracked or not task.state.near(State(*made.rows(0)), UNDERWAY.exact):
+    if math.hypot(*moved) > FOLLOW.tracked or not on_curve:
         gap = (1.0 - _begun(made.times / made.duration)) * (task.start - made.positions[0])
         q = made.positions + gap
         points, axes = robot.tool_pose(q)
@@ -125,13 +134,15 @@ def rest(task: Task, options: PlanOptions) -> Iterator[Start]:
         q[first:], errors = ik.each(robot, wanted, axes[first:], q[first:])
         if errors.max() > FOLLOW.tracked:
             return
-        q[0] = task.start
-        made = Trajectory.through(q, made.times, made.joint_names, begin=task.state)
+        q[0], wide = task.start, np.full(len(q), True)
+        wide[1] = 2.0 * made.times[1] > made.times[2] - made.times[1]  # else a step too short
+        first -= int(first > 1 and not wide[1])
+        made = Trajectory.through(q[wide], made.times[wide], made.joint_names, begin=task.state)
     limit = options.approach_speed or path.speed
     if tool_speeds(robot, made, first, TIMING.parts).max() > limit * (1.0 + TIMING.spare):
         made = timed(task, options, made.positions, first, path.speed)
     q = made.positions
-    yield Start(q, q, Waypoints(count, first), path, made)
+    yield Start(q, q, Waypoints(len(q), first), path, made)
 
 
 def _begun(share: FloatArray) -> FloatArray:
