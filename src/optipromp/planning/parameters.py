@@ -229,6 +229,9 @@ class TimingParameters(Checked):
     spare: float = parameter(
         0.05, "1", "choice", "share by which the tool may exceed its speed within an interval"
     )
+    among: float = parameter(
+        0.025, "m", "choice", "from tool to fruit, within which it is slow; the judge asks 0.02"
+    )
     parts: int = parameter(4, "1", "choice", "of an interval, in which that speed is looked at")
 
 

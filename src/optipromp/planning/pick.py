@@ -31,7 +31,7 @@ from optipromp.planning.options import PlanOptions
 from optipromp.planning.parameters import SOLVE
 from optipromp.planning.result import Planned, Stage
 from optipromp.planning.task import Task, push_model, pushed_aside, tool_motion
-from optipromp.planning.timing import timed
+from optipromp.planning.timing import slowly, timed
 from optipromp.planning.underway import rest, straight
 from optipromp.promp.model import ProMP
 from optipromp.pushing.model import Prediction, PushModel, search
@@ -227,7 +227,8 @@ class Solver:
     ) -> Attempt:  # fmt: skip
         task, path = self.task, start.path
         first, speed = (None, None) if path is None else (start.waypoints.first, path.speed)
-        trajectory = start.running or timed(task, self.options, q, first, speed)
+        slow = slowly(task, q, first)
+        trajectory = start.running or timed(task, self.options, q, slow, speed)
         verdict = judging.judge(
             self.scene, task.robot, trajectory, task.state, stem_side=self.stem_side
         )

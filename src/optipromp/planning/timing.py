@@ -13,14 +13,18 @@ import math
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, frozen, lengths
+from optipromp.arrays import BoolArray, FloatArray, frozen, lengths
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.parameters import TIMING, UNDERWAY
 from optipromp.planning.task import Task
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import STEP, along, evenly, length
 from optipromp.robots.model import Robot
+from optipromp.scenes.scene import JointGoal
 from optipromp.trajectory import State, Trajectory, control_points
+
+Slow = int | BoolArray | None
+"""Where the tool is to be slow: from a waypoint on, in some intervals (T-1,), or nowhere."""
 
 BINOMIAL = np.array([1.0, 5.0, 10.0, 10.0, 5.0, 1.0])  # of a quintic's control points
 
@@ -29,12 +33,12 @@ def timed(
     task: Task,
     options: PlanOptions,
     q: FloatArray,
-    slow: int | None,
+    slow: Slow,
     speed: float | None = None,
 ) -> Trajectory:
     """Waypoints (T, n) as a trajectory of the duration asked for, or of the shortest possible one.
 
-    From waypoint ``slow`` on (None: nowhere) the tool stays below ``options.approach_speed``, or
+    Where it is to be ``slow`` the tool stays below ``options.approach_speed``, or
     else below ``speed`` (None: that of the model of what hangs) [m/s].
     """
     limit = options.approach_speed or speed or PUSH.hanging.speed
@@ -46,26 +50,58 @@ def timed(
     return joined(task.robot, task.state, made, slow, options.corridor)
 
 
-def shortest(
-    robot: Robot, q: FloatArray, slow: int | None = None, speed: float = np.inf
-) -> Trajectory:
+def slowly(task: Task, q: FloatArray, first: int | None) -> Slow:
+    """Where the tool is to be slow on its way through waypoints (T, n).
+
+    From waypoint ``first`` on (None: nowhere), and before it in single intervals in which the tool
+    is near a pushable that hangs. It counts as the cylinder of the gripper's radius up to the rim.
+    """
+    scene, tool, near = task.scene, task.robot.tool, np.zeros(len(q), dtype=bool)
+    target = scene.target
+    fruits = [fruit for fruit in scene.pushables if fruit.stem is not None]
+    if tool is None or target is None or target.stem is None or isinstance(task.goal, JointGoal):
+        fruits = []
+    points, axes = task.robot.tool_pose(q)
+    low, high = points.min(axis=0), points.max(axis=0)
+    longest = tool.reach + task.robot.gripper_radius if fruits and tool is not None else 0.0
+    for fruit in fruits:
+        reach = fruit.radius + TIMING.among
+        if (
+            (fruit.position + longest + reach < low) | (fruit.position - longest - reach > high)
+        ).any():
+            continue
+        off = fruit.position - points
+        along = np.einsum("ti,ti->t", off, axes)
+        aside = lengths(off - along[:, None] * axes)
+        near |= (
+            (aside < task.robot.gripper_radius + reach)
+            & (along < tool.depth + reach)
+            & (along > -tool.reach - reach)
+        )
+    among, path = near[1:] | near[:-1], intervals(first, len(q))
+    return among | path if (among & ~path).any() else first
+
+
+def shortest(robot: Robot, q: FloatArray, slow: Slow = None, speed: float = np.inf) -> Trajectory:
     """The trajectory through waypoints ``q`` (T, n) that ends soonest, from rest to rest.
 
-    It keeps the robot's limits of velocity, acceleration and jerk at every instant and, from
-    waypoint ``slow`` on (None: nowhere), the tool's ``speed`` [m/s] in the mean of each interval.
-    Where the tool's speed decides, the waypoints are evenly spaced. Where the joints' limits
-    decide, the intervals near the ends are widened, and then each by its own need. So are those
-    within which the tool is faster than ``speed`` by more than ``TIMING.spare``.
+    It keeps the robot's limits of velocity, acceleration and jerk at every instant and, where it is
+    to be ``slow``, the tool's ``speed`` [m/s] in the mean of each interval.
+    Where the tool's speed decides, the waypoints are evenly spaced, unless ``slow`` names single
+    intervals. Where the joints' limits decide, the intervals near the ends are widened, and then
+    each by its own need. So are those within which the tool is faster than ``speed`` by more than
+    ``TIMING.spare``.
     """
     count, names = len(q), robot.joint_names
     least = np.zeros(count - 1)
-    if slow is not None:
-        points, _ = robot.tool_pose(q[slow:])
-        least[slow:] = lengths(points[1:] - points[:-1]) / speed
+    single, slow = isinstance(slow, np.ndarray), intervals(slow, count)
+    if slow.any():
+        points, _ = robot.tool_pose(q)
+        least[slow] = lengths(points[1:] - points[:-1])[slow] / speed
     even = np.arange(count, dtype=np.float64)
     dt = max(float(least.max()), TIMING.least_dt)
     made = Trajectory.through(q, dt * even, names)
-    if needs(robot, made).max() <= 1.0:
+    if not single and needs(robot, made).max() <= 1.0:
         return _calmed(robot, made, slow, speed)
     best = min((_within(robot, q, _ramped(count, r), least) for r in TIMING.ramps), key=_end)
     made = best
@@ -77,16 +113,20 @@ def shortest(
     return _calmed(robot, best, slow, speed)
 
 
-def _calmed(robot: Robot, made: Trajectory, slow: int | None, speed: float) -> Trajectory:
+def intervals(slow: Slow, count: int) -> BoolArray:
+    """Of ``count`` waypoints, the intervals (count-1,) in which the tool is to be slow."""
+    if isinstance(slow, np.ndarray):
+        return slow
+    return np.arange(count - 1) >= (count if slow is None else slow)
+
+
+def _calmed(robot: Robot, made: Trajectory, slow: BoolArray, speed: float) -> Trajectory:
     """A trajectory, its intervals widened where the tool is faster within them than allowed."""
-    if slow is None or speed == np.inf:
-        return made
     for _ in range(TIMING.refinements):
         fast = tool_speeds(robot, made, slow, TIMING.parts) / speed
-        if fast.max(initial=0.0) <= 1.0 + TIMING.spare:
+        if fast.max() <= 1.0 + TIMING.spare:
             break
-        widths = np.diff(made.times)
-        widths[slow:] *= np.maximum(fast, 1.0)
+        widths = np.diff(made.times) * np.maximum(fast, 1.0)
         made = _within(robot, made.positions, np.append(0.0, np.cumsum(widths)), widths)
     return made
 
@@ -95,16 +135,16 @@ def joined(
     robot: Robot,
     state: State,
     made: Trajectory,
-    slow: int | None = None,
+    slow: Slow = None,
     corridor: float = np.inf,
 ) -> Trajectory:
     """A trajectory that begins at rest, begun in a moving ``state`` instead.
 
     One quintic leads from the state to a waypoint ahead, and takes the place of what was before.
     Of the waypoints at most ``UNDERWAY.join`` ahead [s], and of the quintic's durations, those are
-    chosen with which the whole ends soonest within all limits. From waypoint ``slow`` on (None:
-    nowhere) the tool is led no faster than the trajectory leads it there, and within ``corridor``
-    [m] of its path. Where none keeps the limits, the one that comes nearest is taken, and the judge
+    chosen with which the whole ends soonest within all limits. Where the tool is to be ``slow`` it
+    is led no faster than the trajectory leads it there, and within ``corridor`` [m] of its path.
+    Where none keeps the limits, the one that comes nearest is taken, and the judge
     says so; of those that do, the corridor comes first. The number of waypoints stays.
     """
     last = max(2, int(np.searchsorted(made.times, UNDERWAY.join, side="right")))
@@ -117,14 +157,15 @@ def joined(
     outside = np.maximum(robot.lower - points, points - robot.upper).max(axis=(0, 2))
     over = np.maximum(shares(robot, points, h[:, None]) - 1.0, 0.0) + np.maximum(outside, 0.0)
     off, ends = np.zeros(len(row)), h - made.times[row]
-    if slow is not None and slow < min(last, made.n_waypoints - 1):
+    slow = intervals(slow, made.n_waypoints)
+    if slow[:last].any():
         path, _ = robot.tool_pose(made.positions)
         speed = max(float(tool_speeds(robot, made, slow).max()), 1e-6)
-        least = np.where(row > slow, lengths(path[row] - path[slow]), 0.0) / h
-        over += np.maximum(least / speed - 1.0 - TIMING.spare, 0.0)
+        gone = np.append(0.0, np.cumsum(np.where(slow, lengths(np.diff(path, axis=0)), 0.0)))
+        over += np.maximum(gone[row] / h / speed - 1.0 - TIMING.spare, 0.0)
         some = np.flatnonzero(over <= over.min())
         row, h, ends, over = row[some], h[some], ends[some], over[some]
-        fast, off = _led(robot, points[:, some], h, path[: last + 1], slow, speed)
+        fast, off = _led(robot, points[:, some], h, path[: last + 1], slow[:last], speed)
         over, off = over + fast, np.maximum(off - corridor, 0.0)
     best = int(np.lexsort((ends, off, over))[0])
     j, span, names = int(row[best]), float(h[best]), made.joint_names
@@ -141,28 +182,33 @@ def joined(
     return Trajectory(times, q, velocity, acceleration, names)
 
 
-def tool_speeds(robot: Robot, made: Trajectory, first: int, parts: int = 1) -> FloatArray:
-    """Speed (T-1-first,) of the tool in each interval from waypoint ``first`` on [m/s].
+def tool_speeds(robot: Robot, made: Trajectory, slow: Slow, parts: int = 1) -> FloatArray:
+    """Speed (T-1,) of the tool in each interval in which it is to be slow, else 0 [m/s].
 
     It is the mean, or the largest of the means over so many equal ``parts`` of the interval.
     """
-    rows = np.arange(first, made.n_waypoints - 1 + 1e-9, 1.0 / parts)
-    times = np.interp(rows, np.arange(made.n_waypoints), made.times)
-    points, _ = robot.tool_pose(made.sample(times)[0])
-    speeds = lengths(np.diff(points, axis=0)) / np.diff(times)
-    return np.asarray(speeds.reshape(-1, parts).max(axis=1))
+    slow = intervals(slow, made.n_waypoints)
+    if not slow.any():
+        return np.zeros(len(slow))
+    share = np.linspace(0.0, 1.0, parts + 1)
+    times = made.times[:-1][slow, None] + share * np.diff(made.times)[slow, None]
+    points, _ = robot.tool_pose(made.sample(times.ravel())[0].reshape(*times.shape, -1))
+    gone = np.sqrt(np.square(np.diff(points, axis=1)).sum(axis=2))
+    out = np.zeros(len(slow))
+    out[slow] = (gone / np.diff(times, axis=1)).max(axis=1)
+    return out
 
 
 def _led(
-    robot: Robot, points: FloatArray, h: FloatArray, path: FloatArray, slow: int, speed: float
+    robot: Robot, points: FloatArray, h: FloatArray, path: FloatArray, slow: BoolArray, speed: float
 ) -> tuple[FloatArray, FloatArray]:
     """How long (m,) each quintic leads the tool too fast, and how far (m,) off its path [m].
 
     Args:
         robot: with its tool.
         points: (6, m, n) control points of the quintics; ``h`` (m,) their durations [s].
-        path: (P, 3) of the tool at waypoints [m]; what is nearer to one before ``slow`` is free.
-        slow: the first waypoint that counts.
+        path: (P, 3) of the tool at waypoints [m].
+        slow: (P-1,) the intervals that count, for what is nearest to them.
         speed: largest of the tool [m/s]; twice the speed for a second counts as much as 1.
     """
     s = np.linspace(0.0, 1.0, UNDERWAY.samples + 1)[:, None]
@@ -173,7 +219,8 @@ def _led(
     row = along(path, np.arange(len(path), dtype=np.float64)[:, None], count)[:, 0]
     away = lengths((tool[:, :, None] - evenly(path, count)).reshape(-1, 3))
     away = away.reshape(*tool.shape[:2], count)
-    counts = row[away.argmin(axis=2)] >= slow - 1e-9
+    near = np.minimum(row[away.argmin(axis=2)] + 1e-9, len(slow) - 1)
+    counts = slow[near.astype(int)]
     off = np.where(counts, away.min(axis=2), 0.0).max(axis=1)
     times = h[:, None] / UNDERWAY.samples
     fast = lengths(np.diff(tool, axis=1).reshape(-1, 3)).reshape(len(h), -1) / times / speed - 1.0

@@ -22,7 +22,7 @@ from optipromp.planning.follow import Start, Waypoints, braked
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.parameters import FOLLOW, TIMING, UNDERWAY
 from optipromp.planning.task import Task, tool_motion
-from optipromp.planning.timing import timed, tool_speeds
+from optipromp.planning.timing import slowly, timed, tool_speeds
 from optipromp.pushing import standing
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import STEP, ToolPath, evenly, length
@@ -139,9 +139,10 @@ def rest(task: Task, options: PlanOptions) -> Iterator[Start]:
         first -= int(first > 1 and not wide[1])
         made = Trajectory.through(q[wide], made.times[wide], made.joint_names, begin=task.state)
     limit = options.approach_speed or path.speed
-    if tool_speeds(robot, made, first, TIMING.parts).max() > limit * (1.0 + TIMING.spare):
-        made = timed(task, options, made.positions, first, path.speed)
     q = made.positions
+    slow = slowly(task, q, first)
+    if tool_speeds(robot, made, slow, TIMING.parts).max() > limit * (1.0 + TIMING.spare):
+        made = timed(task, options, q, slow, path.speed)
     yield Start(q, q, Waypoints(len(q), first), path, made)
 
 
