@@ -8,6 +8,7 @@ from optipromp.judging.curve import Extremes as Extremes
 from optipromp.judging.curve import extremes as extremes
 from optipromp.judging.kinematics import centers as centers
 from optipromp.judging.kinematics import refined as refined
+from optipromp.judging.speed import too_fast as too_fast
 from optipromp.judging.validator import AXIS_TOLERANCE as AXIS_TOLERANCE
 from optipromp.judging.validator import GOAL_TOLERANCE as GOAL_TOLERANCE
 from optipromp.judging.validator import RATES as RATES

@@ -8,7 +8,7 @@ from optipromp.judging.curve import along
 from optipromp.judging.kinematics import Body, body_of, carried, segments
 from optipromp.judging.passing import pushables_of
 from optipromp.robots.model import Robot
-from optipromp.scenes.scene import JointGoal, Scene
+from optipromp.scenes.scene import Scene
 from optipromp.trajectory import Trajectory
 
 PUSHED = 0.1  # [m/s] largest speed of the tool that the prediction of a push is for
@@ -41,7 +41,7 @@ def among_fruits(
         None where the tool is never among fruits, and where no target hangs or no tool takes it.
     """
     target, tool = scene.target, robot.tool
-    if tool is None or target is None or target.stem is None or isinstance(scene.goal, JointGoal):
+    if tool is None or target is None or target.stem is None:
         return None
     objects, near = pushables_of(scene, robot.gripper_radius), np.zeros(len(points), dtype=bool)
     mark(
@@ -55,6 +55,11 @@ def among_fruits(
     fast = speeds(body_of(robot), times, q, np.repeat(near[1:] | near[:-1], PARTS))
     worst = int(np.argmax(fast))
     return float(fast[worst]), float(times[worst])
+
+
+def too_fast(speed: float | None) -> bool:
+    """Whether a ``speed`` among fruits [m/s] is above that which pushes are predicted for."""
+    return speed is not None and speed > PUSHED * (1.0 + FASTER)
 
 
 @kernel

@@ -20,7 +20,7 @@ from optipromp.judging import kinematics
 from optipromp.judging.clearance import Overlap, pushed_away, swept
 from optipromp.judging.curve import extremes
 from optipromp.judging.passing import passing
-from optipromp.judging.speed import FASTER, PUSHED, among_fruits
+from optipromp.judging.speed import PUSHED, among_fruits, too_fast
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene
 from optipromp.trajectory import State, Trajectory
@@ -183,7 +183,7 @@ def judge(
         violations.append(Violation("unchecked", text))
     violations += [*missed, *(astray if stem_side else []), *broken]
     speed, when = among_fruits(scene, robot, trajectory, waypoints, points, every) or (None, None)
-    if speed is not None and speed > PUSHED * (1.0 + FASTER):
+    if too_fast(speed):
         text = (
             f"the tool moves at {speed:.3f} m/s among fruits (pushes are predicted for {PUSHED:g})"
         )

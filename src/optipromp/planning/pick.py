@@ -164,6 +164,7 @@ class Attempt:
         merit: value of the objective.
         history: value of each cost after each iteration, the start first.
         message: why the solver stopped.
+        fast: whether the tool may be too fast among fruits.
     """
 
     start: Start
@@ -172,11 +173,12 @@ class Attempt:
     merit: float
     history: tuple[dict[str, float], ...]
     message: str
+    fast: bool
 
     @property
     def valid(self) -> bool:
-        """Whether the judge found no violation."""
-        return not self.judgement.violations
+        """Whether the judge found no violation, but for a speed that is asked for."""
+        return all(self.fast and v.kind == "speed" for v in self.judgement.violations)
 
     @property
     def reach(self) -> FloatArray:
@@ -232,7 +234,8 @@ class Solver:
         verdict = judging.judge(
             self.scene, task.robot, trajectory, task.state, stem_side=self.stem_side
         )
-        return Attempt(start, trajectory, verdict, merit, history, message)
+        fast = self.options.timed
+        return Attempt(start, trajectory, verdict, merit, history, message, fast)
 
 
 def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation) -> Problem:

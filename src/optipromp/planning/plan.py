@@ -95,7 +95,8 @@ def plan(
             begun(start_state, previous, at), (previous, at),
         )  # fmt: skip
         at_rest = start_state is None and previous is None
-        if planner != "opti-promp" or not at_rest or made.status not in RETRIED:
+        fast = (options or DEFAULTS).timed and judging.too_fast(made.metrics.approach_speed)
+        if planner != "opti-promp" or not at_rest or fast or made.status not in RETRIED:
             return made
 
         def again(other: Scene, seconds: float) -> Plan:

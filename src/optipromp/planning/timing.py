@@ -20,7 +20,6 @@ from optipromp.planning.task import Task
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import STEP, along, evenly, length
 from optipromp.robots.model import Robot
-from optipromp.scenes.scene import JointGoal
 from optipromp.trajectory import State, Trajectory, control_points
 
 Slow = int | BoolArray | None
@@ -56,28 +55,23 @@ def slowly(task: Task, q: FloatArray, first: int | None) -> Slow:
     From waypoint ``first`` on (None: nowhere), and before it in single intervals in which the tool
     is near a pushable that hangs. It counts as the cylinder of the gripper's radius up to the rim.
     """
-    scene, tool, near = task.scene, task.robot.tool, np.zeros(len(q), dtype=bool)
-    target = scene.target
-    fruits = [fruit for fruit in scene.pushables if fruit.stem is not None]
-    if tool is None or target is None or target.stem is None or isinstance(task.goal, JointGoal):
-        fruits = []
-    points, axes = task.robot.tool_pose(q)
+    robot, target, near = task.robot, task.scene.target, np.zeros(len(q), dtype=bool)
+    tool, hangs = robot.tool, target is not None and target.stem is not None
+    if tool is None or not hangs:
+        return first
+    points, axes = robot.tool_pose(q)
     low, high = points.min(axis=0), points.max(axis=0)
-    longest = tool.reach + task.robot.gripper_radius if fruits and tool is not None else 0.0
-    for fruit in fruits:
+    for fruit in task.scene.pushables:
         reach = fruit.radius + TIMING.among
-        if (
-            (fruit.position + longest + reach < low) | (fruit.position - longest - reach > high)
-        ).any():
+        far = reach + tool.reach + robot.gripper_radius
+        apart = (fruit.position + far < low) | (fruit.position - far > high)
+        if fruit.stem is None or apart.any():
             continue
         off = fruit.position - points
         along = np.einsum("ti,ti->t", off, axes)
         aside = lengths(off - along[:, None] * axes)
-        near |= (
-            (aside < task.robot.gripper_radius + reach)
-            & (along < tool.depth + reach)
-            & (along > -tool.reach - reach)
-        )
+        level = (along < tool.depth + reach) & (along > -tool.reach - reach)
+        near |= level & (aside < robot.gripper_radius + reach)
     among, path = near[1:] | near[:-1], intervals(first, len(q))
     return among | path if (among & ~path).any() else first
 
