@@ -236,7 +236,7 @@ def test_a_state_that_cannot_be_read_before_the_motion(effect: Any) -> None:
 
 def test_what_is_no_curve_and_guards_that_never_end() -> None:
     arm = Controlled(lambda *_: None)
-    with pytest.raises(InvalidRequestError, match="the curve is a list; it must be a Trajectory"):
+    with pytest.raises(InvalidRequestError, match="the curve is a list, not a Trajectory"):
         arm.execute([PANDA.home])  # type: ignore[arg-type]
     for name in ("advance", "record"):
         with pytest.raises(InvalidRequestError, match=f"Guard.{name} is 0"):

@@ -140,8 +140,6 @@ class Follower(ABC):
     def refusal(self, curve: Trajectory, now: State) -> str:
         """Why a curve is not executed; empty where it may be."""
         guard, robot = self.guard, self.robot
-        if not isinstance(curve, Trajectory):
-            return f"the curve is a {type(curve).__name__}; it must be a Trajectory"
         if curve.joint_names != robot.joint_names:
             own = ", ".join(robot.joint_names)
             return f"the curve moves {', '.join(curve.joint_names)}; the arm has {own}"
@@ -174,6 +172,8 @@ class Follower(ABC):
 
     def execute(self, curve: Trajectory, watch: Watch | None = None) -> Executed:
         """See :class:`Executor`."""
+        if not isinstance(curve, Trajectory):
+            raise InvalidRequestError(f"the curve is a {type(curve).__name__}, not a Trajectory")
         if not self._busy.acquire(blocking=False):
             raise InvalidRequestError("another curve is being executed; abort it first")
         try:

@@ -84,8 +84,8 @@ def pick(
         harm = 0.0 if model is None else model.harm(*motion, model.states)
         score = harm if options.prediction else 0.0
         if path is task.kept:  # another one must be better by as much
-            known = model is not None and task.same and attempt.trajectory is task.running
-            score = max(score - (model.threshold if known else good), 0.0)
+            unchanged = task.same and attempt.trajectory is task.running
+            score = max(score - (model.threshold if model and unchanged else good), 0.0)
         score += 0.0 if attempt.valid else INVALID
         if best is None or score < least:
             best, least = (attempt, motion, harm), score
