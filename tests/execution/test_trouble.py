@@ -155,6 +155,17 @@ def test_after_a_late_tick_the_arm_is_stopped_where_it_is() -> None:
     np.testing.assert_allclose(arm.asked[-1].q, there[-1].q, atol=1e-9)
 
 
+def test_one_reading_that_is_far_off_moves_no_reference_far() -> None:
+    far = State(np.array(PANDA.home) + 3.0, np.full(7, 50.0))
+    arm = Controlled(once("state", 1.0, lambda _: far))
+    done = arm.execute(step())
+    assert "from the curve at 1.00" in done.reason
+    q = np.array([one.q for one in arm.asked])
+    assert np.abs(np.diff(q, axis=0)).max() < arm.guard.tracking + 2.61 * PERIOD
+    assert not arm.asked[-1].velocity.any()
+    assert (np.abs(np.diff(q, axis=0)) > 0.02).any(axis=1).sum() <= 1
+
+
 @pytest.mark.parametrize("often", [once, always])
 @pytest.mark.parametrize(
     ("effect", "told"),

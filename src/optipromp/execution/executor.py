@@ -195,7 +195,8 @@ class _Run:
 
     Its time is that of the references: a tick takes it on by ``Guard.advance`` at most. A motion
     that ends early goes on along a curve to rest: from where the arm is, if it is not where it was
-    asked to be or a tick was late; else from what was asked for last.
+    asked to be or a tick was late; else from what was asked for last. A reading that is far off
+    moves no reference by more than ``Guard.tracking``.
     """
 
     def __init__(
@@ -242,8 +243,8 @@ class _Run:
         except BaseException as error:
             self._in_trouble("the state could not be read", error)
         if measured is not None and late > guard.late:
-            where = State(measured.q, measured.velocity)
-            self._stop(f"a tick came {late:.3g} s after the last, at {self.time:.3f} s", where)
+            told = f"a tick came {late:.3g} s after the last, at {self.time:.3f} s"
+            self._stop(told, self._near(measured))
         curve, now = self.curve, min(self.time - self.began, self.curve.duration)
         reference = curve.at(now)
         try:
@@ -270,9 +271,9 @@ class _Run:
         if self.aborted.is_set():
             self._stop("it was aborted", self.asked)
         elif error[joint] > guard.tracking:
-            name, where = self.arm.joint_names[joint], State(measured.q, measured.velocity)
+            name = self.arm.joint_names[joint]
             told = f"{name} was {error[joint]:.3g} from the curve at {self.time:.3f} s"
-            self._stop(told, where)
+            self._stop(told, self._near(measured))
         elif due and self.watch is not None:
             try:
                 if self.watch(self.time, measured):
@@ -286,6 +287,12 @@ class _Run:
             self.trouble = error
             self._stop(what, self.asked)
             self.reason = _in_words(f"at {self.time:.3f} s {what}", error)
+
+    def _near(self, measured: State) -> State:
+        """Where the arm is, no farther from what was asked for than ``Guard.tracking``."""
+        most, fastest = self.arm.guard.tracking, self.arm.robot.velocity
+        off = np.clip(measured.q - self.asked.q, -most, most)
+        return State(self.asked.q + off, np.clip(measured.velocity, -fastest, fastest))
 
     def _stop(self, reason: str, state: State) -> None:
         """From here on another curve, to rest."""
