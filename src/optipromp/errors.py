@@ -23,6 +23,7 @@ class Code(StrEnum):
     INVALID_PLAN = "INVALID_PLAN"
     HARM_PREDICTED = "HARM_PREDICTED"
     TIMEOUT = "TIMEOUT"
+    EXECUTION_FAILED = "EXECUTION_FAILED"
 
 
 class OptiPrompError(Exception):
@@ -75,3 +76,16 @@ class NoPlanError(OptiPrompError):
     """Planning ended without a trajectory to judge."""
 
     code = Code.NO_PLAN
+
+
+class ExecutionError(OptiPrompError):
+    """A motion that ended in trouble: of the arm's state, its controller, or what watches it.
+
+    ``executed`` is what was done until then (:class:`optipromp.execution.Executed`), or None.
+    """
+
+    code = Code.EXECUTION_FAILED
+
+    def __init__(self, message: str, executed: object = None) -> None:
+        super().__init__(message)
+        self.executed = executed

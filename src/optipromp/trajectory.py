@@ -58,6 +58,11 @@ class State:
         """Whether it is not at rest."""
         return bool(self.velocity.any() or self.acceleration.any())
 
+    def near(self, other: "State", most: float) -> bool:
+        """Whether no value of a joint differs by more than ``most`` from that of another state."""
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return all(float(np.abs(a - b).max()) <= most for a, b in pairs)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory(Shown):

@@ -151,6 +151,19 @@ def test_the_tool_is_as_slow_among_fruits_as_asked_for(speed: float, planned: Pl
     fast = planned("scenario-3", approach_speed=speed, duration=2.5)
     assert fast.trajectory.duration == pytest.approx(2.5)  # a duration overrides it
     assert tool_speeds(fast)[approach_of(fast)].max() > speed
+    assert fast.status is Code.INVALID_PLAN  # a push is predicted for a slow tool
+
+
+@pytest.mark.parametrize("options", [{"approach_speed": 0.2}, {"duration": 3.5}])
+def test_what_is_asked_for_too_fast_among_fruits_is_made_and_no_success(
+    options: dict[str, float], planned: Planned
+) -> None:
+    result = planned("scenario-3", **options)
+    assert result.status is Code.INVALID_PLAN
+    assert "among fruits (pushes are predicted for 0.1)" in result.message
+    assert result.metrics.approach_speed is not None
+    assert result.metrics.approach_speed > 0.11
+    assert planned("scenario-3", approach_speed=0.1).success
 
 
 @pytest.mark.parametrize("planner", ["promp", "i-promp"])

@@ -10,10 +10,13 @@ from tests.planning.builders import block
 from optipromp import judging
 from optipromp.errors import Code, InvalidRequestError, StartInvalidError
 from optipromp.geometry import Box
-from optipromp.planning import Plan, plan
+from optipromp.planning import Plan, PlanOptions, plan
+from optipromp.planning.parameters import TIMING
 from optipromp.planning.task import resolve
-from optipromp.planning.timing import joined
-from optipromp.scenes import Scene, load_scene
+from optipromp.planning.timing import joined, shortest, stopped
+from optipromp.pushing.parameters import PUSH
+from optipromp.robots.library import load_robot
+from optipromp.scenes import JointGoal, Scene, load_scene
 from optipromp.scenes.generate import generate
 from optipromp.trajectory import State
 
@@ -54,7 +57,103 @@ def test_where_nothing_changed_the_motion_runs_on(before: Plan, share: float) ->
     assert after.trajectory.duration == pytest.approx(before.trajectory.duration - at)
     t = np.linspace(0.0, after.trajectory.duration, 300)
     was, now = before.trajectory.sample(t + at)[0], after.trajectory.sample(t)[0]
-    np.testing.assert_allclose(now, was, atol=1e-4)
+    np.testing.assert_allclose(now, was, atol=1e-12)
+
+
+def test_a_hundred_plans_of_a_still_scene_are_one_curve(before: Plan) -> None:
+    made, passed, every = before, 0.0, before.trajectory.duration / 101.5
+    for _ in range(100):
+        made = plan(before.scene, previous=made, at=every)
+        assert made.success
+        passed += every
+        t = np.linspace(0.0, made.trajectory.duration, 20)
+        was, now = before.trajectory.sample(t + passed), made.trajectory.sample(t)
+        np.testing.assert_allclose(now[0], was[0], atol=1e-11)
+        np.testing.assert_allclose(now[1], was[1], atol=1e-9)
+    left = before.trajectory.duration - passed
+    assert made.trajectory.duration == pytest.approx(left, abs=1e-9)
+
+
+def test_a_motion_to_joints_runs_on_too() -> None:
+    scene = load_scene("scenario-4")
+    goal = JointGoal(resolve(scene).robot.home + [0.6, 0.2, -0.2, 0.2, 0.1, -0.2, 0.3])
+    objects = tuple(o for o in scene.objects if o.role == "static")
+    scene = replace(scene, objects=objects, goal=goal)
+    first = plan(scene)
+    assert first.success
+    after = plan(scene, previous=first, at=0.5)
+    assert after.success
+    t = np.linspace(0.0, after.trajectory.duration, 50)
+    was, now = first.trajectory.sample(t + 0.5)[0], after.trajectory.sample(t)[0]
+    np.testing.assert_allclose(now, was, atol=1e-12)
+
+
+def tool_speed(made: Plan, begin: float = 0.0) -> float:
+    """Largest speed of the tool from its approach on, after ``begin`` [s]."""
+    curve = made.trajectory
+    times = np.arange(max(begin, float(curve.times[made.first])), curve.duration, 2e-3)
+    points, _ = made.robot.tool_pose(curve.sample(times)[0])
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).max() / 2e-3)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.8, 0.93])
+@pytest.mark.parametrize("by", [(0.01, 0.0, 0.0), (0.0, -0.01, 0.0), (0.0, 0.0, 0.009)])
+def test_the_tool_stays_slow_among_fruits(before: Plan, share: float, by: Any) -> None:
+    """Whether what runs is led to a target that moved, or another motion begins."""
+    at = share * before.trajectory.duration
+    scene = shifted(before.scene, np.array(by))
+    again = (
+        plan(scene, previous=before, at=at),
+        plan(scene, start_state=before.trajectory.at(at)),
+    )
+    for after in again:
+        speed = after.metrics.approach_speed
+        assert speed is None or speed <= PUSH.hanging.speed * 1.08
+        assert not [v for v in after.message.split("; ") if "among fruits" in v]
+        assert tool_speed(after) <= PUSH.hanging.speed * 1.1
+
+
+def test_a_slower_approach_is_begun_on_the_way(before: Plan) -> None:
+    at, slow = 0.5 * before.trajectory.duration, PlanOptions(approach_speed=0.04)
+    for more in ({"previous": before, "at": at}, {"start_state": before.trajectory.at(at)}):
+        after = plan(before.scene, options=slow, **more)  # type: ignore[arg-type]
+        assert after.success
+        assert tool_speed(after) <= PUSH.hanging.speed * 1.05
+        assert tool_speed(after, 0.3) <= 0.04 * 1.1
+
+
+def test_a_tool_that_goes_back_among_fruits_is_slow() -> None:
+    """The target is seen below the tool, which leaves the fruits and comes again."""
+    scene = generate("table-top", 50001)
+    first = plan(scene)
+    state = first.trajectory.at(first.trajectory.duration - 0.25)
+    after = plan(shifted(scene, np.array([0.007, 0.0, -0.0065])), start_state=state)
+    assert after.first > 0  # it begins its approach again
+    assert after.success
+    assert after.metrics.approach_speed is not None
+    assert after.metrics.approach_speed < PUSH.hanging.speed * 1.08
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_join_keeps_the_tools_speed_and_its_path(seed: int, before: Plan) -> None:
+    """From a state on the approach, at up to its speed and in another direction."""
+    rng, robot, curve = np.random.default_rng(seed), before.robot, before.trajectory
+    row = int(rng.integers(before.first + 2, curve.n_waypoints - 20))
+    q = curve.positions[row:]
+    made = shortest(robot, q, 0, PUSH.hanging.speed)
+    jacobian = robot.tool_jacobian(q[0])[0]
+    aside = rng.normal(size=3) * 0.02
+    velocity = rng.uniform(0.2, 0.9) * curve.velocities[row] + np.linalg.pinv(jacobian) @ aside
+    state = State(q[0], velocity)
+    speed = float(np.linalg.norm(jacobian @ velocity))
+    path, _ = robot.tool_pose(made.sample(np.linspace(0.0, made.duration, 4000))[0])
+    lead = joined(robot, state, made, 0, 0.002)
+    times = np.arange(0.0, min(lead.duration, 1.0), 2e-3)
+    points, _ = robot.tool_pose(lead.sample(times)[0])
+    fastest = float(np.linalg.norm(np.diff(points, axis=0), axis=1).max() / 2e-3)
+    assert fastest <= max(PUSH.hanging.speed * (1.0 + TIMING.spare), speed) * 1.02
+    away = np.linalg.norm(points[:, None] - path, axis=2).min(axis=1)
+    assert away.max() < 0.0025
 
 
 def test_planning_again_and_again_arrives_no_later(before: Plan) -> None:
@@ -140,6 +239,48 @@ def test_without_a_plan_a_moving_arm_comes_to_rest(seed: int) -> None:
     assert_begins(made, state)
     assert not made.trajectory.velocities[-1].any()
     assert made.trajectory.duration < 1.0
+
+
+@pytest.mark.parametrize("arm", ["panda", "scara"])
+def test_a_stop_is_as_hard_as_the_limits_allow(arm: str) -> None:
+    """From a joint's limit, moving out: it leaves the limit by the least; in other states too."""
+    robot = load_robot(arm)
+    limits = np.stack([robot.velocity, robot.acceleration, robot.jerk])
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        joint = int(rng.integers(robot.n_joints))
+        velocity = rng.uniform(-0.7, 0.7, robot.n_joints) * robot.velocity
+        velocity[joint] = abs(velocity[joint])
+        gain = rng.uniform(-0.3, 0.3, robot.n_joints) * robot.acceleration * (seed % 2)
+        q = rng.uniform(robot.lower, robot.upper)
+        q[joint] = robot.upper[joint]
+        made = stopped(robot, State(q, velocity, gain))
+        np.testing.assert_allclose(made.velocities[0], velocity, atol=1e-12)
+        np.testing.assert_allclose(made.accelerations[0], gain, atol=1e-12)
+        assert not made.velocities[-1].any()
+        assert not made.accelerations[-1].any()
+        found = judging.extremes(made)
+        assert (found.largest[1:] <= limits[1:] * (1.0 + 1e-6)).all()
+        if not gain.any():  # ½ v²/a, and as long as the acceleration takes to grow and to vanish
+            v, a, j = velocity, robot.acceleration, robot.jerk
+            best = np.where(
+                np.abs(v) > a * a / j, 0.5 * v * v / a + 0.5 * np.abs(v) * a / j,
+                np.abs(v) * np.sqrt(np.abs(v) / j),
+            )  # fmt: skip
+            excess = (found.highest - robot.upper)[joint]
+            tick = max(1e-3, 2.5 * float((a / j).max()) / 100)
+            assert best[joint] * 0.999 <= excess <= best[joint] + 3.0 * tick * abs(v[joint])
+
+
+def test_a_plan_says_that_its_stop_leaves_the_limits() -> None:
+    scene = load_scene("scenario-3")
+    robot, q = resolve(scene).robot, np.array(resolve(scene).start)
+    q[1] = robot.upper[1]
+    bare = replace(scene, objects=tuple(replace(o, stem=None) for o in scene.objects))
+    made = plan(shifted(bare, np.array([2.0, 0.0, 0.0])), start_state=State(q, np.eye(7)[1] * 0.5))
+    assert made.status is Code.GOAL_UNREACHABLE
+    assert made.metrics.limit_violation < 0.5**2 / 2.0 / robot.acceleration[1] + 0.002
+    assert "; on the way to rest joint2 leaves its limits by 0.01" in made.message
 
 
 def test_refusals(before: Plan) -> None:

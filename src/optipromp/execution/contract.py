@@ -17,7 +17,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from optipromp.errors import InvalidRequestError
+from optipromp.errors import ExecutionError, InvalidRequestError
 from optipromp.execution.executor import Executed, Executor
 from optipromp.trajectory import State, Trajectory
 
@@ -107,6 +107,23 @@ class ExecutorContract(ABC):
         assert progress[-1].max() < 0.95
         speed = np.diff(done.reference, axis=0) / np.diff(done.times)[:, None]
         assert np.abs(speed).max() < 1.5 * MOVED * 1.875 / self.duration
+
+    def test_what_watches_may_fail(self) -> None:
+        """The arm comes to rest on the way, then the trouble is told."""
+        arm = self.executor()
+
+        def watch(now: float, _: State) -> bool:
+            if now > 0.5 * self.duration:
+                raise ArithmeticError
+            return False
+
+        done = None
+        try:
+            arm.execute(self.curve(arm), watch)
+        except ExecutionError as error:
+            done = error.executed
+        assert isinstance(done, Executed)
+        self._aborted(arm, done)
 
     def test_another_thread_can_abort(self) -> None:
         """``abort`` ends ``execute``; then the next curve can be executed."""

@@ -10,6 +10,7 @@ from optipromp.judging.entered import touching as touching
 from optipromp.judging.kinematics import centers as centers
 from optipromp.judging.kinematics import refined as refined
 from optipromp.judging.near import nearest_static as nearest_static
+from optipromp.judging.speed import too_fast as too_fast
 from optipromp.judging.validator import AXIS_TOLERANCE as AXIS_TOLERANCE
 from optipromp.judging.validator import GOAL_TOLERANCE as GOAL_TOLERANCE
 from optipromp.judging.validator import JUDGE as JUDGE

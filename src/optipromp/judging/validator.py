@@ -22,6 +22,7 @@ from optipromp.judging.curve import extremes
 from optipromp.judging.entered import entered, touching
 from optipromp.judging.near import nearest_static
 from optipromp.judging.passing import passing
+from optipromp.judging.speed import PUSHED, among_fruits, too_fast
 from optipromp.parameters import Checked, parameter
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene
@@ -64,6 +65,7 @@ class Metrics:
         clearance_avoid_tool: the same of last link and tool [m].
         clearance_pushable: smallest distance of the arm (B_d) to a pushable in its first place [m].
         clearance_self: smallest distance between links that are not neighbours [m].
+        approach_speed: largest speed of the tool among pushables that hang [m/s].
         goal_error: of the tool point at the end [m], or of a goal in joints [rad or m].
         goal_axis_error: of the tool axis at the end [rad].
         limit_violation: largest excess over a position limit [rad or m].
@@ -86,6 +88,7 @@ class Metrics:
     clearance_avoid_tool: float | None
     clearance_pushable: float | None
     clearance_self: float | None
+    approach_speed: float | None
     goal_error: float
     goal_axis_error: float | None
     limit_violation: float
@@ -108,7 +111,8 @@ class Violation:
 
     Args:
         kind: ``contact``, ``unchecked``, ``goal``, ``axis``, ``stem side``, ``limit``,
-            ``velocity``, ``acceleration``, ``jerk``, ``start``, ``motion``, ``drift`` or ``stem``.
+            ``velocity``, ``acceleration``, ``jerk``, ``speed``, ``start``, ``motion``, ``drift`` or
+            ``stem``.
         message: the reason as a sentence, which is also ``str(violation)``.
         subject: the link, joint or object that is concerned; empty where there is none.
         time: when it is worst [s]; None where it has no time.
@@ -179,12 +183,12 @@ def judge(
     """
     q = trajectory.positions
     times, fine, waypoints, complete = kinematics.refined(robot, trajectory)
-    distances, contacts, points, axes = swept(scene, robot, fine, times)
+    distances, contacts, points, every = swept(scene, robot, fine, times)
     contacts, notes = pushed_away(scene, robot, fine, contacts)
-    inside = [] if begun else entered(scene, robot, q[0], points[0], axes[0])
+    inside = [] if begun else entered(scene, robot, q[0], points[0], every[0])
     contacts += inside
     at_start = touching(scene, robot, q[0], begun=begun) if contacts else []
-    tips, axes = points[waypoints], axes[waypoints]
+    tips, axes = points[waypoints], every[waypoints]
     rims = tips + (0.0 if robot.tool is None else robot.tool.depth) * axes
     passed = passing(scene, tips, rims, robot.gripper_radius)
     goal_error, axis_error, missed = _goal(scene, q[-1], tips[-1], axes[-1], trajectory.duration)
@@ -206,6 +210,12 @@ def judge(
         text = f"it moves too far to be checked between waypoints: {most} checks are not enough"
         violations.append(Violation("unchecked", text))
     violations += [*missed, *(astray if stem_side else []), *broken]
+    speed, when = among_fruits(scene, robot, trajectory, waypoints, points, every) or (None, None)
+    if too_fast(speed):
+        text = (
+            f"the tool moves at {speed:.3f} m/s among fruits (pushes are predicted for {PUSHED:g})"
+        )
+        violations.append(Violation("speed", text, "", when, speed, "m/s"))
     notes += [] if stem_side else map(str, astray)
     near, room = None, distances["clearance_static"]
     if room is not None and room < JUDGE.static_margin:
@@ -221,7 +231,7 @@ def judge(
     metrics = Metrics(
         M_p=passed.M_p, stem_projection=passed.stem_projection,
         drift_shortfall=passed.drift_shortfall, stem_gap=passed.stem_gap,
-        goal_error=goal_error, goal_axis_error=axis_error, **figures,
+        approach_speed=speed, goal_error=goal_error, goal_axis_error=axis_error, **figures,
     )  # fmt: skip
     return Judgement(
         metrics, tuple(violations), tuple(contacts), tuple(notes), tuple(at_start), near

@@ -28,6 +28,7 @@ from optipromp.robots import ik
 from optipromp.robots.model import Robot
 from optipromp.robots.roll import level
 from optipromp.scenes.scene import PoseGoal
+from optipromp.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -62,14 +63,14 @@ class Start:
         followed: (T, n) the conditioned ProMP, led along the path.
         waypoints: their number, and the first on the path.
         path: the tool path that is followed; None where there is none.
-        times: (T,) of a motion that runs already, which is not optimised again [s].
+        running: the motion, where it runs already; it is not optimised again.
     """
 
     primitive: FloatArray
     followed: FloatArray
     waypoints: Waypoints
     path: ToolPath | None
-    times: FloatArray | None = None
+    running: Trajectory | None = None
 
 
 def starts(

@@ -176,7 +176,8 @@ class PlanOptions:
         rule: on which side the tool passes each neighbour, without a prediction: away from its
             stem, along y_g (``paper``) or in the plane (``lateral-plane``), or the shorter way.
         approach_speed: largest speed of the tool on its path, where something is to be pushed
-            [m/s]; None: the speed of the push model. ``duration`` overrides it.
+            [m/s]; None: the speed of the push model. ``duration`` overrides it. Where either makes
+            the tool faster among fruits than pushes are predicted for, the plan is no success.
         corridor: largest distance of the tool from its path, along each axis [m].
         max_step: largest step of a joint between two waypoints [rad or m].
         smoothness: weight of ½∫‖ξ̈‖² dt.
@@ -213,6 +214,11 @@ class PlanOptions:
     costs: tuple[Cost, ...] = ()
     constraints: Constraints = "push-model"
     paper: PaperOptions = field(default_factory=PaperOptions)
+
+    @property
+    def timed(self) -> bool:
+        """Whether a time or a speed is asked for, so that the tool may be too fast among fruits."""
+        return self.duration is not None or self.approach_speed is not None
 
     def __post_init__(self) -> None:
         need = functools.partial(_need, self, "")

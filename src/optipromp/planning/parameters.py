@@ -184,10 +184,17 @@ class UnderwayParameters(Checked):
     )
     same: float = parameter(1e-3, "m", "choice", "within which a fruit is where it was before")
     rows: int = parameter(100, "1", "choice", "at which the rest of a running path is read")
+    fewest: int = parameter(4, "1", "choice", "least number of waypoints of the rest of a motion")
+    exact: float = parameter(
+        1e-9, "rad, rad/s, rad/s^2", "choice", "of a joint: within it the arm is on the curve"
+    )
+    left: float = parameter(1e-5, "s", "choice", "shortest rest of a motion or of an interval")
     join: float = parameter(0.5, "s", "choice", "how far ahead the new motion is joined, at most")
     quickest: float = parameter(0.01, "s", "choice", "shortest time of a join")
     slowest: float = parameter(2.0, "s", "choice", "longest time of a join")
     durations: int = parameter(40, "1", "choice", "of a join that are tried for each waypoint")
+    ticks: int = parameter(100, "1", "choice", "in which a joint's acceleration comes to its peak")
+    samples: int = parameter(12, "1", "choice", "of a join, between which the tool's speed counts")
 
 
 @dataclass(frozen=True)
@@ -241,6 +248,13 @@ class TimingParameters(Checked):
     gain: float = parameter(0.5, "1", "measured", "power of an interval's need; 1 oscillates")
     shrink: float = parameter(0.9, "1", "choice", "least change of an interval in a refinement")
     widen: float = parameter(3.0, "1", "choice", "largest change of an interval in a refinement")
+    spare: float = parameter(
+        0.05, "1", "choice", "share by which the tool may exceed its speed within an interval"
+    )
+    among: float = parameter(
+        0.025, "m", "choice", "from tool to fruit, within which it is slow; the judge asks 0.02"
+    )
+    parts: int = parameter(4, "1", "choice", "of an interval, in which that speed is looked at")
 
 
 WAYPOINT = WaypointParameters()

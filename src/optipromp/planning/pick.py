@@ -30,7 +30,7 @@ from optipromp.planning.options import PlanOptions
 from optipromp.planning.parameters import SOLVE
 from optipromp.planning.result import Planned, Stage
 from optipromp.planning.task import Task, model_at, push_model, pushed_aside
-from optipromp.planning.timing import timed
+from optipromp.planning.timing import slowly, timed
 from optipromp.planning.underway import rest, straight
 from optipromp.planning.verdict import judged, led
 from optipromp.promp.model import ProMP
@@ -93,8 +93,8 @@ def pick(
             spared.append(path)
             continue
         begin: Iterator[Start] = follow.starts(task, path, promp, options, goals, GOALS)
-        if path is task.kept and options.duration is None:
-            begin = chain(rest(task), begin)
+        if path is task.kept:
+            begin = chain(rest(task, options), begin)
         attempt = first_valid(solver, begin)
         if attempt is None:
             continue
@@ -110,7 +110,8 @@ def pick(
             harm = own.harm(*push[1], own.states)
         score = harm if options.prediction else 0.0
         if path is task.kept:  # another one must be better by as much
-            score = max(score - good, 0.0)
+            unchanged = task.same and attempt.trajectory is task.running
+            score = max(score - (model.threshold if model and unchanged else good), 0.0)
         if attempt.narrow:  # worse than all that keep the margin, better than what does harm
             score = max(score, 0.0 if model is None else model.threshold) + attempt.narrow
         score += 0.0 if attempt.valid else INVALID
@@ -125,7 +126,8 @@ def pick(
         return outcome(attempt, prediction, clock() - began)
     if spared:
         return Harmful(task.scene, min(spared, key=lambda path: path.harm))
-    attempt = first_valid(solver, ways.free_starts(solver.task, options, promp, goals, rng, budget))
+    free = ways.free_starts(solver.task, options, promp, goals, rng, budget)
+    attempt = first_valid(solver, chain(rest(task, options), free))
     assert attempt is not None  # there is at least one goal configuration
     return outcome(attempt, None, clock() - began)
 
@@ -135,7 +137,7 @@ def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> 
     start, made = attempt.start, attempt.trajectory
     history = attempt.history
     stage = Stage("joint", "gauss-newton", tuple(history[0]), history, seconds, attempt.message)
-    optimised = len(history) > 1 or start.times is not None  # or it was, as it began
+    optimised = len(history) > 1 or start.running is not None  # or it was, as it began
     primitive, followed = (
         Trajectory.through(q, made.times, made.joint_names)
         for q in (start.primitive, start.followed)
@@ -199,6 +201,7 @@ class Attempt:
         message: why the solver stopped.
         narrow: what it lacks of the margin from static objects, where another goal configuration
             may have more room [m].
+        fast: whether the tool may be too fast among fruits.
     """
 
     start: Start
@@ -207,12 +210,13 @@ class Attempt:
     merit: float
     history: tuple[dict[str, float], ...]
     message: str
+    fast: bool
     narrow: float = 0.0
 
     @property
     def valid(self) -> bool:
-        """Whether the judge found no violation."""
-        return not self.judgement.violations
+        """Whether the judge found no violation, but for a speed that is asked for."""
+        return all(self.fast and v.kind == "speed" for v in self.judgement.violations)
 
     @property
     def roomy(self) -> bool:
@@ -259,7 +263,7 @@ class Solver:
             self._arrays[count] = Evaluation(task.robot, task.body, count, 1.0 / (count - 1))
         problem = following(task, self.options, start, self._arrays[count])
         value = problem.evaluate(start.followed, settings.stages[-1])
-        if self.options.iterations == 0 or self.budget.spent() or start.times is not None:
+        if self.options.iterations == 0 or self.budget.spent() or start.running is not None:
             return self._judged(start, start.followed, value.merit, (value.costs,), "")
         if settings.keeps(value):
             last = slice(-1, None)
@@ -276,15 +280,12 @@ class Solver:
     ) -> Attempt:  # fmt: skip
         task, path = self.task, start.path
         first, speed = (None, None) if path is None else (start.waypoints.first, path.speed)
-        if start.times is None:
-            trajectory = timed(task, self.options, q, first, speed)
-        else:
-            names = task.robot.joint_names
-            trajectory = Trajectory.through(q, start.times, names, begin=task.state)
+        slow = slowly(task, q, first)
+        trajectory = start.running or timed(task, self.options, q, slow, speed)
         verdict = judged(replace(task, scene=self.scene), trajectory, stem_side=self.stem_side)
-        short = narrow(task, verdict, q[-1])
+        short, fast = narrow(task, verdict, q[-1]), self.options.timed
         self.left += [] if verdict.violations or not short else [verdict]
-        return Attempt(start, trajectory, verdict, merit, history, message, short)
+        return Attempt(start, trajectory, verdict, merit, history, message, fast, short)
 
 
 def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation) -> Problem:

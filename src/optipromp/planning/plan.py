@@ -91,11 +91,15 @@ def plan(
         InvalidRequestError: an argument or option outside what it may be.
         StartInvalidError: a start outside the joint limits, or of the wrong size.
     """
+    options = options or DEFAULTS
+    check_planner(planner, strategy, seed)
+    if not isinstance(options, PlanOptions):
+        raise InvalidRequestError(f"options are {type(options).__name__}; they must be PlanOptions")
     _compiled()  # before the plan's clock starts
     with _threads().limit(limits=1, user_api="blas"):  # on small matrices threads only wait
         state = begun(start_state, previous, at)
         scene = scene if isinstance(scene, Scene) else load_scene(scene)
-        options, began = options or DEFAULTS, clock()
+        began = clock()
 
         def attempt(other: Scene, path: ToolPath | None, sparing: bool) -> Plan | Harmful:
             left = options
@@ -107,25 +111,30 @@ def plan(
                 (previous, at), sparing, path,
             )  # fmt: skip
 
-        if planner != "opti-promp" or state is not None or approaches.limits(scene) == (0.0, 0.0):
-            return attempt(scene, None, False)
-        ways = itertools.chain([scene], approaches.others(scene, robot))
-        return _best_way(ways, attempt, began + options.timeout)
+        ways: Iterable[Scene] = ()
+        if planner == "opti-promp" and not _as_in_the_paper(options, strategy) and state is None:
+            ways = approaches.others(scene, robot)
+        return _best_way(scene, ways, attempt, began + options.timeout, options.timed)
+
+
+def _as_in_the_paper(options: PlanOptions, strategy: Strategy) -> bool:
+    return strategy == "sequential" or options.constraints == "paper"
 
 
 def _best_way(
-    ways: Iterable[Scene], attempt: Callable[[Scene, ToolPath | None, bool], Plan | Harmful],
-    end: float,
+    scene: Scene, ways: Iterable[Scene],
+    attempt: Callable[[Scene, ToolPath | None, bool], Plan | Harmful], end: float, timed: bool,
 ) -> Plan:  # fmt: skip
     """The first harmless plan: straight, or else by the other approaches that the scene allows.
 
     Only paths that do no harm by themselves are followed with the arm. Without a harmless plan the
-    best is given, or the path of least harm is followed.
+    best is given, or the path of least harm is followed. What is too fast because it was ``timed``
+    so is too fast on any way.
     """
     began = clock()
     made: list[Plan] = []
     harmful: list[Harmful] = []
-    for other in ways:
+    for other in itertools.chain([scene], ways):
         if (made or harmful) and clock() > end:
             break
         found = attempt(other, None, True)
@@ -133,7 +142,8 @@ def _best_way(
             harmful.append(found)
             continue
         made.append(found)
-        if found.status not in RETRIED:
+        fast = timed and judging.too_fast(found.metrics.approach_speed)
+        if fast or found.status not in RETRIED:
             break
     if harmful and not any(one.success for one in made):
         least = min(harmful, key=lambda one: one.path.harm)
@@ -233,9 +243,6 @@ def _plan(
     path: ToolPath | None = None,
 ) -> Plan | Harmful:  # fmt: skip
     options = options or DEFAULTS
-    check_planner(planner, strategy, seed)
-    if not isinstance(options, PlanOptions):
-        raise InvalidRequestError(f"options are {type(options).__name__}; they must be PlanOptions")
     say = progress or (lambda _: None)
     if not isinstance(scene, Scene):
         scene = load_scene(scene)
@@ -243,7 +250,7 @@ def _plan(
     task = replace(resolve(scene, robot, state), risk=options.risk)
     if state is not None:
         task = underway(task, *running)
-    paper = planner == "opti-promp" and (strategy == "sequential" or options.constraints == "paper")
+    paper = planner == "opti-promp" and _as_in_the_paper(options, strategy)
     default = planner == "opti-promp" and not paper
     promp = learnt(task, demonstrations, **({"basis": PAPER_BASIS} if paper else {}))
     so_far = {"setup": clock() - began}
@@ -259,6 +266,8 @@ def _plan(
             status, message = _status(Verdict(verdict, prediction), outcome, options, budget)
         elif status == Code.GOAL_IN_COLLISION:
             message += f"; the trajectory that comes nearest: {verdict.message}{_cut(budget)}"
+        elif broken := [str(v) for v in verdict.violations if v.kind in ("limit", *judging.RATES)]:
+            message += "; on the way to rest " + "; ".join(broken)
         now = clock()
         times = {**so_far, **outcome.time, "check": now - start, "total": now - began}
         return Plan(
@@ -277,7 +286,7 @@ def _plan(
     if touching:
         told = "at the start " + "; ".join(map(str, touching))
         return finish(stay, Code.START_IN_COLLISION, told)
-    if all(task.at_goal(q) for q in stay.trajectory.positions):
+    if task.running is None and all(task.at_goal(q) for q in stay.trajectory.positions):
         return finish(stay)
 
     say("inverse kinematics")

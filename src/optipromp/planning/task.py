@@ -45,7 +45,8 @@ class Task:
         entry: (3,) where the tool is, if it has begun its approach [m].
         passed: neighbours that lie below the rim of a tool on its approach.
         running: the trajectory that runs already, from now on; ``kept`` is its tool path.
-        pushed: tool points and axes (P, 3) of the push so far, if the scene is as it was before it.
+        same: whether the pushables are where the plan that runs has them.
+        pushed: tool points and axes (P, 3) of the push so far, if they are the same.
         risk: share of promised successes that may be broken.
         begun: whether ``state`` is one that was given in place of the scene's start: the tool may
             be among what it pushes.
@@ -62,6 +63,7 @@ class Task:
     passed: tuple[SceneObject, ...] = ()
     running: Trajectory | None = None
     kept: ToolPath | None = None
+    same: bool = False
     pushed: tuple[FloatArray, FloatArray] | None = None
     risk: float = PUSH.harm.risk
     begun: bool = False

@@ -18,13 +18,16 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, frozen, lengths
 from optipromp.errors import InvalidRequestError
-from optipromp.planning.follow import Start, Waypoints
-from optipromp.planning.parameters import FOLLOW, UNDERWAY
+from optipromp.planning.follow import Start, Waypoints, braked
+from optipromp.planning.options import PlanOptions
+from optipromp.planning.parameters import FOLLOW, TIMING, UNDERWAY
 from optipromp.planning.task import Task, tool_motion
+from optipromp.planning.timing import slowly, timed, tool_speeds
+from optipromp.pushing import standing
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import STEP, ToolPath, evenly, length
 from optipromp.robots import ik
-from optipromp.scenes.scene import PoseGoal
+from optipromp.scenes.scene import JointGoal, PoseGoal
 from optipromp.trajectory import State, Trajectory
 
 if TYPE_CHECKING:
@@ -63,7 +66,7 @@ def begun(start_state: Moving | None, previous: Plan | None, at: float | None) -
 def underway(task: Task, previous: Plan | None, at: float | None) -> Task:
     """The task of an arm that moves: what the tool has passed is dropped; see the module."""
     if not isinstance(task.goal, PoseGoal):
-        return task
+        return replace(task, running=running(previous, at))
     up, (point, axis) = task.scene.frame[2], task.robot.tool_pose(task.start)
     ahead = float((task.goal.position - point) @ up)
     aside = math.dist(task.goal.position - ahead * up, point)
@@ -78,57 +81,92 @@ def underway(task: Task, previous: Plan | None, at: float | None) -> Task:
         task = replace(task, neighbours=left, passed=passed, entry=frozen(point))
     if previous is None or at is None:
         return task
-    return replace(
-        task, running=running(task, previous, at), kept=remaining(task, previous, at),
-        pushed=pushed(task, previous, at),
+    task = replace(
+        task, running=running(previous, at), kept=remaining(task, previous, at),
+        same=same(task, previous),
     )  # fmt: skip
+    return replace(task, pushed=pushed(task, previous, at))
 
 
-def running(task: Task, previous: Plan, at: float) -> Trajectory | None:
-    """The rest of a running trajectory by its own rows; None where nearly nothing is left."""
-    curve = previous.trajectory
-    left = curve.times > at + 1e-4
-    if left.sum() < 2:
+def running(previous: Plan | None, at: float | None) -> Trajectory | None:
+    """The rest of a running trajectory, the same curve; None where nothing is left."""
+    if previous is None or at is None:
         return None
-    times = np.append(0.0, curve.times[left] - at)
-    q = np.vstack([curve.at(at).q, curve.positions[left]])
-    return Trajectory.through(q, times, curve.joint_names, begin=curve.at(at))
+    curve = previous.trajectory
+    times = np.append(at, curve.times[curve.times > at + UNDERWAY.left])
+    if len(times) < 2:
+        return None
+    while len(times) < UNDERWAY.fewest:
+        longest = int(np.argmax(np.diff(times)))
+        times = np.insert(times, longest + 1, times[longest : longest + 2].mean())
+    return Trajectory(times - at, *curve.sample(times), curve.joint_names)
 
 
-def rest(task: Task) -> Iterator[Start]:
-    """The motion that runs, from the arm's state on, led to where the target is now."""
+def rest(task: Task, options: PlanOptions) -> Iterator[Start]:
+    """The motion that runs, from the arm's state on, led to where the target is now.
+
+    It is the same curve where arm and target are where they were to be, and another one through
+    waypoints that are moved otherwise. It is timed anew where the tool would be too fast.
+    """
     made, path = task.running, task.kept
-    if made is None or path is None:
+    if made is None or options.duration is not None:
         return
-    assert isinstance(task.goal, PoseGoal)
-    q, count = made.positions, made.n_waypoints
-    points, axes = task.robot.tool_pose(q)
+    on_curve = task.state.near(State(*made.rows(0)), UNDERWAY.exact)
+    if isinstance(task.goal, JointGoal):
+        q, last = made.positions, made.n_waypoints - 1
+        if on_curve and task.at_goal(q[-1]):
+            yield Start(q, q, Waypoints(last + 1, last), None, made)
+        return
+    if path is None:
+        return
+    robot = task.robot
+    points, _ = robot.tool_pose(made.positions)
     first = 0
     if task.entry is None:
         first = int(np.argmin(np.linalg.norm(points - path.points[0], axis=1)))
-    share = np.maximum(np.arange(count) - first, 0.0)[:, None] / max(count - 1 - first, 1)
-    gap = (1.0 - made.times / made.duration)[:, None] * (task.start - q[0])
-    wanted = points + share * (task.goal.position - points[-1])
-    led, errors = ik.each(task.robot, wanted[first:], axes[first:], (q + gap)[first:])
-    if errors.max() > FOLLOW.tracked:
-        return
-    q = np.vstack([(q + gap)[:first], led])
-    q[0] = task.start
-    yield Start(q, q, Waypoints(count, first), path, made.times)
+    moved = task.goal.position - points[-1]
+    if math.hypot(*moved) > FOLLOW.tracked or not on_curve:
+        gap = (1.0 - _begun(made.times / made.duration)) * (task.start - made.positions[0])
+        q = made.positions + gap
+        points, axes = robot.tool_pose(q)
+        gone = np.append(0.0, np.cumsum(lengths(np.diff(points[first:], axis=0))))
+        wanted = points[first:] + _begun(gone / max(gone[-1], 1e-9)) * moved
+        q[first:], errors = ik.each(robot, wanted, axes[first:], q[first:])
+        if errors.max() > FOLLOW.tracked:
+            return
+        q[0], wide = task.start, np.full(len(q), True)
+        wide[1] = 2.0 * made.times[1] > made.times[2] - made.times[1]  # else a step too short
+        first -= int(first > 1 and not wide[1])
+        made = Trajectory.through(q[wide], made.times[wide], made.joint_names, begin=task.state)
+    limit = options.approach_speed or path.speed
+    q = made.positions
+    slow = slowly(task, q, first)
+    if tool_speeds(robot, made, slow, TIMING.parts).max() > limit * (1.0 + TIMING.spare):
+        made = timed(task, options, q, slow, path.speed)
+    yield Start(q, q, Waypoints(len(q), first), path, made)
 
 
-def pushed(task: Task, previous: Plan, at: float) -> tuple[FloatArray, FloatArray] | None:
-    """The running plan's push so far; None where the scene's fruits are not where they were.
+def _begun(share: FloatArray) -> FloatArray:
+    """Shares (m, 1) that grow from 0 to 1 and begin gently: the reverse of braking."""
+    return np.asarray(1.0 - braked(1.0 - share))[:, None]
+
+
+def same(task: Task, previous: Plan) -> bool:
+    """Whether the pushables are where the running plan has them.
 
     A scene that was seen anew has the fruits where they are pushed to.
     """
-    begin = float(previous.trajectory.times[previous.first])
     before = {o.id: o.position for o in previous.scene.pushables}
-    same = all(
+    return all(
         o.id in before and math.dist(o.position, before[o.id]) < UNDERWAY.same
         for o in task.scene.pushables
     )
-    if task.entry is None or not same or at <= begin:
+
+
+def pushed(task: Task, previous: Plan, at: float) -> tuple[FloatArray, FloatArray] | None:
+    """The running plan's push so far; None where the fruits are not where they were."""
+    begin = float(previous.trajectory.times[previous.first])
+    if task.entry is None or not task.same or at <= begin:
         return None
     q, _, _ = previous.trajectory.sample(np.linspace(begin, at, UNDERWAY.rows))
     now = tool_motion(task.robot, q)
@@ -147,14 +185,13 @@ def remaining(task: Task, previous: Plan, at: float) -> ToolPath | None:
     points, _ = task.robot.tool_pose(q)
     moved = task.goal.position - points[-1]
     gap = np.zeros(3) if task.entry is None else task.entry - points[0]
-    if max(math.hypot(*moved), math.hypot(*gap)) > UNDERWAY.moved or length(points) < STEP:
+    if max(math.hypot(*moved), math.hypot(*gap)) > UNDERWAY.moved:
         return None
     share = np.linspace(0.0, 1.0, len(points))[:, None]
     points = points + share * moved + (1.0 - share) * gap
-    fastest = float(lengths(np.diff(points, axis=0)).max()) * UNDERWAY.rows
     points = evenly(points, max(2, math.ceil(length(points) / STEP) + 1))
-    speed = min(fastest / (curve.duration - begin), PUSH.hanging.speed)
-    return ToolPath(frozen(points), speed)
+    packs = standing.applies(task.scene, task.robot.tool)
+    return ToolPath(frozen(points), PUSH.standing.speed if packs else PUSH.hanging.speed)
 
 
 def straight(task: Task) -> ToolPath:

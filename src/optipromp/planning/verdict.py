@@ -45,23 +45,26 @@ class Verdict:
     def status(self) -> Code:
         """START_IN_COLLISION or INVALID_PLAN where there are violations, else HARM_PREDICTED or
         ``success``.
+
+        A push that is predicted to harm is so too where the tool is faster than predicted for.
         """
         if self.judgement.at_start:
             return Code.START_IN_COLLISION
-        if self.judgement.violations:
-            return Code.INVALID_PLAN
         harmful = self.prediction is not None and self.prediction.harmful
-        return Code.HARM_PREDICTED if harmful else Code.SUCCESS
+        if harmful and all(v.kind == "speed" for v in self.judgement.violations):
+            return Code.HARM_PREDICTED
+        return Code.INVALID_PLAN if self.judgement.violations else Code.SUCCESS
 
     @property
     def message(self) -> str:
         """The status in words."""
         if self.judgement.at_start:
             return "at the start " + "; ".join(map(str, self.judgement.at_start))
-        if self.judgement.violations:
-            return self.judgement.message
-        if self.prediction is not None and self.prediction.harmful:
-            return str(self.prediction)
+        wrong = [*map(str, self.judgement.violations)]
+        if self.status is Code.HARM_PREDICTED:
+            wrong.insert(0, str(self.prediction))
+        if wrong:
+            return "; ".join(wrong)
         message = "reaches the target, keeps all limits, touches nothing it must not"
         return "; ".join([message, *(f"note: {note}" for note in self.judgement.notes)])
 

@@ -33,6 +33,7 @@ MOVEIT: dict[Code, str] = {
     Code.INVALID_PLAN: "INVALID_MOTION_PLAN",
     Code.HARM_PREDICTED: "INVALID_MOTION_PLAN",
     Code.TIMEOUT: "TIMED_OUT",
+    Code.EXECUTION_FAILED: "CONTROL_FAILED",
 }
 """MoveIt's name of each code; codes that are not here are a FAILURE."""
 

@@ -1,0 +1,254 @@
+"""An executor in trouble: no reference jumps, the arm comes to rest, every error is typed."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optipromp.errors import Code, ExecutionError, InvalidRequestError
+from optipromp.execution import Executed, Follower, Guard
+from optipromp.robots.library import load_robot
+from optipromp.trajectory import State, Trajectory
+
+PANDA = load_robot("panda")
+PERIOD = 1e-3  # [s]
+
+
+class Controlled(Follower):
+    """A controller at 1 kHz with a clock of its own, and an arm that is where it is asked to be.
+
+    ``spoil(arm, what)`` is called before each ``tick``, ``state`` and ``command``; it may change
+    ``now``, raise, or return another state.
+    """
+
+    def __init__(self, spoil: Callable[["Controlled", str], Any], **guard: float) -> None:
+        super().__init__(PANDA, Guard(**guard))
+        self.spoil, self.now, self.lost = spoil, 0.0, False
+        self.asked = [State(PANDA.home)]
+        self.at = [0.0]
+
+    def state(self) -> State:
+        return self.spoil(self, "state") or self.asked[-1]
+
+    @contextmanager
+    def stream(self) -> Iterator[Iterator[float]]:
+        yield self._ticks()
+
+    def _ticks(self) -> Iterator[float]:
+        while self.now < 60.0:
+            self.spoil(self, "tick")
+            if self.lost:
+                return
+            yield self.now
+            self.now += PERIOD
+
+    def command(self, reference: State) -> None:
+        self.spoil(self, "command")
+        self.asked.append(reference)
+        self.at.append(self.now)
+
+
+def step(size: float = 0.6, duration: float = 2.0) -> Trajectory:
+    s = np.linspace(0.0, 1.0, 41)[:, None]
+    q = PANDA.home + size * s**3 * (10.0 - 15.0 * s + 6.0 * s**2) * np.array([1, 0, 1, 0, 1, 0, 1])
+    return Trajectory.through(q, duration / 40, PANDA.joint_names)
+
+
+def once(what: str, after: float, effect: Callable[[Controlled], Any]) -> Any:
+    """Spoil the first ``what`` after a time [s]."""
+    done = list[float]()
+
+    def spoil(arm: Controlled, which: str) -> Any:
+        if which == what and arm.now > after and not done:
+            done.append(arm.now)
+            return effect(arm)
+        return None
+
+    return spoil
+
+
+def always(what: str, after: float, effect: Callable[[Controlled], Any]) -> Any:
+    return lambda arm, which: effect(arm) if which == what and arm.now > after else None
+
+
+def late(by: float) -> Callable[[Controlled], None]:
+    def effect(arm: Controlled) -> None:
+        arm.now += by
+
+    return effect
+
+
+def throws(error: BaseException) -> Callable[[Controlled], Any]:
+    def effect(_: Controlled) -> Any:
+        raise error
+
+    return effect
+
+
+def no_number(_: Controlled) -> State:
+    return State(np.full(7, np.nan))
+
+
+def assert_at_rest(arm: Controlled) -> None:
+    """The last reference is at rest, and none jumps, in place or in speed."""
+    last = arm.asked[-1]
+    assert not last.velocity.any()
+    assert not last.acceleration.any()
+    q = np.array([one.q for one in arm.asked])
+    v = np.array([one.velocity for one in arm.asked])
+    assert np.abs(np.diff(q, axis=0)).max() < 0.6 * 1.875 / 2.0 * arm.guard.advance * 1.01
+    assert np.abs(np.diff(v, axis=0)).max() < 15.0 * arm.guard.advance
+    assert 0.05 < q[-1, 0] - PANDA.home[0] < 0.55  # on the way, not at an end
+
+
+def in_trouble(arm: Controlled, watch: Any = None) -> ExecutionError:
+    with pytest.raises(ExecutionError) as caught:
+        arm.execute(step(), watch)
+    assert caught.value.code is Code.EXECUTION_FAILED
+    assert "\n" not in caught.value.message
+    return caught.value
+
+
+def test_without_trouble_the_curve_is_followed() -> None:
+    arm = Controlled(lambda *_: None)
+    done = arm.execute(step())
+    assert done.finished
+    np.testing.assert_allclose(arm.asked[-1].q, step().positions[-1], atol=1e-12)
+
+
+@pytest.mark.parametrize("by", [0.005, 0.03, 0.09])
+def test_a_tick_that_is_a_little_late_slows_the_motion(by: float) -> None:
+    arm = Controlled(once("tick", 1.0, late(by)))
+    done = arm.execute(step())
+    assert done.finished
+    q = np.array([one.q for one in arm.asked])
+    most = min(by + PERIOD, arm.guard.advance)
+    assert np.abs(np.diff(q, axis=0)).max() < 0.6 * 1.875 / 2.0 * most * 1.01
+    lost = max(by + PERIOD - arm.guard.advance, 0.0)
+    assert arm.at[-1] == pytest.approx(2.0 + lost, abs=2.1 * PERIOD)
+    wanted, _, _ = step().sample(done.times)
+    np.testing.assert_allclose(done.reference, wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize("by", [0.2, 2.0, 10.0])
+def test_a_tick_that_is_very_late_ends_the_motion(by: float) -> None:
+    arm = Controlled(once("tick", 1.0, late(by)))
+    done = arm.execute(step())
+    assert not done.finished
+    assert f"a tick came {by + PERIOD:.3g} s after the last" in done.reason
+    assert_at_rest(arm)
+
+
+def test_after_a_late_tick_the_arm_is_stopped_where_it_is() -> None:
+    """It has come to rest meanwhile, a little ahead of what it was asked for."""
+    there = list[State]()
+
+    def effect(arm: Controlled) -> None:
+        arm.now += 1.0
+        there.append(State(arm.asked[-1].q + 0.01))
+
+    spoil = once("tick", 1.0, effect)
+    arm = Controlled(lambda arm, what: spoil(arm, what) or (there[-1] if there else None))
+    assert not arm.execute(step()).finished
+    np.testing.assert_allclose(arm.asked[-1].q, there[-1].q, atol=1e-9)
+
+
+def test_one_reading_that_is_far_off_moves_no_reference_far() -> None:
+    far = State(np.array(PANDA.home) + 3.0, np.full(7, 50.0))
+    arm = Controlled(once("state", 1.0, lambda _: far))
+    done = arm.execute(step())
+    assert "from the curve at 1.00" in done.reason
+    q = np.array([one.q for one in arm.asked])
+    assert np.abs(np.diff(q, axis=0)).max() < arm.guard.tracking + 2.61 * PERIOD
+    assert not arm.asked[-1].velocity.any()
+    assert (np.abs(np.diff(q, axis=0)) > 0.02).any(axis=1).sum() <= 1
+
+
+@pytest.mark.parametrize("often", [once, always])
+@pytest.mark.parametrize(
+    ("effect", "told"),
+    [
+        (no_number, "InvalidRequestError: q of a state is [nan"),
+        (throws(OSError("no route\nto host")), "OSError: no route"),
+        (lambda _: State(np.zeros(3)), "ValueError: 3 joints, where panda has 7"),
+        (lambda _: "nowhere", "AttributeError"),
+    ],
+)
+def test_a_state_that_cannot_be_read_in_motion(often: Any, effect: Any, told: str) -> None:
+    arm = Controlled(often("state", 1.0, effect))
+    error = in_trouble(arm)
+    assert error.message.startswith("at 1.0")
+    assert f"the state could not be read ({told}" in error.message
+    assert error.message.endswith("the arm came to rest")
+    assert isinstance(error.executed, Executed)
+    assert 0.9 < error.executed.times[-1] < 1.2
+    assert not error.executed.finished
+    assert_at_rest(arm)
+    arm.spoil = lambda *_: None
+    begin = arm.asked[-1].q
+    back = Trajectory.through(np.tile(begin, (3, 1)), 0.1, PANDA.joint_names)
+    assert arm.execute(back).finished  # it can be used again
+
+
+def test_what_watches_fails() -> None:
+    def watch(now: float, _: State) -> bool:
+        return bool(1.0 / (0.0 if now > 1.0 else 1.0) > 2.0)
+
+    arm = Controlled(lambda *_: None)
+    error = in_trouble(arm, watch)
+    assert "watch failed (ZeroDivisionError" in error.message
+    assert isinstance(error.__cause__, ZeroDivisionError)
+    assert_at_rest(arm)
+
+
+def test_an_interruption_is_passed_on_at_rest() -> None:
+    def watch(now: float, _: State) -> bool:
+        if now > 1.0:
+            raise KeyboardInterrupt
+        return False
+
+    arm = Controlled(lambda *_: None)
+    with pytest.raises(KeyboardInterrupt):
+        arm.execute(step(), watch)
+    assert_at_rest(arm)
+
+
+def test_a_command_that_fails_once_and_one_that_fails_for_ever() -> None:
+    arm = Controlled(once("command", 1.0, throws(RuntimeError("full"))))
+    error = in_trouble(arm)
+    assert "a reference could not be commanded (RuntimeError: full)" in error.message
+    assert error.message.endswith("the arm came to rest")
+    assert_at_rest(arm)
+    error = in_trouble(Controlled(always("command", 1.0, throws(RuntimeError("gone")))))
+    assert error.message.endswith("the arm could not be brought to rest")
+
+
+def test_control_that_is_lost() -> None:
+    def lose(arm: Controlled) -> None:
+        arm.lost = True
+
+    done = Controlled(once("tick", 1.0, lose)).execute(step())
+    assert (done.finished, done.reason) == (False, "control of the arm was lost")
+    error = in_trouble(Controlled(once("tick", 1.0, throws(RuntimeError("reflex")))))
+    assert "control was lost (RuntimeError: reflex)" in error.message
+    assert error.message.endswith("could not be brought to rest")
+    error = in_trouble(Controlled(always("tick", -1.0, lose)))
+    assert error.message == "the controller gave no tick; the arm has not moved"
+
+
+@pytest.mark.parametrize("effect", [no_number, throws(OSError()), lambda _: State(np.zeros(3))])
+def test_a_state_that_cannot_be_read_before_the_motion(effect: Any) -> None:
+    arm = Controlled(always("state", -1.0, effect))
+    assert in_trouble(arm).message.endswith("the arm has not moved")
+    assert len(arm.asked) == 1
+
+
+def test_what_is_no_curve_and_guards_that_never_end() -> None:
+    arm = Controlled(lambda *_: None)
+    with pytest.raises(InvalidRequestError, match="the curve is a list, not a Trajectory"):
+        arm.execute([PANDA.home])  # type: ignore[arg-type]
+    for name in ("advance", "record"):
+        with pytest.raises(InvalidRequestError, match=f"Guard.{name} is 0"):
+            Guard(**{name: 0.0})
