@@ -16,9 +16,9 @@ def main() -> None:
     else:
         resource.setrlimit(resource.RLIMIT_AS, (given["memory"],) * 2)
         resource.setrlimit(resource.RLIMIT_FSIZE, (given["output"],) * 2)
-    try:
-        import mujoco
+    import mujoco
 
+    try:
         os.chdir(Path(given["out"]).parent)  # where MuJoCo leaves its log
         model = mujoco.MjModel.from_xml_path(given["path"])
         mujoco.mj_saveModel(model, given["out"])

@@ -22,7 +22,7 @@ from optipromp.arrays import rotation as turned
 from optipromp.errors import InvalidRequestError, InvalidRobotError
 from optipromp.files import cache_folder, is_file, read_bytes, write_atomically
 from optipromp.robots.kept_mjcf import SUFFIXES, kept_mjcf
-from optipromp.robots.limited import run_limited
+from optipromp.robots.limited import LIMITS, run_limited
 from optipromp.robots.urdf import (
     LENGTH_LIMIT,
     UrdfGeometry,
@@ -72,7 +72,11 @@ def _compiled(path: Path) -> UrdfModel:
     with tempfile.TemporaryDirectory(prefix="optipromp-") as folder:
         file = Path(folder) / "model.mjb"
         file.write_bytes(content)
-        model = mujoco.MjModel.from_binary_path(str(file))
+        try:
+            model = mujoco.MjModel.from_binary_path(str(file))
+        except ValueError:  # cut off
+            most = LIMITS.output / 1e6
+            raise InvalidRobotError(f"{path}: compiles to more than {most:.0f} MB") from None
     if model.nbody > MOST_BODIES:
         raise InvalidRobotError(f"{path}: has {model.nbody} bodies: must have at most {MOST_BODIES}")
     try:
