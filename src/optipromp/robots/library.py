@@ -1,6 +1,7 @@
 """Robots by name or by file: a bare URDF, or a YAML file beside one."""
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -36,6 +37,8 @@ from optipromp.robots.urdf import UrdfModel, read_urdf
 SAME_JOINTS = (
     1e-4  # [m or -] chosen: joints of one robot differ less between files (rounded angles)
 )
+MOST_JOINTS = 200  # that move, of an arm, chosen: their frames at 20,000 configurations take 0.4 GB
+MOST_SPHERES = 2_000  # chosen: their pairs take 0.5 GB and 40 s
 _DATA = Path(__file__).resolve().parent / "data"
 
 
@@ -237,6 +240,11 @@ def _build(
     arm = _chosen(entry, model, path, choice)
     chain = serial_chain(model, arm.tip, arm.base, {**entry.hold, **choice.hold})
     names = chain.joint_names
+    if len(chain.kinematics.kind) > MOST_JOINTS:
+        raise InvalidRobotError(
+            f"{path}: the arm has {len(chain.kinematics.kind)} joints: must have at most "
+            f"{MOST_JOINTS}; choose a base or a tip, or hold some"
+        )
     n = len(names)
     unlimited = np.full(n, np.inf)
     home = _per_joint(
@@ -249,6 +257,10 @@ def _build(
             f"{path}: home of joint '{names[i]}' is {home[i]:g}, outside its limits "
             f"[{chain.lower[i]:g}, {chain.upper[i]:g}]"
         )
+    if entry.velocity is None:
+        for name in names:
+            if model.joints[name].remark:
+                warnings.warn(model.joints[name].remark, stacklevel=2)
     known = set(model.links)
     for link in (*entry.spheres, *(link for pair in entry.allow_self for link in pair)):
         if link not in known:
@@ -389,6 +401,11 @@ def _body_spheres(
         raise InvalidRobotError(
             f"{model.path}: no link has collision or visual geometry, so nothing could be kept off "
             "an obstacle; give spheres in a robot file"
+        )
+    if len(segment) > MOST_SPHERES:
+        raise InvalidRobotError(
+            f"{model.path}: {len(segment)} spheres cover it: must be at most {MOST_SPHERES}; give "
+            "its links fewer in a robot file"
         )
     carrier = np.array(segment, dtype=np.int64)
     return BodySpheres(

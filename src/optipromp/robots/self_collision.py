@@ -31,6 +31,7 @@ ALONG = 0.9999  # chosen: least cosine of slides of one direction, 0.8 degrees
 MOST_LINKS = 3000  # pairs of links: a robot of 78 links; a chain of 3,000 would take hours
 _PAIRS_VERSION = 13  # part of the cache key: raise it when the same robot gets other pairs
 _CHUNK = 1_000_000
+_GAPS_AT_ONCE = 10_000_000  # 80 MB
 
 Found = tuple[IntArray, FloatArray, tuple[LeftOut, ...]]
 
@@ -88,7 +89,8 @@ def loose_spheres(robot: Robot, parts: FloatArray) -> IntArray:
     leave some of their part outside."""
     surfaces, count = Parts(len(robot.spheres.radius), parts), np.zeros(len(robot.spheres.radius))
     wrong = 0
-    for postures in np.array_split(_postures(robot, SHARED), 10):
+    parts_of = 1 + SHARED * max(len(robot.self_pairs), 1) // _GAPS_AT_ONCE
+    for postures in np.array_split(_postures(robot, SHARED), max(10, parts_of)):
         row, pair = np.nonzero(robot.self_gaps(postures) < 0.0)
         pairs = robot.self_pairs[pair]
         meet = surfaces.touch(robot, robot.segment_frames(postures), row, pairs)
