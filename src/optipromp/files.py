@@ -10,7 +10,7 @@ import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -78,21 +78,29 @@ FOLDERS = "OPTIPROMP_FOLDERS"
 """Environment variable: folders beside their own from which scenes may read files."""
 
 
-def check_inside(path: Path, folder: Path | None, error: type[OptiPrompError]) -> Path:
+def homes(folder: Path | None) -> tuple[Path, ...]:
+    """Where files may lie that a file in ``folder`` names.
+
+    That folder, the working directory (unless it is the root), and the folders of :data:`FOLDERS`.
+    """
+    here = Path.cwd()
+    listed = [Path(home) for home in os.environ.get(FOLDERS, "").split(os.pathsep) if home]
+    return folder or here, *([here] if here != Path(here.anchor) else []), *listed
+
+
+def check_inside(
+    path: Path, folder: Path | None, error: type[OptiPrompError], more: Iterable[Path] = ()
+) -> Path:
     """``path``, which a file in ``folder`` names, if it may; links are followed.
 
-    It may lie in that folder, in the working directory (unless that is the root) and in the folders
-    of :data:`FOLDERS`.
+    It may lie in the :func:`homes` of that folder, and in ``more``.
 
     Raises:
         OptiPrompError: of the type given: it lies elsewhere.
     """
-    here = Path.cwd()
-    homes = [folder or here, *([here] if here != Path(here.anchor) else [])]
-    homes += [Path(home) for home in os.environ.get(FOLDERS, "").split(os.pathsep) if home]
     try:
         real = path.resolve()
-        if any(real.is_relative_to(home.resolve()) for home in homes):
+        if any(real.is_relative_to(home.resolve()) for home in (*homes(folder), *more)):
             return path
     except (OSError, RuntimeError, ValueError) as cause:  # a ring of links; no name of a file
         raise error(f"{str(path)!r}: cannot be found: {cause}") from None

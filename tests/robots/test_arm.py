@@ -307,12 +307,27 @@ def test_a_wrist_that_turns_a_jaw_is_of_the_arm(write: Writer) -> None:
     assert (arm.tip, found.held_joints) == ("fixed_jaw", ("gripper",))
 
 
-@pytest.mark.parametrize("written", ['velocity="0"', 'effort="0" velocity="0"', ""])
-def test_a_velocity_of_zero_is_none(write: Writer, written: str) -> None:
-    """Some programs write it where they know none."""
+@pytest.mark.parametrize("written", ['velocity="0"', 'effort="0" velocity="0.0"', ""])
+def test_a_velocity_of_zero_is_none(
+    write: Writer, written: str, recwarn: pytest.WarningsRecorder
+) -> None:
+    """Some programs write it where they know none. It is told, but where a robot file has others,
+    and of joints that are held."""
     limit = f'<limit lower="-1" upper="1" {written}/>'
-    found = load_robot(write(robot(joint("one", "base", "b", limit=limit))))
+    held = joint("two", "base", "held", limit='<limit lower="-1" upper="1" velocity="0"/>')
+    path = write(robot(held, joint("one", "held", "b", limit=limit)))
+    found = load_robot(path, base="held")
     assert np.isinf(found.velocity).all()
+    told = [str(each.message) for each in recwarn]
+    if "velocity" in written:
+        (one,) = told
+        for word in (f"{path.name}:1:", "joint 'one'", "velocity limit 0", "taken as none"):
+            assert word in one
+    else:
+        assert not told
+    head = "format: 1\nname: mine\nurdf: robot.urdf\nbase: held\nvelocity: [2.0]\n"
+    assert load_robot(write(head, "mine.yaml")).velocity == 2.0
+    assert len(recwarn) == len(told)
 
 
 TWO = [*TORSO, *series("left", "column", 6), *series("right", "column", 6)]

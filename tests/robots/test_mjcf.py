@@ -227,3 +227,71 @@ def test_a_damaged_cache_is_made_again(
     for content in (b"", b"{", b'{"name": "a"}', b"[" * 100_000):
         kept.write_bytes(content)
         assert read_mjcf(path) == model
+
+
+BALL = '<geom size=".1"/>'
+ARM_FAR = f'<body name="far" pos="0 1e200 0">{BALL}</body>'
+
+
+def minimal(geom: str = '<geom size=".1"/>', more: str = "", name: str = "a") -> str:
+    body = f'<body name="{name}"><joint range="-1 1"/>{geom}</body>'
+    return f"<mujoco>{more}<worldbody>{body}</worldbody></mujoco>"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (minimal('<geom size="1e300"/>'), "body 'a' size is 1e+300"),  # a segmentation fault
+        (minimal('<geom size="1e100"/>'), "body 'a' size is 1e+100"),
+        (minimal('<geom size=".1" pos="0 0 30"/>'), "body 'a' pos is 0 0 30, beyond 20 m"),
+        (minimal(f'<geom size=".1"/>{ARM_FAR}'), "body 'far' pos is 0 1e+200 0"),
+        (
+            minimal(more='<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>'),
+            "<hfield> asks for 3.6e+09 of nrow x ncol",
+        ),
+        (
+            minimal(f'<replicate count="100000" offset="0 0 1">{BALL}</replicate>{BALL}'),
+            "<replicate> asks for 1e+05 of count: must be at most 1000",
+        ),
+        (
+            minimal(f'<replicate count="999"><body>{BALL}<body>{BALL}</body></body></replicate>{BALL}'),
+            "has 2000 bodies: must have at most 1000",
+        ),
+        (minimal(more='<asset><mesh name="m" file="pipe.stl"/></asset>'), "is a device or pipe"),
+        (minimal(more='<asset><mesh name="m" file="/dev/zero"/></asset>'), "is a device or pipe"),
+        (minimal(name="\xff"), "a name in it is no UTF-8"),
+    ],
+    ids=["1e300", "1e100", "geom", "body", "hfield", "replicate", "bodies", "pipe", "device", "name"],
+)  # fmt: skip
+def test_what_would_end_the_process_or_never_end_is_refused(
+    tmp_path: Path, text: str, words: str
+) -> None:
+    os.mkfifo(tmp_path / "pipe.stl")
+    (tmp_path / "arm.xml").write_bytes(text.encode("latin-1"))
+    with pytest.raises(InvalidRobotError) as caught:
+        load_robot(tmp_path / "arm.xml")
+    assert "arm.xml" in caught.value.message
+    assert words in caught.value.message
+
+
+def test_a_process_that_ends_early_or_goes_on_is_told_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Limits so low that MuJoCo itself cannot start, or not end."""
+    from optipromp.robots import limited, mjcf
+
+    monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
+
+    def run(**limits: float) -> str:
+        few = limited.Limits(**limits)
+        monkeypatch.setattr(
+            mjcf, "run_limited", lambda *args: limited.run_limited(*args, limits=few)
+        )
+        with pytest.raises(InvalidRobotError) as caught:
+            read_mjcf(tmp_path / "arm.xml")
+        return caught.value.message
+
+    (tmp_path / "arm.xml").write_text(minimal())
+    assert "cannot be read within 0.001 s" in run(time=0.001)
+    assert "arm.xml: reading it ended with" in run(memory=6e7)
+    assert "arm.xml: compiles to more than" in run(output=100)

@@ -113,6 +113,52 @@ def test_only_the_covers_touch_at_home(urdf: Writer, joint: Callable[..., str]) 
     assert robot.self_gaps(np.array([0.0, 0.3])).min() < 0.0  # 24 mm into the box
 
 
+def folded(joint: Callable[..., str], gap: float) -> str:
+    """Two bars: at home, where the joint between them is at its limit, one lies over the other."""
+    bar = '<collision><origin xyz="{} 0 0"/><geometry><box size="0.3 0.06 0.06"/></geometry>'
+    upper, fore = (f"{bar.format(at)}</collision>" for at in (0.15, -0.15))
+    links = f'<link name="base"/><link name="upper">{upper}</link><link name="elbow"/>'
+    joints = (
+        joint("turn", "base", "upper", origin="")
+        + joint(
+            "fold", "upper", "elbow", axis='<axis xyz="0 1 0"/>',
+            origin=f'<origin xyz="0.3 0 {0.06 + gap}"/>', limit='<limit lower="0" upper="2.9"/>',
+        )
+        + joint(
+            "tilt", "elbow", "fore", axis='<axis xyz="0 1 0"/>', origin='<origin xyz="-0.05 0 0"/>',
+            limit='<limit lower="-1.5" upper="1.5"/>',
+        )
+    )  # fmt: skip
+    return f'<robot name="fold">{links}<link name="fore">{fore}</link>{joints}</robot>'
+
+
+@pytest.mark.parametrize("gap", [0.015, 0.005])
+def test_a_home_at_a_limit_is_settled_by_surfaces(
+    write: Writer, joint: Callable[..., str], gap: float
+) -> None:
+    """Covers meet there though the bars are apart, as in a Piper; and nothing goes unseen for it."""
+    robot = load_robot(write(folded(joint, gap)))
+    assert robot.home[1] == robot.lower[1]
+    assert sum(robot.excess.values()) > gap
+    assert robot.self_gaps(robot.home).min() >= 0.0
+    rng = np.random.default_rng(0)
+    q = np.clip(robot.home + rng.uniform(-0.5, 0.5, (4000, 3)), robot.lower, robot.upper)
+    origins, turns = robot.segment_frames(q)
+    steps = np.linspace(-0.3, 0.0, 61)
+    under = np.stack([steps, 0.0 * steps, np.full(61, -0.03)], axis=-1)  # a row of the upper face
+    points = under @ turns[:, 2].transpose(0, 2, 1) + origins[:, 2, None] - origins[:, 0, None]
+    inside = np.einsum("kpj,kji->kpi", points, turns[:, 0]) - [0.15, 0.0, 0.0]
+    touch = (np.abs(inside) < [0.149, 0.029, 0.029]).all(axis=2).any(axis=1)
+    short = (robot.self_gaps(q) < 0.0).any(axis=1)
+    assert 500 < touch.sum() < 3000
+    assert short[touch].all()
+
+
+def test_bars_that_touch_at_home_are_told_so(write: Writer, joint: Callable[..., str]) -> None:
+    robot = load_robot(write(folded(joint, -0.002)))
+    assert robot.self_gaps(robot.home).min() < 0.0
+
+
 def test_the_rim_of_a_base_that_stands_on_its_plane_is_kept(
     urdf: Writer, joint: Callable[..., str]
 ) -> None:

@@ -1,6 +1,10 @@
 """Every bad robot description is one InvalidRobotError that says where and what would be right."""
 
 import math
+import os
+import re
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -227,16 +231,125 @@ def test_continuous_needs_no_limits(urdf: Writer, joint: Callable[..., str]) -> 
     assert robot.velocity[1] == 2.0
 
 
-def test_chain_of_3000_links(write: Writer, joint: Callable[..., str]) -> None:
-    count = 3000
+def long_chain(joint: Callable[..., str], count: int, moving: int) -> str:
+    """Links in a row, a ball on every tenth; the last ``moving`` joints turn."""
     ball = '<collision><geometry><sphere radius="0.001"/></geometry></collision>'
     links = "".join(f'<link name="l{i}">{ball if i % 10 == 0 else ""}</link>' for i in range(count))
-    origin = '<origin xyz="0 0 0.01"/>'
-    joints = "".join(joint(f"j{i}", f"l{i}", f"l{i + 1}", origin=origin) for i in range(count - 1))
-    robot = load_robot(write(f'<robot name="long">{links}{joints}</robot>'))
-    assert robot.n_joints == count - 1
-    point, _ = robot.tool_pose(np.zeros(count - 1))
-    np.testing.assert_allclose(point, [0, 0, 0.01 * (count - 1)], atol=1e-9)
+    joints = "".join(
+        joint(
+            f"j{i}", f"l{i}", f"l{i + 1}", origin='<origin xyz="0 0 0.001"/>',
+            kind="revolute" if i >= count - 1 - moving else "fixed",
+        )
+        for i in range(count - 1)
+    )  # fmt: skip
+    return f'<robot name="long">{links}{joints}</robot>'
+
+
+def test_chain_of_3000_links(write: Writer, joint: Callable[..., str]) -> None:
+    robot = load_robot(write(long_chain(joint, 3000, 200)))
+    assert robot.n_joints == 200
+    point, _ = robot.tool_pose(np.zeros(200))
+    np.testing.assert_allclose(point, [0, 0, 2.999], atol=1e-9)
+
+
+def test_more_than_a_robot_may_have(write: Writer, joint: Callable[..., str]) -> None:
+    refused(write(long_chain(joint, 3000, 2999)), "2999 joints", "at most 200")
+    refused(write(long_chain(joint, 10_001, 1)), "10001 links", "at most 10000")
+    many = "format: 1\nname: n\nurdf: robot.urdf\nspheres: {b: [%s]}\n"
+    write('<robot name="r"><link name="a"/><link name="b"/>' + joint("ab", "a", "b") + "</robot>")
+    rows = ", ".join(["[0, 0, 0, 0.1]"] * 2001)
+    with pytest.raises(InvalidRobotError, match=r"2001 spheres cover it: must be at most 2000"):
+        load_robot(write(many % rows, "many.yaml"))
+
+
+def sphere_stl(path: Path, sides: int) -> None:
+    """A sphere of radius 0.1 m of 2 sides² triangles, some of them without area."""
+    import struct
+
+    turn, down = np.meshgrid(np.linspace(0, 2 * np.pi, sides + 1), np.linspace(0, np.pi, sides + 1))
+    ring = [np.sin(down) * np.cos(turn), np.sin(down) * np.sin(turn), np.cos(down)]
+    at = 0.1 * np.stack(ring, axis=-1)
+    a, b, c, d = at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]
+    corners = np.concatenate([np.stack([a, b, c], 2), np.stack([a, c, d], 2)]).reshape(-1, 9)
+    rows = np.zeros(len(corners), dtype=[("n", "<3f4"), ("corners", "<9f4"), ("m", "<u2")])
+    rows["corners"] = corners
+    path.write_bytes(bytes(80) + struct.pack("<I", len(corners)) + rows.tobytes())
+
+
+MESH = '<link name="a"/><link name="b"><{0}><geometry><mesh filename="{1}"/></geometry></{0}></link>'
+
+LOADED = """
+import resource, sys
+from optipromp.robots import load_robot
+load_robot(sys.argv[1])
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+"""
+
+
+def test_a_fine_mesh_takes_little_memory(
+    urdf: Writer, joint: Callable[..., str], tmp_path: Path
+) -> None:
+    """320,000 triangles took 1.1 GB; twenty times as many, all there was."""
+    pytest.importorskip("trimesh")
+    sphere_stl(tmp_path / "ball.stl", 400)
+    path = urdf(joint("ab", "a", "b"), MESH.format("collision", "ball.stl"))
+    environment = os.environ | {"OPTIPROMP_CACHE": str(tmp_path), "OPENBLAS_NUM_THREADS": "1"}
+    command = [sys.executable, "-c", LOADED, str(path)]
+    found = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert int(found.stdout) < 600  # MB
+
+
+def test_a_mesh_too_fine_too_large_or_folded_is_refused(
+    urdf: Writer, joint: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("trimesh")
+    path = urdf(joint("ab", "a", "b"), MESH.format("collision", "part.stl"))
+    sphere_stl(tmp_path / "part.stl", 710)
+    refused(path, "part.stl", "1008200 triangles", "at most 1000000")
+    with (tmp_path / "part.stl").open("r+b") as file:
+        file.truncate(64_000_001)
+    refused(path.rename(tmp_path / "big.urdf"), "part.stl: has 64 MB")
+    rng = np.random.default_rng(0)
+    lines = [f"v {x} {y} {z}" for x, y, z in rng.uniform(-0.1, 0.1, (36_000, 3))]
+    lines += [f"f {i} {i + 1} {i + 2}" for i in range(1, 36_000, 3)]
+    (tmp_path / "part.obj").write_text("\n".join(lines))
+    folded = urdf(joint("ab", "a", "b"), MESH.format("visual", "part.obj"))
+    refused(folded, "part.obj", "folds over and over")
+
+
+@pytest.mark.parametrize("word", ["nan", "inf", "1e400"])
+@pytest.mark.parametrize("kind", ["obj", "stl", "ply"])
+def test_a_vertex_that_is_not_finite_is_refused(
+    urdf: Writer, joint: Callable[..., str], tmp_path: Path, word: str, kind: str
+) -> None:
+    """The library that reads meshes leaves its triangles out, which would be free space."""
+    trimesh = pytest.importorskip("trimesh")
+    box = trimesh.creation.box((0.1, 0.2, 0.3))
+    how = {"stl": {"file_type": "stl_ascii"}, "ply": {"encoding": "ascii"}}.get(kind, {})
+    box.export(file := tmp_path / f"box.{kind}", **how)
+    text, found = re.subn(r"0\.150*1?\b", word, file.read_text(), count=1)
+    assert found
+    file.write_text(text)
+    refused(
+        urdf(joint("ab", "a", "b"), MESH.format("collision", f"box.{kind}")), "'b'", f"box.{kind}"
+    )
+
+
+def test_an_open_mesh_is_covered_whole(
+    urdf: Writer, joint: Callable[..., str], tmp_path: Path
+) -> None:
+    """A box without its lid, as a fifth of the arms' own collision meshes are open somewhere."""
+    trimesh = pytest.importorskip("trimesh")
+    box = trimesh.creation.box((0.1, 0.2, 0.3))
+    box.update_faces(box.face_normals[:, 2] < 0.5)
+    assert not box.is_watertight
+    box.export(tmp_path / "box.stl")
+    robot = load_robot(urdf(joint("ab", "a", "b"), MESH.format("collision", "box.stl")))
+    points = box.sample(2000, seed=0)
+    place = robot.geometry[0]
+    points = points @ place.rotation.T + place.translation
+    away = np.linalg.norm(points[:, None] - robot.spheres.center, axis=2)
+    assert (away - robot.spheres.radius).min(axis=1).max() < 1e-9
 
 
 def test_mimic_is_no_independent_joint(urdf: Writer, joint: Callable[..., str]) -> None:

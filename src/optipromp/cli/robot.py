@@ -43,9 +43,10 @@ class Named:
         """The scene with this robot; with its own robot, chosen from so, where none was named."""
         if not self:
             return scene
-        name = scene.robot if self.name is None else self.name
-        if self.name is not None and Path(name).suffix:
-            name = str(Path(name).absolute())
+        if self.name is None:
+            choice = replace(self.choice, untrusted=scene.choice.untrusted)
+            return replace(scene, choice=choice)
+        name = str(Path(self.name).absolute()) if Path(self.name).suffix else self.name
         return replace(scene, robot=name, choice=self.choice)
 
 

@@ -16,7 +16,7 @@ from pydantic import TypeAdapter
 from optipromp.errors import Code, OptiPrompError
 from optipromp.experiments.baselines import Answer, StudyPlanner, attempt
 from optipromp.experiments.variations import VARIATIONS, Variation
-from optipromp.robots.library import NOTHING, Choice
+from optipromp.robots.library import NOTHING, UNTRUSTED, Choice
 from optipromp.scenes.generate import (
     NOISES,
     PANDA,
@@ -207,8 +207,11 @@ def again(row: Row, robot: str = PANDA) -> "Run | None":
 
 
 def scenes_of(row: Row, robot: str = PANDA) -> tuple[Scene, Scene]:
-    """The scene of a run, and the same as its planner perceived it."""
-    scene = generate(cast(Preset, row.preset), row.seed, robot)
+    """The scene of a run, and the same as its planner perceived it.
+
+    The robot is one that a study's file names: see :class:`optipromp.robots.library.Choice`.
+    """
+    scene = generate(cast(Preset, row.preset), row.seed, robot, UNTRUSTED)
     noise = NOISES[row.noise] if row.noise else Noise(row.noise_position, row.noise_angle)
     return scene, noisy(scene, row.seed, noise)
 

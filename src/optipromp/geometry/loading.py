@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +29,8 @@ def load_mesh(path: Path, scale: float = 1.0) -> MeshShape:
     Raises:
         InvalidSceneError: missing, malformed, no area, not watertight, or trimesh not installed.
     """
-    _check_file(path, "mesh", _MESH_SUFFIXES)
-    loaded = _trimesh_load(path, "mesh")
+    content = _content(path, "mesh", _MESH_SUFFIXES)
+    loaded = _trimesh_load(path, content, "mesh")
     parts = list(loaded.geometry.values()) if hasattr(loaded, "geometry") else [loaded]
     if not parts or not all(hasattr(part, "faces") and len(part.faces) for part in parts):
         raise InvalidSceneError(f"mesh {path}: holds no faces: must be a closed surface")
@@ -53,15 +54,15 @@ def load_cloud(path: Path, radius: float, scale: float = 1.0) -> PointCloudShape
     Raises:
         InvalidSceneError: missing, malformed or empty.
     """
-    _check_file(path, "point cloud", _CLOUD_SUFFIXES)
+    content = _content(path, "point cloud", _CLOUD_SUFFIXES)
     suffix = path.suffix.lower()
     if suffix == ".ply":
-        loaded = _trimesh_load(path, "point cloud")
+        loaded = _trimesh_load(path, content, "point cloud")
         points = np.asarray(getattr(loaded, "vertices", np.zeros((0, 3))), dtype=np.float64)
     elif suffix in (".npy", ".npz"):
-        points = _numpy_points(path)
+        points = _numpy_points(path, content)
     else:
-        points = _text_points(path, "," if suffix == ".csv" else None)
+        points = _text_points(path, content, "," if suffix == ".csv" else None)
     if points.ndim != 2 or points.shape[1] < 3 or not len(points):
         raise InvalidSceneError(
             f"point cloud {path}: holds an array of shape {points.shape}: must be (N, 3), N >= 1"
@@ -69,7 +70,7 @@ def load_cloud(path: Path, radius: float, scale: float = 1.0) -> PointCloudShape
     return PointCloudShape(scale * points[:, :3], radius, path, scale)
 
 
-def _check_file(path: Path, what: str, suffixes: tuple[str, ...]) -> None:
+def _content(path: Path, what: str, suffixes: tuple[str, ...]) -> bytes:
     if path.suffix.lower() not in suffixes:
         raise InvalidSceneError(f"{what} {path}: suffix must be one of {', '.join(suffixes)}")
     try:
@@ -78,9 +79,11 @@ def _check_file(path: Path, what: str, suffixes: tuple[str, ...]) -> None:
         raise InvalidSceneError(f"{what} {error.message}") from None
     if not content:
         raise InvalidSceneError(f"{what} {path}: is empty")
+    return content
 
 
-def _trimesh_load(path: Path, what: str) -> Any:
+def _trimesh_load(path: Path, content: bytes, what: str) -> Any:
+    """What trimesh makes of a file's content, so that it reads no other file."""
     try:
         import trimesh
     except ImportError:
@@ -88,12 +91,13 @@ def _trimesh_load(path: Path, what: str) -> Any:
             f"{what} {path}: reading it needs trimesh: pip install 'optipromp[mesh]'"
         ) from None
     try:
-        return trimesh.load(path, skip_materials=True)
+        kind = path.suffix.lower()[1:]
+        return trimesh.load(io.BytesIO(content), file_type=kind, skip_materials=True)
     except Exception as error:  # malformed files make its readers fail in every way there is
         raise _unreadable(what, path, error) from None
 
 
-def _numpy_points(path: Path) -> FloatArray:
+def _numpy_points(path: Path, content: bytes) -> FloatArray:
     try:
         if path.suffix.lower() == ".npz":
             arrays = read_npz(path, InvalidSceneError)
@@ -102,7 +106,7 @@ def _numpy_points(path: Path) -> FloatArray:
                 raise ValueError(f"arrays are {found}: must have 'points'")
             data = arrays.get("points", next(iter(arrays.values())))
         else:
-            data = np.load(path, allow_pickle=False)
+            data = np.load(io.BytesIO(content), allow_pickle=False)
         return np.asarray(data, dtype=np.float64)
     except Exception as error:
         raise _unreadable("point cloud", path, error) from None
@@ -113,9 +117,9 @@ def _unreadable(what: str, path: Path, error: Exception) -> InvalidSceneError:
     return InvalidSceneError(f"{what} {path}: cannot be read: {reason}")
 
 
-def _text_points(path: Path, delimiter: str | None) -> FloatArray:
+def _text_points(path: Path, content: bytes, delimiter: str | None) -> FloatArray:
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        lines = content.decode("utf-8-sig").splitlines()
     except UnicodeDecodeError:
         raise InvalidSceneError(f"point cloud {path}: is no text in UTF-8") from None
     rows: list[list[float]] = []

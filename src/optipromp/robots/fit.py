@@ -33,6 +33,8 @@ MOST_SPHERES = 40  # of a cover that reaches more than its ``loose``
 _FINE, _COARSE = 40, 160  # voxels along the longest side: at least, at most
 _VOXELS = 300_000
 _STEP = 0.7  # [voxels] between the points of a surface
+MOST_SAMPLES = 10_000_000  # points of a surface, chosen: they take 8 s; a stock robot has 2 million
+_AT_ONCE = 300_000  # points of a surface
 _FINE_STEP = 0.5  # [voxels] longest side of a triangle between two spheres
 _POINTS, _CENTERS = 1_200, 2_500  # of a mesh while its cover grows; all points count at the end
 _SHARES = (0.6, 0.85)  # of the excess, that the half of a split may have
@@ -98,22 +100,21 @@ class _Fit:
     def __init__(self, triangles: FloatArray, loose: float) -> None:
         self.loose, self.low = loose, triangles.min(axis=(0, 1))
         size = np.ptp(triangles, axis=(0, 1))
-        longest = float(size.max())
-        self.voxel = max(
-            min(VOXEL, longest / _FINE),
-            longest / _COARSE,
-            float(np.prod(size) / _VOXELS) ** (1.0 / 3.0),
-        )
-        self.triangles, surface = triangles, spread(triangles, _STEP * self.voxel)
-        self.origin = self.low - 2.5 * self.voxel
+        self.voxel = voxel(triangles)
+        self.triangles, self.origin = triangles, self.low - 2.5 * self.voxel
         shape = np.ceil(size / self.voxel).astype(np.int64) + 6
         touched = np.zeros(shape, dtype=bool)
-        at = np.floor((surface - self.origin) / self.voxel).astype(np.int64)
-        touched[tuple(at.T)] = True
+        found = []  # the first point in each voxel; the surface of a fine mesh has many more
+        for some in _in_turn(triangles, _STEP * self.voxel):
+            surface = spread(some, _STEP * self.voxel)
+            touched[self._index(surface)] = True
+            found.append(surface[_thinned(surface - self.low, self.voxel)])
+        surface = np.concatenate(found)
+        self.points = surface[_thinned(surface - self.low, self.voxel)]
         solid = enclosed(touched)
         into = distance_transform_edt(solid)
         self.depth = self.voxel * (into - 1.0)  # at the voxels' middles; negative outside
-        outer = into[tuple(at.T)] < 2.0  # where others can touch it
+        self.outside = self.points[into[self._index(self.points)] < 2.0]  # others can touch it
         inside = np.argwhere(solid)
         depth = self.depth[tuple(inside.T)]
         order = np.argsort(-depth, kind="stable")  # of the candidates in a cell the deepest stays
@@ -121,8 +122,6 @@ class _Fit:
         inside = inside[order]
         inside = inside[_thinned(inside, sparse, _CENTERS)]
         self.centers = self._middle(inside)
-        thin = _thinned(surface - self.low, self.voxel)
-        self.points, self.outside = surface[thin], surface[thin[outer[thin]]]
         self.few = self.points[_thinned(self.points - self.low, 2.0 * self.voxel, _POINTS)]
         self.cost = np.empty((len(self.few), len(inside)), np.float32)
         costs(self.few, _columns(self.centers), self.depth[tuple(inside.T)], self.cost)
@@ -131,6 +130,9 @@ class _Fit:
         self.excess = float(self.cost[:, self.chosen].max())
         self.at = inside
         self.done = False
+
+    def _index(self, points: FloatArray) -> tuple[IntArray, ...]:
+        return tuple(np.floor((points - self.origin) / self.voxel).astype(np.int64).T)
 
     def _middle(self, index: IntArray) -> FloatArray:
         middle: FloatArray = self.origin + (index + 0.5) * self.voxel
@@ -225,6 +227,33 @@ class _Fit:
 
 
 _NEARBY = np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def voxel(triangles: FloatArray) -> float:
+    """Edge of the voxels of a mesh (f, 3, 3) [m]."""
+    size = np.ptp(triangles, axis=(0, 1))
+    longest, volume = float(size.max()), float(np.prod(size))
+    return max(min(VOXEL, longest / _FINE), longest / _COARSE, (volume / _VOXELS) ** (1.0 / 3.0))
+
+
+def count_samples(triangles: FloatArray) -> int:
+    """How many points stand for the surface of a mesh (f, 3, 3), at most."""
+    return int(samples(triangles, _STEP * voxel(triangles)).sum())
+
+
+def samples(triangles: FloatArray, step: float) -> IntArray:
+    """How many points (f,) :func:`spread` puts on each triangle (f, 3, 3), at most."""
+    length = np.linalg.norm(triangles[:, [1, 2, 0]] - triangles, axis=2).max(axis=1)
+    a, b, c = (triangles[:, k] for k in range(3))
+    height = np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(length, 1e-12)
+    rows, along = (np.ceil(side / step).astype(np.int64) + 1 for side in (height, length))
+    return np.asarray(rows * along)
+
+
+def _in_turn(triangles: FloatArray, step: float) -> list[FloatArray]:
+    """The triangles in parts of about _AT_ONCE points each."""
+    part = np.cumsum(samples(triangles, step)) // _AT_ONCE
+    return np.split(triangles, np.flatnonzero(np.diff(part)) + 1)
 
 
 def spread(triangles: FloatArray, step: float) -> FloatArray:

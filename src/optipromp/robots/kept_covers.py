@@ -12,7 +12,7 @@ from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
 from optipromp.files import cache_folder, npz, read_bytes, read_npz, write_atomically
 
-_COVERS_VERSION = 10  # part of the cache key: raise it when the same shapes get other covers
+_COVERS_VERSION = 11  # part of the cache key: raise it when the same shapes get other covers
 
 
 class Cover(NamedTuple):

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -13,13 +14,23 @@ from types import MappingProxyType
 from pydantic import TypeAdapter, ValidationError
 
 from optipromp.errors import InvalidRequestError, InvalidRobotError
-from optipromp.files import LARGEST_TEXT, cache_folder, is_file, read_bytes, write_atomically
+from optipromp.files import (
+    LARGEST_TEXT,
+    cache_folder,
+    is_file,
+    is_folder,
+    is_there,
+    read_bytes,
+    write_atomically,
+)
 from optipromp.robots.urdf import UrdfJoint, UrdfLink, UrdfModel
 from optipromp.robots.xml_tree import Node, read_xml
 
 SUFFIXES = (".xml", ".mjcf")
-_MJCF_VERSION = 1  # part of the cache key: raise it when the same files give another model
+_MJCF_VERSION = 2  # part of the cache key: raise it when the same files give another model
 _FOLDERS = ("meshdir", "texturedir", "assetdir")  # of a <compiler>: where assets are
+MOST_COPIES = 1_000  # that one element asks for, chosen: Menagerie's robots ask for none
+MOST_HEIGHTS = 1_000_000  # of a height field, chosen
 
 
 @dataclass(frozen=True)
@@ -55,11 +66,16 @@ def kept_mjcf(path: Path, read: Callable[[], UrdfModel]) -> UrdfModel:
     return model
 
 
-def mjcf_files(path: Path) -> list[Path] | None:
+def mjcf_files(path: Path, check: Callable[[Path], Path] = Path) -> list[Path] | None:
     """The MJCF file at ``path`` and every file that it and those name, sorted.
 
     Of a name that may mean several files, as it does beside several folders of assets, all are
     there. None where a name means no file that is found, or a file cannot be read as XML.
+
+    ``check`` is called with each but the first before it is read.
+
+    Raises InvalidRobotError where a name means a device or pipe, and where an element asks for more
+    than MOST_COPIES copies or MOST_HEIGHTS heights.
     """
     trees = dict[Path, Node]()
     new = {path}
@@ -68,21 +84,43 @@ def mjcf_files(path: Path) -> list[Path] | None:
             trees |= {file: read_xml(file) for file in new}
         except InvalidRobotError:
             return None
-        nodes = [node for tree in trees.values() for node in _nodes(tree)]
+        nodes = [(file, node) for file, tree in trees.items() for node in _nodes(tree)]
+        for file, node in nodes:
+            _check_counts(file, node)
         inner = {
-            n.attributes.get(key, "") for n in nodes if n.tag == "compiler" for key in _FOLDERS
+            n.attributes.get(key, "") for _, n in nodes if n.tag == "compiler" for key in _FOLDERS
         }
         folders = {file.parent / each for file in trees for each in {"", *inner}}
-        named = {name for node in nodes if (name := node.attributes.get("file"))}
+        named = {
+            value
+            for _, node in nodes
+            for key, value in node.attributes.items()
+            if key.startswith("file") and value  # a texture has fileright and others
+        }
         found = set(trees)
         for name in named:
             places = {each / own for each in folders for own in (name, Path(name).name)}
             files = {place for place in places if is_file(place)}
+            for place in places - files:
+                if is_there(place) and not is_folder(place):
+                    raise InvalidRobotError(f"{path}: {place} is a device or pipe; must be a file")
             if not files:
                 return None
-            found |= files
+            found |= {check(file) for file in files}
         new = {file for file in found if file.suffix.lower() in SUFFIXES} - set(trees)
     return sorted(found)
+
+
+def _check_counts(path: Path, node: Node) -> None:
+    """Refuse an element that MuJoCo would make too much of."""
+    for keys, most in ((("count",), MOST_COPIES), (("nrow", "ncol"), MOST_HEIGHTS)):
+        words = [word for key in keys for word in node.attributes.get(key, "").split()]
+        asked = math.prod(int(word) for word in words if word.isdecimal())
+        if asked > most:
+            raise InvalidRobotError(
+                f"{path}:{node.line}: <{node.tag}> asks for {asked:.3g} of {' x '.join(keys)}: "
+                f"must be at most {most}"
+            )
 
 
 def _nodes(tree: Node) -> Iterator[Node]:

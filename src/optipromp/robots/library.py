@@ -1,6 +1,7 @@
 """Robots by name or by file: a bare URDF, or a YAML file beside one."""
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -19,7 +20,13 @@ from optipromp.robots.kept_mjcf import mjcf_files
 from optipromp.robots.meshes import mesh_files
 from optipromp.robots.mjcf import is_mjcf, read_mjcf
 from optipromp.robots.model import BodySpheres, LeftOut, LinkGeometry, Robot
-from optipromp.robots.packages import expanded, with_meshes_found
+from optipromp.robots.packages import (
+    Check,
+    check_meshes,
+    expanded,
+    only_inside,
+    with_meshes_found,
+)
 from optipromp.robots.robot_file import RobotFile, read_robot_file
 from optipromp.robots.self_collision import telescopes, with_self_pairs
 from optipromp.robots.spheres import cover_links, finer_cover, stands_on_its_plane
@@ -30,6 +37,8 @@ from optipromp.robots.urdf import UrdfModel, read_urdf
 SAME_JOINTS = (
     1e-4  # [m or -] chosen: joints of one robot differ less between files (rounded angles)
 )
+MOST_JOINTS = 200  # that move, of an arm, chosen: their frames at 20,000 configurations take 0.4 GB
+MOST_SPHERES = 2_000  # chosen: their pairs take 0.5 GB and 40 s
 _DATA = Path(__file__).resolve().parent / "data"
 
 
@@ -46,6 +55,8 @@ class Choice:
     ``tip``: the flange link; ``base``: the link the arm begins at; ``srdf``: a file of groups;
     ``hold``: values [rad or m] of joints that are not of the arm, such as fingers;
     ``package_dirs``: folders that hold packages. Relative paths start where the robot's does.
+    ``untrusted``: a file or a message named the robot, not the user. Its files must then lie where
+    that file's may, and no xacro is expanded. It is no choice: two that differ in it are equal.
     """
 
     tip: str | None = None
@@ -53,9 +64,11 @@ class Choice:
     srdf: str | Path | None = None
     hold: Mapping[str, float] = field(default_factory=dict)
     package_dirs: tuple[str | Path, ...] = ()
+    untrusted: bool = field(default=False, repr=False, compare=False)
 
 
 NOTHING = Choice()
+UNTRUSTED = Choice(untrusted=True)
 
 
 def load_robot(
@@ -88,7 +101,9 @@ def load_robot(
 
     Raises:
         InvalidRobotError: no such robot (the message lists the built-in names), a description that
-            cannot be used, or several arms that are alike (the message lists them).
+            cannot be used, a xacro that a robot file names and
+            :data:`optipromp.robots.packages.ALLOW_XACRO` does not allow, or several arms that are
+            alike (the message lists them).
     """
     return load_arm(
         name_or_path, base_dir, Choice(tip, base, srdf, hold or {}, tuple(package_dirs))
@@ -106,11 +121,13 @@ def load_arm(
             )
         return _built_in(name_or_path)
     folder = base_dir or Path()
+    given = tuple(folder / each for each in choice.package_dirs)
     choice = replace(
         choice,
         srdf=None if choice.srdf is None else folder / choice.srdf,
-        package_dirs=tuple(folder / each for each in choice.package_dirs),
+        package_dirs=given,
     )
+    check, seen = only_inside(base_dir, given) if choice.untrusted else (Path, "")
     path = folder / name_or_path
     suffix = path.suffix.lower()
     names = ", ".join(robot_names())
@@ -119,14 +136,14 @@ def load_arm(
             f"no robot '{name_or_path}'; built-in: {names}; "
             "or the path of a .urdf, .xacro, .xml (MJCF) or .yaml file"
         )
-    if not is_file(path):
+    if not is_file(check(path)):
         raise InvalidRobotError(f"{path}: no such file; built-in robots: {names}")
-    return _from_file(path, choice)
+    return _from_file(path, choice, check, seen)
 
 
 @lru_cache
 def _built_in(name: str) -> tuple[Robot, Arm]:
-    return _from_file(_DATA / f"{name}.yaml", NOTHING)
+    return _from_file(_DATA / f"{name}.yaml", NOTHING, Path, "")
 
 
 def built_in_twin(robot: Robot) -> str | None:
@@ -149,20 +166,23 @@ _held: dict[str, tuple[UrdfModel, list[Path], Stamps, tuple[Robot, Arm]]] = {}
 _HELD = 16  # robots
 
 
-def _from_file(path: Path, choice: Choice) -> tuple[Robot, Arm]:
-    """The robot of a file: the one that was read before, unless a file of it has changed."""
-    key = f"{path.absolute()} {choice}"
+def _from_file(path: Path, choice: Choice, check: Check, seen: str) -> tuple[Robot, Arm]:
+    """The robot of a file: the one that was read before, unless a file of it has changed.
+
+    ``seen``: what ``check`` depends on.
+    """
+    key = f"{path.absolute()} {choice}{seen}"
     if held := _held.get(key):
         model, files, stamps, out = held
         if stamps == _stamps([*files, *srdf_files(model)]):
             return out
     if path.suffix.lower() not in (".yaml", ".yml"):
         entry = RobotFile(format=1, name=path.stem, urdf=path.name)
-        model = _read(entry, path, choice)
+        model = _read(entry, path, choice, check)
         entry = entry.model_copy(update={"name": model.name})
     else:
         entry = read_robot_file(path)
-        model = _read(entry, path, choice)
+        model = _read(entry, path, choice, check)
     bare = [name for name in model.links if name not in entry.spheres]
     groups = _given_srdf(entry, path, choice)
     named = mjcf_files(model.path) if is_mjcf(model.path) else [model.path]
@@ -189,20 +209,29 @@ def _stamps(files: list[Path]) -> Stamps:
     return tuple(out)
 
 
-def _read(entry: RobotFile, path: Path, choice: Choice) -> UrdfModel:
+def _read(entry: RobotFile, path: Path, choice: Choice, check: Check) -> UrdfModel:
     """The model of the entry of a robot file at ``path``, the meshes that cover it found."""
+    for name in (entry.urdf, *([entry.srdf] if entry.srdf else []), *entry.package_dirs):
+        check(path.parent / name)
     folders = [*choice.package_dirs, *(path.parent / each for each in entry.package_dirs)]
     package_dirs = [Path(folder) for folder in folders]
     urdf = path.parent / entry.urdf
     if is_mjcf(urdf):
         if entry.scale != 1.0:
             raise InvalidRobotError(f"{path}: scale is for URDFs; {entry.urdf} is an MJCF")
-        model = read_mjcf(urdf)
-    else:
-        content = expanded(urdf, package_dirs) if urdf.suffix.lower() == ".xacro" else None
-        model = read_urdf(urdf, entry.scale, content)
+        if mjcf_files(urdf, check) is None and choice.untrusted:
+            told = f"{path}: {entry.urdf} names a file that is not there or is no XML"
+            raise InvalidRobotError(f"{told}: must be there, inside the scene's folder")
+        return read_mjcf(urdf)
+    content = None
+    if urdf.suffix.lower() == ".xacro":
+        by_user = urdf == path and not choice.untrusted
+        content = expanded(urdf, package_dirs, named_by_user=by_user)
+    model = read_urdf(urdf, entry.scale, content)
     covered = [link for link in model.links if link not in entry.spheres]
-    return with_meshes_found(model, covered, package_dirs)
+    model = with_meshes_found(model, covered, package_dirs)
+    check_meshes(model, check)
+    return model
 
 
 def _build(
@@ -211,6 +240,11 @@ def _build(
     arm = _chosen(entry, model, path, choice)
     chain = serial_chain(model, arm.tip, arm.base, {**entry.hold, **choice.hold})
     names = chain.joint_names
+    if len(chain.kinematics.kind) > MOST_JOINTS:
+        raise InvalidRobotError(
+            f"{path}: the arm has {len(chain.kinematics.kind)} joints: must have at most "
+            f"{MOST_JOINTS}; choose a base or a tip, or hold some"
+        )
     n = len(names)
     unlimited = np.full(n, np.inf)
     home = _per_joint(
@@ -223,6 +257,10 @@ def _build(
             f"{path}: home of joint '{names[i]}' is {home[i]:g}, outside its limits "
             f"[{chain.lower[i]:g}, {chain.upper[i]:g}]"
         )
+    if entry.velocity is None:
+        for name in names:
+            if model.joints[name].remark:
+                warnings.warn(model.joints[name].remark, stacklevel=2)
     known = set(model.links)
     for link in (*entry.spheres, *(link for pair in entry.allow_self for link in pair)):
         if link not in known:
@@ -363,6 +401,11 @@ def _body_spheres(
         raise InvalidRobotError(
             f"{model.path}: no link has collision or visual geometry, so nothing could be kept off "
             "an obstacle; give spheres in a robot file"
+        )
+    if len(segment) > MOST_SPHERES:
+        raise InvalidRobotError(
+            f"{model.path}: {len(segment)} spheres cover it: must be at most {MOST_SPHERES}; give "
+            "its links fewer in a robot file"
         )
     carrier = np.array(segment, dtype=np.int64)
     return BodySpheres(

@@ -1,5 +1,6 @@
 """The meshes of links: files found, read and checked."""
 
+import io
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ from optipromp.errors import InvalidRobotError
 from optipromp.files import is_file, read_bytes
 from optipromp.robots.urdf import LENGTH_LIMIT, UrdfGeometry, UrdfModel
 
+LARGEST_MESH = 64_000_000  # [bytes] of a file of one; of 1,000,000 triangles an STL has 50 million
+MOST_TRIANGLES = 1_000_000  # of all meshes of a robot, chosen: they take 0.7 GB
 SUFFIXES = (".stl", ".obj", ".ply", ".dae", ".off", ".glb")
 
 
@@ -83,9 +86,15 @@ def _load(path: Path, where: str) -> tuple[FloatArray, IntArray]:
         ) from error
     if path.suffix.lower() not in SUFFIXES:
         raise InvalidRobotError(f"{where}: its suffix must be one of {', '.join(SUFFIXES)}")
-    read_bytes(path, InvalidRobotError)  # no device, and not too large
     try:
-        mesh: Any = trimesh.load(str(path), force="mesh", skip_materials=True)
+        content = read_bytes(path, InvalidRobotError, LARGEST_MESH)
+    except InvalidRobotError as error:
+        raise InvalidRobotError(f"{where}: {error.message}") from None
+    kind = path.suffix.lower()[1:]
+    try:  # of its content, so that it reads no other file
+        mesh: Any = trimesh.load(
+            io.BytesIO(content), file_type=kind, force="mesh", skip_materials=True, process=False
+        )  # processed, it would lose what is not finite
         vertices = np.array(mesh.vertices, dtype=np.float64)
         faces = np.array(mesh.faces, dtype=np.int64)
     except Exception as error:  # trimesh's readers raise whatever goes wrong in them

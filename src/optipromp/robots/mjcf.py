@@ -22,7 +22,9 @@ from optipromp.arrays import rotation as turned
 from optipromp.errors import InvalidRequestError, InvalidRobotError
 from optipromp.files import cache_folder, is_file, read_bytes, write_atomically
 from optipromp.robots.kept_mjcf import SUFFIXES, kept_mjcf
+from optipromp.robots.limited import LIMITS, run_limited
 from optipromp.robots.urdf import (
+    LENGTH_LIMIT,
     UrdfGeometry,
     UrdfInertial,
     UrdfJoint,
@@ -35,6 +37,7 @@ from optipromp.robots.urdf import (
 FREE, BALL, SLIDE = 0, 1, 2  # mjtJoint
 _SHAPES = {2: "sphere", 3: "capsule", 4: "box", 5: "cylinder", 6: "box", 7: "mesh"}  # mjtGeom
 _LIMIT = math.inf
+MOST_BODIES = 1_000  # chosen: a humanoid with hands has 100
 
 
 def is_mjcf(path: Path) -> bool:
@@ -51,7 +54,9 @@ def read_mjcf(path: Path) -> UrdfModel:
 
     What is read is left there too (:mod:`optipromp.robots.kept_mjcf`).
 
-    Raises InvalidRobotError where MuJoCo is not installed or cannot read the file.
+    Raises InvalidRobotError where MuJoCo is not installed or cannot read the file, within the
+    limits of :mod:`optipromp.robots.limited`; where the file holds more than MOST_BODIES bodies,
+    a length beyond 20 m, or a name that is no UTF-8.
     """
     return kept_mjcf(path, lambda: _compiled(path))
 
@@ -63,12 +68,21 @@ def _compiled(path: Path) -> UrdfModel:
         raise InvalidRobotError(
             f"{path}: reading MJCF needs MuJoCo: pip install 'optipromp[sim]'"
         ) from None
+    content = run_limited("compile_mjcf.py", path, {})
+    with tempfile.TemporaryDirectory(prefix="optipromp-") as folder:
+        file = Path(folder) / "model.mjb"
+        file.write_bytes(content)
+        try:
+            model = mujoco.MjModel.from_binary_path(str(file))
+        except ValueError:  # cut off
+            most = LIMITS.output / 1e6
+            raise InvalidRobotError(f"{path}: compiles to more than {most:.0f} MB") from None
+    if model.nbody > MOST_BODIES:
+        raise InvalidRobotError(f"{path}: has {model.nbody} bodies: must have at most {MOST_BODIES}")
     try:
-        mujoco.mj_clearCache(mujoco.mj_getCache())  # it knows a mesh by its name and second
-        model = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise InvalidRobotError(f"{path}: {' '.join(str(error).split())}") from error
-    return _Reader(path, model).read()
+        return _Reader(path, model).read()
+    except UnicodeDecodeError:
+        raise InvalidRobotError(f"{path}: a name in it is no UTF-8: must be") from None
 
 
 class _Reader:
@@ -103,6 +117,13 @@ class _Reader:
             self.path, self.names[0], MappingProxyType(self.links), MappingProxyType(self.joints),
         )  # fmt: skip
 
+    def _check_length(self, what: str, values: FloatArray) -> None:
+        if not np.abs(values).max() <= LENGTH_LIMIT:
+            told = " ".join(f"{value:g}" for value in values)
+            raise InvalidRobotError(
+                f"{self.path}: {what} is {told}, beyond {LENGTH_LIMIT:g} m: millimetres?"
+            )
+
     def _own(self, body: int) -> range:
         first = int(self.model.body_jntadr[body])
         return range(first, first + int(self.model.body_jntnum[body]))
@@ -121,6 +142,7 @@ class _Reader:
     def _mount(self, body: int, parent: str) -> None:
         """Hang a body on its parent: a joint after the other, and what is left, fixed."""
         model, name = self.model, self.names[body]
+        self._check_length(f"body '{name}' pos", model.body_pos[body])
         at, turn = np.array(model.body_pos[body]), _matrix(model.body_quat[body])
         moving = [j for j in self._own(body) if model.jnt_type[j] != FREE]
         origin = np.zeros(3)  # of the frame so far, in the body's own
@@ -222,6 +244,10 @@ class _Reader:
     def _geometry(self, g: int, kind: Any) -> UrdfGeometry:
         model = self.model
         size = [float(v) for v in model.geom_size[g]]
+        what = f"a geom of body '{self.names[int(model.geom_bodyid[g])]}'"
+        self._check_length(f"{what} pos", model.geom_pos[g])
+        if kind != "mesh":
+            self._check_length(f"{what} size", model.geom_size[g])
         place = _vector(model.geom_pos[g]), _rpy(_matrix(model.geom_quat[g]))
         if kind == "mesh":
             file = _stl(model, int(model.geom_dataid[g]))

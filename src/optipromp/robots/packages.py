@@ -1,17 +1,26 @@
-"""Where the packages of a robot description are: ``package://`` names, and xacro expanded."""
+"""Where the files of a robot description are, and whether they may be read; xacro expanded."""
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
 
 from optipromp.errors import InvalidRobotError
-from optipromp.files import is_file, is_folder
+from optipromp.files import LARGEST_TEXT, check_inside, homes, is_file, is_folder, read_bytes
+from optipromp.robots.limited import LIMITS, run_limited
+from optipromp.robots.meshes import mesh_file
 from optipromp.robots.urdf import UrdfGeometry, UrdfModel
 
 PREFIX = "package://"
+ALLOW_XACRO = "OPTIPROMP_ALLOW_XACRO"
+"""Environment variable: 1 where files may name xacro files, which run code."""
+
+Check = Callable[[Path], Path]
+"""Gives the path of a file back if it may be read, else raises InvalidRobotError."""
+
 _FOUND_BY_NAME = re.compile(r"\$\(find(?:-pkg-share)?\s+([\w.-]+)\s*\)|package://([\w.-]+)/")
 _UNIT = re.compile(rb"""<unit\b[^>]*\bmeter=["']([0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?)["']""")
 _HEAD = 65536  # bytes of a DAE file that hold its <asset>, which comes first in the standard
@@ -29,6 +38,29 @@ def package_folders(name: str, urdf: Path, given: Sequence[Path] = ()) -> list[P
     places = [*given, *over, *ament, *_paths("ROS_PACKAGE_PATH")]
     folders = [each for place in places for each in (place, place / name) if each.name == name]
     return [each for each in dict.fromkeys(folders) if is_folder(each)]
+
+
+def only_inside(folder: Path | None, given: Sequence[Path]) -> tuple[Check, str]:
+    """The check of a robot that a file in ``folder`` names, and what it depends on, in words.
+
+    The robot's files may lie where that file's may, in ``given``, and in the user's folders of
+    packages.
+    """
+    more = [*given, *_paths("AMENT_PREFIX_PATH"), *_paths("ROS_PACKAGE_PATH")]
+    told = f" inside {homes(folder)} {more}"
+    return lambda path: check_inside(path, folder, InvalidRobotError, more), told
+
+
+def check_meshes(model: UrdfModel, check: Check) -> None:
+    """Check the files of all meshes that can be found. Raises InvalidRobotError."""
+    for link in model.links.values():
+        for shape in (*link.collisions, *link.visuals):
+            if shape.kind == "mesh":
+                try:
+                    file = mesh_file(model.path, link.name, shape)
+                except InvalidRobotError:
+                    continue  # where it is needed, its reader says so
+                check(file)
 
 
 def with_meshes_found(
@@ -89,36 +121,40 @@ def _in_metres(shape: UrdfGeometry, file: Path) -> UrdfGeometry:
     return replace(shape, size=tuple(metres * scale for scale in shape.size))
 
 
-def expanded(path: Path, package_dirs: Sequence[Path]) -> bytes:
+def expanded(path: Path, package_dirs: Sequence[Path], *, named_by_user: bool) -> bytes:
     """The URDF that the xacro file at ``path`` expands to, with its arguments' defaults.
 
-    Raises InvalidRobotError when the extra that reads xacro is not installed, or with what xacro
-    says is wrong.
+    xacro runs in a process of its own, within :data:`optipromp.robots.limited.LIMITS`.
+
+    Raises InvalidRobotError when the extra that reads xacro is not installed, with what xacro
+    says is wrong, and for a file that the user has neither named nor allowed.
     """
-    try:
-        import xacro
-        from xacrodoc import packages
-    except ImportError as error:
+    short = f"xacro {path.name} > {path.name.split('.')[0]}.urdf"
+    if not named_by_user and os.environ.get(ALLOW_XACRO) != "1":
+        raise InvalidRobotError(
+            f"{path}: a xacro file runs code, and it is named by a file: expand it first ({short}), "
+            f"or name it yourself, or allow it by {ALLOW_XACRO}=1 if you trust it"
+        )
+    if find_spec("xacro") is None or find_spec("xacrodoc") is None:
         raise InvalidRobotError(
             f"{path}: reading xacro needs xacrodoc (pip install 'optipromp[xacro]'); or expand it "
-            f"first: xacro {path.name} > {path.name.split('.')[0]}.urdf"
-        ) from error
-    packages.reset()
-    if package_dirs:
-        packages.look_in([str(folder) for folder in package_dirs])
-    packages.walk_up_from(path)
+            f"first: {short}"
+        )
+    text = read_bytes(path, InvalidRobotError, LARGEST_TEXT).decode("utf-8", "replace")
+    names = {name for pair in _FOUND_BY_NAME.findall(text) for name in pair if name}
+    folders = {name: package_folders(name, path, package_dirs) for name in names}
+    given = {
+        "package_dirs": [str(folder) for folder in package_dirs],
+        "folders": {name: str(some[0]) for name, some in folders.items() if some},
+    }
     try:
-        text = path.read_text(encoding="utf-8")
-        names = {name for pair in _FOUND_BY_NAME.findall(text) for name in pair if name}
-        folders = {name: package_folders(name, path, package_dirs) for name in names}
-        packages.update_package_cache({name: some[0] for name, some in folders.items() if some})
-        return bytes(xacro.process_file(str(path)).toxml(), "utf-8")
-    except Exception as error:  # xacro raises whatever goes wrong in the file
-        said = " ".join(str(error).split())
+        return run_limited("expand_xacro.py", path, given, replace(LIMITS, output=LARGEST_TEXT))
+    except InvalidRobotError as error:
+        said = error.message.removeprefix(f"{path}: ")
         raise InvalidRobotError(
-            f"{path}: xacro cannot expand it: {type(error).__name__}: {said}; packages are looked "
+            f"{path}: xacro cannot expand it: {said}; packages are looked "
             "for in package_dirs= or --package-dir and over the file"
-        ) from error
+        ) from None
 
 
 def _paths(variable: str) -> list[Path]:

@@ -29,8 +29,9 @@ TAIL = 3.0  # chosen: given away too, in mean gaps of the distances at which par
 FAR = 0.05  # [m] that covers keep at all of them, so that a check of them is not worth its time
 ALONG = 0.9999  # chosen: least cosine of slides of one direction, 0.8 degrees
 MOST_LINKS = 3000  # pairs of links: a robot of 78 links; a chain of 3,000 would take hours
-_PAIRS_VERSION = 13  # part of the cache key: raise it when the same robot gets other pairs
+_PAIRS_VERSION = 14  # part of the cache key: raise it when the same robot gets other pairs
 _CHUNK = 1_000_000
+_GAPS_AT_ONCE = 10_000_000  # 80 MB
 
 Found = tuple[IntArray, FloatArray, tuple[LeftOut, ...]]
 
@@ -88,7 +89,8 @@ def loose_spheres(robot: Robot, parts: FloatArray) -> IntArray:
     leave some of their part outside."""
     surfaces, count = Parts(len(robot.spheres.radius), parts), np.zeros(len(robot.spheres.radius))
     wrong = 0
-    for postures in np.array_split(_postures(robot, SHARED), 10):
+    parts_of = 1 + SHARED * max(len(robot.self_pairs), 1) // _GAPS_AT_ONCE
+    for postures in np.array_split(_postures(robot, SHARED), max(10, parts_of)):
         row, pair = np.nonzero(robot.self_gaps(postures) < 0.0)
         pairs = robot.self_pairs[pair]
         meet = surfaces.touch(robot, robot.segment_frames(postures), row, pairs)
@@ -157,9 +159,10 @@ def sorted_out(
     times their spread over n is given away. Those that overlap :data:`OFTEN` while their parts
     never meet are left out; so are links that touch all the same at more than :data:`MOSTLY` of the
     configurations, and links whose covers keep :data:`FAR` at all of them. Spheres that are short
-    at home while the links are apart there get the slack that home needs; but a home with a joint
-    at its limit is where nobody chose to be, and says nothing. Of more than :data:`MOST_LINKS`
-    pairs of links none is looked at.
+    at home while the links are apart there get the slack that home needs; where home has a joint at
+    its limit, and so is where nobody chose to be, only if no configuration at which the parts of
+    the links meet goes unseen for it. Of more than :data:`MOST_LINKS` pairs of links none is looked
+    at.
     """
     link, names = robot.spheres.link, robot.link_names
     pairs = pairs[np.lexsort((link[pairs[:, 1]], link[pairs[:, 0]]))] if fitted else pairs
@@ -249,9 +252,14 @@ class _Sample:
         if known.any() and not reach.any():  # the links never touch
             slack[:] = np.inf
         short = apart < (full - slack)[pair]
-        home = np.flatnonzero(short & (row == 0)) if self.chosen else np.zeros(0, dtype=np.int64)
+        home = np.flatnonzero(short & (row == 0))
         if len(home) and not self._touch(row[home], pairs[pair[home]]).any():
-            slack[pair[home]] = full[pair[home]] - apart[home] + KEPT
+            freed = slack.copy()
+            freed[pair[home]] = full[pair[home]] - apart[home] + KEPT
+            still = apart < (full - freed)[pair]
+            lost = np.flatnonzero(short & ~still & ~np.isin(row, row[still]))
+            if self.chosen or not self._touch(row[lost], pairs[pair[lost]]).any():
+                slack = freed
         short = np.unique(row[short])
         slack -= full - self.robot.spheres.radius[pairs].sum(axis=1)
         return slack, len(short) / len(self.frames[0]), least

@@ -10,10 +10,11 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from optipromp.arrays import FloatArray
+from optipromp.errors import InvalidRobotError
 from optipromp.processes import in_threads
 from optipromp.robots.chain import Placement, rotation_of
 from optipromp.robots.kept_covers import Cover, Covered, cache_file, keep_covers, load_covers
-from optipromp.robots.meshes import mesh_file, triangles
+from optipromp.robots.meshes import MOST_TRIANGLES, mesh_file, mesh_name, triangles
 from optipromp.robots.surfaces import of_box, of_rod, parts
 from optipromp.robots.urdf import UrdfGeometry, UrdfModel
 
@@ -140,7 +141,11 @@ def _cover_shapes(
 def _made(model: UrdfModel, shapes: Mapping[Covered, tuple[str, UrdfGeometry]]) -> list[Cover]:
     from optipromp.robots.fit import fit_covers  # with SciPy's image functions: slow to load
 
-    solids = [_surface(model, *told) for told in shapes.values()]
+    solids, count = list[FloatArray](), 0
+    for link, shape in shapes.values():
+        solids.append(_surface(model, link, shape))
+        count += len(solids[-1])
+        _check_fineness(mesh_name(model.path, link, shape), solids[-1], count)
     meshes = [i for i, key in enumerate(shapes) if key.mesh is not None]
     loose = [FIXED if key.fixed else LOOSE for key in shapes if key.mesh is not None]
     fitted = fit_covers([solids[i] for i in meshes], PER_MESH, loose) if meshes else []
@@ -151,6 +156,22 @@ def _made(model: UrdfModel, shapes: Mapping[Covered, tuple[str, UrdfGeometry]]) 
     ]
     own = in_threads(parts, [centers for centers, _ in spheres], solids)
     return [Cover(*cover, part) for cover, part in zip(spheres, own, strict=True)]
+
+
+def _check_fineness(where: str, surface: FloatArray, count: int) -> None:
+    """Refuse a robot of more than MOST_TRIANGLES, and a surface that folds without end."""
+    from optipromp.robots.fit import MOST_SAMPLES, count_samples
+
+    if count > MOST_TRIANGLES:
+        raise InvalidRobotError(
+            f"{where}: with it the robot's meshes have {count} triangles: must have at most "
+            f"{MOST_TRIANGLES}; simplify them, or give the link spheres in a robot file"
+        )
+    if (points := count_samples(surface)) > MOST_SAMPLES:
+        raise InvalidRobotError(
+            f"{where}: its triangles are as large as {points / MOST_SAMPLES:.0f} times what can be "
+            "covered: it folds over and over; simplify it"
+        )
 
 
 def finer_cover(model: UrdfModel, link: str, cover: Cover, split: Collection[int]) -> Cover:

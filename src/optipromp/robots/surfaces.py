@@ -19,6 +19,7 @@ TURNS = 20  # chosen: of a plane between two parts, until they count as touching
 MEETING = 1e-5  # [m] chosen: parts nearer than this count as touching
 _RIDGE = 1e-12  # [m²] so that corners in one plane can be solved for
 _POINTS_AT_ONCE = 500  # points: what they are multiplied to stays in the processor's cache
+_FAR_AT_ONCE = 20_000  # points: what they are multiplied to takes 50 MB
 
 
 def of_box(size: FloatArray) -> FloatArray:
@@ -63,7 +64,8 @@ def parts(spheres: FloatArray, triangles: FloatArray) -> FloatArray:
 def _farthest(points: FloatArray) -> FloatArray:
     """Those of ``points`` (m, 3) that are the farthest in one of the directions."""
     ways = _directions()
-    for chunk in (_POINTS_AT_ONCE, len(points)):  # of the farthest of each chunk the farthest
+    chunks = (_POINTS_AT_ONCE, *([_FAR_AT_ONCE] if len(points) > _FAR_AT_ONCE else []), len(points))
+    for chunk in chunks:  # of the farthest of each chunk the farthest
         starts = range(0, len(points), chunk)
         far = [start + (ways @ points[start : start + chunk].T).argmax(axis=1) for start in starts]
         points = points[np.unique(far)]

@@ -24,6 +24,7 @@ JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]
 JOINT_KINDS: tuple[JointKind, ...] = ("revolute", "continuous", "prismatic", "fixed")
 LENGTH_LIMIT = 20.0  # [m] a length beyond it is taken for millimetres
 SMALLEST = 1e-9  # [m] of a solid: of one of 1e-160 no hull can be found
+MOST_LINKS = 10_000  # chosen: they take 8 s
 FAR_LENGTH = 10.0  # [m] chosen: a joint farther from its parent is remarked on
 ANGLE_LIMIT = 4.0 * math.pi  # [rad] an angle beyond it is taken for degrees
 
@@ -83,7 +84,7 @@ class UrdfJoint:
     """A joint; ``axis`` has unit length; a continuous joint has infinite limits.
 
     ``velocity`` and ``effort`` are infinite when the file gives none, or 0. ``fault`` says why the
-    joint cannot be moved; such a joint can be held.
+    joint cannot be moved; such a joint can be held. ``remark``: to be told where it is moved.
     """
 
     name: str
@@ -99,6 +100,7 @@ class UrdfJoint:
     mimic: UrdfMimic | None
     effort: float = math.inf
     fault: str = ""
+    remark: str = ""
 
 
 @dataclass(frozen=True)
@@ -155,6 +157,8 @@ class _Reader:
                 if joint.name in joints:
                     self.refuse(f"joint '{joint.name}' is defined twice; names must differ", node)
                 joints[joint.name] = joint
+        if len(links) > MOST_LINKS:
+            self.refuse(f"{len(links)} links: must be at most {MOST_LINKS}", root)
         if not links:
             self.refuse("no <link> in it; a robot has at least a base link and one joint", root)
         top = check_tree(links, joints, self.refuse)
@@ -238,9 +242,15 @@ class _Reader:
         axis = self.axis(node, owner) if kind != "fixed" else (1.0, 0.0, 0.0)
         lower, upper, velocity, effort, fault = self.limits(node, kind, owner)
         mimic = self.mimic(node, owner) if kind != "fixed" else None
+        limit, remark = self.only(node, "limit", owner), ""
+        if kind != "fixed" and limit is not None and math.isinf(velocity):
+            told = f"{owner} has the velocity limit {limit.attributes.get('velocity')}, which would"
+            given = f"{told} hold it: taken as none; give one in a robot file (velocity)"
+            remark = self.at(given, limit) if "velocity" in limit.attributes else ""
         return UrdfJoint(
-            name, kind, parent, child, xyz, rpy, axis, lower, upper, velocity, mimic, effort, fault
-        )
+            name, kind, parent, child, xyz, rpy, axis, lower, upper, velocity, mimic, effort,
+            fault, remark,
+        )  # fmt: skip
 
     def refuse_kind(self, owner: str, node: Node, why: str = "") -> NoReturn:
         given = node.attributes.get("type", "")

@@ -7,7 +7,7 @@ from typing import Any
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.planning.task import resolve
-from optipromp.robots.library import load_robot
+from optipromp.robots.library import UNTRUSTED, load_arm
 from optipromp.robots.model import Robot
 from optipromp.ros.joints import joint_positions
 from optipromp.ros.scenes import COLLISION_OBJECT, Held, object_id, read_held
@@ -36,8 +36,9 @@ def read_planning_scene(item: Message, like: Scene | None = None, prefix: str = 
     """
     if like is not None:
         return LiveScene.of(like, prefix).heard(item).scene()
-    robot = load_robot(item.robot_model_name)
-    stated = {"name": item.name or "planning scene", "robot": item.robot_model_name}
+    robot = load_arm(item.robot_model_name, choice=UNTRUSTED)[0]
+    stated = {"name": item.name or "planning scene", "robot": item.robot_model_name,
+              "choice": UNTRUSTED}  # fmt: skip
     return LiveScene(stated, robot, frames_of(robot, prefix)).heard(item).scene()
 
 

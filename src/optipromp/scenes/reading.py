@@ -14,7 +14,7 @@ from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.files import check_inside
 from optipromp.geometry.shapes import HalfSpace, MeshShape, PointCloudShape, Shape
-from optipromp.robots.library import NOTHING, Choice, robot_names
+from optipromp.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.robots.tools import make_tool
 from optipromp.scenes.rotations import IDENTITY
 from optipromp.scenes.scene import (
@@ -108,10 +108,12 @@ def _choice(given: str | RobotModel, base_dir: Path | None) -> Choice:
     if isinstance(given, str):
         if given not in robot_names():
             _inside(given, base_dir)
-        return NOTHING
+        return UNTRUSTED
     for name in (given.file, *([given.srdf] if given.srdf else []), *given.package_dirs):
         _inside(name, base_dir)
-    return Choice(given.tip, given.base, given.srdf, given.hold, tuple(given.package_dirs))
+    return Choice(
+        given.tip, given.base, given.srdf, given.hold, tuple(given.package_dirs), untrusted=True
+    )
 
 
 def _frames(model: SceneModel, scale: float) -> dict[str, Pose]:

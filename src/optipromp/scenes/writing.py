@@ -83,6 +83,7 @@ def _robot(scene: Scene, base_dir: Path | None) -> str | dict[str, Any]:
         "hold": dict(scene.choice.hold),
         "package_dirs": [moved(folder) for folder in scene.choice.package_dirs],
     }
+    del chosen["untrusted"]
     return {"file": robot} | {name: value for name, value in chosen.items() if value}
 
 

@@ -1,0 +1,80 @@
+"""Programs that a file could make endless or fatal, run apart: in a process with limits."""
+
+import json
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from optipromp.errors import InvalidRobotError
+from optipromp.files import is_there, read_bytes
+from optipromp.parameters import parameter
+from optipromp.processes import THREADS
+
+SHOWN = 500  # letters of an error
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a program that reads a robot description may use."""
+
+    time: float = parameter(60.0, "s", "choice", "an arm takes 1 s")
+    memory: float = parameter(4e9, "bytes", "choice", "of addresses; MuJoCo and an arm take 0.2e9")
+    output: float = parameter(256e6, "bytes", "choice", "as other files, optipromp.files")
+
+
+LIMITS = Limits()
+
+
+def run_limited(
+    program: str, path: Path, given: Mapping[str, Any], limits: Limits = LIMITS
+) -> bytes:
+    """What a program of this folder makes of a file, in a process of its own with limits.
+
+    The program reads JSON from standard input: ``given``, and the keys ``path`` (absolute),
+    ``out`` (the file to write), ``memory`` and ``output`` [bytes]. An error it prints to standard
+    error, and ends with 3.
+
+    Args:
+        program: name of the file in this folder.
+        path: of the robot description.
+        given: what else the program is told.
+        limits: of the process.
+
+    Raises:
+        InvalidRobotError: the program said what is wrong, ended early or reached a limit.
+    """
+    with tempfile.TemporaryDirectory(prefix="optipromp-") as folder:
+        out = Path(folder) / "out"
+        told = {"path": str(path.absolute()), "out": str(out),
+                "memory": int(limits.memory), "output": int(limits.output)}  # fmt: skip
+        command = [sys.executable, "-P", str(Path(__file__).with_name(program))]
+        try:
+            done = subprocess.run(
+                command, input=json.dumps({**given, **told}).encode(), capture_output=True,
+                timeout=limits.time, env=_environment(), check=False,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            raise InvalidRobotError(
+                f"{path}: cannot be read within {limits.time:g} s: endless?"
+            ) from None
+        except OSError as error:
+            raise InvalidRobotError(f"{path}: no process can start to read it: {error}") from None
+        if done.returncode == 0 and is_there(out):
+            return read_bytes(out, InvalidRobotError, int(limits.output))
+    words = " ".join(done.stderr.decode(errors="replace").split())
+    if done.returncode < 0:
+        words = f"reading it ended with {signal.Signals(-done.returncode).name}: too large?"
+    elif done.returncode != 3:
+        words = f"reading it ended with {done.returncode}: {words[-SHOWN:]}"
+    raise InvalidRobotError(f"{path}: {words[:SHOWN]}")
+
+
+def _environment() -> dict[str, str]:
+    import os
+
+    return dict(os.environ) | THREADS
