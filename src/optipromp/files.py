@@ -134,8 +134,8 @@ def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
     """Write several files of a folder, all of them or none; the folder is made if need be.
 
     They are written aside, in a folder that is then renamed to :data:`COMMITTED`: from then on they
-    are what :func:`whole` gives. Then they are moved to their places. Where a kill interrupts that,
-    the next call goes on with it. Other files of the folder stay.
+    are the folder's. Then they are moved to their places. Where a kill interrupts that,
+    :func:`settle` goes on with it. Other files of the folder stay.
 
     Raises:
         InvalidRequestError: the folder or a file cannot be written; the message names it and why.
@@ -148,32 +148,30 @@ def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
         temporary.mkdir()
         for name, content in files.items():
             _write(temporary / name, content)
+        if committed.is_symlink():
+            committed.unlink()
         while True:
-            _settle(committed)
+            settle(folder)
             try:
                 temporary.rename(committed)
                 break
             except OSError:
                 if not is_folder(committed):  # else another process was faster
                     raise
-        _settle(committed)
+        settle(folder)
 
 
-def whole(folder: Path, name: str) -> Path:
-    """Where a file is that :func:`write_together` wrote; in its place, if no kill came before."""
+def settle(folder: Path) -> None:
+    """Move what :func:`write_together` has committed in a folder to its place.
+
+    Raises:
+        OSError: it cannot be moved.
+    """
     committed = folder / COMMITTED
-    waits = is_file(committed / name) and not committed.is_symlink()
-    return committed / name if waits else folder / name
-
-
-def _settle(committed: Path) -> None:
-    """Move what was committed to its place; a link to elsewhere goes."""
-    if committed.is_symlink():
-        committed.unlink()
-    while is_folder(committed):
+    while is_folder(committed) and not committed.is_symlink():
         with suppress(FileNotFoundError):  # another process moves it too
             for file in sorted(committed.iterdir()):
-                file.replace(committed.parent / file.name)
+                file.replace(folder / file.name)
             committed.rmdir()
 
 

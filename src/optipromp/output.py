@@ -24,7 +24,7 @@ from optipromp.errors import (
     InvalidSceneError,
     OptiPrompError,
 )
-from optipromp.files import is_folder, json_text, npz, read_bytes, read_npz, whole, write_together
+from optipromp.files import is_folder, json_text, npz, read_bytes, read_npz, settle, write_together
 from optipromp.judging import Metrics, Overlap
 from optipromp.planning import Plan, Term
 from optipromp.planning.options import Planner, Strategy
@@ -115,19 +115,21 @@ def load_plan(path: Path | str) -> Plan:
     """
     path = Path(path)
     folder = path if is_folder(path) else path.parent
-    file = whole(folder, "plan.json") if is_folder(path) or path.name == "plan.json" else path
+    file = folder / "plan.json" if is_folder(path) else path
+    with suppress(OSError):  # else the digests tell
+        settle(folder)
     content = read_document(file, InvalidRequestError, "a plan")
     try:
         found = _PlanFile.model_validate(content)
         _check_digests(folder, found.sha256)
-        rows = read_npz(whole(folder, "waypoints.npz"))
+        rows = read_npz(folder / "waypoints.npz")
         if found.scene_file is None:
             raise InvalidRequestError(
                 "its scene was not written: it held a shape made in memory, or the plan was made "
                 "with another robot or tool than the scene's"
             )
         scene = scene_from_dict(found.scene_file, base_dir=folder, source=str(path))
-        return _plan(found, scene, rows, folder / file.name)
+        return _plan(found, scene, rows, file)
     except (InvalidSceneError, InvalidPlanError):
         raise
     except OptiPrompError as error:
@@ -152,7 +154,7 @@ def _check_digests(folder: Path, digests: Mapping[str, str]) -> None:
     if set(digests) != set(FILES):
         raise InvalidRequestError(f"sha256: must name {', '.join(FILES)}")
     for name, digest in digests.items():
-        if _digest(read_bytes(whole(folder, name), InvalidRequestError)) != digest:
+        if _digest(read_bytes(folder / name, InvalidRequestError)) != digest:
             raise InvalidRequestError(
                 f"{folder / name}: is not the file that belongs to plan.json: must be of the same "
                 "plan, as it was written"

@@ -35,21 +35,25 @@ class Mutant:
         return f"error {code}"
 
 
-def check_plan(result: Any, *, anywhere: bool = False) -> str:
+def check_plan(result: Any) -> str:
     """The status of a plan; a success is judged again, and its numbers are finite.
 
-    A plan from a file may begin ``anywhere``, as one that goes on from another.
+    One that begins at the scene's start is judged by what the trajectory alone tells, too.
     """
     from optipromp import judge
+    from optipromp.planning import verdict_of
     from optipromp.trajectory import Trajectory
 
     assert isinstance(result.trajectory, Trajectory)  # refuses what is not finite
     assert result.message, "a plan without words"
     if not result.success:
         return f"no plan {result.status}"
-    again = judge(result.scene, result.trajectory, robot=result.robot)
-    wrong = [v for v in again.judgement.violations if v.kind != "start" or not anywhere]
-    assert not wrong, f"a false success: {again.message}"
+    verdicts = [verdict_of(result)]
+    if result.start is None:
+        verdicts.append(judge(result.scene, result.trajectory, robot=result.robot))
+    for again in verdicts:
+        assert again.status == "success", f"a false success: {again.message}"
+        assert again.prediction == result.prediction
     assert all(math.isfinite(v) for v in result.metrics.to_dict().values() if type(v) is float)
     return "success"
 

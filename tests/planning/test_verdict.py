@@ -322,7 +322,7 @@ def test_the_report_is_told_the_same(which: str) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=150, deadline=None)
 @DRAWN
 def test_whoever_asks_is_told_the_same_at_length(
     scene: Scene, seed: int, again_at: float | None, tampered: str
