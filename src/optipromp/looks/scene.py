@@ -184,7 +184,12 @@ def _gutter(row: FloatArray, roots: FloatArray, ground: float) -> list[Part]:
         for root in roots
         if under - root[2] > OVER
     ]
-    return parts + [Part.of("hangers", np.concatenate(hangers), TRUSS)] * bool(hangers)
+    return parts + _hangers(hangers)
+
+
+def _hangers(tubes: list[FloatArray]) -> list[Part]:
+    """Tubes that stems hang by; none where every root touches what it hangs from."""
+    return [Part.of("hangers", np.concatenate(tubes), TRUSS)] if tubes else []
 
 
 def _table(row: FloatArray, item: SceneObject, roots: FloatArray, ground: float) -> list[Part]:
@@ -202,7 +207,7 @@ def _table(row: FloatArray, item: SceneObject, roots: FloatArray, ground: float)
         if 0.001 < box_distance(item, root) < REACHES
     ]
     parts = [Part.of("legs", np.concatenate(legs), POST)]
-    return parts + [Part.of("hangers", np.concatenate(hangers), TRUSS)] * bool(hangers)
+    return parts + _hangers(hangers)
 
 
 def _ground(scene: Scene) -> float | None:
