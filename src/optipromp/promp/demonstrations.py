@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optipromp.arrays import FloatArray, read_only
 from optipromp.errors import InvalidDemonstrationError
-from optipromp.files import is_folder, is_there, npz, read_npz, write_atomically
+from optipromp.files import is_folder, is_there, npz, read_npz, texts, write_atomically
 from optipromp.promp.checks import PHASE_TOLERANCE, UnitsWarning, finite_array, matched, names_for
 from optipromp.tables import read_table
 
@@ -257,9 +257,7 @@ def _numbers(data: dict[str, NDArray[np.generic]], key: str, path: Path) -> Floa
 
 def _read_npz(path: Path) -> Demonstrations:
     data = read_npz(path, InvalidDemonstrationError)
-    names: list[str] = []
-    if "joint_names" in data:
-        names = [str(name) for name in np.atleast_1d(data["joint_names"])]
+    names = texts(data["joint_names"]) if "joint_names" in data else ()
     if {"Q", "time", "lengths"} <= data.keys():
         q, time = _numbers(data, "Q", path), _numbers(data, "time", path)
         lengths = _numbers(data, "lengths", path)

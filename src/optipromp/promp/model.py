@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from optipromp.arrays import FloatArray, read_only
 from optipromp.errors import InvalidRequestError, OptiPrompError
-from optipromp.files import is_file, npz, read_npz, write_atomically
+from optipromp.files import is_file, npz, read_npz, texts, write_atomically
 from optipromp.promp.basis import Basis
 from optipromp.promp.checks import finite_array, matched, names_for, positive
 from optipromp.promp.gaussian import add_noise, check_covariance, root
@@ -309,7 +309,7 @@ class ProMP(Shown):
                 np.asarray(data["mean"], dtype=np.float64),
                 np.asarray(data["covariance"], dtype=np.float64),
                 np.asarray(data["noise"], dtype=np.float64),
-                tuple(str(name) for name in np.atleast_1d(data["joint_names"])),
+                texts(data["joint_names"]),
             )
         except (OptiPrompError, ValueError, TypeError) as cause:
             raise InvalidRequestError(f"{path}: {cause}") from None
