@@ -162,7 +162,7 @@ def check_limits(
     """
     slack = np.broadcast_to(slack, lower.shape)
     beyond = np.maximum(lower - positions, positions - upper) - slack
-    sample, joint = np.unravel_index(int(beyond.argmax()), beyond.shape)
+    sample, joint = divmod(int(beyond.argmax()), beyond.shape[1])
     if beyond[sample, joint] <= 0.0:
         return
     value = positions[sample, joint]
