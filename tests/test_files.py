@@ -12,8 +12,8 @@ from typing import NoReturn
 import numpy as np
 import pytest
 
-from optipromp.errors import Code, InvalidRequestError
-from optipromp.files import check_folder, json_text, read_npz, write_atomically
+from optipromp.errors import LONGEST_MESSAGE, Code, InvalidRequestError
+from optipromp.files import check_folder, file_name, json_text, read_npz, write_atomically
 
 
 def names(folder: Path) -> list[str]:
@@ -132,3 +132,17 @@ def test_text_beyond_unicode_is_refused(tmp_path: Path, order: str) -> None:
     bad = good.replace(last, np.array([sys.maxunicode + 1], f"{order}u4").tobytes())
     with pytest.raises(InvalidRequestError, match="'names' holds text that is not Unicode"):
         read_npz(archive(tmp_path / "bad.npz", bad))
+
+
+def test_a_message_keeps_its_ends() -> None:
+    error = InvalidRequestError(f"s.yaml: {'x' * 50_000}: must be y")
+    assert len(error.message) <= LONGEST_MESSAGE
+    assert error.message.startswith("s.yaml: x")
+    assert error.message.endswith("x: must be y")
+
+
+@pytest.mark.parametrize("text", ["1-../../x", "1-" + "ü" * 300, "1-a\\b", '1-:*?"<>|', "1-ripe"])
+def test_any_text_makes_a_file_of_one_folder(tmp_path: Path, text: str) -> None:
+    write_atomically(tmp_path / file_name(text), b"x")
+    assert names(tmp_path) == [file_name(text)]
+    assert file_name("1-ripe") == "1-ripe"

@@ -26,12 +26,19 @@ class Code(StrEnum):
     EXECUTION_FAILED = "EXECUTION_FAILED"
 
 
+LONGEST_MESSAGE = 2000
+"""Letters of an error, at most: of a longer one, which holds what it was given, the middle goes."""
+
+
 class OptiPrompError(Exception):
     """Root of every error raised on purpose: ``code`` is its kind, ``message`` what to do."""
 
     code: Code = Code.INVALID_REQUEST
 
     def __init__(self, message: str) -> None:
+        if len(message) > LONGEST_MESSAGE:
+            half = LONGEST_MESSAGE // 2 - 3
+            message = f"{message[:half]} ... {message[-half:]}"
         super().__init__(message)
         self.message = message
 

@@ -67,6 +67,11 @@ def is_there(path: Path) -> bool:
     return os.path.exists(path)  # noqa: PTH110
 
 
+def file_name(text: str) -> str:
+    """``text`` as the name of a file: 60 letters at most, and none that leads elsewhere."""
+    return "".join("_" if letter in '/\\:*?"<>|' else letter for letter in text)[:60]
+
+
 def is_bag(path: Path) -> bool:
     """Whether a path looks like a bag: ``.mcap``, ``.db3``, or a folder with metadata.yaml."""
     if is_folder(path):
@@ -314,6 +319,13 @@ def _array(key: str, member: Any) -> Any:
         if codes.max(initial=0) > sys.maxunicode:
             raise ValueError(f"{key!r} holds text that is not Unicode")
     return member
+
+
+def texts(member: Any) -> tuple[str, ...]:
+    """The texts of a member of an archive, in order; a member without dimensions holds one."""
+    import numpy as np
+
+    return tuple(str(text) for text in np.atleast_1d(member))
 
 
 def json_text(document: object) -> str:

@@ -12,8 +12,16 @@ def is_name(text: str) -> bool:
     return 0 < len(text) <= LONGEST_NAME and printable(text) == text
 
 
+def no_name(text: str) -> str:
+    """What is wrong with a text that is no name, in words."""
+    told = printable(text)[:60]
+    return f"'{told}': must have 1 to {LONGEST_NAME} letters and no control characters"
+
+
 def printable(text: str) -> str:
     """``text`` with what would steer a terminal, or turn the direction of writing, escaped."""
+    if text.isprintable():
+        return text
     joiners = "\u200c\u200d"  # which some scripts need
     return "".join(
         letter if letter.isprintable() or letter in joiners or letter == "\u00a0"

@@ -8,7 +8,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError, OptiPrompError
-from optipromp.files import is_folder, read_npz
+from optipromp.files import is_folder, read_npz, texts
 from optipromp.tables import read_table
 from optipromp.trajectory import Trajectory
 
@@ -37,7 +37,7 @@ def arrays(trajectory: Trajectory, prefix: str = "") -> dict[str, Any]:
 
 def from_arrays(rows: Mapping[str, Any], prefix: str = "") -> Trajectory:
     """The trajectory of :func:`arrays`."""
-    names = tuple(str(name) for name in rows["joint_names"])
+    names = texts(rows["joint_names"])
     times, positions, velocities, accelerations = (rows[prefix + name] for name in CURVE)
     return Trajectory(times, positions, velocities, accelerations, names)
 
@@ -174,7 +174,7 @@ def _from_npz(path: Path, joint_names: Sequence[str]) -> Trajectory:
     positions = np.asarray(found["positions"])
     if positions.ndim != 2:
         raise InvalidRequestError(f"positions have shape {positions.shape}, not (T, n)")
-    names = [str(name) for name in found.get("joint_names", joint_names)]
+    names = texts(found.get("joint_names", joint_names))
     rows = [positions, found.get("velocities"), found.get("accelerations")]
     for what, values in zip(CURVE[1:], rows, strict=True):
         if values is not None and np.shape(values) != (len(np.ravel(times)), len(names)):

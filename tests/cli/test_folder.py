@@ -47,6 +47,16 @@ def test_generated_scenes_are_planned_each_into_its_folder(tmp_path: Path) -> No
         assert record["metrics"] == read(json.dumps(alone.metrics.to_dict()))
 
 
+def test_a_file_whose_name_steers_a_terminal_is_shown_escaped(tmp_path: Path) -> None:
+    (tmp_path / "a\x1b[31m\u202eb.yaml").write_text("format: 1\nrobot: panda\nobjects: 3\n")
+    (tmp_path / "c\x1b[31m.yaml").write_text("urdf: arm.urdf\n")
+    code, stdout, stderr = call("plan", tmp_path)
+    assert code == 2
+    assert "a\\x1b[31m\\u202eb" in stdout
+    assert "c\\x1b[31m.yaml: a robot, not a scene" in stderr
+    assert "\x1b" not in stdout + stderr
+
+
 def test_one_that_fails_makes_the_exit_code_but_stops_nothing(tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_text("format: 1\nname: no\nrobot: panda\nobjects: 3\n")
     for name in ("b", "c"):

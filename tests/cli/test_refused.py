@@ -279,6 +279,22 @@ def test_names_are_no_markup(folder: Path, name: str) -> None:
     assert Path("out/reach.png").exists()
 
 
+@pytest.mark.parametrize("id_", ["../../../away", "/away", "a" * 300, "..", 'a:b*c?"<>|'])
+def test_an_id_leads_to_no_other_folder(folder: Path, id_: str) -> None:
+    scene = copy.deepcopy(MINIMAL)
+    scene["objects"][0]["id"] = id_
+    (folder / "s.json").write_text(json.dumps(scene))
+    result = runner.invoke(
+        app, ["plan", "s.json", "--targets", id_, "--out", "out", "--no-figures"]
+    )
+    assert result.exit_code == 0, result.output
+    (home,) = (path for path in (folder / "out").iterdir() if path.is_dir())
+    assert home.name.startswith("1-")
+    assert (home / "plan.json").exists()
+    assert [path.parent for path in folder.rglob("plan.json")] == [home]
+    assert not list(folder.parent.glob("*away*"))
+
+
 def test_a_folder_goes_on_past_a_scene_that_is_none(folder: Path) -> None:
     (folder / "scenes").mkdir()
     (folder / "scenes/a.yaml").write_text("name: !!timestamp x\n")

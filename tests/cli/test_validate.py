@@ -193,6 +193,12 @@ def test_other_refusals(tmp_path: Path) -> None:
     np.savez(tmp_path / "b.npz", times=np.arange(3.0), positions=np.zeros((3, 6)))
     with pytest.raises(InvalidRequestError, match=r"positions have shape \(3, 6\)"):
         read_trajectory(tmp_path / "b.npz", names)
+    single = np.array("joint1")  # without dimensions
+    np.savez(
+        tmp_path / "c.npz", times=np.arange(3.0), positions=np.zeros((3, 7)), joint_names=single
+    )
+    with pytest.raises(InvalidRequestError, match="3 times and 1 joints"):
+        read_trajectory(tmp_path / "c.npz", names)
     code, _, stderr = call("validate", str(write(tmp_path / "t.csv", "")))
     assert code == 2
     assert "add --scene SCENE" in stderr

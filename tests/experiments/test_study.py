@@ -15,7 +15,7 @@ from optipromp.errors import InvalidRequestError
 from optipromp.experiments import runs, study
 from optipromp.experiments.runs import COLUMNS, Row, row_from_text
 from optipromp.experiments.statistics import summary, wilson
-from optipromp.experiments.study import RowFile, Study, run_study
+from optipromp.experiments.study import RowFile, Study, rows_of, run_study
 from optipromp.experiments.study_output import study_figure, write_results
 from optipromp.scenes.generate import Noise
 
@@ -115,6 +115,20 @@ def test_a_row_cut_short_is_dropped_and_the_rest_kept(tmp_path: Path) -> None:
     again = RowFile(tmp_path, small())
     assert again.rows == [ROW]
     assert file.path.read_bytes() == whole
+
+
+def test_a_run_that_stands_twice_is_refused(tmp_path: Path) -> None:
+    file = RowFile(tmp_path, small())
+    file.append(ROW)
+    file.append(replace(ROW, seed=1))
+    head, first, _ = file.path.read_bytes().splitlines(keepends=True)
+    with file.path.open("ab") as stream:
+        stream.write(first.replace(b"True", b"False"))
+    for read in (lambda: rows_of(tmp_path), lambda: RowFile(tmp_path, small())):
+        with pytest.raises(InvalidRequestError, match=r"rows\.csv holds 2 rows of .*must hold one"):
+            read()
+    file.path.write_bytes(head + first)
+    assert rows_of(tmp_path) == [ROW]
 
 
 def test_a_message_of_many_lines_is_one_line(tmp_path: Path) -> None:

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.geometry import Box, HalfSpace
+from optipromp.geometry import Box, Cylinder, HalfSpace
 from optipromp.looks import arm_parts, object_parts, scene_parts, scenery
-from optipromp.looks.faces import coarser, revolve, sphere, triangles
+from optipromp.looks.faces import coarser, revolve, shape_faces, sphere, triangles
 from optipromp.planning.task import resolve
 from optipromp.robots import load_robot
 from optipromp.robots.tools import TOOL_LINK, TOOLS, with_tool
@@ -107,6 +107,34 @@ def test_stems_hang_from_a_gutter_over_them_or_from_what_the_scene_has() -> None
     assert (roots < high).all()
     assert parts["posts"].vertices[:, 2].min() == pytest.approx(0.0, abs=0.02)
     assert not {"gutter", "posts"} & {part.name for part in scenery(load_scene("scenario-1"))}
+
+
+def test_stems_that_touch_what_they_hang_from_need_no_hangers() -> None:
+    scene = load_scene("scenario-4")
+    bar = scene.static[0]
+    top = bar.position + [0.0, 0.0, 0.5 * bar.shape.size[2]]
+    hanging = [
+        replace(item, stem=Stem(np.array([item.position, top]))) if item.stem else item
+        for item in scene.objects
+    ]
+    names = {part.name for part in scene_parts(replace(scene, objects=tuple(hanging)))}
+    assert "legs" in names
+    assert "hangers" not in names
+
+
+def test_stems_of_one_height_hang_from_a_gutter() -> None:
+    scene = load_scene("scenario-4")
+    for height in (1.0, 2.01):  # rounding left the second no hanger, and drawing ended in an error
+        root = np.array([0.45, 0.0, height])
+        alone = replace(scene.objects[0], stem=Stem(np.array([scene.objects[0].position, root])))
+        parts = {part.name: part for part in scene_parts(replace(scene, objects=(alone,)))}
+        hangers = parts["hangers"].vertices[:, 2]
+        assert hangers.min() <= height <= parts["gutter"].vertices[:, 2].min() <= hangers.max()
+
+
+def test_a_floor_of_kilometres_is_drawn_with_few_faces() -> None:
+    for shape in (Box((1e4, 1e4, 0.1)), Cylinder(0.1, 1e6)):
+        assert len(shape_faces(shape, np.zeros(3), np.eye(3))) < 50_000
 
 
 def test_what_grows_upwards_does_not_hang() -> None:

@@ -106,6 +106,18 @@ def test_waypoints_and_duration_are_what_was_asked_for(planned: Planned) -> None
         assert result.metrics.duration == pytest.approx(8.0)
 
 
+@pytest.mark.parametrize("scene", ["scenario-3", "scenario-4"])
+@pytest.mark.parametrize("count", [3, 4])
+def test_few_waypoints_leave_constraint_1_nothing_and_the_stages_plan(
+    scene: str, count: int
+) -> None:
+    options = PlanOptions(waypoints=count)
+    result = plan(scene, strategy="sequential", options=options)
+    assert result.trajectory.n_waypoints == count
+    assert {stage.name for stage in result.stages} == {"push", "collision"}
+    assert not result.success  # so few cannot pass the fruits; the judge says so
+
+
 def test_a_duration_that_the_limits_do_not_allow_is_no_success(planned: Planned) -> None:
     result = planned("scenario-3", duration=0.3)
     assert result.status is Code.INVALID_PLAN

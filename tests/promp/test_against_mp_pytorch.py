@@ -27,7 +27,7 @@ def test_the_same_weights_give_the_same_distribution(outside: int, width: int) -
     )  # fmt: skip
     times = torch.linspace(0.0, DURATION, STEPS, dtype=torch.float64)
     theirs.update_inputs(
-        times=times, params=torch.as_tensor(ours.weights), params_L=torch.as_tensor(factor)
+        times=times, params=torch.tensor(ours.weights), params_L=torch.tensor(factor)
     )
 
     theirs.get_traj_pos_cov(reg=0.0)  # kept for what follows, which adds to the variance else

@@ -190,6 +190,8 @@ def test_load_refuses(make_promp: Make, tmp_path: Path) -> None:
         "pickled": data | {"mean": np.array([object()])},
         "odd": data | {"basis": np.array([5.5, 4, 1])},
         "words": data | {"mean": np.array(["a"])},
+        "complex": data | {"noise": data["noise"] + 1j},
+        "named": data | {"joint_names": np.array("joint")},  # without dimensions
     }
     for name, arrays in cases.items():
         np.savez(tmp_path / f"{name}.npz", **arrays)

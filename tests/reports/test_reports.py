@@ -40,6 +40,7 @@ class Read(HTMLParser):
         values = dict(attrs)
         self.addresses += [values[name] for name in ("src", "href", "data") if name in values]
         if tag == "iframe":
+            assert values["sandbox"] == "allow-scripts"
             self.frames.append(values["srcdoc"])
         if tag not in ("meta", "img"):
             self.open.append(tag)

@@ -1,6 +1,7 @@
 """What is refused, and in which words: file, field, value and what would be right, in one line."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -210,3 +211,11 @@ def test_refuses_shape_files(files, entry, words):
     (files / "bad.obj").write_text("v 0 0 0\nf 1 1 1\n")
     message = refusal(with_object(shape=entry, role="static"), base_dir=files)
     assert words in message
+
+
+@pytest.mark.parametrize("name", ["", "a\nb", "\u202eb", "\x1b[31m", "n" * 1001, 3])
+def test_what_a_file_could_not_hold_is_no_name_in_python_either(name):
+    scene = load_scene("scenario-3")
+    for make in (replace, lambda given, **_: replace(given.objects[0], id=name)):
+        with pytest.raises(InvalidSceneError, match="must have 1 to 1000 letters"):
+            make(scene, name=name)

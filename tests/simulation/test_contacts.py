@@ -24,6 +24,14 @@ def test_forces_of_a_pair_add_up_whichever_comes_first():
     np.testing.assert_allclose(strengths, np.linalg.norm(expected, axis=1))
 
 
+def test_nobodys_contacts_are_not_counted():
+    geoms, addresses = np.array([[0, 1], [1, 2], [0, 3]]), np.array([0, 3, 6])
+    frames = np.tile(np.eye(3).reshape(9), (3, 1))
+    pairs, strengths = contact_forces(geoms, addresses, frames, np.ones(9), np.array([0, -1, 2, 1]))
+    assert pairs.tolist() == [[0, 1]]
+    np.testing.assert_allclose(strengths, np.sqrt(3.0))
+
+
 def test_spells_peaks_and_what_is_recent():
     world = SimpleNamespace(
         entities=range(3), geom_entity=OWNERS,

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from optipromp.errors import InvalidRequestError
-from optipromp.geometry.shapes import Box, Cylinder
+from optipromp.geometry.shapes import Box, Cylinder, Sphere
 from optipromp.planning.task import resolve
 from optipromp.robots import Robot, load_robot
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Pose, SceneObject
 from optipromp.simulation import Cause, SimulationParameters, simulate
 from optipromp.simulation.rollout import Execution
-from optipromp.simulation.world import build
+from optipromp.simulation.world import FLOOR_DEPTH, build
 from optipromp.trajectory import Trajectory
 
 P = SimulationParameters()
@@ -115,6 +115,18 @@ def test_a_fruit_below_the_target_is_swallowed_too(bench):
     run = simulate(bench.line((0.0, 0.0, 0.3), (0.0, 0.0, 0.5)), scene)
     assert run.outcome.cause is Cause.SWALLOWED_OTHER
     assert run.outcome.swallowed_others == ("n1",)
+
+
+def test_what_falls_comes_to_rest_on_a_floor_whose_touch_counts_for_nothing(bench):
+    loose = SceneObject("loose", "pushable", Sphere(0.015), np.array([0.1, 0.0, 0.6]))
+    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.3)), loose)
+    run = simulate(bench.line((0.5, 0.5, -0.3), (0.5, 0.5, -0.3), 3.0, 10), scene)
+    heights = run.rollout.fruit_positions[:, run.rollout.fruit_ids.index("loose"), 2]
+    late = heights[run.rollout.times > 2.0]
+    np.testing.assert_allclose(late, 0.015 - FLOOR_DEPTH, atol=2e-3)
+    assert run.outcome.peak_force["loose"] == 0.0
+    assert not len(run.rollout.contacts)
+    assert run.outcome.causes == (Cause.NOT_PICKED,)
 
 
 @pytest.mark.parametrize(("pull", "torn"), [(4.5, False), (5.2, True)])

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from optipromp.errors import InvalidRequestError
+from optipromp.geometry.shapes import Sphere
 from optipromp.planning import plan
+from optipromp.scenes.scene import SceneObject
 from optipromp.simulation import simulate
 from optipromp.simulation.camera import axes, shot
 from optipromp.simulation.dress import SHOWN, dressed
@@ -92,6 +94,17 @@ def test_tool_and_fruits_stay_in_the_picture():
         caption = -(1.0 - 4.0 / 26.0) * tan * depth[0]
         assert away[0] @ up > caption  # the tool point is above the caption
     assert np.abs(np.diff(camera.distance)).max() < 0.2  # it moves calmly
+
+
+def test_the_camera_does_not_follow_a_fruit_that_falls(bench):
+    loose = SceneObject("loose", "pushable", Sphere(0.015), np.array([0.1, 0.0, 0.6]))
+    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)), loose)
+    made = simulate(bench.line((0.0, 0.0, 0.3), (0.0, 0.0, 0.5), 1.0), scene)
+    assert made.rollout.fruit_positions[-1, :, 2].min() < -0.4
+    world = build(made.scene, made.robot)
+    camera = shot(world, dressed(world), made, moments(made, 5), View())
+    assert np.ptp(camera.lookat[:, 2]) < 0.2
+    assert camera.distance.max() < 2.0 * camera.distance[0]
 
 
 def test_an_animation_is_a_gif(run):

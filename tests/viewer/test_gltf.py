@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from optipromp.geometry import HalfSpace
+from optipromp.geometry import HalfSpace, Sphere
 from optipromp.looks import arm_parts
 from optipromp.planning import Plan, plan
 from optipromp.planning.task import resolve
@@ -86,6 +86,15 @@ def test_a_scene_has_its_objects_where_they_are() -> None:
     placed, mesh = found.graph["static:floor"]
     corners = trimesh.transform_points(found.geometry[mesh].vertices, placed)
     np.testing.assert_allclose(corners[:, 1], 0.5 - 0.3, atol=1e-6)
+
+
+def test_what_is_too_small_to_be_seen_is_a_bare_node() -> None:
+    scene = load_scene("scenario-4")
+    dust = SceneObject("dust", "static", Sphere(1e-9), np.array([0.4, 0.4, 0.4]))
+    task = resolve(replace(scene, objects=(*scene.objects, dust)))
+    document, _ = parts(glb(task.scene, task.robot, task.start))
+    (node,) = (node for node in document["nodes"] if node["name"] == "static:dust")
+    assert "mesh" not in node
 
 
 def test_the_arm_has_its_looks_where_its_links_are() -> None:

@@ -66,7 +66,7 @@ def test_views_need_no_network(made: Plan, tmp_path: Path) -> None:
     pytest.importorskip("viser")
     for value in (made, made.scene, made.robot):
         view = value.show()
-        assert "<iframe srcdoc=" in view._repr_html_()
+        assert view._repr_html_().startswith('<iframe sandbox="allow-scripts" srcdoc=')
         assert not re.search(r"""(?:src|href)=["']https?:""", view.html)
     view.save(tmp_path / "arm.html")
     assert (tmp_path / "arm.html").stat().st_size < 4e6

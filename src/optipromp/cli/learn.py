@@ -130,22 +130,25 @@ def _read(
     from optipromp.promp import Demonstrations
     from optipromp.promp.checks import unnamed
 
-    joints = None
+    robot = joints = None
     if named.name is not None:
         from optipromp.robots.library import load_arm
 
-        joints = load_arm(named.name, choice=named.choice)[0].joint_names
+        robot = load_arm(named.name, choice=named.choice)[0]
+        joints = robot.joint_names
     recorded, recording = read_any(path, joints, topic)
     nameless = unnamed(recorded.joint_names)
-    if joints is not None:
+    if robot is not None and joints is not None:
         if nameless and len(joints) == recorded.n_joints:
             warnings.warn(
                 f"{path} has no joint names; its columns are taken to be {', '.join(joints)}, in "
                 "this order",
                 stacklevel=1,
             )
-            return Demonstrations(recorded.items, joints), recording
-        return recorded.for_joints(joints, str(path)), recording
+            recorded = Demonstrations(recorded.items, joints)
+        recorded = recorded.for_joints(joints, str(path))
+        recorded.check_limits(robot.lower, robot.upper, str(path))
+        return recorded, recording
     if nameless:
         warnings.warn(f"{path} {NAMELESS}", stacklevel=1)
     return recorded, recording

@@ -31,6 +31,7 @@ from optipromp.cli.console import (
 from optipromp.cli.robot import Named, names_robot
 from optipromp.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.files import is_folder, is_there
+from optipromp.shown import printable
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -281,7 +282,7 @@ def scene_files(folder: Path) -> list[Path]:
     scenes = [path for path, kind in zip(files, kinds, strict=True) if kind is Kind.SCENE]
     for path, kind in zip(files, kinds, strict=True):
         if kind is not Kind.SCENE:
-            sys.stderr.write(f"passed over {path}: a {kind}, not a scene\n")
+            sys.stderr.write(f"passed over {printable(str(path))}: a {kind}, not a scene\n")
     if not scenes:
         hint = "; it holds a plan, for 'simulate'" if is_there(folder / "plan.json") else ""
         raise InvalidRequestError(f"no scene file ({', '.join(_SUFFIXES)}) in {folder}{hint}")
@@ -357,5 +358,5 @@ def table(entries: Sequence[Entry]) -> "Table":
                 f"{1e3 * m.goal_error:.2f}",
                 f"{m.duration:.2f}",
             ]
-        out.add_row(entry.file.stem, str(entry.status), *cells)
+        out.add_row(printable(entry.file.stem), str(entry.status), *cells)
     return out

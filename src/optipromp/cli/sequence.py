@@ -5,7 +5,7 @@ from typing import Any
 
 from optipromp.cli.console import FAILED, OK, grid, print_json, stdout, waiting
 from optipromp.cli.plan import write
-from optipromp.files import json_text, write_atomically
+from optipromp.files import file_name, json_text, write_atomically
 from optipromp.scenes.scene import Scene
 
 ORDER = "sequence.json"
@@ -27,7 +27,7 @@ def plan_targets(
     with waiting(f"planning {scene.name} ...") as say:
         found = plan_sequence(scene, ids, progress=say, **request)
     document = found.to_dict()
-    homes = [f"{i + 1}-{id_}" for i, id_ in enumerate(found.order)]
+    homes = [file_name(f"{i + 1}-{id_}") for i, id_ in enumerate(found.order)]
     if out is not None:
         for home, pick, told in zip(homes, found.picks, document["picks"], strict=True):
             write(pick, out / home, figures, rate)

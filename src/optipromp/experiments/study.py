@@ -9,6 +9,7 @@ import functools
 import io
 import json
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -128,7 +129,7 @@ class RowFile:
 
     Raises:
         InvalidRequestError: the folder cannot be written, or holds rows of another noise, of other
-            code, or something that is no row.
+            code, a run twice, or something that is no row.
     """
 
     def __init__(self, folder: Path, study: Study) -> None:
@@ -203,7 +204,7 @@ def rows_of(folder: Path) -> list[Row]:
     """The whole rows in a study's folder, in the order they came; none where there is no file.
 
     Raises:
-        InvalidRequestError: the file cannot be read, or holds something that is no row.
+        InvalidRequestError: the file cannot be read, holds a run twice or something that is no row.
     """
     path = folder / ROWS
     try:
@@ -216,9 +217,15 @@ def rows_of(folder: Path) -> list[Row]:
 def _parsed(content: bytes, path: Path) -> list[Row]:
     try:
         table = csv.DictReader(io.StringIO(content.decode("utf-8")))
-        return [row_from_text(line) for line in table]
+        rows = [row_from_text(line) for line in table]
     except (ValueError, KeyError, TypeError, AttributeError, csv.Error) as error:
         raise InvalidRequestError(f"{path} holds something that is no row: {error}") from None
+    counts = Counter(row.key for row in rows)
+    if len(counts) < len(rows):
+        (key, count), *_ = counts.most_common(1)
+        told = ", ".join(str(part) for part in key if part != "")
+        raise InvalidRequestError(f"{path} holds {count} rows of {told}: must hold one")
+    return rows
 
 
 def settings_of(folder: Path) -> tuple[dict[str, Any], str | None]:

@@ -13,6 +13,7 @@ from optipromp.geometry import shapes
 from optipromp.geometry.shapes import Shape
 
 _LARGEST_FACE = 0.04  # [m] big flat faces are cut so that a painter may sort them by depth
+_MOST_PIECES = 100  # that an edge is cut into: a floor of kilometres would fill the memory
 _CREASE = 0.77  # cosine of 40 degrees: a sharper edge is shaded as one; a choice
 _DIGITS = 7  # of metres: corners nearer than that are one
 _MOST_POINTS = 1500  # of a point cloud that are drawn
@@ -27,7 +28,7 @@ def shape_faces(
         shape: the shape in its local frame.
         position: (3,) [m].
         rotation: (3, 3), world from local.
-        cut: flat faces are no larger [m].
+        cut: flat faces are no larger [m], unless an edge has :data:`_MOST_PIECES` of them.
     """
     return np.asarray(_local_faces(shape, cut) @ np.asarray(rotation).T + np.asarray(position))
 
@@ -57,7 +58,7 @@ def _local_faces(shape: Shape, cut: float) -> FloatArray:
         case shapes.Box(size=size):
             return box(np.asarray(size), cut)
         case shapes.Cylinder(radius=radius, length=length):
-            steps = np.linspace(-0.5, 0.5, max(2, int(length / cut) + 2)) * length
+            steps = np.linspace(-0.5, 0.5, min(int(length / cut), _MOST_PIECES) + 2) * length
             wall = np.column_stack([np.full_like(steps, radius), steps])
             ends = np.array([[0.0, 0.5 * length]])
             return revolve(np.concatenate([-ends, wall, ends]), 24)
@@ -98,8 +99,10 @@ def revolve(profile: FloatArray, around: int) -> FloatArray:
 
 def _grid(width: float, depth: float, cut: float) -> FloatArray:
     """A rectangle in the plane z = 0, facing +z, cut into small faces."""
-    across = np.linspace(-0.5, 0.5, max(int(np.ceil(width / cut)), 1) + 1) * width
-    along = np.linspace(-0.5, 0.5, max(int(np.ceil(depth / cut)), 1) + 1) * depth
+    across, along = (
+        np.linspace(-0.5, 0.5, min(max(int(np.ceil(edge / cut)), 1), _MOST_PIECES) + 1) * edge
+        for edge in (width, depth)
+    )
     x, y = np.meshgrid(across, along, indexing="ij")
     points = np.stack([x, y, np.zeros_like(x)], axis=-1)
     corners = (points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:])

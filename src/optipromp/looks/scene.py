@@ -179,12 +179,8 @@ def _gutter(row: FloatArray, roots: FloatArray, ground: float) -> list[Part]:
         bar = np.array([middle, end, under - 0.012])
         posts.append(_solid(row, bar - [half, 0.015, 0.012], bar + [half, 0.015, 0.012]))
     parts.append(Part.of("posts", np.concatenate(posts), POST))
-    hangers = [
-        tube(np.array([root, [*root[:2], under]]) @ row.T, 0.0015, 8)
-        for root in roots
-        if under - root[2] > OVER
-    ]
-    return parts + [Part.of("hangers", np.concatenate(hangers), TRUSS)] * bool(hangers)
+    hangers = [tube(np.array([root, [*root[:2], under]]) @ row.T, 0.0015, 8) for root in roots]
+    return [*parts, Part.of("hangers", np.concatenate(hangers), TRUSS)]
 
 
 def _table(row: FloatArray, item: SceneObject, roots: FloatArray, ground: float) -> list[Part]:
@@ -202,7 +198,9 @@ def _table(row: FloatArray, item: SceneObject, roots: FloatArray, ground: float)
         if 0.001 < box_distance(item, root) < REACHES
     ]
     parts = [Part.of("legs", np.concatenate(legs), POST)]
-    return parts + [Part.of("hangers", np.concatenate(hangers), TRUSS)] * bool(hangers)
+    if hangers:  # some root does not touch it
+        parts.append(Part.of("hangers", np.concatenate(hangers), TRUSS))
+    return parts
 
 
 def _ground(scene: Scene) -> float | None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from optipromp.errors import InvalidRequestError, OptiPrompError
+from optipromp.files import file_name
 from optipromp.page import arrange
 from optipromp.page.content import charts
 from optipromp.page.plots import Plots
@@ -17,6 +18,7 @@ from optipromp.page.table import table
 from optipromp.page.tabs import RecordTab, ReplayTab, StudyTab
 from optipromp.page.window import Window
 from optipromp.planning import PLANNERS, STRATEGIES
+from optipromp.shown import is_name
 from optipromp.viewer.drawn import GREEN, RED
 
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0}
@@ -174,10 +176,10 @@ class Panel:
         """The name to save under: one part of a path, within the page's folder.
 
         Raises:
-            InvalidRequestError: it is empty or leads elsewhere.
+            InvalidRequestError: it is empty, no name, too long for a file or leads elsewhere.
         """
         name = str(self.name.value).strip()
-        if not name or name != name.strip(".") or any(c in name for c in "/\\\0"):
+        if not is_name(name) or name != file_name(name).strip("."):
             raise InvalidRequestError(f"the name {name!r} is not a plain file name")
         return name
 

@@ -1,5 +1,6 @@
 """The page's server: one window's state for each browser window, on this machine only."""
 
+import asyncio
 import io
 import socket
 from contextlib import redirect_stdout
@@ -37,21 +38,26 @@ class Page:
         self.server.on_client_connect(self._enter)
         self.server.on_client_disconnect(self._leave)
 
-    def _enter(self, client: Any) -> None:
+    # viser awaits these two, in the order of events; others it gives to threads, in any order, and
+    # a window that had left before it entered stayed for ever
+
+    async def _enter(self, client: Any) -> None:
         window = Window(client, self.source, self.out)
         self.windows[client.client_id] = window
 
         def begin() -> None:
-            self.panels[client.client_id] = Panel(window)
-            window.start()
+            panel = Panel(window)
+            if client.client_id in self.windows:  # it may have left meanwhile
+                self.panels[client.client_id] = panel
+                window.start()
 
         window.post("start", begin)
 
-    def _leave(self, client: Any) -> None:
-        self.panels.pop(client.client_id, None)
+    async def _leave(self, client: Any) -> None:
         window = self.windows.pop(client.client_id, None)
         if window is not None:
-            window.close()
+            await asyncio.to_thread(window.close)
+        self.panels.pop(client.client_id, None)
 
     def stop(self) -> None:
         """Close every window and the server."""

@@ -123,6 +123,9 @@ class PrimitiveParameters(Checked):
         0.4, "m", "guess", "standard deviation of the tool point over that of the joints"
     )
     camera_phase: float = parameter(0.5, "1", "choice", "at which the camera point is passed")
+    checked: int = parameter(
+        101, "1", "choice", "samples of a given primitive's mean that the joints' limits must hold"
+    )
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from optipromp.planning.task import Task
 from optipromp.planning.timing import timed
 from optipromp.promp.basis import Basis
 from optipromp.promp.conditioning import conditioned_mean
-from optipromp.promp.demonstrations import load_demonstrations
+from optipromp.promp.demonstrations import check_limits, load_demonstrations
 from optipromp.promp.learning import fit
 from optipromp.promp.model import ProMP, is_primitive
 from optipromp.pushing.interactive import pushes
@@ -119,18 +119,13 @@ def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis =
         basis: of a ProMP that is learnt here.
 
     Raises:
-        InvalidDemonstrationError: a file that cannot be used; joints of other names.
+        InvalidDemonstrationError: a file that cannot be used; joints of other names; demonstrations
+            or a ProMP's mean far beyond the joints' limits.
         InvalidRequestError: a file of a ProMP that cannot be read.
     """
     robot = task.robot
-    if isinstance(demonstrations, ProMP):
-        promp = demonstrations
-    elif demonstrations is not None:
-        given: object = demonstrations
-        if not isinstance(given, str | Path):
-            kind = type(given).__name__
-            raise InvalidRequestError(f"demonstrations are {kind}; they must be a ProMP or a path")
-        promp = from_file(Path(demonstrations), basis, robot.joint_names)
+    if demonstrations is not None:
+        promp = _given(demonstrations, basis, robot)
     elif (known := built_in_twin(robot)) is not None:
         promp = _built_in(known, basis)
     else:
@@ -139,11 +134,23 @@ def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis =
     return widened(promp, robot.joint_names)
 
 
-def from_file(path: Path, basis: Basis, joints: Sequence[str]) -> ProMP:
-    """A ProMP of these joints, saved by ``optipromp learn`` or learnt from demonstrations."""
-    if is_primitive(path):
-        return ProMP.load(path).for_joints(joints, str(path))
-    return fit(load_demonstrations(path), basis).for_joints(joints, str(path))
+def _given(given: object, basis: Basis, robot: Robot) -> ProMP:
+    """A ProMP as it is, one that ``optipromp learn`` saved, or one learnt of demonstrations."""
+    if not isinstance(given, ProMP | str | Path):
+        kind = type(given).__name__
+        raise InvalidRequestError(f"demonstrations are {kind}; they must be a ProMP or a path")
+    what = "the ProMP" if isinstance(given, ProMP) else str(given)
+    joints, lower, upper = robot.joint_names, robot.lower, robot.upper
+    if not isinstance(given, ProMP) and not is_primitive(Path(given)):
+        recorded = load_demonstrations(given)
+        recorded.for_joints(joints, what).check_limits(lower, upper, what)
+        return fit(recorded, basis).for_joints(joints, what)
+    promp = given if isinstance(given, ProMP) else ProMP.load(given)
+    mean = promp.for_joints(joints, what).mean_trajectory(PRIMITIVE.checked)
+    # a mean overshoots where bases are few: only one beyond by the joint's range is in other units
+    told = f"{what}, its mean at {len(mean)} phases"
+    check_limits(mean, joints, lower, upper, told, upper - lower)
+    return promp
 
 
 def via_points(

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from optipromp.arrays import FloatArray, all_finite
 from optipromp.errors import InvalidDemonstrationError, InvalidRequestError, OptiPrompError
-from optipromp.shown import LONGEST_NAME, is_name, printable
+from optipromp.shown import is_name, no_name
 
 PHASE_TOLERANCE = 1e-9
 """Phases this close are one phase, and may lie this far outside [0, 1] (rounding)."""
@@ -97,10 +97,7 @@ def names_for(names: Sequence[str], count: int) -> tuple[str, ...]:
         raise InvalidRequestError(f"joint_names: expected {count} names, got {len(result)}")
     for name in result:
         if not is_name(name):
-            raise InvalidRequestError(
-                f"joint_names: '{printable(name)[:60]}' must have 1 to {LONGEST_NAME} letters and "
-                "no control characters"
-            )
+            raise InvalidRequestError(f"joint_names: {no_name(name)}")
     if len(set(result)) != count:
         twice = next(name for name in result if result.count(name) > 1)
         raise InvalidRequestError(f"joint_names: {twice!r} appears twice")

@@ -12,10 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from optipromp.arrays import FloatArray, read_only
 from optipromp.errors import InvalidDemonstrationError
-from optipromp.files import is_folder, is_there, npz, read_npz, write_atomically
+from optipromp.files import is_folder, is_there, npz, read_npz, texts, write_atomically
 from optipromp.promp.checks import PHASE_TOLERANCE, UnitsWarning, finite_array, matched, names_for
 from optipromp.tables import read_table
 
+BEYOND_LIMITS = 0.05
+"""[rad or m] A demonstration may go this far beyond a joint's limits: an arm that is led by hand
+leans into its stops. The recorded reaches of a Panda stay 0.013 rad inside."""
 _LARGEST = 4.0 * np.pi
 _LARGEST_JOINT = 1e6  # [rad or m] what is learnt from larger ones overflows
 _FORMS = "Q, time, lengths; or positions (N, T, n) with an optional time (T,) or (N, T)"
@@ -130,6 +133,12 @@ class Demonstrations(Sequence[Demonstration]):
         """Number of joints n."""
         return self.items[0].n_joints
 
+    def check_limits(self, lower: FloatArray, upper: FloatArray, what: str) -> None:
+        """Refuse demonstrations beyond the joints' limits (n,), see :func:`check_limits`."""
+        for i, item in enumerate(self):
+            told = f"{what}: demonstration {i}"
+            check_limits(item.positions, self.joint_names, lower, upper, told)
+
     def for_joints(self, joints: Sequence[str], what: str) -> "Demonstrations":
         """The same with their columns, told by name, in the order of ``joints``.
 
@@ -139,6 +148,31 @@ class Demonstrations(Sequence[Demonstration]):
         order = matched(self.joint_names, joints, what)
         items = (Demonstration(d.times, d.positions[:, order], d.span) for d in self)
         return Demonstrations(tuple(items), tuple(joints))
+
+
+def check_limits(
+    positions: FloatArray, names: Sequence[str], lower: FloatArray, upper: FloatArray, what: str,
+    slack: FloatArray | float = BEYOND_LIMITS,
+) -> None:  # fmt: skip
+    """Refuse positions (T, n) that go beyond the limits (n,) of the joints of these names.
+
+    Raises:
+        InvalidDemonstrationError: by more than ``slack`` (n,); the message begins with ``what`` and
+            names the joint, the farthest position, its sample and the limits.
+    """
+    slack = np.broadcast_to(slack, lower.shape)
+    beyond = np.maximum(lower - positions, positions - upper) - slack
+    sample, joint = divmod(int(beyond.argmax()), beyond.shape[1])
+    if beyond[sample, joint] <= 0.0:
+        return
+    value = positions[sample, joint]
+    units = " (degrees or millimetres? radians and metres are needed)"
+    raise InvalidDemonstrationError(
+        f"{what}: {names[joint]} is {value:.4g} at sample {sample}: must be within its limits "
+        f"[{lower[joint]:.4f}, {upper[joint]:.4f}], or at most {slack[joint]:.4g} beyond"
+        + units
+        * bool(abs(value) > _LARGEST)
+    )
 
 
 def load_demonstrations(path: str | os.PathLike[str]) -> Demonstrations:
@@ -223,9 +257,7 @@ def _numbers(data: dict[str, NDArray[np.generic]], key: str, path: Path) -> Floa
 
 def _read_npz(path: Path) -> Demonstrations:
     data = read_npz(path, InvalidDemonstrationError)
-    names: list[str] = []
-    if "joint_names" in data:
-        names = [str(name) for name in np.atleast_1d(data["joint_names"])]
+    names = texts(data["joint_names"]) if "joint_names" in data else ()
     if {"Q", "time", "lengths"} <= data.keys():
         q, time = _numbers(data, "Q", path), _numbers(data, "time", path)
         lengths = _numbers(data, "lengths", path)

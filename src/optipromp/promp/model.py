@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from optipromp.arrays import FloatArray, read_only
 from optipromp.errors import InvalidRequestError, OptiPrompError
-from optipromp.files import is_file, npz, read_npz, write_atomically
+from optipromp.files import is_file, npz, read_npz, texts, write_atomically
 from optipromp.promp.basis import Basis
 from optipromp.promp.checks import finite_array, matched, names_for, positive
 from optipromp.promp.gaussian import add_noise, check_covariance, root
@@ -299,17 +299,20 @@ class ProMP(Shown):
                 f"{path}: format {version} is unknown; this reads {PROMP_FORMAT}"
             )
         try:
-            numbers = np.asarray(data["basis"], dtype=np.float64)
+            numbers, mean, covariance, noise = (  # of complex ones no part is dropped
+                data[key].astype(np.float64, casting="same_kind")
+                for key in ("basis", "mean", "covariance", "noise")
+            )
             if numbers.shape != (3,) or not np.isfinite(numbers).all():
                 raise InvalidRequestError(f"basis: expected count, width, outside, got {numbers}")
             if (numbers[[0, 2]] % 1.0).any():
                 raise InvalidRequestError(f"basis: count and outside must be whole, got {numbers}")
             return cls(
                 Basis(int(numbers[0]), float(numbers[1]), int(numbers[2])),
-                np.asarray(data["mean"], dtype=np.float64),
-                np.asarray(data["covariance"], dtype=np.float64),
-                np.asarray(data["noise"], dtype=np.float64),
-                tuple(str(name) for name in np.atleast_1d(data["joint_names"])),
+                mean,
+                covariance,
+                noise,
+                texts(data["joint_names"]),
             )
         except (OptiPrompError, ValueError, TypeError) as cause:
             raise InvalidRequestError(f"{path}: {cause}") from None

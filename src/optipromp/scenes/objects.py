@@ -15,7 +15,7 @@ from optipromp.errors import InvalidSceneError
 from optipromp.geometry.shapes import HalfSpace, Shape, bounding_radius
 from optipromp.scenes.pose import Pose
 from optipromp.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
-from optipromp.scenes.values import array, suggest, unit
+from optipromp.scenes.values import array, named, suggest, unit
 
 Role: TypeAlias = Literal["target", "pushable", "avoid", "static"]
 ROLES: tuple[Role, ...] = get_args(Role)
@@ -133,6 +133,7 @@ class SceneObject:
     sigma: InitVar[float | None] = None
 
     def __post_init__(self, sigma: float | None) -> None:
+        named("id", self.id)
         if self.role not in ROLES:
             raise InvalidSceneError(f"role {self.role!r} is unknown: {suggest(self.role, ROLES)}")
         if self.role in ("target", "pushable") and isinstance(self.shape, HalfSpace):

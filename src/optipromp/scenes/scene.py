@@ -19,7 +19,7 @@ from optipromp.robots.model import Robot
 from optipromp.scenes import trusses
 from optipromp.scenes.objects import ROLES, STEM_RADIUS, Role, SceneObject, Stem
 from optipromp.scenes.pose import Pose
-from optipromp.scenes.values import array, suggest, unit
+from optipromp.scenes.values import array, named, suggest, unit
 from optipromp.shown import Shown
 
 __all__ = [
@@ -194,6 +194,7 @@ class Scene(Shown):
     choice: Choice = NOTHING
 
     def __post_init__(self) -> None:
+        named("name", self.name)
         object.__setattr__(self, "objects", tuple(self.objects))
         object.__setattr__(self, "options", dict(self.options))
         if self.start is not None:

@@ -11,6 +11,7 @@ import numpy as np
 from optipromp.arrays import FloatArray, frozen
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry.shapes import FARTHEST
+from optipromp.shown import is_name, no_name
 
 
 def suggest(name: object, valid: Iterable[str]) -> str:
@@ -19,6 +20,12 @@ def suggest(name: object, valid: Iterable[str]) -> str:
     near = difflib.get_close_matches(str(name), names, n=1)
     question = f"; did you mean {near[0]!r}?" if near else ""
     return f"valid are {', '.join(names)}{question}"
+
+
+def named(what: str, text: object) -> None:
+    """Refuse what can name nothing. ``what`` begins the error."""
+    if not isinstance(text, str) or not is_name(text):
+        raise InvalidSceneError(f"{what} is {no_name(str(text))}")
 
 
 def array(name: str, values: object, *shape: int | None) -> FloatArray:

@@ -17,6 +17,7 @@ FILLED = 1.25  # times what is to be seen, in the picture
 CAPTION = 0.12  # of the height, left free for the caption
 NARROWEST = 0.40  # [m] of height in the picture
 CALM = 0.6  # [s] standard deviation over which the camera's motion is smoothed
+FALLEN = 0.2  # [m] below its first place a fruit is no longer looked at
 LOOKS = 12  # moments at which a view is tried
 
 
@@ -67,7 +68,8 @@ def shot(world: World, model: Any, run: Run, times: FloatArray, view: View) -> S
     """The camera of a run at ``times`` (N,) [s].
 
     The tool from flange to tip, targets and pushables with their stems' lower ends, all where they
-    are then, fill the picture; the motion of the camera is smooth.
+    are then, fill the picture; the motion of the camera is smooth. It does not follow a fruit that
+    falls.
     """
     rows = np.maximum(np.searchsorted(run.rollout.times, times + 1e-9) - 1, 0)
     seen = _seen(world, run, rows)
@@ -110,7 +112,9 @@ def _seen(world: World, run: Run, rows: IntArray) -> FloatArray:
     tip = rollout.tool_point[rows] + 0.03 * rollout.tool_axis[rows]
     fruits = rollout.fruit_positions[rows]
     first = np.broadcast_to(rollout.fruit_positions[0], fruits.shape)
-    lift = 0.05 * np.asarray(world.scene.up)
+    up = np.asarray(world.scene.up)
+    fruits = np.where(((first - fruits) @ up > FALLEN)[..., None], first, fruits)
+    lift = 0.05 * up
     return np.concatenate([flange[:, None], tip[:, None], fruits, first, first + lift], axis=1)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from optipromp.looks import Part, arm_parts, object_parts, scenery
 from optipromp.simulation.engine import engine
-from optipromp.simulation.world import World
+from optipromp.simulation.world import FLOOR, World
 
 SHOWN, HIDDEN = 2, 4  # MuJoCo's groups of geoms; of these, pictures show the first
 GLOSS = {"target": (0.7, 0.6), "pushable": (0.5, 0.5), "floor": (0.0, 0.0)}  # specular, shininess
@@ -26,7 +26,7 @@ def dressed(world: World) -> Any:
     spec, robot, scene = world.spec, world.robot, world.scene
     names = {body.name for body in spec.bodies}
     base = spec.worldbody
-    hidden = ["body:", "tool:"]
+    hidden = [FLOOR, "body:", "tool:"]
     for part in arm_parts(robot):
         _add(spec, spec.body(f"segment:{part.segment}") if part.segment >= 0 else base, [part])
     for item in scene.objects:

@@ -37,12 +37,16 @@ class Layer(IntFlag):
     AVOID = 16
 
 
-def layers(kind: EntityKind | Literal["foot"]) -> dict[str, int]:
+NOBODY = -1
+"""Index of an entity that no contact is counted for: the floor's."""
+
+
+def layers(kind: EntityKind | Literal["foot", "floor"]) -> dict[str, int]:
     """``contype`` and ``conaffinity`` of a kind.
 
     The robot touches everything but itself. Fruits touch everything. Stems touch the robot and
     fruits, but neither each other nor static objects. The foot of a can touches only the object
-    that it stands on.
+    that it stands on, the floor only fruits that have fallen.
     """
     meets_movers = int(Layer.ROBOT | Layer.FRUIT)
     match kind:
@@ -52,6 +56,8 @@ def layers(kind: EntityKind | Literal["foot"]) -> dict[str, int]:
             return {"contype": int(Layer.FRUIT), "conaffinity": meets_movers}
         case "foot":
             return {"contype": 0, "conaffinity": int(Layer.STATIC)}
+        case "floor":
+            return {"contype": 0, "conaffinity": int(Layer.FRUIT)}
         case "stem":
             return {"contype": int(Layer.STEM), "conaffinity": meets_movers}
         case "static":

@@ -37,18 +37,18 @@ def contact_forces(geoms, addresses, frames, forces, owners):  # type: ignore[no
     """Pairs of owners that touch (K, 2), the smaller first, and the force between them (K,) [N].
 
     ``geoms`` (C, 2), ``addresses`` (C,) in ``forces``, -1 where there is none, ``frames`` (C, 9),
-    ``owners`` (G,) of the geoms. The force is the length of the sum of the pair's contact forces.
+    ``owners`` (G,) of the geoms, below 0 where nobody's contacts are counted. The force is the
+    length of the sum of the pair's contact forces.
     """
     pairs = np.empty((len(addresses), 2), np.int64)
     sums = np.zeros((len(addresses), 3))
     count = 0
     for c in range(len(addresses)):
-        at = addresses[c]
-        if at < 0:
-            continue
-        a, b, sign = owners[geoms[c, 0]], owners[geoms[c, 1]], 1.0
+        at, a, b, sign = addresses[c], owners[geoms[c, 0]], owners[geoms[c, 1]], 1.0
         if a > b:
             a, b, sign = b, a, -1.0
+        if at < 0 or a < 0:
+            continue
         k = 0
         while k < count and (pairs[k, 0] != a or pairs[k, 1] != b):
             k += 1

@@ -207,7 +207,8 @@ class Execution:
         found, force = self.data.contact, self.data.efc_force
         at = np.asarray(found.efc_address)
         owners = self.world.geom_entity[np.asarray(found.geom)].reshape(-1, 2)
-        rows = np.flatnonzero((at >= 0) & self.moving[owners].all(axis=1))
+        counted = (at >= 0) & (owners >= 0).all(axis=1)
+        rows = np.flatnonzero(counted & self.moving[owners].all(axis=1))
         own = force[at[rows, None] + np.arange(3)] if len(rows) else np.zeros((0, 3))
         frames = np.asarray(found.frame).reshape(-1, 3, 3)[rows]
         world = np.einsum("ci,cij->cj", own, frames)

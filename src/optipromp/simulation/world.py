@@ -6,22 +6,26 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, IntArray, frozen
+from optipromp.arrays import FloatArray, IntArray, frame_along, frozen
 from optipromp.errors import InvalidRequestError
 from optipromp.geometry.shapes import Sphere
 from optipromp.pushing.parting import shifts
 from optipromp.robots.model import Robot
+from optipromp.scenes.rotations import to_quaternion
 from optipromp.scenes.scene import Scene, SceneObject, Stem
 from optipromp.scenes.trusses import parents_first, rooted
 from optipromp.simulation.arm import Drives, add_robot, drives, link_entities
 from optipromp.simulation.engine import engine
-from optipromp.simulation.entities import Entity, layers
+from optipromp.simulation.entities import NOBODY, Entity, layers
 from optipromp.simulation.fruits import BuiltFruit, add_fruit, bows, trusses_of
 from optipromp.simulation.parameters import SimulationParameters
 from optipromp.simulation.solids import add_shape
 
 STATIC_COLOUR = (0.62, 0.60, 0.57, 1.0)
 AVOID_COLOUR = (0.35, 0.60, 0.30, 0.35)
+FLOOR = "floor"
+"""Name of the plane on which fallen fruits come to rest."""
+FLOOR_DEPTH = 0.5  # [m] of it below the base and every object: what hangs or stands is never on it
 SKY = (0.95, 0.97, 0.98), (0.72, 0.80, 0.84)
 PICTURE = 1280, 960  # largest off-screen picture
 CLUSTER_FRUIT_RADIUS = 0.015  # [m] of a real neighbouring cluster
@@ -182,6 +186,7 @@ class _Draft:
             rng = np.random.default_rng(seed)
             for obj in scene.avoid:
                 self._cluster(obj, rng)
+        self._floor()
         self._lights()
 
     def _options(self) -> Any:
@@ -202,6 +207,16 @@ class _Draft:
         view = getattr(spec.visual, "global")
         view.offwidth, view.offheight = PICTURE
         return spec
+
+    def _floor(self) -> None:
+        up = np.asarray(self.scene.up)
+        bounded = (item for item in self.scene.objects if np.isfinite(item.radius))
+        low = min((float(item.position @ up) - item.radius for item in bounded), default=0.0)
+        self.spec.worldbody.add_geom(
+            name=FLOOR, type=engine().mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0],
+            pos=(min(low, 0.0) - FLOOR_DEPTH) * up, quat=to_quaternion(frame_along(up)),
+            userdata=[float(NOBODY)], **layers("floor"),
+        )  # fmt: skip
 
     def _lights(self) -> None:
         mujoco, world = engine(), self.spec.worldbody

@@ -148,8 +148,9 @@ class _File:
         self, name: str, parts: Sequence[Part], pose: Pose | None = None, *,
         children: Sequence[int] = (),
     ) -> int:  # fmt: skip
-        """A node with a mesh of parts in its frame; without parts, a bare node."""
+        """A node with a mesh of parts in its frame; without parts to be seen, a bare node."""
         node = self.node(name, pose, children=children)
+        parts = [part for part in parts if len(part.faces)]
         if parts:
             primitives = [
                 {

@@ -151,8 +151,8 @@ def table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
 
 
 def frame(html: str, height: int) -> str:
-    """An HTML page inside another."""
+    """An HTML page inside another, of which it sees nothing: its scripts are of no origin."""
     return (
-        f'<iframe srcdoc="{escape(html)}" title="3-D view" '
+        f'<iframe sandbox="allow-scripts" srcdoc="{escape(html)}" title="3-D view" '
         f'style="width:100%;height:{height}px;border:1px solid #d5d9dd"></iframe>'
     )

@@ -1,17 +1,27 @@
 """viser's server, made to hear nobody but pages that it served itself."""
 
+import asyncio
 import http
 import inspect
 import io
-from collections.abc import Callable
+import logging
+import sys
+import warnings
+from collections.abc import Awaitable, Callable
 from contextlib import redirect_stdout
 from typing import Any
 from urllib.parse import urlsplit
 
 from optipromp.errors import InvalidRequestError
+from optipromp.shown import printable
 
 NEEDED = "a 3-D view needs viser: pip install 'optipromp[view]'"
 HERE = frozenset({"localhost", "127.0.0.1", "::1"})
+ALONE = {"X-Frame-Options": "DENY", "Content-Security-Policy": "frame-ancestors 'none'"}
+"""Headers by which no other page shows this one in a frame, over which it could lead the mouse."""
+WORDS = 200  # letters of what is said of a connection that broke off
+SILENT = logging.getLogger(f"{__name__}.websockets")
+SILENT.setLevel(logging.CRITICAL + 1)  # it would write a traceback of every malformed request
 
 
 def listening(host: str, port: int) -> Any:
@@ -20,6 +30,8 @@ def listening(host: str, port: int) -> Any:
     A website that this machine's browser has open can connect to any port of the machine, and
     viser lets it. So a request is refused whose ``Origin`` is not the page's own address, and, at
     an address of this machine, one to another name (a name that was made to mean this machine).
+    No other page may show this one in a frame. A message that is none ends its connection, with a
+    line on standard error.
 
     Raises:
         InvalidRequestError: viser is not installed.
@@ -32,14 +44,19 @@ def listening(host: str, port: int) -> Any:
     sockets: Any = module
     serve = sockets.serve
 
-    def guarded(*args: Any, process_request: Callable[..., Any], **settings: Any) -> Any:
+    def guarded(
+        handler: Handler, *args: Any, process_request: Callable[..., Any], **settings: Any
+    ) -> Any:
         async def checked(connection: Any, request: Any) -> Any:
             if not is_own(request.headers.get("Origin"), request.headers.get("Host", ""), host):
                 return connection.respond(http.HTTPStatus.FORBIDDEN, "another origin\n")
             answer = process_request(connection, request)
-            return await answer if inspect.isawaitable(answer) else answer
+            answer = await answer if inspect.isawaitable(answer) else answer
+            if answer is not None:
+                answer.headers.update(ALONE)
+            return answer
 
-        return serve(*args, process_request=checked, **settings)
+        return serve(_tolerant(handler), *args, process_request=checked, logger=SILENT, **settings)
 
     # viser has no setting for it, and has called `serve` when its constructor returns
     sockets.serve = guarded
@@ -49,7 +66,31 @@ def listening(host: str, port: int) -> Any:
     finally:
         sockets.serve = serve
     server.request_share_url = lambda *_, **__: None
+    for told in ("Queued a .* on a closed connection", r"\[viser\] .* does not match annotation"):
+        warnings.filterwarnings("ignore", told, UserWarning)  # windows close at any moment
     return server
+
+
+Handler = Callable[[Any], Awaitable[None]]
+
+
+def _tolerant(handler: Handler) -> Handler:
+    """A handler of connections that ends one in a line where it would in a traceback."""
+
+    def tell(error: BaseException | None) -> None:
+        words = printable(f"{type(error).__name__}: {error}")[:WORDS]
+        sys.stderr.write(f"a window sent what is no message: {words}\n")
+
+    async def handle(connection: Any) -> None:
+        loop = asyncio.get_running_loop()
+        loop.set_exception_handler(lambda _, context: tell(context.get("exception")))
+        try:
+            await handler(connection)
+        except Exception as error:  # viser's reader raises whatever goes wrong in it
+            tell(error)
+            await connection.close(1007, "no message")
+
+    return handle
 
 
 def is_own(origin: str | None, asked: str, host: str) -> bool:
