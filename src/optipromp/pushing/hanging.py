@@ -11,7 +11,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, frozen
+from optipromp.arrays import FloatArray, frozen, lengths
 from optipromp.compiled import kernel
 from optipromp.geometry import signed_distance
 from optipromp.geometry.obstacles import Obstacles, near
@@ -21,7 +21,14 @@ from optipromp.pushing.harm import BRIEFLY, Harm, score_of
 from optipromp.pushing.model import Moved, PushModel, Round, Schedule
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import STEP, ToolPath, through
-from optipromp.pushing.rules import detection_variance, drift_choices, path_past, rim_windows
+from optipromp.pushing.rules import (
+    RULE,
+    detection_variance,
+    drift_choices,
+    path_past,
+    rim_windows,
+    stem_side,
+)
 from optipromp.pushing.swinging import Led, led, mean_score, steps_inside
 from optipromp.robots.cup_cover import NECK_RADIUS
 from optipromp.robots.tool_protocol import Tool
@@ -59,6 +66,7 @@ class Hanging(PushModel):
     """
 
     speed, threshold, good = HANGING.speed, THRESHOLD, PUSH.harm.good
+    indifferent = HANGING.stem_side
 
     def __init__(
         self, scene: Scene, tool: Tool, neighbours: Sequence[SceneObject], camera: FloatArray,
@@ -185,11 +193,40 @@ class Hanging(PushModel):
         alike = np.hstack([angles, np.full_like(angles, HANGING.clearance)])
         return np.vstack([rule, alike])
 
+    def rather(self, x: FloatArray, path: ToolPath) -> list[FloatArray]:
+        """See :class:`PushModel`: away from the stems on whose side a candidate passes.
+
+        There it passes as mirrored, or as the rule has it.
+        """
+        if not len(self.neighbours):
+            return []
+        cosines = passed_towards(
+            path.points, self._centers, self._leans, self._frame[2], self.cup.rim
+        )
+        wrong = cosines > np.sin(np.deg2rad(RULE.least_inclination))
+        if not wrong.any():
+            return []
+        x_g, y_g, _ = self.scene.frame
+        lean = np.arctan2(self._leans @ y_g, self._leans @ x_g)
+        angles, clearances = np.split(x, 2)
+        rule = np.split(self._rule, 2)[0]
+        turned = (np.where(wrong, other, angles) for other in (2.0 * lean + np.pi - angles, rule))
+        return [np.concatenate([one, clearances]) for one in turned]
+
     def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
         """About the rule's directions."""
         return self._rule, np.repeat(
             [HANGING.turned, HANGING.clearance_spread], len(self.neighbours)
         )
+
+    @cached_property
+    def _leans(self) -> FloatArray:
+        """Where the stem of each neighbour leans to (N, 3), in the lateral plane; 0: nowhere."""
+        away = [
+            stem_side(self.scene, fruit, "lateral-plane", self.gripper_radius)
+            for fruit in self.neighbours
+        ]
+        return -np.array([np.zeros(3) if one is None else one for one in away]).reshape(-1, 3)
 
     @cached_property
     def _rule(self) -> FloatArray:
@@ -219,6 +256,24 @@ class Hanging(PushModel):
                 # where the goal itself is closer, no path can do better
                 worst = max(worst, end - least)
         return min(worst, 0.02) / 0.004
+
+
+def passed_towards(
+    points: FloatArray, centers: FloatArray, leans: FloatArray, up: FloatArray, rim: float
+) -> FloatArray:
+    """Cosines (N,) between ``leans`` (N, 3) and the ways in which a tool passes ``centers`` (N, 3).
+
+    The tool point goes through ``points`` (P, 3), the rim ``rim`` [m] before it along ``up`` (3,).
+    Of rim and tool point, at the height of a centre, the one that is more towards its lean counts.
+    """
+    out = np.full(len(centers), -1.0)
+    heights, flat = points @ up, points - np.outer(points @ up, up)
+    for ahead in (rim, 0.0):
+        at = np.argmax(heights + ahead >= (centers @ up)[:, None], axis=1)
+        off = flat[at] - (centers - np.outer(centers @ up, up))
+        along = np.einsum("ni,ni->n", off, leans)
+        out = np.maximum(out, along / np.maximum(lengths(off), 1e-9))
+    return out
 
 
 @kernel

@@ -114,6 +114,7 @@ class PushModel(ABC):
         threshold: largest harm of a success.
         states: number of states of the scene; the first is the perceived one.
         schedule: of the search.
+        indifferent: a difference of harm that decides nothing where a path is preferred.
     """
 
     speed: float
@@ -121,6 +122,7 @@ class PushModel(ABC):
     threshold: float
     states: int
     schedule: Schedule
+    indifferent: float = 0.0
 
     @abstractmethod
     def harm(
@@ -161,6 +163,13 @@ class PushModel(ABC):
     def first(self) -> FloatArray:
         """Candidates (m, k) that are tried before any is sampled; m may be 0."""
 
+    def rather(self, x: FloatArray, path: ToolPath) -> list[FloatArray]:
+        """Candidates that are preferred to the good one ``x`` (k,) if they are nearly as good.
+
+        Nearly: their harm is larger by less than :attr:`indifferent`.
+        """
+        return []
+
     @abstractmethod
     def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation (k,) of the candidates that a run begins with."""
@@ -172,6 +181,7 @@ class _Guided(PushModel):
     def __init__(self, lead: PushModel) -> None:
         self.lead, self.speed, self.schedule = lead, lead.speed, lead.schedule
         self.good, self.threshold, self.states = lead.good, lead.threshold, lead.states
+        self.indifferent = lead.indifferent
 
     def path(self, x: FloatArray) -> ToolPath:
         """See :class:`PushModel`."""
@@ -184,6 +194,10 @@ class _Guided(PushModel):
     def first(self) -> FloatArray:
         """See :class:`PushModel`."""
         return self.lead.first()
+
+    def rather(self, x: FloatArray, path: ToolPath) -> list[FloatArray]:
+        """See :class:`PushModel`."""
+        return self.lead.rather(x, path)
 
     def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
         """See :class:`PushModel`."""
@@ -280,7 +294,8 @@ def search(
     """Search tool paths of little harm.
 
     A path is yielded as soon as it is good, otherwise at the end of a run if it is the best so far.
-    After a good path the search goes on for another good one.
+    After a good path the search goes on for another good one. Before a good path come those that
+    the model prefers to it where they are nearly as good (:meth:`PushModel.rather`).
 
     Args:
         model: of the push.
@@ -297,6 +312,7 @@ def search(
     told = np.inf  # harm of the path that was yielded last, if it was not good
     refused = False  # whether a good one was yielded, and did not serve
     found: ToolPath | None = None
+    numbers = np.zeros(0)  # of the path that was found
     seen: list[Judged] = []
     tried: set[ToolPath] = set()  # on all states, and no better than the best
     judged = _judging(model, axes)
@@ -304,6 +320,15 @@ def search(
     def late() -> bool:
         begun = found is not None or len(seen) > 0
         return begun and budget is not None and budget.spent()
+
+    def preferred(x: FloatArray, good_one: ToolPath) -> Iterator[ToolPath]:
+        most = good_one.harm + model.indifferent
+        for other in model.rather(x, good_one):
+            path = model.path(other)
+            if not model.rather(other, path):
+                value = judged(other, path, schedule.states, most)
+                if value < most:
+                    yield replace(path, harm=value)
 
     for run in range(schedule.runs):
         mean, spread = model.spread(run)
@@ -326,7 +351,7 @@ def search(
                     tried.add(path)
                     value = judged(x, path, schedule.states, best)
                     if value < best:
-                        best, found = value, replace(path, harm=value)
+                        best, found, numbers = value, replace(path, harm=value), x
                 if best < min(good, told) or late():
                     break
             for value, x, path in seen[: schedule.screened]:
@@ -337,10 +362,12 @@ def search(
                 tried.add(path)
                 value = judged(x, path, schedule.states, best)
                 if value < best:
-                    best, found = value, replace(path, harm=value)
+                    best, found, numbers = value, replace(path, harm=value), x
             if found is None:
-                found = replace(seen[0][2], harm=seen[0][0])
+                found, numbers = replace(seen[0][2], harm=seen[0][0]), seen[0][1]
             if best < min(good, told) or late():
+                if best < good and not late():
+                    yield from ((path, good) for path in preferred(numbers, found))
                 yield found, good
                 if late():
                     return
