@@ -12,7 +12,7 @@ from optipromp.geometry import Box, HalfSpace, Sphere, distances, pack
 from optipromp.planning.task import push_model, resolve
 from optipromp.pushing.hanging import HANGING, Hanging, applies, rooms
 from optipromp.pushing.harm import Harm, score_of
-from optipromp.pushing.model import search
+from optipromp.pushing.model import Prediction, search
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import ToolPath, through, turning
 from optipromp.pushing.rules import neighbours, rule_paths
@@ -447,3 +447,33 @@ def test_of_two_harmless_sides_a_plan_takes_the_one_away_from_the_stem(
     assert made.prediction is not None
     assert other.prediction is not None
     assert made.prediction.harm < other.prediction.harm + HANGING.stem_side
+
+
+def test_forces_are_those_of_the_led_cup() -> None:
+    """Of each fruit that is pushed but the target; none where the cup passes clear of it."""
+    bench = model(UNDER, fruit("n2", (0.07, 0.0, -0.08)))
+    assert [item.id for item in bench.neighbours] == ["n1"]
+    through_both = bench.predict(*judged(STRAIGHT)).forces
+    assert set(through_both) == {"n1"}
+    assert through_both["n1"] > 1.0
+    assert "n2" in bench.forces(*judged(STRAIGHT))
+    far = led((0.3, 0, -0.25), (0.3, 0, -0.2))
+    assert bench.predict(*judged(far)).forces == {}
+
+
+def test_every_swallowed_fruit_is_named_and_not_the_target() -> None:
+    """Both hang in the way of a wide cup; whether the ripe one comes in too is not known."""
+    wide = Cup(radius=0.05, opening=0.096)
+    both = fruit("n1", (0.004, 0.012, -0.09)), fruit("n2", (-0.004, -0.012, -0.05))
+    bench = model(*both, cup=wide)
+    found = bench.predict(*judged(STRAIGHT))
+    assert found.harmful
+    assert str(found).startswith("harm is predicted: n1 and n2 are swallowed (harm ")
+
+
+def test_what_is_pushed_is_told_with_the_way_of_the_tool() -> None:
+    forces = {"n1": 2.14, "n2": 0.5}
+    found = Prediction(0.1, 1.0, "", "nothing is harmed", forces)
+    told = found.pushes({"n1": (0.0621, -0.0002), "n2": None})
+    assert told == "pushed, and passed at (x_g, y_g): n1 2.1 N (+62, +0) mm, n2 0.5 N"
+    assert Prediction(0.1, 1.0, "", "nothing is harmed").pushes({"n1": (0.0, 0.0)}) == ""

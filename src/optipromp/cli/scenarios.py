@@ -85,16 +85,20 @@ SHORT = {
 
 
 def table_one(rows: Sequence["ScenarioRow"]) -> "Table":
-    """Table I of the paper, ours beside it, with what the paper verifies of each figure."""
+    """Table I of the paper, ours beside it, with what the paper verifies of each figure.
+
+    The column ``joints`` has M_c over joint origins. In brackets: where our tool passes along x_g.
+    """
     ids = ("n1", "n2")
-    title = "Table I: the paper's figures | ours, millimetres, + where the paper's test holds"
-    columns = ("scenario", "status", "M_c", "M_c joints", *(f"M_p {item}" for item in ids))
+    title = "Table I: the paper's | ours, mm, + where the paper's test holds, ! where it fails"
+    columns = ("scenario", "status", "M_c", "joints", *(f"M_p {item} (x_g)" for item in ids))
     table = grid(columns, title=title, padding=(0, 1, 0, 0))
     for row in rows:
         metrics, paper, holds = row.plan.metrics, row.case.published, row.thresholds
         published = (paper.M_c, paper.M_p) if paper else (None, {})
         offsets = (
             _pair(published[1].get(item), metrics.M_p.get(item), holds.get(f"M_p {item}"))
+            + _across(metrics.passage.get(item))
             for item in ids
         )
         table.add_row(
@@ -132,13 +136,18 @@ def _pair(paper: float | None, ours: float | None, holds: bool | None) -> str:
     return f"{_millimetres(paper)} | {_millimetres(ours)}{_mark(holds)}"
 
 
+def _across(way: tuple[float, float] | None) -> str:
+    """Where the tool passes along x_g, of which M_p says nothing."""
+    return "" if way is None else f" ({round(1e3 * way[0]):+d})"
+
+
 def _mark(holds: bool | None) -> str:
     """Whether a threshold of the paper holds; nothing where there is none."""
-    return "" if holds is None else " +" if holds else " fails"
+    return "" if holds is None else "+" if holds else "!"
 
 
 def _millimetres(value: float | None) -> str:
-    return "–" if value is None or not math.isfinite(value) else f"{1e3 * value:.0f}"
+    return "–" if value is None or not math.isfinite(value) else f"{round(1e3 * value)}"
 
 
 def _factor(value: float) -> str:

@@ -243,10 +243,13 @@ class Verdict:
         """The status in words."""
         if self.judgement.violations:
             return self.judgement.message
-        if self.prediction is not None and self.prediction.harmful:
-            return str(self.prediction)
+        found = self.prediction
+        if found is not None and found.harmful:
+            return str(found)
         message = "reaches the target, keeps all limits, touches nothing it must not"
-        return "; ".join([message, *(f"note: {note}" for note in self.judgement.notes)])
+        pushes = "" if found is None else found.pushes(self.judgement.metrics.passage)
+        notes = [*self.judgement.notes, pushes] if pushes else self.judgement.notes
+        return "; ".join([message, *(f"note: {note}" for note in notes)])
 
 
 def judge(

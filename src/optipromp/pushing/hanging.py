@@ -130,16 +130,25 @@ class Hanging(PushModel):
         )  # fmt: skip
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
-        """See :class:`PushModel`."""
+        """See :class:`PushModel`.
+
+        Where fruits are swallowed, all of them are named, and not whether the target comes inside
+        too: the model does not know how many the cup holds.
+        """
         so = *_steps(points, axes), self.cup, self.static
         worst = max((led(self._state(d), *so) for d in range(self.states)), key=_score)
         found = worst.harm
         names = [fruit.id for fruit in self.fruits]
+        if found.inside > BRIEFLY:
+            within = steps_inside(worst.positions, *so[:2], self.cup)[1:]
+            most = max(int(within.max()), 1)
+            first, *others = (
+                name for name, steps in zip(names[1:], within.tolist(), strict=True)
+                if steps * so[2] > BRIEFLY or steps == most
+            )  # fmt: skip
+            return first, f"and {' and '.join(others)} are swallowed" if others else "is swallowed"
         if found.missed:
             return names[0], "is not inside at the end"
-        if found.inside > BRIEFLY:
-            within = steps_inside(worst.positions, *so[:2], self.cup)
-            return names[int(np.argmax(within[1:])) + 1], "is swallowed"
         on_fruit, on_stem = worst.on_fruits, worst.on_stems
         on_fruit[0] = 0.0  # the force on the target is a part of its own
         crushed = int(np.argmax(on_fruit))
@@ -154,6 +163,12 @@ class Hanging(PushModel):
         }
         part, k, what = max(parts, key=lambda item: alone[item[0]])
         return names[k], what.format(getattr(found, part))
+
+    def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
+        """See :class:`PushModel`."""
+        done = led(self._state(0), *_steps(points, axes), self.cup, self.static)
+        forces = zip(self.fruits[1:], done.on_fruits[1:].tolist(), strict=True)
+        return {fruit.id: force for fruit, force in forces}
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`."""

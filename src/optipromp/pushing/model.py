@@ -13,8 +13,8 @@ import bisect
 import functools
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -68,12 +68,14 @@ class Prediction:
         threshold: largest harm of a success.
         object: id of the object that is harmed most in the worst state; empty where none is.
         cause: what happens to it, in words.
+        forces: largest force on each object that is pushed, by id, in the perceived state [N].
     """
 
     harm: float
     threshold: float
     object: str
     cause: str
+    forces: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def harmful(self) -> bool:
@@ -85,6 +87,18 @@ class Prediction:
             return f"no harm is predicted ({self.harm:.2f}, allowed {self.threshold:g})"
         what = f"{self.object} {self.cause}" if self.object else self.cause
         return f"harm is predicted: {what} (harm {self.harm:.2f}, allowed {self.threshold:g})"
+
+    def pushes(self, passage: Mapping[str, tuple[float, float] | None]) -> str:
+        """The force on each pushed object and the way that the tool passes it; empty: none is.
+
+        ``passage`` has the offsets of the tool along x_g and y_g as it passes, by id [m].
+        """
+        told = []
+        for name, force in self.forces.items():
+            way = passage.get(name)
+            at = "" if way is None else " ({:+d}, {:+d}) mm".format(*(round(1e3 * x) for x in way))
+            told.append(f"{name} {force:.1f} N{at}")
+        return f"pushed, and passed at (x_g, y_g): {', '.join(told)}" if told else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +159,12 @@ class PushModel(ABC):
         """The harm of a motion over all states (``harm``, where it is known), and its cause."""
         harm = self.harm(points, axes, self.states) if harm is None else harm
         harmed = self.cause(points, axes) if harm > self.threshold else ("", "nothing is harmed")
-        return Prediction(harm, self.threshold, *harmed)
+        pushed = {k: force for k, force in self.forces(points, axes).items() if force >= SLIGHT}
+        return Prediction(harm, self.threshold, *harmed, pushed)
+
+    def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
+        """Largest force on each object but the target, by id, in the perceived state [N]."""
+        return {}
 
     @abstractmethod
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
@@ -236,6 +255,10 @@ class Combined(_Guided):
         )
         return worst.cause(points, axes)
 
+    def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
+        """See :class:`PushModel`; of all models."""
+        return {k: f for model in self.models for k, f in model.forces(points, axes).items()}
+
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """As each model predicts it; for an object of several models, the last one counts."""
         found = [model.moved(points, axes) for model in self.models]
@@ -275,11 +298,16 @@ class Continued(_Guided):
         """See :class:`PushModel`; of the whole motion."""
         return self.lead.cause(*self._whole(points, axes))
 
+    def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
+        """See :class:`PushModel`; of the whole motion."""
+        return self.lead.forces(*self._whole(points, axes))
+
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`; by the whole motion."""
         return self.lead.moved(*self._whole(points, axes))
 
 
+SLIGHT = 0.05  # [N] a choice: of a force that is not told
 SURE = 0.5  # share of a good harm; a candidate of less on few states is tried on all at once
 
 AxesAt = Callable[[FloatArray], FloatArray]
