@@ -162,8 +162,8 @@ def test_scenarios_end_as_in_the_paper(tmp_path: Path) -> None:
     rows = {row["case"]: row for row in read(stdout)["scenarios"]}
     assert code == 0
     assert set(rows) == {
-        "1-plain", "1-camera", "2", "3-joint", "3-sequential", "4-joint", "4-sequential",
-        "4-near", "paper-3", "paper-4",
+        "1-plain", "1-camera", "2", "3-joint", "3-kept", "3-sequential", "4-joint", "4-kept",
+        "4-sequential", "4-near", "paper-3", "paper-4",
     }  # fmt: skip
     for key in ("1-plain", "1-camera", "2"):
         assert rows[key]["status"] == "INVALID_PLAN"
