@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 
 from benchmarks.evaluation import Case, Program, near_obstacles, panda_with_cup, reach
+from benchmarks.peers.common import Answer
 from benchmarks.registry import SUITE, Context
 from benchmarks.run import apart, load_suite
+from benchmarks.suite.planners import Score, baseline, ours
 from benchmarks.timing import in_turn, percentile
+from optipromp.planning import plan
+from optipromp.scenes import load_scene
 
 
 def test_every_benchmark_says_what_it_does() -> None:
@@ -69,3 +73,21 @@ def test_percentile_is_a_value_that_was_seen() -> None:
     assert percentile(values, 0.99) == 197.0
     assert percentile(values, 1.0) == 199.0
     assert percentile(values, 0.5) == 99.0
+
+
+def test_success_of_a_planner_is_what_the_judge_says() -> None:
+    """Our plan passes a fruit on the side of its stem, where no harm is predicted: a success."""
+    scene = load_scene("scenario-3")
+    made = plan(scene)
+    assert made.success
+    assert "on the side of its stem" in made.message
+    score = Score()
+    score.add(ours, scene, 0)
+    assert (score.success, score.valid) == ([True], [True])
+    assert not score.faults
+    score.add(baseline("straight"), scene, 0)  # touches nothing it must not, and swallows both
+    assert (score.success, score.valid) == ([True, False], [True, True])
+    (fault,) = score.faults
+    assert "swallowed" in fault
+    score.add(lambda *_: Answer(None, "none"), scene, 0)
+    assert (score.success, score.valid) == ([True, False, False], [True, True, False])

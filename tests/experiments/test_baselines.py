@@ -3,7 +3,13 @@ import pytest
 
 from optipromp import judging
 from optipromp.errors import Code, InvalidRequestError
-from optipromp.experiments.baselines import STUDY_PLANNERS, as_obstacles, attempt, straight
+from optipromp.experiments.baselines import (
+    STUDY_PLANNERS,
+    as_obstacles,
+    attempt,
+    chomp_problem,
+    straight,
+)
 from optipromp.planning import PaperOptions, PlanOptions, plan
 from optipromp.planning.task import resolve
 from optipromp.pushing import rule_paths
@@ -62,12 +68,28 @@ def test_straight_says_when_it_cannot_get_there() -> None:
         straight(no_target)
 
 
-def test_chomp_sees_obstacles_where_others_see_pushables() -> None:
+def test_obstacles_and_chomp_see_obstacles_where_others_see_pushables() -> None:
     scene = generate("cluster", 3)
     copy = as_obstacles(scene)
     assert not copy.pushables
     assert {obj.id for obj in copy.avoid} == {obj.id for obj in scene.pushables}
     assert copy.target is scene.target
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_chomp_takes_the_tool_away_from_the_fruits(seed: int) -> None:
+    """From the ProMP, whose start and goal configuration it keeps; the nearness to fruits falls."""
+    scene = generate("cluster", seed)
+    primitive, made = plan(scene, planner="promp").trajectory, attempt(scene, "chomp")
+    assert made.trajectory is not None
+    begin, end = primitive.positions, made.trajectory.positions
+    np.testing.assert_allclose(end[[0, -1]], begin[[0, -1]], atol=1e-12)
+    problem = chomp_problem(scene, len(begin))
+    before, after = (problem.evaluate(q).costs["tool avoid"] for q in (begin, end))
+    assert 0.0 < after < 0.4 * before
+    other = attempt(scene, "obstacles")
+    assert other.trajectory is not None
+    assert not np.array_equal(other.trajectory.positions, end)
 
 
 @pytest.mark.parametrize("planner", STUDY_PLANNERS)

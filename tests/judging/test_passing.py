@@ -288,6 +288,13 @@ def test_constraints_1_and_2_are_those_of_every_waypoint(seed: int, pieces: int)
     assert found.stem_gap["n"] == pytest.approx(min(gaps), abs=1e-8)
 
 
+def test_the_passage_is_told_in_the_plane(gantry: Robot) -> None:
+    """M_p is its part along y_g; what is not passed has none."""
+    metrics = passing(gantry, (0.0, 0.05, 0.2), lambda h: (0.03, -0.06)).metrics
+    assert metrics.passage["n"] == pytest.approx((0.03, -0.06), abs=1e-9)
+    assert metrics.M_p["n"] == pytest.approx(-0.06)
+
+
 def test_to_dict_is_plain_and_complete(gantry: Robot) -> None:
     document = passing(gantry, (0.0, 0.05, 0.2), lambda h: (0.0, -0.06)).metrics.to_dict()
     assert json.loads(json.dumps(document)) == document

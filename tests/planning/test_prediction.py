@@ -50,7 +50,8 @@ def same(one: Plan, other: Plan) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("planner", "harmed"), [("promp", "n1 is swallowed"), ("i-promp", "n2 is swallowed")]
+    ("planner", "harmed"),
+    [("promp", "n1 and n2 are swallowed"), ("i-promp", "n1 and n2 are swallowed")],
 )
 def test_a_plan_that_is_predicted_to_do_harm_is_no_success(
     planner: str, harmed: str, planned: Callable[..., Plan]
@@ -138,6 +139,7 @@ def test_a_prediction_outlives_its_file(scene: str, tmp_path: Path) -> None:
         "threshold": result.prediction.threshold,
         "object": result.prediction.object,
         "cause": result.prediction.cause,
+        "forces": result.prediction.forces,
     }
 
 

@@ -1,5 +1,6 @@
 """The figures that issue 2 asks of the paper's four scenarios."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -75,7 +76,21 @@ def assert_the_message_names_the_side(result: Plan) -> None:
     for note in judged.notes:
         assert note.endswith("on the side of its stem")
         assert note in result.message
-    assert ("note:" in result.message) == bool(judged.notes)
+    assert ("side of its stem" in result.message) == bool(judged.notes)
+
+
+def assert_the_message_tells_the_pushes(result: Plan) -> None:
+    """Of each pushed fruit the force, and where the tool passes it, in millimetres."""
+    assert result.prediction is not None
+    told = result.message.split("note: pushed, and passed at (x_g, y_g): ")[1]
+    found = re.findall(r"(\w+) (\d+\.\d) N \(([+-]\d+), ([+-]\d+)\) mm", told)
+    assert {name for name, *_ in found} == set(result.prediction.forces)
+    for name, force, x, y in found:
+        assert float(force) == pytest.approx(result.prediction.forces[name], abs=0.051)
+        way = result.metrics.passage[name]
+        assert way is not None
+        assert (float(x), float(y)) == pytest.approx((1e3 * way[0], 1e3 * way[1]), abs=0.51)
+        assert way[1] == result.metrics.M_p[name]
 
 
 def assert_better_than_the_paper(result: Plan) -> None:
@@ -111,7 +126,7 @@ def test_scenario_3_by_the_rule_alone(planned: Planned) -> None:
     assert m.M_c > 0.1
     assert m.clearance_avoid is not None
     assert m.clearance_avoid > 0.0
-    assert "note:" not in result.message
+    assert "side of its stem" not in result.message
     assert min(stem_free_offsets(result)) >= 0.05
     assert_better_than_the_paper(result)
 
@@ -128,6 +143,7 @@ def test_scenario_4_joint(prediction: bool, planned: Planned) -> None:
     if prediction:
         assert_reaches_and_is_clear(result)
         assert_the_message_names_the_side(result)
+        assert_the_message_tells_the_pushes(result)
     else:
         assert min(stem_free_offsets(result)) >= 0.03
 

@@ -12,7 +12,7 @@ from optipromp.geometry import Box, HalfSpace, Sphere, distances, pack
 from optipromp.planning.task import push_model, resolve
 from optipromp.pushing.hanging import HANGING, Hanging, applies, rooms
 from optipromp.pushing.harm import Harm, score_of
-from optipromp.pushing.model import search
+from optipromp.pushing.model import Prediction, search
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import ToolPath, through, turning
 from optipromp.pushing.rules import neighbours, rule_paths
@@ -393,3 +393,87 @@ def test_a_truss_is_believed_softer_and_stiffer_as_a_whole() -> None:
     assert model.stems.joint.shape == (len(give), n, 3, 3)
     assert (give[n : 2 * n] > give[:n]).all()
     assert (give[2 * n : 3 * n] < give[:n]).all()
+
+
+@pytest.mark.parametrize("lean", [0.0, 1.0, 2.5])
+def test_a_path_on_a_stem_s_side_has_one_on_the_other_side_that_is_preferred(lean: float) -> None:
+    """Mirrored at right angles to the lean; nothing is preferred to what passes away from it."""
+    stem = (0.06 * np.cos(lean), 0.06 * np.sin(lean), 0.2)
+    bench = model(fruit("n1", (0.0, 0.0, -0.08), stem))
+    x_g, y_g, z_g = bench.scene.frame
+    lateral = np.array(stem) - np.dot(stem, z_g) * z_g
+
+    def side(x: np.ndarray) -> float:
+        points = bench.path(x).points
+        at = points[np.argmax((points - TARGET) @ z_g >= -0.08 - bench.cup.rim)]
+        off = at - bench.neighbours[0].position
+        return float((off - (off @ z_g) * z_g) @ lateral)
+
+    angle = np.arctan2(lateral @ y_g, lateral @ x_g)
+    for turn in (0.0, 0.7, -1.2):
+        wrong, right = (np.array([angle + turn + back, 0.8]) for back in (0.0, np.pi))
+        assert side(wrong) > 0.0 > side(right)
+        preferred = bench.rather(wrong, bench.path(wrong))
+        assert len(preferred) == 2
+        for x in preferred:
+            assert side(x) < 0.0
+            assert x[1] == 0.8
+            assert not bench.rather(x, bench.path(x))
+        mirrored = bench._split(preferred[0])[0][0] + bench._split(wrong)[0][0]
+        np.testing.assert_allclose(mirrored @ lateral, 0.0, atol=1e-12)
+        assert not bench.rather(right, bench.path(right))
+
+
+def test_nothing_is_preferred_where_no_stem_leans() -> None:
+    bench = model(UNDER)
+    x = bench.first()[1]
+    assert bench.rather(x, bench.path(x)) == []
+    assert model().rather(np.zeros(0), model().path(np.zeros(0))) == []
+
+
+def test_of_two_harmless_sides_a_plan_takes_the_one_away_from_the_stem(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from optipromp.planning import plan
+
+    crowd = generate("cluster", 40003)
+    made = plan(crowd)
+    assert made.success
+    assert "side of its stem" not in made.message
+    monkeypatch.setattr(Hanging, "rather", lambda *_: [])
+    other = plan(crowd)
+    assert other.success
+    assert "side of its stem" in other.message
+    assert made.prediction is not None
+    assert other.prediction is not None
+    assert made.prediction.harm < other.prediction.harm + HANGING.stem_side
+
+
+def test_forces_are_those_of_the_led_cup() -> None:
+    """Of each fruit that is pushed but the target; none where the cup passes clear of it."""
+    bench = model(UNDER, fruit("n2", (0.07, 0.0, -0.08)))
+    assert [item.id for item in bench.neighbours] == ["n1"]
+    through_both = bench.predict(*judged(STRAIGHT)).forces
+    assert set(through_both) == {"n1"}
+    assert through_both["n1"] > 1.0
+    assert "n2" in bench.forces(*judged(STRAIGHT))
+    far = led((0.3, 0, -0.25), (0.3, 0, -0.2))
+    assert bench.predict(*judged(far)).forces == {}
+
+
+def test_every_swallowed_fruit_is_named_and_not_the_target() -> None:
+    """Both hang in the way of a wide cup; whether the ripe one comes in too is not known."""
+    wide = Cup(radius=0.05, opening=0.096)
+    both = fruit("n1", (0.004, 0.012, -0.09)), fruit("n2", (-0.004, -0.012, -0.05))
+    bench = model(*both, cup=wide)
+    found = bench.predict(*judged(STRAIGHT))
+    assert found.harmful
+    assert str(found).startswith("harm is predicted: n1 and n2 are swallowed (harm ")
+
+
+def test_what_is_pushed_is_told_with_the_way_of_the_tool() -> None:
+    forces = {"n1": 2.14, "n2": 0.5}
+    found = Prediction(0.1, 1.0, "", "nothing is harmed", forces)
+    told = found.pushes({"n1": (0.0621, -0.0002), "n2": None})
+    assert told == "pushed, and passed at (x_g, y_g): n1 2.1 N (+62, +0) mm, n2 0.5 N"
+    assert Prediction(0.1, 1.0, "", "nothing is harmed").pushes({"n1": (0.0, 0.0)}) == ""

@@ -80,14 +80,28 @@ def test_the_cost_figure_shows_the_three_values_and_each_history(result: Plan) -
         ):
             assert lines[name].get_ydata() == [value]
         history = term.history if len(term.history) > 1 else (term.followed, term.final)
-        np.testing.assert_array_equal(panel.lines[1].get_ydata(), history)
+        np.testing.assert_array_equal(panel.lines[2].get_ydata(), history)
+
+
+def test_the_iterations_of_a_second_stage_are_drawn(result: Plan) -> None:
+    """They begin where the first stage has left the cost, and a third one may change it again."""
+    term = Term(1.0, 1.0, 0.2, (3.0, 2.0, 0.5, 0.1), "collision")
+    (panel,) = cost_figure(replace(result, terms={"avoid": term})).axes
+    np.testing.assert_array_equal(panel.lines[2].get_xdata(), [0, 1, 2, 3])
+    np.testing.assert_array_equal(panel.lines[2].get_ydata(), term.history)
+    np.testing.assert_array_equal(panel.lines[0].get_ydata()[1:], [1.0, 3.0])
+    np.testing.assert_array_equal(panel.lines[1].get_ydata(), [0.1, 0.2])
+    x = {str(line.get_label()): line.get_xdata()[0] for line in panel.lines[3:]}
+    assert x["conditioned ProMP"] < 0.0
+    assert x["optimised"] > 3.0
+    assert panel.get_xlabel() == "iteration of the stage collision"
 
 
 def test_a_history_of_another_scene_is_not_drawn(result: Plan) -> None:
     """Where packs are pushed, the optimiser looks at the scene without them."""
     term = Term(1.0, 2.0, 1.5, (0.0, 0.0, 0.0), "joint")
     (panel,) = cost_figure(replace(result, terms={"avoid": term})).axes
-    np.testing.assert_array_equal(panel.lines[1].get_ydata(), [2.0, 1.5])
+    np.testing.assert_array_equal(panel.lines[2].get_ydata(), [2.0, 1.5])
 
 
 def test_the_joint_figure_has_a_panel_for_every_joint(result: Plan) -> None:

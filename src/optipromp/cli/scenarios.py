@@ -35,6 +35,14 @@ def scenarios(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Leave every plan with its figures here.")
     ] = None,
+    as_markdown: Annotated[
+        Path | None,
+        typer.Option(
+            "--markdown",
+            metavar="FILE",
+            help="Leave the tables here; in a page with marks, between them.",
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> int:
     """Run the paper's four scenarios and set its figures beside ours.
@@ -49,6 +57,7 @@ def scenarios(
     \b
     optipromp scenarios
     optipromp scenarios --out paper --json
+    optipromp scenarios --markdown docs/concepts.md
     """
     from optipromp.experiments.scenarios import run_scenarios
 
@@ -65,6 +74,8 @@ def scenarios(
         with waiting("drawing ..."):
             for row in rows:
                 write(row.plan, out / f"scenario-{row.case.key}")
+    if as_markdown is not None:
+        renew(as_markdown, markdown(rows))
     if as_json:
         print_json(document)
     else:
@@ -78,6 +89,7 @@ def scenarios(
     return OK if all(row.as_expected for row in rows) else FAILED
 
 
+BEGIN, END = "<!-- scenarios: begin -->", "<!-- scenarios: end -->"
 SHORT = {
     "success": "success", "HARM_PREDICTED": "harm", "INVALID_PLAN": "invalid", "TIMEOUT": "timeout",
 }  # fmt: skip
@@ -85,60 +97,120 @@ SHORT = {
 
 
 def table_one(rows: Sequence["ScenarioRow"]) -> "Table":
-    """Table I of the paper, ours beside it, with what the paper verifies of each figure."""
-    ids = ("n1", "n2")
-    title = "Table I: the paper's figures | ours, millimetres, + where the paper's test holds"
-    columns = ("scenario", "status", "M_c", "M_c joints", *(f"M_p {item}" for item in ids))
-    table = grid(columns, title=title, padding=(0, 1, 0, 0))
+    """Table I of the paper, ours beside it; see :func:`figures`."""
+    title = "Table I: the paper's | ours, mm, + where the paper's test holds, ! where it fails"
+    header, lines = figures(rows)
+    table = grid(header, title=title, padding=(0, 1, 0, 0))
+    for row, (key, status, *others) in zip(rows, lines, strict=True):
+        colour = "green" if row.as_expected else "red"
+        table.add_row(key, f"[{colour}]{status}[/]", *others)
+    return table
+
+
+def reductions(rows: Sequence["ScenarioRow"]) -> "Table":
+    """How far each stage's cost falls with the paper's strategy; see :func:`factors`."""
+    title = "Cost before ÷ after a stage / iterations; no factors of a plan that is not valid"
+    header, lines = factors(rows)
+    table = grid(header, title=title, padding=(0, 1, 0, 0))
+    for line in lines:
+        table.add_row(*line)
+    return table
+
+
+def figures(rows: Sequence["ScenarioRow"]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Header and lines of Table I: the paper's and ours, with what the paper verifies of each.
+
+    The column ``joints`` has M_c over joint origins. In brackets: where our tool passes along x_g.
+    """
+    ids, lines = ("n1", "n2"), []
     for row in rows:
         metrics, paper, holds = row.plan.metrics, row.case.published, row.thresholds
         published = (paper.M_c, paper.M_p) if paper else (None, {})
         offsets = (
             _pair(published[1].get(item), metrics.M_p.get(item), holds.get(f"M_p {item}"))
+            + _across(metrics.passage.get(item))
             for item in ids
         )
-        table.add_row(
-            row.case.key,
-            f"[{'green' if row.as_expected else 'red'}]{SHORT.get(row.plan.status, 'other')}[/]",
-            _pair(published[0], metrics.M_c, holds.get("M_c")),
-            _millimetres(row.M_c_joints) + _mark(holds.get("M_c_joints")),
-            *offsets,
+        lines.append(
+            (
+                row.case.key,
+                SHORT.get(row.plan.status, "other"),
+                _pair(published[0], metrics.M_c, holds.get("M_c")),
+                _millimetres(row.M_c_joints) + _mark(holds.get("M_c_joints")),
+                *offsets,
+            )
         )
-    return table
+    return ("scenario", "status", "M_c", "joints", *(f"M_p {item} (x_g)" for item in ids)), lines
 
 
-def reductions(rows: Sequence["ScenarioRow"]) -> "Table":
-    """How far each stage's cost falls with the paper's strategy, beside the paper."""
-    title = "Cost before ÷ after a stage / iterations; no factors of a plan that is not valid"
-    columns = ("scenario", "plan", "cost", "paper", "as many", "stage's end", "final plan")
-    table = grid(columns, title=title, padding=(0, 1, 0, 0))
+def factors(rows: Sequence["ScenarioRow"]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Header and lines of how far each stage's cost falls, beside the paper."""
+    lines = []
     for row in rows:
         for item in row.reductions if row.case.strategy == "sequential" else ():
             ours = ("–", "–", "–")
             if item.valid:
                 count = f" / {item.iterations}" if item.iterations else ""
                 ours = _factor(item.same), _factor(item.final) + count, _factor(item.kept)
-            table.add_row(
-                row.case.key,
-                "valid" if item.valid else "invalid",
-                item.term,
-                f"÷ {item.paper:g} / {item.paper_iterations}",
-                *ours,
-            )
-    return table
+            paper = f"÷ {item.paper:g} / {item.paper_iterations}"
+            valid = "valid" if item.valid else "invalid"
+            lines.append((row.case.key, valid, item.term, paper, *ours))
+    return ("scenario", "plan", "cost", "paper", "as many", "stage's end", "final plan"), lines
+
+
+def markdown(rows: Sequence["ScenarioRow"]) -> str:
+    """Both tables for the documentation, and what each case is."""
+    header, lines = figures(rows)
+    told = [
+        (*line, row.case.title if row.case.published is None else f"{row.case.title}: {_end(row)}")
+        for row, line in zip(rows, lines, strict=True)
+    ]
+    return "\n".join([*_table((*header, "what it is"), told), "", *_table(*factors(rows)), ""])
+
+
+def _end(row: "ScenarioRow") -> str:
+    """How a run ends, in words: of a success, what is pushed is left out."""
+    return row.plan.message.partition("; note: ")[0].partition(" (harm ")[0]
+
+
+def _table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> list[str]:
+    cells = [header, ["---"] * len(header), *lines]
+    return ["| " + " | ".join(cell.replace("|", "/") for cell in line) + " |" for line in cells]
+
+
+def renew(page: Path, text: str) -> None:
+    """Write the tables; into a page that has both marks, between them only.
+
+    Raises:
+        InvalidRequestError: the page cannot be read or written.
+    """
+    from optipromp.errors import InvalidRequestError
+    from optipromp.files import is_there, read_bytes, write_atomically
+
+    if is_there(page):
+        old = read_bytes(page, InvalidRequestError).decode("utf-8")
+        if BEGIN in old and END in old:
+            before, rest = old.split(BEGIN, 1)
+            text = f"{before}{BEGIN}\n\n{text}\n{END}{rest.split(END, 1)[1]}"
+    write_atomically(page, text.encode("utf-8"))
 
 
 def _pair(paper: float | None, ours: float | None, holds: bool | None) -> str:
     return f"{_millimetres(paper)} | {_millimetres(ours)}{_mark(holds)}"
 
 
+def _across(way: tuple[float, float] | None) -> str:
+    """Where the tool passes along x_g, of which M_p says nothing."""
+    return "" if way is None else f" ({round(1e3 * way[0]):+d})"
+
+
 def _mark(holds: bool | None) -> str:
     """Whether a threshold of the paper holds; nothing where there is none."""
-    return "" if holds is None else " +" if holds else " fails"
+    return "" if holds is None else "+" if holds else "!"
 
 
 def _millimetres(value: float | None) -> str:
-    return "–" if value is None or not math.isfinite(value) else f"{1e3 * value:.0f}"
+    return "–" if value is None or not math.isfinite(value) else f"{round(1e3 * value)}"
 
 
 def _factor(value: float) -> str:

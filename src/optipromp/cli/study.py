@@ -33,8 +33,8 @@ Compared = Annotated[
         "--planner",
         "--planners",
         metavar="NAMES",
-        help="straight, promp, i-promp, i-promp-guard, drift, paper, chomp, opti-promp, "
-        "separated by commas or one an option, or all.",
+        help="straight, promp, i-promp, i-promp-guard, drift, paper, obstacles, chomp, "
+        "opti-promp, separated by commas or one an option, or all.",
     ),
 ]
 DetectorNoise = Annotated[

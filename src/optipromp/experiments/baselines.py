@@ -1,7 +1,7 @@
 """The planners of a study: ours, and those it is measured against.
 
-``straight`` and ``chomp`` are built from the library's own parts and returned, as every planner's
-answer here, as an :class:`Answer` that the simulator can execute.
+``straight``, ``obstacles`` and ``chomp`` are built from the library's own parts and returned, as
+every planner's answer here, as an :class:`Answer` that the simulator can execute.
 """
 
 import time
@@ -12,6 +12,10 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, lengths
 from optipromp.errors import Code, InvalidRequestError
+from optipromp.optimization import covariant
+from optipromp.optimization.costs.joints import SmoothnessCost
+from optipromp.optimization.costs.obstacles import ObstacleCost
+from optipromp.optimization.problem import Problem
 from optipromp.planning import PaperOptions, Plan, PlanOptions, plan
 from optipromp.planning.task import Task, resolve
 from optipromp.planning.timing import shortest
@@ -23,8 +27,9 @@ from optipromp.scenes.values import suggest
 from optipromp.trajectory import Trajectory
 
 StudyPlanner = Literal[
-    "straight", "promp", "i-promp", "i-promp-guard", "drift", "paper", "chomp", "opti-promp"
-]
+    "straight", "promp", "i-promp", "i-promp-guard", "drift", "paper", "obstacles", "chomp",
+    "opti-promp",
+]  # fmt: skip
 STUDY_PLANNERS: tuple[StudyPlanner, ...] = get_args(StudyPlanner)
 
 SETTINGS: dict[str, dict[str, Any]] = {  # of planners that are one of ours, other than it is
@@ -38,6 +43,7 @@ SPEED = 0.1  # [m/s] of the tool after the camera point, as of the other planner
 STEP = 0.04  # [rad or m] no joint moves more between the waypoints of ``straight``
 LINE_STEP = 0.005  # [m] between followed tool points
 FOLLOWED = 1e-5  # [m] largest error of a followed tool point
+SMOOTHNESS = 1e-5  # of ½∫‖ξ̈‖² dt beside the obstacle functionals of ``chomp``; a choice
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +79,11 @@ def attempt(scene: Scene, planner: StudyPlanner, *, seed: int = 0) -> Answer:
     - ``drift``: the arm follows the tool path that the paper's drift rule gives: past each
       neighbour by R_gripper and a clearance along ±y_g, on the side away from its stem.
     - ``paper``: the paper's own two stages, held to its constraint 1.
-    - ``chomp``: opti-promp to which every pushable is an obstacle like a neighbour: the whole robot
-      keeps away by cost, and nothing drifts past anything.
+    - ``obstacles``: opti-promp, that is Gauss-Newton, to which every pushable is an obstacle like a
+      neighbour: the whole robot keeps away by cost, and nothing drifts past anything.
+    - ``chomp``: covariant gradient descent, as the paper and CHOMP have it, on F_s and F_d over all
+      body spheres and smoothness, from the ProMP that ``promp`` gives. Every pushable is an
+      obstacle too.
 
     Args:
         scene: as the planner sees it.
@@ -90,7 +99,9 @@ def attempt(scene: Scene, planner: StudyPlanner, *, seed: int = 0) -> Answer:
     began = time.perf_counter()
     if planner == "straight":
         return straight(scene)
-    if planner != "chomp":
+    if planner == "chomp":
+        return chomp(scene, seed)
+    if planner != "obstacles":
         request = SETTINGS.get(planner, {"planner": planner})
         made = plan(scene, seed=seed, **request)
         moves = bool(np.ptp(made.trajectory.positions, axis=0).max() > 0.0)
@@ -130,6 +141,34 @@ def as_obstacles(scene: Scene) -> Scene:
         replace(item, role="avoid") if item.role == "pushable" else item for item in scene.objects
     )
     return replace(scene, objects=objects)
+
+
+def chomp(scene: Scene, seed: int = 0) -> Answer:
+    """CHOMP from the conditioned ProMP; start and goal configuration stay."""
+    began = time.perf_counter()
+    made = plan(scene, planner="promp", seed=seed)
+    if made.status not in (Code.SUCCESS, Code.INVALID_PLAN, Code.HARM_PREDICTED):
+        return Answer("chomp", made.status, made.message, None, time.perf_counter() - began)
+    problem = chomp_problem(scene, made.trajectory.n_waypoints)
+    found = covariant.descend(problem, made.trajectory.positions, covariant.DescentOptions())
+    task = resolve(scene)
+    return _judged("chomp", task, gently(task, found.q), time.perf_counter() - began)
+
+
+def chomp_problem(scene: Scene, waypoints: int) -> Problem:
+    """F_s, F_d over all body spheres, and smoothness; pushables are obstacles; ends are fixed."""
+    task = resolve(as_obstacles(scene))
+    safety = PaperOptions().epsilon
+    costs = [
+        ObstacleCost("static", 1.0, safety, "sum"),
+        ObstacleCost("avoid", 1.0, safety, "sum"),
+        ObstacleCost("tool avoid", 1.0, safety, "sum"),
+        SmoothnessCost(SMOOTHNESS),
+    ]
+    return Problem(
+        task.robot, task.surroundings, costs, (), waypoints, cutoff=safety + 1e-3, end_fixed=True,
+        body=task.body,
+    )  # fmt: skip
 
 
 def straight(scene: Scene) -> Answer:

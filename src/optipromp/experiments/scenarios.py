@@ -194,11 +194,15 @@ CASES: tuple[Case, ...] = (
          expected=_FAILS, options=_CAMERA),
     Case("2", "scenario-2", "I-ProMP pushes", "i-promp", expected=_FAILS),
     Case("3-joint", "scenario-3", "side clusters", _OPTI, "joint", _SUCCEEDS, _III),
+    Case("3-kept", "scenario-3", "side clusters, the paper's constraints", _OPTI, "joint", _HARMS,
+         _III, options={"constraints": "paper"}),
     Case("3-sequential", "scenario-3", "side clusters", _OPTI, "sequential", _HARMS, _III),
     Case("4-joint", "scenario-4", "table-top", _OPTI, "joint", _SUCCEEDS, _IV),
+    Case("4-kept", "scenario-4", "table-top, the paper's constraints", _OPTI, "joint", _HARMS,
+         _IV, options={"constraints": "paper"}),
     Case("4-sequential", "scenario-4", "table-top", _OPTI, "sequential", _HARMS, _IV),
     Case("4-near", "scenario-4", "table-top, from a start whose ProMP comes near it", _OPTI,
-         "sequential", None, _IV, start=(-0.25, -0.69, 0.42, -2.12, 0.21, 2.58, 1.44)),
+         "sequential", None, _IV, start=(-0.21, -0.8, 0.52, -2.19, 0.08, 2.59, 1.51)),
     *(
         Case(key, key, f"{title}, with the hand, start and distances of the paper", _OPTI,
              "sequential", _HARMS, published, options={"constraints": "paper"})

@@ -22,7 +22,8 @@ COLOURS = {
     "i-promp-guard": "#c9822b",
     "drift": "#b08fc4",
     "paper": "#7d5ba6",
-    "chomp": "#7fb28a",
+    "obstacles": "#7fb28a",
+    "chomp": "#4f8a5c",
     "opti-promp": "#1f5fb4",
 }
 

@@ -16,6 +16,7 @@ from optipromp.scenes.scene import Scene
 DECIDED = np.sin(np.deg2rad(1.0))  # a choice: a stem that leans aside by less decides no side
 
 ById = dict[str, float | None]
+Ways = dict[str, tuple[float, float] | None]
 
 
 class Passing(NamedTuple):
@@ -25,6 +26,7 @@ class Passing(NamedTuple):
     stem_projection: ById  # y_g·S_n
     drift_shortfall: ById  # constraint 1: lack of the gripper's radius
     stem_gap: ById  # constraint 2: from the segment between tool and fruit to the stem's line
+    passage: Ways  # components along x_g and y_g of fk − X_n there
     wrong: list[tuple[str, int, float]]  # passed on the stem's side: id, waypoint, how far [m]
 
 
@@ -96,8 +98,8 @@ def passing(scene: Scene, tips: FloatArray, rims: FloatArray, gripper_radius: fl
     """
     objects = pushables_of(scene, gripper_radius)
     if not objects.ids:
-        return Passing({}, {}, {}, {}, [])
-    (_, lateral, up), places = scene.frame, objects.places
+        return Passing({}, {}, {}, {}, {}, [])
+    (across, lateral, up), places = scene.frame, objects.places
     waypoint, tip = last_passages(tips, places, up)
     rim_waypoint, rim = last_passages(rims, places, up)
     closely_under = objects.under < float((rims[-1] - tips[-1]) @ up)
@@ -124,6 +126,12 @@ def passing(scene: Scene, tips: FloatArray, rims: FloatArray, gripper_radius: fl
         dict(objects.projection),
         _known(objects.ids, np.maximum(gripper_radius - least, 0.0), tip_asked),
         _known(objects.ids, gap, tip_asked & objects.hangs),
+        {
+            name: (x, y) if at >= 0 else None
+            for name, x, y, at in zip(
+                objects.ids, (tip @ across).tolist(), m_p.tolist(), waypoint.tolist(), strict=True
+            )
+        },
         wrong,
     )
 

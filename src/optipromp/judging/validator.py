@@ -55,6 +55,8 @@ class Metrics:
     Attributes:
         M_c: smallest distance from a body point to the core of an obstacle [m].
         M_p: by pushable, the lateral offset y_g·(fk − X_n) of the tool as it passes [m].
+        passage: by pushable, the offsets along x_g and y_g at which the tool passes it [m]; M_p is
+            the second of them.
         stem_projection: by pushable, y_g·S_n of its stem [m].
         drift_shortfall: by pushable, lack of the gripper's radius as the tool passes on the side
             away from the stem (constraint 1) [m].
@@ -80,6 +82,7 @@ class Metrics:
 
     M_c: float | None
     M_p: Mapping[str, float | None]
+    passage: Mapping[str, tuple[float, float] | None]
     stem_projection: Mapping[str, float | None]
     drift_shortfall: Mapping[str, float | None]
     stem_gap: Mapping[str, float | None]
@@ -102,7 +105,8 @@ class Metrics:
 
     def to_dict(self) -> dict[str, Any]:
         """The metrics as plain values for JSON."""
-        return dict(vars(self))
+        ways = {name: way and list(way) for name, way in self.passage.items()}
+        return vars(self) | {"passage": ways}
 
 
 @dataclass(frozen=True)
@@ -229,7 +233,7 @@ def judge(
             near = None
     figures: dict[str, Any] = {**distances, **motion}
     metrics = Metrics(
-        M_p=passed.M_p, stem_projection=passed.stem_projection,
+        M_p=passed.M_p, passage=passed.passage, stem_projection=passed.stem_projection,
         drift_shortfall=passed.drift_shortfall, stem_gap=passed.stem_gap,
         approach_speed=speed, goal_error=goal_error, goal_axis_error=axis_error, **figures,
     )  # fmt: skip

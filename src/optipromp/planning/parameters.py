@@ -140,7 +140,7 @@ class PaperParameters(Checked):
         (20, 40), "1", "measured", "in the stages of the joint strategy; decisions.md"
     )
     apart: float = parameter(
-        1e6, "1/m^2", "choice", "of self-collision in a stage, whose objective is 1 at first"
+        1e5, "1/m^2", "choice", "of self-collision in a stage, whose objective is 1 at first"
     )
     wish: float = parameter(
         1e4, "1/m^2", "choice", "of the tool among objects to avoid, in a collision stage"

@@ -66,7 +66,10 @@ class Verdict:
         if wrong:
             return "; ".join(wrong)
         message = "reaches the target, keeps all limits, touches nothing it must not"
-        return "; ".join([message, *(f"note: {note}" for note in self.judgement.notes)])
+        found = self.prediction
+        pushes = "" if found is None else found.pushes(self.judgement.metrics.passage)
+        notes = [*self.judgement.notes, *([pushes] if pushes else [])]
+        return "; ".join([message, *(f"note: {note}" for note in notes)])
 
 
 def judge(

@@ -11,7 +11,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, frozen
+from optipromp.arrays import FloatArray, frozen, lengths
 from optipromp.compiled import kernel
 from optipromp.geometry import signed_distance
 from optipromp.geometry.obstacles import Obstacles, near
@@ -22,7 +22,14 @@ from optipromp.pushing.model import Calibration, Moved, PushModel, Round, Schedu
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.parting import part
 from optipromp.pushing.path import STEP, ToolPath, through
-from optipromp.pushing.rules import detection_variance, drift_choices, path_past, rim_windows
+from optipromp.pushing.rules import (
+    RULE,
+    detection_variance,
+    drift_choices,
+    path_past,
+    rim_windows,
+    stem_side,
+)
 from optipromp.pushing.swinging import Led, clear, led, mean_score, steps_inside
 from optipromp.robots.cup_cover import NECK_RADIUS
 from optipromp.robots.tool_protocol import Tool
@@ -65,6 +72,7 @@ class Hanging(PushModel):
     """
 
     speed, good = HANGING.speed, PUSH.harm.good
+    indifferent = HANGING.stem_side
 
     def __init__(
         self, scene: Scene, tool: Tool, neighbours: Sequence[SceneObject], camera: FloatArray,
@@ -143,16 +151,25 @@ class Hanging(PushModel):
         return bool(clear(self.stems, points, axes, self.cup))
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
-        """See :class:`PushModel`."""
+        """See :class:`PushModel`.
+
+        Where fruits are swallowed, all of them are named, and not whether the target comes inside
+        too: the model does not know how many the cup holds.
+        """
         so = *_steps(points, axes), self.cup, self.static
         worst = max((led(self._state(d), *so) for d in range(self.states)), key=_score)
         found = worst.harm
         names = [fruit.id for fruit in self.fruits]
+        if found.inside > BRIEFLY:
+            within = steps_inside(worst.positions, *so[:2], self.cup)[1:]
+            most = max(int(within.max()), 1)
+            first, *others = (
+                name for name, steps in zip(names[1:], within.tolist(), strict=True)
+                if steps * so[2] > BRIEFLY or steps == most
+            )  # fmt: skip
+            return first, f"and {' and '.join(others)} are swallowed" if others else "is swallowed"
         if found.missed:
             return names[0], "is not inside at the end"
-        if found.inside > BRIEFLY:
-            within = steps_inside(worst.positions, *so[:2], self.cup)
-            return names[int(np.argmax(within[1:])) + 1], "is swallowed"
         on_fruit, on_stem = worst.on_fruits, worst.on_stems
         on_fruit[0] = 0.0  # the force on the target is a part of its own
         crushed = int(np.argmax(on_fruit))
@@ -167,6 +184,12 @@ class Hanging(PushModel):
         }
         part, k, what = max(parts, key=lambda item: alone[item[0]])
         return names[k], what.format(getattr(found, part))
+
+    def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
+        """See :class:`PushModel`."""
+        done = led(self._state(0), *_steps(points, axes), self.cup, self.static)
+        forces = zip(self.fruits[1:], done.on_fruits[1:].tolist(), strict=True)
+        return {fruit.id: force for fruit, force in forces}
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`."""
@@ -208,11 +231,40 @@ class Hanging(PushModel):
         alike = np.hstack([angles, np.full_like(angles, HANGING.clearance)])
         return np.vstack([rule, alike])
 
+    def rather(self, x: FloatArray, path: ToolPath) -> list[FloatArray]:
+        """See :class:`PushModel`: away from the stems on whose side a candidate passes.
+
+        There it passes as mirrored, or as the rule has it.
+        """
+        if not len(self.neighbours):
+            return []
+        cosines = passed_towards(
+            path.points, self._centers, self._leans, self._frame[2], self.cup.rim
+        )
+        wrong = cosines > np.sin(np.deg2rad(RULE.least_inclination))
+        if not wrong.any():
+            return []
+        x_g, y_g, _ = self.scene.frame
+        lean = np.arctan2(self._leans @ y_g, self._leans @ x_g)
+        angles, clearances = np.split(x, 2)
+        rule = np.split(self._rule, 2)[0]
+        turned = (np.where(wrong, other, angles) for other in (2.0 * lean + np.pi - angles, rule))
+        return [np.concatenate([one, clearances]) for one in turned]
+
     def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
         """About the rule's directions."""
         return self._rule, np.repeat(
             [HANGING.turned, HANGING.clearance_spread], len(self.neighbours)
         )
+
+    @cached_property
+    def _leans(self) -> FloatArray:
+        """Where the stem of each neighbour leans to (N, 3), in the lateral plane; 0: nowhere."""
+        away = [
+            stem_side(self.scene, fruit, "lateral-plane", self.gripper_radius)
+            for fruit in self.neighbours
+        ]
+        return -np.array([np.zeros(3) if one is None else one for one in away]).reshape(-1, 3)
 
     @cached_property
     def _rule(self) -> FloatArray:
@@ -242,6 +294,24 @@ class Hanging(PushModel):
                 # where the goal itself is closer, no path can do better
                 worst = max(worst, end - least)
         return min(worst, 0.02) / 0.004
+
+
+def passed_towards(
+    points: FloatArray, centers: FloatArray, leans: FloatArray, up: FloatArray, rim: float
+) -> FloatArray:
+    """Cosines (N,) between ``leans`` (N, 3) and the ways in which a tool passes ``centers`` (N, 3).
+
+    The tool point goes through ``points`` (P, 3), the rim ``rim`` [m] before it along ``up`` (3,).
+    Of rim and tool point, at the height of a centre, the one that is more towards its lean counts.
+    """
+    out = np.full(len(centers), -1.0)
+    heights, flat = points @ up, points - np.outer(points @ up, up)
+    for ahead in (rim, 0.0):
+        at = np.argmax(heights + ahead >= (centers @ up)[:, None], axis=1)
+        off = flat[at] - (centers - np.outer(centers @ up, up))
+        along = np.einsum("ni,ni->n", off, leans)
+        out = np.maximum(out, along / np.maximum(lengths(off), 1e-9))
+    return out
 
 
 @kernel

@@ -13,8 +13,8 @@ import bisect
 import functools
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -94,6 +94,7 @@ class Prediction:
         object: id of the object that is harmed most in the worst state; empty where none is.
         cause: what happens to it, in words.
         probability: that the pick is not clean, see :class:`Calibration`.
+        forces: largest force on each object that is pushed, by id, in the perceived state [N].
     """
 
     harm: float
@@ -101,6 +102,7 @@ class Prediction:
     object: str
     cause: str
     probability: float = math.nan
+    forces: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def harmful(self) -> bool:
@@ -113,6 +115,18 @@ class Prediction:
             return f"no harm is predicted ({sure}; harm {self.harm:.2f} of {self.threshold:.2g})"
         what = f"{self.object} {self.cause}" if self.object else self.cause
         return f"harm is predicted: {what} ({sure}; harm {self.harm:.2f} of {self.threshold:.2g})"
+
+    def pushes(self, passage: Mapping[str, tuple[float, float] | None]) -> str:
+        """The force on each pushed object and the way that the tool passes it; empty: none is.
+
+        ``passage`` has the offsets of the tool along x_g and y_g as it passes, by id [m].
+        """
+        told = []
+        for name, force in self.forces.items():
+            way = passage.get(name)
+            at = "" if way is None else " ({:+d}, {:+d}) mm".format(*(round(1e3 * x) for x in way))
+            told.append(f"{name} {force:.1f} N{at}")
+        return f"pushed, and passed at (x_g, y_g): {', '.join(told)}" if told else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +158,7 @@ class PushModel(ABC):
         states: number of states of the scene; the first is the perceived one.
         schedule: of the search.
         entry: where paths begin along z_g [m]; -inf: anywhere.
+        indifferent: a difference of harm that decides nothing where a path is preferred.
     """
 
     speed: float
@@ -153,6 +168,7 @@ class PushModel(ABC):
     states: int
     schedule: Schedule
     entry: float = -math.inf
+    indifferent: float = 0.0
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
         """Whether the tool and the last link, led through ``points`` (P, 3), surely touch nothing
@@ -181,7 +197,13 @@ class PushModel(ABC):
         """The harm of a motion over all states (``harm``, where it is known), and its cause."""
         harm = self.harm(points, axes, self.states) if harm is None else harm
         harmed = self.cause(points, axes) if harm > self.threshold else ("", "nothing is harmed")
-        return Prediction(harm, self.threshold, *harmed, self.calibration.probability(harm))
+        pushed = {k: force for k, force in self.forces(points, axes).items() if force >= SLIGHT}
+        chance = self.calibration.probability(harm)
+        return Prediction(harm, self.threshold, *harmed, chance, pushed)
+
+    def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
+        """Largest force on each object but the target, by id, in the perceived state [N]."""
+        return {}
 
     @abstractmethod
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
@@ -199,6 +221,13 @@ class PushModel(ABC):
     def first(self) -> FloatArray:
         """Candidates (m, k) that are tried before any is sampled; m may be 0."""
 
+    def rather(self, x: FloatArray, path: ToolPath) -> list[FloatArray]:
+        """Candidates that are preferred to the good one ``x`` (k,) if they are nearly as good.
+
+        Nearly: their harm is larger by less than :attr:`indifferent`.
+        """
+        return []
+
     @abstractmethod
     def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation (k,) of the candidates that a run begins with."""
@@ -212,6 +241,7 @@ class _Guided(PushModel):
         self.good, self.threshold, self.states = lead.good, lead.threshold, lead.states
         self.calibration = lead.calibration
         self.entry = lead.entry
+        self.indifferent = lead.indifferent
 
     def path(self, x: FloatArray) -> ToolPath:
         """See :class:`PushModel`."""
@@ -224,6 +254,10 @@ class _Guided(PushModel):
     def first(self) -> FloatArray:
         """See :class:`PushModel`."""
         return self.lead.first()
+
+    def rather(self, x: FloatArray, path: ToolPath) -> list[FloatArray]:
+        """See :class:`PushModel`."""
+        return self.lead.rather(x, path)
 
     def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
         """See :class:`PushModel`."""
@@ -266,6 +300,10 @@ class Combined(_Guided):
         )
         return worst.cause(points, axes)
 
+    def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
+        """See :class:`PushModel`; of all models."""
+        return {k: f for model in self.models for k, f in model.forces(points, axes).items()}
+
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """As each model predicts it; for an object of several models, the last one counts."""
         found = [model.moved(points, axes) for model in self.models]
@@ -305,11 +343,16 @@ class Continued(_Guided):
         """See :class:`PushModel`; of the whole motion."""
         return self.lead.cause(*self._whole(points, axes))
 
+    def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
+        """See :class:`PushModel`; of the whole motion."""
+        return self.lead.forces(*self._whole(points, axes))
+
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`; by the whole motion."""
         return self.lead.moved(*self._whole(points, axes))
 
 
+SLIGHT = 0.05  # [N] a choice: of a force that is not told
 SURE = 0.5  # share of a good harm; a candidate of less on few states is tried on all at once
 
 AxesAt = Callable[[FloatArray], FloatArray]
@@ -324,7 +367,8 @@ def search(
     """Search tool paths of little harm.
 
     A path is yielded as soon as it is good, otherwise at the end of a run if it is the best so far.
-    After a good path the search goes on for another good one.
+    After a good path the search goes on for another good one. Before a good path come those that
+    the model prefers to it where they are nearly as good (:meth:`PushModel.rather`).
 
     Args:
         model: of the push.
@@ -341,6 +385,7 @@ def search(
     told = np.inf  # harm of the path that was yielded last, if it was not good
     refused = False  # whether a good one was yielded, and did not serve
     found: ToolPath | None = None
+    numbers = np.zeros(0)  # of the path that was found
     seen: list[Judged] = []
     tried: set[ToolPath] = set()  # on all states, and no better than the best
     judged = _judging(model, axes)
@@ -348,6 +393,15 @@ def search(
     def late() -> bool:
         begun = found is not None or len(seen) > 0
         return begun and budget is not None and budget.spent()
+
+    def preferred(x: FloatArray, good_one: ToolPath) -> Iterator[ToolPath]:
+        most = good_one.harm + model.indifferent
+        for other in model.rather(x, good_one):
+            path = model.path(other)
+            if not model.rather(other, path):
+                value = judged(other, path, schedule.states, most)
+                if value < most:
+                    yield replace(path, harm=value)
 
     for run in range(schedule.runs):
         mean, spread = model.spread(run)
@@ -370,7 +424,7 @@ def search(
                     tried.add(path)
                     value = judged(x, path, schedule.states, best)
                     if value < best:
-                        best, found = value, replace(path, harm=value)
+                        best, found, numbers = value, replace(path, harm=value), x
                 if best < min(good, told) or late():
                     break
             for value, x, path in seen[: schedule.screened]:
@@ -381,10 +435,12 @@ def search(
                 tried.add(path)
                 value = judged(x, path, schedule.states, best)
                 if value < best:
-                    best, found = value, replace(path, harm=value)
+                    best, found, numbers = value, replace(path, harm=value), x
             if found is None:
-                found = replace(seen[0][2], harm=seen[0][0])
+                found, numbers = replace(seen[0][2], harm=seen[0][0]), seen[0][1]
             if best < min(good, told) or late():
+                if best < good and not late():
+                    yield from ((path, good) for path in preferred(numbers, found))
                 yield found, good
                 if late():
                     return

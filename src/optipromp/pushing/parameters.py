@@ -224,6 +224,12 @@ class HangingParameters(Checked):
     clearance_spread: float = parameter(0.3, "fruit radii", "choice", "its standard deviation")
     clearance_least: float = parameter(0.4, "fruit radii", "choice", "of a candidate")
     clearance_most: float = parameter(1.4, "fruit radii", "choice", "of a candidate")
+    stem_side: float = parameter(
+        0.1,
+        "1",
+        "choice",
+        "harm by which a path on the side of a stem must be the lesser; half of a good one",
+    )
     slack: float = parameter(
         0.003, "m", "choice", "clearance that the cup should keep from static objects"
     )

@@ -230,18 +230,34 @@ def _prismatic(plan: "Plan", joint: int) -> bool:
 
 
 def _draw_cost(panel: "Axes", name: str, term: "Term", drawn: set[str]) -> None:
-    """The value of each trajectory that is drawn; between the last two, that of each iteration."""
-    optimised = len(term.history) > 1 and np.isclose(term.history[0], term.followed)
+    """The value of each trajectory that is drawn, and of each iteration of the stage of the cost.
+
+    What other stages change before and after lies apart from the iterations. The joint stage is the
+    only one: what does not begin at the followed path is of another scene, without packs.
+    """
+    alone = term.stage == "joint"
+    optimised = len(term.history) > 1 and not (
+        alone and not np.isclose(term.history[0], term.followed)
+    )
     history = np.array(term.history if optimised else [term.followed, term.final])
     last = len(history) - 1
-    before = -max(1.0, 0.25 * last) if "followed path" in drawn else 0.0
+    gap = max(1.0, 0.25 * last)
+    begin = 0.0 if np.isclose(history[0], term.followed) else -gap
+    end = last if np.isclose(history[-1], term.final) else last + gap
+    before = begin - gap if "followed path" in drawn else begin
     points = [
         (before, term.initial, PRIMITIVE, "conditioned ProMP", "ProMP"),
-        (0, term.followed, FOLLOWED, "followed path", "0" if optimised else "followed"),
-        (last, term.final, OPTIMISED, "optimised", f"{last}" if optimised else "optimised"),
-    ]
+        (begin, term.followed, FOLLOWED, "followed path",
+         "0" if optimised and begin == 0.0 else "followed"),
+        (end, term.final, OPTIMISED, "optimised",
+         f"{last}" if optimised and end == last else "optimised"),
+    ]  # fmt: skip
     points = [point for point in points if point[3] in drawn]
-    panel.plot([before, 0], [term.initial, history[0]], color=LIMIT, lw=1.0, ls=(0, (2, 2)))
+    for x, y in (
+        ([before, begin, 0.0], [term.initial, term.followed, history[0]]),
+        ([last, end], [history[-1], term.final]),
+    ):
+        panel.plot(x, y, color=LIMIT, lw=1.0, ls=(0, (2, 2)))
     panel.plot(np.arange(last + 1), history, color=OPTIMISED, lw=1.6, marker="o", ms=3)
     for x, value, colour, label, _ in points:
         panel.plot([x], [value], color=colour, marker="o", ms=8, ls="none", label=label, zorder=4)
@@ -253,9 +269,11 @@ def _draw_cost(panel: "Axes", name: str, term: "Term", drawn: set[str]) -> None:
     told = " → ".join(f"{value:#.3g}" if value else "0" for _, value, *_ in points)
     panel.set_title(f"{name}: {told}", fontsize=9.5, loc="left")
     ticks = {x: tick for x, *_, tick in points}
+    ticks |= {0.0: "0"} if begin < 0.0 else {}
+    ticks |= {last: f"{last}"} if end > last else {}
     if optimised:
         ticks |= {t: f"{t:.0f}" for t in panel.get_xticks() if 0 < t < 0.93 * last and t % 1 == 0}
-        panel.set_xlabel("iteration")
+        panel.set_xlabel(f"iteration of the stage {term.stage}")
     panel.set_xticks([*ticks], [*ticks.values()])
     panel.set_ylabel("cost")
     panel.margins(x=0.08)

@@ -14,7 +14,7 @@ def plan_rows(plan: "Plan") -> list[tuple[str, str]]:
         ("target", f"{_mm(m.goal_error)} off, {_degrees(m.goal_axis_error)} off axis"),
         ("M_c", f"{_mm(m.M_c)} from a body point to the core of the nearest obstacle"),
     ]
-    rows += [(f"M_p {name}", _passing(m.M_p[name], m.stem_projection[name])) for name in m.M_p]
+    rows += [(f"M_p {name}", _passing(m.passage[name], m.stem_projection[name])) for name in m.M_p]
     for label, value in (
         ("clearance, static", m.clearance_static),
         ("clearance, arm to avoid", m.clearance_avoid),
@@ -40,11 +40,11 @@ def plan_rows(plan: "Plan") -> list[tuple[str, str]]:
     return rows
 
 
-def _passing(offset: float | None, stem: float | None) -> str:
-    if offset is None or not math.isfinite(offset):
+def _passing(way: tuple[float, float] | None, stem: float | None) -> str:
+    if way is None:
         return "not passed"
     leans = "" if stem is None else f"; its stem leans by {1e3 * stem:+.1f} mm"
-    return f"{1e3 * offset:+.1f} mm along y_g{leans}"
+    return f"{1e3 * way[1]:+.1f} mm (x_g {1e3 * way[0]:+.1f}){leans}"
 
 
 def _mm(value: float | None) -> str:

@@ -1,0 +1,57 @@
+"""Tables that compare with the paper: a command makes them, a page holds what it makes."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from optipromp.cli.scenarios import BEGIN, END, markdown, renew
+from optipromp.experiments.scenarios import CASES, ScenarioRow, run_scenarios
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "concepts.md"
+NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]\d+)?(?![\w-])")
+
+
+@pytest.fixture(scope="module")
+def rows() -> tuple[ScenarioRow, ...]:
+    return run_scenarios()
+
+
+def tables(page: str) -> str:
+    return page.split(BEGIN)[1].split(END)[0].strip()
+
+
+def structure(text: str) -> list[str]:
+    """The tables with a sign in place of each number of ours."""
+    return [NUMBER.sub("#", line) for line in text.strip().splitlines()]
+
+
+def test_the_page_holds_the_tables_that_the_command_makes(rows: tuple[ScenarioRow, ...]) -> None:
+    """Header, cases, statuses, which tests of the paper hold, causes; the numbers may differ."""
+    kept, made = tables(PAGE.read_text(encoding="utf-8")), markdown(rows)
+    assert structure(kept) == structure(made)
+    firsts = [line.split(" | ")[0].strip("| ") for line in kept.splitlines()[2:]]
+    assert firsts[: len(CASES)] == [case.key for case in CASES]
+
+
+def test_the_paper_s_figures_are_those_of_the_cases(rows: tuple[ScenarioRow, ...]) -> None:
+    """The first number of a cell is the paper's, in millimetres."""
+    lines = {line.split(" | ")[0].strip("| "): line for line in markdown(rows).splitlines()[2:14]}
+    for case in CASES:
+        cells = lines[case.key].split(" | ")
+        told = [cells[column].split(" / ")[0] for column in (2, 4, 5)]
+        paper = case.published
+        wanted = ["–"] * 3
+        if paper is not None:
+            wanted = [str(round(1e3 * x)) for x in (paper.M_c, paper.M_p["n1"], paper.M_p["n2"])]
+        assert told == wanted
+
+
+def test_a_page_keeps_what_is_beside_its_marks(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", encoding="utf-8")
+    renew(page, "new")
+    assert page.read_text(encoding="utf-8") == f"before\n{BEGIN}\n\nnew\n{END}\nafter\n"
+    plain = tmp_path / "plain.md"
+    renew(plain, "new")
+    assert plain.read_text(encoding="utf-8") == "new"
