@@ -7,7 +7,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from tests.pushing.fruits import CUP, DT, TARGET, UP, hung
 
-from optipromp.pushing.bending import Stems
+from optipromp.pushing.bending import Stems, bowed
 from optipromp.pushing.cup import MouthPose, fruit_gap, stem_gap
 from optipromp.pushing.deflected import begin, freely, place, press, shortened
 from optipromp.pushing.equilibrium import CONTACT
@@ -18,10 +18,11 @@ def energy(s: Stems, u: np.ndarray, ahead: np.ndarray, inertia: float, share: fl
     """The energy that a step minimises, and the gap: of the fruit, or of a piece of its stem."""
     loaded = s.stiffness.shape[1]
     both = u.reshape(2, loaded)
-    total = sum(0.5 * w @ s.stiffness[0] @ w for w in both)
+    bent = both - s.rest.reshape(2, loaded)
+    total = sum(0.5 * w @ s.stiffness[0] @ w for w in bent)
     slip = u[[loaded - 1, -1]] - ahead[[loaded - 1, -1]]
     total += 0.5 * inertia * slip @ slip
-    up = 0.5 * sum(w @ s.shortening[0] @ w for w in both)
+    up = 0.5 * sum(w @ s.shortening[0] @ w for w in both) - s.lifted[0]
     n = s.shape.shape[1] - 1
     w = [np.interp(share * n, np.arange(n + 1), s.shape[0] @ part) for part in both]
     x = s.root[0] + w @ s.axes[0, :2] + (s.length[0] - up) * share * s.axes[0, 2]
@@ -45,7 +46,7 @@ def stepped(s: Stems, u: np.ndarray, ahead: np.ndarray, inertia: float, share: f
     count = 2 * s.stiffness.shape[1]
     free, gradient, inverse = np.empty_like(s.stiffness), np.empty(count), np.empty((count, count))
     freely(s.compliance, inertia, 0, free)
-    begin(s.stiffness, free, u[None], ahead[None], 0, inertia, gradient, inverse)
+    begin(s.stiffness, s.rest, free, u[None], ahead[None], 0, inertia, gradient, inverse)
     gap, normal = gap_of(s, at_share(s, u, share), point, within)
     if gap < 0.0:
         press(
@@ -56,7 +57,7 @@ def stepped(s: Stems, u: np.ndarray, ahead: np.ndarray, inertia: float, share: f
 
 
 def at_share(s: Stems, u: np.ndarray, share: float) -> np.ndarray:
-    up = shortened(s.shortening, u[None], 0)
+    up = shortened(s.shortening, u[None], 0) - s.lifted[0]
     return np.array(place(s.root, s.axes, s.shape, u[None], 0, s.length[0] - up, share))
 
 
@@ -70,6 +71,7 @@ def test_the_force_is_the_gradient_of_the_energy(seed: int, piece: tuple[float, 
     share, within = piece
     rng = np.random.default_rng(seed)
     s = hung(((0, 0, 0), (*rng.uniform(-0.06, 0.06, 2), rng.uniform(0.06, 0.3))))
+    s = bowed(s, rng.uniform(0.0, 0.06, 1), rng.uniform(-np.pi, np.pi, 1))
     u, ahead = 0.01 * rng.standard_normal((2, 6))
     inertia = s.mass[0] / DT**2
     x = at_share(s, u, share)
@@ -116,7 +118,7 @@ def test_the_inverse_is_that_of_the_hessian(seed: int, contacts: int) -> None:
     hessian[5, 5] += inertia
     free, gradient, inverse = np.empty((1, 3, 3)), np.empty(6), np.empty((6, 6))
     freely(s.compliance, inertia, 0, free)
-    begin(s.stiffness, free, u, ahead, 0, inertia, gradient, inverse)
+    begin(s.stiffness, s.rest, free, u, ahead, 0, inertia, gradient, inverse)
     for _ in range(contacts):
         normal = rng.standard_normal(3)
         press(

@@ -246,8 +246,8 @@ class Hanging(PushModel):
             return []
         x_g, y_g, _ = self.scene.frame
         lean = np.arctan2(self._leans @ y_g, self._leans @ x_g)
-        angles, clearances = np.split(x, 2)
-        rule = np.split(self._rule, 2)[0]
+        angles, clearances = x[: len(x) // 2], x[len(x) // 2 :]
+        rule = self._rule[: len(angles)]
         turned = (np.where(wrong, other, angles) for other in (2.0 * lean + np.pi - angles, rule))
         return [np.concatenate([one, clearances]) for one in turned]
 
@@ -279,7 +279,7 @@ class Hanging(PushModel):
     def _split(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Directions (N, 3) and lateral clearances (N,) [radii] of a candidate."""
         x_g, y_g, _ = self.scene.frame
-        angles, clearances = np.split(x, 2)
+        angles, clearances = x[: len(x) // 2], x[len(x) // 2 :]
         directions = np.cos(angles)[:, None] * x_g + np.sin(angles)[:, None] * y_g
         return directions, np.clip(clearances, HANGING.clearance_least, HANGING.clearance_most)
 

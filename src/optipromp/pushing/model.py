@@ -93,16 +93,16 @@ class Prediction:
         threshold: largest harm of a success.
         object: id of the object that is harmed most in the worst state; empty where none is.
         cause: what happens to it, in words.
-        probability: that the pick is not clean, see :class:`Calibration`.
         forces: largest force on each object that is pushed, by id, in the perceived state [N].
+        probability: that the pick is not clean, see :class:`Calibration`.
     """
 
     harm: float
     threshold: float
     object: str
     cause: str
-    probability: float = math.nan
     forces: Mapping[str, float] = field(default_factory=dict)
+    probability: float = math.nan
 
     @property
     def harmful(self) -> bool:
@@ -110,11 +110,13 @@ class Prediction:
         return self.harm > self.threshold
 
     def __str__(self) -> str:
-        sure = f"clean with probability {100.0 * (1.0 - self.probability):.0f} %"
+        told = f"harm {self.harm:.2f}, allowed {self.threshold:.2g}"
+        if not math.isnan(self.probability):
+            told += f"; not clean with probability {100.0 * self.probability:.0f} %"
         if not self.harmful:
-            return f"no harm is predicted ({sure}; harm {self.harm:.2f} of {self.threshold:.2g})"
+            return f"no harm is predicted ({told})"
         what = f"{self.object} {self.cause}" if self.object else self.cause
-        return f"harm is predicted: {what} ({sure}; harm {self.harm:.2f} of {self.threshold:.2g})"
+        return f"harm is predicted: {what} ({told})"
 
     def pushes(self, passage: Mapping[str, tuple[float, float] | None]) -> str:
         """The force on each pushed object and the way that the tool passes it; empty: none is.
@@ -154,7 +156,7 @@ class PushModel(ABC):
         speed: of the tool along a path [m/s].
         good: harm below which the search ends.
         threshold: largest harm of a success, for the share of promises that may be broken.
-        calibration: of the harm.
+        calibration: of the harm; None: it was never compared with what happens.
         states: number of states of the scene; the first is the perceived one.
         schedule: of the search.
         entry: where paths begin along z_g [m]; -inf: anywhere.
@@ -164,7 +166,7 @@ class PushModel(ABC):
     speed: float
     good: float
     threshold: float
-    calibration: Calibration
+    calibration: Calibration | None = None
     states: int
     schedule: Schedule
     entry: float = -math.inf
@@ -198,8 +200,8 @@ class PushModel(ABC):
         harm = self.harm(points, axes, self.states) if harm is None else harm
         harmed = self.cause(points, axes) if harm > self.threshold else ("", "nothing is harmed")
         pushed = {k: force for k, force in self.forces(points, axes).items() if force >= SLIGHT}
-        chance = self.calibration.probability(harm)
-        return Prediction(harm, self.threshold, *harmed, chance, pushed)
+        chance = math.nan if self.calibration is None else self.calibration.probability(harm)
+        return Prediction(harm, self.threshold, *harmed, pushed, chance)
 
     def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
         """Largest force on each object but the target, by id, in the perceived state [N]."""
