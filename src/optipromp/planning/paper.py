@@ -315,9 +315,9 @@ def _push(
         warnings.filterwarnings("ignore", message="delta_grad == 0.0", category=UserWarning)
         result = optimize.minimize(
             spline.objective, spline.zero(), jac=True, method="trust-constr",
-            hess=optimize.BFGS(), bounds=spline.bounds, callback=record,
-            constraints=[constraint] if len(rows.at) else [],  # SciPy takes none without rows
-            options={
+            hess=optimize.BFGS(), bounds=spline.bounds,
+            constraints=[constraint] if len(rows.at) else [],  # among a few waypoints none is free
+            callback=record, options={
                 "maxiter": limit, "initial_tr_radius": radius / PAPER.unit,
                 "initial_barrier_parameter": PAPER.barrier,
                 "initial_barrier_tolerance": PAPER.barrier,
