@@ -77,6 +77,17 @@ def test_certain_primitives(make_promp: Make) -> None:
         coactivate_marginals([first, other], np.ones((2, 3)), 3)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_certainty_of_different_values_is_noticed_whatever_rounding_says(
+    make_promp: Make, seed: int
+) -> None:
+    first, other = (
+        condition(make_promp(seed + k), JointPoint(0.0, np.full(3, 1.0 * k))) for k in (0, 100)
+    )
+    with pytest.raises(InvalidRequestError, match="certain of different values"):
+        coactivate([first, other])
+
+
 def test_blend_goes_from_one_to_the_other(make_promp: Make) -> None:
     first, second = make_promp(0), make_promp(1, count=8)
     result = blend(first, second, 101, at=0.4, width=0.2)

@@ -173,15 +173,8 @@ class Panel:
             window.select(window.selected.name)
 
     def named(self) -> str:
-        """The name to save under: one part of a path, within the page's folder.
-
-        Raises:
-            InvalidRequestError: it is empty, no name, too long for a file or leads elsewhere.
-        """
-        name = str(self.name.value).strip()
-        if not is_name(name) or name != file_name(name).strip("."):
-            raise InvalidRequestError(f"the name {name!r} is not a plain file name")
-        return name
+        """The name to save under, see :func:`plain_name`."""
+        return plain_name(str(self.name.value))
 
     def _save_scene(self) -> None:
         from optipromp.files import check_folder
@@ -261,3 +254,15 @@ class Panel:
             self.choice.value = window.selected.name
             self.place.value = tuple(arrange.place(window.scene, window.selected).tolist())
         self.plots.mark(window.now, CHART_EVERY * window.speed if window.worker.running else 0.0)
+
+
+def plain_name(text: str) -> str:
+    """A name to save under: one part of a path, within the page's folder.
+
+    Raises:
+        InvalidRequestError: it is empty, no name, too long for a file or leads elsewhere.
+    """
+    name = text.strip()
+    if not is_name(name) or name != file_name(name).strip("."):
+        raise InvalidRequestError(f"the name {name!r} is not a plain file name")
+    return name

@@ -48,15 +48,16 @@ def others(scene: Scene, robot: Robot | None = None) -> Iterator[Scene]:
     reach = min(aside, max(tool.mouth[0] - target.radius - APPROACH.room, 0.0))
     x_g, y_g, z_g = scene.frame
     import os
-    XA=os.environ.get('XA','.5,1'); XS=os.environ.get('XSHIFT','1'); N=int(os.environ.get('XN',6)); TR=int(os.environ.get('XTRIED', 3))
+    XA=os.environ.get('XA','1,.5'); XS=os.environ.get('XSHIFT','1'); N=int(os.environ.get('XN',6)); TR=int(os.environ.get('XTRIED', 3))
     XQ=float(os.environ.get('XQ','.4'))
     flats = [np.cos(turn) * x_g + np.sin(turn) * y_g for turn in np.arange(N) * 2.0 * np.pi / N]
-    ways = [(z_g, reach * flat) for flat in flats if reach > 0.0 and XS=='1']
+    ways = []
     for share in [float(a) for a in XA.split(',')] if cone > 0.0 else ():
         ways += [
             (rotation(np.cross(z_g, flat), float(share * cone)) @ z_g, np.zeros(3))
             for flat in flats
         ]
+    ways += [(z_g, reach * flat) for flat in flats if reach > 0.0 and XS=='1']
     best: list[tuple[float, int, Scene]] = []
     left = TR
     for k, (way, shift) in enumerate(ways):

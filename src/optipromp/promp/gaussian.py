@@ -15,6 +15,8 @@ from optipromp.promp.checks import finite_array
 
 RANK_TOLERANCE = 1e-11
 """Directions whose share of the variance is below this count as having none."""
+_SURE_PIVOT = 1e-6
+"""A pivot above it is none of rounding, which overlapping bases raise to 1e-9."""
 _SYMMETRY_TOLERANCE = 1e-8
 _NEGATIVE_TOLERANCE = 1e-10
 
@@ -91,13 +93,14 @@ class Inverse:
         return part
 
 
-def factorise(matrix: FloatArray, reference: FloatArray) -> Inverse:
+def factorise(matrix: FloatArray, reference: FloatArray, pivot: float = RANK_TOLERANCE) -> Inverse:
     """Invert S (p, p): plainly if it is safely definite, else without its null directions.
 
     Args:
         matrix: S, symmetric.
         reference: (p,) upper bounds on each variance, before cancellation: a diagonal entry
             below 1e-13 of it is rounding and counts as 0.
+        pivot: of the scaled S, above which it is safely definite.
     """
     diagonal = np.diagonal(matrix)
     alive = diagonal > 1e-13 * reference
@@ -105,7 +108,7 @@ def factorise(matrix: FloatArray, reference: FloatArray) -> Inverse:
         scale = np.sqrt(diagonal)
         scaled = matrix / scale
         scaled /= scale[:, None]
-        if is_definite(scaled, RANK_TOLERANCE):
+        if is_definite(scaled, pivot):
             return Inverse(scale, np.asarray(np.linalg.inv(scaled)), None)
     else:
         scale = np.where(alive, np.sqrt(np.maximum(diagonal, 0.0)), 1.0)
@@ -158,7 +161,7 @@ def product(
             begins with ``name``.
     """
     (a, A), (b, B) = first, second
-    total = factorise(A + B, np.diagonal(A) + np.diagonal(B))
+    total = factorise(A + B, np.diagonal(A) + np.diagonal(B), _SURE_PIVOT)
     missed = total.out_of_reach(b - a)
     if missed is not None and float(np.abs(missed).max()) > 1e-8:
         raise InvalidRequestError(

@@ -38,6 +38,7 @@ _LARGEST_STEP: Final = 1.0
 _HALVINGS: Final = 6
 _TRIALS: Final = 16
 _SETTLED: Final = 1e-3
+_ROUNDING: Final = 1e-12  # of a merit: at the minimum the gain of a step is this, of either sign
 _CLOSING: Final = 1e-10
 _CLOSING_STEPS: Final = 60
 
@@ -257,8 +258,8 @@ class Search:
         """
         largest = float(np.abs(goal.offset - state.offset).max())
         share = min(1.0, _LARGEST_STEP / largest) if largest > 0.0 else 1.0
-        ceiling = (1.0 + 1e-12) * (here[0] + penalty * here[1])
-        for _ in range(_HALVINGS if gain >= 0.0 else 0):
+        ceiling = (1.0 + _ROUNDING) * (here[0] + penalty * here[1])
+        for _ in range(_HALVINGS if gain >= -_ROUNDING * (1.0 + abs(here[0])) else 0):
             tried = self.between(state, goal, share)
             reached = tried.merit(self.rows.variance)
             if reached[0] + penalty * reached[1] <= ceiling - 1e-4 * share * gain:
