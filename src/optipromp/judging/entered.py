@@ -13,6 +13,7 @@ from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene, SceneObject
 
 BRUSHED = 0.005  # [m] a choice: spheres stand out of a cup's wall by 4.5 mm
+EXCESS = 0.015  # [m] by which spheres stand out of a link that does not state it; as the Panda's
 
 
 def touching(scene: Scene, robot: Robot, q: FloatArray, *, begun: bool = False) -> list[Overlap]:
@@ -29,8 +30,9 @@ def entered(
 ) -> list[Overlap]:
     """The target and the pushables that the tool or the last link is inside of, and how deep.
 
-    An object that is in the tool's mouth, or before it, is not inside of the tool. A link may enter
-    by as much as its spheres stand out of it, and by :data:`BRUSHED`.
+    An object that is in the tool's mouth, or before it, is not inside of the tool. A link may be in
+    an object as deep as its spheres stand out of it: then it need not be, and a model of the push
+    tells what comes of it.
 
     Args:
         scene: with the objects.
@@ -50,10 +52,11 @@ def entered(
     for item in scene.objects_at(rows[near]):
         for one in np.unique(link):
             name = str(robot.link_names[one])
-            if one == link.max() and _in_mouth(robot, item, point, axis):
+            is_tool = robot.tool is not None and one == link.max()
+            if is_tool and _in_mouth(robot, item, point, axis):
                 continue
             depth = _depth(item, spheres[:, link == one], radius[link == one])
-            if depth > max(robot.excess.get(name, 0.0), BRUSHED):
+            if depth > (BRUSHED if is_tool else robot.excess.get(name, EXCESS)):
                 out.append(Overlap(name, item.id, item.role, depth, 0.0))
     return out
 
@@ -63,8 +66,7 @@ def _in_mouth(robot: Robot, item: SceneObject, point: FloatArray, axis: FloatArr
     is.
     """
     tool = robot.tool
-    if tool is None:
-        return False
+    assert tool is not None
     off = item.position - point
     height = float(off @ axis)
     aside = float(np.linalg.norm(off - height * axis))
