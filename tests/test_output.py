@@ -1,5 +1,6 @@
 """Plans to files and back."""
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -130,9 +131,7 @@ def test_damage_is_named(result: Plan, tmp_path: Path, damage: str) -> None:
         load_plan(tmp_path)
 
 
-@pytest.mark.parametrize(
-    "damage", ["scaled", "columns", "metrics", "status", "message", "first", "harm"]
-)
+@pytest.mark.parametrize("damage", ["scaled", "columns", "metrics", "status", "message", "first"])
 def test_what_a_file_says_is_not_believed(result: Plan, tmp_path: Path, damage: str) -> None:
     write_plan(result, tmp_path)
     path, rows = tmp_path / "plan.json", tmp_path / "waypoints.npz"
@@ -153,9 +152,17 @@ def test_what_a_file_says_is_not_believed(result: Plan, tmp_path: Path, damage: 
             document["message"] = ""
         case "first":
             document["first"] = 10**9
-        case "harm":
-            document["predicted_harm"] = {"harm": 3, "threshold": 1, "object": "", "cause": ""}
     np.savez(rows, **arrays)
+    document["sha256"]["waypoints.npz"] = hashlib.sha256(rows.read_bytes()).hexdigest()
     path.write_text(json.dumps(document))
     with pytest.raises(OptiPrompError, match=str(tmp_path)):
         load_plan(tmp_path)
+
+
+@pytest.mark.parametrize("harm", [0.0, 3.0])
+def test_the_harm_of_a_file_is_predicted_again(result: Plan, tmp_path: Path, harm: float) -> None:
+    write_plan(result, tmp_path)
+    path = tmp_path / "plan.json"
+    stated = {"harm": harm, "threshold": 1.0, "object": "", "cause": "so it says"}
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"predicted_harm": stated}))
+    assert load_plan(tmp_path).to_dict() == result.to_dict()

@@ -75,6 +75,22 @@ def test_no_motion_begins_with_the_last_link_in_a_fruit(preset: Any, seed: int) 
         assert found.message == made.message
 
 
+@pytest.mark.parametrize(("preset", "seed"), [("cluster", 3), ("table-top", 1)])
+def test_what_the_last_link_strikes_on_its_way_is_harmed(preset: Any, seed: int) -> None:
+    """It begins beside the fruits; in the simulation it tore one off, with a harm of 0.2 and 0.4
+    by the model, which is led as slowly as the tool goes among fruits.
+    """
+    scene = generate(preset, seed)
+    assert scene.target is not None
+    beside = last_link(scene, LOW) + [0.052, 0.0, 0.0455] - scene.target.position
+    near = moved(scene, beside, start=LOW)
+    made = plan(near, seed=seed)
+    assert made.status is Code.HARM_PREDICTED
+    assert re.search("the stem of n[12] is struck by link7 before the approach", made.message)
+    found = judge(near, made.trajectory)
+    assert (found.status, found.prediction) == (made.status, made.prediction)
+
+
 def test_what_is_in_the_mouth_is_not_in_the_tool() -> None:
     """And the outside of the cup may brush a fruit by as much as its spheres stand out of it."""
     made = plan("scenario-3")

@@ -6,6 +6,7 @@ from optipromp.judging.clearance import pushed_away as pushed_away
 from optipromp.judging.clearance import swept as swept
 from optipromp.judging.curve import Extremes as Extremes
 from optipromp.judging.curve import extremes as extremes
+from optipromp.judging.entered import struck as struck
 from optipromp.judging.entered import touching as touching
 from optipromp.judging.kinematics import centers as centers
 from optipromp.judging.kinematics import refined as refined

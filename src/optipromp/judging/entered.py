@@ -3,13 +3,18 @@
 They may touch it on the way. No motion can begin there.
 """
 
+from dataclasses import replace
+from itertools import pairwise, product
+
 import numpy as np
 
-from optipromp.arrays import FloatArray, lengths
+from optipromp.arrays import FloatArray, frame_along, lengths
+from optipromp.geometry.shapes import Capsule
 from optipromp.judging.clearance import Overlap, enter, swept
 from optipromp.judging.distances import Objects, measured, nearest
 from optipromp.judging.kinematics import centers
 from optipromp.robots.model import Robot
+from optipromp.scenes.rotations import to_quaternion
 from optipromp.scenes.scene import Scene, SceneObject
 
 BRUSHED = 0.005  # [m] a choice: spheres stand out of a cup's wall by 4.5 mm
@@ -29,8 +34,9 @@ def entered(
 ) -> list[Overlap]:
     """The target and the pushables that the tool or the last link is inside of, and how deep.
 
-    An object that is in the tool's mouth, or before it, is not inside of the tool. A link may enter
-    by as much as its spheres stand out of it, and by :data:`BRUSHED`.
+    An object that is in the tool's mouth, or before it, is not inside of the tool; one that is
+    :data:`BRUSHED` is not inside of a link. (Of two runs that began 7 and 15 mm inside of the last
+    link's spheres, which stand out of it by up to 15 mm, both tore fruits off.)
 
     Args:
         scene: with the objects.
@@ -49,13 +55,37 @@ def entered(
     link, out = np.asarray(robot.spheres.link)[own], []
     for item in scene.objects_at(rows[near]):
         for one in np.unique(link):
-            name = str(robot.link_names[one])
             if one == link.max() and _in_mouth(robot, item, point, axis):
                 continue
             depth = _depth(item, spheres[:, link == one], radius[link == one])
-            if depth > max(robot.excess.get(name, 0.0), BRUSHED):
-                out.append(Overlap(name, item.id, item.role, depth, 0.0))
+            if depth > BRUSHED:
+                out.append(Overlap(str(robot.link_names[one]), item.id, item.role, depth, 0.0))
     return out
+
+
+def struck(scene: Scene, robot: Robot, q: FloatArray) -> Overlap | None:
+    """The target, the pushable or the stem of one that the tool or the last link is deepest in,
+    among configurations ``q`` (M, n); None where it is in none by more than :data:`BRUSHED`.
+    """
+    own = np.flatnonzero(robot.spheres.distal)
+    if not len(own):
+        return None
+    spheres, radius = centers(robot, q)[:, own], np.asarray(robot.spheres.radius)[own]
+    link, found = np.asarray(robot.spheres.link)[own], list[Overlap]()
+    rows = np.concatenate([scene.rows("target"), scene.rows("pushable")])
+    for item, one in product(scene.objects_at(rows), np.unique(link)):
+        name, mine = str(robot.link_names[one]), (spheres[:, link == one], radius[link == one])
+        found.append(Overlap(name, item.id, item.role, _depth(item, *mine)))
+        for low, high in pairwise(() if item.stem is None else item.stem.points):
+            assert item.stem is not None
+            length = float(np.linalg.norm(high - low))
+            turn = to_quaternion(frame_along((high - low) / length))
+            piece = replace(item, shape=Capsule(item.stem.radius, length), stem=None,
+                            position=0.5 * (low + high), orientation=turn)  # fmt: skip
+            depth = _depth(piece, *mine)
+            found.append(Overlap(name, f"the stem of {item.id}", item.role, depth))
+    deepest = max(found, key=lambda overlap: overlap.depth, default=None)
+    return None if deepest is None or deepest.depth <= BRUSHED else deepest
 
 
 def _in_mouth(robot: Robot, item: SceneObject, point: FloatArray, axis: FloatArray) -> bool:
@@ -74,7 +104,7 @@ def _in_mouth(robot: Robot, item: SceneObject, point: FloatArray, axis: FloatArr
 
 
 def _depth(item: SceneObject, spheres: FloatArray, radius: FloatArray) -> float:
-    """How deep (1, B, 3) spheres are in an object [m]."""
+    """How deep (M, B, 3) spheres come into an object [m]; 0 or below where they do not."""
     kind, size, bound = measured([item.shape])
     if kind[0] < 0:
         return -nearest(item, spheres, radius, 0.0)[0]

@@ -32,7 +32,7 @@ from optipromp.planning.result import Planned, Stage
 from optipromp.planning.task import Task, model_at, push_model, pushed_aside
 from optipromp.planning.timing import slowly, timed
 from optipromp.planning.underway import rest, straight
-from optipromp.planning.verdict import judged, led
+from optipromp.planning.verdict import Led, harm_of, judged, led, prediction
 from optipromp.promp.model import ProMP
 from optipromp.pushing.model import Prediction, PushModel, search
 from optipromp.pushing.parameters import PUSH
@@ -80,8 +80,7 @@ def pick(
     rng = np.random.default_rng(seed)
     model = push_model(task, goals[0])
     solver = Solver(pushed_aside(task), options, budget, task.scene, stem_side=model is None)
-    best: tuple[Attempt, tuple[PushModel, tuple[FloatArray, FloatArray]] | None, float] | None
-    best = None
+    best: tuple[Attempt, tuple[PushModel, Led] | None, float] | None = None
     least, tries = np.inf, 0
     known = model if options.prediction else None
     found: Iterable[tuple[ToolPath, float]] = [(path, np.inf)] if path is not None else tool_paths(
@@ -107,7 +106,7 @@ def pick(
         if model is not None:
             own = model_at(task, model, attempt.trajectory.positions[-1])
             push = own, led(task, own, attempt.trajectory)
-            harm = own.harm(*push[1], own.states)
+            harm = harm_of(*push)
         score = harm if options.prediction else 0.0
         if path is task.kept:  # another one must be better by as much
             unchanged = task.same and attempt.trajectory is task.running
@@ -122,8 +121,8 @@ def pick(
     if best is not None:
         attempt, push, harm = best
         attempt = replace(attempt, judgement=passed_over(attempt.judgement, solver.left))
-        prediction = None if push is None else push[0].predict(*push[1], harm)
-        return outcome(attempt, prediction, clock() - began)
+        told = None if push is None else prediction(*push, harm)
+        return outcome(attempt, told, clock() - began)
     if spared:
         return Harmful(task.scene, min(spared, key=lambda path: path.harm))
     free = ways.free_starts(solver.task, options, promp, goals, rng, budget)

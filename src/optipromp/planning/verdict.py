@@ -7,13 +7,14 @@ both from the arm's first instant to its last. Whatever plans, loads, checks or 
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from optipromp import judging
 from optipromp.arrays import FloatArray, lengths
 from optipromp.errors import Code, InvalidRequestError
-from optipromp.judging import Judgement
+from optipromp.judging import Judgement, Overlap
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.result import Plan
 from optipromp.planning.task import MOST_POINTS, Task, push_model, resolve, spaced
@@ -26,6 +27,7 @@ from optipromp.trajectory import Trajectory
 from optipromp.trajectory_files import read_trajectory
 
 BELOW = PlanOptions.corridor  # [m] under the entry's height that counts as at it
+STRUCK = 2.0  # a choice: of the largest harm of a success
 COARSE = 0.01  # [m] a tool's motion between two rows beyond which the curve between is looked at
 
 
@@ -140,32 +142,68 @@ def predicted(task: Task, trajectory: Trajectory) -> Prediction | None:
     """
     q = trajectory.positions
     model = None if (q == q[0]).all() else push_model(task, q[-1])
-    return None if model is None else model.predict(*led(task, model, trajectory))
+    return None if model is None else prediction(model, led(task, model, trajectory))
 
 
-def led(task: Task, model: PushModel, trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """Tool points and axes (P, 3) of a trajectory, as a model is led through them.
+class Led(NamedTuple):
+    """What a model is led through.
 
-    From the arm's first instant on; but what comes before the tool's last entry into the height of
-    the model's paths is left out where it surely touches nothing.
+    Attributes:
+        points, axes: (P, 3) of the tool.
+        struck: what the tool or the last link strikes before its approach, deepest; None: nothing.
     """
-    points, axes = _followed(task.robot, trajectory)
+
+    points: FloatArray
+    axes: FloatArray
+    struck: Overlap | None
+
+
+def led(task: Task, model: PushModel, trajectory: Trajectory) -> Led:
+    """A trajectory as a model is led through it.
+
+    From the arm's first instant on; but what comes before the approach, the tool's last entry into
+    the height of the model's paths, is left out where it surely touches nothing. Where it strikes
+    something, no model need be asked: the arm is faster there than a model's tool.
+    """
+    q, points, axes = _followed(task.robot, trajectory)
     below = np.flatnonzero(points @ task.scene.frame[2] <= model.entry - BELOW)
     first = min(int(below[-1]) + 1, len(points) - 2) if len(below) else 0
+    struck = None
     if first and not model.clear(*spaced(points[: first + 1], axes[: first + 1])):
+        if not task.begun:
+            struck = judging.struck(task.scene, task.robot, q[: first + 1])
         first = 0
-    return spaced(points[first:], axes[first:])
+    return Led(*spaced(points[first:], axes[first:]), struck)
 
 
-def _followed(robot: Robot, trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """Tool points and axes (M, 3) at the rows, and on the curve between rows that are far apart."""
-    points, axes = robot.tool_pose(trajectory.positions)
+def harm_of(model: PushModel, motion: Led) -> float:
+    """The harm of a motion: twice what is allowed, where it strikes something on its way."""
+    if motion.struck is not None:
+        return STRUCK * model.threshold
+    return model.harm(motion.points, motion.axes, model.states)
+
+
+def prediction(model: PushModel, motion: Led, harm: float | None = None) -> Prediction:
+    """The prediction of a motion, ``harm`` where that is known."""
+    if motion.struck is None:
+        return model.predict(motion.points, motion.axes, harm)
+    cause = f"is struck by {motion.struck.link} before the approach"
+    return Prediction(harm_of(model, motion), model.threshold, motion.struck.other, cause)
+
+
+def _followed(robot: Robot, trajectory: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Configurations (M, n), tool points and axes (M, 3): the rows, and between rows that are far
+    apart the curve.
+    """
+    q = trajectory.positions
+    points, axes = robot.tool_pose(q)
     parts = np.maximum(np.ceil(lengths(np.diff(points, axis=0)) / COARSE), 1.0)
     if parts.max() == 1.0 or parts.sum() > MOST_POINTS:
-        return points, axes
+        return q, points, axes
     row = np.repeat(np.arange(len(parts)), parts.astype(np.int64))
     share = (np.arange(len(row)) - np.searchsorted(row, row)) / parts[row]
     at = trajectory.times[row] + share * np.diff(trajectory.times)[row]
-    q, _, _ = trajectory.sample(at)
-    q[share == 0.0] = trajectory.positions[:-1]  # without rounding
-    return robot.tool_pose(np.vstack([q, trajectory.positions[-1:]]))
+    fine, _, _ = trajectory.sample(at)
+    fine[share == 0.0] = q[:-1]  # without rounding
+    fine = np.vstack([fine, q[-1:]])
+    return fine, *robot.tool_pose(fine)
