@@ -13,15 +13,14 @@ import bisect
 import functools
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.budget import Budget
 from optipromp.pushing.path import STEP, ToolPath, along, evenly, length
-from optipromp.pushing.prediction import Prediction as Prediction
 
 
 @dataclass(frozen=True)
@@ -58,6 +57,48 @@ class Schedule:
     states: int
     fresh: float
     lenient: float
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the push of a trajectory is expected to do.
+
+    Attributes:
+        harm: mean over the states of the scene; see :class:`PushModel`.
+        threshold: largest harm of a success.
+        object: id of the object that is harmed most in the worst state; empty where none is.
+        cause: what happens to it, in words.
+        forces: largest force on each object that is pushed, by id, in the perceived state [N].
+    """
+
+    harm: float
+    threshold: float
+    object: str
+    cause: str
+    forces: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def harmful(self) -> bool:
+        """Whether the harm is above the threshold."""
+        return self.harm > self.threshold
+
+    def __str__(self) -> str:
+        if not self.harmful:
+            return f"no harm is predicted ({self.harm:.2f}, allowed {self.threshold:g})"
+        what = f"{self.object} {self.cause}" if self.object else self.cause
+        return f"harm is predicted: {what} (harm {self.harm:.2f}, allowed {self.threshold:g})"
+
+    def pushes(self, passage: Mapping[str, tuple[float, float] | None]) -> str:
+        """The force on each pushed object and the way that the tool passes it; empty: none is.
+
+        ``passage`` has the offsets of the tool along x_g and y_g as it passes, by id [m].
+        """
+        told = []
+        for name, force in self.forces.items():
+            way = passage.get(name)
+            at = "" if way is None else " ({:+d}, {:+d}) mm".format(*(round(1e3 * x) for x in way))
+            told.append(f"{name} {force:.1f} N{at}")
+        return f"pushed, and passed at (x_g, y_g): {', '.join(told)}" if told else ""
 
 
 @dataclass(frozen=True, eq=False)
