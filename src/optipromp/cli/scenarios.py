@@ -170,7 +170,7 @@ def markdown(rows: Sequence["ScenarioRow"]) -> str:
 
 def _end(row: "ScenarioRow") -> str:
     """How a run ends, in words: of a success, what is pushed is left out."""
-    return row.plan.message.partition("; note: ")[0].partition(" (harm ")[0]
+    return row.plan.message.partition("; note: ")[0].partition(" (")[0]
 
 
 def _table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> list[str]:
