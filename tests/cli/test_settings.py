@@ -36,6 +36,10 @@ def read(text: str) -> Any:
         ("timeout=.inf", PlanOptions(timeout=float("inf"))),
         ("constraints=paper", PlanOptions(constraints="paper")),
         ("paper.drift_offset=0.03", PlanOptions(paper=PaperOptions(drift_offset=0.03))),
+        (
+            "paper.drift_offset={n1: 0.01, n2: 0.002}",
+            PlanOptions(paper=PaperOptions(drift_offset={"n1": 0.01, "n2": 0.002})),
+        ),
         ("paper.push=reciprocal", PlanOptions(paper=PaperOptions(push="reciprocal"))),
         ("paper.camera_point=no", PlanOptions(paper=PaperOptions(camera_point=False))),
         (

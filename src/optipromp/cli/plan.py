@@ -155,6 +155,7 @@ def plan(
     optipromp plan my-scene.yaml --seed 7 --duration 4
     optipromp plan scenario-4 --strategy sequential --json
     optipromp plan scenario-3 --constraints paper --set paper.drift_offset=0.03
+    optipromp plan paper-3 --constraints paper --strategy sequential
     optipromp plan scenario-3 --set static_clearance=0.02 --set max_step=0.03
     optipromp plan scenario-3 --demonstrations recorded.npz
     optipromp plan my-scene.yaml --robot ur5.urdf --tip tool0

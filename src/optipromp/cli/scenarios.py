@@ -122,7 +122,7 @@ def figures(rows: Sequence["ScenarioRow"]) -> tuple[tuple[str, ...], list[tuple[
 
     The column ``joints`` has M_c over joint origins. In brackets: where our tool passes along x_g.
     """
-    ids, lines = ("n1", "n2"), []
+    ids, lines = ("n1", "n2"), list[tuple[str, ...]]()
     for row in rows:
         metrics, paper, holds = row.plan.metrics, row.case.published, row.thresholds
         published = (paper.M_c, paper.M_p) if paper else (None, {})
@@ -145,7 +145,7 @@ def figures(rows: Sequence["ScenarioRow"]) -> tuple[tuple[str, ...], list[tuple[
 
 def factors(rows: Sequence["ScenarioRow"]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Header and lines of how far each stage's cost falls, beside the paper."""
-    lines = []
+    lines = list[tuple[str, ...]]()
     for row in rows:
         for item in row.reductions if row.case.strategy == "sequential" else ():
             ours = ("–", "–", "–")
@@ -170,7 +170,7 @@ def markdown(rows: Sequence["ScenarioRow"]) -> str:
 
 def _end(row: "ScenarioRow") -> str:
     """How a run ends, in words: of a success, what is pushed is left out."""
-    return row.plan.message.partition("; note: ")[0].partition(" (harm ")[0]
+    return row.plan.message.partition("; note: ")[0].partition(" (")[0]
 
 
 def _table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> list[str]:

@@ -9,7 +9,7 @@ from optipromp.arrays import FloatArray
 from optipromp.judging.clearance import Overlap, advance
 from optipromp.judging.distances import STATIC, STEM, names_of, nearest, objects_of
 from optipromp.judging.kinematics import body_of, centers
-from optipromp.robots.model import Robot
+from optipromp.robots.model import BodySpheres, Robot
 from optipromp.scenes.scene import Scene
 
 
@@ -52,8 +52,11 @@ def nearest_static(
 @functools.lru_cache(maxsize=8)
 def _moving(robot: Robot) -> Robot:
     """The robot without the spheres of its fixed base, and without pairs of spheres."""
-    own = np.asarray(robot.spheres.segment) >= 0
-    spheres = type(robot.spheres)(*(np.asarray(part)[own] for part in robot.spheres))
+    all_of, own = robot.spheres, np.asarray(robot.spheres.segment) >= 0
+    spheres = BodySpheres(
+        all_of.segment[own], all_of.center[own], all_of.radius[own], all_of.link[own],
+        all_of.distal[own],
+    )  # fmt: skip
     none = np.zeros(0)
     return replace(
         robot, spheres=spheres, self_pairs=none.reshape(0, 2).astype(np.int64), self_slack=none

@@ -253,11 +253,11 @@ def _draw_cost(panel: "Axes", name: str, term: "Term", drawn: set[str]) -> None:
          f"{last}" if optimised and end == last else "optimised"),
     ]  # fmt: skip
     points = [point for point in points if point[3] in drawn]
-    for x, y in (
+    for at, values_at in (
         ([before, begin, 0.0], [term.initial, term.followed, history[0]]),
         ([last, end], [history[-1], term.final]),
     ):
-        panel.plot(x, y, color=LIMIT, lw=1.0, ls=(0, (2, 2)))
+        panel.plot(at, values_at, color=LIMIT, lw=1.0, ls=(0, (2, 2)))
     panel.plot(np.arange(last + 1), history, color=OPTIMISED, lw=1.6, marker="o", ms=3)
     for x, value, colour, label, _ in points:
         panel.plot([x], [value], color=colour, marker="o", ms=8, ls="none", label=label, zorder=4)
