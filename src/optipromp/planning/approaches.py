@@ -1,8 +1,9 @@
-"""Other ways to come to a target than straight: tilted, from a tilt upright, or off its centre.
+"""Other ways to come to a target than straight: tilted, or off its centre.
 
 A scene allows them by the cone and the distance of its approach
-(:class:`optipromp.scenes.scene.Approach`). They are tried where the straight way is refused, in the
-order of the harm that the push model predicts for its first candidate paths.
+(:class:`optipromp.scenes.scene.Approach`), or says nothing. They are tried where the straight way is
+refused: first those whose first candidate paths do next to no harm in the perceived state, then
+those of least harm.
 """
 
 from collections.abc import Iterator
@@ -35,7 +36,7 @@ def limits(scene: Scene) -> tuple[float, float]:
 
 
 def others(scene: Scene, robot: Robot | None = None) -> Iterator[Scene]:
-    """The scene with each other approach that it allows, the most promising first.
+    """The scene with the most promising of the other approaches that it allows.
 
     The cup stays round the target: a tool ends no farther beside its centre than its mouth leaves
     room.
@@ -47,30 +48,27 @@ def others(scene: Scene, robot: Robot | None = None) -> Iterator[Scene]:
         return
     reach = min(aside, max(tool.mouth[0] - target.radius - APPROACH.room, 0.0))
     x_g, y_g, z_g = scene.frame
-    import os
-    XA=os.environ.get('XA','1,.5'); XS=os.environ.get('XSHIFT','1'); N=int(os.environ.get('XN',6)); TR=int(os.environ.get('XTRIED', 3))
-    XQ=float(os.environ.get('XQ','.4'))
-    flats = [np.cos(turn) * x_g + np.sin(turn) * y_g for turn in np.arange(N) * 2.0 * np.pi / N]
-    ways = []
-    for share in [float(a) for a in XA.split(',')] if cone > 0.0 else ():
-        ways += [
-            (rotation(np.cross(z_g, flat), float(share * cone)) @ z_g, np.zeros(3))
-            for flat in flats
-        ]
-    ways += [(z_g, reach * flat) for flat in flats if reach > 0.0 and XS=='1']
-    best: list[tuple[float, int, Scene]] = []
-    left = TR
+    around = np.arange(APPROACH.around) * 2.0 * np.pi / APPROACH.around
+    flats = [np.cos(turn) * x_g + np.sin(turn) * y_g for turn in around]
+    ways = [
+        (rotation(np.cross(z_g, flat), float(share * cone)) @ z_g, np.zeros(3))
+        for share in (1.0, APPROACH.inner) if cone > 0.0
+        for flat in flats
+    ]  # fmt: skip
+    ways += [(z_g, reach * flat) for flat in flats if reach > 0.0]
+    left, best = APPROACH.tried, list[tuple[float, int, Scene]]()
     for k, (way, shift) in enumerate(ways):
         one = replace(scene, approach=replace(scene.approach, direction=way, shift=shift))
         model = push_model(approached(task, one), task.robot.home)
         if model is None:
             continue
         promise = _promise(one, model, best[-1][0] if len(best) == left else np.inf)
-        if promise < XQ * model.threshold:
+        if promise < APPROACH.promising * model.threshold:
             yield one
             left -= 1
             best = best[:left]
-            if not left: return
+            if not left:
+                return
         else:
             best = sorted([*best, (promise, k, one)])[:left]
     yield from (one for _, _, one in best)
@@ -82,8 +80,7 @@ def _promise(scene: Scene, model: PushModel, most: float) -> float:
     Where it is above ``most``, any number above ``most`` may be returned.
     """
     axis, least = scene.frame[2], most
-    import os
-    for x in model.first()[:int(os.environ.get('XF',9))]:
+    for x in model.first()[: APPROACH.candidates]:
         path = model.path(x)
         away = model.aside(x, path)
         if away < least:

@@ -188,7 +188,7 @@ def prediction(model: PushModel, motion: Led, harm: float | None = None) -> Pred
     if motion.struck is None:
         return model.predict(motion.points, motion.axes, harm)
     cause = f"is struck by {motion.struck.link} before the approach"
-    return Prediction(harm_of(model, motion), model.threshold, motion.struck.other, cause)
+    return Prediction(harm_of(model, motion), model.threshold, motion.struck.other, cause, {}, 1.0)
 
 
 def _followed(robot: Robot, trajectory: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:

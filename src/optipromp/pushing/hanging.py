@@ -114,7 +114,8 @@ class Hanging(PushModel):
         self.stems = _sampled(fruits, self.states - 1, tuple(scene.up.tolist()))
         self.schedule = Schedule(
             rounds=(Round(9, 1), *[Round(12, 1)] * 3), runs=1, kept=6, screened=4,
-            states=min(self.states, HANGING.screened_states), fresh=0.3, lenient=1.6,
+            states=HANGING.screened_states if detected else HANGING.screened_known,
+            fresh=0.3, lenient=1.6,
         )  # fmt: skip
 
     def _hanging(self) -> list[SceneObject]:
