@@ -1,8 +1,8 @@
 """Other ways to come to a target than straight: tilted, or off its centre.
 
 A scene allows them by the cone and the distance of its approach
-(:class:`optipromp.scenes.scene.Approach`), or says nothing. They are tried where the straight way is
-refused: first those whose first candidate paths do next to no harm in the perceived state, then
+(:class:`optipromp.scenes.scene.Approach`), or says nothing. They are tried where the straight way
+is refused: first those whose first candidate paths do next to no harm in the perceived state, then
 those of least harm.
 """
 
@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, rotation
+from optipromp.arrays import rotation
 from optipromp.planning.parameters import APPROACH
 from optipromp.planning.task import approached, push_model, resolve
 from optipromp.pushing.model import PushModel

@@ -234,7 +234,7 @@ class ApproachParameters(Checked):
     )
     room: float = parameter(0.002, "m", "choice", "between target and mouth at the end")
     tried: int = parameter(
-        3, "1", "measured", "most promising ones that are planned; 6 succeed in 2 % more scenes, later"
+        3, "1", "measured", "most promising ones that are planned; with 6 2 % more succeed, later"
     )
     candidates: int = parameter(5, "1", "choice", "first paths of a push model that are tried")
     promising: float = parameter(

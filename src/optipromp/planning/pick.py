@@ -83,8 +83,10 @@ def pick(
     best: tuple[Attempt, tuple[PushModel, Led] | None, float] | None = None
     least, tries = np.inf, 0
     known = model if options.prediction else None
-    found: Iterable[tuple[ToolPath, float]] = [(path, np.inf)] if path is not None else tool_paths(
-        task, known, rng, budget, options.rule, lambda good: least <= good
+    found: Iterable[tuple[ToolPath, float]] = (
+        [(path, np.inf)]
+        if path is not None
+        else tool_paths(task, known, rng, budget, options.rule, lambda good: least <= good)
     )
     spared: list[ToolPath] = []
     for path, good in found:

@@ -182,6 +182,7 @@ def warm_up(scene: Scene | str = WARM_UP) -> None:
     with _threads().limit(limits=1, user_api="blas"):
         made = _plan(scene, None, "opti-promp", "joint", None, 0, options, None)
         _search_once(made.scene)
+    assert isinstance(made, Plan)
     len(made.terms)  # computed when read
 
 
@@ -304,14 +305,15 @@ def _plan(
         say(planner)
         return finish(primitive.plan_primitive(task, promp, options, chosen, planner, seed))
     say(f"optimising ({strategy})")
+    outcome: Planned | Harmful
     if paper:
         from optipromp.planning.paper import solve  # with SciPy's optimisers
 
         outcome = solve(task, promp, options, strategy, chosen, seed, budget)
     else:
         outcome = pick(task, promp, options, chosen, seed, budget, sparing and is_free, path)
-        if isinstance(outcome, Harmful):
-            return outcome
+    if isinstance(outcome, Harmful):
+        return outcome
     return finish(outcome) if is_free else finish(outcome, Code.GOAL_IN_COLLISION, reason)
 
 

@@ -229,12 +229,11 @@ def push_model(task: Task, goal: FloatArray) -> PushModel | None:
         return None
     models: list[PushModel] = []
     if _stands(task):
-        models.append(Standing(scene, tool, wrist(task, goal), rings=rings_of(task.robot), risk=task.risk))
+        rings = rings_of(task.robot)
+        models.append(Standing(scene, tool, wrist(task, goal), rings=rings, risk=task.risk))
     if hanging.applies(scene, tool, task.neighbours or task.passed):
         radius, flange = task.robot.gripper_radius, flange_of(task.robot)
-        models.append(
-            Hanging(scene, tool, task.neighbours, task.camera, radius, flange, task.risk)
-        )
+        models.append(Hanging(scene, tool, task.neighbours, task.camera, radius, flange, task.risk))
     if not models:
         return None
     model = models[0] if len(models) == 1 else Combined(*models)

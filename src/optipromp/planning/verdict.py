@@ -90,8 +90,8 @@ def judge(
         risk: share of promised successes that may be broken, see :class:`PlanOptions`.
 
     Raises:
-        InvalidRequestError: a risk that is not between 0 and 1; joints of other names or number than the robot's; a file that cannot be
-            read.
+        InvalidRequestError: a risk that is not between 0 and 1; joints of other names or number
+            than the robot's; a file that cannot be read.
         InvalidSceneError, InvalidRobotError, StartInvalidError: wrong input.
     """
     risk = PlanOptions(risk=risk).risk

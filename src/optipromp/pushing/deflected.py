@@ -1,8 +1,8 @@
 """Kernels of one deflected stem of :class:`optipromp.pushing.bending.Stems`.
 
-The deflections ``u[i]`` (2L,) are those of the stem's loaded points, off the straight line, along the
-first direction across it, then along the second. Kernels take the arrays of all stems and the index of one, because
-a slice would count references, which costs more than these kernels do.
+The deflections ``u[i]`` (2L,) are those of the stem's loaded points, off the straight line, along
+the first direction across it, then along the second. Kernels take the arrays of all stems and the
+index of one, because a slice would count references, which costs more than these kernels do.
 """
 
 from optipromp.arrays import FloatArray

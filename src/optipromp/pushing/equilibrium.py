@@ -179,7 +179,8 @@ def relax(
         forces[p, i] = largest
         stem_forces[p, i] = math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
         if begun:
-            moved = max(moved, _step(shortening, lifted, u, up, i, inverse, gradient, eased, taken, v))
+            change = _step(shortening, lifted, u, up, i, inverse, gradient, eased, taken, v)
+            moved = max(moved, change)
             y0, y1, y2 = place(root, axes, shape, u, i, length[i] - up[i], 1.0)
             center[i, 0], center[i, 1], center[i, 2] = y0, y1, y2
     return moved, woken

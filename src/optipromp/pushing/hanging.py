@@ -360,9 +360,7 @@ def _score(push: Led) -> float:
 
 
 @lru_cache(maxsize=4)  # by identity: all approaches to a target meet the same fruits
-def _sampled(
-    fruits: tuple[SceneObject, ...], samples: int, vertical: tuple[float, ...]
-) -> Stems:
+def _sampled(fruits: tuple[SceneObject, ...], samples: int, vertical: tuple[float, ...]) -> Stems:
     """The perceived state of the fruits, then ``samples`` sampled ones."""
     up = np.array(vertical)
     cases = _cases(fruits, up)

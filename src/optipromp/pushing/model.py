@@ -66,8 +66,8 @@ class Calibration:
     Attributes:
         harm: (k,) ascending; ``failed`` (k,) the probability at each of them that a pick is not
             clean. Between them it is interpolated, beyond them it stays.
-        risk: (m,) ascending shares of broken promises; ``threshold`` (m,) the harm up to which plans
-            may be promised, so that no larger share is broken.
+        risk: (m,) ascending shares of broken promises; ``threshold`` (m,) the harm up to which
+            plans may be promised, so that no larger share is broken.
     """
 
     harm: tuple[float, ...]

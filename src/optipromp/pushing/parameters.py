@@ -35,8 +35,8 @@ class BeamParameters(Checked):
     bow_least: float = parameter(
         0.01, "1", "guess",
         "least bow of a stem, middle off its line over length; drawn evenly between this and the "
-        "next. Strawberries' axes are off their stems by 4, 9 and 15 degrees (25, 50, 75 %; StrawDI, "
-        "1,704 labelled fruits): an arc that ends so has a bow of 2, 4 and 7 %",
+        "next. Axes of strawberries are off their stems by 4, 9 and 15 degrees (25, 50, 75 % of "
+        "1,704 labelled fruits, StrawDI): an arc that ends so has a bow of 2, 4 and 7 %",
     )  # fmt: skip
     bow_most: float = parameter(0.05, "1", "guess", "largest bow of a stem; as above")
     parting_sweeps: int = parameter(
@@ -387,13 +387,19 @@ class PushParameters:
     swing: SwingParameters = field(default_factory=SwingParameters)
     harm: HarmParameters = field(default_factory=HarmParameters)
     known: CalibrationParameters = field(
-        default_factory=lambda: CalibrationParameters((0.0, 1.0), (0.0, 0.1), (0.1, 0.2, 0.35, 0.5, 0.8))
+        default_factory=lambda: CalibrationParameters(
+            (0.0, 1.0), (0.0, 0.1), (0.1, 0.2, 0.35, 0.5, 0.8)
+        )
     )
     detected: CalibrationParameters = field(
-        default_factory=lambda: CalibrationParameters((0.0, 1.0), (0.0, 0.1), (0.3, 0.5, 0.65, 0.9, 1.5))
+        default_factory=lambda: CalibrationParameters(
+            (0.0, 1.0), (0.0, 0.1), (0.3, 0.5, 0.65, 0.9, 1.5)
+        )
     )
     packs: CalibrationParameters = field(
-        default_factory=lambda: CalibrationParameters((0.0, 8.0), (0.0, 0.1), (4.0, 6.0, 8.0, 12.0, 20.0))
+        default_factory=lambda: CalibrationParameters(
+            (0.0, 8.0), (0.0, 0.1), (4.0, 6.0, 8.0, 12.0, 20.0)
+        )
     )
     hanging: HangingParameters = field(default_factory=HangingParameters)
     plane: PlaneParameters = field(default_factory=PlaneParameters)

@@ -158,7 +158,8 @@ def passing_windows(
     up = scene.frame[2]
     heights = np.array([obj.position for obj in objects]) @ up
     capture = float(scene.target.position @ up) - depth - scene.target.radius
-    return rim_windows(heights, radii, np.array(directions), depth, capture, np.full(len(radii), RULE_UNDER))
+    under = np.full(len(radii), RULE_UNDER)
+    return rim_windows(heights, radii, np.array(directions), depth, capture, under)
 
 
 @kernel

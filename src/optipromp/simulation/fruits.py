@@ -137,9 +137,7 @@ def _held(
     return bare, grown
 
 
-def bows(
-    objects: Sequence[SceneObject], stem: StemParameters, seed: int
-) -> dict[str, FloatArray]:
+def bows(objects: Sequence[SceneObject], stem: StemParameters, seed: int) -> dict[str, FloatArray]:
     """How far the middle of each straight stem lies off its line (3,), across it, by fruit [m].
 
     A perfectly straight stem that is pressed along its line is a strut; no stem grows so. Size and

@@ -69,9 +69,7 @@ class StemParameters(Checked):
         "least bow of a straight stem, middle off its line over length; drawn evenly between this "
         "and the next",
     )  # fmt: skip
-    bow_most: float = parameter(
-        PUSH.beam.bow_most, "1", "guess", "largest bow of a straight stem"
-    )
+    bow_most: float = parameter(PUSH.beam.bow_most, "1", "guess", "largest bow of a straight stem")
     segment_length: float = parameter(
         0.025, "m", "choice", "wanted length of one capsule of the chain"
     )

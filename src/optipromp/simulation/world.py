@@ -110,9 +110,9 @@ def build(
     """Build the world of ``scene`` with ``robot`` (with its tool) in it.
 
     Hanging fruits that overlap in the scene are pushed apart first, and ``World.parted`` tells how
-    far. Others that overlap (a fruit and the stem of another, in the paper's own scenes) would burst
-    apart at the first step; such a pair does not collide, and ``World.overlapping`` names it. The
-    robot collides with everything.
+    far. Others that overlap (a fruit and the stem of another, in the paper's own scenes) would
+    burst apart at the first step; such a pair does not collide, and ``World.overlapping`` names it.
+    The robot collides with everything.
 
     Args:
         scene: robot and objects.
