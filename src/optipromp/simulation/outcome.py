@@ -234,13 +234,15 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
         target=target,
     )
     failures = list(_failures(facts, world))
+    far = ", ".join(f"{id_} by {1e3 * by:.1f} mm" for id_, by in world.parted.items())
+    note = f"; fruits that overlapped were pushed apart before: {far}" if far else ""
     if failures:
         causes, words = zip(*failures, strict=True)
-        return replace(facts, cause=causes[0], causes=causes, message="; ".join(words))
+        return replace(facts, cause=causes[0], causes=causes, message="; ".join(words) + note)
     told = f"the target alone is {inside_words(world)}, nothing was harmed"
     if picked is None:
         told = "the motion was executed, nothing was harmed"
-    return replace(facts, success=True, message=told)
+    return replace(facts, success=True, message=told + note)
 
 
 def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
