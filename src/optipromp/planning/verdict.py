@@ -161,19 +161,26 @@ class Led(NamedTuple):
 def led(task: Task, model: PushModel, trajectory: Trajectory) -> Led:
     """A trajectory as a model is led through it.
 
-    From the arm's first instant on; but what comes before the approach, the tool's last entry into
-    the height of the model's paths, is left out where it surely touches nothing. Where it strikes
-    something, no model need be asked: the arm is faster there than a model's tool.
+    From the arm's first instant on; but what comes before the approach is left out where it surely
+    touches nothing. Where it strikes something, no model need be asked: the arm is faster there
+    than a model's tool.
     """
     q, points, axes = _followed(task.robot, trajectory)
-    below = np.flatnonzero(points @ task.scene.frame[2] <= model.entry - BELOW)
-    first = min(int(below[-1]) + 1, len(points) - 2) if len(below) else 0
+    first = _approach(points @ task.scene.frame[2] - model.entry)
     struck = None
     if first and not model.clear(*spaced(points[: first + 1], axes[: first + 1])):
-        if not task.begun:
+        if not (task.begun and judging.struck(task.scene, task.robot, q[:1])):  # not among fruits
             struck = judging.struck(task.scene, task.robot, q[: first + 1])
         first = 0
     return Led(*spaced(points[first:], axes[first:]), struck)
+
+
+def _approach(heights: FloatArray) -> int:
+    """The row at which the tool, at ``heights`` (M,) over the entry [m], last rises from there."""
+    below = np.flatnonzero(heights <= -BELOW)
+    level = np.flatnonzero(heights <= BELOW)
+    last = below[-1] + 1 if len(below) else level[-1] if len(level) else 0
+    return min(int(last), len(heights) - 2)
 
 
 def harm_of(model: PushModel, motion: Led) -> float:
