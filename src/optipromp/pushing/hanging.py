@@ -110,12 +110,12 @@ class Hanging(PushModel):
         self.fruits, self.count = fruits, len(fruits)
         self.calibration = DETECTED if detected else KNOWN
         self.threshold = self.calibration.allowed(risk)
+        self.searched = HANGING.screened_states if detected else HANGING.screened_known
         self.states = HANGING.detected_states if detected else HANGING.states
-        self.stems = _sampled(fruits, self.states - 1, tuple(scene.up.tolist()))
+        self.stems = _sampled(fruits, self.searched, self.states, tuple(scene.up.tolist()))
         self.schedule = Schedule(
             rounds=(Round(9, 1), *[Round(12, 1)] * 3), runs=1, kept=6, screened=4,
-            states=HANGING.screened_states if detected else HANGING.screened_known,
-            fresh=0.3, lenient=1.6,
+            states=self.searched, fresh=0.3, lenient=1.6,
         )  # fmt: skip
 
     def _hanging(self) -> list[SceneObject]:
@@ -142,8 +142,9 @@ class Hanging(PushModel):
     ) -> float:
         """See :class:`PushModel`; the parts are those of :class:`optipromp.pushing.harm.Harm`."""
         every = HANGING.screened_every if states == 1 else HANGING.every
+        first = self.searched if states > self.searched else 0
         return mean_score(
-            self.stems, self.count, states, *_steps(points, axes, every), self.cup, self.static,
+            self._some(first, states), self.count, states, *_steps(points, axes, every), self.cup, self.static,
             PUSH.harm.hopeless, limit,
         )  # fmt: skip
 
@@ -158,7 +159,8 @@ class Hanging(PushModel):
         too: the model does not know how many the cup holds.
         """
         so = *_steps(points, axes), self.cup, self.static
-        worst = max((led(self._state(d), *so) for d in range(self.states)), key=_score)
+        last = self.searched + self.states
+        worst = max((led(self._some(d, 1), *so) for d in range(self.searched, last)), key=_score)
         found = worst.harm
         names = [fruit.id for fruit in self.fruits]
         if found.inside > BRIEFLY:
@@ -188,20 +190,22 @@ class Hanging(PushModel):
 
     def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
         """See :class:`PushModel`."""
-        done = led(self._state(0), *_steps(points, axes), self.cup, self.static)
+        done = led(self._some(0, 1), *_steps(points, axes), self.cup, self.static)
         forces = zip(self.fruits[1:], done.on_fruits[1:].tolist(), strict=True)
         return {fruit.id: force for fruit, force in forces}
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`."""
-        done = led(self._state(0), *_steps(points, axes), self.cup, self.static)
+        done = led(self._some(0, 1), *_steps(points, axes), self.cup, self.static)
         gone = done.positions[-1] - np.array([balls_of(fruit).center for fruit in self.fruits])
         before = np.array([fruit.position for fruit in self.fruits])
         ids = tuple(fruit.id for fruit in self.fruits)
         return Moved(ids, before + gone, np.zeros(self.count))
 
-    def _state(self, d: int) -> Stems:
-        return Stems(*(values[d * self.count : (d + 1) * self.count] for values in self.stems))
+    def _some(self, first: int, states: int) -> Stems:
+        """So many states from the ``first`` on."""
+        low, high = first * self.count, (first + states) * self.count
+        return Stems(*(values[low:high] for values in self.stems))
 
     def path(self, x: FloatArray) -> ToolPath:
         """Past neighbour n at the angle ``x[n]`` from x_g, with ``x[N + n]`` radii of clearance."""
@@ -360,18 +364,27 @@ def _score(push: Led) -> float:
 
 
 @lru_cache(maxsize=4)  # by identity: all approaches to a target meet the same fruits
-def _sampled(fruits: tuple[SceneObject, ...], samples: int, vertical: tuple[float, ...]) -> Stems:
-    """The perceived state of the fruits, then ``samples`` sampled ones."""
-    up = np.array(vertical)
+def _sampled(
+    fruits: tuple[SceneObject, ...], searched: int, states: int, vertical: tuple[float, ...]
+) -> Stems:
+    """The states that a path is searched in, the perceived one first; then those that tell its harm.
+
+    A path that was chosen for some states does better there than elsewhere. So its harm is told by
+    ``states`` others, which are spread as the errors are. Those of the search are spread wider.
+    """
+    up, samples = np.array(vertical), searched - 1 + states
+    wider = np.where(np.arange(samples) < searched - 1, HANGING.wider, 1.0)[:, None]
     cases = _cases(fruits, up)
     seen, count = cases[0], len(fruits)
     sure = [fruit.covariance is None for fruit in fruits]
-    spread = [HANGING.shift if known else HANGING.wider * np.sqrt(detection_variance(fruit))
-              for known, fruit in zip(sure, fruits, strict=True)]  # fmt: skip
+    spread = np.array(
+        [HANGING.shift if known else np.sqrt(detection_variance(fruit))
+         for known, fruit in zip(sure, fruits, strict=True)]
+    ) * np.where(sure, 1.0, wider)  # fmt: skip
     degrees = [HANGING.turn if known else HANGING.detected_turn for known in sure]
     turn = np.deg2rad(degrees) * seen.length
     shifted, swung = _normal((samples, len(fruits), 3))
-    shift = np.reshape(spread, (-1, 1)) * shifted
+    shift = spread[..., None] * shifted
     swing = turn[:, None] * (swung - (swung @ up)[..., None] * up)  # level
     place = np.array([balls_of(fruit).center for fruit in fruits])
     places = np.concatenate([place[None], place + shift])
