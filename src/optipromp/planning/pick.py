@@ -43,6 +43,7 @@ from optipromp.trajectory import Trajectory
 
 INVALID = 2.5  # harm added where the trajectory is not valid; less than that of a swallowed fruit
 GOALS = 3  # goal configurations that a path is followed to, at most
+FEW_TRIES = 2  # paths that are followed on one approach of several
 TRIES = 6  # paths that are followed while no trajectory is valid
 RULE_SPEED = PUSH.hanging.speed  # of the tool along a path that the rule gives
 
@@ -118,7 +119,8 @@ def pick(
         score += 0.0 if attempt.valid else INVALID
         if best is None or score < least:
             best, least = (attempt, push, harm), score
-        if least <= good or solver.budget.spent() or (tries >= TRIES and not best[0].roomy):
+        enough = tries >= (FEW_TRIES if sparing else TRIES) and (sparing or not best[0].roomy)
+        if least <= good or solver.budget.spent() or enough:
             break
     if best is not None:
         attempt, push, harm = best

@@ -161,12 +161,26 @@ class HarmParameters(Checked):
 class CalibrationParameters(Checked):
     """Predicted harm against simulated runs (:class:`optipromp.pushing.model.Calibration`)."""
 
-    harm: tuple[float, ...] = parameter((0.0, 1.0), "1", "measured", "at which it was counted")
-    failed: tuple[float, ...] = parameter((0.0, 0.1), "1", "measured", "share of runs not clean")
+    harm: tuple[float, ...] = parameter((), "1", "choice", "at which the next is told")
+    failed: tuple[float, ...] = parameter(
+        (), "1", "measured", "share of runs that are not clean: a logistic curve, docs/studies.md"
+    )
     thresholds: tuple[float, ...] = parameter(
-        (0.2, 0.35, 0.5, 0.8, 1.2), "1", "measured",
-        "largest harm of a success, at each of ``harm.risks``",
-    )  # fmt: skip
+        (), "1", "measured", "largest harm of a success, at each of ``harm.risks``"
+    )
+
+
+_KNOWN = (
+    (0.0, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 2.0, 3.0),
+    (0.002, 0.011, 0.025, 0.052, 0.084, 0.144, 0.208, 0.438, 0.598),
+    (0.05, 0.2, 0.35, 0.75, 2.0),
+)
+_DETECTED = (
+    (0.0, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 2.0, 3.0),
+    (0.006, 0.022, 0.042, 0.074, 0.106, 0.160, 0.212, 0.386, 0.510),
+    (0.05, 0.3, 0.65, 1.1, 2.0),
+)
+_PACKS = (0.0, 8.0, 40.0), (0.02, 0.1, 0.6), (4.0, 6.0, 8.0, 12.0, 20.0)
 
 
 @dataclass(frozen=True)
@@ -389,21 +403,11 @@ class PushParameters:
     beam: BeamParameters = field(default_factory=BeamParameters)
     swing: SwingParameters = field(default_factory=SwingParameters)
     harm: HarmParameters = field(default_factory=HarmParameters)
-    known: CalibrationParameters = field(
-        default_factory=lambda: CalibrationParameters(
-            (0.0, 1.0), (0.0, 0.1), (0.1, 0.2, 0.35, 0.5, 0.8)
-        )
-    )
+    known: CalibrationParameters = field(default_factory=lambda: CalibrationParameters(*_KNOWN))
     detected: CalibrationParameters = field(
-        default_factory=lambda: CalibrationParameters(
-            (0.0, 1.0), (0.0, 0.1), (0.3, 0.5, 0.65, 0.9, 1.5)
-        )
+        default_factory=lambda: CalibrationParameters(*_DETECTED)
     )
-    packs: CalibrationParameters = field(
-        default_factory=lambda: CalibrationParameters(
-            (0.0, 8.0), (0.0, 0.1), (4.0, 6.0, 8.0, 12.0, 20.0)
-        )
-    )
+    packs: CalibrationParameters = field(default_factory=lambda: CalibrationParameters(*_PACKS))
     hanging: HangingParameters = field(default_factory=HangingParameters)
     plane: PlaneParameters = field(default_factory=PlaneParameters)
     pack: PackParameters = field(default_factory=PackParameters)
