@@ -10,19 +10,21 @@ from optipromp.errors import Code, InvalidSceneError
 from optipromp.judging import judge
 from optipromp.planning import plan, plan_many
 from optipromp.planning.approaches import others
+from optipromp.planning.parameters import APPROACH
 from optipromp.scenes import Approach, Pose, Scene
 from optipromp.scenes.generate import generate
 from optipromp.simulation import simulate
 
-REFUSED = "limp", 20048  # harm is predicted on the straight way
+REFUSED = "cluster", 32018  # harm is predicted on the straight way
+STRAIGHT = {"cone": 0.0, "aside": 0.0}
 
 
 @pytest.fixture(scope="module")
 def refused() -> Scene:
-    return generate(*REFUSED)
+    return allowed(generate(*REFUSED), **STRAIGHT)
 
 
-def allowed(scene: Scene, cone: float = 25.0, aside: float = 0.01) -> Scene:
+def allowed(scene: Scene, cone: float | None = 25.0, aside: float | None = 0.01) -> Scene:
     return replace(scene, approach=replace(scene.approach, cone=cone, aside=aside))
 
 
@@ -44,11 +46,17 @@ def test_a_refused_plan_becomes_harmless_at_an_angle(refused: Scene) -> None:
     np.testing.assert_array_equal(one.trajectory.positions, made.trajectory.positions)
 
 
-def test_a_scene_that_allows_none_or_needs_none_is_planned_as_before(refused: Scene) -> None:
+def test_a_scene_that_says_nothing_leaves_the_approach_to_the_planner(refused: Scene) -> None:
+    chosen, told = plan(allowed(refused, None, None)), plan(allowed(refused))
+    assert chosen.success
+    np.testing.assert_array_equal(chosen.trajectory.positions, told.trajectory.positions)
+
+
+def test_a_scene_that_allows_none_or_needs_none_is_planned_straight(refused: Scene) -> None:
     scene = load_scene("scenario-4")
-    one, two = plan(scene), plan(allowed(scene))
+    one, two = plan(allowed(scene, **STRAIGHT)), plan(scene)
     np.testing.assert_array_equal(one.trajectory.positions, two.trajectory.positions)
-    assert others(refused, one.robot) == []
+    assert list(others(refused, one.robot)) == []
 
 
 def test_approaches_stay_in_the_cone_and_the_target_in_the_mouth(refused: Scene) -> None:
@@ -56,16 +64,27 @@ def test_approaches_stay_in_the_cone_and_the_target_in_the_mouth(refused: Scene)
     assert robot.tool is not None
     assert refused.target is not None
     room = robot.tool.mouth[0] - refused.target.radius
-    for cone, aside in ((25.0, 0.0), (0.0, 0.5), (10.0, 0.003)):
-        found = others(allowed(refused, cone, aside), robot)
+    for cone, aside in ((25.0, 0.0), (0.0, 0.5), (10.0, 0.003), (None, None)):
+        found = list(others(allowed(refused, cone, aside), robot))
         assert found
         for scene in found:
             angle = np.degrees(np.arccos(min(scene.frame[2] @ refused.frame[2], 1.0)))
-            assert angle <= cone + 1e-6
+            assert angle <= (APPROACH.cone if cone is None else cone) + 1e-6
             off = np.linalg.norm(scene.approach.shift)
-            assert off <= min(aside, room) + 1e-12
-            assert angle > 0.1 or off > 0.0 or scene.approach.lead is not None
+            assert off <= min(APPROACH.aside if aside is None else aside, room) + 1e-12
+            assert angle > 0.1 or off > 0.0
             assert abs(scene.approach.shift @ scene.frame[2]) < 1e-12
+
+
+def test_to_what_stands_the_hand_comes_level_from_either_side() -> None:
+    scene = generate("shelf", 3)
+    found = list(others(scene))
+    assert len(found) == 2
+    for one in found:
+        assert abs(one.frame[2] @ one.up) < 1e-9
+        angle = np.degrees(np.arccos(one.frame[2] @ scene.frame[2]))
+        assert angle == pytest.approx(APPROACH.inner * APPROACH.cone)
+    assert list(others(allowed(scene, **STRAIGHT))) == []
 
 
 def test_a_shifted_goal_is_reached_and_judged(refused: Scene) -> None:
@@ -89,11 +108,6 @@ def test_the_tool_turns_upright_on_its_way(refused: Scene) -> None:
     assert lean[0] == pytest.approx(np.degrees(0.3), abs=2.5)
     assert lean[-1] < 0.5
     assert (np.diff(lean) < 0.5).all()
-    led = [one for one in others(allowed(refused), made.robot) if one.approach.lead is not None]
-    for one in led:
-        assert one.approach.lead is not None
-        np.testing.assert_allclose(one.frame[2], refused.frame[2])
-        assert np.degrees(np.arccos(one.approach.lead @ one.frame[2])) <= 25.0 + 1e-6
 
 
 def test_the_cone_outlives_a_file_and_a_transformation(tmp_path, refused: Scene) -> None:

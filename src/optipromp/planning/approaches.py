@@ -22,24 +22,19 @@ from optipromp.scenes.scene import Scene
 def limits(scene: Scene) -> tuple[float, float]:
     """Largest angle off the approach [rad], and distance beside the target [m], that are allowed.
 
-    Where the scene says nothing, a target that hangs may be approached at an angle.
+    Where the scene says nothing, the planner chooses.
     """
-    target, approach = scene.target, scene.approach
-    if target is None:
-        return 0.0, 0.0
-    hangs = target.stem is not None
-    cone, aside = (
-        (chosen if hangs else 0.0) if told is None else told
-        for told, chosen in ((approach.cone, APPROACH.cone), (approach.aside, APPROACH.aside))
+    cone, aside = scene.approach.cone, scene.approach.aside
+    return np.deg2rad(APPROACH.cone if cone is None else cone), (
+        APPROACH.aside if aside is None else aside
     )
-    return np.deg2rad(cone), aside
 
 
 def others(scene: Scene, robot: Robot | None = None) -> Iterator[Scene]:
     """The scene with the most promising of the other approaches that it allows.
 
     The cup stays round the target: a tool ends no farther beside its centre than its mouth leaves
-    room.
+    room. To a target that stands the tool comes level, from a little to either side.
     """
     cone, aside = limits(scene)
     task = resolve(scene, robot)
@@ -50,9 +45,15 @@ def others(scene: Scene, robot: Robot | None = None) -> Iterator[Scene]:
     x_g, y_g, z_g = scene.frame
     around = np.arange(APPROACH.around) * 2.0 * np.pi / APPROACH.around
     flats = [np.cos(turn) * x_g + np.sin(turn) * y_g for turn in around]
+    shares = 1.0, APPROACH.inner
+    if target.stem is None:
+        side = np.cross(scene.up, z_g)
+        level = float(np.linalg.norm(side))
+        flats = [side / level, -side / level] if level > 0.5 else []
+        shares, reach = (APPROACH.inner,), 0.0
     ways = [
         (rotation(np.cross(z_g, flat), float(share * cone)) @ z_g, np.zeros(3))
-        for share in (1.0, APPROACH.inner) if cone > 0.0
+        for share in shares if cone > 0.0
         for flat in flats
     ]  # fmt: skip
     ways += [(z_g, reach * flat) for flat in flats if reach > 0.0]

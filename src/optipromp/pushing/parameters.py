@@ -180,7 +180,11 @@ _DETECTED = (
     (0.006, 0.022, 0.042, 0.074, 0.106, 0.160, 0.212, 0.386, 0.510),
     (0.05, 0.3, 0.65, 1.1, 2.0),
 )
-_PACKS = (0.0, 8.0, 40.0), (0.02, 0.1, 0.6), (4.0, 6.0, 8.0, 12.0, 20.0)
+_PACKS = (
+    (0.0, 1.0, 2.0, 4.0, 8.0, 15.0, 30.0, 60.0),
+    (0.016, 0.035, 0.053, 0.090, 0.159, 0.262, 0.425, 0.609),
+    (1.6, 2.5, 8.0, 12.0, 30.0),
+)
 
 
 @dataclass(frozen=True)
@@ -214,7 +218,9 @@ class HangingParameters(Checked):
         0.003, "m", "guess", "standard deviation of a position without covariance in the scene"
     )
     wider: float = parameter(
-        1.5, "1", "choice",
+        1.5,
+        "1",
+        "choice",
         "factor on standard deviations in the states of the search: unlikely errors do the harm",
     )
     turn: float = parameter(1.0, "deg", "guess", "standard deviation of a stem's direction")
