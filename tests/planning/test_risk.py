@@ -1,4 +1,4 @@
-"""How many promises may be broken: the probability that is told, and what is promised for a risk."""
+"""How many promises may be broken: the probability told, and what is promised for a risk."""
 
 import json
 from dataclasses import replace
