@@ -35,6 +35,7 @@ LINK = 0.045, 0.09  # [m] radius of the link beyond it, and where that ends
 # Numbers of this engine, each other than the main simulation's (docs/simulation.md), all guesses
 STEP = 0.0005  # [s]
 SEGMENTS = 7
+BOW = 0.03  # of a stem that nothing grows from: middle off its line, over its length
 MODULUS, THICK, TRUSS = 3e7, 0.003, 0.0045  # [Pa], [m] of a stem's tissue; of one that carries
 GROWN = 0.7  # [rad] a leaning stem turns at most once nothing hangs on it
 CALYX = 2e-3  # [N m/rad] of the fruit about its calyx
@@ -152,7 +153,18 @@ def _ends(item: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     return points[0], points[-1]
 
 
-def _hanging(item: Mapping[str, Any], others: list[Mapping[str, Any]]) -> tuple[str, float]:
+def _arc(line: np.ndarray, name: str, seed: int) -> np.ndarray:
+    """Joints (SEGMENTS + 1, 3) of a stem along ``line`` (3,), bowed to a side drawn by its name."""
+    rng = np.random.default_rng([seed, *name.encode()])
+    side = np.cross(line, rng.standard_normal(3))
+    share = np.linspace(0.0, 1.0, SEGMENTS + 1)
+    off = BOW * np.linalg.norm(line) * np.sin(np.pi * share) / np.linalg.norm(side)
+    return share[:, None] * line + off[:, None] * side
+
+
+def _hanging(
+    item: Mapping[str, Any], others: list[Mapping[str, Any]], seed: int
+) -> tuple[str, float]:
     """A fruit on its stem as nested bodies from the root down, and their mass [kg].
 
     Among the ``others`` are those whose stems grow from this one.
@@ -169,7 +181,7 @@ def _hanging(item: Mapping[str, Any], others: list[Mapping[str, Any]]) -> tuple[
         _, begins = _ends(other)
         share = float((begins - root) @ (calyx - root)) / length**2
         k = int(np.clip(share * SEGMENTS, 0, SEGMENTS - 1))
-        text, more = _hanging({**other, "begins": begins - root - k * line}, others)
+        text, more = _hanging({**other, "begins": begins - root - k * line}, others, seed)
         grown[k], held = grown.get(k, "") + text, held + more
     thick = TRUSS if grown else THICK
     lean = float(np.linalg.norm((calyx - root)[:2])) / length
@@ -178,19 +190,22 @@ def _hanging(item: Mapping[str, Any], others: list[Mapping[str, Any]]) -> tuple[
     stiff = item.get("physical", {}).get("stem_stiffness", bending) * SEGMENTS / length
     light = STEM_DENSITY * np.pi * (0.5 * thick) ** 2 * length / SEGMENTS
     name = item["id"]
+    pieces = np.diff(_arc(calyx - root, name, seed), axis=0)
+    if grown:
+        pieces[:] = line
     out = (
-        f'<body name="{name}" pos="{_text(line)}"><joint name="calyx:{name}" type="ball" '
+        f'<body name="{name}" pos="{_text(pieces[-1])}"><joint name="calyx:{name}" type="ball" '
         f'pos="0 0 0" stiffness="{CALYX}" damping="{DAMPING * CALYX + 1e-5}" armature="1e-6"/>'
         + shape
         + f'<site name="{name}" pos="{_text(np.array(item["position"]) - calyx)}"/></body>'
     )
     for k in reversed(range(SEGMENTS)):
         stiffness = 2.0 * stiff if k == 0 else stiff
-        place = item.get("begins", root) if k == 0 else line
+        place = item.get("begins", root) if k == 0 else pieces[k - 1]
         out = (
             f'<body name="{name}:{k}" pos="{_text(place)}"><joint type="ball" '
             f'stiffness="{stiffness}" damping="{DAMPING * stiffness + (SWAY if k == 0 else 0.0)}" '
-            f'armature="1e-6"/><geom type="capsule" size="{thin}" fromto="0 0 0 {_text(line)}" '
+            f'armature="1e-6"/><geom type="capsule" size="{thin}" fromto="0 0 0 {_text(pieces[k])}" '
             f'mass="{light}" contype="4" conaffinity="1"/>{out}{grown.get(k, "")}</body>'
         )
     return out, held + SEGMENTS * light
@@ -206,11 +221,11 @@ def _static(item: Mapping[str, Any]) -> str:
     )
 
 
-def model_of(scene: Mapping[str, Any]) -> mujoco.MjModel:
+def model_of(scene: Mapping[str, Any], seed: int = 0) -> mujoco.MjModel:
     """The world of a scene's document: a cup led by a mocap body, fruits, static boxes."""
     fruits = [item for item in scene["objects"] if item["role"] in ("target", "pushable")]
     bodies = "".join(_static(item) for item in scene["objects"] if item["role"] == "static")
-    bodies += "".join(_hanging(i, fruits)[0] for i in fruits if not i["stem"].get("parent"))
+    bodies += "".join(_hanging(i, fruits, seed)[0] for i in fruits if not i["stem"].get("parent"))
     return mujoco.MjModel.from_xml_string(
         f"""<mujoco><compiler angle="radian"/>
         <option timestep="{STEP}" integrator="implicitfast" cone="pyramidal" iterations="50"/>
@@ -267,13 +282,16 @@ class _Watch:
         return tuple(out)
 
 
-def execute(scene: Mapping[str, Any], times: np.ndarray, q: np.ndarray) -> Word:
-    """Fly the cup along a plan: configurations (T, 7) at times (T,) [s], in a scene's document."""
+def execute(scene: Mapping[str, Any], times: np.ndarray, q: np.ndarray, seed: int = 0) -> Word:
+    """Fly the cup along a plan: configurations (T, 7) at times (T,) [s], in a scene's document.
+
+    ``seed`` draws to which side each stem is bowed.
+    """
     if scene["robot"] != "panda" or scene["tool"]["kind"] != "cup":
         raise ValueError("only a cup on the built-in Panda flies here")
     ids = [item["id"] for item in scene["objects"] if item["role"] in ("target", "pushable")]
     statics = [item["id"] for item in scene["objects"] if item["role"] == "static"]
-    model = model_of(scene)
+    model = model_of(scene, seed)
     data, tool = mujoco.MjData(model), scene["tool"]
     at = np.arange(0.0, times[-1] + HOLD, 10 * STEP)  # the lead moves in steps of 5 ms, in between
     joints = np.stack([np.interp(at, times, column) for column in q.T], axis=1)
@@ -344,7 +362,7 @@ def main() -> None:
                 if made.trajectory is None:
                     continue
                 rows = made.trajectory.resample(1000.0)
-                word = execute(scene_to_dict(scene), rows.times, rows.positions)
+                word = execute(scene_to_dict(scene), rows.times, rows.positions, seed)
                 outcome = simulate(made.trajectory, scene, seed=seed).outcome
                 both[outcome.success, word.success] += 1
                 if made.status == "success":

@@ -479,3 +479,19 @@ def test_what_is_pushed_is_told_with_the_way_of_the_tool() -> None:
     told = found.pushes({"n1": (0.0621, -0.0002), "n2": None})
     assert told == "pushed, and passed at (x_g, y_g): n1 2.1 N (+62, +0) mm, n2 0.5 N"
     assert Prediction(0.1, 1.0, "", "nothing is harmed").pushes({"n1": (0.0, 0.0)}) == ""
+
+
+@pytest.mark.parametrize("turn", [0.0, 2.0, 4.0])
+def test_a_rim_under_the_middle_of_a_fruit_is_a_coin_that_the_model_knows_of(turn: float) -> None:
+    """A neighbour level with the target, dead centre on the rim: a millimetre decides its fate."""
+    cup = Cup(radius=0.033, opening=0.062)
+    way = np.array([np.cos(turn), np.sin(turn), 0.0])
+    beside = fruit("n1", 0.5 * sum(cup.mouth) * way - [0.0, 0.0, 0.001])
+    bench = model(beside, cup=cup)
+    states = range(bench.searched, bench.searched + bench.states)
+    lost = [bench.harm_in(d, *judged(STRAIGHT)) for d in states]
+    swallowed = sum(one.inside > PUSH.harm.inside_time for one in lost)
+    assert 0 < swallowed < bench.states
+    told = bench.predict(*judged(STRAIGHT))
+    assert told.harmful
+    assert told.probability > 0.05

@@ -148,6 +148,10 @@ class Hanging(PushModel):
             PUSH.harm.hopeless, limit,
         )  # fmt: skip
 
+    def harm_in(self, state: int, points: FloatArray, axes: FloatArray) -> Harm:
+        """The parts of the harm in one state."""
+        return led(self._some(state, 1), *_steps(points, axes), self.cup, self.static).harm
+
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
         """See :class:`PushModel`; in any state."""
         return bool(clear(self.stems, points, axes, self.cup))
