@@ -156,7 +156,7 @@ def test_a_fruit_pressed_against_a_wall_is_named_and_without_the_wall_is_not_har
     near = fruit("n1", (0.03, 0.0, -0.05))
     aside = led((0, 0, -0.25), (0, 0, -0.04), (0.02, 0, -0.04), (0, 0, -0.04), (0, 0, 0))
     free, walled = model(near), model(near, wall)
-    assert harm(free, aside, free.states) < 0.1
+    assert not free.predict(*judged(aside)).harmful
     assert harm(walled, aside) == PUSH.harm.hopeless
     name, cause = walled.cause(*judged(aside))
     assert name == "n1"
@@ -166,8 +166,8 @@ def test_a_fruit_pressed_against_a_wall_is_named_and_without_the_wall_is_not_har
 def test_a_pressed_target_is_named() -> None:
     """Between the cup and a wall behind it."""
     wall = SceneObject("wall", "static", Box((0.04, 0.2, 0.2)), TARGET + [0.06, 0.0, 0.0])
-    a = model(BESIDE, wall)
-    way = led((-0.06, 0, -0.25), (-0.06, 0, 0), (0.03, 0, 0), (0, 0, -0.05), (0, 0, 0))
+    a = model(wall)
+    way = led((-0.06, 0, -0.25), (-0.06, 0, 0), (0.04, 0, 0), (0, 0, -0.05), (0, 0, 0))
     assert a.predict(*judged(way)).harmful
     name, cause = a.cause(*judged(way))
     assert name == "ripe"
@@ -208,7 +208,10 @@ def test_a_score_of_nothing_and_of_what_ends_all_hope() -> None:
 
 
 def test_states_are_sampled_round_the_perceived_one() -> None:
-    """The perceived one comes first; what was detected hangs by a stem that is known less well."""
+    """The perceived one comes first; what was detected hangs by a stem that is known less well.
+
+    Those that tell the harm are spread as the errors are, those of the search wider.
+    """
     deviation = 0.005
     fruits = (UNDER, fruit("n2", (-0.02, 0.01, -0.14), LEANING))
     known = model(*fruits)
@@ -218,7 +221,8 @@ def test_states_are_sampled_round_the_perceived_one() -> None:
     turns = []
     for a in (known, seen):
         s = a.stems
-        hung = (s.root + s.length[:, None] * s.axes[:, 2]).reshape(a.states, a.count, 3)
+        hung = (s.root + s.length[:, None] * s.axes[:, 2]).reshape(-1, a.count, 3)
+        assert len(hung) == a.searched + a.states
         np.testing.assert_allclose(hung[0], places, atol=1e-12)
         np.testing.assert_allclose(
             s.root[: a.count], [t.stem.root for t in a.fruits if t.stem is not None], atol=1e-12
@@ -226,28 +230,28 @@ def test_states_are_sampled_round_the_perceived_one() -> None:
         off = hung[1:] - places
         assert (np.linalg.norm(off, axis=2) > 0.0).all()
         assert np.linalg.norm(off, axis=2).max() < 0.05
-        along = s.axes[:, 2].reshape(a.states, a.count, 3)
+        along = s.axes[:, 2].reshape(-1, a.count, 3)
         turns.append(np.linalg.norm(along[1:] - along[0], axis=2).mean())
     assert turns[1] > 2.0 * turns[0]
     s = seen.stems
-    hung = (s.root + s.length[:, None] * s.axes[:, 2]).reshape(seen.states, seen.count, 3)
-    spread = (hung[1:, 1:] - places[1:]).std()
-    assert 0.7 < spread / (1.5 * deviation) < 1.3  # it is the unlikely that does harm
+    off = (s.root + s.length[:, None] * s.axes[:, 2]).reshape(-1, seen.count, 3) - places
+    wide, told = off[1 : seen.searched, 1:].std(), off[seen.searched :, 1:].std()
+    assert 0.7 < wide / (HANGING.wider * deviation) < 1.3  # it is the unlikely that does harm
+    assert 0.8 < told / deviation < 1.2
     np.testing.assert_array_equal(model(*fruits).stems.root, known.stems.root)  # the same each time
 
 
-def test_a_path_is_judged_on_as_many_states_as_are_asked_for() -> None:
+def test_a_path_is_told_by_other_states_than_it_was_searched_in() -> None:
     a = model(detected(BESIDE))
     few = a.schedule.states
-    assert few < a.states
+    assert few == a.searched < a.states
     before = harm(a, STRAIGHT, few)
     assert harm(a, STRAIGHT, a.states) < 0.1
     root = np.array(a.stems.root)
     root[few * a.count :] += [0.5, 0.0, 0.0]  # in the other states all hang elsewhere
     a.stems = a.stems._replace(root=root)
     assert harm(a, STRAIGHT, few) == before
-    missed = PUSH.harm.hopeless * (1.0 - few / a.states)
-    assert harm(a, STRAIGHT, a.states) == pytest.approx(missed, abs=0.1)
+    assert harm(a, STRAIGHT, a.states) == PUSH.harm.hopeless
 
 
 # --- which paths -------------------------------------------------------------------------------
@@ -279,13 +283,11 @@ def test_the_first_candidate_is_the_rules_path() -> None:
 
 
 def test_a_path_of_no_harm_is_found_past_a_fruit_on_the_way() -> None:
-    a = model(UNDER)
+    a = model(fruit("n1", (0.003, 0.0, -0.08), LEANING))
     found = list(search(a, partial(turning, UP, None), np.random.default_rng(0)))
-    harms = [path.harm for path, _ in found]
-    assert harms[-1] < a.good
-    path = found[-1][0]
-    assert a.harm(*judged(path), a.states) < a.good
-    assert harm(a, STRAIGHT, a.states) == PUSH.harm.hopeless
+    assert found[0][0].harm < a.good
+    assert min(a.harm(*judged(path), a.states) for path, _ in found) < a.good
+    assert harm(a, STRAIGHT, a.states) > 0.9 * PUSH.harm.hopeless
 
 
 def test_a_path_along_a_wall_is_raised_by_what_it_lacks_in_clearance() -> None:
@@ -438,7 +440,7 @@ def test_of_two_harmless_sides_a_plan_takes_the_one_away_from_the_stem(
 ) -> None:
     from optipromp.planning import plan
 
-    crowd = generate("cluster", 43001)
+    crowd = generate("mixed", 43006)
     made = plan(crowd)
     assert made.success
     assert "side of its stem" not in made.message
