@@ -70,7 +70,7 @@ def test_plan_prints_one_document_and_leaves_its_files(tmp_path: Path) -> None:
         assert term.keys() >= {"initial", "followed", "final", "history"}
     assert document["status"] == "success"
     assert document["predicted_harm"].keys() == {
-        "harm", "threshold", "object", "cause", "forces",
+        "harm", "threshold", "object", "cause", "forces", "probability",
     }  # fmt: skip
     assert document["predicted_harm"]["harm"] <= document["predicted_harm"]["threshold"]
     assert document["time"]["total"] > 0

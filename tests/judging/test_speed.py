@@ -11,7 +11,7 @@ from optipromp import judging
 from optipromp.errors import Code
 from optipromp.geometry import Sphere
 from optipromp.judging.speed import FASTER, NEAR, PUSHED
-from optipromp.planning.result import Verdict
+from optipromp.planning.verdict import Verdict
 from optipromp.pushing.model import Prediction
 from optipromp.pushing.parameters import PUSH
 from optipromp.robots.model import Robot

@@ -137,6 +137,7 @@ def test_a_prediction_outlives_its_file(scene: str, tmp_path: Path) -> None:
     assert document["predicted_harm"] == {
         "harm": result.prediction.harm,
         "threshold": result.prediction.threshold,
+        "probability": result.prediction.probability,
         "object": result.prediction.object,
         "cause": result.prediction.cause,
         "forces": result.prediction.forces,
@@ -190,7 +191,7 @@ def test_where_the_rules_path_harms_another_is_found(seed: int) -> None:
     assert not same(own, rule)
     assert rule.prediction is not None
     assert own.prediction is not None
-    assert rule.prediction.harm > 1.0
+    assert rule.prediction.harmful
     assert own.prediction.harm < 0.5 * rule.prediction.harm
 
 

@@ -21,7 +21,7 @@ def test_a_link_where_a_pack_stood_makes_no_plan_invalid(scene: Scene) -> None:
     made = plan(scene)
     assert made.status == Code.SUCCESS, made.message
     assert not made.contacts
-    again = judging.judge(scene, made.robot, made.trajectory, resolve(scene).state)
+    again = judging.judge(made.scene, made.robot, made.trajectory, resolve(scene).state)
     assert not again.violations
     for note in again.notes:
         assert "stood" in note

@@ -22,7 +22,7 @@ def room(made: Plan) -> float:
     return made.metrics.clearance_static
 
 
-@pytest.mark.parametrize("seed", [1, 3, 7])
+@pytest.mark.parametrize("seed", [7, 10, 12])
 def test_beside_a_table_top_another_configuration_is_taken(seed: int) -> None:
     """The first one brings the hand within 0.4 to 4.3 mm of it, which a controller cannot keep."""
     made = plan("paper-4", seed=seed)

@@ -4,6 +4,7 @@
 every planner's answer here, as an :class:`Answer` that the simulator can execute.
 """
 
+import math
 import time
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
@@ -20,6 +21,7 @@ from optipromp.planning import PaperOptions, Plan, PlanOptions, plan
 from optipromp.planning.task import Task, resolve
 from optipromp.planning.timing import shortest
 from optipromp.planning.verdict import verdict
+from optipromp.pushing.model import Prediction
 from optipromp.robots import ik
 from optipromp.robots.roll import level
 from optipromp.scenes.scene import JointGoal, Scene
@@ -58,6 +60,8 @@ class Answer:
         seconds: wall time of planning.
         harm: predicted of its push; None where no model knows it.
         guard: until when the tool's mouth is closed [s]; 0: never.
+        failure: predicted probability that the pick is not clean; None where no model tells one.
+        tilt: of the approach that the planner chose, off the scene's [degrees].
     """
 
     planner: StudyPlanner
@@ -67,6 +71,8 @@ class Answer:
     seconds: float
     harm: float | None = None
     guard: float = 0.0
+    failure: float | None = None
+    tilt: float = 0.0
 
 
 def attempt(scene: Scene, planner: StudyPlanner, *, seed: int = 0) -> Answer:
@@ -108,7 +114,8 @@ def attempt(scene: Scene, planner: StudyPlanner, *, seed: int = 0) -> Answer:
         return Answer(
             planner, made.status, made.message, made.trajectory if moves else None,
             time.perf_counter() - began, made.prediction.harm if made.prediction else None,
-            pushed(made) if planner == "i-promp-guard" else 0.0,
+            pushed(made) if planner == "i-promp-guard" else 0.0, _failure(made.prediction),
+            float(np.rad2deg(np.arccos(min(made.scene.frame[2] @ scene.frame[2], 1.0)))),
         )  # fmt: skip
     made = plan(as_obstacles(scene), planner="opti-promp", seed=seed)
     seconds = time.perf_counter() - began
@@ -193,7 +200,12 @@ def straight(scene: Scene) -> Answer:
 def _judged(planner: StudyPlanner, task: Task, trajectory: Trajectory, seconds: float) -> Answer:
     found = verdict(task, trajectory)
     harm = found.prediction.harm if found.prediction else None
-    return Answer(planner, found.status, found.message, trajectory, seconds, harm)
+    failure = _failure(found.prediction)
+    return Answer(planner, found.status, found.message, trajectory, seconds, harm, failure=failure)
+
+
+def _failure(told: Prediction | None) -> float | None:
+    return None if told is None or math.isnan(told.probability) else told.probability
 
 
 def _parts(setup: Task) -> tuple[FloatArray, FloatArray] | None:

@@ -66,6 +66,8 @@ class Row:
         stem_force: largest force of arm or tool on a stem [N].
         duration: of the executed motion [s].
         predicted_harm: of the plan's push, by the model; None where none knows it.
+        predicted_failure: the probability that the pick is not clean, by the model; likewise.
+        tilt: of the approach that the planner chose, off the scene's [degrees].
         plan_time: wall time of planning [s].
         simulation_time: wall time of the execution [s].
         version: of the library, with a digest of its source.
@@ -93,6 +95,8 @@ class Row:
     stem_force: float | None = None
     duration: float | None = None
     predicted_harm: float | None = None
+    predicted_failure: float | None = None
+    tilt: float = 0.0
     plan_time: float = 0.0
     simulation_time: float = 0.0
     version: str = ""
@@ -117,7 +121,7 @@ def row_from_text(texts: Mapping[str, str]) -> Row:
         ValueError, KeyError: cells that are not a row's.
     """
     values = {name: texts[name] for name in COLUMNS if name in texts}  # older rows have fewer
-    empty = dict.fromkeys(name for name in _MAY_BE_NONE if values[name] == "")
+    empty = dict.fromkeys(name for name in _MAY_BE_NONE if values.get(name) == "")
     return _reader().validate_python(values | empty)
 
 
@@ -222,6 +226,7 @@ def _executed(
     """What became of a plan in the true scene, as values of a row."""
     values: dict[str, Any] = {
         "plan_status": str(made.status), "plan_time": made.seconds, "predicted_harm": made.harm,
+        "predicted_failure": made.failure, "tilt": made.tilt,
     }  # fmt: skip
     refused = only_valid and made.status != Code.SUCCESS
     if made.trajectory is None or refused:

@@ -112,7 +112,8 @@ def plan(
             )  # fmt: skip
 
         ways: Iterable[Scene] = ()
-        if planner == "opti-promp" and not _as_in_the_paper(options, strategy) and state is None:
+        default = planner == "opti-promp" and not _as_in_the_paper(options, strategy)
+        if default and options.prediction and state is None:
             ways = approaches.others(scene, robot)
         return _best_way(scene, ways, attempt, began + options.timeout, options.timed)
 
