@@ -205,7 +205,8 @@ def _hanging(
         out = (
             f'<body name="{name}:{k}" pos="{_text(place)}"><joint type="ball" '
             f'stiffness="{stiffness}" damping="{DAMPING * stiffness + (SWAY if k == 0 else 0.0)}" '
-            f'armature="1e-6"/><geom type="capsule" size="{thin}" fromto="0 0 0 {_text(pieces[k])}" '
+            f'armature="1e-6"/><geom type="capsule" size="{thin}" '
+            f'fromto="0 0 0 {_text(pieces[k])}" '
             f'mass="{light}" contype="4" conaffinity="1"/>{out}{grown.get(k, "")}</body>'
         )
     return out, held + SEGMENTS * light

@@ -25,26 +25,26 @@ def test_without_pairs_there_is_no_auc() -> None:
     assert np.isnan(auc([1.0], []))
 
 
-def test_runs_are_counted_in_the_bin_of_their_harm() -> None:
-    outcomes = [(0.0, True), (0.04, True), (0.05, False), (0.9, True), (1.0, False), (3.0, False)]
+def test_runs_are_counted_in_the_bin_of_their_probability() -> None:
+    outcomes = [(0.0, True), (0.004, True), (0.01, False), (0.3, True), (0.1, False), (1.0, False)]
     rows = [
         replace(
-            ROW, predicted_harm=harm, success=ok,
-            plan_status="HARM_PREDICTED" if harm > 1 else "success",
+            ROW, predicted_failure=told, success=ok,
+            plan_status="HARM_PREDICTED" if told > 0.5 else "success",
         )
-        for harm, ok in outcomes
+        for told, ok in outcomes
     ]  # fmt: skip
     rows += [
-        replace(ROW, predicted_harm=None),  # no model
-        replace(ROW, predicted_harm=0.1, picked=None),  # not executed
+        replace(ROW, predicted_failure=None),  # no model
+        replace(ROW, predicted_failure=0.1, picked=None),  # not executed
     ]
     found = calibration(rows)
     assert found is not None
     counted = [(b.low, b.high, b.runs, b.failures) for b in found.bins]
     assert counted == [
-        (0.0, 0.05, 2, 0), (0.05, 0.1, 1, 1), (0.75, 1.0, 1, 0), (1.0, 1.5, 1, 1),
-        (2.5, np.inf, 1, 1),
+        (0.0, 0.01, 2, 0), (0.01, 0.02, 1, 1), (0.1, 0.2, 1, 1), (0.2, 0.4, 1, 0), (0.4, 1.0, 1, 1),
     ]  # fmt: skip
+    assert [b.predicted for b in found.bins] == pytest.approx([0.002, 0.01, 0.1, 0.3, 1.0])
     assert sum(b.runs for b in found.bins) == 6
     for b in found.bins:
         assert b.rate == b.failures / b.runs
@@ -54,4 +54,4 @@ def test_runs_are_counted_in_the_bin_of_their_harm() -> None:
 
 
 def test_without_predictions_there_is_no_calibration() -> None:
-    assert calibration([replace(ROW, predicted_harm=None)]) is None
+    assert calibration([replace(ROW, predicted_failure=None)]) is None

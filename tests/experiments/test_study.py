@@ -81,7 +81,8 @@ def test_summary_counts() -> None:
         replace(ROW, seed=3, torn="n1 n2"),
     ]
     (cell,) = summary(rows)
-    assert (cell.runs, cell.successes, cell.plans) == (4, 1, 3)
+    assert (cell.runs, cell.successes, cell.plans, cell.kept, cell.broken) == (4, 1, 3, 1, 2)
+    assert cell.broken_low < cell.broken_rate == 2.0 / 3.0 < cell.broken_high
     assert cell.causes == {"crushed": 2, "static_contact": 1, "not_picked": 1, "no_plan": 1}
     assert (cell.static_contacts, cell.torn, cell.redraws) == (1, 1, 20)
     assert cell.unripe_force == 12.5

@@ -18,7 +18,7 @@ from optipromp.cli.console import (
     stdout,
 )
 from optipromp.cli.robot import Named, names_robot
-from optipromp.errors import InvalidRequestError
+from optipromp.errors import Code, InvalidRequestError
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -116,7 +116,8 @@ def study(
 
         def progress(done: int, total: int, row: "Row | None") -> None:
             if row is not None:
-                successes.setdefault(row.planner, []).append(row.success)
+                kept = row.success and row.plan_status == Code.SUCCESS
+                successes.setdefault(row.planner, []).append(kept)
             shares = (f"{name} {sum(s)}/{len(s)}" for name, s in successes.items())
             shown(done, total, ", ".join((f"{done} of {total} runs", *shares)))
 
@@ -159,14 +160,15 @@ def _range(text: str) -> tuple[int, int]:
     return first, end
 
 
-TITLE = """picked and nothing harmed, in the physics simulation; 95 %: Wilson's interval
-plans: those that promised it, kept: of these; static, torn: runs with such contact, torn fruit
-medians: force on unripe fruits [N], time to plan and to run [s]"""
+TITLE = """%: promised and picked, nothing harmed, in the simulation; 95 %: Wilson's interval
+plans: those that promised it, broken: of these; executed: picked if no refusal is heeded
+static, torn: runs with such contact; medians: force on unripe fruits [N], seconds"""
 
 
 def table(cells: Sequence["Cell"]) -> "Table":
     """Rates, contacts, forces and median times of every preset and planner."""
-    figures = ["n", "%", "95 %", "plans", "kept", "static", "torn", "unripe", "plan", "run"]
+    figures = ["n", "%", "95 %", "plans", "broken", "executed", "static", "torn", "unripe", "plan"]
+    figures.append("run")
     if max(len(cell.preset) for cell in cells) > 15:  # names of variations: 80 columns are not wide
         figures = figures[:5]
     out = grid(("preset", "planner"), figures, title=TITLE, padding=(0, 0))
@@ -175,8 +177,9 @@ def table(cells: Sequence["Cell"]) -> "Table":
         run = "–" if cell.simulation_time is None else f"{cell.simulation_time:.1f}"
         values = (
             str(cell.runs), f"{100 * cell.rate:.1f}",
-            f"{100 * cell.low:.0f}–{100 * cell.high:.0f}", str(cell.plans), str(cell.kept),
-            str(cell.static_contacts), str(cell.torn), force, f"{cell.plan_time:.2f}", run,
+            f"{100 * cell.low:.0f}–{100 * cell.high:.0f}", str(cell.plans),
+            str(cell.broken), str(cell.successes), str(cell.static_contacts), str(cell.torn),
+            force, f"{cell.plan_time:.2f}", run,
         )  # fmt: skip
         out.add_row(cell.preset if first else "", cell.planner, *values[: len(figures)])
     return out
@@ -195,15 +198,17 @@ def causes(cells: Sequence["Cell"]) -> "Table":
 
 
 def reliability(found: "Calibration") -> "Table":
-    """Predicted harm against outcomes: how often runs of each bin failed."""
+    """Predicted probabilities against outcomes: how often runs of each bin failed."""
     title = (
-        f"predicted harm and what happened; AUC {found.auc:.2f}; of {found.successes} plans that "
-        f"promise success {found.failed} failed"
+        f"not clean, predicted and counted [%]; AUC {found.auc:.2f}; of {found.successes} plans "
+        f"that promise success {found.failed} failed"
     )
-    out = grid((), ("harm", "n", "failed", "%", "95 %"), title=title, padding=(0, 0))
+    head = "predicted", "n", "mean", "failed", "%", "95 %"
+    out = grid((), head, title=title, padding=(0, 0))
     for item in found.bins:
         out.add_row(
-            f"{item.low:g}–{item.high:g}", str(item.runs), str(item.failures),
+            f"{100 * item.low:g}–{100 * item.high:g}", str(item.runs),
+            f"{100 * item.predicted:.1f}", str(item.failures),
             f"{100 * item.rate:.1f}", f"{100 * item.rate_low:.0f}–{100 * item.rate_high:.0f}",
         )  # fmt: skip
     return out

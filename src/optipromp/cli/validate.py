@@ -1,5 +1,6 @@
 """``optipromp validate``: anyone's trajectory, judged in a scene."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -39,10 +40,17 @@ Pictures = Annotated[
 ]
 
 
+Risk = Annotated[
+    float | None,
+    typer.Option(help="Share of promised successes that may be broken; a plan's own, or 0.03."),
+]
+
+
 @command()
 def validate(
-    trajectory: Given, scene: InScene = None, out: Pictures = None, as_json: AsJson = False
-) -> int:
+    trajectory: Given, scene: InScene = None, out: Pictures = None, as_json: AsJson = False,
+    risk: Risk = None,
+) -> int:  # fmt: skip
     """Judge TRAJECTORY in a scene: what is violated, where, when and by how much.
 
     The curve between the rows is judged too: it meets positions, velocities and
@@ -60,7 +68,7 @@ def validate(
     from optipromp.errors import InvalidRequestError
     from optipromp.files import is_file
     from optipromp.output import load_plan
-    from optipromp.planning import judge, verdict_of
+    from optipromp.planning import PlanOptions, judge, verdict_of
     from optipromp.planning.task import resolve
     from optipromp.scenes.io import load_scene
 
@@ -69,12 +77,13 @@ def validate(
     with waiting("judging ..."):
         if scene is None:
             plan = load_plan(trajectory)
+            plan = plan if risk is None else replace(plan, risk=PlanOptions(risk=risk).risk)
             loaded, robot, curve, found = plan.scene, plan.robot, plan.trajectory, verdict_of(plan)
         else:
             loaded = load_scene(scene)
             robot = resolve(loaded).robot
             curve = read(trajectory, robot)
-            found = judge(loaded, curve)
+            found = judge(loaded, curve, risk=PlanOptions.risk if risk is None else risk)
     document = describe(found, curve, loaded)
     if out is not None:
         leave(out, document, curve, robot, found)

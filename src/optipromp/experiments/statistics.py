@@ -16,7 +16,7 @@ from optipromp.experiments.runs import Row
 Z95 = 1.959963984540054
 STATIC_FORCE = 0.5  # [N] a harder touch of a static object counts as contact, as in the simulation
 
-EDGES = (0.0, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.5, np.inf)  # of the bins of harm
+EDGES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 1.0)  # of the bins of predicted probability
 
 
 def wilson(successes: int, runs: int) -> tuple[float, float]:
@@ -41,12 +41,12 @@ class Cell:
         preset: of the scenes, or the variation of the physics.
         planner: that was run.
         runs: how many.
-        successes: of them, by the physics.
-        rate: of success.
-        low: lower end of its 95 % interval.
-        high: upper end.
         plans: runs whose plan promised a success.
-        kept: of these, runs that succeeded; the other successes had been refused.
+        kept: of these, runs that succeeded, by the physics: promised and picked.
+        rate: share of all runs that are promised and picked: what a robot that heeds the status
+            picks. ``low`` and ``high`` are the ends of its 95 % interval.
+        broken_rate: share of the promises that are broken, with ``broken_low`` and ``broken_high``.
+        successes: runs that succeed where every plan is executed, although it may be refused.
         causes: of failure, most frequent first; a run may have several.
         static_contacts: runs in which arm or tool pressed a static object.
         torn: runs in which a fruit came off.
@@ -61,12 +61,15 @@ class Cell:
     preset: str
     planner: str
     runs: int
-    successes: int
+    plans: int
+    kept: int
     rate: float
     low: float
     high: float
-    plans: int
-    kept: int
+    broken_rate: float
+    broken_low: float
+    broken_high: float
+    successes: int
     causes: Mapping[str, int]
     static_contacts: int
     torn: int
@@ -76,9 +79,14 @@ class Cell:
     simulation_time: float | None
     redraws: int
 
+    @property
+    def broken(self) -> int:
+        """Promises that were broken."""
+        return self.plans - self.kept
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
-        return asdict(self)
+        return asdict(self) | {"broken": self.broken}
 
 
 def summary(rows: Iterable[Row]) -> tuple[Cell, ...]:
@@ -96,8 +104,10 @@ def summary(rows: Iterable[Row]) -> tuple[Cell, ...]:
 
 
 def _cell(preset: str, planner: str, rows: Sequence[Row]) -> Cell:
-    successes = sum(row.success for row in rows)
-    low, high = wilson(successes, len(rows))
+    plans = sum(row.plan_status == Code.SUCCESS for row in rows)
+    kept = sum(row.success and row.plan_status == Code.SUCCESS for row in rows)
+    low, high = wilson(kept, len(rows))
+    broken_low, broken_high = wilson(plans - kept, plans)
     failed = (row for row in rows if not row.success)
     causes = Counter(cause for row in failed for cause in row.causes.split() or [row.cause])
     executed = [row for row in rows if row.unripe_force is not None]
@@ -107,12 +117,15 @@ def _cell(preset: str, planner: str, rows: Sequence[Row]) -> Cell:
         preset=preset,
         planner=planner,
         runs=len(rows),
-        successes=successes,
-        rate=successes / len(rows),
+        plans=plans,
+        kept=kept,
+        rate=kept / len(rows),
         low=low,
         high=high,
-        plans=sum(row.plan_status == Code.SUCCESS for row in rows),
-        kept=sum(row.success and row.plan_status == Code.SUCCESS for row in rows),
+        broken_rate=(plans - kept) / max(plans, 1),
+        broken_low=broken_low,
+        broken_high=broken_high,
+        successes=sum(row.success for row in rows),
         causes=dict(causes.most_common()),
         static_contacts=sum((row.static_force or 0.0) > STATIC_FORCE for row in rows),
         torn=sum(bool(row.torn) for row in rows),
@@ -126,11 +139,12 @@ def _cell(preset: str, planner: str, rows: Sequence[Row]) -> Cell:
 
 @dataclass(frozen=True)
 class Bin:
-    """Runs whose predicted harm lies in one interval.
+    """Runs whose predicted probability of failure lies in one interval.
 
     Attributes:
         low, high: the interval [low, high).
         runs: how many.
+        predicted: mean of their predicted probabilities.
         failures: of them, by the physics.
         rate: of failure, with its 95 % interval (``rate_low``, ``rate_high``).
     """
@@ -138,6 +152,7 @@ class Bin:
     low: float
     high: float
     runs: int
+    predicted: float
     failures: int
     rate: float
     rate_low: float
@@ -146,12 +161,12 @@ class Bin:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Predicted harm against outcomes.
+    """Predicted probabilities of failure against outcomes.
 
     Attributes:
         bins: the reliability table; bins without runs are left out.
-        auc: probability that a failed run was predicted more harm than one that succeeded (0.5:
-            the prediction says nothing); NaN where all ended alike.
+        auc: probability that a failed run was predicted to fail more likely than one that succeeded
+            (0.5: the prediction says nothing); NaN where all ended alike.
         successes: plans whose status was ``success``.
         failed: of them, those that failed in the simulation.
     """
@@ -163,21 +178,22 @@ class Calibration:
 
 
 def calibration(rows: Iterable[Row]) -> Calibration | None:
-    """The calibration of executed runs whose harm was predicted; None where there are none."""
-    known = [row for row in rows if row.predicted_harm is not None and row.picked is not None]
+    """The calibration of executed runs whose failure was predicted; None where there are none."""
+    known = [row for row in rows if row.predicted_failure is not None and row.picked is not None]
     if not known:
         return None
-    harm = np.array([row.predicted_harm for row in known], dtype=np.float64)
+    told = np.array([row.predicted_failure for row in known], dtype=np.float64)
     failed = np.array([not row.success for row in known])
     bins = []
     for low, high in itertools.pairwise(EDGES):
-        inside = (harm >= low) & (harm < high)
+        inside = (told >= low) & ((told < high) | (high == EDGES[-1]))
         runs, failures = int(inside.sum()), int(failed[inside].sum())
         if runs:
-            bins.append(Bin(low, high, runs, failures, failures / runs, *wilson(failures, runs)))
+            mean, rate = float(told[inside].mean()), failures / runs
+            bins.append(Bin(low, high, runs, mean, failures, rate, *wilson(failures, runs)))
     good = [row for row in known if row.plan_status == Code.SUCCESS]
     return Calibration(
-        tuple(bins), auc(harm[failed], harm[~failed]), len(good),
+        tuple(bins), auc(told[failed], told[~failed]), len(good),
         sum(not row.success for row in good),
     )  # fmt: skip
 

@@ -27,7 +27,8 @@ COLOURS = {
     "opti-promp": "#1f5fb4",
 }
 
-RATE, TITLE = "picked, nothing harmed [%]", "Success with 95 % intervals (Wilson)"
+RATE = "promised and picked, nothing harmed [%]"
+TITLE = "Promised and picked, 95 % intervals (Wilson); dots: executed although refused"
 _BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.15)}
 
 
@@ -75,6 +76,7 @@ def _rates(axes: "Axes", cells: Sequence[Cell]) -> None:
             yerr=[[100 * v for v in side] for side in spans], label=planner,
             error_kw={"elinewidth": 1.0, "capsize": 2.0, "ecolor": "#333333"},
         )  # fmt: skip
+        axes.plot(x, [100 * c.successes / c.runs for c in mine], "o", color="#333333", ms=2.5)
     labels = []
     for preset in presets:
         runs = sorted({cell.runs for cell in cells if cell.preset == preset})

@@ -142,9 +142,9 @@ class Hanging(PushModel):
     ) -> float:
         """See :class:`PushModel`; the parts are those of :class:`optipromp.pushing.harm.Harm`."""
         every = HANGING.screened_every if states == 1 else HANGING.every
-        first = self.searched if states > self.searched else 0
+        some = self._some(self.searched if states > self.searched else 0, states)
         return mean_score(
-            self._some(first, states), self.count, states, *_steps(points, axes, every), self.cup, self.static,
+            some, self.count, states, *_steps(points, axes, every), self.cup, self.static,
             PUSH.harm.hopeless, limit,
         )  # fmt: skip
 
@@ -371,7 +371,7 @@ def _score(push: Led) -> float:
 def _sampled(
     fruits: tuple[SceneObject, ...], searched: int, states: int, vertical: tuple[float, ...]
 ) -> Stems:
-    """The states that a path is searched in, the perceived one first; then those that tell its harm.
+    """The states that a path is searched in, the perceived one first; then those that tell harm.
 
     A path that was chosen for some states does better there than elsewhere. So its harm is told by
     ``states`` others, which are spread as the errors are. Those of the search are spread wider.

@@ -44,18 +44,20 @@ def study_report(
         raise InvalidRequestError(f"{folder} holds no rows of a study ({ROWS})")
     settings, robot = settings_of(folder)
     cells = summary(rows)
-    picked = sum(row.success for row in rows)
+    kept, plans = sum(cell.kept for cell in cells), sum(cell.plans for cell in cells)
     title = f"Study of {len(rows)} runs"
     head = f"<h1>{title}</h1>" + paragraph(
-        f"{picked} of {len(rows)} picked the target and harmed nothing, in the physics simulation."
+        f"{kept} of {len(rows)} were promised, picked the target and harmed nothing, in the "
+        f"physics simulation; {plans - kept} of {plans} promises were broken."
     )
     found = calibration(rows)
     parts = [
         head,
         section(
             "Success", picture(png(study_figure(cells), DPI), "Success rates and causes"),
-            table(_rates(cells), ("preset", "planner", "runs", "picked", "95 % (Wilson)",
-                                  "promised success", "kept", "picked though refused",
+            table(_rates(cells), ("preset", "planner", "runs", "promised and picked",
+                                  "95 % (Wilson)", "broken promises", "95 %",
+                                  "picked if executed although refused",
                                   "median force on unripe", "90 %", "time to plan")),
         ),
         section(
@@ -72,10 +74,10 @@ def study_report(
 
 def _rates(cells: Sequence[Cell]) -> list[tuple[str, ...]]:
     return [
-        (c.preset, c.planner, str(c.runs), f"{c.successes} ({100 * c.rate:.1f} %)",
-         f"{100 * c.low:.0f}–{100 * c.high:.0f} %", str(c.plans), str(c.kept),
-         str(c.successes - c.kept), _newton(c.unripe_force),
-         _newton(c.unripe_force_90), f"{1e3 * c.plan_time:.0f} ms")
+        (c.preset, c.planner, str(c.runs), f"{c.kept} ({100 * c.rate:.1f} %)",
+         f"{100 * c.low:.0f}–{100 * c.high:.0f} %", f"{c.broken} of {c.plans}",
+         f"{100 * c.broken_low:.0f}–{100 * c.broken_high:.0f} %", str(c.successes),
+         _newton(c.unripe_force), _newton(c.unripe_force_90), f"{1e3 * c.plan_time:.0f} ms")
         for c in cells
     ]  # fmt: skip
 
@@ -92,16 +94,18 @@ def _prediction(found: Calibration | None) -> list[str]:
     if found is None:
         return []
     words = (
-        f"Of {found.successes} plans that promise success {found.failed} failed. A failed run was "
-        f"predicted more harm than a successful one with probability {found.auc:.2f} (AUC)."
+        f"Of {found.successes} plans that promise success {found.failed} failed. A failed run had "
+        "a larger predicted probability than a successful one with probability "
+        f"{found.auc:.2f} (AUC)."
     )
     rows = [
-        (f"{b.low:g} to {b.high:g}", str(b.runs), str(b.failures), f"{100 * b.rate:.0f} %",
+        (f"{100 * b.low:g} to {100 * b.high:g} %", str(b.runs), f"{100 * b.predicted:.1f} %",
+         str(b.failures), f"{100 * b.rate:.1f} %",
          f"{100 * b.rate_low:.0f}–{100 * b.rate_high:.0f} %")
         for b in found.bins
     ]  # fmt: skip
-    head = "predicted harm", "runs", "failed", "rate", "95 %"
-    return [section("Predicted harm and what happened", paragraph(words), table(rows, head))]
+    head = "not clean, predicted", "runs", "mean", "failed", "rate", "95 %"
+    return [section("Predicted probability and what happened", paragraph(words), table(rows, head))]
 
 
 def worst_of(rows: Sequence[Row], count: int) -> list[Row]:
