@@ -50,7 +50,7 @@ def test_runs_are_counted_in_the_bin_of_their_probability() -> None:
         assert b.rate == b.failures / b.runs
         assert (b.rate_low, b.rate_high) == wilson(b.failures, b.runs)
     assert (found.successes, found.failed) == (5, 2)
-    assert found.auc == pytest.approx(8.0 / 9.0)
+    assert found.auc == pytest.approx(7.0 / 9.0)
 
 
 def test_without_predictions_there_is_no_calibration() -> None:

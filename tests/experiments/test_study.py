@@ -23,7 +23,7 @@ ROW = Row(
     preset="cluster", seed=0, planner="straight", noise_position=0.0, noise_angle=0.0, pushables=2,
     redraws=5, plan_status="success", success=False, cause="crushed", message='n1, "hard"',
     picked=True, swallowed="", unripe_force=12.5, target_force=0.1, static_force=0.0, torn="",
-    stem_force=1.0, duration=3.0, predicted_harm=0.2, plan_time=0.1,
+    stem_force=1.0, duration=3.0, predicted_harm=0.2, predicted_failure=0.03, plan_time=0.1,
     simulation_time=1.0, version="x",
 )  # fmt: skip
 
@@ -97,7 +97,13 @@ def test_summary_counts() -> None:
     [
         ROW,
         replace(
-            ROW, picked=None, unripe_force=None, duration=None, predicted_harm=None, success=True
+            ROW,
+            picked=None,
+            unripe_force=None,
+            duration=None,
+            predicted_harm=None,
+            predicted_failure=None,
+            success=True,
         ),
     ],
 )

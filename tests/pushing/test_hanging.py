@@ -497,3 +497,20 @@ def test_a_rim_under_the_middle_of_a_fruit_is_a_coin_that_the_model_knows_of(tur
     told = bench.predict(*judged(STRAIGHT))
     assert told.harmful
     assert told.probability > 0.05
+
+
+def test_the_harm_of_a_path_is_the_mean_over_the_states_that_tell_it() -> None:
+    """Also where the first of them is hopeless."""
+    one = model(fruit("n1", (0.003, 0.0, -0.08), LEANING))
+    states, alone = range(one.searched, one.searched + one.states), 0
+    rng = np.random.default_rng(0)
+    mean, spread = one.spread(0)
+    for x in [*one.first(), *(mean + spread * rng.standard_normal((8, len(mean))))]:
+        way = judged(one.path(x))
+        at_goal = one.path(x).points[-1]
+        parts = [one.harm_in(d, *way) for d in states]
+        scores = [min(score_of(*part), PUSH.harm.hopeless) for part in parts]
+        assert one.harm(*way, one.states) == pytest.approx(np.mean(scores))
+        np.testing.assert_allclose(at_goal, TARGET, atol=1e-9)
+        alone += scores[0] == PUSH.harm.hopeless > np.mean(scores)
+    assert alone

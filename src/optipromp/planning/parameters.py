@@ -185,6 +185,11 @@ class UnderwayParameters(Checked):
     moved: float = parameter(
         0.03, "m", "choice", "of the target; a running path is not kept beyond"
     )
+    risk: float = parameter(
+        0.1, "1", "measured",
+        "share of broken promises for which a push goes on that runs among unmoved fruits: its harm, "
+        "told anew on the way, varies by 0.1 to 0.5, and nothing was seen that speaks against it",
+    )  # fmt: skip
     same: float = parameter(1e-3, "m", "choice", "within which a fruit is where it was before")
     rows: int = parameter(100, "1", "choice", "at which the rest of a running path is read")
     fewest: int = parameter(4, "1", "choice", "least number of waypoints of the rest of a motion")

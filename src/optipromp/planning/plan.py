@@ -21,7 +21,7 @@ from optipromp.optimization.kernels import add_stiffness
 from optipromp.planning import approaches, goals, primitive, tree
 from optipromp.planning.options import Planner, PlanOptions, Strategy
 from optipromp.planning.paper_problem import functional_values
-from optipromp.planning.parameters import GOAL, TIMING
+from optipromp.planning.parameters import GOAL, TIMING, UNDERWAY
 from optipromp.planning.pick import Harmful, pick
 from optipromp.planning.primitive import PAPER_BASIS, learnt
 from optipromp.planning.result import Plan, Planned, Term, Terms
@@ -252,6 +252,8 @@ def _plan(
     task = replace(resolve(scene, robot, state), risk=options.risk)
     if state is not None:
         task = underway(task, *running)
+        if task.same and running[0] is not None and running[0].success:
+            task = replace(task, risk=max(task.risk, UNDERWAY.risk))
     paper = planner == "opti-promp" and _as_in_the_paper(options, strategy)
     default = planner == "opti-promp" and not paper
     promp = learnt(task, demonstrations, **({"basis": PAPER_BASIS} if paper else {}))
@@ -280,7 +282,7 @@ def _plan(
             terms=Terms(functools.partial(_terms, task, options, outcome, paper, strategy)),
             stages=outcome.stages, contacts=verdict.contacts, time=times,
             first=outcome.first, via=outcome.via, pushed=task.pushed,
-            start=task.state if task.begun else None, risk=options.risk,
+            start=task.state if task.begun else None, risk=task.risk,
         )  # fmt: skip
 
     stay = _stay(task)

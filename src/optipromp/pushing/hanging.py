@@ -142,10 +142,11 @@ class Hanging(PushModel):
     ) -> float:
         """See :class:`PushModel`; the parts are those of :class:`optipromp.pushing.harm.Harm`."""
         every = HANGING.screened_every if states == 1 else HANGING.every
-        some = self._some(self.searched if states > self.searched else 0, states)
+        told = states > self.searched
+        some = self._some(self.searched if told else 0, states)
         return mean_score(
             some, self.count, states, *_steps(points, axes, every), self.cup, self.static,
-            PUSH.harm.hopeless, limit,
+            PUSH.harm.hopeless, limit, not told,
         )  # fmt: skip
 
     def harm_in(self, state: int, points: FloatArray, axes: FloatArray) -> Harm:

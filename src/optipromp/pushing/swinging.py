@@ -290,7 +290,7 @@ def steps_inside(
 @kernel
 def mean_score(
     s: Stems, count: int, samples: int, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth,
-    solid: Obstacles, hopeless: float, worst: float,
+    solid: Obstacles, hopeless: float, worst: float, seen: bool,
 ) -> float:  # fmt: skip
     """Mean score of a path over sampled states of the same fruits.
 
@@ -299,8 +299,9 @@ def mean_score(
         count: of fruits.
         samples: number of states.
         points: see :func:`push`, as for the arguments up to ``solid``.
-        hopeless: largest score of one state; where the first has it, it alone counts.
+        hopeless: largest score of one state.
         worst: largest mean of interest; where it is exceeded, any number above it may be returned.
+        seen: whether the first state is the perceived one; where that is hopeless, it alone counts.
     """
     total, steps = 0.0, len(points)
     positions, forces = np.zeros((steps, count, 3)), np.zeros((steps, count))
@@ -321,7 +322,7 @@ def mean_score(
         x, y, z = positions[p, 0, 0], positions[p, 0, 1], positions[p, 0, 2]
         missed = done < steps or (cup.inner > 0.0 and not inside(x, y, z, end, cup))
         total += min(score_of(h[0], h[1], h[2], h[3], h[4], missed), hopeless)
-        if d == 0 and total >= hopeless:
+        if seen and d == 0 and total >= hopeless:
             return total
         if total > worst * samples:
             break
