@@ -276,7 +276,9 @@ def sphere_stl(path: Path, sides: int) -> None:
     path.write_bytes(bytes(80) + struct.pack("<I", len(corners)) + rows.tobytes())
 
 
-MESH = '<link name="a"/><link name="b"><{0}><geometry><mesh filename="{1}"/></geometry></{0}></link>'
+MESH = (
+    '<link name="a"/><link name="b"><{0}><geometry><mesh filename="{1}"/></geometry></{0}></link>'
+)
 
 LOADED = """
 import resource, sys

@@ -78,7 +78,9 @@ def _compiled(path: Path) -> UrdfModel:
             most = LIMITS.output / 1e6
             raise InvalidRobotError(f"{path}: compiles to more than {most:.0f} MB") from None
     if model.nbody > MOST_BODIES:
-        raise InvalidRobotError(f"{path}: has {model.nbody} bodies: must have at most {MOST_BODIES}")
+        raise InvalidRobotError(
+            f"{path}: has {model.nbody} bodies: must have at most {MOST_BODIES}"
+        )
     try:
         return _Reader(path, model).read()
     except UnicodeDecodeError:
