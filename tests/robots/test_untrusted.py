@@ -201,7 +201,7 @@ def test_a_robot_of_a_scene_reads_nothing_elsewhere(
         (far / name).write_text(text)
         shutil.copy(far / name, name)
     read = load_scene(scene(HOLES[hole](far)))
-    with pytest.raises(InvalidRobotError, match="outside the folder|not there or is no XML"):
+    with pytest.raises(InvalidRobotError, match=r"outside the folder|not there or is no XML"):
         read.load_robot()
     if "no XML" not in hole and "texture" not in hole:
         monkeypatch.setenv("OPTIPROMP_FOLDERS", str(far))

@@ -107,26 +107,31 @@ def generate(
     allowed = {FOLDERS: os.pathsep.join(unread)} if unread else {}
     if Path(named.name or "").suffix.lower() == ".xacro":
         allowed[ALLOW_XACRO] = "1"
-    told = {
+    because = {
         FOLDERS: "the robot lies elsewhere, where scenes may read nothing unless you allow it",
         ALLOW_XACRO: "the robot is a xacro, which scenes may not run unless you allow it",
     }
     for name, value in allowed.items():
-        line = f"{told[name]}: export {name}={shlex.quote(value)}"
+        line = f"{because[name]}: export {name}={shlex.quote(value)}"
         console.print(line, markup=False, soft_wrap=True)
     return OK
 
 
 def _judge_start(scene: "Scene") -> None:
-    """Refuse a scene whose start touches what it must not, by the judge of plans."""
+    """Refuse a scene whose start touches what it must not, by the judge of plans.
+
+    A start that the arm cannot hold against gravity is warned of.
+    """
     from optipromp import judging
     from optipromp.planning.task import resolve
+    from optipromp.robots.dynamics import warn_of_gravity
 
     task = resolve(scene)
     _, touching = judging.clearances(scene, task.robot, task.start[None])
     if touching:
         told = "; ".join(map(str, touching))
         raise InvalidRequestError(f"{scene.name}: the robot has no free start: {told}")
+    warn_of_gravity(task.robot, task.start[None], scene.up, f"at the start of {scene.name}")
 
 
 def _unread(named: Named, out: Path) -> list[str]:

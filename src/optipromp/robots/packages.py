@@ -137,8 +137,8 @@ def expanded(path: Path, package_dirs: Sequence[Path], *, named_by_user: bool) -
     short = f"xacro {path.name} > {path.name.split('.')[0]}.urdf"
     if not named_by_user and os.environ.get(ALLOW_XACRO) != "1":
         raise InvalidRobotError(
-            f"{path}: a xacro file runs code, and it is named by a file: expand it first ({short}), "
-            f"or name it yourself, or allow it by {ALLOW_XACRO}=1 if you trust it"
+            f"{path}: a xacro file runs code, and it is named by a file: expand it first "
+            f"({short}), or name it yourself, or allow it by {ALLOW_XACRO}=1 if you trust it"
         )
     if find_spec("xacro") is None or find_spec("xacrodoc") is None:
         raise InvalidRobotError(
