@@ -83,6 +83,10 @@ FOLDERS = "OPTIPROMP_FOLDERS"
 """Environment variable: folders beside their own from which scenes may read files."""
 
 
+ALLOW_XACRO = "OPTIPROMP_ALLOW_XACRO"
+"""Environment variable: 1 where files may name xacro files, which run code."""
+
+
 def homes(folder: Path | None) -> tuple[Path, ...]:
     """Where files may lie that a file in ``folder`` names.
 

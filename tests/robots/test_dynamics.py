@@ -5,9 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from optipromp.cli.main import app
 from optipromp.errors import InvalidRobotError
+from optipromp.parameters import GRAVITY
 from optipromp.robots import load_robot
+from optipromp.robots.dynamics import gravity_load, warn_of_gravity
 
 INERTIAL = (
     '<inertial><origin xyz="0.02 {0} 0.1" rpy="0.3 0.2 {0}"/><mass value="{1}"/>'
@@ -72,3 +76,48 @@ def test_a_joint_that_is_held_needs_no_limits(
     assert load_robot(path, tip="c").held_joints == ("w",)
     with pytest.raises(InvalidRobotError, match=r"robot\.urdf:1.*'w'"):
         load_robot(path, tip="wheel")
+
+
+def heavy(joint: Callable[..., str], effort: float) -> str:
+    links = "".join(
+        f'<link name="{name}">{INERTIAL.format(0.01 * k, 1.0 + k)}{BALL}</link>'
+        for k, name in enumerate("abcd")
+    )
+    limit = f'<limit lower="-1" upper="1" velocity="2" effort="{effort}"/>'
+    joints = (
+        joint("ab", "a", "b", limit=limit, axis='<axis xyz="0 1 0"/>')
+        + joint("slide", "b", "c", kind="prismatic", limit=limit)
+        + joint("cd", "c", "d", limit=limit, axis='<axis xyz="1 0 0"/>')
+    )
+    return f'<robot name="r">{links}{joints}</robot>'
+
+
+def test_what_gravity_needs(write: Callable[..., Path], joint: Callable[..., str]) -> None:
+    pin = pytest.importorskip("pinocchio")
+    path = write(heavy(joint, 50.0))
+    robot, model = load_robot(path), pin.buildModelFromUrdf(str(path))
+    up = np.array([0.6, 0.0, 0.8])  # of a base that leans
+    model.gravity.linear = -GRAVITY * up
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (20, 3))
+    theirs = [pin.computeGeneralizedGravity(model, model.createData(), row) for row in q]
+    np.testing.assert_allclose(gravity_load(robot, q, up), theirs, atol=1e-9)
+
+
+def test_an_arm_too_weak_for_its_weight_is_told_of(
+    write: Callable[..., Path], joint: Callable[..., str], recwarn: pytest.WarningsRecorder
+) -> None:
+    up = np.array([0.0, 0.0, 1.0])
+    strong = load_robot(write(heavy(joint, 200.0), "strong.urdf"))
+    warn_of_gravity(strong, strong.home[None], up, "at home")
+    assert not recwarn
+    path = write(heavy(joint, 5.0), "weak.urdf")
+    weak = load_robot(path)
+    need = np.abs(gravity_load(weak, weak.home[None], up))[0]
+    warn_of_gravity(weak, weak.home[None], up, "at home")
+    (told,) = [str(each.message) for each in recwarn]
+    for name, load, unit in zip(weak.joint_names, need, ("N m", "N", "N m"), strict=True):
+        assert (f"{name} needs {load:.3g} {unit} (at most 5)" in told) == (load > 5.0)
+    assert (need > 5.0).any()
+    result = CliRunner().invoke(app, ["check", str(path)])
+    assert result.exit_code == 0
+    assert "r cannot hold itself at home" in " ".join(result.output.split())

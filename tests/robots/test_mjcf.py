@@ -230,6 +230,8 @@ def test_a_damaged_cache_is_made_again(
 
 
 BALL = '<geom size=".1"/>'
+HEIGHTS = '<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>'
+TWIN = f"<body>{BALL}<body>{BALL}</body></body>"
 ARM_FAR = f'<body name="far" pos="0 1e200 0">{BALL}</body>'
 
 
@@ -246,9 +248,7 @@ def minimal(geom: str = '<geom size=".1"/>', more: str = "", name: str = "a") ->
         (minimal('<geom size=".1" pos="0 0 30"/>'), "body 'a' pos is 0 0 30, beyond 20 m"),
         (minimal(f'<geom size=".1"/>{ARM_FAR}'), "body 'far' pos is 0 1e+200 0"),
         (
-            minimal(
-                more='<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>'
-            ),
+            minimal(more=HEIGHTS),
             "<hfield> asks for 3.6e+09 of nrow x ncol",
         ),
         (
@@ -256,17 +256,12 @@ def minimal(geom: str = '<geom size=".1"/>', more: str = "", name: str = "a") ->
             "<replicate> asks for 1e+05 of count: must be at most 1000",
         ),
         (
-            minimal(
-                f'<replicate count="999"><body>{BALL}<body>{BALL}</body></body></replicate>{BALL}'
-            ),
+            minimal(f'<replicate count="999">{TWIN}</replicate>{BALL}'),
             "has 2000 bodies: must have at most 1000",
         ),
         (minimal(more='<asset><mesh name="m" file="pipe.stl"/></asset>'), "is a device or pipe"),
         (minimal(more='<asset><mesh name="m" file="/dev/zero"/></asset>'), "is a device or pipe"),
         (minimal(name="\xff"), "a name in it is no UTF-8"),
-    ],
-    ids=[
-        "1e300", "1e100", "geom", "body", "hfield", "replicate", "bodies", "pipe", "device", "name",
     ],
 )  # fmt: skip
 def test_what_would_end_the_process_or_never_end_is_refused(

@@ -136,7 +136,7 @@ def folded(joint: Callable[..., str], gap: float) -> str:
 def test_a_home_at_a_limit_is_settled_by_surfaces(
     write: Writer, joint: Callable[..., str], gap: float
 ) -> None:
-    """Covers meet there though the bars are apart, as in a Piper; nothing goes unseen for it."""
+    """Covers meet there though the bars are apart, as in a Piper. Nothing goes unseen for it."""
     robot = load_robot(write(folded(joint, gap)))
     assert robot.home[1] == robot.lower[1]
     assert sum(robot.excess.values()) > gap

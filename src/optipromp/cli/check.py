@@ -178,10 +178,12 @@ def _words(value: object) -> str:
 
 def _scene(item: str) -> dict[str, Any]:
     from optipromp.planning.task import resolve
+    from optipromp.robots.dynamics import warn_of_gravity
     from optipromp.scenes.io import load_scene
 
     scene = load_scene(item)
     bound = resolve(scene)
+    warn_of_gravity(bound.robot, bound.start[None], scene.up, "at the start")
     by_role = {
         role: [item.id for item in scene.objects if item.role == role]
         for role in ("target", "pushable", "avoid", "static")
@@ -198,6 +200,11 @@ def _scene(item: str) -> dict[str, Any]:
 
 def _robot(robot: "Robot", arm: "Arm") -> dict[str, Any]:
     """What is said of a robot; lengths in metres."""
+    import numpy as np
+
+    from optipromp.robots.dynamics import warn_of_gravity
+
+    warn_of_gravity(robot, robot.home[None], np.array([0.0, 0.0, 1.0]), "at home")
     spheres = Counter(robot.link_names[i] for i in robot.spheres.link)
     return {
         "name": robot.name,

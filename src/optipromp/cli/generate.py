@@ -1,5 +1,6 @@
 """``optipromp generate``: random scenes that an arm could solve."""
 
+import os
 import shlex
 from collections import Counter
 from pathlib import Path
@@ -10,7 +11,7 @@ import typer
 from optipromp.cli.console import OK, AsJson, Generated, command, print_json, stdout
 from optipromp.cli.robot import Named, names_robot
 from optipromp.errors import InvalidRequestError
-from optipromp.files import FOLDERS, check_folder, check_inside
+from optipromp.files import ALLOW_XACRO, FOLDERS, check_folder, check_inside, is_folder
 
 if TYPE_CHECKING:
     from optipromp.scenes.scene import Scene
@@ -81,6 +82,8 @@ def generate(
     reasons: Counter[str] = Counter()
     for number in range(seed, seed + count):
         scene, report = generate_with_report(preset, number, named.name or PANDA, named.choice)
+        if named.name is not None:
+            _judge_start(scene)
         save_scene(scene, path := out / f"{scene.name}.yaml")
         reasons.update(report.reasons)
         documents.append({
@@ -89,7 +92,7 @@ def generate(
             **(_seen(scene, number, noise, out) if noise else {}),
         })  # fmt: skip
     redraws = reasons.total()
-    unread = _unread(named.name, out)
+    unread = _unread(named, out)
     if as_json:
         told = {"preset": preset, "redraws": redraws, "scenes": documents, "folders": unread}
         print_json(told)
@@ -101,23 +104,49 @@ def generate(
     if noise:
         missed = sum(len(document["missed"]) for document in documents)
         console.print(f"wrote as seen to {out / SEEN}; fruits missed: {missed}", markup=False)
-    for folder in unread:
-        words = (
-            "the robot lies elsewhere, where scenes may read nothing unless you allow it: export "
-        )
-        console.print(f"{words}{FOLDERS}={shlex.quote(folder)}", markup=False, soft_wrap=True)
+    allowed = {FOLDERS: os.pathsep.join(unread)} if unread else {}
+    if Path(named.name or "").suffix.lower() == ".xacro":
+        allowed[ALLOW_XACRO] = "1"
+    because = {
+        FOLDERS: "the robot lies elsewhere, where scenes may read nothing unless you allow it",
+        ALLOW_XACRO: "the robot is a xacro, which scenes may not run unless you allow it",
+    }
+    for name, value in allowed.items():
+        line = f"{because[name]}: export {name}={shlex.quote(value)}"
+        console.print(line, markup=False, soft_wrap=True)
     return OK
 
 
-def _unread(robot: str | None, out: Path) -> list[str]:
-    """The folder of the robot's file, if scenes in ``out`` may not read there."""
-    if robot is None or not Path(robot).suffix:
+def _judge_start(scene: "Scene") -> None:
+    """Refuse a scene whose start touches what it must not, by the judge of plans.
+
+    A start that the arm cannot hold against gravity is warned of.
+    """
+    from optipromp import judging
+    from optipromp.planning.task import resolve
+    from optipromp.robots.dynamics import warn_of_gravity
+
+    task = resolve(scene)
+    _, touching = judging.clearances(scene, task.robot, task.start[None])
+    if touching:
+        told = "; ".join(map(str, touching))
+        raise InvalidRequestError(f"{scene.name}: the robot has no free start: {told}")
+    warn_of_gravity(task.robot, task.start[None], scene.up, f"at the start of {scene.name}")
+
+
+def _unread(named: Named, out: Path) -> list[str]:
+    """The folders of the robot's files in which scenes in ``out`` may not read."""
+    if named.name is None or not Path(named.name).suffix:
         return []
-    try:
-        check_inside(Path(robot), out, InvalidRequestError)
-    except InvalidRequestError:
-        return [str(Path(robot).resolve().parent)]
-    return []
+    from optipromp.robots.library import files_of
+
+    lacking = set[Path]()
+    for file in files_of(named.name, named.choice):
+        try:
+            check_inside(file, out, InvalidRequestError)
+        except InvalidRequestError:
+            lacking.add(file.resolve() if is_folder(file) else file.resolve().parent)
+    return [str(each) for each in sorted(lacking) if not lacking & set(each.parents)]
 
 
 def _seen(scene: "Scene", seed: int, noise: str, out: Path) -> dict[str, Any]:

@@ -96,6 +96,7 @@ def simulate(
     optipromp simulate my-scene.yaml --planner i-promp --json
     """
     from optipromp.files import check_folder
+    from optipromp.robots.dynamics import warn_of_gravity
     from optipromp.scenes.io import load_scene
     from optipromp.simulation import SimulationParameters
     from optipromp.simulation import simulate as execute
@@ -111,6 +112,7 @@ def simulate(
         parameters = replace(parameters, control=replace(parameters.control, speed=speed))
     plan = _plan(scene_or_plan, planner, strategy, seed, named)
     truth = None if true_scene is None else load_scene(true_scene)
+    warn_of_gravity(plan.robot, plan.trajectory.positions, plan.scene.up, "on the way")
     with waiting(f"executing in {(truth or plan.scene).name} ..."):
         run = execute(plan, truth, parameters=parameters, seed=seed)
     written = _leave(run, folder, video, gif, slow)

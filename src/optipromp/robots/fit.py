@@ -232,8 +232,9 @@ _NEARBY = np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3, indexing="ij"), axis=-1)
 def voxel(triangles: FloatArray) -> float:
     """Edge of the voxels of a mesh (f, 3, 3) [m]."""
     size = np.ptp(triangles, axis=(0, 1))
-    longest, volume = float(size.max()), float(np.prod(size))
-    return max(min(VOXEL, longest / _FINE), longest / _COARSE, (volume / _VOXELS) ** (1.0 / 3.0))
+    longest = float(size.max())
+    cube: float = float(np.prod(size) / _VOXELS) ** (1.0 / 3.0)
+    return max(min(VOXEL, longest / _FINE), longest / _COARSE, cube)
 
 
 def count_samples(triangles: FloatArray) -> int:

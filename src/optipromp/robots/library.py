@@ -22,8 +22,8 @@ from optipromp.robots.mjcf import is_mjcf, read_mjcf
 from optipromp.robots.model import BodySpheres, LeftOut, LinkGeometry, Robot
 from optipromp.robots.packages import (
     Check,
-    check_meshes,
     expanded,
+    meshes_found,
     only_inside,
     with_meshes_found,
 )
@@ -102,7 +102,7 @@ def load_robot(
     Raises:
         InvalidRobotError: no such robot (the message lists the built-in names), a description that
             cannot be used, a xacro that a robot file names and
-            :data:`optipromp.robots.packages.ALLOW_XACRO` does not allow, or several arms that are
+            :data:`optipromp.files.ALLOW_XACRO` does not allow, or several arms that are
             alike (the message lists them).
     """
     return load_arm(
@@ -159,6 +159,26 @@ def built_in_twin(robot: Robot) -> str | None:
         ):
             return name
     return None
+
+
+def files_of(name_or_path: str | Path, choice: Choice = NOTHING) -> list[Path]:
+    """The files and folders that a scene reads which names this robot with this choice.
+
+    Raises InvalidRobotError as :func:`load_robot`.
+    """
+    seen = list[Path]()
+
+    def check(path: Path) -> Path:
+        seen.append(path)
+        return path
+
+    path = Path(name_or_path)
+    entry = RobotFile(format=1, name=path.stem, urdf=path.name)
+    if path.suffix.lower() in (".yaml", ".yml"):
+        entry = read_robot_file(path)
+    _read(entry, path, choice, check)
+    given = [*([choice.srdf] if choice.srdf else []), *choice.package_dirs]
+    return list(dict.fromkeys([path, *seen, *map(Path, given)]))
 
 
 Stamps = tuple[tuple[Path, tuple[int, int] | None], ...]
@@ -230,7 +250,8 @@ def _read(entry: RobotFile, path: Path, choice: Choice, check: Check) -> UrdfMod
     model = read_urdf(urdf, entry.scale, content)
     covered = [link for link in model.links if link not in entry.spheres]
     model = with_meshes_found(model, covered, package_dirs)
-    check_meshes(model, check)
+    for file in meshes_found(model):
+        check(file)
     return model
 
 

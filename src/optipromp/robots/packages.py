@@ -3,21 +3,27 @@
 import os
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
 
 from optipromp.errors import InvalidRobotError
-from optipromp.files import LARGEST_TEXT, check_inside, homes, is_file, is_folder, read_bytes
+from optipromp.files import (
+    ALLOW_XACRO,
+    LARGEST_TEXT,
+    check_inside,
+    homes,
+    is_file,
+    is_folder,
+    read_bytes,
+)
 from optipromp.robots.limited import LIMITS, run_limited
 from optipromp.robots.meshes import mesh_file
 from optipromp.robots.urdf import UrdfGeometry, UrdfModel
 
 PREFIX = "package://"
-ALLOW_XACRO = "OPTIPROMP_ALLOW_XACRO"
-"""Environment variable: 1 where files may name xacro files, which run code."""
-
 Check = Callable[[Path], Path]
 """Gives the path of a file back if it may be read, else raises InvalidRobotError."""
 
@@ -51,16 +57,15 @@ def only_inside(folder: Path | None, given: Sequence[Path]) -> tuple[Check, str]
     return lambda path: check_inside(path, folder, InvalidRobotError, more), told
 
 
-def check_meshes(model: UrdfModel, check: Check) -> None:
-    """Check the files of all meshes that can be found. Raises InvalidRobotError."""
+def meshes_found(model: UrdfModel) -> list[Path]:
+    """The files of all meshes that can be found; of others the reader says so where needed."""
+    found = []
     for link in model.links.values():
         for shape in (*link.collisions, *link.visuals):
             if shape.kind == "mesh":
-                try:
-                    file = mesh_file(model.path, link.name, shape)
-                except InvalidRobotError:
-                    continue  # where it is needed, its reader says so
-                check(file)
+                with suppress(InvalidRobotError):
+                    found.append(mesh_file(model.path, link.name, shape))
+    return list(dict.fromkeys(found))
 
 
 def with_meshes_found(
@@ -132,8 +137,8 @@ def expanded(path: Path, package_dirs: Sequence[Path], *, named_by_user: bool) -
     short = f"xacro {path.name} > {path.name.split('.')[0]}.urdf"
     if not named_by_user and os.environ.get(ALLOW_XACRO) != "1":
         raise InvalidRobotError(
-            f"{path}: a xacro file runs code, and a file names it: expand it first ({short}), "
-            f"or name it yourself, or allow it by {ALLOW_XACRO}=1 if you trust it"
+            f"{path}: a xacro file runs code, and it is named by a file: expand it first "
+            f"({short}), or name it yourself, or allow it by {ALLOW_XACRO}=1 if you trust it"
         )
     if find_spec("xacro") is None or find_spec("xacrodoc") is None:
         raise InvalidRobotError(

@@ -86,7 +86,8 @@ def place(robot: Robot, way: FloatArray, axis: FloatArray) -> Standpoint:
     """The place from which a robot's tool can go along ``way``.
 
     Places on a grid of :data:`PLACES_APART` about the base, and the branches of inverse kinematics
-    there, are ranked by :func:`spare`.
+    there, are ranked by :func:`spare`; where the robot would touch itself at the start, it does not
+    stand.
 
     Args:
         robot: with its tool.
@@ -109,7 +110,9 @@ def place(robot: Robot, way: FloatArray, axis: FloatArray) -> Standpoint:
         line, axes = pose @ way, np.tile(turn @ axis, (len(way), 1))
         for begin in ik.solve(robot, line[0], axes[0], starts=IK_STARTS).joints[:BRANCHES]:
             q, errors = ik.track(robot, line, axes, _unwound(robot, begin))
-            if errors.max() < MISS and (score := spare(robot, q)) > best:
+            if errors.max() > MISS or robot.self_gaps(q[0]).min(initial=0.0) < 0.0:
+                continue
+            if (score := spare(robot, q)) > best:
                 best, found = score, Standpoint(pose, frozen(q[0]), lowest(robot, q))
     if found is None:
         raise InvalidRequestError(f"{robot.name}: no place of its base lets it reach the scenes")
