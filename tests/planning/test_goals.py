@@ -92,7 +92,7 @@ def test_without_sides_one_is_chosen(stem: str, three: Scene) -> None:
         objects.append(replace(o, stem=hung))
     scene = replace(three, objects=tuple(objects))
     assert_success(plan(scene))
-    result = plan(scene, options=PlanOptions(prediction=False))
+    result = plan(scene, options=PlanOptions(prediction=False, risk=0.1))
     assert_success(result)
     for offset in result.metrics.M_p.values():
         assert offset is not None

@@ -495,7 +495,7 @@ def test_a_rim_under_the_middle_of_a_fruit_is_a_coin_that_the_model_knows_of(tur
     swallowed = sum(one.inside > PUSH.harm.inside_time for one in lost)
     assert 0 < swallowed < bench.states
     told = bench.predict(*judged(STRAIGHT))
-    assert told.harmful
+    assert told.harm > 0.3
     assert told.probability > 0.05
 
 

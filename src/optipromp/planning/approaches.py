@@ -45,7 +45,7 @@ def others(scene: Scene, robot: Robot | None = None) -> Iterator[Scene]:
     x_g, y_g, z_g = scene.frame
     around = np.arange(APPROACH.around) * 2.0 * np.pi / APPROACH.around
     flats = [np.cos(turn) * x_g + np.sin(turn) * y_g for turn in around]
-    shares = 1.0, APPROACH.inner
+    shares: tuple[float, ...] = (1.0, APPROACH.inner)
     if target.stem is None:
         side = np.cross(scene.up, z_g)
         level = float(np.linalg.norm(side))

@@ -187,8 +187,8 @@ class UnderwayParameters(Checked):
     )
     risk: float = parameter(
         0.1, "1", "measured",
-        "share of broken promises for which a push goes on that runs among unmoved fruits: its harm, "
-        "told anew on the way, varies by 0.1 to 0.5, and nothing was seen that speaks against it",
+        "share of broken promises for which a push goes on among fruits that did not move: its "
+        "harm, told anew on the way, varies by 0.1 to 0.5",
     )  # fmt: skip
     same: float = parameter(1e-3, "m", "choice", "within which a fruit is where it was before")
     rows: int = parameter(100, "1", "choice", "at which the rest of a running path is read")
