@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from tests.robots.test_arm import TWO, along, groups, robot
 
 from optipromp import judge, plan
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.planning.task import resolve
+from optipromp.robots.library import Choice
 from optipromp.ros import (
     LiveScene,
     Recorded,
@@ -24,7 +26,7 @@ from optipromp.ros.goals import read_goal
 from optipromp.ros.service import MOVEIT
 from optipromp.ros.shapes import pose_message
 from optipromp.ros.types import constants
-from optipromp.scenes import Pose, PoseGoal, load_scene
+from optipromp.scenes import JointGoal, Pose, PoseGoal, Scene, load_scene
 
 SCENE = load_scene("scenario-3")
 ROBOT = resolve(SCENE).robot
@@ -280,3 +282,25 @@ def test_every_code_of_a_plan_has_one_of_moveit(code: Code) -> None:
 def test_a_bag_without_a_planner_is_no_world() -> None:
     with pytest.raises(InvalidRequestError, match="says nothing of a scene"):
         LiveScene.of(SCENE).heard(request())
+
+
+@pytest.mark.filterwarnings("ignore:no built-in demonstrations")
+def test_a_group_of_other_joints_than_the_arms_is_refused(tmp_path: Path) -> None:
+    """The groups are those of the SRDF that chose the arm; without one any name is taken."""
+    (tmp_path / "two.urdf").write_text(robot(*TWO))
+    own = along("arm", "column", "leftlink5"), along("arm_with_torso", "foot", "leftlink5")
+    (tmp_path / "own.srdf").write_text(groups(*own))
+    choice = Choice(srdf="own.srdf")
+    two = Scene(
+        "two", "two.urdf", (), goal=JointGoal(np.zeros(5)), base_dir=tmp_path, choice=choice
+    )
+    world = LiveScene.of(two)
+    for name in ("arm_with_torso", "none"):
+        refused = answer(world, request(group_name=name))
+        assert refused.plan is None
+        assert refused.trajectory is None
+        told = refused.response.error_code.message
+        assert f"group_name is '{name}': this node plans for arm (" in told
+    for name in ("arm", ""):
+        assert answer(world, request(group_name=name)).plan is not None
+    assert answer(LiveScene.of(SCENE), request(group_name="panda_arm")).plan is not None

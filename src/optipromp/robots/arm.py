@@ -5,9 +5,9 @@ fingers, wheels, heads and sensors, holds what carries more than the arm (a tors
 longest chain that is left. Where two are alike it asks: an error lists the candidates.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from optipromp.errors import InvalidRobotError
 from optipromp.robots.srdf_groups import Srdf
@@ -34,7 +34,8 @@ class Arm:
     """An arm of a robot: its joints lie between the links ``base`` and ``tip``, its flange.
 
     ``tool`` names the links beyond the flange that the last body carries; ``why`` says what chose
-    the arm, and ``others`` what else could be chosen.
+    the arm, and ``others`` what else could be chosen. ``groups`` has the joints of each group of
+    the SRDF that is a chain; none where no SRDF was read.
     """
 
     base: str
@@ -43,6 +44,7 @@ class Arm:
     tool: tuple[str, ...]
     why: str
     others: tuple[str, ...] = ()
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def __str__(self) -> str:
         shown = f"{self.joints[0]} to {self.joints[-1]}" if self.joints else "none"
@@ -93,7 +95,16 @@ def choose_arm(
     first = found[0]
     more = [str(arm) for arm in found[1:] if (arm.tip, arm.joints) != (first.tip, first.joints)]
     others = tuple(dict.fromkeys([*more, *_other_ends(tree, first)]))
-    return replace(first, others=others)
+    groups = (
+        {}
+        if srdf is None
+        else {
+            name: arm.joints
+            for name in srdf.groups
+            if (arm := _of_group(tree, srdf, name)) is not None
+        }
+    )
+    return replace(first, others=others, groups=groups)
 
 
 def _made(tree: Tree, tip: str, base: str | None, why: str) -> Arm:

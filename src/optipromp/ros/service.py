@@ -11,6 +11,7 @@ from optipromp.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.planning import Plan, PlanOptions, plan
 from optipromp.planning.options import PLANNERS, Planner
 from optipromp.promp.model import ProMP
+from optipromp.robots.library import load_arm
 from optipromp.ros.goals import read_goal
 from optipromp.ros.joints import joint_motion, robot_state
 from optipromp.ros.live import LiveScene
@@ -71,8 +72,9 @@ def answer(
     Read are ``start_state`` (where it names joints; with velocities the plan begins in that
     motion), ``goal_constraints`` (none: the target of the world), ``planner_id`` (empty:
     opti-promp), ``allowed_planning_time`` and the scaling factors of velocity and acceleration (0:
-    1). Workspace, number of attempts, pipeline and group are not. Path and trajectory constraints,
-    reference trajectories and a Cartesian speed are refused.
+    1). A ``group_name`` must be one of this arm, where an SRDF tells its groups. Workspace, number
+    of attempts and pipeline are not read. Path and trajectory constraints, reference trajectories
+    and a Cartesian speed are refused.
 
     Args:
         world: what is known of the scene.
@@ -87,6 +89,7 @@ def answer(
     """
     try:
         _refuse_unread(request)
+        _refuse_another_arm(request.group_name, world)
         state, slowing = _start(request, world), _slowing(request)
         options = options or PlanOptions()
         if request.allowed_planning_time > 0.0:
@@ -115,6 +118,19 @@ def answer(
         trajectory=joint_trajectory(motion, rate, prefix) if made.success else None,
         display=display_trajectory([motion], made.robot.name, rate, prefix),
         plan=made,
+    )
+
+
+def _refuse_another_arm(group: str, world: LiveScene) -> None:
+    """Refuse a group of other joints than the arm's, or none of the SRDF that chose the arm."""
+    scene = world.scene()
+    _, arm = load_arm(scene.robot, scene.base_dir, scene.choice)
+    if not group or not arm.groups or set(arm.groups.get(group, ())) == set(arm.joints):
+        return
+    mine = [name for name, joints in arm.groups.items() if set(joints) == set(arm.joints)]
+    raise InvalidRequestError(
+        f"group_name is {group!r}: this node plans for {', '.join(mine) or arm.why} "
+        f"({arm.joints[0]} to {arm.joints[-1]}); leave it empty, or ask the node of that arm"
     )
 
 
