@@ -101,7 +101,7 @@ def choose_arm(
         else {
             name: arm.joints
             for name in srdf.groups
-            if (arm := _of_group(tree, srdf, name)) is not None
+            if (own := _of_group(tree, srdf, name)) is not None
         }
     )
     return replace(first, others=others, groups=groups)
