@@ -72,7 +72,7 @@ def faulty(good: Trajectory, kind: str) -> Trajectory:
     names, middle = good.joint_names, good.n_waypoints // 3
     match kind:
         case "too fast":
-            return good.slowed(0.2)
+            return good.slowed(0.1)
         case "a jump in velocity":
             velocity[middle] += 0.4
         case "a jump in position":

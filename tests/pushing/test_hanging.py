@@ -167,7 +167,7 @@ def test_a_pressed_target_is_named() -> None:
     """Between the cup and a wall behind it."""
     wall = SceneObject("wall", "static", Box((0.04, 0.2, 0.2)), TARGET + [0.06, 0.0, 0.0])
     a = model(wall)
-    way = led((-0.06, 0, -0.25), (-0.06, 0, 0), (0.04, 0, 0), (0, 0, -0.05), (0, 0, 0))
+    way = led((-0.06, 0, -0.25), (-0.06, 0, 0), (0.045, 0, 0), (0, 0, -0.05), (0, 0, 0))
     assert a.predict(*judged(way)).harmful
     name, cause = a.cause(*judged(way))
     assert name == "ripe"

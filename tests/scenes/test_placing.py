@@ -80,7 +80,7 @@ def test_another_robot_picks(arm) -> None:
     pytest.importorskip("mujoco")
     from optipromp.simulation import simulate
 
-    for seed in (1, 2):
+    for seed in (3, 2):
         made = plan(generate("cluster", seed, arm))
         assert made.success, made.message
         assert simulate(made).success
