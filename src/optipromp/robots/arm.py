@@ -95,15 +95,8 @@ def choose_arm(
     first = found[0]
     more = [str(arm) for arm in found[1:] if (arm.tip, arm.joints) != (first.tip, first.joints)]
     others = tuple(dict.fromkeys([*more, *_other_ends(tree, first)]))
-    groups = (
-        {}
-        if srdf is None
-        else {
-            name: arm.joints
-            for name in srdf.groups
-            if (own := _of_group(tree, srdf, name)) is not None
-        }
-    )
+    chains = {} if srdf is None else {name: _of_group(tree, srdf, name) for name in srdf.groups}
+    groups = {name: chain.joints for name, chain in chains.items() if chain is not None}
     return replace(first, others=others, groups=groups)
 
 
