@@ -164,8 +164,8 @@ class Hanging(PushModel):
         too: the model does not know how many the cup holds.
         """
         so = *_steps(points, axes), self.cup, self.static
-        last = self.searched + self.states
-        worst = max((led(self._some(d, 1), *so) for d in range(self.searched, last)), key=_score)
+        told = range(self.searched, self.searched + min(self.states, HANGING.causes))
+        worst = max((led(self._some(d, 1), *so) for d in told), key=_score)
         found = worst.harm
         names = [fruit.id for fruit in self.fruits]
         if found.inside > BRIEFLY:

@@ -214,6 +214,9 @@ class HangingParameters(Checked):
     screened_states: int = parameter(
         7, "1", "measured", "of the search: 1,003 of 1,100 runs succeed, 1,006 with all states"
     )
+    causes: int = parameter(
+        12, "1", "choice", "states in the worst of which the cause of a harm is looked for"
+    )
     shift: float = parameter(
         0.003, "m", "guess", "standard deviation of a position without covariance in the scene"
     )
