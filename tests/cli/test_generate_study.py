@@ -95,6 +95,10 @@ def test_study_prints_rates_and_causes(quick, tmp_path: Path) -> None:
     document = json.loads(again.stdout)
     assert document["runs"] == 12
     assert [cell["rate"] for cell in document["cells"]] == [0.0, 1.0, 0.0, 1.0]
+    assert json.loads((tmp_path / "study.json").read_text())["risk"] == 0.03
+    refused = RUN.invoke(app, [*arguments, "--risk", "0.01"])
+    assert refused.exit_code == 2
+    assert "holds rows with risk 0.03, this study has 0.01" in refused.stderr
     each = [*arguments[:3], "--planner", "straight", "--planner", "chomp", *arguments[5:], "--json"]
     assert json.loads(RUN.invoke(app, each).stdout) == document
 
@@ -108,6 +112,7 @@ def test_study_prints_rates_and_causes(quick, tmp_path: Path) -> None:
         (["--planners", "rrt"], "planner is 'rrt'"),
         (["--noise-angle", "-1"], "noise_angle"),
         (["--noise", "lower"], "did you mean 'low'"),
+        (["--risk", "1"], "risk is 1.0"),
     ],
 )
 def test_study_refuses_what_is_wrong_in_one_line(options, words, tmp_path: Path) -> None:

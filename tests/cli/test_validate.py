@@ -1,6 +1,7 @@
 """``validate`` from end to end: files, bags and folders of anyone's trajectory."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -100,6 +101,22 @@ FAULTS = {
     "not from the start": {"start"},
     "cut short": {"motion", "goal"},
 }
+
+
+def test_probability_risk_forces_are_told(folder: Path, good: Trajectory, tmp_path: Path) -> None:
+    np.savez(tmp_path / "t.npz", **arrays(good))
+    strict = told(tmp_path / "t.npz", "--risk", "0.01")
+    own = json.loads(call("validate", str(folder), "--risk", "0.01", "--json")[1])
+    for code, document in (strict, (1, own)):
+        assert (code, document["status"], document["risk"]) == (1, "HARM_PREDICTED", 0.01)
+    usual = json.loads(call("validate", str(folder), "--json")[1])
+    checked = json.loads(call("check", str(folder), "--json")[1])
+    assert usual["predicted_harm"] == checked["predicted_harm"]
+    assert usual["risk"] == checked["risk"] == 0.03
+    assert 0.0 < usual["predicted_harm"]["probability"] < 1.0
+    assert usual["predicted_harm"]["forces"].keys() == {"n1", "n2"}
+    for words in (call("validate", str(folder))[1], call("check", str(folder))[1]):
+        assert re.search(r"not clean with\s+probability \d+ %", words)
 
 
 @pytest.mark.parametrize("kind", FAULTS)

@@ -92,6 +92,14 @@ def test_chomp_takes_the_tool_away_from_the_fruits(seed: int) -> None:
     assert not np.array_equal(other.trajectory.positions, end)
 
 
+@pytest.mark.parametrize(("preset", "seed"), [("cluster", 0), ("table-top", 0), ("table-top", 1)])
+def test_obstacles_come_as_the_scene_says(preset: str, seed: int) -> None:
+    """The judge finds nothing wrong with the motion: it comes along the scene's own approach."""
+    made = attempt(generate(preset, seed), "obstacles")
+    assert made.status in (Code.SUCCESS, Code.HARM_PREDICTED), made.message
+    assert made.failure is not None
+
+
 @pytest.mark.parametrize("planner", STUDY_PLANNERS)
 def test_every_planner_answers(planner: str) -> None:
     made = attempt(generate("cluster", 1), planner, seed=1)

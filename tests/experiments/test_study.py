@@ -151,12 +151,16 @@ def test_a_message_of_many_lines_is_one_line(tmp_path: Path) -> None:
         ({"noise_angle": 5.0}, "noise_angle"),
         ({"only_valid": True}, "only_valid"),
         ({"noise": "low"}, "noise"),
+        ({"robot": "ur5.urdf"}, "robot"),
+        ({"risk": 0.01}, "risk"),
     ],
 )
 def test_rows_of_another_study_are_not_mixed(change, named, tmp_path: Path) -> None:
-    RowFile(tmp_path, small())
-    with pytest.raises(InvalidRequestError, match=named):
-        RowFile(tmp_path, small(**change))
+    """Whether the folder or the study states what the other leaves at its default."""
+    for k, (held, asked) in enumerate(((small(), small(**change)), (small(**change), small()))):
+        RowFile(tmp_path / str(k), held)
+        with pytest.raises(InvalidRequestError, match=f"holds rows with {named}"):
+            RowFile(tmp_path / str(k), asked)
 
 
 def test_rows_of_other_code_are_not_mixed(tmp_path: Path, monkeypatch) -> None:
@@ -189,6 +193,7 @@ def test_what_is_no_row_is_refused(tmp_path: Path) -> None:
         ({"noise_position": float("nan")}, "noise_position"),
         ({"noise": "lower"}, "did you mean 'low'"),
         ({"noise": "low", "noise_angle": 5.0}, "one of them"),
+        ({"risk": 1.0}, "risk"),
     ],
 )
 def test_wrong_studies_are_refused(change, named) -> None:
@@ -244,6 +249,15 @@ def test_results_are_written(quick, tmp_path: Path) -> None:
     assert len(study_figure(summary(rows)).axes) == 2
 
 
+def test_the_bars_are_promised_and_picked_and_the_dots_are_executed() -> None:
+    refused = replace(ROW, success=True, plan_status="HARM_PREDICTED")
+    rows = [replace(ROW, success=True), *(replace(refused, seed=k) for k in (1, 2)),
+            replace(ROW, seed=3)]  # fmt: skip
+    rates, _ = study_figure(summary(rows)).axes
+    assert [bar.get_height() for bar in rates.patches] == [25.0]
+    assert [*rates.lines[-1].get_ydata()] == [75.0]
+
+
 def test_a_run_that_breaks_off_is_a_row_too(monkeypatch) -> None:
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("of all objects")
@@ -252,6 +266,19 @@ def test_a_run_that_breaks_off_is_a_row_too(monkeypatch) -> None:
     (row,) = runs.run_scene("cluster", 0, ("straight",), Noise(), "x")
     assert (row.success, row.cause) == (False, "error")
     assert "of all objects" in row.message
+
+
+def test_the_risk_of_a_study_sets_what_its_rows_promise(tmp_path: Path) -> None:
+    """The motion is the same; the probability that it fails is told by the row."""
+    pytest.importorskip("mujoco")
+    rows = []
+    for risk in (0.01, 0.1):
+        chosen = Study(("table-top",), ("straight",), (7, 8), risk=risk)
+        rows += run_study(chosen, tmp_path / str(risk), workers=1)
+    assert [row.plan_status for row in rows] == ["HARM_PREDICTED", "success"]
+    assert rows[0].predicted_failure == rows[1].predicted_failure
+    assert 0.0 < rows[0].predicted_failure < 1.0
+    assert rows[0].duration == rows[1].duration
 
 
 def test_plans_that_are_refused_are_not_executed_where_so_asked() -> None:

@@ -89,13 +89,15 @@ def test_one_plan_is_executed_under_every_variation_and_as_assumed_as_ever(tmp_p
 
 def test_the_figure_shows_planners_beside_one_another_under_every_variation() -> None:
     rows = [
-        Row("cluster", seed, planner, 0.0, 0.0, 2, 0, "success", planner == "drift" or seed > 1,
+        Row("cluster", seed, planner, 0.0, 0.0, 2, 0, "INVALID_PLAN" if seed == 3 else "success",
+            planner == "drift" or seed > 1,
             causes="crushed not_picked", variation=name)
         for name in VARIATIONS for planner in ("drift", "opti-promp") for seed in range(4)
     ]  # fmt: skip
     rates, why = study_figure(summary(rows)).axes
     assert [text.get_text() for text in rates.get_yticklabels()] == list(VARIATIONS)
     drift, ours = (c.lines[0].get_xdata() for c in rates.containers)
-    assert set(drift) == {100.0}
-    assert set(ours) == {50.0}
+    assert (set(drift), set(ours)) == ({75.0}, {25.0})  # promised and picked
+    dots = [set(line.get_xdata()) for line in rates.lines if line.get_marker() == "o"]
+    assert dots == [{100.0}, {50.0}]  # executed although refused
     assert [text.get_text() for text in why.get_yticklabels()] == ["crushed", "not picked"]

@@ -2,6 +2,7 @@
 
 import warnings
 from collections import Counter
+from dataclasses import is_dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -156,7 +157,10 @@ def check(
         summary = _SUMMARIES[kind](item)
     status = Code(summary.pop("status", Code.SUCCESS))
     if as_json:
-        print_json({"status": status, "message": "", "kind": kind, "item": item, **summary})
+        told = {
+            key: vars(value) if is_dataclass(value) else value for key, value in summary.items()
+        }
+        print_json({"status": status, "message": "", "kind": kind, "item": item, **told})
     else:
         console = stdout()
         console.print(headline((kind, "bold"), f" {item}: right"))
@@ -287,7 +291,8 @@ def _plan(item: str) -> dict[str, Any]:
     return {
         "status": plan.status,
         "reason": plan.message,
-        "predicted_harm": None if plan.prediction is None else plan.prediction.harm,
+        "predicted_harm": plan.prediction,
+        "risk": plan.risk,
         "scene": plan.scene.name,
         "planner": plan.planner,
         "strategy": plan.strategy,

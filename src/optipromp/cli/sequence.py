@@ -1,5 +1,6 @@
 """``optipromp plan --targets``: several ripe fruits of one scene, one after the other."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -37,10 +38,11 @@ def plan_targets(
         print_json(document)
     else:
         console = stdout()
-        table = grid(("pick", "status"), ("harm", "motion, s"))
+        table = grid(("pick", "status"), ("not clean", "motion, s"))
         for id_, pick in zip(found.order, found.picks, strict=True):
-            harm = "–" if pick.prediction is None else f"{pick.prediction.harm:.2f}"
-            table.add_row(id_, str(pick.status), harm, f"{pick.trajectory.duration:.2f}")
+            told = math.nan if pick.prediction is None else pick.prediction.probability
+            failure = "–" if math.isnan(told) else f"{100.0 * told:.0f} %"
+            table.add_row(id_, str(pick.status), failure, f"{pick.trajectory.duration:.2f}")
         for left in found.left:
             table.add_row(left.id, str(left.status), "–", "–")
         console.print(table)

@@ -55,6 +55,10 @@ Vary = Annotated[
     ),
 ]
 
+Risk = Annotated[
+    float, typer.Option(help="Share of promised successes that may be broken; less refuses more.")
+]
+
 
 @command()
 @names_robot("Whose scenes: built-in name or file (panda).")
@@ -81,6 +85,7 @@ def study(
         typer.Option("--only-valid", help="Do not execute plans that the judge refuses."),
     ] = False,
     vary: Vary = False,
+    risk: Risk = 0.03,
     workers: Workers = None,
     as_json: AsJson = False,
     *,
@@ -89,7 +94,8 @@ def study(
     """Run planners on random scenes and execute their plans in the physics simulation.
 
     Every run is a row of rows.csv in DIR. Ctrl-C keeps what is done; the same command goes on from
-    there. At the end: success rates with 95 % intervals, causes of failure, and a figure.
+    there. At the end: what was promised and picked, with 95 % intervals, broken promises,
+    causes of failure, and a figure.
 
     [bold]Examples[/bold]
 
@@ -108,7 +114,7 @@ def study(
     compared: Any = _names(",".join(planners), STUDY_PLANNERS)
     plan = Study(
         chosen, compared, _range(seeds), noise_position, noise_angle, only_valid,
-        named.name or PANDA, named.choice, vary, noise,
+        named.name or PANDA, named.choice, vary, noise, risk,
     )  # fmt: skip
     say_if_compiling()
     successes: dict[str, list[bool]] = {}

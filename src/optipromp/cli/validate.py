@@ -77,14 +77,16 @@ def validate(
     with waiting("judging ..."):
         if scene is None:
             plan = load_plan(trajectory)
-            plan = plan if risk is None else replace(plan, risk=PlanOptions(risk=risk).risk)
+            risk = plan.risk if risk is None else PlanOptions(risk=risk).risk
+            plan = replace(plan, risk=risk)
             loaded, robot, curve, found = plan.scene, plan.robot, plan.trajectory, verdict_of(plan)
         else:
             loaded = load_scene(scene)
             robot = resolve(loaded).robot
             curve = read(trajectory, robot)
-            found = judge(loaded, curve, risk=PlanOptions.risk if risk is None else risk)
-    document = describe(found, curve, loaded)
+            risk = PlanOptions.risk if risk is None else risk
+            found = judge(loaded, curve, risk=risk)
+    document = describe(found, curve, loaded, risk)
     if out is not None:
         leave(out, document, curve, robot, found)
     if as_json:
@@ -106,7 +108,7 @@ def read(path: Path, robot: "Robot") -> "Trajectory":
     return read_trajectory(path, robot.joint_names)
 
 
-def describe(found: "Verdict", curve: "Trajectory", scene: "Scene") -> dict[str, Any]:
+def describe(found: "Verdict", curve: "Trajectory", scene: "Scene", risk: float) -> dict[str, Any]:
     """The verdict as plain values for JSON."""
     from optipromp.files import plain
 
@@ -117,6 +119,7 @@ def describe(found: "Verdict", curve: "Trajectory", scene: "Scene") -> dict[str,
         "violations": [vars(violation) for violation in found.judgement.violations],
         "notes": found.judgement.notes,
         "predicted_harm": None if found.prediction is None else vars(found.prediction),
+        "risk": risk,
         "rows": curve.n_waypoints,
         "metrics": found.judgement.metrics.to_dict(),
     }))  # fmt: skip
@@ -152,6 +155,8 @@ def _print(found: "Verdict", document: dict[str, Any], curve: "Trajectory") -> N
             table.add_row(violation.kind, violation.subject, when, amount)
         console.print(table)
     console.print(found.message)
+    if found.prediction is not None and found.status is not Code.HARM_PREDICTED:
+        console.print(f"{found.prediction}", markup=False)  # else it is in the message
     off = f"{m.goal_error:.4f}" if m.goal_axis_error is None else f"{1e3 * m.goal_error:.2f} mm"
     console.print(
         f"limits in use: velocity {m.velocity_ratio:.0%}, acceleration {m.acceleration_ratio:.0%}, "

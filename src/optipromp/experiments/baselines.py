@@ -75,7 +75,9 @@ class Answer:
     tilt: float = 0.0
 
 
-def attempt(scene: Scene, planner: StudyPlanner, *, seed: int = 0) -> Answer:
+def attempt(
+    scene: Scene, planner: StudyPlanner, *, seed: int = 0, risk: float = PlanOptions.risk
+) -> Answer:
     """Plan a scene with any planner of a study.
 
     - ``straight``: to the camera point, then straight along the approach, no fruit considered.
@@ -95,21 +97,23 @@ def attempt(scene: Scene, planner: StudyPlanner, *, seed: int = 0) -> Answer:
         scene: as the planner sees it.
         planner: one of :data:`STUDY_PLANNERS`.
         seed: of everything random.
+        risk: share of promised successes that may be broken, see :class:`PlanOptions`.
 
     Raises:
-        InvalidRequestError: an unknown planner.
+        InvalidRequestError: an unknown planner, or a risk that is not between 0 and 1.
         InvalidSceneError, InvalidRobotError, StartInvalidError: wrong input.
     """
     if planner not in STUDY_PLANNERS:
         raise InvalidRequestError(f"planner is {planner!r}: {suggest(planner, STUDY_PLANNERS)}")
     began = time.perf_counter()
     if planner == "straight":
-        return straight(scene)
+        return straight(scene, risk)
     if planner == "chomp":
-        return chomp(scene, seed)
+        return chomp(scene, seed, risk)
     if planner != "obstacles":
         request = SETTINGS.get(planner, {"planner": planner})
-        made = plan(scene, seed=seed, **request)
+        options = replace(request.get("options", PlanOptions()), risk=risk)
+        made = plan(scene, seed=seed, **{**request, "options": options})
         moves = bool(np.ptp(made.trajectory.positions, axis=0).max() > 0.0)
         return Answer(
             planner, made.status, made.message, made.trajectory if moves else None,
@@ -117,11 +121,11 @@ def attempt(scene: Scene, planner: StudyPlanner, *, seed: int = 0) -> Answer:
             pushed(made) if planner == "i-promp-guard" else 0.0, _failure(made.prediction),
             float(np.rad2deg(np.arccos(min(made.scene.frame[2] @ scene.frame[2], 1.0)))),
         )  # fmt: skip
-    made = plan(as_obstacles(scene), planner="opti-promp", seed=seed)
+    made = plan(as_obstacles(scene), seed=seed, options=PlanOptions(risk=risk))
     seconds = time.perf_counter() - began
-    if made.status not in (Code.SUCCESS, Code.INVALID_PLAN):
+    if made.status not in (Code.SUCCESS, Code.INVALID_PLAN, Code.HARM_PREDICTED):
         return Answer(planner, made.status, made.message, made.trajectory, seconds)
-    task = resolve(scene)
+    task = replace(resolve(scene), risk=risk)
     return _judged(planner, task, gently(task, made.trajectory.positions), seconds)
 
 
@@ -143,14 +147,17 @@ def gently(setup: Task, q: FloatArray) -> Trajectory:
 
 
 def as_obstacles(scene: Scene) -> Scene:
-    """The scene with every pushable in the role of a neighbour to be avoided."""
+    """The scene with every pushable in the role of a neighbour to be avoided, and one approach.
+
+    Other approaches are chosen by pushes, of which nothing is known here.
+    """
     objects = tuple(
         replace(item, role="avoid") if item.role == "pushable" else item for item in scene.objects
     )
-    return replace(scene, objects=objects)
+    return replace(scene, objects=objects, approach=replace(scene.approach, cone=0.0, aside=0.0))
 
 
-def chomp(scene: Scene, seed: int = 0) -> Answer:
+def chomp(scene: Scene, seed: int = 0, risk: float = PlanOptions.risk) -> Answer:
     """CHOMP from the conditioned ProMP; start and goal configuration stay."""
     began = time.perf_counter()
     made = plan(scene, planner="promp", seed=seed)
@@ -158,7 +165,7 @@ def chomp(scene: Scene, seed: int = 0) -> Answer:
         return Answer("chomp", made.status, made.message, None, time.perf_counter() - began)
     problem = chomp_problem(scene, made.trajectory.n_waypoints)
     found = covariant.descend(problem, made.trajectory.positions, covariant.DescentOptions())
-    task = resolve(scene)
+    task = replace(resolve(scene), risk=risk)
     return _judged("chomp", task, gently(task, found.q), time.perf_counter() - began)
 
 
@@ -178,7 +185,7 @@ def chomp_problem(scene: Scene, waypoints: int) -> Problem:
     )  # fmt: skip
 
 
-def straight(scene: Scene) -> Answer:
+def straight(scene: Scene, risk: float = PlanOptions.risk) -> Answer:
     """The tool to the camera point, a stop, and straight along the approach to the target.
 
     Both parts follow a line of the tool point by inverse kinematics from the start, each with the
@@ -186,7 +193,7 @@ def straight(scene: Scene) -> Answer:
     the branch that reaches the target. No obstacle is considered.
     """
     began = time.perf_counter()
-    setup = resolve(scene)
+    setup = replace(resolve(scene), risk=risk)
     parts = _parts(setup)
     if parts is None:
         away = "no configuration follows the approach line to the target"

@@ -16,6 +16,7 @@ from pydantic import TypeAdapter
 from optipromp.errors import Code, OptiPrompError
 from optipromp.experiments.baselines import Answer, StudyPlanner, attempt
 from optipromp.experiments.variations import VARIATIONS, Variation
+from optipromp.planning import PlanOptions
 from optipromp.robots.library import NOTHING, UNTRUSTED, Choice
 from optipromp.scenes.generate import (
     NOISES,
@@ -157,6 +158,7 @@ def run_scene(
     robot: str | Path = PANDA,
     choice: Choice = NOTHING,
     vary: bool = False,
+    risk: float = PlanOptions.risk,
 ) -> list[Row]:
     """Run every planner on one scene.
 
@@ -170,6 +172,7 @@ def run_scene(
         robot: whose scene it is: name or path.
         choice: of the robot's file.
         vary: every plan is executed under all of :data:`VARIATIONS`.
+        risk: share of promised successes that may be broken.
     """
     scene, report = generate_with_report(preset, seed, robot, choice)
     errors = NOISES[noise] if isinstance(noise, str) else noise
@@ -184,7 +187,7 @@ def run_scene(
         made: Answer | None = None
         for name, change in (VARIATIONS if vary else {"": None}).items():
             try:
-                made = made or attempt(seen, planner, seed=seed)
+                made = made or attempt(seen, planner, seed=seed, risk=risk)
                 values = _executed(made, scene, seed, only_valid, change)
             except OptiPrompError as error:
                 values = {"plan_status": str(error.code), "cause": ERROR, "message": error.message}
@@ -195,16 +198,16 @@ def run_scene(
     return rows
 
 
-def again(row: Row, robot: str = PANDA) -> "Run | None":
+def again(row: Row, robot: str = PANDA, risk: float = PlanOptions.risk) -> "Run | None":
     """A run made once more, for its picture; None where its plan is not executed.
 
-    ``robot``: whose scene it is, a name or path.
+    ``robot``: whose scene it is, a name or path. ``risk``: of the study.
 
     Raises:
         OptiPrompError: what broke the run off.
     """
     scene, seen = scenes_of(row, robot)
-    made = attempt(seen, cast(StudyPlanner, row.planner), seed=row.seed)
+    made = attempt(seen, cast(StudyPlanner, row.planner), seed=row.seed, risk=risk)
     if made.trajectory is None:
         return None
     return _executed_in(made, scene, row.seed, VARIATIONS.get(row.variation))

@@ -30,6 +30,7 @@ from optipromp.experiments.runs import (
 )
 from optipromp.experiments.variations import VARIATIONS
 from optipromp.files import check_folder, json_text, write_atomically
+from optipromp.planning import PlanOptions
 from optipromp.processes import cores, run_each
 from optipromp.robots.library import NOTHING, Choice
 from optipromp.scenes.generate import NOISES, PANDA, PRESETS, Noise, Preset
@@ -53,11 +54,12 @@ class Study:
         choice: of the robot's file.
         vary: every plan is executed under all of :data:`VARIATIONS`.
         noise: name of one of :data:`optipromp.scenes.generate.NOISES`, in place of the deviations.
+        risk: share of promised successes that may be broken.
 
     Raises:
         InvalidRequestError: an unknown preset or planner, none, one twice, an empty or negative
-            range of seeds, an unknown noise, one that is negative or not finite, or a name and a
-            deviation together.
+            range of seeds, an unknown noise, one that is negative or not finite, a name and a
+            deviation together, or a risk that is not between 0 and 1.
     """
 
     presets: tuple[Preset, ...] = PRESETS
@@ -70,6 +72,7 @@ class Study:
     choice: Choice = NOTHING
     vary: bool = False
     noise: str = ""
+    risk: float = PlanOptions.risk
 
     def __post_init__(self) -> None:
         for name, given, valid in (
@@ -93,6 +96,7 @@ class Study:
             raise InvalidRequestError(f"noise is {self.noise!r}: {suggest(self.noise, NOISES)}")
         if Noise(self.noise_position, self.noise_angle) != Noise() and self.noise:
             raise InvalidRequestError(f"noise {self.noise} and a deviation: state one of them")
+        PlanOptions(risk=self.risk)  # refuses what is no risk
 
     def scenes(self) -> Iterator[tuple[Preset, int]]:
         """Preset and seed of every scene, seeds outermost: a study cut short is a smaller one."""
@@ -119,6 +123,7 @@ class Study:
             "vary": self.vary,
             **({"noise": self.noise} if self.noise else {}),
             "version": source_version(),
+            "risk": self.risk,
         }
 
 
@@ -150,7 +155,8 @@ class RowFile:
                 f"{self.path} is there and {path.name} beside it cannot be read ({error}): choose "
                 "another folder"
             ) from None
-        for name, value in wanted.items():
+        for name in dict.fromkeys((*wanted, *found)):  # what is left out has its default
+            value = wanted.get(name)
             if found.get(name) != value:
                 raise InvalidRequestError(
                     f"{path.parent} holds rows with {name} {found.get(name)!r}, this study has "
@@ -315,7 +321,7 @@ def _run(
 
     robot = study.robot, study.choice
     noise = study.noise or Noise(study.noise_position, study.noise_angle)
-    common = (noise, source_version(), study.only_valid, *robot, study.vary)
+    common = (noise, source_version(), study.only_valid, *robot, study.vary, study.risk)
 
     def hear(index: int, result: Sequence[Row] | BrokenProcessPool) -> None:
         if isinstance(result, BrokenProcessPool):

@@ -90,7 +90,7 @@ def _rates(axes: "Axes", cells: Sequence[Cell]) -> None:
 
 
 def _varied(axes: "Axes", cells: Sequence[Cell]) -> None:
-    """A line for each variation of the physics, a dot for each planner."""
+    """A line for each variation of the physics, a square with its interval for each planner."""
     names = list(dict.fromkeys(cell.preset for cell in cells))
     planners = list(dict.fromkeys(cell.planner for cell in cells))
     for i, planner in enumerate(planners):
@@ -99,14 +99,16 @@ def _varied(axes: "Axes", cells: Sequence[Cell]) -> None:
         spans = [[c.rate - c.low for c in mine], [c.high - c.rate for c in mine]]
         axes.errorbar(
             [100 * cell.rate for cell in mine], [names.index(c.preset) + beside for c in mine],
-            xerr=[[100 * v for v in side] for side in spans], fmt="o", markersize=4.0,
+            xerr=[[100 * v for v in side] for side in spans], fmt="s", markersize=4.0,
             elinewidth=1.0, color=COLOURS.get(planner), label=planner,
         )  # fmt: skip
+        y = [names.index(cell.preset) + beside for cell in mine]
+        axes.plot([100 * c.successes / c.runs for c in mine], y, "o", color="#333333", ms=2.5)
     axes.set_yticks(range(len(names)), names)
     axes.grid(axis="y", linewidth=0.4, color="#dddddd")
     axes.invert_yaxis()
     axes.set_xlim(-2.0, 102.0)
-    axes.set_xlabel(f"{RATE}; {'–'.join(map(str, sorted({c.runs for c in cells})))} scenes a dot")
+    axes.set_xlabel(f"{RATE}; {'–'.join(map(str, sorted({c.runs for c in cells})))} scenes each")
     axes.set_title(TITLE, fontsize=10)
     axes.legend(frameon=False, fontsize=8, ncols=len(planners), **_BELOW)
     axes.spines[["top", "right"]].set_visible(False)

@@ -11,6 +11,7 @@ from optipromp.experiments.runs import ERROR, NO_PLAN, Row, again
 from optipromp.experiments.statistics import Calibration, Cell, calibration, summary
 from optipromp.experiments.study import ROWS, rows_of, settings_of
 from optipromp.experiments.study_output import study_figure
+from optipromp.planning import PlanOptions
 from optipromp.reports.html import made_with, page, paragraph, picture, section, table
 from optipromp.scenes.generate import PANDA
 from optipromp.simulation import Run
@@ -36,13 +37,14 @@ def study_report(
         progress: called with words on what is being done.
 
     Raises:
-        InvalidRequestError: the folder holds no rows.
+        InvalidRequestError: the folder holds no rows, or its settings a risk that is none.
     """
     folder = Path(folder)
     rows = rows_of(folder)
     if not rows:
         raise InvalidRequestError(f"{folder} holds no rows of a study ({ROWS})")
     settings, robot = settings_of(folder)
+    risk = PlanOptions(risk=settings.get("risk", PlanOptions.risk)).risk
     cells = summary(rows)
     kept, plans = sum(cell.kept for cell in cells), sum(cell.plans for cell in cells)
     title = f"Study of {len(rows)} runs"
@@ -65,9 +67,9 @@ def study_report(
             table(_causes(cells), ("preset", "planner", "failed by (a run may have several)")),
         ),
         *_prediction(found),
-        *_worst(rows, worst, progress, robot),
+        *_worst(rows, worst, progress, robot, risk),
         section("Settings", table([(name, str(value)) for name, value in settings.items()])),
-        made_with(_command(rows, robot), {}),
+        made_with(_command(rows, robot, risk), {}),
     ]  # fmt: skip
     return page(title, parts)
 
@@ -120,8 +122,9 @@ def worst_of(rows: Sequence[Row], count: int) -> list[Row]:
 
 
 def _worst(
-    rows: Sequence[Row], count: int, progress: Callable[[str], None] | None, robot: str | None
-) -> list[str]:
+    rows: Sequence[Row], count: int, progress: Callable[[str], None] | None, robot: str | None,
+    risk: float,
+) -> list[str]:  # fmt: skip
     shown = []
     for row in worst_of(rows, count):
         name = f"{row.preset}, seed {row.seed}, {row.planner}"
@@ -130,7 +133,7 @@ def _worst(
         cause = row.cause.replace("_", " ")
         caption = f"{name}: {cause}. {row.message} (plan: {row.plan_status})"
         try:
-            run = None if row.cause == ERROR or robot is None else again(row, robot)
+            run = None if row.cause == ERROR or robot is None else again(row, robot, risk)
             shown.append(paragraph(caption) if run is None else picture(_picture(run), caption))
         except OptiPrompError:  # nothing can be drawn off screen, or the robot's file is not there
             shown.append(paragraph(caption))
@@ -163,7 +166,7 @@ def worst_moment(run: Run) -> float:
     return float(rollout.times[int(force.max(axis=1).argmax())])
 
 
-def _command(rows: Sequence[Row], robot: str | None) -> str:
+def _command(rows: Sequence[Row], robot: str | None, risk: float) -> str:
     presets, planners = (
         ",".join(dict.fromkeys(getattr(row, name) for row in rows))
         for name in ("preset", "planner")
@@ -176,6 +179,8 @@ def _command(rows: Sequence[Row], robot: str | None) -> str:
     for name in ("noise",) if rows[0].noise else ("noise_position", "noise_angle"):
         if value := getattr(rows[0], name):
             words += ["--" + name.replace("_", "-"), value if name == "noise" else f"{value:g}"]
+    if risk != PlanOptions.risk:
+        words += ["--risk", f"{risk:g}"]
     return shlex.join([*words, "--out", "DIR"])
 
 
