@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from optipromp import OptiPrompError, judge, load_plan, write_plan
 from optipromp.cli.main import app
-from optipromp.errors import Code
+from optipromp.errors import Code, StartInvalidError
 from optipromp.judging import centers
 from optipromp.output import FILES
 from optipromp.planning import PlanOptions, plan
@@ -278,7 +278,12 @@ def assert_one_verdict(
     made = plan(scene, seed=seed, options=options)
     if again_at is not None and made.trajectory.duration > 0.5:
         at = again_at * made.trajectory.duration
-        made = plan(scene, seed=seed, options=options, previous=made, at=at)
+        q, robot = made.trajectory.at(at).q, made.robot
+        if np.all((robot.lower <= q) & (q <= robot.upper)):
+            made = plan(scene, seed=seed, options=options, previous=made, at=at)
+        else:  # the best trajectory of a plan that failed; no arm is there
+            with pytest.raises(StartInvalidError):
+                plan(scene, seed=seed, options=options, previous=made, at=at)
     harm = made.prediction and made.prediction.harm
     verdict = verdict_of(made)
     verdicts = [verdict]

@@ -127,7 +127,7 @@ def _judge_start(scene: "Scene") -> None:
     from optipromp.robots.dynamics import warn_of_gravity
 
     task = resolve(scene)
-    _, touching = judging.clearances(scene, task.robot, task.start[None])
+    touching = judging.touching(scene, task.robot, task.start)
     if touching:
         told = "; ".join(map(str, touching))
         raise InvalidRequestError(f"{scene.name}: the robot has no free start: {told}")
