@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from optipromp.errors import InvalidRequestError
@@ -40,6 +40,7 @@ def worst_gap(points: np.ndarray, cover: np.ndarray) -> float:
     length=st.floats(0.0, 0.3),
     share=st.floats(0.05, 1.0),
 )
+@example(radius=0.0390625, height=2.0, length=0.0, share=0.5)
 def test_cup_is_covered_and_little_more(
     radius: float, height: float, length: float, share: float
 ) -> None:

@@ -184,7 +184,10 @@ def _rim(
                 if ring <= 0.0:
                     continue
                 band = _Band(count, ring, float(size), 0.0)
-                end = max(_span(band, float(size) - bulge)[0], inner)
+                low, high = _span(band, float(size) - bulge)
+                if high * _SLACK < edge:  # a ring that the outer wall keeps from the edge
+                    continue
+                end = max(low, inner)
                 price = count / max(edge - end, 1e-12)
                 if best is None or price < best[0]:
                     best = (price, end, band)
