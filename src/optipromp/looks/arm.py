@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from optipromp.arrays import FloatArray, frame_along
+from optipromp.geometry.faces import revolve, sphere
 from optipromp.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere, hull_faces
-from optipromp.looks.faces import coarser, revolve, shape_faces, sphere
+from optipromp.looks.faces import coarser, shape_faces
 from optipromp.looks.part import Part, hex_colour
 from optipromp.robots.chain import rotation_of
 from optipromp.robots.cup_cover import NECK_RADIUS

@@ -7,8 +7,9 @@ where the scene itself has nothing that the stems could hang from.
 import numpy as np
 
 from optipromp.arrays import FloatArray, frame_along
+from optipromp.geometry.faces import box, revolve, sphere, tube
 from optipromp.geometry.shapes import HalfSpace, MeshShape, PointCloudShape, Sphere
-from optipromp.looks.faces import box, revolve, shape_faces, sphere, tube
+from optipromp.looks.faces import shape_faces
 from optipromp.looks.part import Part
 from optipromp.scenes.scene import Scene, SceneObject
 

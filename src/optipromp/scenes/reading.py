@@ -13,7 +13,13 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.files import check_inside
-from optipromp.geometry.shapes import HalfSpace, MeshShape, PointCloudShape, Shape
+from optipromp.geometry.shapes import (
+    PRIMITIVES,
+    HalfSpace,
+    MeshShape,
+    PointCloudShape,
+    Shape,
+)
 from optipromp.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.robots.tools import make_tool
 from optipromp.scenes.rotations import IDENTITY
@@ -29,7 +35,6 @@ from optipromp.scenes.scene import (
     ToolSpec,
 )
 from optipromp.scenes.schema import (
-    PRIMITIVES,
     MeshToolModel,
     ObjectModel,
     PoseModel,

@@ -7,8 +7,9 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from optipromp.arrays import FloatArray
+from optipromp.geometry.faces import sphere, tube
 from optipromp.geometry.shapes import HalfSpace
-from optipromp.looks.faces import shape_faces, sphere, tube
+from optipromp.looks.faces import shape_faces
 from optipromp.looks.scene import PUSHABLES
 from optipromp.planning.task import resolve
 from optipromp.pushing.path import evenly, length
