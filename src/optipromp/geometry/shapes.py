@@ -108,7 +108,7 @@ class Primitive(Shape):
         shape = type(self).__name__.lower()
         for item in fields(self):  # type: ignore[arg-type]
             name, given = item.name, getattr(self, item.name)
-            if item.type == "float":
+            if item.type in ("float", float):
                 object.__setattr__(self, name, _positive(shape, name, given))
                 continue
             sizes = tuple(float(size) for size in given)

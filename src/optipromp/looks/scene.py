@@ -42,7 +42,7 @@ def scene_parts(scene: Scene) -> tuple[Part, ...]:
 def object_parts(scene: Scene, item: SceneObject) -> tuple[Part, ...]:
     """An object of a scene in its own frame, without its stem: ``role:id``, and its calyx."""
     opacity = SEE_THROUGH if item.role == "avoid" else 1.0
-    faces = shape_faces(item.shape, np.zeros(3), np.eye(3), np.inf)
+    faces = item.shape.surface()
     if isinstance(item.shape, Sphere) and item.radius > LARGE:
         faces = sphere(np.zeros(3), item.radius, 48)
     name, colour = f"{item.role}:{item.id}", _colour(scene, item)
@@ -218,7 +218,7 @@ def _ground(scene: Scene) -> float | None:
 
 
 def _corners(item: SceneObject) -> FloatArray:
-    return shape_faces(item.shape, np.zeros(3), np.eye(3), np.inf).reshape(-1, 3)
+    return item.shape.surface().reshape(-1, 3)
 
 
 def _nearest(item: SceneObject, point: FloatArray) -> FloatArray:

@@ -105,7 +105,7 @@ class PointCloudModel(_Model):
 
 def _sizes_model(shape: type) -> type[_Model]:
     """The model of a shape without a file: each of its sizes, above 0."""
-    kinds: dict[Any, Any] = {"float": Positive}
+    kinds: dict[Any, Any] = {"float": Positive, float: Positive}
     keys: dict[str, Any] = {x.name: (kinds.get(x.type, Sizes), ...) for x in fields(shape)}
     return create_model(f"{shape.__name__}Model", __base__=_Model, **keys)
 
