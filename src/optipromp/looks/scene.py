@@ -8,7 +8,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, frame_along
 from optipromp.geometry.faces import box, revolve, sphere, tube
-from optipromp.geometry.shapes import HalfSpace, MeshShape, PointCloudShape, Sphere
+from optipromp.geometry.shapes import MeshShape, PointCloudShape, Sphere
 from optipromp.looks.faces import shape_faces
 from optipromp.looks.part import Part
 from optipromp.scenes.scene import Scene, SceneObject
@@ -206,12 +206,12 @@ def _table(row: FloatArray, item: SceneObject, roots: FloatArray, ground: float)
 
 def _ground(scene: Scene) -> float | None:
     """Height of the floor: under the base, or under the lowest object; None where there is one."""
-    if any(isinstance(item.shape, HalfSpace) for item in scene.objects):
+    if any(np.isinf(item.radius) for item in scene.objects):
         return None
     up = np.asarray(scene.up)
     lowest = [0.0]
     for item in scene.objects:
-        if np.isfinite(item.radius) and item.role != "avoid":
+        if item.role != "avoid":
             faces = shape_faces(item.shape, item.position, item.rotation, np.inf)
             lowest.append(float((faces @ up).min()))
     return min(lowest)
@@ -230,6 +230,6 @@ def _nearest(item: SceneObject, point: FloatArray) -> FloatArray:
 
 def box_distance(item: SceneObject, point: FloatArray) -> float:
     """Distance of a point (3,) from an object's bounding box, infinite for a half-space [m]."""
-    if isinstance(item.shape, HalfSpace):
+    if np.isinf(item.radius):
         return np.inf
     return float(np.linalg.norm(point - _nearest(item, point)))

@@ -18,8 +18,6 @@ class TwoFingers(Tool):
     """The base class of grippers: two boxes, the fingers, on a box, the body.
 
     The body stands on the flange and is centred there. Fingers stand side by side on the body.
-    *Length* is along the tool axis, *width* of the body and *thickness* of a finger along the
-    opening, *thickness* of the body and *width* of a finger across both.
     """
 
     fingers = True

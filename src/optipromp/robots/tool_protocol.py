@@ -106,17 +106,18 @@ class Tool(Protocol):
     def holds(self, points: FloatArray) -> BoolArray:
         """Whether the tool holds objects at points (R, 3), in tool axes from the tool point.
 
-        By default within the inner radius of a round mouth, or between fingers and within their
-        width; above ``front`` and below ``tip``.
+        By default above ``front`` and below ``tip``: within the inner radius of a round mouth, or
+        between fingers and within their width, that of the narrowest solid of them.
         """
-        ends = self.front - self.reach, self.tip - self.reach
-        if self.fingers:
-            corners = [solid.corners for solid in self.solids() if solid.part == "finger"]
-            x = (np.concatenate(corners) - self.point) @ self.rotation[:, 0]
-            return between(points, self.mouth[0], float(np.abs(x).max()), ends)
         x, y, z = points.T
-        within = np.hypot(x, y) < self.mouth[0]
-        return np.asarray(within & (z < ends[1]) & (z > ends[0]))
+        ends = self.front - self.reach, self.tip - self.reach
+        if not self.fingers:
+            within = np.hypot(x, y) < self.mouth[0]
+            return np.asarray(within & (z < ends[1]) & (z > ends[0]))
+        fingers = [solid.corners for solid in self.solids() if solid.part == "finger"]
+        wide = [np.abs((own - self.point) @ self.rotation[:, 0]).max() for own in fingers]
+        across = (np.abs(y) < self.mouth[0]) & (np.abs(x) <= min(wide, default=np.inf))
+        return np.asarray(across & (z > ends[0]) & (z <= ends[1]))
 
     def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
         """Centre of a mass [kg] (3,) and inertia about it (3, 3) [kg m²], in the flange frame.
@@ -129,15 +130,6 @@ class Tool(Protocol):
 @functools.lru_cache(maxsize=32)
 def _covered(tool: Tool) -> FloatArray:
     return frozen(cover_solids(tool.solids()))
-
-
-def between(
-    points: FloatArray, half: float, half_width: float, ends: tuple[float, float]
-) -> BoolArray:
-    """Whether points (R, 3) in tool axes are between two fingers: across, in width, along them."""
-    x, y, z = points.T
-    across = (np.abs(y) < half) & (np.abs(x) <= half_width)
-    return np.asarray(across & (z > ends[0]) & (z <= ends[1]))
 
 
 MEMBERS = tuple(name for name in vars(Tool) if not name.startswith("_"))

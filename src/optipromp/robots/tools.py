@@ -25,7 +25,6 @@ from optipromp.robots.tool_geometry import Part, Solid
 from optipromp.robots.tool_protocol import (
     LARGEST,
     Tool,
-    between,
     check_length,
     check_tool,
     quaternion,
@@ -246,14 +245,6 @@ class FrankaHand(Tool):
                 Solid(f"hand:{name}", Box((a, b, c)), turned @ center, (w, x, y, z), part)
             )  # fmt: skip
         return tuple(out)
-
-    def holds(self, points: FloatArray) -> BoolArray:
-        """Between the open fingers, where closing them takes hold; points (R, 3).
-
-        The limits are the pads across and in height, the palm and the finger tips along the hand.
-        """
-        ends = self.front - self.reach, self.tip - self.reach
-        return between(points, self.gripper_radius, PADS[3], ends)
 
     def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
         """Inertia of a palm that has all of the mass."""

@@ -15,7 +15,6 @@ from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.files import check_inside
 from optipromp.geometry.shapes import (
     PRIMITIVES,
-    HalfSpace,
     MeshShape,
     PointCloudShape,
     Shape,
@@ -194,7 +193,7 @@ def _shape(
 def check_magnitude(item: SceneObject, told: str = "") -> None:
     """Refuse an object that looks as if it were in millimetres; ``told``: of which frame it is."""
     reachable = item.role != "target"
-    if not isinstance(item.shape, HalfSpace):
+    if math.isfinite(item.radius):
         _check_distance("position", item.position, told, reachable=reachable)
     if item.stem is not None:
         _check_distance("stem.root", item.stem.root, told, reachable=reachable)
