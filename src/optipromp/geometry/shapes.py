@@ -101,12 +101,13 @@ class Shape(ABC):
         return np.concatenate([corners, corners[:, 2:]], axis=1)
 
 
+@dataclass(frozen=True)
 class Primitive(Shape):
     """A shape given by sizes above 0: numbers, or three of them along x, y, z."""
 
     def __post_init__(self) -> None:
         shape = type(self).__name__.lower()
-        for item in fields(self):  # type: ignore[arg-type]
+        for item in fields(self):
             name, given = item.name, getattr(self, item.name)
             if item.type in ("float", float):
                 object.__setattr__(self, name, _positive(shape, name, given))

@@ -26,10 +26,11 @@ from optipromp.geometry.shapes import (
     PointCloudShape,
     Shape,
 )
+from optipromp.scenes.objects import Role
 from optipromp.scenes.scene import Scene, SceneObject
 
 STATIC, AVOID, AVOID_BY_TOOL, PUSHABLE, STEM = range(5)  # roles; rows of the smallest distances
-ROLES = {"static": STATIC, "avoid": AVOID, "pushable": PUSHABLE}
+ROLES: dict[Role, int] = {"static": STATIC, "avoid": AVOID, "pushable": PUSHABLE}
 BLOCK = 4  # objects in a block; of 4, 8, 16 and 32 the fastest among 1,000 obstacles
 CELL = 0.05  # [m] objects in one such cell are neighbours; about the size of a fruit
 
@@ -57,7 +58,7 @@ def objects_of(scene: Scene) -> tuple[Objects, tuple[SceneObject, ...]]:
     """
     role = np.full(len(scene.objects), -1)
     for name, code in ROLES.items():
-        role[scene.rows(name)] = code  # type: ignore[arg-type]
+        role[scene.rows(name)] = code
     kind, size, bound = measures([item.shape for item in scene.objects])
     owner, middle, turn, capsule = _stems(scene)
     rows = np.concatenate([np.arange(len(role)), len(role) + owner])

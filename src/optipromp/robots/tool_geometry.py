@@ -131,13 +131,18 @@ def swept(corners: FloatArray) -> list[FloatArray]:
     """The volume that a solid sweeps as it turns about z, seen along x, as convex polygons."""
     low, high, inner, outer = profile(corners)
     sides = [(-outer, outer)] if inner == 0.0 else [(inner, outer), (-outer, -inner)]
-    parts = [np.array([[low, a], [high, a], [high, b], [low, b]]) for a, b in sides]
+    parts = [rectangle(low, high, a, b) for a, b in sides]
     if inner == 0.0:
         x, y, u = corners.T
         across = np.hypot(x, y)
         whole = hull(np.column_stack([np.tile(u, 2), np.append(across, -across)]))
         parts = [whole] if len(whole) <= MOST_CORNERS else parts
     return parts
+
+
+def rectangle(low: float, high: float, a: float, b: float) -> FloatArray:
+    """Corners (4, 2) of a rectangle from ``low`` to ``high`` along the tool axis, and a to b."""
+    return np.array([[low, a], [high, a], [high, b], [low, b]])
 
 
 def profile(corners: FloatArray) -> tuple[float, float, float, float]:

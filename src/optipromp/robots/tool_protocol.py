@@ -1,7 +1,6 @@
 """The protocol of a tool, :class:`Tool`, and what follows from a tool's solids and its mouth."""
 
 import functools
-import math
 from abc import abstractmethod
 from collections.abc import Hashable
 from typing import Protocol, runtime_checkable
@@ -179,13 +178,8 @@ def check_length(
     Raises:
         InvalidRequestError: naming the tool, the field, the value and the range.
     """
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if (
-        number
-        and math.isfinite(value)  # type: ignore[arg-type]
-        and low <= value <= high  # type: ignore[operator]
-        and not (open_below and value <= low)  # type: ignore[operator]
-    ):
+    number = value if isinstance(value, int | float) and not isinstance(value, bool) else np.nan
+    if number <= high and (low < number if open_below else low <= number):
         return
     bracket = "(" if open_below else "["
     raise InvalidRequestError(

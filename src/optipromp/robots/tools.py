@@ -21,7 +21,7 @@ from optipromp.robots.grippers import FingerGripper, Scissor
 from optipromp.robots.mesh_tool import MeshTool
 from optipromp.robots.model import BodySpheres, Robot
 from optipromp.robots.self_collision import candidate_pairs, drop_always_touching
-from optipromp.robots.tool_geometry import Part, Solid
+from optipromp.robots.tool_geometry import Part, Solid, rectangle
 from optipromp.robots.tool_protocol import (
     LARGEST,
     Tool,
@@ -111,15 +111,11 @@ class Cup(Tool):
         """The cup cut along its axis: neck, base and walls; see :meth:`FrankaHand.outline`."""
         (inner, outer), rim, flange = self.mouth, self.depth, -self.reach
         base = rim - self.height
-
-        def box(u0: float, u1: float, v0: float, v1: float) -> FloatArray:
-            return np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]])
-
-        neck = [box(flange, base, -NECK_RADIUS, NECK_RADIUS)] if self.length > 0.0 else []
-        return (
-            *neck, box(base, base + WALL, -outer, outer), box(base, rim, inner, outer),
-            box(base, rim, -outer, -inner),
-        )  # fmt: skip
+        neck = (flange, base, -NECK_RADIUS, NECK_RADIUS)
+        floor = (base, base + WALL, -outer, outer)
+        walls = (base, rim, inner, outer), (base, rim, -outer, -inner)
+        sides = [neck, floor, *walls] if self.length > 0.0 else [floor, *walls]
+        return tuple(rectangle(*side) for side in sides)
 
     def solids(self) -> tuple[Solid, ...]:
         """Neck, floor and a ring of flat walls."""
@@ -217,9 +213,8 @@ class FrankaHand(Tool):
         Columns: along the tool axis and along the hand's y, from the tool point [m].
         """
         out = []
-        palm = PALM[1] + np.array([-1.0, 1.0]) * PALM_HALF[1] - self.reach
-        wide = PALM_HALF[0]
-        out.append(np.array([[palm[0], -wide], [palm[1], -wide], [palm[1], wide], [palm[0], wide]]))
+        low, high = (PALM[1] + np.array([-1.0, 1.0]) * PALM_HALF[1] - self.reach).tolist()
+        out.append(rectangle(low, high, -PALM_HALF[0], PALM_HALF[0]))
         mount, pads = FINGER["mount"], PADS
         near, far, tip = mount[2] + mount[5], pads[2] - pads[5], pads[2] + pads[5]
         outer, inner = mount[1] + mount[4], pads[1] + pads[4]
@@ -241,9 +236,8 @@ class FrankaHand(Tool):
             w, x, y, z = quaternion(turned @ about).tolist()
             a, b, c = (2.0 * half).tolist()
             part: Part = "palm" if name == "palm" else "finger"
-            out.append(
-                Solid(f"hand:{name}", Box((a, b, c)), turned @ center, (w, x, y, z), part)
-            )  # fmt: skip
+            shape = Box((a, b, c))
+            out.append(Solid(f"hand:{name}", shape, turned @ center, (w, x, y, z), part))
         return tuple(out)
 
     def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
@@ -255,9 +249,12 @@ class FrankaHand(Tool):
 
 
 TOOLS: dict[str, type[Tool]] = {
-    "cup": Cup, "franka_hand": FrankaHand, "finger_gripper": FingerGripper, "scissor": Scissor,
+    "cup": Cup,
+    "franka_hand": FrankaHand,
+    "finger_gripper": FingerGripper,
+    "scissor": Scissor,
     "mesh": MeshTool,
-}  # fmt: skip
+}
 """Kinds of tool by the name that scene files have for them."""
 
 

@@ -121,7 +121,7 @@ def _object_to_dict(item: SceneObject, base_dir: Path | None) -> dict[str, Any]:
 def _shape_to_dict(shape: Shape, base_dir: Path | None) -> dict[str, Any]:
     for name, primitive in PRIMITIVES.items():
         if isinstance(shape, primitive):
-            sizes = [(item.name, getattr(shape, item.name)) for item in fields(primitive)]
+            sizes = [(item.name, getattr(shape, item.name)) for item in fields(shape)]
             return {name: {k: list(v) if isinstance(v, tuple) else v for k, v in sizes}}
     assert isinstance(shape, MeshShape | PointCloudShape)
     if shape.path is None:
