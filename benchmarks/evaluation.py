@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.registry import NotAvailableError
 from optipromp.arrays import FloatArray
 from optipromp.geometry.obstacles import Obstacles, pack
-from optipromp.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere, bounding_radius
+from optipromp.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
 from optipromp.optimization.costs.joints import VelocityCost
 from optipromp.optimization.costs.obstacles import ObstacleCost, SelfCost
 from optipromp.optimization.costs.tool import PushCost
@@ -65,7 +65,7 @@ def near_obstacles(robot: Robot, q: FloatArray, count: int, seed: int = 3) -> li
         waypoint = int((i + 0.5) / count * len(q))
         sphere = int(rng.choice(moving))
         away = rng.normal(size=3)
-        gap = radius[sphere] + 0.6 * bounding_radius(shape) + rng.uniform(0.0, 0.04)
+        gap = radius[sphere] + 0.6 * shape.measure.bound + rng.uniform(0.0, 0.04)
         out.append(
             (shape, swept[waypoint, sphere] + gap * away / np.linalg.norm(away), _rotation(rng))
         )
@@ -83,7 +83,7 @@ def far_obstacles(robot: Robot, q: FloatArray, count: int, seed: int = 4) -> lis
             off = rng.uniform(-1.0, 1.0, 3)
             at = off + [0.0, 0.0, 0.3]
             room = float(np.min(np.linalg.norm(swept - at, axis=1)))
-            if np.linalg.norm(off) < 1.0 and room > 0.2 + bounding_radius(shape):
+            if np.linalg.norm(off) < 1.0 and room > 0.2 + shape.measure.bound:
                 break
         out.append((shape, at, _rotation(rng)))
     return out

@@ -23,8 +23,7 @@ from optipromp.geometry import (
     signed_distance,
 )
 from optipromp.geometry.obstacles import measures
-from optipromp.geometry.shapes import bounding_radius, round_mesh
-from optipromp.judging.distances import measured, to_surface
+from optipromp.judging.distances import to_surface
 
 SHAPES = {
     "sphere": Sphere(0.2),
@@ -296,7 +295,7 @@ def test_measures_are_those_of_each_shape(names):
         one = pack([(shape, ORIGIN, EYE)])
         assert kind[k] == one.kind[0]
         np.testing.assert_array_equal(size[k], one.size[0])
-        assert bound[k] == pytest.approx(bounding_radius(shape), rel=1e-15)
+        assert bound[k] == pytest.approx(shape.measure.bound, rel=1e-15)
 
 
 @pytest.mark.parametrize("name", ["ellipsoid", "flat ellipsoid", "cone", "turned cone"])
@@ -305,7 +304,7 @@ def test_measures_are_those_of_each_shape(names):
 def test_round_shapes_agree_with_the_judge_and_with_their_support(name, x):
     shape = SHAPES[name]
     ours, normal = distance_at(pack([(shape, ORIGIN, EYE)]), x)
-    kind, size, _ = measured([shape])
+    kind, size, _ = measures([shape])
     assert to_surface(kind[0], *size[0], *x) == pytest.approx(ours, abs=1e-8)
     # outside, the distance is the gap of the supporting plane across the gradient
     if isinstance(shape, Ellipsoid):
@@ -324,9 +323,9 @@ def test_a_cone_within_one_of_its_balls_is_refused():
 
 @pytest.mark.parametrize("name", ["ellipsoid", "turned cone"])
 def test_the_mesh_of_a_round_shape_lies_on_its_surface(name):
-    mesh = round_mesh(SHAPES[name], 48)
+    mesh = SHAPES[name].mesh(48)
     away, _ = distances(pack([(SHAPES[name], ORIGIN, EYE)]), mesh.vertices)
     np.testing.assert_allclose(away, 0.0, atol=1e-9)
     middles = mesh.vertices[mesh.faces].mean(axis=1)
     inner, _ = distances(pack([(SHAPES[name], ORIGIN, EYE)]), middles)
-    assert inner.min() > -0.01 * bounding_radius(SHAPES[name])
+    assert inner.min() > -0.01 * SHAPES[name].measure.bound

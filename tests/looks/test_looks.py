@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from optipromp.geometry import Box, Cylinder, HalfSpace
+from optipromp.geometry.faces import revolve, sphere
 from optipromp.looks import arm_parts, object_parts, scene_parts, scenery
-from optipromp.looks.faces import coarser, revolve, shape_faces, sphere, triangles
+from optipromp.looks.faces import coarser, shape_faces, triangles
 from optipromp.planning.task import resolve
 from optipromp.robots import load_robot
 from optipromp.robots.tools import TOOL_LINK, TOOLS, with_tool

@@ -9,7 +9,6 @@ from tests.pushing.fruits import CUP, DT, TARGET, UP, along, hung
 from optipromp.arrays import FloatArray
 from optipromp.geometry import Box, Capsule, Cone, Ellipsoid, Sphere
 from optipromp.geometry.obstacles import Obstacles, pack
-from optipromp.geometry.shapes import round_mesh
 from optipromp.planning import plan
 from optipromp.pushing import swinging
 from optipromp.pushing.bending import Stems, balls_of
@@ -98,7 +97,7 @@ def test_a_cone_is_its_two_balls_and_other_round_shapes_are_fitted() -> None:
     own = balls_of(cone)
     np.testing.assert_allclose(own.center, TARGET - 0.01 * UP, atol=1e-12)
     assert (own.radius, own.above, own.apart) == (0.006, 0.015, 0.02)
-    mesh = balls_of(replace(cone, shape=round_mesh(cone.shape)))
+    mesh = balls_of(replace(cone, shape=cone.shape.mesh()))
     np.testing.assert_allclose(mesh.center, own.center, atol=1e-3)
     np.testing.assert_allclose(mesh[1:], own[1:], atol=1e-3)
     egg = balls_of(replace(cone, shape=Ellipsoid((0.015, 0.015, 0.02))))

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 from optipromp.arrays import FloatArray
 from optipromp.compiled import inlined, inner
 from optipromp.errors import InvalidRequestError
-from optipromp.geometry.obstacles import (
+from optipromp.geometry.obstacles import Obstacles
+from optipromp.geometry.shapes import (
     BOX,
     CAPSULE,
     CONE,
@@ -23,7 +24,6 @@ from optipromp.geometry.obstacles import (
     ELLIPSOID,
     HALF_SPACE,
     SPHERE,
-    Obstacles,
 )
 
 GRID_PADDING = 3

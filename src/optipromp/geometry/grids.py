@@ -20,7 +20,7 @@ from optipromp.arrays import FloatArray, IntArray, frozen
 from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.files import cache_folder, npz, read_npz, write_atomically
 from optipromp.geometry.distances import GRID_PADDING
-from optipromp.geometry.shapes import MeshShape, PointCloudShape
+from optipromp.geometry.shapes import FINE, MeshShape, PointCloudShape, Shape
 
 CELLS = 48
 """Cells along the longest side of a mesh, before refinement."""
@@ -58,7 +58,7 @@ class DistanceGrid:
         object.__setattr__(self, "origin", frozen(self.origin))
 
 
-def distance_grid(shape: MeshShape | PointCloudShape) -> DistanceGrid:
+def distance_grid(shape: Shape) -> DistanceGrid:
     """The grid of a shape: from memory, from disk, or built (and then kept in both).
 
     The cache folder is ``OPTIPROMP_CACHE``, else the platform's; one that cannot be written is no
@@ -67,6 +67,7 @@ def distance_grid(shape: MeshShape | PointCloudShape) -> DistanceGrid:
     Raises:
         InvalidSceneError: the mesh is degenerate.
     """
+    shape = shape if isinstance(shape, PointCloudShape) else shape.mesh(FINE)
     key = _key(shape)
     with _lock:
         held = _memory.get(key)

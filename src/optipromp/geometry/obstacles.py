@@ -11,25 +11,10 @@ from numpy.typing import ArrayLike
 from optipromp.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry.cells import Cells, make_cells, no_cells
-from optipromp.geometry.shapes import (
-    Box,
-    Capsule,
-    Cone,
-    Cylinder,
-    Ellipsoid,
-    HalfSpace,
-    MeshShape,
-    PointCloudShape,
-    Shape,
-    Sphere,
-    bounding_radius,
-    of_each_class,
-)
+from optipromp.geometry.shapes import GRID, Shape
 
 if TYPE_CHECKING:
     from optipromp.geometry.grids import DistanceGrid
-
-SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID, ELLIPSOID, CONE = range(8)
 
 Measures: TypeAlias = tuple[IntArray, FloatArray, FloatArray]
 
@@ -44,14 +29,13 @@ class Obstacles(NamedTuple):
     """
 
     kind: IntArray
-    """(K,) one of SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID, ELLIPSOID, CONE."""
+    """(K,) see :class:`optipromp.geometry.shapes.Measure`, as ``size`` and ``bound``."""
     position: FloatArray
     """(K, 3) [m]."""
     rotation: FloatArray
     """(K, 3, 3)."""
     size: FloatArray
-    """(K, 3) [m] sphere: r, 0, 0; box: half sizes; cylinder, capsule: r, half length, 0; ellipsoid:
-    radii; cone: r, half length, r of the tip; else 0."""
+    """(K, 3) [m]."""
     bound: FloatArray
     """(K,) [m] radius about ``position`` of a bounding ball; inf for a half-space."""
     grid: IntArray
@@ -85,7 +69,7 @@ def pack(
         within: coordinates of places where they will ask [m].
 
     Returns:
-        The obstacles, in the order of ``items``. Meshes and point clouds get a distance grid
+        The obstacles, in the order of ``items``. Shapes without a kernel get a distance grid
         (see :mod:`optipromp.geometry.grids`); items that share one shape object share its grid.
 
     Raises:
@@ -111,10 +95,9 @@ def packed(
     kind, size, bound = measured
     grid = np.full(len(shapes), -1, dtype=np.int64)
     grids: dict[int, int] = {}
-    shaped: list[MeshShape | PointCloudShape] = []
+    shaped: list[Shape] = []
     for index in np.flatnonzero(kind == GRID).tolist():
         shape = shapes[index]
-        assert isinstance(shape, MeshShape | PointCloudShape)
         if id(shape) not in grids:
             grids[id(shape)] = len(shaped)
             shaped.append(shape)
@@ -130,37 +113,12 @@ def packed(
 
 def measures(shapes: Sequence[Shape]) -> Measures:
     """``kind`` (K,), ``size`` (K, 3) and ``bound`` (K,) of shapes, see :class:`Obstacles`."""
-    kind = np.full(len(shapes), GRID, dtype=np.int64)
-    size, bound = np.zeros((len(shapes), 3)), np.zeros(len(shapes))
-    for rows, own in of_each_class(shapes):
-        match own[0]:
-            case Sphere():
-                kind[rows] = SPHERE
-                bound[rows] = size[rows, 0] = [shape.radius for shape in own]
-            case Box():
-                edges = np.array([shape.size for shape in own])
-                kind[rows], size[rows] = BOX, 0.5 * edges
-                bound[rows] = 0.5 * np.sqrt(np.sum(edges**2, axis=1))
-            case Cylinder() | Capsule() as first:
-                radius = np.array([shape.radius for shape in own])
-                half = 0.5 * np.array([shape.length for shape in own])
-                size[rows, 0], size[rows, 1] = radius, half
-                if isinstance(first, Cylinder):
-                    kind[rows], bound[rows] = CYLINDER, np.hypot(radius, half)
-                else:
-                    kind[rows], bound[rows] = CAPSULE, radius + half
-            case Ellipsoid():
-                kind[rows], size[rows] = ELLIPSOID, np.array([shape.radii for shape in own])
-                bound[rows] = size[rows].max(axis=1)
-            case Cone():
-                kind[rows] = CONE
-                size[rows] = [(shape.radius, 0.5 * shape.length, shape.tip) for shape in own]
-                bound[rows] = size[rows, 1] + size[rows][:, ::2].max(axis=1)
-            case HalfSpace():
-                kind[rows], bound[rows] = HALF_SPACE, np.inf
-            case _:
-                bound[rows] = [bounding_radius(shape) for shape in own]
-    return kind, size, bound
+    measured = [shape.measure for shape in shapes]
+    return (
+        np.array([own.kind for own in measured], dtype=np.int64),
+        np.array([own.size for own in measured], dtype=np.float64).reshape(-1, 3),
+        np.array([own.bound for own in measured], dtype=np.float64),
+    )
 
 
 def _stacked(arrays: Sequence[ArrayLike], shape: tuple[int, ...]) -> FloatArray:
@@ -211,7 +169,7 @@ def _check_poses(position: FloatArray, rotation: FloatArray) -> None:
 
 
 def _pack_grids(
-    shapes: Sequence[MeshShape | PointCloudShape],
+    shapes: Sequence[Shape],
 ) -> tuple[FloatArray, IntArray, IntArray, FloatArray, FloatArray]:
     grids: list[DistanceGrid] = []
     if shapes:

@@ -4,7 +4,6 @@ Kernels measure simple shapes; meshes and point clouds are measured in NumPy. No
 """
 
 import functools
-from collections.abc import Sequence
 from itertools import pairwise
 from math import hypot, sqrt
 from typing import Any, NamedTuple
@@ -13,20 +12,25 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray, frame_along, lengths
 from optipromp.compiled import inlined, inner
-from optipromp.geometry import shapes
-from optipromp.geometry.obstacles import (
+from optipromp.geometry.obstacles import measures
+from optipromp.geometry.shapes import (
     BOX,
     CAPSULE,
     CONE,
     CYLINDER,
     ELLIPSOID,
+    FINE,
+    GRID,
     HALF_SPACE,
     SPHERE,
+    PointCloudShape,
+    Shape,
 )
+from optipromp.scenes.objects import Role
 from optipromp.scenes.scene import Scene, SceneObject
 
 STATIC, AVOID, AVOID_BY_TOOL, PUSHABLE, STEM = range(5)  # roles; rows of the smallest distances
-ROLES = {"static": STATIC, "avoid": AVOID, "pushable": PUSHABLE}
+ROLES: dict[Role, int] = {"static": STATIC, "avoid": AVOID, "pushable": PUSHABLE}
 BLOCK = 4  # objects in a block; of 4, 8, 16 and 32 the fastest among 1,000 obstacles
 CELL = 0.05  # [m] objects in one such cell are neighbours; about the size of a fruit
 
@@ -54,8 +58,8 @@ def objects_of(scene: Scene) -> tuple[Objects, tuple[SceneObject, ...]]:
     """
     role = np.full(len(scene.objects), -1)
     for name, code in ROLES.items():
-        role[scene.rows(name)] = code  # type: ignore[arg-type]
-    kind, size, bound = measured([item.shape for item in scene.objects])
+        role[scene.rows(name)] = code
+    kind, size, bound = measures([item.shape for item in scene.objects])
     owner, middle, turn, capsule = _stems(scene)
     rows = np.concatenate([np.arange(len(role)), len(role) + owner])
     role = np.concatenate([role, np.full(len(owner), STEM)])
@@ -63,7 +67,7 @@ def objects_of(scene: Scene) -> tuple[Objects, tuple[SceneObject, ...]]:
     size, bound = np.vstack([size, capsule]), np.append(bound, capsule.sum(axis=1))
     position = np.vstack([scene.positions, middle])
     rotation = np.concatenate([scene.rotations, turn])
-    own, rest = (np.flatnonzero((role >= 0) & each) for each in (kind >= 0, kind < 0))
+    own, rest = (np.flatnonzero((role >= 0) & each) for each in (kind != GRID, kind == GRID))
     own = own[neighbours(role[own], position[own], bound[own])]
     role, position, bound = role[own], position[own], bound[own]
     place = np.arange(len(role))
@@ -100,40 +104,6 @@ def names_of(scene: Scene, rows: IntArray) -> list[tuple[str, str]]:
     count = len(scene.objects)
     items = zip(rows.tolist(), scene.objects_at(rows % max(count, 1)), strict=True)
     return [(item.id if k < count else f"the stem of {item.id}", item.role) for k, item in items]
-
-
-def measured(of: Sequence[Any]) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Kinds (K,), sizes (K, 3) and bounds (K,) of shapes, as :class:`Objects` holds them.
-
-    The kind of a mesh or point cloud is -1.
-    """
-    kind, size = np.full(len(of), -1, dtype=np.int64), np.zeros((len(of), 3))
-    bound = np.full(len(of), np.inf)
-    for rows, own in shapes.of_each_class(of):
-        match own[0]:
-            case shapes.Sphere():
-                kind[rows] = SPHERE
-                bound[rows] = size[rows, 0] = [shape.radius for shape in own]
-            case shapes.Box():
-                kind[rows], size[rows] = BOX, np.array([shape.size for shape in own], float) / 2
-                bound[rows] = lengths(size[rows])
-            case shapes.Cylinder() | shapes.Capsule() as first:
-                radius = np.array([shape.radius for shape in own], float)
-                half = 0.5 * np.array([shape.length for shape in own], float)
-                size[rows, 0], size[rows, 1] = radius, half
-                round_ends = isinstance(first, shapes.Capsule)
-                kind[rows] = CAPSULE if round_ends else CYLINDER
-                bound[rows] = radius + half if round_ends else np.hypot(radius, half)
-            case shapes.Ellipsoid():
-                kind[rows], size[rows] = ELLIPSOID, np.array([shape.radii for shape in own])
-                bound[rows] = size[rows].max(axis=1)
-            case shapes.Cone():
-                kind[rows] = CONE
-                size[rows] = [(one.radius, 0.5 * one.length, one.tip) for one in own]
-                bound[rows] = size[rows, 1] + np.maximum(size[rows, 0], size[rows, 2])
-            case shapes.HalfSpace():
-                kind[rows] = HALF_SPACE
-    return kind, size, bound
 
 
 def neighbours(role: IntArray, position: FloatArray, bound: FloatArray) -> IntArray:
@@ -246,16 +216,12 @@ def apart_by(a, i, b, j):  # type: ignore[no-untyped-def]
 def nearest(
     item: SceneObject, spheres: FloatArray, radius: FloatArray, limit: float
 ) -> tuple[float, int, int]:
-    """Smallest distance [m] of moving spheres (M, B, 3) to a mesh or point cloud; which and where.
+    """Smallest distance [m] of moving spheres (M, B, 3) to a shape on a grid; which and where.
 
     Exact where it is below ``limit`` or below 0; an upper bound of it elsewhere. The nearest sphere
     follows, then the configuration.
     """
-    points = item.shape.points if isinstance(item.shape, shapes.PointCloudShape) else (
-        item.shape.vertices  # type: ignore[union-attr]
-    )  # fmt: skip
-    own = getattr(item.shape, "radius", 0.0)
-    bound = float(np.linalg.norm(points, axis=1).max()) + own
+    bound = item.shape.measure.bound
     local = (spheres - item.position).reshape(-1, 3) @ item.rotation
     radii = np.tile(radius, len(spheres))
     least = lengths(local) - radii - bound
@@ -268,18 +234,19 @@ def nearest(
     return float(d.min()), first % len(radius), first // len(radius)
 
 
-def _to_shape(shape: Any, points: FloatArray) -> FloatArray:
+def _to_shape(shape: Shape, points: FloatArray) -> FloatArray:
     """Signed distances (N,) [m] of ``points`` (N, 3), in the shape's frame, to its surface."""
-    if isinstance(shape, shapes.PointCloudShape):
+    if isinstance(shape, PointCloudShape):
         return np.asarray(_tree(shape).query(points)[0]) - shape.radius
-    corners = np.asarray(shape.vertices)[np.asarray(shape.faces)]
+    mesh = shape.mesh(FINE)
+    corners = mesh.vertices[mesh.faces]
     return np.concatenate([
         _to_triangles(corners, points[low : low + 256]) for low in range(0, len(points), 256)
     ])  # fmt: skip
 
 
 @functools.lru_cache(maxsize=4)
-def _tree(cloud: shapes.PointCloudShape) -> Any:
+def _tree(cloud: PointCloudShape) -> Any:
     from scipy.spatial import cKDTree  # slow to import, and seldom needed
 
     return cKDTree(cloud.points)

@@ -9,9 +9,10 @@ from itertools import pairwise, product
 import numpy as np
 
 from optipromp.arrays import FloatArray, frame_along, lengths
-from optipromp.geometry.shapes import Capsule
+from optipromp.geometry.obstacles import measures
+from optipromp.geometry.shapes import GRID, Capsule
 from optipromp.judging.clearance import Overlap, enter, swept
-from optipromp.judging.distances import Objects, measured, nearest
+from optipromp.judging.distances import Objects, nearest
 from optipromp.judging.kinematics import centers
 from optipromp.robots.model import Robot
 from optipromp.scenes.rotations import to_quaternion
@@ -98,15 +99,15 @@ def _in_mouth(robot: Robot, item: SceneObject, point: FloatArray, axis: FloatArr
     off = item.position - point
     height = float(off @ axis)
     aside = float(np.linalg.norm(off - height * axis))
-    _, size, _ = measured([item.shape])
+    _, size, _ = measures([item.shape])
     thin = float(size.min(where=size > 0.0, initial=np.inf)) if size.any() else 0.0
     return height > tool.front - tool.reach and aside + thin < tool.mouth[0] + BRUSHED
 
 
 def _depth(item: SceneObject, spheres: FloatArray, radius: FloatArray) -> float:
     """How deep (M, B, 3) spheres come into an object [m]; 0 or below where they do not."""
-    kind, size, bound = measured([item.shape])
-    if kind[0] < 0:
+    kind, size, bound = measures([item.shape])
+    if kind[0] == GRID:
         return -nearest(item, spheres, radius, 0.0)[0]
     none, found = np.zeros(1, dtype=np.int64), np.zeros(3)
     alone = Objects(

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from optipromp.arrays import FloatArray, frame_along
-from optipromp.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere, hull_faces
-from optipromp.looks.faces import coarser, revolve, shape_faces, sphere
+from optipromp.geometry.faces import revolve, sphere
+from optipromp.geometry.shapes import PRIMITIVES, hull_faces
+from optipromp.looks.faces import coarser, shape_faces
 from optipromp.looks.part import Part, hex_colour
 from optipromp.robots.chain import rotation_of
 from optipromp.robots.cup_cover import NECK_RADIUS
@@ -84,18 +85,8 @@ def _surfaces(link: LinkGeometry, shape: UrdfGeometry) -> list[tuple[str, FloatA
     if shape.kind == "mesh":
         found = _mesh(mesh_file(link.urdf, link.link, shape))
         return [(own or colour, corners * np.array(shape.size)) for own, corners in found]
-    size = shape.size
-    solid: Shape
-    match shape.kind:
-        case "sphere":
-            solid = Sphere(size[0])
-        case "box":
-            solid = Box((size[0], size[1], size[2]))
-        case "cylinder":
-            solid = Cylinder(size[0], size[1])
-        case "capsule":
-            solid = Capsule(size[0], size[1])
-    faces = shape_faces(solid, np.zeros(3), np.eye(3), np.inf)
+    sizes = [shape.size] if shape.kind == "box" else shape.size
+    faces = PRIMITIVES[shape.kind](*sizes).surface()
     return [(colour, np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]]))]
 
 

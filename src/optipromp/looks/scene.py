@@ -7,8 +7,9 @@ where the scene itself has nothing that the stems could hang from.
 import numpy as np
 
 from optipromp.arrays import FloatArray, frame_along
-from optipromp.geometry.shapes import HalfSpace, MeshShape, PointCloudShape, Sphere
-from optipromp.looks.faces import box, revolve, shape_faces, sphere, tube
+from optipromp.geometry.faces import box, revolve, sphere, tube
+from optipromp.geometry.shapes import MeshShape, PointCloudShape, Sphere
+from optipromp.looks.faces import shape_faces
 from optipromp.looks.part import Part
 from optipromp.scenes.scene import Scene, SceneObject
 
@@ -41,7 +42,7 @@ def scene_parts(scene: Scene) -> tuple[Part, ...]:
 def object_parts(scene: Scene, item: SceneObject) -> tuple[Part, ...]:
     """An object of a scene in its own frame, without its stem: ``role:id``, and its calyx."""
     opacity = SEE_THROUGH if item.role == "avoid" else 1.0
-    faces = shape_faces(item.shape, np.zeros(3), np.eye(3), np.inf)
+    faces = item.shape.surface()
     if isinstance(item.shape, Sphere) and item.radius > LARGE:
         faces = sphere(np.zeros(3), item.radius, 48)
     name, colour = f"{item.role}:{item.id}", _colour(scene, item)
@@ -205,19 +206,19 @@ def _table(row: FloatArray, item: SceneObject, roots: FloatArray, ground: float)
 
 def _ground(scene: Scene) -> float | None:
     """Height of the floor: under the base, or under the lowest object; None where there is one."""
-    if any(isinstance(item.shape, HalfSpace) for item in scene.objects):
+    if any(np.isinf(item.radius) for item in scene.objects):
         return None
     up = np.asarray(scene.up)
     lowest = [0.0]
     for item in scene.objects:
-        if np.isfinite(item.radius) and item.role != "avoid":
+        if item.role != "avoid":
             faces = shape_faces(item.shape, item.position, item.rotation, np.inf)
             lowest.append(float((faces @ up).min()))
     return min(lowest)
 
 
 def _corners(item: SceneObject) -> FloatArray:
-    return shape_faces(item.shape, np.zeros(3), np.eye(3), np.inf).reshape(-1, 3)
+    return item.shape.surface().reshape(-1, 3)
 
 
 def _nearest(item: SceneObject, point: FloatArray) -> FloatArray:
@@ -229,6 +230,6 @@ def _nearest(item: SceneObject, point: FloatArray) -> FloatArray:
 
 def box_distance(item: SceneObject, point: FloatArray) -> float:
     """Distance of a point (3,) from an object's bounding box, infinite for a half-space [m]."""
-    if isinstance(item.shape, HalfSpace):
+    if np.isinf(item.radius):
         return np.inf
     return float(np.linalg.norm(point - _nearest(item, point)))

@@ -13,7 +13,7 @@ import numpy as np
 from optipromp.compiled import inner, kernel
 from optipromp.geometry.cells import cell_at
 from optipromp.geometry.distances import distance_and_gradient
-from optipromp.geometry.obstacles import GRID, SPHERE
+from optipromp.geometry.shapes import GRID, SPHERE
 from optipromp.robots.kernels import PRISMATIC
 
 

@@ -27,7 +27,7 @@ import numpy as np
 from scipy.linalg.lapack import dpbsv
 
 from optipromp.arrays import FloatArray, IntArray, frozen, lengths
-from optipromp.geometry.shapes import Capsule, Cone, Ellipsoid, MeshShape, round_mesh
+from optipromp.geometry.shapes import Capsule, Cone, Ellipsoid, MeshShape
 from optipromp.pushing import trusses
 from optipromp.pushing.parameters import PUSH
 from optipromp.scenes.scene import SceneObject
@@ -158,8 +158,7 @@ def _fitted(
     Returns:
         Where on the line the lower one is, the two radii, and their distance [m].
     """
-    mesh = round_mesh(shape) if isinstance(shape, Ellipsoid) else shape
-    points, axis = np.asarray(mesh.vertices), np.array(line)
+    points, axis = shape.mesh().vertices, np.array(line)
     height = points @ axis
     aside = lengths(points - height[:, None] * axis)
     low, high, wide = float(height.min()), float(height.max()), float(aside.max())

@@ -4,8 +4,8 @@ from optipromp.robots.grippers import FingerGripper, Scissor
 from optipromp.robots.library import Choice, load_robot, robot_names
 from optipromp.robots.mesh_tool import MeshTool
 from optipromp.robots.model import BodySpheres, Robot
-from optipromp.robots.tool_geometry import cover_solids, solids_inertia
-from optipromp.robots.tool_protocol import Solid, Tool
+from optipromp.robots.tool_geometry import Solid, cover_solids, solids_inertia
+from optipromp.robots.tool_protocol import Tool
 from optipromp.robots.tools import Cup, FrankaHand, with_tool, without_tool
 
 __all__ = [

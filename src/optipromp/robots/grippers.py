@@ -1,58 +1,67 @@
 """Tools with two straight fingers or blades on a body; they stay open."""
 
-import functools
 import math
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from optipromp.arrays import BoolArray, FloatArray, frozen
+from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
 from optipromp.geometry.shapes import Box
-from optipromp.robots.tool_geometry import cover_solids, solids_inertia
-from optipromp.robots.tool_protocol import LARGEST, Part, Solid, check_length
+from optipromp.robots.tool_geometry import Part, Solid
+from optipromp.robots.tool_protocol import LARGEST, Tool, check_length
 
 Size = tuple[float, float, float]
 
 
-class TwoFingers(ABC):
+class TwoFingers(Tool):
     """The base class of grippers: two boxes, the fingers, on a box, the body.
 
     The body stands on the flange and is centred there. Fingers stand side by side on the body.
     """
 
-    fingers: ClassVar[bool] = True
+    fingers = True
+    names: tuple[str, str, str]  # of the kind, and of a finger and the body in the parameters
     opening: float  # [m]
     depth: float  # [m]
     turn: float  # [rad] about flange z
 
-    @property
-    @abstractmethod
-    def _finger(self) -> Size:
-        """Size of a finger across the opening, along it, and along the tool axis [m]."""
+    def __post_init__(self) -> None:
+        kind, finger, body = self.names
+        for part in (finger, body):
+            for side in ("length", "width", "thickness"):
+                given = getattr(self, f"{part}_{side}")
+                check_length(kind, f"{part}_{side}", given, 0.0, LARGEST, open_below=True)
+        check_length(kind, "opening", self.opening, 0.0, self._body[1], open_below=True)
+        check_length(kind, "depth", self.depth, 0.0, self._finger[2])
+        turn: object = self.turn
+        if isinstance(turn, bool) or not (isinstance(turn, int | float) and math.isfinite(turn)):
+            raise InvalidRequestError(f"tool {kind}: turn is {turn!r}; it must be a number [rad]")
+
+    def _size(self, part: str, *sides: str) -> Size:
+        x, y, z = (getattr(self, f"{part}_{side}") for side in sides)
+        return x, y, z
 
     @property
-    @abstractmethod
+    def _finger(self) -> Size:
+        """Size of a finger across the opening, along it, and along the tool axis [m]."""
+        return self._size(self.names[1], "width", "thickness", "length")
+
+    @property
     def _body(self) -> Size:
         """Size of the body, likewise [m]."""
+        return self._size(self.names[2], "thickness", "width", "length")
 
     @property
     def point(self) -> FloatArray:
         """(3,) the tool point in the flange frame [m]."""
-        return np.array([0.0, 0.0, self.reach])
+        return np.array([0.0, 0.0, self.tip - self.depth])
 
     @property
     def rotation(self) -> FloatArray:
         """(3, 3) the tool axes in the flange frame, as columns; it opens along y."""
         c, s = math.cos(self.turn), math.sin(self.turn)
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-    @property
-    def reach(self) -> float:
-        """Height of the tool point over the flange [m]."""
-        return self.tip - self.depth
 
     @property
     def front(self) -> float:
@@ -65,28 +74,10 @@ class TwoFingers(ABC):
         return self._body[2] + self._finger[2]
 
     @property
-    def gripper_radius(self) -> float:
-        """Half the opening between the fingers [m]."""
-        return self.mouth[0]
-
-    @property
     def mouth(self) -> tuple[float, float]:
         """Half the opening between the fingers, and half the distance of their backs [m]."""
         half = 0.5 * self.opening
         return half, half + self._finger[1]
-
-    def spheres(self) -> FloatArray:
-        """Spheres (k, 4) over body and fingers, in the flange frame [m]."""
-        return _covered(self)
-
-    def outline(self) -> tuple[FloatArray, ...]:
-        """Body and fingers seen along the tool's x: three rectangles; see :class:`Tool`."""
-        flange, front, tip = -self.reach, self.front - self.reach, self.tip - self.reach
-        (inner, outer), wide = self.mouth, 0.5 * self._body[1]
-        sides = (
-            (flange, front, -wide, wide), (front, tip, inner, outer), (front, tip, -outer, -inner),
-        )  # fmt: skip
-        return tuple(np.array([[a, c], [b, c], [b, d], [a, d]]) for a, b, c, d in sides)
 
     def solids(self) -> tuple[Solid, ...]:
         """The body and two fingers."""
@@ -102,15 +93,6 @@ class TwoFingers(ABC):
             Solid(name, Box(size), self.rotation @ [0.0, y, z], turned, part)
             for name, size, y, z, part in boxes
         )
-
-    def holds(self, points: FloatArray) -> BoolArray:
-        """Between the fingers and within their width, from body to tips; points (R, 3)."""
-        ends = self.front - self.reach, self.tip - self.reach
-        return between(points, self.mouth[0], 0.5 * self._finger[0], ends)
-
-    def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
-        """Of body and fingers, of one density."""
-        return solids_inertia(self.solids(), mass)
 
 
 @dataclass(frozen=True)
@@ -137,6 +119,7 @@ class FingerGripper(TwoFingers):
         InvalidRequestError: a parameter out of its range, named with its value.
     """
 
+    names = "finger_gripper", "finger", "palm"
     opening: float
     finger_length: float = 0.05
     finger_width: float = 0.02
@@ -146,18 +129,6 @@ class FingerGripper(TwoFingers):
     palm_thickness: float = 0.05
     depth: float = 0.01
     turn: float = 0.0
-
-    def __post_init__(self) -> None:
-        lengths = ("palm_length", "palm_width", "palm_thickness")
-        _check(self, "finger_gripper", "finger", lengths)
-
-    @property
-    def _finger(self) -> Size:
-        return self.finger_width, self.finger_thickness, self.finger_length
-
-    @property
-    def _body(self) -> Size:
-        return self.palm_thickness, self.palm_width, self.palm_length
 
 
 @dataclass(frozen=True)
@@ -184,6 +155,7 @@ class Scissor(TwoFingers):
         InvalidRequestError: a parameter out of its range, named with its value.
     """
 
+    names = "scissor", "blade", "body"
     opening: float
     blade_length: float = 0.05
     blade_width: float = 0.012
@@ -193,40 +165,3 @@ class Scissor(TwoFingers):
     body_thickness: float = 0.03
     depth: float = 0.015
     turn: float = 0.0
-
-    def __post_init__(self) -> None:
-        lengths = ("body_length", "body_width", "body_thickness")
-        _check(self, "scissor", "blade", lengths)
-
-    @property
-    def _finger(self) -> Size:
-        return self.blade_width, self.blade_thickness, self.blade_length
-
-    @property
-    def _body(self) -> Size:
-        return self.body_thickness, self.body_width, self.body_length
-
-
-def between(
-    points: FloatArray, half: float, half_width: float, ends: tuple[float, float]
-) -> BoolArray:
-    """Whether points (R, 3) in tool axes are between two fingers: across, in width, along them."""
-    x, y, z = points.T
-    across = (np.abs(y) < half) & (np.abs(x) <= half_width)
-    return np.asarray(across & (z > ends[0]) & (z <= ends[1]))
-
-
-@functools.lru_cache(maxsize=32)
-def _covered(tool: TwoFingers) -> FloatArray:
-    return frozen(cover_solids(tool.solids()))
-
-
-def _check(tool: TwoFingers, kind: str, finger: str, body: tuple[str, ...]) -> None:
-    """Refuse sizes that make no gripper; the fingers stand on the body."""
-    for field in (*(f"{finger}_{part}" for part in ("length", "width", "thickness")), *body):
-        check_length(kind, field, getattr(tool, field), 0.0, LARGEST, open_below=True)
-    check_length(kind, "opening", tool.opening, 0.0, tool._body[1], open_below=True)
-    check_length(kind, "depth", tool.depth, 0.0, tool._finger[2])
-    turn: object = tool.turn
-    if isinstance(turn, bool) or not (isinstance(turn, int | float) and math.isfinite(turn)):
-        raise InvalidRequestError(f"tool {kind}: turn is {turn!r}; it must be a number [rad]")

@@ -3,24 +3,22 @@
 import functools
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from optipromp.arrays import BoolArray, FloatArray, frozen
+from optipromp.arrays import FloatArray, frozen
 from optipromp.errors import InvalidRequestError
 from optipromp.geometry.shapes import MeshShape, is_convex
 from optipromp.robots.meshes import pieces
-from optipromp.robots.tool_geometry import cover_solids, solids_inertia
-from optipromp.robots.tool_protocol import LARGEST, Part, Solid, check_length
+from optipromp.robots.tool_geometry import Part, Solid, profile
+from optipromp.robots.tool_protocol import LARGEST, Tool, check_length
 
-MOST_CORNERS = 8  # of a polygon in the push models
 MESH_PLAY = 1e-4  # [m] that a piece may reach into the mouth: meshes are of single precision
 Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class MeshTool:
+class MeshTool(Tool):
     """A tool of the user's own shape: convex pieces in the flange frame. Metres.
 
     Every connected piece of the meshes must be convex; CoACD and V-HACD cut a mesh into convex
@@ -40,7 +38,6 @@ class MeshTool:
             mouth that does not fit the meshes; named with its value.
     """
 
-    fingers: ClassVar[bool] = False
     meshes: tuple[MeshShape, ...]
     tool_point: Vector
     tool_axis: Vector = (0.0, 0.0, 1.0)
@@ -93,11 +90,6 @@ class MeshTool:
         return _axes(self.tool_axis)
 
     @property
-    def reach(self) -> float:
-        """Height of the tool point over the flange, along the tool axis [m]."""
-        return float(self.point @ self.rotation[:, 2])
-
-    @property
     def tip(self) -> float:
         """Height of the foremost point of the meshes [m]."""
         return self.reach + self.depth
@@ -115,36 +107,11 @@ class MeshTool:
         return self.tip - self.height
 
     @property
-    def gripper_radius(self) -> float:
-        """Greatest radius about the tool axis of the pieces that reach beyond ``front`` [m]."""
-        return self.mouth[1]
-
-    @property
     def mouth(self) -> tuple[float, float]:
-        """Half the opening, or 0, and :attr:`gripper_radius` [m]."""
+        """Half the opening, or 0, and the greatest radius of what reaches beyond ``front`` [m]."""
         _, high, _, outer = self._profile.T
         before = high > self.front - self.reach + MESH_PLAY
         return (self.opening or 0.0) / 2.0, float(outer[before].max())
-
-    def spheres(self) -> FloatArray:
-        """Spheres (k, 4) over all pieces [m]."""
-        return _covered(self)
-
-    def outline(self) -> tuple[FloatArray, ...]:
-        """Outline of the volume that the pieces sweep as the tool rolls; see :class:`Tool`."""
-        found: dict[bytes, FloatArray] = {}
-        for piece, (low, high, inner, outer) in zip(
-            _pieces(self.meshes), self._profile, strict=True
-        ):
-            sides = [(-outer, outer)] if inner == 0.0 else [(inner, outer), (-outer, -inner)]
-            parts = [np.array([[low, a], [high, a], [high, b], [low, b]]) for a, b in sides]
-            if inner == 0.0:
-                x, y, u = ((piece.vertices - self.point) @ self.rotation).T
-                across = np.hypot(x, y)
-                hull = _hull(np.column_stack([np.tile(u, 2), np.append(across, -across)]))
-                parts = [hull] if len(hull) <= MOST_CORNERS else parts
-            found |= {part.round(6).tobytes(): part for part in parts}  # alike ones count once
-        return tuple(found.values())
 
     def solids(self) -> tuple[Solid, ...]:
         """The pieces."""
@@ -153,16 +120,6 @@ class MeshTool:
             Solid(f"piece:{k}", piece, np.zeros(3), part=part)
             for k, piece in enumerate(_pieces(self.meshes))
         )
-
-    def holds(self, points: FloatArray) -> BoolArray:
-        """Within the opening, below the rim, above the floor; without an opening nowhere."""
-        x, y, z = points.T
-        within = np.hypot(x, y) < self.mouth[0]
-        return np.asarray(within & (z < self.depth) & (z > self.front - self.reach))
-
-    def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
-        """Of the boxes about the pieces, of one density."""
-        return solids_inertia(self.solids(), mass)
 
     @property
     def _profile(self) -> FloatArray:
@@ -207,30 +164,5 @@ def _pieces(meshes: tuple[MeshShape, ...]) -> tuple[MeshShape, ...]:
 
 @functools.lru_cache(maxsize=32)
 def _profiles(meshes: tuple[MeshShape, ...], point: Vector, axis: Vector) -> FloatArray:
-    turned, rows = _axes(axis), []
-    for piece in _pieces(meshes):
-        x, y, u = ((piece.vertices - point) @ turned).T
-        flat = np.column_stack([x, y])
-        rows.append([u.min(), u.max(), _from_origin(_hull(flat)), np.hypot(x, y).max()])
-    return frozen(rows)
-
-
-def _from_origin(hull: FloatArray) -> float:
-    """Distance of the origin from a convex polygon (k, 2), counter-clockwise; 0 within."""
-    side = np.roll(hull, -1, axis=0) - hull
-    if (hull[:, 0] * side[:, 1] - hull[:, 1] * side[:, 0] >= 0.0).all():
-        return 0.0
-    share = np.clip(-np.sum(hull * side, axis=1) / np.sum(side**2, axis=1), 0.0, 1.0)
-    return float(np.linalg.norm(hull + share[:, None] * side, axis=1).min())
-
-
-def _hull(points: FloatArray) -> FloatArray:
-    """Convex hull (k, 2), counter-clockwise, of points (m, 2)."""
-    from scipy.spatial import ConvexHull
-
-    return np.asarray(points[ConvexHull(points).vertices])
-
-
-@functools.lru_cache(maxsize=32)
-def _covered(tool: MeshTool) -> FloatArray:
-    return frozen(cover_solids(tool.solids()))
+    turned = _axes(axis)
+    return frozen([profile((piece.vertices - point) @ turned) for piece in _pieces(meshes)])

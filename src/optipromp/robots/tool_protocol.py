@@ -1,44 +1,17 @@
-"""The protocol of a tool, :class:`Tool`, and the solids that a tool is made of."""
+"""The protocol of a tool, :class:`Tool`, and what follows from a tool's solids and its mouth."""
 
-import math
-from dataclasses import dataclass
-from typing import Literal, Protocol, runtime_checkable
+import functools
+from abc import abstractmethod
+from collections.abc import Hashable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from optipromp.arrays import BoolArray, FloatArray
+from optipromp.arrays import BoolArray, FloatArray, frozen
 from optipromp.errors import InvalidRequestError
-from optipromp.geometry.shapes import Box, Cylinder, MeshShape
+from optipromp.robots.tool_geometry import Solid, cover_solids, seen, solids_inertia, swept
 
-Part = Literal["mouth", "neck", "palm", "finger"]
 LARGEST = 5.0  # [m] a tool dimension beyond it is taken for millimetres
-
-
-@dataclass(frozen=True, eq=False)
-class Solid:
-    """One convex solid of a tool, in the flange frame.
-
-    Attributes:
-        name: unique within the tool.
-        shape: a box, a cylinder along its z, or a convex mesh.
-        position: (3,) of the shape's own frame [m].
-        orientation: of the shape's own frame, a unit quaternion w, x, y, z.
-        part: kind of part, which gives its colour in pictures.
-    """
-
-    name: str
-    shape: Box | Cylinder | MeshShape
-    position: FloatArray
-    orientation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-    part: Part = "palm"
-
-    @property
-    def rotation(self) -> FloatArray:
-        """(3, 3) the flange frame from the shape's own."""
-        from scipy.spatial.transform import Rotation
-
-        w, x, y, z = self.orientation
-        return np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix())
 
 
 @runtime_checkable
@@ -48,43 +21,60 @@ class Tool(Protocol):
     An object of any class with these members can be mounted
     (:func:`optipromp.robots.tools.with_tool`); it must not change from then on. Lengths are metres.
 
+    A class that inherits from this one is a tool by its solids and its mouth: it states ``solids``,
+    ``point``, ``front``, ``tip`` and ``mouth``. The other members follow from these. By default the
+    tool is round about the flange's z and swallows what it takes hold of; with ``fingers``
+    true it closes on it.
+
     The *tool axes* are x, y and z: z is the tool axis and points out of the mouth; fingers open
     along y. The *tool point* is the place of the centre of a fruit that the tool holds.
     """
 
     @property
+    @abstractmethod
     def point(self) -> FloatArray:
         """(3,) the tool point in the flange frame."""
 
     @property
     def rotation(self) -> FloatArray:
-        """(3, 3) the tool axes in the flange frame, as columns."""
+        """(3, 3) the tool axes in the flange frame, as columns; by default those of the flange."""
+        return np.eye(3)
 
     @property
     def fingers(self) -> bool:
         """Whether it opens along y alone; then y is kept level. False: a round tool."""
+        return False
 
     @property
     def reach(self) -> float:
         """Height of the tool point over the flange's origin, along the tool axis."""
+        return float(self.point @ self.rotation[:, 2])
 
     @property
+    @abstractmethod
     def front(self) -> float:
         """Height at which the mouth begins: a cup's floor, a hand's palm."""
 
     @property
+    @abstractmethod
     def tip(self) -> float:
         """Height of the rim, or of the finger tips."""
 
     @property
     def depth(self) -> float:
         """How far rim or finger tips are beyond the tool point: ``tip - reach``."""
+        return self.tip - self.reach
 
     @property
     def gripper_radius(self) -> float:
-        """R_gripper: distance of the tool axis from the centre of a fruit that it passes."""
+        """R_gripper: distance of the tool axis from the centre of a fruit that it passes.
+
+        By default the outer radius of a round mouth, and half the distance of fingers.
+        """
+        return self.mouth[0] if self.fingers else self.mouth[1]
 
     @property
+    @abstractmethod
     def mouth(self) -> tuple[float, float]:
         """Inner and outer radius of the mouth, or half the distance of fingers and of their backs.
 
@@ -93,6 +83,7 @@ class Tool(Protocol):
 
     def spheres(self) -> FloatArray:
         """Spheres (k, 4) that cover the solids, in the flange frame."""
+        return _covered(self) if isinstance(self, Hashable) else cover_solids(self.solids())
 
     def outline(self) -> tuple[FloatArray, ...]:
         """The tool seen along its x: convex polygons (k, 2), k <= 8, counter-clockwise.
@@ -100,15 +91,44 @@ class Tool(Protocol):
         Columns: along the tool axis and along y, from the tool point. A round tool, whose
         roll is free, gives the outline of the volume that it sweeps as it rolls.
         """
+        found: dict[bytes, FloatArray] = {}
+        for solid in self.solids():
+            local = (solid.corners - self.point) @ self.rotation
+            parts = seen(local) if self.fingers else swept(local)
+            found |= {part.round(6).tobytes(): part for part in parts}  # alike ones count once
+        return tuple(found.values())
 
+    @abstractmethod
     def solids(self) -> tuple[Solid, ...]:
         """Solids that collide in the simulation and that pictures show."""
 
     def holds(self, points: FloatArray) -> BoolArray:
-        """Whether the tool holds objects at points (R, 3), in tool axes from the tool point."""
+        """Whether the tool holds objects at points (R, 3), in tool axes from the tool point.
+
+        By default above ``front`` and below ``tip``: within the inner radius of a round mouth, or
+        between fingers and within their width, that of the narrowest solid of them.
+        """
+        x, y, z = points.T
+        ends = self.front - self.reach, self.tip - self.reach
+        if not self.fingers:
+            within = np.hypot(x, y) < self.mouth[0]
+            return np.asarray(within & (z < ends[1]) & (z > ends[0]))
+        fingers = [solid.corners for solid in self.solids() if solid.part == "finger"]
+        wide = [np.abs((own - self.point) @ self.rotation[:, 0]).max() for own in fingers]
+        across = (np.abs(y) < self.mouth[0]) & (np.abs(x) <= min(wide, default=np.inf))
+        return np.asarray(across & (z > ends[0]) & (z <= ends[1]))
 
     def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
-        """Centre of a mass [kg] (3,) and inertia about it (3, 3) [kg m²], in the flange frame."""
+        """Centre of a mass [kg] (3,) and inertia about it (3, 3) [kg m²], in the flange frame.
+
+        By default that of the boxes about the solids, of one density.
+        """
+        return solids_inertia(self.solids(), mass)
+
+
+@functools.lru_cache(maxsize=32)
+def _covered(tool: Tool) -> FloatArray:
+    return frozen(cover_solids(tool.solids()))
 
 
 MEMBERS = tuple(name for name in vars(Tool) if not name.startswith("_"))
@@ -158,13 +178,8 @@ def check_length(
     Raises:
         InvalidRequestError: naming the tool, the field, the value and the range.
     """
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if (
-        number
-        and math.isfinite(value)  # type: ignore[arg-type]
-        and low <= value <= high  # type: ignore[operator]
-        and not (open_below and value <= low)  # type: ignore[operator]
-    ):
+    number = value if isinstance(value, int | float) and not isinstance(value, bool) else np.nan
+    if number <= high and (low < number if open_below else low <= number):
         return
     bracket = "(" if open_below else "["
     raise InvalidRequestError(

@@ -9,7 +9,7 @@ import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -17,14 +17,13 @@ from optipromp.arrays import BoolArray, FloatArray, frozen
 from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.geometry.shapes import Box, Cylinder
 from optipromp.robots.cup_cover import NECK_RADIUS, cover_cup
-from optipromp.robots.grippers import FingerGripper, Scissor, between
+from optipromp.robots.grippers import FingerGripper, Scissor
 from optipromp.robots.mesh_tool import MeshTool
 from optipromp.robots.model import BodySpheres, Robot
 from optipromp.robots.self_collision import candidate_pairs, drop_always_touching
+from optipromp.robots.tool_geometry import Part, Solid, rectangle
 from optipromp.robots.tool_protocol import (
     LARGEST,
-    Part,
-    Solid,
     Tool,
     check_length,
     check_tool,
@@ -55,7 +54,7 @@ WALLS = 16  # flat pieces of a cup's wall
 
 
 @dataclass(frozen=True)
-class Cup:
+class Cup(Tool):
     """A swallowing gripper: an open cylinder on a slender neck, its axis along flange z. Metres.
 
     The neck (radius 0.01) runs ``length`` from the flange to the cup's base; the wall of outer
@@ -67,7 +66,6 @@ class Cup:
         InvalidRequestError: a parameter out of its range, named with its value.
     """
 
-    fingers: ClassVar[bool] = False
     radius: float
     height: float = 0.05
     length: float = 0.10
@@ -85,22 +83,7 @@ class Cup:
     @property
     def point(self) -> FloatArray:
         """(3,) the tool point in the flange frame [m]."""
-        return np.array([0.0, 0.0, self.reach])
-
-    @property
-    def rotation(self) -> FloatArray:
-        """(3, 3) the tool axes: those of the flange."""
-        return np.eye(3)
-
-    @property
-    def reach(self) -> float:
-        """Height of the tool point above the flange [m]."""
-        return self.length + self.height - self.depth
-
-    @property
-    def gripper_radius(self) -> float:
-        """Outer radius of the cup: distance of the tool axis from a fruit that it passes [m]."""
-        return self.radius
+        return np.array([0.0, 0.0, self.length + self.height - self.depth])
 
     def spheres(self) -> FloatArray:
         """Spheres (k, 4) over neck, base, wall and rim, in the flange frame [m]."""
@@ -120,35 +103,26 @@ class Cup:
     @property
     def mouth(self) -> tuple[float, float]:
         """Inner and outer radius of the mouth [m]."""
-        inner = self.radius - WALL if self.opening is None else self.opening / 2.0
-        return max(inner, 0.5 * self.radius), self.radius
+        if self.opening is None:
+            return max(self.radius - WALL, 0.5 * self.radius), self.radius
+        return min(self.opening / 2.0, self.radius - 1e-4), self.radius
 
     def outline(self) -> tuple[FloatArray, ...]:
         """The cup cut along its axis: neck, base and walls; see :meth:`FrankaHand.outline`."""
         (inner, outer), rim, flange = self.mouth, self.depth, -self.reach
         base = rim - self.height
-
-        def box(u0: float, u1: float, v0: float, v1: float) -> FloatArray:
-            return np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]])
-
-        neck = [box(flange, base, -NECK_RADIUS, NECK_RADIUS)] if self.length > 0.0 else []
-        return (
-            *neck, box(base, base + WALL, -outer, outer), box(base, rim, inner, outer),
-            box(base, rim, -outer, -inner),
-        )  # fmt: skip
-
-    @property
-    def _inner(self) -> float:
-        """Radius of the mouth as it is built [m]."""
-        if self.opening is not None:
-            return min(self.opening / 2.0, self.radius - 1e-4)
-        return max(self.radius - WALL, 0.5 * self.radius)
+        neck = (flange, base, -NECK_RADIUS, NECK_RADIUS)
+        floor = (base, base + WALL, -outer, outer)
+        walls = (base, rim, inner, outer), (base, rim, -outer, -inner)
+        sides = [neck, floor, *walls] if self.length > 0.0 else [floor, *walls]
+        return tuple(rectangle(*side) for side in sides)
 
     def solids(self) -> tuple[Solid, ...]:
         """Neck, floor and a ring of flat walls."""
-        floor, wall = min(WALL, self.height / 4.0), self.radius - self._inner
+        (inner, outer), floor = self.mouth, min(WALL, self.height / 4.0)
         wide = 2.0 * (self.radius * np.tan(np.pi / WALLS))
-        middle, aside = self.length + 0.5 * self.height, self._inner + wall / 2.0
+        wall = outer - inner
+        middle, aside = self.length + 0.5 * self.height, inner + wall / 2.0
         out = []
         if self.length > 0.0:
             neck = Cylinder(min(NECK_RADIUS, self.radius), self.length)
@@ -162,12 +136,6 @@ class Cup:
             out.append(Solid(f"wall:{k}", Box((wall, wide, self.height)), at, turned, "mouth"))
         return tuple(out)
 
-    def holds(self, points: FloatArray) -> BoolArray:
-        """Within the inner radius, below the rim, above the floor; points (R, 3)."""
-        x, y, z = points.T
-        within = np.hypot(x, y) < self._inner
-        return np.asarray(within & (z < self.depth) & (z > self.depth - self.height))
-
     def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
         """Inertia of a tube that has all of the mass."""
         across = 0.5 * self.radius**2 + self.height**2 / 12.0
@@ -176,7 +144,7 @@ class Cup:
 
 
 @dataclass(frozen=True)
-class FrankaHand:
+class FrankaHand(Tool):
     """The Franka hand, open. It is mounted turned by -45 degrees about flange z, as Franka does.
 
     The tool point lies between the finger tips, 0.1034 beyond the flange. The body spheres contain
@@ -184,7 +152,7 @@ class FrankaHand:
     and the simulation use a palm and two fingers instead, see :meth:`boxes` and :meth:`outline`.
     """
 
-    fingers: ClassVar[bool] = True
+    fingers = True
     reach: float = 0.1034
     gripper_radius: float = 0.04  # half of the 0.08 m between the open fingers
 
@@ -210,11 +178,6 @@ class FrankaHand:
         """(3, 3) columns: the hand's x (its thin side), y (along which it opens) and z axes."""
         c = math.sqrt(0.5)
         return np.array([[c, c, 0.0], [-c, c, 0.0], [0.0, 0.0, 1.0]])
-
-    @property
-    def depth(self) -> float:
-        """How far the finger tips are beyond the tool point [m]."""
-        return self.tip - self.reach
 
     @property
     def mouth(self) -> tuple[float, float]:
@@ -250,9 +213,8 @@ class FrankaHand:
         Columns: along the tool axis and along the hand's y, from the tool point [m].
         """
         out = []
-        palm = PALM[1] + np.array([-1.0, 1.0]) * PALM_HALF[1] - self.reach
-        wide = PALM_HALF[0]
-        out.append(np.array([[palm[0], -wide], [palm[1], -wide], [palm[1], wide], [palm[0], wide]]))
+        low, high = (PALM[1] + np.array([-1.0, 1.0]) * PALM_HALF[1] - self.reach).tolist()
+        out.append(rectangle(low, high, -PALM_HALF[0], PALM_HALF[0]))
         mount, pads = FINGER["mount"], PADS
         near, far, tip = mount[2] + mount[5], pads[2] - pads[5], pads[2] + pads[5]
         outer, inner = mount[1] + mount[4], pads[1] + pads[4]
@@ -274,18 +236,9 @@ class FrankaHand:
             w, x, y, z = quaternion(turned @ about).tolist()
             a, b, c = (2.0 * half).tolist()
             part: Part = "palm" if name == "palm" else "finger"
-            out.append(
-                Solid(f"hand:{name}", Box((a, b, c)), turned @ center, (w, x, y, z), part)
-            )  # fmt: skip
+            shape = Box((a, b, c))
+            out.append(Solid(f"hand:{name}", shape, turned @ center, (w, x, y, z), part))
         return tuple(out)
-
-    def holds(self, points: FloatArray) -> BoolArray:
-        """Between the open fingers, where closing them takes hold; points (R, 3).
-
-        The limits are the pads across and in height, the palm and the finger tips along the hand.
-        """
-        ends = self.front - self.reach, self.tip - self.reach
-        return between(points, self.gripper_radius, PADS[3], ends)
 
     def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
         """Inertia of a palm that has all of the mass."""
@@ -296,9 +249,12 @@ class FrankaHand:
 
 
 TOOLS: dict[str, type[Tool]] = {
-    "cup": Cup, "franka_hand": FrankaHand, "finger_gripper": FingerGripper, "scissor": Scissor,
+    "cup": Cup,
+    "franka_hand": FrankaHand,
+    "finger_gripper": FingerGripper,
+    "scissor": Scissor,
     "mesh": MeshTool,
-}  # fmt: skip
+}
 """Kinds of tool by the name that scene files have for them."""
 
 

@@ -12,15 +12,12 @@ from optipromp.geometry.grids import check_closed
 from optipromp.geometry.shapes import (
     Box,
     Capsule,
-    Cone,
     Cylinder,
-    Ellipsoid,
     HalfSpace,
     MeshShape,
     PointCloudShape,
     Shape,
     Sphere,
-    round_mesh,
 )
 from optipromp.ros.types import Message, message
 from optipromp.scenes.pose import Pose
@@ -73,16 +70,12 @@ def read_pose(item: Message) -> Pose:
 def geometry(shape: Shape) -> dict[str, Any]:
     """The fields of a ``CollisionObject`` that hold a shape in the object's own frame.
 
-    A capsule becomes a cylinder and two spheres, a point cloud one sphere for each point, an
-    ellipsoid or a cone a mesh.
+    A capsule becomes a cylinder and two spheres, a point cloud one sphere for each point; a
+    shape that has no such primitive, as an ellipsoid or a cone, becomes its mesh.
     """
     here = np.zeros(3)
     solids: list[tuple[int, Sequence[float], FloatArray]]
     match shape:
-        case Ellipsoid() | Cone():
-            return geometry(round_mesh(shape))
-        case MeshShape():
-            return {"meshes": [_mesh(shape)], "mesh_poses": [pose_message(Pose())]}
         case HalfSpace():
             plane = message("shape_msgs/msg/Plane", coef=(0.0, 0.0, 1.0, 0.0))
             return {"planes": [plane], "plane_poses": [pose_message(Pose())]}
@@ -99,7 +92,7 @@ def geometry(shape: Shape) -> dict[str, Any]:
         case PointCloudShape():
             solids = [(_SPHERE, (shape.radius,), point) for point in shape.points]
         case _:
-            raise InvalidSceneError(f"shape {type(shape).__name__} has no message")
+            return {"meshes": [_mesh(shape.mesh())], "mesh_poses": [pose_message(Pose())]}
     return {
         "primitives": [
             message("shape_msgs/msg/SolidPrimitive", type=kind, dimensions=sizes)

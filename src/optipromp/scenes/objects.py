@@ -12,7 +12,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, frozen
 from optipromp.errors import InvalidSceneError
-from optipromp.geometry.shapes import HalfSpace, Shape, bounding_radius
+from optipromp.geometry.shapes import Shape
 from optipromp.scenes.pose import Pose
 from optipromp.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
 from optipromp.scenes.values import array, named, suggest, unit
@@ -136,7 +136,7 @@ class SceneObject:
         named("id", self.id)
         if self.role not in ROLES:
             raise InvalidSceneError(f"role {self.role!r} is unknown: {suggest(self.role, ROLES)}")
-        if self.role in ("target", "pushable") and isinstance(self.shape, HalfSpace):
+        if self.role in ("target", "pushable") and math.isinf(self.radius):
             raise InvalidSceneError(f"a {self.role} cannot be a half_space: it has no end")
         object.__setattr__(self, "position", array("position", self.position, 3))
         object.__setattr__(self, "orientation", unit_quaternion(self.orientation))
@@ -144,7 +144,7 @@ class SceneObject:
             object.__setattr__(self, "covariance", _covariance(self.covariance, sigma))
         if self.stem is not None:
             gap = float(np.linalg.norm(self.stem.points[0] - self.position))
-            if gap > bounding_radius(self.shape) + STEM_SLACK:
+            if gap > self.shape.measure.bound + STEM_SLACK:
                 raise InvalidSceneError(
                     f"stem.points[0] is {gap:.3g} m from the fruit's position: a stem must start "
                     "at its fruit"
@@ -175,7 +175,7 @@ class SceneObject:
     @property
     def radius(self) -> float:
         """Radius of a ball about ``position`` that holds the shape [m]; of a sphere, its own."""
-        return bounding_radius(self.shape)
+        return self.shape.measure.bound
 
 
 def _checked(physical: Mapping[str, float]) -> dict[str, float]:

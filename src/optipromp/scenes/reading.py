@@ -13,7 +13,12 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.files import check_inside
-from optipromp.geometry.shapes import HalfSpace, MeshShape, PointCloudShape, Shape
+from optipromp.geometry.shapes import (
+    PRIMITIVES,
+    MeshShape,
+    PointCloudShape,
+    Shape,
+)
 from optipromp.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.robots.tools import make_tool
 from optipromp.scenes.rotations import IDENTITY
@@ -29,7 +34,6 @@ from optipromp.scenes.scene import (
     ToolSpec,
 )
 from optipromp.scenes.schema import (
-    PRIMITIVES,
     MeshToolModel,
     ObjectModel,
     PoseModel,
@@ -189,7 +193,7 @@ def _shape(
 def check_magnitude(item: SceneObject, told: str = "") -> None:
     """Refuse an object that looks as if it were in millimetres; ``told``: of which frame it is."""
     reachable = item.role != "target"
-    if not isinstance(item.shape, HalfSpace):
+    if math.isfinite(item.radius):
         _check_distance("position", item.position, told, reachable=reachable)
     if item.stem is not None:
         _check_distance("stem.root", item.stem.root, told, reachable=reachable)

@@ -22,7 +22,7 @@ from pydantic import (
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from optipromp.errors import InvalidSceneError
-from optipromp.geometry.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, HalfSpace, Sphere
+from optipromp.geometry.shapes import PRIMITIVES
 from optipromp.robots.tools import TOOLS
 from optipromp.scenes.objects import Role
 from optipromp.scenes.values import suggest
@@ -38,12 +38,6 @@ def _printable(text: str) -> str:
         raise _refuse(f"is '{printable(text)[:60]}': must hold no control characters")
     return text
 
-
-PRIMITIVES: dict[str, Any] = {
-    "sphere": Sphere, "box": Box, "cylinder": Cylinder, "capsule": Capsule,
-    "ellipsoid": Ellipsoid, "cone": Cone, "half_space": HalfSpace,
-}  # fmt: skip
-"""Shapes without a file, by their names in scene files."""
 
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 60
@@ -111,7 +105,7 @@ class PointCloudModel(_Model):
 
 def _sizes_model(shape: type) -> type[_Model]:
     """The model of a shape without a file: each of its sizes, above 0."""
-    kinds: dict[Any, Any] = {"float": Positive}
+    kinds: dict[Any, Any] = {"float": Positive, float: Positive}
     keys: dict[str, Any] = {x.name: (kinds.get(x.type, Sizes), ...) for x in fields(shape)}
     return create_model(f"{shape.__name__}Model", __base__=_Model, **keys)
 

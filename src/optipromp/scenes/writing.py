@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from optipromp.errors import InvalidSceneError
-from optipromp.geometry.shapes import MeshShape, PointCloudShape, Shape
+from optipromp.geometry.shapes import PRIMITIVES, MeshShape, PointCloudShape, Shape
 from optipromp.robots.library import NOTHING
 from optipromp.scenes.reading import check_magnitude
 from optipromp.scenes.scene import STEM_RADIUS, Scene, SceneObject, ToolSpec
-from optipromp.scenes.schema import PRIMITIVES
 
 POSE = ("position", "orientation")
 
@@ -122,7 +121,7 @@ def _object_to_dict(item: SceneObject, base_dir: Path | None) -> dict[str, Any]:
 def _shape_to_dict(shape: Shape, base_dir: Path | None) -> dict[str, Any]:
     for name, primitive in PRIMITIVES.items():
         if isinstance(shape, primitive):
-            sizes = vars(shape).items()
+            sizes = [(item.name, getattr(shape, item.name)) for item in fields(shape)]
             return {name: {k: list(v) if isinstance(v, tuple) else v for k, v in sizes}}
     assert isinstance(shape, MeshShape | PointCloudShape)
     if shape.path is None:

@@ -8,7 +8,8 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray, all_finite, frozen
 from optipromp.robots.model import Robot
-from optipromp.robots.tool_protocol import Part, quaternion
+from optipromp.robots.tool_geometry import Part
+from optipromp.robots.tool_protocol import quaternion
 from optipromp.robots.tools import TOOL_LINK, WALL
 from optipromp.simulation.engine import engine
 from optipromp.simulation.entities import Entity, layers

@@ -16,7 +16,7 @@ from optipromp.scenes.trusses import nearest, parents_first
 from optipromp.simulation.engine import engine
 from optipromp.simulation.entities import layers
 from optipromp.simulation.parameters import SimulationParameters, StemParameters
-from optipromp.simulation.solids import add_shape, volume
+from optipromp.simulation.solids import add_shape
 from optipromp.simulation.trusses import StemChain, carried, holding
 
 RIPE = (0.80, 0.08, 0.10, 1.0)
@@ -241,7 +241,7 @@ def trusses_of(
 def _mass(obj: SceneObject, parameters: SimulationParameters) -> float:
     group = parameters.thing if obj.stem is None else parameters.fruit
     density = obj.physical.get("density", group.density)
-    return float(obj.physical.get("mass", density * volume(obj.shape)))
+    return float(obj.physical.get("mass", density * obj.shape.volume))
 
 
 def chain_of(obj: SceneObject, stem: Stem, parameters: SimulationParameters) -> StemChain:

@@ -7,48 +7,25 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry.shapes import (
-    Box,
-    Capsule,
-    Cone,
-    Cylinder,
-    Ellipsoid,
-    HalfSpace,
+    BOX,
+    CAPSULE,
+    CYLINDER,
+    ELLIPSOID,
+    FINE,
+    HALF_SPACE,
+    SPHERE,
     MeshShape,
     PointCloudShape,
     Shape,
-    Sphere,
     is_convex,
-    mesh_volume,
-    round_mesh,
 )
 from optipromp.robots.tool_protocol import quaternion
 
-CONE_POINTS = 48  # points about a cone that is simulated as a mesh; within 0.2 % of its radius
+GEOMS = {  # of MuJoCo, by the kinds of shapes; their sizes are the same
+    SPHERE: "mjGEOM_SPHERE", BOX: "mjGEOM_BOX", CYLINDER: "mjGEOM_CYLINDER",
+    CAPSULE: "mjGEOM_CAPSULE", ELLIPSOID: "mjGEOM_ELLIPSOID",
+}  # fmt: skip
 MOST_PARTS = 3000  # geoms of one mesh or point cloud
-
-
-def volume(shape: Shape) -> float:
-    """[m³]; of a mesh by its signed volume, of a point cloud its bounding box's."""
-    match shape:
-        case Sphere(radius):
-            return 4.0 / 3.0 * np.pi * radius**3
-        case Box(size):
-            return float(np.prod(size))
-        case Cylinder(radius, length):
-            return np.pi * radius**2 * length
-        case Capsule(radius, length):
-            return np.pi * radius**2 * length + 4.0 / 3.0 * np.pi * radius**3
-        case Ellipsoid(radii):
-            return float(4.0 / 3.0 * np.pi * np.prod(radii))
-        case Cone():
-            return mesh_volume(round_mesh(shape, CONE_POINTS))
-        case MeshShape():
-            return mesh_volume(shape)
-        case PointCloudShape():
-            return float(np.prod(np.ptp(shape.points, axis=0) + 2.0 * shape.radius))
-        case HalfSpace():
-            return float("inf")
-    raise InvalidSceneError(f"unknown shape {type(shape).__name__}")
 
 
 def add_shape(
@@ -57,9 +34,9 @@ def add_shape(
 ) -> list[Any]:  # fmt: skip
     """Add ``shape`` to ``body`` at a pose in the body's frame; returns the geoms.
 
-    ``properties`` are set on every geom. Meshes that are nearly convex become their hull; others,
-    and point clouds, become boxes and balls that fill them at the resolution of their distance
-    grid.
+    ``properties`` are set on every geom. A shape without a geom of its own becomes its mesh: its
+    hull where that is nearly convex, else boxes that fill it at the resolution of its distance
+    grid. A point cloud becomes balls.
     """
     import mujoco
 
@@ -73,44 +50,28 @@ def add_shape(
             **{"name": name, **pose, **properties, **further},
         )
 
-    match shape:
-        case Sphere(radius):
-            return [add(kinds.mjGEOM_SPHERE, [radius, 0.0, 0.0])]
-        case Box(size):
-            return [add(kinds.mjGEOM_BOX, [edge / 2.0 for edge in size])]
-        case Cylinder(radius, length):
-            return [add(kinds.mjGEOM_CYLINDER, [radius, length / 2.0, 0.0])]
-        case Capsule(radius, length):
-            return [add(kinds.mjGEOM_CAPSULE, [radius, length / 2.0, 0.0])]
-        case Ellipsoid(radii):
-            return [add(kinds.mjGEOM_ELLIPSOID, list(radii))]
-        case Cone():
-            whole = round_mesh(shape, CONE_POINTS)
-            return add_shape(spec, body, whole, name, rotation, position, **properties)
-        case HalfSpace():
-            return [add(kinds.mjGEOM_PLANE, [2.0, 2.0, 0.1])]
-        case MeshShape() if is_convex(shape):
+    kind, (a, b, c), *_ = shape.measure
+    if kind == HALF_SPACE:
+        return [add(kinds.mjGEOM_PLANE, [2.0, 2.0, 0.1])]
+    if kind in GEOMS:
+        return [add(getattr(kinds, GEOMS[kind]), [a, b, c])]
+    if isinstance(shape, PointCloudShape):
+        points, radius = _thinned(shape)
+        parts = [(kinds.mjGEOM_SPHERE, [radius, 0.0, 0.0], point) for point in points]
+    else:
+        mesh = shape.mesh(FINE)
+        if is_convex(mesh):
             spec.add_mesh(
                 name=f"mesh:{name}",
-                uservert=shape.vertices.ravel().tolist(),
-                userface=shape.faces.ravel().astype(np.int32).tolist(),
+                uservert=mesh.vertices.ravel().tolist(),
+                userface=mesh.faces.ravel().astype(np.int32).tolist(),
             )
             return [add(kinds.mjGEOM_MESH, [0.0, 0.0, 0.0], meshname=f"mesh:{name}")]
-        case MeshShape():
-            out = []
-            for i, (middle, half) in enumerate(_filling(shape)):
-                at = position + rotation @ middle
-                out.append(add(kinds.mjGEOM_BOX, list(half), name=f"{name}:{i}", pos=at))
-            return out
-        case PointCloudShape():
-            points, radius = _thinned(shape)
-            out = []
-            for i, point in enumerate(points):
-                at = position + rotation @ point
-                ball = [radius, 0.0, 0.0]
-                out.append(add(kinds.mjGEOM_SPHERE, ball, name=f"{name}:{i}", pos=at))
-            return out
-    raise InvalidSceneError(f"unknown shape {type(shape).__name__}")
+        parts = [(kinds.mjGEOM_BOX, list(half), middle) for middle, half in _filling(mesh)]
+    return [
+        add(part, size, name=f"{name}:{i}", pos=position + rotation @ at)
+        for i, (part, size, at) in enumerate(parts)
+    ]
 
 
 def _filling(shape: MeshShape) -> list[tuple[FloatArray, FloatArray]]:

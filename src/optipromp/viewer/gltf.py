@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from optipromp.arrays import FloatArray
+from optipromp.geometry.faces import tube
 from optipromp.looks import Part, arm_parts, object_parts, scenery
-from optipromp.looks.faces import tube
 from optipromp.looks.part import Colour, hex_colour
 from optipromp.looks.scene import stem_part
 from optipromp.robots.model import Robot

@@ -7,8 +7,8 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from optipromp.arrays import FloatArray
-from optipromp.geometry.shapes import HalfSpace
-from optipromp.looks.faces import shape_faces, sphere, tube
+from optipromp.geometry.faces import sphere, tube
+from optipromp.looks.faces import shape_faces
 from optipromp.looks.scene import PUSHABLES
 from optipromp.planning.task import resolve
 from optipromp.pushing.path import evenly, length
@@ -191,7 +191,7 @@ def _hidden(view: Camera, plan: "Plan", focus: FloatArray) -> float:
     nearer = [
         float(view.axes[2] @ (item.position - focus))
         for item in plan.scene.static
-        if not isinstance(item.shape, HalfSpace)
+        if np.isfinite(item.radius)
     ]
     return sum(max(0.0, distance) for distance in nearer)
 

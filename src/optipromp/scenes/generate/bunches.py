@@ -69,7 +69,7 @@ def sample(
         box = _gutter(target, gutter, rng)
         objects.append(box)
         if gutter == "above":
-            roof = float(box.position[2] - 0.5 * box.shape.size[2])  # type: ignore[union-attr]
+            roof = float(box.position[2] - box.shape.measure.half[2])
     if sides:
         objects += [_neighbour("left", target, 1.0, rng), _neighbour("right", target, -1.0, rng)]
     largest = min(FRUIT_RADII[1], gripper - MOUTH_CLEARANCE)

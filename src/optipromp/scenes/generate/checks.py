@@ -95,16 +95,9 @@ def _shared(one: SceneObject, other: SceneObject) -> bool:
 
 def _core(item: SceneObject) -> tuple[FloatArray, float]:
     """The segment (2, 3) and the radius [m] of a capsule that holds a round fruit."""
-    half, radius = 0.0, item.radius
-    match item.shape:
-        case Capsule(radius=radius, length=length):
-            half = 0.5 * length
-        case Cone(radius=shoulder, tip=tip, length=length):
-            half, radius = 0.5 * length, max(shoulder, tip)
-        case Ellipsoid(radii=(x, y, z)):
-            radius = max(x, y)
-            half = max(z - radius, 0.0)
-    end = half * item.rotation[:, 2]
+    x, y, z = item.shape.measure.half
+    radius = max(x, y)
+    end = max(z - radius, 0.0) * item.rotation[:, 2]
     return np.array([item.position - end, item.position + end]), radius
 
 
