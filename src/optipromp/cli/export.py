@@ -37,13 +37,6 @@ def export(
             help="Write a MuJoCo model: robot with servos, tool, objects, fruits on stems.",
         ),
     ] = None,
-    gltf: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.glb",
-            help="Write the scene and the arm for 3-D viewers; of a plan, the arm moves.",
-        ),
-    ] = None,
     mcap: Annotated[
         Path | None,
         typer.Option(
@@ -68,11 +61,11 @@ def export(
 
     \b
     optipromp export scenario-3 --mjcf scene.xml
-    optipromp export reach --gltf reach.glb --mjcf reach.xml
+    optipromp export reach --mjcf reach.xml
     optipromp export reach --mcap reach.mcap
     """
     wanted = [
-        ("--mjcf", mjcf, ".xml", _mjcf), ("--gltf", gltf, ".glb", _gltf),
+        ("--mjcf", mjcf, ".xml", _mjcf),
         ("--mcap", mcap, ".mcap", lambda content, path: _mcap(content, path, rate, prefix)),
     ]  # fmt: skip
     chosen = [(name, path, end, write) for name, path, end, write in wanted if path is not None]
@@ -118,13 +111,6 @@ def _mjcf(content: _Content, path: Path) -> None:
     from optipromp.simulation.export import mjcf
 
     write_atomically(path, mjcf(content.scene, content.robot, content.start).encode("utf-8"))
-
-
-def _gltf(content: _Content, path: Path) -> None:
-    from optipromp.files import write_atomically
-    from optipromp.viewer.gltf import glb
-
-    write_atomically(path, glb(*content))
 
 
 def _mcap(content: _Content, path: Path, rate: float, prefix: str) -> None:

@@ -15,8 +15,8 @@ def view(
     item: Annotated[
         str,
         typer.Argument(
-            metavar="SCENE|PLAN_DIR|ROLLOUT_DIR|STUDY_DIR",
-            help="A scene to plan for, or a folder that plan, simulate or study left.",
+            metavar="SCENE|PLAN_DIR|ROLLOUT_DIR",
+            help="A scene to plan for, or a folder that plan or simulate left.",
         ),
     ],
     beside: Annotated[
