@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from optipromp.cli.check import scene_or_plan
-from optipromp.cli.console import OK, AsJson, command, print_json, stdout, waiting
+from optipromp.cli.command import Report, command
+from optipromp.cli.console import waiting
 from optipromp.errors import Code, InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
@@ -50,8 +51,7 @@ def export(
     prefix: Annotated[
         str, typer.Option(metavar="TEXT", help="Before the joints' names in the bag, as in fr3_.")
     ] = "",
-    as_json: AsJson = False,
-) -> int:
+) -> Report:
     """Write a scene or a plan in the formats of other programs.
 
     At least one format must be asked for. --mjcf needs the extra 'sim', --mcap
@@ -80,12 +80,8 @@ def export(
         with waiting(f"writing {path} ..."):
             write(content, path)
     files = {name.removeprefix("--"): str(path) for name, path, _, _ in chosen}
-    if as_json:
-        document = {"status": Code.SUCCESS, "message": "", "item": scene_or_plan, "files": files}
-        print_json(document)
-    else:
-        stdout().print(f"wrote {', '.join(files.values())}", markup=False)
-    return OK
+    document = {"status": Code.SUCCESS, "message": "", "item": scene_or_plan, "files": files}
+    return Report(document, [f"wrote {', '.join(files.values())}"])
 
 
 class _Content(NamedTuple):

@@ -1,28 +1,18 @@
 """``optipromp scenarios``: the paper's experiments, its figures beside ours."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from optipromp.cli.console import (
-    FAILED,
-    OK,
-    AsJson,
-    Recorded,
-    Seed,
-    command,
-    grid,
-    print_json,
-    say_if_compiling,
-    stdout,
-    waiting,
-)
-from optipromp.cli.plan import read_primitive, write
+from optipromp.cli.command import FAILED, OK, Report, command
+from optipromp.cli.console import Recorded, Seed, grid, say_if_compiling, waiting
+from optipromp.cli.plan import Output, read_primitive
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
     from rich.table import Table
 
     from optipromp.experiments.scenarios import ScenarioRow
@@ -43,8 +33,7 @@ def scenarios(
             help="Leave the tables here; in a page with marks, between them.",
         ),
     ] = None,
-    as_json: AsJson = False,
-) -> int:
+) -> Report:
     """Run the paper's four scenarios and set its figures beside ours.
 
     Scenarios 1 and 2 must end in a collision with the table-top, as in the
@@ -69,24 +58,25 @@ def scenarios(
     say_if_compiling()
     with waiting("planning ...") as say:
         rows = run_scenarios(seed=seed, demonstrations=primitive, progress=say)
-    document = {"scenarios": [row.to_dict() for row in rows]}
     if out is not None:
         with waiting("drawing ..."):
             for row in rows:
-                write(row.plan, out / f"scenario-{row.case.key}")
+                Output().write(row.plan, out / f"scenario-{row.case.key}", figures=True)
     if as_markdown is not None:
         renew(as_markdown, markdown(rows))
-    if as_json:
-        print_json(document)
-    else:
-        console = stdout()
-        console.print(table_one(rows))
-        console.print(reductions(rows))
-        for row in rows:
-            console.print(f"{row.case.key}, {row.case.title}: {row.plan.message}", markup=False)
-        if out is not None:
-            console.print(f"wrote the plans and their figures to {out}", markup=False)
-    return OK if all(row.as_expected for row in rows) else FAILED
+    document = {"scenarios": [row.to_dict() for row in rows]}
+    return Report(
+        document, _shown(rows, out), OK if all(row.as_expected for row in rows) else FAILED
+    )
+
+
+def _shown(rows: Sequence["ScenarioRow"], out: Path | None) -> "Iterator[RenderableType]":
+    yield table_one(rows)
+    yield reductions(rows)
+    for row in rows:
+        yield f"{row.case.key}, {row.case.title}: {row.plan.message}"
+    if out is not None:
+        yield f"wrote the plans and their figures to {out}"
 
 
 BEGIN, END = "<!-- scenarios: begin -->", "<!-- scenarios: end -->"

@@ -6,21 +6,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.console import (
-    OK,
-    AsJson,
-    Workers,
-    command,
-    grid,
-    print_json,
-    progress_bar,
-    say_if_compiling,
-    stdout,
-)
-from optipromp.cli.robot import Named, names_robot
+from optipromp.cli.command import Report, command
+from optipromp.cli.console import Workers, grid, progress_bar, say_if_compiling
+from optipromp.cli.robot import ArmOptions, Whose
 from optipromp.errors import Code, InvalidRequestError
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
     from rich.table import Table
 
     from optipromp.experiments.runs import Row
@@ -61,7 +53,6 @@ Risk = Annotated[
 
 
 @command()
-@names_robot("Whose scenes: built-in name or file (panda).")
 def study(
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Where rows go; rows that are there are kept.")
@@ -87,10 +78,10 @@ def study(
     vary: Vary = False,
     risk: Risk = 0.03,
     workers: Workers = None,
-    as_json: AsJson = False,
     *,
-    named: Named,
-) -> int:
+    robot: Whose = None,
+    arm: ArmOptions,
+) -> Report:
     """Run planners on random scenes and execute their plans in the physics simulation.
 
     Every run is a row of rows.csv in DIR. Ctrl-C keeps what is done; the same command goes on from
@@ -107,14 +98,16 @@ def study(
     optipromp study --preset tight --planners opti-promp --noise detector --out detected
     """
     from optipromp.experiments.baselines import STUDY_PLANNERS
+    from optipromp.experiments.statistics import summary
     from optipromp.experiments.study import Study, run_study
+    from optipromp.experiments.study_output import write_results
     from optipromp.scenes.generate import PANDA, PRESETS
 
     chosen: Any = _names(preset, PRESETS)
     compared: Any = _names(",".join(planners), STUDY_PLANNERS)
     plan = Study(
         chosen, compared, _range(seeds), noise_position, noise_angle, only_valid,
-        named.name or PANDA, named.choice, vary, noise, risk,
+        robot or PANDA, arm.of(robot).choice, vary, noise, risk,
     )  # fmt: skip
     say_if_compiling()
     successes: dict[str, list[bool]] = {}
@@ -128,27 +121,21 @@ def study(
             shown(done, total, ", ".join((f"{done} of {total} runs", *shares)))
 
         rows = run_study(plan, out, workers=workers, progress=progress)
-    return _tell(rows, out, as_json)
-
-
-def _tell(rows: list["Row"], out: Path, as_json: bool) -> int:
-    """Write the results beside the rows, and print them."""
-    from optipromp.experiments.statistics import calibration, summary
-    from optipromp.experiments.study_output import write_results
-
     cells = summary(rows)
     written = write_results(rows, cells, out)
-    if as_json:
-        print_json({"runs": len(rows), "cells": [cell.to_dict() for cell in cells]})
-        return OK
-    console = stdout()
-    console.print(table(cells))
-    console.print(causes(cells))
+    document = {"runs": len(rows), "cells": [cell.to_dict() for cell in cells]}
+    return Report(document, _shown(rows, cells, f"wrote rows.csv, {', '.join(written)} to {out}"))
+
+
+def _shown(rows: list["Row"], cells: Sequence["Cell"], last: str) -> "Iterator[RenderableType]":
+    from optipromp.experiments.statistics import calibration
+
+    yield table(cells)
+    yield causes(cells)
     found = calibration(rows)
     if found is not None:
-        console.print(reliability(found))
-    console.print(f"wrote rows.csv, {', '.join(written)} to {out}", markup=False)
-    return OK
+        yield reliability(found)
+    yield last
 
 
 def _names(text: str, all_of_them: Sequence[str]) -> tuple[str, ...]:

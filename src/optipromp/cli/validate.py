@@ -1,24 +1,19 @@
 """``optipromp validate``: anyone's trajectory, judged in a scene."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.console import (
-    AsJson,
-    command,
-    exit_code,
-    grid,
-    headline,
-    print_json,
-    stdout,
-    waiting,
-)
+from optipromp.cli.command import Report, command, exit_code
+from optipromp.cli.console import grid, headline, waiting
 from optipromp.errors import Code
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from optipromp.planning import Verdict
     from optipromp.robots.model import Robot
     from optipromp.scenes.scene import Scene
@@ -48,9 +43,8 @@ Risk = Annotated[
 
 @command()
 def validate(
-    trajectory: Given, scene: InScene = None, out: Pictures = None, as_json: AsJson = False,
-    risk: Risk = None,
-) -> int:  # fmt: skip
+    trajectory: Given, scene: InScene = None, out: Pictures = None, *, risk: Risk = None
+) -> Report:
     """Judge TRAJECTORY in a scene: what is violated, where, when and by how much.
 
     The curve between the rows is judged too: it meets positions, velocities and
@@ -89,11 +83,7 @@ def validate(
     document = describe(found, curve, loaded, risk)
     if out is not None:
         leave(out, document, curve, robot, found)
-    if as_json:
-        print_json(document)
-    else:
-        _print(found, document, curve)
-    return exit_code(found.status)
+    return Report(document, _shown(found, loaded, curve), exit_code(found.status))
 
 
 def read(path: Path, robot: "Robot") -> "Trajectory":
@@ -137,15 +127,13 @@ def leave(
     write_atomically(out / "verdict.json", json_text(document).encode("utf-8"))
 
 
-def _print(found: "Verdict", document: dict[str, Any], curve: "Trajectory") -> None:
-    console, m = stdout(), found.judgement.metrics
+def _shown(found: "Verdict", scene: "Scene", curve: "Trajectory") -> "Iterator[RenderableType]":
+    m = found.judgement.metrics
     colour = "green" if found.status is Code.SUCCESS else "red"
-    console.print(
-        headline(
-            (str(document["scene"]), "bold"),
-            f"  {curve.n_waypoints} rows, {curve.duration:.3f} s  ",
-            (found.status, f"bold {colour}"),
-        )
+    yield headline(
+        (scene.name, "bold"),
+        f"  {curve.n_waypoints} rows, {curve.duration:.3f} s  ",
+        (found.status, f"bold {colour}"),
     )
     if found.judgement.violations:
         table = grid(("what", "where"), ("when, s", "how much"))
@@ -153,12 +141,12 @@ def _print(found: "Verdict", document: dict[str, Any], curve: "Trajectory") -> N
             when = "" if violation.time is None else f"{violation.time:.3f}"
             amount = "" if violation.amount is None else f"{violation.amount:.4g} {violation.unit}"
             table.add_row(violation.kind, violation.subject, when, amount)
-        console.print(table)
-    console.print(found.message)
+        yield table
+    yield found.message
     if found.prediction is not None and found.status is not Code.HARM_PREDICTED:
-        console.print(f"{found.prediction}", markup=False)  # else it is in the message
+        yield f"{found.prediction}"  # else it is in the message
     off = f"{m.goal_error:.4f}" if m.goal_axis_error is None else f"{1e3 * m.goal_error:.2f} mm"
-    console.print(
+    yield (
         f"limits in use: velocity {m.velocity_ratio:.0%}, acceleration {m.acceleration_ratio:.0%}, "
         f"jerk {m.jerk_ratio:.0%}; {off} off the goal"
     )
