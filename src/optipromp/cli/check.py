@@ -2,7 +2,6 @@
 
 import warnings
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import is_dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -10,15 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.command import OK, Report, command, exit_code
+from optipromp.cli.command import OK, Report, Shown, command, exit_code
 from optipromp.cli.console import headline
 from optipromp.cli.robot import ArmOptions
 from optipromp.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.files import is_folder, is_there
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
     from optipromp.planning import Plan
     from optipromp.robots.arm import Arm
     from optipromp.robots.model import Robot
@@ -164,7 +161,7 @@ def check(
     return Report(document, _shown(kind, item, summary), code)
 
 
-def _shown(kind: Kind, item: str, summary: dict[str, Any]) -> "Iterator[RenderableType]":
+def _shown(kind: Kind, item: str, summary: dict[str, Any]) -> Shown:
     yield headline((kind, "bold"), f" {item}: right")
     for key, value in summary.items():
         yield f"  {key.replace('_', ' '):<15} {_words(value)}"

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import wraps
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -16,8 +16,8 @@ from optipromp.errors import Code, OptiPrompError
 from optipromp.files import json_text
 from optipromp.shown import printable
 
-if TYPE_CHECKING:
-    from rich.console import RenderableType
+Shown = Iterable[Any]
+"""What people read: lines, and what rich can print. A generator runs only where they read it."""
 
 OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 _OUTCOMES = frozenset(
@@ -42,12 +42,12 @@ class Report:
 
     Attributes:
         document: what ``--json`` prints.
-        shown: lines and tables for people. A generator runs only where people read it.
+        shown: lines and tables for people.
         code: the exit code.
     """
 
     document: object
-    shown: "Iterable[RenderableType]"
+    shown: Shown
     code: int = OK
 
     def print(self, as_json: bool) -> None:
@@ -57,7 +57,7 @@ class Report:
             return
         console = stdout()
         for part in self.shown:
-            console.print(part, crop=False)
+            console.print(part, soft_wrap=getattr(part, "no_wrap", None))  # of a Text
 
 
 def exit_code(code: Code) -> int:

@@ -3,12 +3,12 @@
 import math
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from optipromp.cli.command import OK, Report, exit_code
+from optipromp.cli.command import OK, Report, Shown, exit_code
 from optipromp.cli.console import grid, progress_bar, say_if_compiling
 from optipromp.cli.plan import Output, Request, failed_plan
 from optipromp.errors import Code, InvalidRequestError, OptiPrompError
@@ -16,7 +16,6 @@ from optipromp.files import is_there
 from optipromp.shown import printable
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
     from rich.table import Table
 
     from optipromp.cli.robot import Named
@@ -41,7 +40,7 @@ class Entry:
     def to_dict(self, request: Request) -> dict[str, Any]:
         """The plan's document with the names of its files; an error's has the same keys."""
         if isinstance(self.result, OptiPrompError):
-            told = failed_plan(self.result, {"scene": self.file.stem, **request.arguments})
+            told = failed_plan(self.result, {"scene": self.file.stem, **vars(request)})
         else:
             told = self.result.to_dict()
         return {"file": str(self.file), "out": self.out and str(self.out), **told}
@@ -100,7 +99,7 @@ def plan_folder(
             shown(done_so_far, len(files), words)
 
         stated = [named.of(load_scene(file)) for file in files] if named else files
-        results = plan_many(stated, workers=workers, progress=done, **request.arguments)
+        results = plan_many(stated, workers=workers, progress=done, **vars(request))
     seconds = time.perf_counter() - began
     entries = [Entry(*item) for item in zip(files, homes, results, strict=True)]
     succeeded = sum(entry.status is Code.SUCCESS for entry in entries)
@@ -112,9 +111,7 @@ def plan_folder(
     return Report(document, _shown(entries, succeeded, seconds, out), code)
 
 
-def _shown(
-    entries: Sequence[Entry], succeeded: int, seconds: float, out: Path | None
-) -> "Iterator[RenderableType]":
+def _shown(entries: Sequence[Entry], succeeded: int, seconds: float, out: Path | None) -> Shown:
     yield table(entries)
     yield f"{succeeded} of {len(entries)} plans succeeded, in {seconds:.1f} s"
     if out is not None:

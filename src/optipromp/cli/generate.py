@@ -3,35 +3,22 @@
 import os
 import shlex
 from collections import Counter
-from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.command import Report, command
+from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import Generated
 from optipromp.cli.robot import ArmOptions, Named, Whose
 from optipromp.errors import InvalidRequestError
 from optipromp.files import ALLOW_XACRO, FOLDERS, check_folder, check_inside, is_folder
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
     from optipromp.scenes.scene import Scene
 
 SEEN = "seen"
-
-
-SeenNoise = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME",
-        help="Write the scenes as a detector sees them, too, into DIR/seen: zero-mean, low, high, "
-        "missed or detector, as of 'study'.",
-    ),
-]
 
 
 @command()
@@ -51,7 +38,14 @@ def generate(
         int, typer.Option(min=0, help="Of the first scene; each next has one more.")
     ] = 0,
     count: Annotated[int, typer.Option(min=1, help="How many scenes.")] = 1,
-    noise: SeenNoise = "",
+    noise: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Write the scenes as a detector sees them, too, into DIR/seen: zero-mean, low, "
+            "high, missed or detector, as of 'study'.",
+        ),
+    ] = "",
     *,
     robot: Whose = None,
     arm: ArmOptions,
@@ -107,7 +101,7 @@ def generate(
     return Report(document, chain(lines, _to_allow(unread, robot)))
 
 
-def _to_allow(folders: list[str], robot: str | None) -> "Iterator[RenderableType]":
+def _to_allow(folders: list[str], robot: str | None) -> Shown:
     """What to export so that the scenes may read their robot; on one line, to be copied."""
     from rich.text import Text
 
@@ -120,7 +114,7 @@ def _to_allow(folders: list[str], robot: str | None) -> "Iterator[RenderableType
         allowed[ALLOW_XACRO] = "1"
     for name, value in allowed.items():
         line = f"{because[name]}: export {name}={shlex.quote(value)}"
-        yield Text(line, no_wrap=True, overflow="ignore")
+        yield Text(line, no_wrap=True)
 
 
 def _judge_start(scene: "Scene") -> None:

@@ -7,15 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.command import Report, command
+from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import grid, waiting
 from optipromp.cli.robot import ArmOptions, Named
 from optipromp.errors import InvalidRequestError
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from optipromp.promp import Basis, Demonstrations, ProMP
+    from optipromp.promp import Basis, Demonstrations
     from optipromp.ros.recordings import Recording
 
 LARGEST_RESIDUAL = 0.05
@@ -26,16 +24,6 @@ NAMELESS = (
     "has no joint names, so 'plan' refuses it; 'learn --robot ROBOT' names columns that are in the "
     "robot's order"
 )
-
-
-Order = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ROBOT",
-        help="Put the columns, told by name, into this robot's order; columns without names are "
-        "taken to be in it.",
-    ),
-]
 
 
 @command()
@@ -64,7 +52,14 @@ def learn(
         bool, typer.Option("--figure/--no-figure", help="Draw FILE with the suffix .png.")
     ] = True,
     *,
-    robot: Order = None,
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROBOT",
+            help="Put the columns, told by name, into this robot's order; columns without names "
+            "are taken to be in it.",
+        ),
+    ] = None,
     arm: ArmOptions,
 ) -> Report:
     """Learn a movement primitive, for plan --demonstrations.
@@ -103,7 +98,13 @@ def learn(
         "file": str(out),
         "figure": None if picture is None else str(picture),
         "method": "em" if em else "ridge",
-        **_learnt(recorded, promp, held_out, rest),
+        "demonstrations": len(recorded),
+        "samples": sum(len(item.times) for item in recorded),
+        "joints": promp.joint_names,
+        "bases": promp.basis.count,
+        "width": promp.basis.width,
+        "held_out_residual": held_out,
+        "residual": _summary(promp.joint_names, rest),
         "recording": recording and recording.to_dict(),
     }
     if document["message"]:
@@ -180,21 +181,6 @@ def _basis(
     return Basis(min(held_out, key=lambda count: held_out[count]), width), held_out
 
 
-def _learnt(
-    recorded: "Demonstrations", promp: "ProMP", held_out: dict[int, float], rest: list[Any]
-) -> dict[str, Any]:
-    """What was learnt from what, and how far from it."""
-    return {
-        "demonstrations": len(recorded),
-        "samples": sum(len(item.times) for item in recorded),
-        "joints": promp.joint_names,
-        "bases": promp.basis.count,
-        "width": promp.basis.width,
-        "held_out_residual": held_out,
-        "residual": _summary(promp.joint_names, rest),
-    }
-
-
 def _summary(joints: tuple[str, ...], rest: list[Any]) -> dict[str, Any]:
     """RMS and largest residual, in all and for each joint [rad or m]."""
     import numpy as np
@@ -243,7 +229,7 @@ def _cuts(recording: dict[str, Any]) -> Iterator[str]:
         yield f"  {cut['start']:.2f} to {cut['end']:.2f} s, range {cut['motion']:.3f}{words}"
 
 
-def _shown(document: dict[str, Any]) -> "Iterator[RenderableType]":
+def _shown(document: dict[str, Any]) -> Shown:
     from rich.text import Text
 
     if document["recording"] is not None:

@@ -1,14 +1,14 @@
 """``optipromp plan``: one scene, one plan; see also ``folder`` and ``sequence``."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from optipromp.cli.command import Report, command, exit_code
+from optipromp.cli.command import Report, Shown, command, exit_code
 from optipromp.cli.console import (
     ChosenStrategy,
     Planner,
@@ -25,12 +25,9 @@ from optipromp.errors import InvalidRequestError, OptiPrompError
 from optipromp.files import is_folder
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
     from optipromp.planning import Plan, PlanOptions
     from optipromp.promp import ProMP
     from optipromp.scenes.scene import Scene
-
 
 SceneOrFolder = Annotated[
     str,
@@ -107,11 +104,6 @@ class Request:
     seed: int
     options: "PlanOptions"
 
-    @property
-    def arguments(self) -> dict[str, Any]:
-        """The fields by name."""
-        return dict(vars(self))
-
 
 @dataclass(frozen=True)
 class Wanted:
@@ -138,7 +130,7 @@ class Wanted:
             self.setting or [], duration=self.duration, timeout=self.timeout,
             constraints=self.constraints,
         )  # fmt: skip
-        learnt = None if self.demonstrations is None else read_primitive(self.demonstrations)
+        learnt = read_primitive(self.demonstrations)
         return Request(self.planner, self.strategy, learnt, self.seed, options)
 
 
@@ -261,9 +253,7 @@ def plan_one(scene: "Scene", request: Request, output: Output, variant: Variant)
 
     running = None if variant.previous is None else load_plan(variant.previous)
     with waiting(f"planning {scene.name} ...") as say:
-        result = make_plan(
-            scene, progress=say, previous=running, at=variant.at, **request.arguments
-        )
+        result = make_plan(scene, progress=say, previous=running, at=variant.at, **vars(request))
     written: tuple[str, ...] = ()
     if output.out is not None:
         with waiting("drawing ..."):
@@ -271,7 +261,7 @@ def plan_one(scene: "Scene", request: Request, output: Output, variant: Variant)
     return Report(result.to_dict(), shown(result, written, output.out), exit_code(result.status))
 
 
-def shown(plan: "Plan", written: tuple[str, ...], out: Path | None) -> "Iterator[RenderableType]":
+def shown(plan: "Plan", written: tuple[str, ...], out: Path | None) -> Shown:
     """What the plan is, whether it holds, and the figures it is judged by."""
     from rich.table import Table
 
@@ -294,8 +284,10 @@ def shown(plan: "Plan", written: tuple[str, ...], out: Path | None) -> "Iterator
         yield f"wrote {', '.join(written)} to {out}"
 
 
-def read_primitive(path: Path) -> "ProMP | Path":
+def read_primitive(path: Path | None) -> "ProMP | Path | None":
     """A learnt ProMP where ``path`` is one that was saved; else the path, to be learnt from."""
+    if path is None:
+        return None
     from optipromp.promp.model import ProMP, is_primitive
 
     return ProMP.load(path) if is_primitive(path) else path

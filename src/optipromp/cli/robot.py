@@ -10,15 +10,6 @@ if TYPE_CHECKING:
     from optipromp.robots.library import Choice
     from optipromp.scenes.scene import Scene
 
-Tip = Annotated[str | None, typer.Option(metavar="LINK", help="Of the robot: the flange link.")]
-Base = Annotated[
-    str | None, typer.Option(metavar="LINK", help="Of the robot: joints before it are held.")
-]
-Srdf = Annotated[Path | None, typer.Option(help="Of the robot: groups that tell the arm.")]
-PackageDirs = Annotated[
-    list[Path] | None,
-    typer.Option(metavar="FOLDER", help="Of the robot: holds packages of package:// names."),
-]
 InPlace = Annotated[
     str | None,
     typer.Option(metavar="ROBOT", help="In place of the scene's: built-in name or file."),
@@ -59,10 +50,19 @@ class Named:
 class ArmOptions:
     """The options that tell the arm in a robot's file."""
 
-    tip: Tip = None
-    base: Base = None
-    srdf: Srdf = None
-    package_dir: PackageDirs = None
+    tip: Annotated[
+        str | None, typer.Option(metavar="LINK", help="Of the robot: the flange link.")
+    ] = None
+    base: Annotated[
+        str | None, typer.Option(metavar="LINK", help="Of the robot: joints before it are held.")
+    ] = None
+    srdf: Annotated[Path | None, typer.Option(help="Of the robot: groups that tell the arm.")] = (
+        None
+    )
+    package_dir: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FOLDER", help="Of the robot: holds packages of package:// names."),
+    ] = None
 
     def of(self, robot: str | None) -> Named:
         """The robot of that name, if any, with what these options choose."""

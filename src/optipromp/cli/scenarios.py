@@ -1,18 +1,17 @@
 """``optipromp scenarios``: the paper's experiments, its figures beside ours."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from optipromp.cli.command import FAILED, OK, Report, command
+from optipromp.cli.command import FAILED, OK, Report, Shown, command
 from optipromp.cli.console import Recorded, Seed, grid, say_if_compiling, waiting
 from optipromp.cli.plan import Output, read_primitive
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
     from rich.table import Table
 
     from optipromp.experiments.scenarios import ScenarioRow
@@ -54,7 +53,7 @@ def scenarios(
         from optipromp.files import check_folder
 
         check_folder(out)
-    primitive = None if demonstrations is None else read_primitive(demonstrations)
+    primitive = read_primitive(demonstrations)
     say_if_compiling()
     with waiting("planning ...") as say:
         rows = run_scenarios(seed=seed, demonstrations=primitive, progress=say)
@@ -64,13 +63,11 @@ def scenarios(
                 Output().write(row.plan, out / f"scenario-{row.case.key}", figures=True)
     if as_markdown is not None:
         renew(as_markdown, markdown(rows))
-    document = {"scenarios": [row.to_dict() for row in rows]}
-    return Report(
-        document, _shown(rows, out), OK if all(row.as_expected for row in rows) else FAILED
-    )
+    code = OK if all(row.as_expected for row in rows) else FAILED
+    return Report({"scenarios": [row.to_dict() for row in rows]}, _shown(rows, out), code)
 
 
-def _shown(rows: Sequence["ScenarioRow"], out: Path | None) -> "Iterator[RenderableType]":
+def _shown(rows: Sequence["ScenarioRow"], out: Path | None) -> Shown:
     yield table_one(rows)
     yield reductions(rows)
     for row in rows:
@@ -88,12 +85,14 @@ SHORT = {
 
 def table_one(rows: Sequence["ScenarioRow"]) -> "Table":
     """Table I of the paper, ours beside it; see :func:`figures`."""
+    from rich.text import Text
+
     title = "Table I: the paper's | ours, mm, + where the paper's test holds, ! where it fails"
     header, lines = figures(rows)
     table = grid(header, title=title, padding=(0, 1, 0, 0))
     for row, (key, status, *others) in zip(rows, lines, strict=True):
         colour = "green" if row.as_expected else "red"
-        table.add_row(key, f"[{colour}]{status}[/]", *others)
+        table.add_row(key, Text(status, style=colour), *others)
     return table
 
 

@@ -1,18 +1,16 @@
 """``optipromp plan --targets``: several ripe fruits of one scene, one after the other."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from optipromp.cli.command import FAILED, OK, Report
+from optipromp.cli.command import FAILED, OK, Report, Shown
 from optipromp.cli.console import grid, waiting
 from optipromp.cli.plan import Output, Request
 from optipromp.files import file_name, json_text, write_atomically
 from optipromp.scenes.scene import Scene
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
     from optipromp.planning.sequence import PickSequence
 
 ORDER = "sequence.json"
@@ -24,7 +22,7 @@ def plan_targets(scene: Scene, targets: str, request: Request, output: Output) -
 
     ids = [part.strip() for part in targets.split(",") if part.strip()]
     with waiting(f"planning {scene.name} ...") as say:
-        found = plan_sequence(scene, ids, progress=say, **request.arguments)
+        found = plan_sequence(scene, ids, progress=say, **vars(request))
     document, out = found.to_dict(), output.out
     written = []
     if out is not None:
@@ -39,7 +37,7 @@ def plan_targets(scene: Scene, targets: str, request: Request, output: Output) -
     return Report(document, _shown(found, lines), OK if found.success else FAILED)
 
 
-def _shown(found: "PickSequence", lines: Sequence[str]) -> "Iterator[RenderableType]":
+def _shown(found: "PickSequence", lines: Sequence[str]) -> Shown:
     table = grid(("pick", "status"), ("not clean", "motion, s"))
     for id_, pick in zip(found.order, found.picks, strict=True):
         told = math.nan if pick.prediction is None else pick.prediction.probability

@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.command import Report, command
+from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import Workers, grid, progress_bar, say_if_compiling
 from optipromp.cli.robot import ArmOptions, Whose
 from optipromp.errors import Code, InvalidRequestError
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
     from rich.table import Table
 
     from optipromp.experiments.runs import Row
@@ -28,27 +27,6 @@ Compared = Annotated[
         help="straight, promp, i-promp, i-promp-guard, drift, paper, obstacles, chomp, "
         "opti-promp, separated by commas or one an option, or all.",
     ),
-]
-DetectorNoise = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME",
-        help="Of the detector: zero-mean (5 mm, 5 degrees), low and high (and all seen 10 mm "
-        "too low or high), missed (fruits not seen, hidden ones more often), detector (low "
-        "and missed).",
-    ),
-]
-Vary = Annotated[
-    bool,
-    typer.Option(
-        "--vary",
-        help="Execute each plan under a table of physical variations: softer and stiffer "
-        "stems, friction, mass, size, damping, a tool off its place, fruits lower than seen.",
-    ),
-]
-
-Risk = Annotated[
-    float, typer.Option(help="Share of promised successes that may be broken; less refuses more.")
 ]
 
 
@@ -70,13 +48,31 @@ def study(
     noise_angle: Annotated[
         float, typer.Option(metavar="DEGREES", help="Standard deviation of detected stems.")
     ] = 0.0,
-    noise: DetectorNoise = "",
+    noise: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Of the detector: zero-mean (5 mm, 5 degrees), low and high (and all seen 10 mm "
+            "too low or high), missed (fruits not seen, hidden ones more often), detector (low "
+            "and missed).",
+        ),
+    ] = "",
     only_valid: Annotated[
         bool,
         typer.Option("--only-valid", help="Do not execute plans that the judge refuses."),
     ] = False,
-    vary: Vary = False,
-    risk: Risk = 0.03,
+    vary: Annotated[
+        bool,
+        typer.Option(
+            "--vary",
+            help="Execute each plan under a table of physical variations: softer and stiffer "
+            "stems, friction, mass, size, damping, a tool off its place, fruits lower than seen.",
+        ),
+    ] = False,
+    risk: Annotated[
+        float,
+        typer.Option(help="Share of promised successes that may be broken; less refuses more."),
+    ] = 0.03,
     workers: Workers = None,
     *,
     robot: Whose = None,
@@ -98,9 +94,7 @@ def study(
     optipromp study --preset tight --planners opti-promp --noise detector --out detected
     """
     from optipromp.experiments.baselines import STUDY_PLANNERS
-    from optipromp.experiments.statistics import summary
     from optipromp.experiments.study import Study, run_study
-    from optipromp.experiments.study_output import write_results
     from optipromp.scenes.generate import PANDA, PRESETS
 
     chosen: Any = _names(preset, PRESETS)
@@ -121,18 +115,24 @@ def study(
             shown(done, total, ", ".join((f"{done} of {total} runs", *shares)))
 
         rows = run_study(plan, out, workers=workers, progress=progress)
+    return _report(rows, out)
+
+
+def _report(rows: list["Row"], out: Path) -> Report:
+    """Write the results beside the rows, and tell them."""
+    from optipromp.experiments.statistics import calibration, summary
+    from optipromp.experiments.study_output import write_results
+
     cells = summary(rows)
     written = write_results(rows, cells, out)
     document = {"runs": len(rows), "cells": [cell.to_dict() for cell in cells]}
-    return Report(document, _shown(rows, cells, f"wrote rows.csv, {', '.join(written)} to {out}"))
+    last = f"wrote rows.csv, {', '.join(written)} to {out}"
+    return Report(document, _shown(cells, calibration(rows), last))
 
 
-def _shown(rows: list["Row"], cells: Sequence["Cell"], last: str) -> "Iterator[RenderableType]":
-    from optipromp.experiments.statistics import calibration
-
+def _shown(cells: Sequence["Cell"], found: "Calibration | None", last: str) -> Shown:
     yield table(cells)
     yield causes(cells)
-    found = calibration(rows)
     if found is not None:
         yield reliability(found)
     yield last
@@ -185,8 +185,7 @@ def causes(cells: Sequence["Cell"]) -> "Table":
     )
     out.add_column("failed by")
     for cell, first in _sections(out, cells):
-        words = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in cell.causes.items())
-        out.add_row(cell.preset if first else "", cell.planner, words or "–")
+        out.add_row(cell.preset if first else "", cell.planner, cell.failed_by)
     return out
 
 

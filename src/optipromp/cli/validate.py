@@ -1,49 +1,43 @@
 """``optipromp validate``: anyone's trajectory, judged in a scene."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.command import Report, command, exit_code
+from optipromp.cli.command import Report, Shown, command, exit_code
 from optipromp.cli.console import grid, headline, waiting
 from optipromp.errors import Code
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
     from optipromp.planning import Verdict
     from optipromp.robots.model import Robot
     from optipromp.scenes.scene import Scene
     from optipromp.trajectory import Trajectory
 
-Given = Annotated[
-    Path,
-    typer.Argument(
-        metavar="TRAJECTORY",
-        help="A .csv or .npz file, a bag or .mcap with a JointTrajectory, or a plan's folder.",
-    ),
-]
-InScene = Annotated[
-    str | None,
-    typer.Option("--scene", metavar="SCENE", help="A scene file or built-in scene; a plan's own."),
-]
-Pictures = Annotated[
-    Path | None, typer.Option(metavar="DIR", help="Leave verdict.json and limits.png there.")
-]
-
-
-Risk = Annotated[
-    float | None,
-    typer.Option(help="Share of promised successes that may be broken; a plan's own, or 0.03."),
-]
-
 
 @command()
 def validate(
-    trajectory: Given, scene: InScene = None, out: Pictures = None, *, risk: Risk = None
+    trajectory: Annotated[
+        Path,
+        typer.Argument(
+            metavar="TRAJECTORY",
+            help="A .csv or .npz file, a bag or .mcap with a JointTrajectory, or a plan's folder.",
+        ),
+    ],
+    scene: Annotated[
+        str | None,
+        typer.Option(metavar="SCENE", help="A scene file or built-in scene; a plan's own."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Leave verdict.json and limits.png there.")
+    ] = None,
+    *,
+    risk: Annotated[
+        float | None,
+        typer.Option(help="Share of promised successes that may be broken; a plan's own, or 0.03."),
+    ] = None,
 ) -> Report:
     """Judge TRAJECTORY in a scene: what is violated, where, when and by how much.
 
@@ -127,7 +121,7 @@ def leave(
     write_atomically(out / "verdict.json", json_text(document).encode("utf-8"))
 
 
-def _shown(found: "Verdict", scene: "Scene", curve: "Trajectory") -> "Iterator[RenderableType]":
+def _shown(found: "Verdict", scene: "Scene", curve: "Trajectory") -> Shown:
     m = found.judgement.metrics
     colour = "green" if found.status is Code.SUCCESS else "red"
     yield headline(
