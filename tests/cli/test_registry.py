@@ -9,17 +9,24 @@ from pathlib import Path
 import pytest
 
 COMMANDS = '''
+from __future__ import annotations
+
+from dataclasses import dataclass
 from typing import Annotated
 import typer
 from optipromp.cli.command import Report, command
 from optipromp.errors import InvalidRequestError
 
+@dataclass(frozen=True)
+class Words:
+    how: Annotated[str, typer.Option(metavar="WORD")] = "very"
+
 @command()
-def ripe(name: Annotated[str, typer.Argument()]) -> Report:
+def ripe(name: Annotated[str, typer.Argument()], words: Words) -> Report:
     """Tell whether NAME is ripe."""
     if name == "nothing":
         raise InvalidRequestError("nothing is not a fruit")
-    return Report({"ripe": name}, [f"{name} is ripe"], 1)
+    return Report({"ripe": name}, [f"{name} is {words.how} ripe"], 1)
 
 def bare() -> None:
     """Not decorated."""
@@ -52,7 +59,8 @@ def run(place: Path, *words: str) -> tuple[int, str, str]:
 
 
 def test_a_package_adds_a_command(place: Path) -> None:
-    assert run(place, "ripe", "n1") == (1, "n1 is ripe\n", "")
+    assert run(place, "ripe", "n1") == (1, "n1 is very ripe\n", "")
+    assert run(place, "ripe", "n1", "--how", "half") == (1, "n1 is half ripe\n", "")
     code, stdout, stderr = run(place, "ripe", "n1", "--json")
     assert (code, json.loads(stdout), stderr) == (1, {"ripe": "n1"}, "")
     code, stdout, stderr = run(place, "ripe", "nothing", "--json")

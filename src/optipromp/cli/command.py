@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import wraps
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
@@ -94,7 +94,7 @@ def command(
     """
 
     def decorate(function: Callable[..., Report | None]) -> Callable[..., None]:
-        signature = inspect.signature(function)
+        signature = inspect.signature(function, eval_str=True)
         asked = signature.parameters.values()
         parameters = [
             *_flat([each for each in asked if each.kind is not _KEYWORD]),
@@ -143,8 +143,11 @@ def _flat(parameters: Sequence[inspect.Parameter]) -> list[inspect.Parameter]:
     out = []
     for each in parameters:
         if is_dataclass(each.annotation):
+            hints = get_type_hints(each.annotation, include_extras=True)
             out += [
-                inspect.Parameter(one.name, _KEYWORD, default=one.default, annotation=one.type)
+                inspect.Parameter(
+                    one.name, _KEYWORD, default=one.default, annotation=hints[one.name]
+                )
                 for one in fields(each.annotation)
             ]
         else:
