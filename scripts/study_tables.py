@@ -28,12 +28,11 @@ def rates(rows: Sequence[Row]) -> list[str]:
     together = [replace(row, preset="all", seed=k) for k, row in enumerate(rows)]
     cells = [*summary(rows), *summary(together)]
     for c in cells[: 1 if len(cells) == 2 else None]:
-        why = ", ".join(f"{n} {cause.replace('_', ' ')}" for cause, n in c.causes.items())
         out.append(
             f"| {c.preset} | {c.kept} of {c.runs} | {100 * c.rate:.1f} ({100 * c.low:.0f}–"
             f"{100 * c.high:.0f}) | {c.broken} of {c.plans} | {100 * c.broken_rate:.1f} "
             f"({100 * c.broken_low:.0f}–{100 * c.broken_high:.0f}) | {c.successes} | "
-            f"{c.unripe_force:.1f} / {c.unripe_force_90:.1f} | {why or '–'} |"
+            f"{c.unripe_force:.1f} / {c.unripe_force_90:.1f} | {c.failed_by} |"
         )
     return out
 

@@ -104,7 +104,7 @@ def test_no_command_believes_what_the_judge_does_not(
             reader(str(tmp_path))  # type: ignore[operator]
     scene = str(tmp_path / "seen.yaml")
     for words in (
-        ["check"], ["validate"], ["report"], ["simulate"], ["export", "--gltf", f"{scene}.glb"],
+        ["check"], ["validate"], ["report"], ["simulate"], ["export", "--mjcf", f"{scene}.xml"],
     ):  # fmt: skip
         done = runner.invoke(app, [words[0], str(tmp_path), *words[1:]])
         assert done.exit_code == 1, done.output

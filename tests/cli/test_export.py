@@ -13,40 +13,33 @@ def invoke(*arguments):
     return CliRunner().invoke(app, ["export", *map(str, arguments)])
 
 
-def test_a_scene_is_written_for_viewers(tmp_path):
-    result = invoke("scenario-3", "--gltf", tmp_path / "new" / "scene.glb")
-    assert result.exit_code == 0
-    assert result.stdout == f"wrote {tmp_path / 'new' / 'scene.glb'}\n"
-    assert (tmp_path / "new" / "scene.glb").read_bytes()[:4] == b"glTF"
-
-
-def test_a_plan_is_written_in_both_formats(tmp_path):
+def test_a_plan_is_written_as_a_model(tmp_path):
     mujoco = pytest.importorskip("mujoco")
     planned = CliRunner().invoke(
         app, ["plan", "scenario-4", "--no-figures", "--out", str(tmp_path / "reach")]
     )
     assert planned.exit_code == 0
-    model, picture = tmp_path / "reach.xml", tmp_path / "reach.glb"
-    result = invoke(tmp_path / "reach", "--mjcf", model, "--gltf", picture, "--json")
+    model = tmp_path / "new" / "reach.xml"
+    result = invoke(tmp_path / "reach", "--mjcf", model, "--json")
     assert result.exit_code == 0
     document = json.loads(result.stdout)
     assert (document["status"], document["message"]) == ("success", "")
-    assert document["files"] == {"mjcf": str(model), "gltf": str(picture)}
+    assert document["files"] == {"mjcf": str(model)}
     assert mujoco.MjModel.from_xml_path(str(model)).nu == 7
-    assert b'"animations"' in picture.read_bytes()
-    again = invoke(tmp_path / "reach" / "plan.json", "--gltf", tmp_path / "again.glb")
+    again = invoke(tmp_path / "reach" / "plan.json", "--mjcf", tmp_path / "again.xml")
     assert again.exit_code == 0
-    assert (tmp_path / "again.glb").read_bytes() == picture.read_bytes()
+    assert again.stdout == f"wrote {tmp_path / 'again.xml'}\n"
+    assert (tmp_path / "again.xml").read_bytes() == model.read_bytes()
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["scenario-3"], "give at least one of --mjcf FILE.xml and --gltf FILE.glb"),
-        (["scenario-3", "--gltf", "scene.gltf"], "--gltf is 'scene.gltf': its name must end in"),
+        (["scenario-3"], "give at least one of --mjcf FILE.xml and --mcap FILE.mcap"),
+        (["scenario-3", "--mcap", "scene.bag"], "--mcap is 'scene.bag': its name must end in"),
         (["scenario-3", "--mjcf", "scene"], "--mjcf is 'scene': its name must end in .xml"),
-        (["panda", "--gltf", "a.glb"], "panda is a robot; export takes a scene or a plan"),
-        (["nowhere", "--gltf", "a.glb"], "no file and nothing built in is called nowhere"),
+        (["panda", "--mjcf", "a.xml"], "panda is a robot; export takes a scene or a plan"),
+        (["nowhere", "--mjcf", "a.xml"], "no file and nothing built in is called nowhere"),
     ],
 )
 def test_wrong_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, arguments, words):

@@ -8,8 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from optipromp.cli.check import Kind, kind_of
+from optipromp.cli.folder import outputs, scene_files
 from optipromp.cli.main import app
-from optipromp.cli.plan import outputs, scene_files
 from optipromp.errors import InvalidRequestError
 from optipromp.output import load_plan
 from optipromp.planning import plan

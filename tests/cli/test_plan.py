@@ -213,7 +213,8 @@ def test_the_paper_s_constraints_from_the_command_line(tmp_path: Path) -> None:
 def printed(*tables: Any) -> str:
     from rich.console import Console
 
-    console = Console(width=80, record=True, file=open(os.devnull, "w"))  # noqa: PTH123, SIM115
+    file = open(os.devnull, "w")  # noqa: PTH123, SIM115
+    console = Console(width=80, record=True, file=file, markup=False)
     for table in tables:
         console.print(table)
     text = console.export_text()
@@ -232,6 +233,7 @@ def test_the_table_of_scenarios_fits_eighty_columns() -> None:
     ]
     text = printed(table_one(rows), reductions(rows))
     assert "…" not in text
+    assert "[" not in text  # no markup: the commands print text as it is
     assert "157 | " in text
     assert " valid" in text
 

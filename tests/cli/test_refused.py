@@ -320,7 +320,7 @@ ARM = ["--robot", "arm.urdf"]
         ["simulate", LONG], ["simulate", "s.json", "--in", LONG], ["validate", LONG],
         ["validate", LONG, "--scene", "s.json"], ["validate", "s.csv", "--scene", LONG],
         ["check", LONG], ["check", LONG + ".urdf"], ["check", LONG + ".yaml"], ["view", LONG],
-        ["report", LONG, "--out", "r.html"], ["export", LONG, "--gltf", "s.glb"],
+        ["report", LONG, "--out", "r.html"], ["export", LONG, "--mjcf", "s.xml"],
         ["export", "s.json", "--mcap", LONG], ["learn", LONG, "--out", "learnt.npz"],
         ["generate", "--preset", "cluster", "--robot", LONG + ".urdf", "--out", "g"],
         ["generate", "--preset", "cluster", "--out", LONG],

@@ -12,8 +12,6 @@ import numpy as np
 import pytest
 
 from optipromp.errors import InvalidRequestError, InvalidSceneError
-from optipromp.experiments.runs import scenes_of
-from optipromp.experiments.study import Study, run_study
 from optipromp.page import arrange, content
 from optipromp.page.record import Recorder
 from optipromp.page.sources import open_source
@@ -110,22 +108,14 @@ def test_a_recording_out_of_reach_leaves_the_arm_and_a_short_one_is_refused(made
         recorder.accept()
 
 
-def test_a_study_opens_with_its_runs(tmp_path: Path) -> None:
-    study = Study(("cluster",), ("opti-promp",), (77000, 77001), noise_position=0.002)
-    run_study(study, tmp_path, workers=1)
-    source = open_source(str(tmp_path))
-    (row,) = source.rows
-    assert row.seed == 77000
-    true, seen = scenes_of(row, source.robot)
-    assert np.array_equal(source.scene.positions, seen.positions)
-    assert not np.array_equal(source.scene.positions, true.positions)
-
-
 def test_what_cannot_be_opened_is_named(tmp_path: Path) -> None:
     with pytest.raises(InvalidRequestError, match="holds neither a plan"):
         open_source(str(tmp_path))
     with pytest.raises(InvalidRequestError, match="not both folders of a rollout"):
         open_source("scenario-3", "scenario-4")
+    (tmp_path / "rows.csv").touch()
+    with pytest.raises(InvalidRequestError, match="'optipromp report "):
+        open_source(str(tmp_path))
 
 
 def test_the_command_serves_its_own_files_to_this_machine_and_ctrl_c_ends_it() -> None:

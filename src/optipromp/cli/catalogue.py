@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from optipromp.cli.console import OK, AsJson, command, print_json, stdout
+from optipromp.cli.command import Report, command
 from optipromp.errors import InvalidRequestError
 
 PLANNERS = {
@@ -17,9 +17,7 @@ PLANNERS = {
 
 
 @command()
-def catalogue(
-    as_json: AsJson = False,
-) -> int:
+def catalogue() -> Report:
     """List the built-in robots and scenes, the kinds of tool, the planners, and their settings."""
     from optipromp.planning.options import PaperOptions, PlanOptions
     from optipromp.robots.library import robot_names
@@ -29,25 +27,20 @@ def catalogue(
     robots, scenes = robot_names(), scene_names()
     known = documented(PlanOptions)
     known |= {f"paper.{name}": item for name, item in documented(PaperOptions).items()}
-    if as_json:
-        print_json(
-            {
-                "robots": robots, "tools": list(TOOLS), "scenes": scenes,
-                "planners": list(PLANNERS),
-                "settings": {k: {"default": d, "meaning": text} for k, (d, text) in known.items()},
-            }
-        )  # fmt: skip
-        return OK
-    console = stdout()
-    console.print(f"robots    {', '.join(robots)}; or a URDF or robot file")
-    console.print(f"tools     {', '.join(TOOLS)}")
-    console.print(f"scenes    {', '.join(scenes)}; or a scene file")
-    for index, (name, text) in enumerate(PLANNERS.items()):
-        console.print(f"{'planners' if index == 0 else '':<9} {name}: {text}")
-    console.print("\nsettings, for plan --set KEY=VALUE:")
-    for name, (default, text) in known.items():
-        console.print(f"  {name} (default {default}): {text}", highlight=False, markup=False)
-    return OK
+    planners = (f"{name}: {text}" for name, text in PLANNERS.items())
+    lines = [
+        f"robots    {', '.join(robots)}; or a URDF or robot file",
+        f"tools     {', '.join(TOOLS)}",
+        f"scenes    {', '.join(scenes)}; or a scene file",
+        "planners  " + "\n          ".join(planners),
+        "\nsettings, for plan --set KEY=VALUE:",
+        *(f"  {name} (default {default}): {text}" for name, (default, text) in known.items()),
+    ]
+    document = {
+        "robots": robots, "tools": list(TOOLS), "scenes": scenes, "planners": list(PLANNERS),
+        "settings": {k: {"default": d, "meaning": text} for k, (d, text) in known.items()},
+    }  # fmt: skip
+    return Report(document, lines)
 
 
 def settings(pairs: Sequence[str], **given: Any) -> Any:

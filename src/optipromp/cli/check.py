@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.console import OK, AsJson, command, exit_code, headline, print_json, stdout
-from optipromp.cli.robot import Named, names_robot
+from optipromp.cli.command import OK, Report, Shown, command, exit_code
+from optipromp.cli.console import headline
+from optipromp.cli.robot import ArmOptions
 from optipromp.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.files import is_folder, is_there
 
@@ -108,7 +109,6 @@ def _inside(path: Path) -> Kind:
 
 
 @command()
-@names_robot()
 def check(
     item: Annotated[
         str,
@@ -120,10 +120,9 @@ def check(
         Path | None,
         typer.Option(metavar="DIR", help="Of a robot: leave cover.png there, its body spheres."),
     ] = None,
-    as_json: AsJson = False,
     *,
-    named: Named,
-) -> int:
+    arm: ArmOptions,
+) -> Report:
     """Check a scene, robot, demonstrations or plan, and say what it holds.
 
     The file tells the kind; a primitive that learn wrote is a kind too.
@@ -137,12 +136,12 @@ def check(
     optipromp check my-robot.urdf --out pictures
     optipromp check recordings/
     """
-    kind = kind_of(item)
+    kind, named = kind_of(item), arm.of(None)
     if kind is Kind.ROBOT:
         from optipromp.robots.library import load_arm
 
-        robot, arm = load_arm(item, choice=named.choice)
-        summary = _robot(robot, arm)
+        robot, found = load_arm(item, choice=named.choice)
+        summary = _robot(robot, found)
         if out is not None:
             from optipromp.files import write_atomically
             from optipromp.viewer.cover import cover_figure
@@ -156,17 +155,16 @@ def check(
     else:
         summary = _SUMMARIES[kind](item)
     status = Code(summary.pop("status", Code.SUCCESS))
-    if as_json:
-        told = {
-            key: vars(value) if is_dataclass(value) else value for key, value in summary.items()
-        }
-        print_json({"status": status, "message": "", "kind": kind, "item": item, **told})
-    else:
-        console = stdout()
-        console.print(headline((kind, "bold"), f" {item}: right"))
-        for key, value in summary.items():
-            console.print(f"  {key.replace('_', ' '):<15} {_words(value)}")
-    return OK if kind is not Kind.PLAN else exit_code(status)
+    told = {key: vars(value) if is_dataclass(value) else value for key, value in summary.items()}
+    document = {"status": status, "message": "", "kind": kind, "item": item, **told}
+    code = OK if kind is not Kind.PLAN else exit_code(status)
+    return Report(document, _shown(kind, item, summary), code)
+
+
+def _shown(kind: Kind, item: str, summary: dict[str, Any]) -> Shown:
+    yield headline((kind, "bold"), f" {item}: right")
+    for key, value in summary.items():
+        yield f"  {key.replace('_', ' '):<15} {_words(value)}"
 
 
 def _words(value: object) -> str:

@@ -1,44 +1,20 @@
-"""What the commands share: options, where they print, how they wait, how they fail."""
+"""What the commands share: options, where they print, how they wait."""
 
-import json
-import math
 import sys
 import threading
-import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, ParamSpec, TextIO
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 
 import typer
 
-from optipromp.errors import Code, OptiPrompError
-from optipromp.files import json_text
-from optipromp.shown import printable
-
 if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
+    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    from optipromp.planning import Plan
-
-OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
-_OUTCOMES = frozenset(
-    {
-        Code.START_IN_COLLISION,
-        Code.GOAL_IN_COLLISION,
-        Code.GOAL_UNREACHABLE,
-        Code.NO_PLAN,
-        Code.INVALID_PLAN,
-        Code.HARM_PREDICTED,
-        Code.TIMEOUT,
-    }
-)
 _PATIENCE = 2.0  # [s] before a wait shows itself
-
-P = ParamSpec("P")
 
 Planner = Literal["promp", "i-promp", "opti-promp"]
 Strategy = Literal["joint", "sequential"]
@@ -48,7 +24,6 @@ Preset = Literal[
 ]  # fmt: skip
 Generated = Literal[Preset, "bookshelf", "box", "cage", "table-pick", "under-table"]
 
-AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
 Seed = Annotated[int, typer.Option(min=0, help="Same seed, same outcome.")]
 Workers = Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")]
 ChosenStrategy = Annotated[
@@ -59,13 +34,6 @@ Recorded = Annotated[
     Path | None,
     typer.Option(help="NPZ, CSV or a folder of CSVs to learn from, or what 'learn' wrote."),
 ]
-
-
-def exit_code(code: Code) -> int:
-    """0 for success, 1 where the input was right and no plan came of it, 2 for wrong input."""
-    if code is Code.SUCCESS:
-        return OK
-    return FAILED if code in _OUTCOMES else WRONG_INPUT
 
 
 def stdout() -> "Console":
@@ -109,55 +77,6 @@ def grid(
     for name in right:
         out.add_column(name, no_wrap=True, justify="right")
     return out
-
-
-def print_json(document: object) -> None:
-    """Print one JSON document on standard output; NaN and infinities become null."""
-    text = json_text(document)
-    if (sys.stdout.encoding or "utf-8").lower() != "utf-8":
-        text = json.dumps(json.loads(text), indent=2) + "\n"  # in ASCII, which all encodings hold
-    sys.stdout.write(text)
-
-
-def command(
-    failure: Callable[[OptiPrompError, Mapping[str, Any]], object] | None = None,
-) -> Callable[[Callable[P, int]], Callable[P, None]]:
-    """Turn a function that returns an exit code into a command.
-
-    A typed error becomes one line on standard error and its exit code; under ``--json`` standard
-    output still gets one document, from ``failure(error, arguments)``.
-    """
-
-    def decorate(function: Callable[P, int]) -> Callable[P, None]:
-        @wraps(function)
-        def run(*args: P.args, **kwargs: P.kwargs) -> None:
-            try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("default", UserWarning)
-                    warnings.showwarning = _show_warning
-                    code = function(*args, **kwargs)
-            except OptiPrompError as error:
-                if kwargs.get("as_json"):
-                    bare = {"status": error.code, "message": error.message}
-                    print_json(failure(error, kwargs) if failure else bare)
-                sys.stderr.write(f"error {error.code}: {_one_line(error.message)}\n")
-                raise typer.Exit(exit_code(error.code)) from None
-            except KeyboardInterrupt:
-                sys.stderr.write("interrupted; nothing half-written was left\n")
-                raise typer.Exit(INTERRUPTED) from None
-            raise typer.Exit(code)
-
-        return run
-
-    return decorate
-
-
-def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    sys.stderr.write(f"warning: {_one_line(str(message))}\n")
-
-
-def _one_line(message: str) -> str:
-    return printable(" ".join(message.split()))
 
 
 @contextmanager
@@ -218,27 +137,3 @@ def say_if_compiling() -> None:
         from optipromp.planning.plan import compile_kernels
 
         compile_kernels()
-
-
-def plan_report(plan: "Plan") -> "RenderableType":
-    """What the plan is, whether it holds, and the figures it is judged by."""
-    from rich.console import Group
-    from rich.table import Table
-    from rich.text import Text
-
-    from optipromp.viewer.words import plan_rows, seconds
-
-    strategy = f", {plan.strategy}" if plan.strategy else ""
-    colour = "green" if plan.success else "red"
-    total = plan.time.get("total", math.nan)
-    head = headline(
-        (plan.scene.name, "bold"), f"  {plan.planner}{strategy}  ",
-        (plan.status, f"bold {colour}"), f" in {seconds(total)}",
-    )  # fmt: skip
-    table = Table(box=None, show_header=False, padding=(0, 2))
-    for label, value in plan_rows(plan):
-        table.add_row(label, value)
-    parts: list[RenderableType] = [head]
-    if plan.message:
-        parts.append(Text(plan.message))
-    return Group(*parts, table)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from optipromp.cli.check import scene_or_plan
-from optipromp.cli.console import OK, AsJson, command, print_json, stdout, waiting
+from optipromp.cli.command import Report, command
+from optipromp.cli.console import waiting
 from optipromp.errors import Code, InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
@@ -37,13 +38,6 @@ def export(
             help="Write a MuJoCo model: robot with servos, tool, objects, fruits on stems.",
         ),
     ] = None,
-    gltf: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.glb",
-            help="Write the scene and the arm for 3-D viewers; of a plan, the arm moves.",
-        ),
-    ] = None,
     mcap: Annotated[
         Path | None,
         typer.Option(
@@ -57,8 +51,7 @@ def export(
     prefix: Annotated[
         str, typer.Option(metavar="TEXT", help="Before the joints' names in the bag, as in fr3_.")
     ] = "",
-    as_json: AsJson = False,
-) -> int:
+) -> Report:
     """Write a scene or a plan in the formats of other programs.
 
     At least one format must be asked for. --mjcf needs the extra 'sim', --mcap
@@ -68,11 +61,11 @@ def export(
 
     \b
     optipromp export scenario-3 --mjcf scene.xml
-    optipromp export reach --gltf reach.glb --mjcf reach.xml
+    optipromp export reach --mjcf reach.xml
     optipromp export reach --mcap reach.mcap
     """
     wanted = [
-        ("--mjcf", mjcf, ".xml", _mjcf), ("--gltf", gltf, ".glb", _gltf),
+        ("--mjcf", mjcf, ".xml", _mjcf),
         ("--mcap", mcap, ".mcap", lambda content, path: _mcap(content, path, rate, prefix)),
     ]  # fmt: skip
     chosen = [(name, path, end, write) for name, path, end, write in wanted if path is not None]
@@ -87,12 +80,8 @@ def export(
         with waiting(f"writing {path} ..."):
             write(content, path)
     files = {name.removeprefix("--"): str(path) for name, path, _, _ in chosen}
-    if as_json:
-        document = {"status": Code.SUCCESS, "message": "", "item": scene_or_plan, "files": files}
-        print_json(document)
-    else:
-        stdout().print(f"wrote {', '.join(files.values())}", markup=False)
-    return OK
+    document = {"status": Code.SUCCESS, "message": "", "item": scene_or_plan, "files": files}
+    return Report(document, [f"wrote {', '.join(files.values())}"])
 
 
 class _Content(NamedTuple):
@@ -118,13 +107,6 @@ def _mjcf(content: _Content, path: Path) -> None:
     from optipromp.simulation.export import mjcf
 
     write_atomically(path, mjcf(content.scene, content.robot, content.start).encode("utf-8"))
-
-
-def _gltf(content: _Content, path: Path) -> None:
-    from optipromp.files import write_atomically
-    from optipromp.viewer.gltf import glb
-
-    write_atomically(path, glb(*content))
 
 
 def _mcap(content: _Content, path: Path, rate: float, prefix: str) -> None:

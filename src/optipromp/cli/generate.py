@@ -3,13 +3,15 @@
 import os
 import shlex
 from collections import Counter
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.console import OK, AsJson, Generated, command, print_json, stdout
-from optipromp.cli.robot import Named, names_robot
+from optipromp.cli.command import Report, Shown, command
+from optipromp.cli.console import Generated
+from optipromp.cli.robot import ArmOptions, Named, Whose
 from optipromp.errors import InvalidRequestError
 from optipromp.files import ALLOW_XACRO, FOLDERS, check_folder, check_inside, is_folder
 
@@ -19,18 +21,7 @@ if TYPE_CHECKING:
 SEEN = "seen"
 
 
-SeenNoise = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME",
-        help="Write the scenes as a detector sees them, too, into DIR/seen: zero-mean, low, high, "
-        "missed or detector, as of 'study'.",
-    ),
-]
-
-
 @command()
-@names_robot("Whose scenes: built-in name or file (panda).")
 def generate(
     preset: Annotated[
         Generated,
@@ -47,11 +38,18 @@ def generate(
         int, typer.Option(min=0, help="Of the first scene; each next has one more.")
     ] = 0,
     count: Annotated[int, typer.Option(min=1, help="How many scenes.")] = 1,
-    noise: SeenNoise = "",
-    as_json: AsJson = False,
+    noise: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Write the scenes as a detector sees them, too, into DIR/seen: zero-mean, low, "
+            "high, missed or detector, as of 'study'.",
+        ),
+    ] = "",
     *,
-    named: Named,
-) -> int:
+    robot: Whose = None,
+    arm: ArmOptions,
+) -> Report:
     """Sample random scenes and write them as scene files.
 
     The same seed gives the same scene. Another robot than the Panda has its base placed so that it
@@ -78,6 +76,7 @@ def generate(
     if noise and noise not in NOISES:
         raise InvalidRequestError(f"noise is {noise!r}: {suggest(noise, NOISES)}")
     check_folder(out / SEEN if noise else out)
+    named = arm.of(robot)
     documents: list[dict[str, Any]] = []
     reasons: Counter[str] = Counter()
     for number in range(seed, seed + count):
@@ -93,28 +92,29 @@ def generate(
         })  # fmt: skip
     redraws = reasons.total()
     unread = _unread(named, out)
-    if as_json:
-        told = {"preset": preset, "redraws": redraws, "scenes": documents, "folders": unread}
-        print_json(told)
-        return OK
-    console = stdout()
-    console.print(f"wrote {count} scene{'s' * (count != 1)} to {out}", markup=False)
     why = "".join(f", {number} {reason}" for reason, number in reasons.most_common())
-    console.print(f"sampled again: {redraws}{why}", markup=False)
+    lines = [f"wrote {count} scene{'s' * (count != 1)} to {out}", f"sampled again: {redraws}{why}"]
     if noise:
         missed = sum(len(document["missed"]) for document in documents)
-        console.print(f"wrote as seen to {out / SEEN}; fruits missed: {missed}", markup=False)
-    allowed = {FOLDERS: os.pathsep.join(unread)} if unread else {}
-    if Path(named.name or "").suffix.lower() == ".xacro":
-        allowed[ALLOW_XACRO] = "1"
+        lines.append(f"wrote as seen to {out / SEEN}; fruits missed: {missed}")
+    document = {"preset": preset, "redraws": redraws, "scenes": documents, "folders": unread}
+    return Report(document, chain(lines, _to_allow(unread, robot)))
+
+
+def _to_allow(folders: list[str], robot: str | None) -> Shown:
+    """What to export so that the scenes may read their robot; on one line, to be copied."""
+    from rich.text import Text
+
     because = {
         FOLDERS: "the robot lies elsewhere, where scenes may read nothing unless you allow it",
         ALLOW_XACRO: "the robot is a xacro, which scenes may not run unless you allow it",
     }
+    allowed = {FOLDERS: os.pathsep.join(folders)} if folders else {}
+    if Path(robot or "").suffix.lower() == ".xacro":
+        allowed[ALLOW_XACRO] = "1"
     for name, value in allowed.items():
         line = f"{because[name]}: export {name}={shlex.quote(value)}"
-        console.print(line, markup=False, soft_wrap=True)
-    return OK
+        yield Text(line, no_wrap=True)
 
 
 def _judge_start(scene: "Scene") -> None:

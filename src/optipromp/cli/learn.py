@@ -1,18 +1,19 @@
 """``optipromp learn``: demonstrations in, a movement primitive out."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.console import OK, AsJson, command, grid, print_json, stdout, waiting
-from optipromp.cli.robot import Named, names_robot
+from optipromp.cli.command import Report, Shown, command
+from optipromp.cli.console import grid, waiting
+from optipromp.cli.robot import ArmOptions, Named
 from optipromp.errors import InvalidRequestError
 
 if TYPE_CHECKING:
-    from optipromp.promp import Basis, Demonstrations, ProMP
+    from optipromp.promp import Basis, Demonstrations
     from optipromp.ros.recordings import Recording
 
 LARGEST_RESIDUAL = 0.05
@@ -26,10 +27,6 @@ NAMELESS = (
 
 
 @command()
-@names_robot(
-    "Put the columns, told by name, into this robot's order; columns without names are taken to be "
-    "in it."
-)
 def learn(
     demonstrations: Annotated[
         Path,
@@ -54,10 +51,17 @@ def learn(
     figure: Annotated[
         bool, typer.Option("--figure/--no-figure", help="Draw FILE with the suffix .png.")
     ] = True,
-    as_json: AsJson = False,
     *,
-    named: Named,
-) -> int:
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROBOT",
+            help="Put the columns, told by name, into this robot's order; columns without names "
+            "are taken to be in it.",
+        ),
+    ] = None,
+    arm: ArmOptions,
+) -> Report:
     """Learn a movement primitive, for plan --demonstrations.
 
     Prints how far the primitive's bases are from each demonstration, and draws
@@ -78,7 +82,7 @@ def learn(
         raise InvalidRequestError(f"--out {out}: the file of a primitive ends in .npz")
     check_folder(out.parent)
     with waiting("learning ...") as say:
-        recorded, recording = _read(demonstrations, named, topic)
+        recorded, recording = _read(demonstrations, arm.of(robot), topic)
         basis, held_out = _basis(recorded, bases, width, say)
         promp = (fit_em if em else fit)(recorded, basis)
         rest = residuals(recorded, basis)
@@ -94,16 +98,18 @@ def learn(
         "file": str(out),
         "figure": None if picture is None else str(picture),
         "method": "em" if em else "ridge",
-        **_learnt(recorded, promp, held_out, rest),
+        "demonstrations": len(recorded),
+        "samples": sum(len(item.times) for item in recorded),
+        "joints": promp.joint_names,
+        "bases": promp.basis.count,
+        "width": promp.basis.width,
+        "held_out_residual": held_out,
+        "residual": _summary(promp.joint_names, rest),
         "recording": recording and recording.to_dict(),
     }
     if document["message"]:
         warnings.warn(document["message"], stacklevel=1)
-    if as_json:
-        print_json(document)
-    else:
-        _print(document)
-    return OK
+    return Report(document, _shown(document))
 
 
 def read_any(
@@ -175,21 +181,6 @@ def _basis(
     return Basis(min(held_out, key=lambda count: held_out[count]), width), held_out
 
 
-def _learnt(
-    recorded: "Demonstrations", promp: "ProMP", held_out: dict[int, float], rest: list[Any]
-) -> dict[str, Any]:
-    """What was learnt from what, and how far from it."""
-    return {
-        "demonstrations": len(recorded),
-        "samples": sum(len(item.times) for item in recorded),
-        "joints": promp.joint_names,
-        "bases": promp.basis.count,
-        "width": promp.basis.width,
-        "held_out_residual": held_out,
-        "residual": _summary(promp.joint_names, rest),
-    }
-
-
 def _summary(joints: tuple[str, ...], rest: list[Any]) -> dict[str, Any]:
     """RMS and largest residual, in all and for each joint [rad or m]."""
     import numpy as np
@@ -224,41 +215,35 @@ def _far(recorded: "Demonstrations", rest: list[Any]) -> str:
     )
 
 
-def _print_cuts(recording: dict[str, Any]) -> None:
+def _cuts(recording: dict[str, Any]) -> Iterator[str]:
     """How many demonstrations a bag holds, where each begins and ends, and what was left out."""
-    console, cuts = stdout(), recording["cuts"]
+    cuts = recording["cuts"]
     found = [cut for cut in cuts if cut["demonstration"]]
-    console.print(
+    yield (
         f"{len(found)} demonstrations in {recording['messages']} messages of "
-        f"{recording['topic']}, cut where the arm stands still:",
-        markup=False,
+        f"{recording['topic']}, cut where the arm stands still:"
     )
     for cut in cuts:
         words = "" if cut["demonstration"] else ", left out: too small"
         words += "" if cut["whole"] else ", the recording begins, ends or has a gap in it"
-        console.print(
-            f"  {cut['start']:.2f} to {cut['end']:.2f} s, range {cut['motion']:.3f}{words}",
-            markup=False,
-        )
+        yield f"  {cut['start']:.2f} to {cut['end']:.2f} s, range {cut['motion']:.3f}{words}"
 
 
-def _print(document: dict[str, Any]) -> None:
+def _shown(document: dict[str, Any]) -> Shown:
     from rich.text import Text
 
-    console = stdout()
     if document["recording"] is not None:
-        _print_cuts(document["recording"])
+        yield from _cuts(document["recording"])
     held_out, count = document["held_out_residual"], document["bases"]
     chosen = f", cross-validated (held-out RMS {held_out[count]:.4f})" if held_out else ""
-    console.print(
+    yield (
         f"learnt {len(document['joints'])} joints from {document['demonstrations']} "
-        f"demonstrations ({document['samples']} samples) with {count} bases a joint{chosen}",
-        markup=False,
+        f"demonstrations ({document['samples']} samples) with {count} bases a joint{chosen}"
     )
     table = grid(("residual, rad or m",), ("RMS", "largest"))
     residual = document["residual"]
     for name, row in [*residual["joints"].items(), ("all", residual)]:
         table.add_row(Text(name), f"{row['rms']:.4f}", f"{row['largest']:.4f}")
-    console.print(table)
+    yield table
     files = [name for name in (document["file"], document["figure"]) if name is not None]
-    console.print(f"wrote {' and '.join(files)}", markup=False)
+    yield f"wrote {' and '.join(files)}"

@@ -31,10 +31,12 @@ from optipromp.cli import (
     validate,
     view,
 )
+from optipromp.cli.registry import Commands
 from optipromp.errors import InvalidRequestError
 
 app = typer.Typer(
     name="optipromp",
+    cls=Commands,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -115,9 +117,6 @@ def main() -> None:
         raise SystemExit(2) from None
     signal.signal(signal.SIGTERM, _terminate)
     sys.unraisablehook = _send_again
-    # most of what a short command makes is what it loads, and that stays: looking through it for
-    # garbage, at the end once more, takes a third of the time of one plan
-    gc.set_threshold(100_000, 20, 20)
     try:
         try:
             app()

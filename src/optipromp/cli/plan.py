@@ -1,45 +1,33 @@
-"""``optipromp plan``: one scene, one plan; or a folder of scenes, on all cores."""
+"""``optipromp plan``: one scene, one plan; see also ``folder`` and ``sequence``."""
 
 import math
-import sys
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from optipromp.cli.command import Report, Shown, command, exit_code
 from optipromp.cli.console import (
-    OK,
-    AsJson,
     ChosenStrategy,
     Planner,
     Recorded,
     Seed,
+    Strategy,
     Workers,
-    command,
-    exit_code,
-    grid,
-    plan_report,
-    print_json,
-    progress_bar,
+    headline,
     say_if_compiling,
-    stdout,
     waiting,
 )
-from optipromp.cli.robot import Named, names_robot
-from optipromp.errors import Code, InvalidRequestError, OptiPrompError
-from optipromp.files import is_folder, is_there
-from optipromp.shown import printable
+from optipromp.cli.robot import ArmOptions, InPlace
+from optipromp.errors import InvalidRequestError, OptiPrompError
+from optipromp.files import is_folder
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
-    from optipromp.planning import Plan
-
-
-_SUFFIXES = (".yaml", ".yml", ".json")
+    from optipromp.planning import Plan, PlanOptions
+    from optipromp.promp import ProMP
+    from optipromp.scenes.scene import Scene
 
 SceneOrFolder = Annotated[
     str,
@@ -106,6 +94,91 @@ Figures = Annotated[
 ]
 
 
+@dataclass(frozen=True)
+class Request:
+    """How to plan: the arguments of :func:`optipromp.plan` that its variants share."""
+
+    planner: Planner
+    strategy: Strategy
+    demonstrations: "ProMP | Path | None"
+    seed: int
+    options: "PlanOptions"
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """The options that say how to plan."""
+
+    planner: ChosenPlanner = "opti-promp"
+    strategy: ChosenStrategy = "joint"
+    demonstrations: Recorded = None
+    seed: Seed = 0
+    duration: Duration = None
+    constraints: ChosenConstraints = "push-model"
+    setting: Settings = None
+    timeout: Timeout = None
+
+    def request(self) -> Request:
+        """What they ask for; demonstrations that were learnt are read.
+
+        Raises:
+            InvalidRequestError: a setting that there is not, or a value that may not be.
+        """
+        from optipromp.cli.catalogue import settings
+
+        options = settings(
+            self.setting or [], duration=self.duration, timeout=self.timeout,
+            constraints=self.constraints,
+        )  # fmt: skip
+        learnt = read_primitive(self.demonstrations)
+        return Request(self.planner, self.strategy, learnt, self.seed, options)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """The options of a plan that is not one motion from the start to the scene's target."""
+
+    previous: Previous = None
+    at: At = None
+    targets: Targets = None
+
+
+@dataclass(frozen=True)
+class Output:
+    """The options of what is written."""
+
+    out: PlanFolder = None
+    rate: Rate = 1000.0
+    figures: Figures = None
+
+    def check(self) -> None:
+        """Refuse a folder that cannot be written into, and a rate that is none."""
+        if self.out is not None:
+            from optipromp.files import check_folder
+
+            check_folder(self.out)
+        if not 0.0 < self.rate < math.inf:
+            raise InvalidRequestError(f"--rate is {self.rate:g}: must be above 0 [Hz]")
+
+    def write(self, result: "Plan", folder: Path, *, figures: bool = False) -> tuple[str, ...]:
+        """Write the plan and the figures asked for; returns the names of the files.
+
+        ``figures``: whether there are figures where the user says nothing of them.
+        """
+        from optipromp.output import write_plan
+
+        written = write_plan(result, folder, rate=self.rate)  # before what may take long, or fail
+        if not (figures if self.figures is None else self.figures):
+            return written
+        from optipromp.files import write_atomically
+        from optipromp.viewer.figures import plan_figures
+
+        pictures = plan_figures(result)
+        for name, content in pictures.items():
+            write_atomically(folder / name, content)
+        return *written, *pictures
+
+
 def failed_plan(error: OptiPrompError, request: Mapping[str, Any]) -> dict[str, Any]:
     """The document of a plan that could not be tried: a plan's keys, with the error's code."""
     planner = request["planner"]
@@ -120,28 +193,16 @@ def failed_plan(error: OptiPrompError, request: Mapping[str, Any]) -> dict[str, 
 
 
 @command(failure=failed_plan)
-@names_robot("In place of the scene's: built-in name or file.")
 def plan(
     scene: SceneOrFolder,
-    planner: ChosenPlanner = "opti-promp",
-    strategy: ChosenStrategy = "joint",
-    demonstrations: Recorded = None,
-    seed: Seed = 0,
-    duration: Duration = None,
-    constraints: ChosenConstraints = "push-model",
-    setting: Settings = None,
-    timeout: Timeout = None,
-    previous: Previous = None,
-    at: At = None,
-    targets: Targets = None,
-    out: PlanFolder = None,
-    rate: Rate = 1000.0,
-    figures: Figures = None,
+    wanted: Wanted,
+    variant: Variant,
+    output: Output,
     workers: Workers = None,
-    as_json: AsJson = False,
     *,
-    named: Named,
-) -> int:
+    robot: InPlace = None,
+    arm: ArmOptions,
+) -> Report:
     """Plan a reach to the target of SCENE and judge it.
 
     The exit code is 0 only when the plan reaches the target, keeps every
@@ -163,201 +224,70 @@ def plan(
     optipromp plan seen-again.yaml --previous reach --at 1.5
     optipromp plan my-scene.yaml --targets ripe,n1,n3 --out picks
     """
-    from optipromp.cli.catalogue import settings
-    from optipromp.planning import plan as make_plan
     from optipromp.scenes.io import load_scene, scene_names
 
-    if out is not None:
-        from optipromp.files import check_folder
-
-        check_folder(out)
-    if not 0.0 < rate < math.inf:
-        raise InvalidRequestError(f"--rate is {rate:g}: must be above 0 [Hz]")
-    options = settings(setting or [], duration=duration, timeout=timeout, constraints=constraints)
-    request: dict[str, Any] = {
-        "planner": planner,
-        "strategy": strategy,
-        "demonstrations": None if demonstrations is None else read_primitive(demonstrations),
-        "seed": seed,
-        "options": options,
-    }
+    output.check()
+    request, named = wanted.request(), arm.of(robot)
     if scene not in scene_names() and is_folder(Path(scene)):
-        if previous is not None or targets is not None:
-            name = "--previous" if targets is None else "--targets"
+        from optipromp.cli.folder import plan_folder
+
+        if variant.previous is not None or variant.targets is not None:
+            name = "--previous" if variant.targets is None else "--targets"
             raise InvalidRequestError(f"{name} goes with one scene, not with a folder of them")
-        return plan_folder(Path(scene), out, rate, bool(figures), workers, as_json, request, named)
+        return plan_folder(Path(scene), request, output, workers, named)
     loaded = named.of(load_scene(scene))
     say_if_compiling()
-    if targets is not None:
-        from optipromp.cli.sequence import plan_targets
+    if variant.targets is None:
+        return plan_one(loaded, request, output, variant)
+    from optipromp.cli.sequence import plan_targets
 
-        if previous is not None:
-            raise InvalidRequestError("--previous goes with one target, not with --targets")
-        return plan_targets(loaded, targets, out, rate, bool(figures), as_json, request)
-    running = None
-    if previous is not None:
-        from optipromp.output import load_plan
-
-        running = load_plan(previous)
-    with waiting(f"planning {loaded.name} ...") as say:
-        result = make_plan(loaded, progress=say, previous=running, at=at, **request)
-    return tell(result, out, figures is not False, rate, as_json)
+    if variant.previous is not None:
+        raise InvalidRequestError("--previous goes with one target, not with --targets")
+    return plan_targets(loaded, variant.targets, request, output)
 
 
-def tell(result: "Plan", out: Path | None, figures: bool, rate: float, as_json: bool) -> int:
-    """Write the plan, print what it is, and return its exit code."""
+def plan_one(scene: "Scene", request: Request, output: Output, variant: Variant) -> Report:
+    """Plan one motion to the target of ``scene``, and write it."""
+    from optipromp.output import load_plan
+    from optipromp.planning import plan as make_plan
+
+    running = None if variant.previous is None else load_plan(variant.previous)
+    with waiting(f"planning {scene.name} ...") as say:
+        result = make_plan(scene, progress=say, previous=running, at=variant.at, **vars(request))
     written: tuple[str, ...] = ()
-    if out is not None:
+    if output.out is not None:
         with waiting("drawing ..."):
-            written = write(result, out, figures, rate)
-    if as_json:
-        print_json(result.to_dict())
-    else:
-        console = stdout()
-        console.print(plan_report(result))
-        if out is not None:
-            console.print(f"wrote {', '.join(written)} to {out}")
-    return exit_code(result.status)
+            written = output.write(result, output.out, figures=True)
+    return Report(result.to_dict(), shown(result, written, output.out), exit_code(result.status))
 
 
-def read_primitive(path: Path) -> Any:
+def shown(plan: "Plan", written: tuple[str, ...], out: Path | None) -> Shown:
+    """What the plan is, whether it holds, and the figures it is judged by."""
+    from rich.table import Table
+
+    from optipromp.viewer.words import plan_rows, seconds
+
+    strategy = f", {plan.strategy}" if plan.strategy else ""
+    colour = "green" if plan.success else "red"
+    total = plan.time.get("total", math.nan)
+    yield headline(
+        (plan.scene.name, "bold"), f"  {plan.planner}{strategy}  ",
+        (plan.status, f"bold {colour}"), f" in {seconds(total)}",
+    )  # fmt: skip
+    if plan.message:
+        yield plan.message
+    table = Table(box=None, show_header=False, padding=(0, 2))
+    for label, value in plan_rows(plan):
+        table.add_row(label, value)
+    yield table
+    if out is not None:
+        yield f"wrote {', '.join(written)} to {out}"
+
+
+def read_primitive(path: Path | None) -> "ProMP | Path | None":
     """A learnt ProMP where ``path`` is one that was saved; else the path, to be learnt from."""
+    if path is None:
+        return None
     from optipromp.promp.model import ProMP, is_primitive
 
     return ProMP.load(path) if is_primitive(path) else path
-
-
-def write(
-    result: "Plan", folder: Path, figures: bool = True, rate: float = 1000.0
-) -> tuple[str, ...]:
-    """Write the plan, and figures of it; returns the names of the files."""
-    from optipromp.output import write_plan
-
-    written = write_plan(result, folder, rate=rate)  # before what may take long, or fail
-    if not figures:
-        return written
-    from optipromp.files import write_atomically
-    from optipromp.viewer.figures import plan_figures
-
-    pictures = plan_figures(result)
-    for name, content in pictures.items():
-        write_atomically(folder / name, content)
-    return *written, *pictures
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A scene file, where its plan goes, and what came of it."""
-
-    file: Path
-    out: Path | None
-    result: "Plan | OptiPrompError"
-
-    @property
-    def status(self) -> Code:
-        """The plan's, or the error's."""
-        return self.result.code if isinstance(self.result, OptiPrompError) else self.result.status
-
-    def to_dict(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """The plan's document with the names of its files; an error's has the same keys."""
-        if isinstance(self.result, OptiPrompError):
-            told = failed_plan(self.result, {"scene": self.file.stem, **request})
-        else:
-            told = self.result.to_dict()
-        return {"file": str(self.file), "out": self.out and str(self.out), **told}
-
-
-def scene_files(folder: Path) -> list[Path]:
-    """The scene files in ``folder``, by name; robot files and plans beside them are passed over.
-
-    Raises:
-        InvalidRequestError: there is none, or the folder cannot be read.
-    """
-    from optipromp.cli.check import Kind, kind_of
-
-    try:
-        files = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
-    except OSError as error:
-        raise InvalidRequestError(f"cannot read {folder}: {error.strerror or error}") from error
-    kinds = [kind_of(str(path)) for path in files]
-    scenes = [path for path, kind in zip(files, kinds, strict=True) if kind is Kind.SCENE]
-    for path, kind in zip(files, kinds, strict=True):
-        if kind is not Kind.SCENE:
-            sys.stderr.write(f"passed over {printable(str(path))}: a {kind}, not a scene\n")
-    if not scenes:
-        hint = "; it holds a plan, for 'simulate'" if is_there(folder / "plan.json") else ""
-        raise InvalidRequestError(f"no scene file ({', '.join(_SUFFIXES)}) in {folder}{hint}")
-    return scenes
-
-
-def outputs(files: Sequence[Path], folder: Path) -> list[Path]:
-    """A folder for the plan of each file: its stem, or its whole name where two share a stem."""
-    stems = [path.stem for path in files]
-    return [folder / (path.name if stems.count(path.stem) > 1 else path.stem) for path in files]
-
-
-def plan_folder(
-    folder: Path,
-    out: Path | None,
-    rate: float,
-    figures: bool,
-    workers: int | None,
-    as_json: bool,
-    request: dict[str, Any],
-    named: Named,
-) -> int:
-    """Plan every scene in ``folder``; ``request`` is what :func:`plan_many` takes besides."""
-    from optipromp.planning import plan_many
-    from optipromp.scenes.io import load_scene
-
-    files = scene_files(folder)
-    homes: Sequence[Path | None] = [None] * len(files) if out is None else outputs(files, out)
-    say_if_compiling()
-    began = time.perf_counter()
-    done_so_far, good = 0, 0
-    with progress_bar(10) as shown:
-
-        def done(index: int, result: "Plan | OptiPrompError") -> None:
-            nonlocal done_so_far, good
-            home = homes[index]
-            if home is not None and not isinstance(result, OptiPrompError):
-                write(result, home, figures, rate)
-            done_so_far, good = done_so_far + 1, good + getattr(result, "success", False)
-            words = f"{done_so_far} of {len(files)} planned, {good} succeeded"
-            shown(done_so_far, len(files), words)
-
-        stated = [named.of(load_scene(file)) for file in files] if named else files
-        results = plan_many(stated, workers=workers, progress=done, **request)
-    seconds = time.perf_counter() - began
-    entries = [Entry(*item) for item in zip(files, homes, results, strict=True)]
-    succeeded = sum(entry.status is Code.SUCCESS for entry in entries)
-    if as_json:
-        scenes = [entry.to_dict(request) for entry in entries]
-        print_json({"folder": str(folder), "succeeded": succeeded, "of": len(entries),
-                    "seconds": seconds, "scenes": scenes})  # fmt: skip
-    else:
-        console = stdout()
-        console.print(table(entries))
-        console.print(f"{succeeded} of {len(entries)} plans succeeded, in {seconds:.1f} s")
-        if out is not None:
-            console.print(f"wrote a folder for each plan to {out}")
-    return max((exit_code(entry.status) for entry in entries), default=OK)
-
-
-def table(entries: Sequence[Entry]) -> "Table":
-    """One line a scene: what came of it, and the figures that matter most."""
-    out = grid(("scene", "status"), ("time, ms", "room, mm", "off, mm", "motion, s"))
-    for entry in entries:
-        cells = ["", "", "", ""]
-        if not isinstance(entry.result, OptiPrompError):
-            m = entry.result.metrics
-            rooms = m.clearance_static, m.clearance_avoid, m.clearance_pushable, m.clearance_self
-            room = min((value for value in rooms if value is not None), default=math.inf)
-            cells = [
-                f"{1e3 * entry.result.time['total']:.0f}",
-                f"{1e3 * room:.1f}" if math.isfinite(room) else "–",
-                f"{1e3 * m.goal_error:.2f}",
-                f"{m.duration:.2f}",
-            ]
-        out.add_row(printable(entry.file.stem), str(entry.status), *cells)
-    return out

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from optipromp.cli.console import OK, AsJson, command, print_json, stdout, waiting
+from optipromp.cli.command import Report, command
+from optipromp.cli.console import waiting
 from optipromp.errors import Code, InvalidRequestError
 
 
@@ -21,8 +22,7 @@ def report(
         Path | None,
         typer.Option(metavar="FILE.html", help="Where the report goes; else beside what it tells."),
     ] = None,
-    as_json: AsJson = False,
-) -> int:
+) -> Report:
     """Write one HTML file about a plan or a study: no network, at most 5 MB.
 
     Of a plan: 3-D, pictures, metrics beside the paper's, settings, versions,
@@ -55,10 +55,6 @@ def report(
                 f"{item} is neither a plan's folder (plan.json) nor a study's ({ROWS})"
             )
         write_atomically(path, content)
-    if as_json:
-        print_json(
-            {"status": Code.SUCCESS, "message": "", "file": str(path), "bytes": len(content)}
-        )
-    else:
-        stdout().print(f"wrote {path} ({len(content) / 1e6:.1f} MB)")
-    return OK
+    size = len(content)
+    document = {"status": Code.SUCCESS, "message": "", "file": str(path), "bytes": size}
+    return Report(document, [f"wrote {path} ({size / 1e6:.1f} MB)"])

@@ -1,11 +1,8 @@
 """The options of every command that names a robot."""
 
-import inspect
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,14 +10,13 @@ if TYPE_CHECKING:
     from optipromp.robots.library import Choice
     from optipromp.scenes.scene import Scene
 
-Tip = Annotated[str | None, typer.Option(metavar="LINK", help="Of the robot: the flange link.")]
-Base = Annotated[
-    str | None, typer.Option(metavar="LINK", help="Of the robot: joints before it are held.")
+InPlace = Annotated[
+    str | None,
+    typer.Option(metavar="ROBOT", help="In place of the scene's: built-in name or file."),
 ]
-Srdf = Annotated[Path | None, typer.Option(help="Of the robot: groups that tell the arm.")]
-PackageDirs = Annotated[
-    list[Path] | None,
-    typer.Option(metavar="FOLDER", help="Of the robot: holds packages of package:// names."),
+Whose = Annotated[
+    str | None,
+    typer.Option(metavar="ROBOT", help="Whose scenes: built-in name or file (panda)."),
 ]
 
 
@@ -50,42 +46,30 @@ class Named:
         return replace(scene, robot=name, choice=self.choice)
 
 
-def names_robot(
-    robot: str | None = None,
-) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """Give a command the options ``--tip``, ``--base``, ``--srdf`` and ``--package-dir``.
+@dataclass(frozen=True)
+class ArmOptions:
+    """The options that tell the arm in a robot's file."""
 
-    The command takes them as ``named``, a :class:`Named`. ``robot`` is the help of ``--robot``;
-    without it the command names the robot in another way.
-    """
-    options: dict[str, Any] = {"tip": Tip, "base": Base, "srdf": Srdf, "package_dir": PackageDirs}
-    if robot is not None:
-        told = typer.Option(metavar="ROBOT", help=robot)
-        options = {"robot": Annotated[str | None, told], **options}
+    tip: Annotated[
+        str | None, typer.Option(metavar="LINK", help="Of the robot: the flange link.")
+    ] = None
+    base: Annotated[
+        str | None, typer.Option(metavar="LINK", help="Of the robot: joints before it are held.")
+    ] = None
+    srdf: Annotated[Path | None, typer.Option(help="Of the robot: groups that tell the arm.")] = (
+        None
+    )
+    package_dir: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FOLDER", help="Of the robot: holds packages of package:// names."),
+    ] = None
 
-    def decorate(function: Callable[..., int]) -> Callable[..., int]:
-        @wraps(function)
-        def run(*args: Any, **kwargs: Any) -> int:
-            from optipromp.robots.library import Choice
+    def of(self, robot: str | None) -> Named:
+        """The robot of that name, if any, with what these options choose."""
+        from optipromp.robots.library import Choice
 
-            given = {name: kwargs.pop(name, None) for name in options}
-            srdf, folders = given["srdf"], given["package_dir"] or ()
-            choice = Choice(
-                given["tip"], given["base"], srdf and srdf.absolute(),
-                package_dirs=tuple(folder.absolute() for folder in folders),
-            )  # fmt: skip
-            return function(*args, named=Named(given.get("robot"), choice), **kwargs)
-
-        signature = inspect.signature(function)
-        kept = [each for each in signature.parameters.values() if each.name != "named"]
-        kind = inspect.Parameter.KEYWORD_ONLY
-        added = [
-            inspect.Parameter(name, kind, default=None, annotation=annotation)
-            for name, annotation in options.items()
-        ]
-        run.__signature__ = signature.replace(parameters=[*kept, *added])  # type: ignore[attr-defined]
-        annotations = {k: v for k, v in function.__annotations__.items() if k != "named"}
-        run.__annotations__ = annotations | options
-        return run
-
-    return decorate
+        choice = Choice(
+            self.tip, self.base, self.srdf and self.srdf.absolute(),
+            package_dirs=tuple(folder.absolute() for folder in self.package_dir or ()),
+        )  # fmt: skip
+        return Named(robot, choice)

@@ -5,14 +5,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.console import OK, Recorded, command, say_if_compiling
+from optipromp.cli.command import command
+from optipromp.cli.console import Recorded, say_if_compiling
 from optipromp.errors import InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
     from optipromp.ros import LiveScene
 
 
-@command()
+@command(reports=False)
 def ros_node(
     scene: Annotated[
         str, typer.Argument(metavar="SCENE", help="Gives robot, tool and what no topic says.")
@@ -28,7 +29,7 @@ def ros_node(
         str | None,
         typer.Option(metavar="ACTION", help="FollowJointTrajectory action that gets each success."),
     ] = None,
-) -> int:
+) -> None:
     """Plan on request: a node of ROS 2 with MoveIt's service GetMotionPlan.
 
     Listens to planning_scene, collision_object and joint_states. Offers the service
@@ -54,7 +55,6 @@ def ros_node(
     say_if_compiling()
     settings = {"prefix": prefix, "rate": rate, "demonstrations": demonstrations}
     _serve(LiveScene.of(load_scene(scene), prefix), settings, execute)
-    return OK
 
 
 def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) -> None:

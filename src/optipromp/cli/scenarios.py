@@ -7,20 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from optipromp.cli.console import (
-    FAILED,
-    OK,
-    AsJson,
-    Recorded,
-    Seed,
-    command,
-    grid,
-    print_json,
-    say_if_compiling,
-    stdout,
-    waiting,
-)
-from optipromp.cli.plan import read_primitive, write
+from optipromp.cli.command import FAILED, OK, Report, Shown, command
+from optipromp.cli.console import Recorded, Seed, grid, say_if_compiling, waiting
+from optipromp.cli.plan import Output, read_primitive
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -43,8 +32,7 @@ def scenarios(
             help="Leave the tables here; in a page with marks, between them.",
         ),
     ] = None,
-    as_json: AsJson = False,
-) -> int:
+) -> Report:
     """Run the paper's four scenarios and set its figures beside ours.
 
     Scenarios 1 and 2 must end in a collision with the table-top, as in the
@@ -65,28 +53,27 @@ def scenarios(
         from optipromp.files import check_folder
 
         check_folder(out)
-    primitive = None if demonstrations is None else read_primitive(demonstrations)
+    primitive = read_primitive(demonstrations)
     say_if_compiling()
     with waiting("planning ...") as say:
         rows = run_scenarios(seed=seed, demonstrations=primitive, progress=say)
-    document = {"scenarios": [row.to_dict() for row in rows]}
     if out is not None:
         with waiting("drawing ..."):
             for row in rows:
-                write(row.plan, out / f"scenario-{row.case.key}")
+                Output().write(row.plan, out / f"scenario-{row.case.key}", figures=True)
     if as_markdown is not None:
         renew(as_markdown, markdown(rows))
-    if as_json:
-        print_json(document)
-    else:
-        console = stdout()
-        console.print(table_one(rows))
-        console.print(reductions(rows))
-        for row in rows:
-            console.print(f"{row.case.key}, {row.case.title}: {row.plan.message}", markup=False)
-        if out is not None:
-            console.print(f"wrote the plans and their figures to {out}", markup=False)
-    return OK if all(row.as_expected for row in rows) else FAILED
+    code = OK if all(row.as_expected for row in rows) else FAILED
+    return Report({"scenarios": [row.to_dict() for row in rows]}, _shown(rows, out), code)
+
+
+def _shown(rows: Sequence["ScenarioRow"], out: Path | None) -> Shown:
+    yield table_one(rows)
+    yield reductions(rows)
+    for row in rows:
+        yield f"{row.case.key}, {row.case.title}: {row.plan.message}"
+    if out is not None:
+        yield f"wrote the plans and their figures to {out}"
 
 
 BEGIN, END = "<!-- scenarios: begin -->", "<!-- scenarios: end -->"
@@ -98,12 +85,14 @@ SHORT = {
 
 def table_one(rows: Sequence["ScenarioRow"]) -> "Table":
     """Table I of the paper, ours beside it; see :func:`figures`."""
+    from rich.text import Text
+
     title = "Table I: the paper's | ours, mm, + where the paper's test holds, ! where it fails"
     header, lines = figures(rows)
     table = grid(header, title=title, padding=(0, 1, 0, 0))
     for row, (key, status, *others) in zip(rows, lines, strict=True):
         colour = "green" if row.as_expected else "red"
-        table.add_row(key, f"[{colour}]{status}[/]", *others)
+        table.add_row(key, Text(status, style=colour), *others)
     return table
 
 

@@ -8,21 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from optipromp.cli.check import scene_or_plan
+from optipromp.cli.command import FAILED, OK, Report, command
 from optipromp.cli.console import (
-    FAILED,
-    OK,
-    AsJson,
     ChosenStrategy,
     Planner,
     Seed,
     Strategy,
-    command,
-    print_json,
     say_if_compiling,
-    stdout,
     waiting,
 )
-from optipromp.cli.robot import Named, names_robot
+from optipromp.cli.robot import ArmOptions, InPlace, Named
 from optipromp.errors import InvalidRequestError, OptiPrompError
 from optipromp.files import is_folder
 
@@ -43,7 +38,6 @@ def failed_run(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str,
 
 
 @command(failure=failed_run)
-@names_robot("In place of the scene's: built-in name or file.")
 def simulate(
     scene_or_plan: Annotated[
         str,
@@ -79,10 +73,10 @@ def simulate(
     slow: Annotated[
         float, typer.Option(metavar="FACTOR", help="How many times slower a film runs.")
     ] = 1.0,
-    as_json: AsJson = False,
     *,
-    named: Named,
-) -> int:
+    robot: InPlace = None,
+    arm: ArmOptions,
+) -> Report:
     """Execute a plan in the physics simulation and judge what happened there.
 
     The exit code is 0 only when the target alone ended in the gripper and nothing was harmed; 1
@@ -101,6 +95,7 @@ def simulate(
     from optipromp.simulation import SimulationParameters
     from optipromp.simulation import simulate as execute
     from optipromp.simulation.engine import engine
+    from optipromp.simulation.files import run_document
 
     engine()  # fail before planning where it is missing
     folder = _folder(scene_or_plan) if out is None else out
@@ -110,21 +105,15 @@ def simulate(
     parameters = SimulationParameters()
     if speed is not None:
         parameters = replace(parameters, control=replace(parameters.control, speed=speed))
-    plan = _plan(scene_or_plan, planner, strategy, seed, named)
+    plan = _plan(scene_or_plan, planner, strategy, seed, arm.of(robot))
     truth = None if true_scene is None else load_scene(true_scene)
     warn_of_gravity(plan.robot, plan.trajectory.positions, plan.scene.up, "on the way")
     with waiting(f"executing in {(truth or plan.scene).name} ..."):
         run = execute(plan, truth, parameters=parameters, seed=seed)
     written = _leave(run, folder, video, gif, slow)
-    if as_json:
-        from optipromp.simulation.files import run_document
-
-        print_json({**run_document(run), "planner": plan.planner, "plan_status": plan.status})
-    else:
-        console = stdout()
-        _report(run, plan)
-        console.print(f"wrote {', '.join(written)} to {folder}")
-    return OK if run.success else FAILED
+    document = {**run_document(run), "planner": plan.planner, "plan_status": plan.status}
+    lines = [*_shown(run, plan), f"wrote {', '.join(written)} to {folder}"]
+    return Report(document, lines, OK if run.success else FAILED)
 
 
 def _folder(item: str) -> Path:
@@ -164,13 +153,14 @@ def _leave(run: "Run", folder: Path, video: bool, gif: bool, slow: float) -> tup
     return write_run(run, folder, films)
 
 
-def _report(run: "Run", plan: "Plan") -> None:
-    outcome, console = run.outcome, stdout()
+def _shown(run: "Run", plan: "Plan") -> list[str]:
+    outcome = run.outcome
     verdict = "picked" if run.success else f"failed: {outcome.cause}"
-    console.print(f"{run.scene.name}  {plan.planner} (plan: {plan.status})  {verdict}")
-    console.print(outcome.message)
-    for name, words in _rows(run, outcome):
-        console.print(f"  {name:<26}{words}")
+    return [
+        f"{run.scene.name}  {plan.planner} (plan: {plan.status})  {verdict}",
+        outcome.message,
+        *(f"  {name:<26}{words}" for name, words in _rows(run, outcome)),
+    ]
 
 
 def _rows(run: "Run", outcome: "Outcome") -> list[tuple[str, str]]:

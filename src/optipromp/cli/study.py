@@ -6,18 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.console import (
-    OK,
-    AsJson,
-    Workers,
-    command,
-    grid,
-    print_json,
-    progress_bar,
-    say_if_compiling,
-    stdout,
-)
-from optipromp.cli.robot import Named, names_robot
+from optipromp.cli.command import Report, Shown, command
+from optipromp.cli.console import Workers, grid, progress_bar, say_if_compiling
+from optipromp.cli.robot import ArmOptions, Whose
 from optipromp.errors import Code, InvalidRequestError
 
 if TYPE_CHECKING:
@@ -37,31 +28,9 @@ Compared = Annotated[
         "opti-promp, separated by commas or one an option, or all.",
     ),
 ]
-DetectorNoise = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME",
-        help="Of the detector: zero-mean (5 mm, 5 degrees), low and high (and all seen 10 mm "
-        "too low or high), missed (fruits not seen, hidden ones more often), detector (low "
-        "and missed).",
-    ),
-]
-Vary = Annotated[
-    bool,
-    typer.Option(
-        "--vary",
-        help="Execute each plan under a table of physical variations: softer and stiffer "
-        "stems, friction, mass, size, damping, a tool off its place, fruits lower than seen.",
-    ),
-]
-
-Risk = Annotated[
-    float, typer.Option(help="Share of promised successes that may be broken; less refuses more.")
-]
 
 
 @command()
-@names_robot("Whose scenes: built-in name or file (panda).")
 def study(
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Where rows go; rows that are there are kept.")
@@ -79,18 +48,36 @@ def study(
     noise_angle: Annotated[
         float, typer.Option(metavar="DEGREES", help="Standard deviation of detected stems.")
     ] = 0.0,
-    noise: DetectorNoise = "",
+    noise: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Of the detector: zero-mean (5 mm, 5 degrees), low and high (and all seen 10 mm "
+            "too low or high), missed (fruits not seen, hidden ones more often), detector (low "
+            "and missed).",
+        ),
+    ] = "",
     only_valid: Annotated[
         bool,
         typer.Option("--only-valid", help="Do not execute plans that the judge refuses."),
     ] = False,
-    vary: Vary = False,
-    risk: Risk = 0.03,
+    vary: Annotated[
+        bool,
+        typer.Option(
+            "--vary",
+            help="Execute each plan under a table of physical variations: softer and stiffer "
+            "stems, friction, mass, size, damping, a tool off its place, fruits lower than seen.",
+        ),
+    ] = False,
+    risk: Annotated[
+        float,
+        typer.Option(help="Share of promised successes that may be broken; less refuses more."),
+    ] = 0.03,
     workers: Workers = None,
-    as_json: AsJson = False,
     *,
-    named: Named,
-) -> int:
+    robot: Whose = None,
+    arm: ArmOptions,
+) -> Report:
     """Run planners on random scenes and execute their plans in the physics simulation.
 
     Every run is a row of rows.csv in DIR. Ctrl-C keeps what is done; the same command goes on from
@@ -114,7 +101,7 @@ def study(
     compared: Any = _names(",".join(planners), STUDY_PLANNERS)
     plan = Study(
         chosen, compared, _range(seeds), noise_position, noise_angle, only_valid,
-        named.name or PANDA, named.choice, vary, noise, risk,
+        robot or PANDA, arm.of(robot).choice, vary, noise, risk,
     )  # fmt: skip
     say_if_compiling()
     successes: dict[str, list[bool]] = {}
@@ -128,27 +115,27 @@ def study(
             shown(done, total, ", ".join((f"{done} of {total} runs", *shares)))
 
         rows = run_study(plan, out, workers=workers, progress=progress)
-    return _tell(rows, out, as_json)
+    return _report(rows, out)
 
 
-def _tell(rows: list["Row"], out: Path, as_json: bool) -> int:
-    """Write the results beside the rows, and print them."""
+def _report(rows: list["Row"], out: Path) -> Report:
+    """Write the results beside the rows, and tell them."""
     from optipromp.experiments.statistics import calibration, summary
     from optipromp.experiments.study_output import write_results
 
     cells = summary(rows)
     written = write_results(rows, cells, out)
-    if as_json:
-        print_json({"runs": len(rows), "cells": [cell.to_dict() for cell in cells]})
-        return OK
-    console = stdout()
-    console.print(table(cells))
-    console.print(causes(cells))
-    found = calibration(rows)
+    document = {"runs": len(rows), "cells": [cell.to_dict() for cell in cells]}
+    last = f"wrote rows.csv, {', '.join(written)} to {out}"
+    return Report(document, _shown(cells, calibration(rows), last))
+
+
+def _shown(cells: Sequence["Cell"], found: "Calibration | None", last: str) -> Shown:
+    yield table(cells)
+    yield causes(cells)
     if found is not None:
-        console.print(reliability(found))
-    console.print(f"wrote rows.csv, {', '.join(written)} to {out}", markup=False)
-    return OK
+        yield reliability(found)
+    yield last
 
 
 def _names(text: str, all_of_them: Sequence[str]) -> tuple[str, ...]:
@@ -198,8 +185,7 @@ def causes(cells: Sequence["Cell"]) -> "Table":
     )
     out.add_column("failed by")
     for cell, first in _sections(out, cells):
-        words = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in cell.causes.items())
-        out.add_row(cell.preset if first else "", cell.planner, words or "–")
+        out.add_row(cell.preset if first else "", cell.planner, cell.failed_by)
     return out
 
 

@@ -6,16 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.console import (
-    AsJson,
-    command,
-    exit_code,
-    grid,
-    headline,
-    print_json,
-    stdout,
-    waiting,
-)
+from optipromp.cli.command import Report, Shown, command, exit_code
+from optipromp.cli.console import grid, headline, waiting
 from optipromp.errors import Code
 
 if TYPE_CHECKING:
@@ -24,33 +16,29 @@ if TYPE_CHECKING:
     from optipromp.scenes.scene import Scene
     from optipromp.trajectory import Trajectory
 
-Given = Annotated[
-    Path,
-    typer.Argument(
-        metavar="TRAJECTORY",
-        help="A .csv or .npz file, a bag or .mcap with a JointTrajectory, or a plan's folder.",
-    ),
-]
-InScene = Annotated[
-    str | None,
-    typer.Option("--scene", metavar="SCENE", help="A scene file or built-in scene; a plan's own."),
-]
-Pictures = Annotated[
-    Path | None, typer.Option(metavar="DIR", help="Leave verdict.json and limits.png there.")
-]
-
-
-Risk = Annotated[
-    float | None,
-    typer.Option(help="Share of promised successes that may be broken; a plan's own, or 0.03."),
-]
-
 
 @command()
 def validate(
-    trajectory: Given, scene: InScene = None, out: Pictures = None, as_json: AsJson = False,
-    risk: Risk = None,
-) -> int:  # fmt: skip
+    trajectory: Annotated[
+        Path,
+        typer.Argument(
+            metavar="TRAJECTORY",
+            help="A .csv or .npz file, a bag or .mcap with a JointTrajectory, or a plan's folder.",
+        ),
+    ],
+    scene: Annotated[
+        str | None,
+        typer.Option(metavar="SCENE", help="A scene file or built-in scene; a plan's own."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Leave verdict.json and limits.png there.")
+    ] = None,
+    *,
+    risk: Annotated[
+        float | None,
+        typer.Option(help="Share of promised successes that may be broken; a plan's own, or 0.03."),
+    ] = None,
+) -> Report:
     """Judge TRAJECTORY in a scene: what is violated, where, when and by how much.
 
     The curve between the rows is judged too: it meets positions, velocities and
@@ -89,11 +77,7 @@ def validate(
     document = describe(found, curve, loaded, risk)
     if out is not None:
         leave(out, document, curve, robot, found)
-    if as_json:
-        print_json(document)
-    else:
-        _print(found, document, curve)
-    return exit_code(found.status)
+    return Report(document, _shown(found, loaded, curve), exit_code(found.status))
 
 
 def read(path: Path, robot: "Robot") -> "Trajectory":
@@ -137,15 +121,13 @@ def leave(
     write_atomically(out / "verdict.json", json_text(document).encode("utf-8"))
 
 
-def _print(found: "Verdict", document: dict[str, Any], curve: "Trajectory") -> None:
-    console, m = stdout(), found.judgement.metrics
+def _shown(found: "Verdict", scene: "Scene", curve: "Trajectory") -> Shown:
+    m = found.judgement.metrics
     colour = "green" if found.status is Code.SUCCESS else "red"
-    console.print(
-        headline(
-            (str(document["scene"]), "bold"),
-            f"  {curve.n_waypoints} rows, {curve.duration:.3f} s  ",
-            (found.status, f"bold {colour}"),
-        )
+    yield headline(
+        (scene.name, "bold"),
+        f"  {curve.n_waypoints} rows, {curve.duration:.3f} s  ",
+        (found.status, f"bold {colour}"),
     )
     if found.judgement.violations:
         table = grid(("what", "where"), ("when, s", "how much"))
@@ -153,12 +135,12 @@ def _print(found: "Verdict", document: dict[str, Any], curve: "Trajectory") -> N
             when = "" if violation.time is None else f"{violation.time:.3f}"
             amount = "" if violation.amount is None else f"{violation.amount:.4g} {violation.unit}"
             table.add_row(violation.kind, violation.subject, when, amount)
-        console.print(table)
-    console.print(found.message)
+        yield table
+    yield found.message
     if found.prediction is not None and found.status is not Code.HARM_PREDICTED:
-        console.print(f"{found.prediction}", markup=False)  # else it is in the message
+        yield f"{found.prediction}"  # else it is in the message
     off = f"{m.goal_error:.4f}" if m.goal_axis_error is None else f"{1e3 * m.goal_error:.2f} mm"
-    console.print(
+    yield (
         f"limits in use: velocity {m.velocity_ratio:.0%}, acceleration {m.acceleration_ratio:.0%}, "
         f"jerk {m.jerk_ratio:.0%}; {off} off the goal"
     )

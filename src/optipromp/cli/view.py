@@ -1,22 +1,22 @@
 """``optipromp view``: a page in the browser to look at a plan, change its scene and plan again."""
 
 import threading
-import webbrowser
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from optipromp.cli.console import OK, command, say_if_compiling, stdout, waiting
+from optipromp.cli.command import command
+from optipromp.cli.console import say_if_compiling, stdout, waiting
 
 
-@command()
+@command(reports=False)
 def view(
     item: Annotated[
         str,
         typer.Argument(
-            metavar="SCENE|PLAN_DIR|ROLLOUT_DIR|STUDY_DIR",
-            help="A scene to plan for, or a folder that plan, simulate or study left.",
+            metavar="SCENE|PLAN_DIR|ROLLOUT_DIR",
+            help="A scene to plan for, or a folder that plan or simulate left.",
         ),
     ],
     beside: Annotated[
@@ -36,7 +36,7 @@ def view(
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Folder that the page saves into.")
     ] = Path("out"),
-) -> int:
+) -> None:
     """Open a page that shows a plan in 3-D and lets you move things and plan again.
 
     It listens on this machine only, unless --host says otherwise, and runs
@@ -49,6 +49,8 @@ def view(
     optipromp view reach --port 0 --no-browser
     optipromp view reach-i-promp reach-opti-promp
     """
+    import webbrowser
+
     from optipromp.page.server import Page
     from optipromp.page.sources import open_source
     from optipromp.planning import warm_up
@@ -59,7 +61,7 @@ def view(
         warm_up()  # so that the first plan does not wait for it
     page = Page(source, host=host, port=port, out=out)
     try:
-        stdout().print(f"{page.url}  (Ctrl-C ends it)", markup=False)
+        stdout().print(f"{page.url}  (Ctrl-C ends it)")
         if browser:
             webbrowser.open(page.url)
         threading.Event().wait()
@@ -67,4 +69,3 @@ def view(
         stdout().print("closed")
     finally:
         page.stop()
-    return OK

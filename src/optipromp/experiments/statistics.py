@@ -84,6 +84,12 @@ class Cell:
         """Promises that were broken."""
         return self.plans - self.kept
 
+    @property
+    def failed_by(self) -> str:
+        """The causes in words, with how often each was; a dash where nothing failed."""
+        words = (f"{count} {cause.replace('_', ' ')}" for cause, count in self.causes.items())
+        return ", ".join(words) or "–"
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return asdict(self) | {"broken": self.broken}

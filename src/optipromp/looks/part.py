@@ -49,15 +49,6 @@ class Part:
         """The same part, its frame at a position (3,) [m] with a rotation (3, 3)."""
         return replace(self, vertices=frozen(self.vertices @ rotation.T + position))
 
-    @property
-    def normals(self) -> FloatArray:
-        """(v, 3) unit, the mean of the faces around each vertex by their areas."""
-        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
-        out = np.zeros_like(self.vertices)
-        for k in range(3):
-            np.add.at(out, self.faces[:, k], np.cross(b - a, c - a))
-        return np.asarray(out / np.maximum(np.linalg.norm(out, axis=1), 1e-30)[:, None])
-
 
 def rgb(colour: str) -> Colour:
     """``#rrggbb`` as numbers."""

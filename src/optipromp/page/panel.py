@@ -15,7 +15,7 @@ from optipromp.page.content import charts
 from optipromp.page.plots import Plots
 from optipromp.page.stage import LAYERS
 from optipromp.page.table import table
-from optipromp.page.tabs import RecordTab, ReplayTab, StudyTab
+from optipromp.page.tabs import RecordTab, ReplayTab
 from optipromp.page.window import Window
 from optipromp.planning import PLANNERS, STRATEGIES
 from optipromp.shown import is_name
@@ -55,9 +55,6 @@ class Panel:
             self.recording = RecordTab(self)
         with self.tabs.add_tab("Replay"):
             ReplayTab(self)
-        if window.source.rows:
-            with self.tabs.add_tab("Study"):
-                StudyTab(self)
         window.told.append(self._refresh)
         window.clocked.append(self._mark)
 

@@ -1,34 +1,29 @@
-"""What the page opens: a scene, a plan, executed plans, or the runs of a study."""
+"""What the page opens: a scene, a plan, or executed plans."""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import get_args
 
 from optipromp.errors import InvalidRequestError
-from optipromp.experiments.runs import Row, scenes_of
-from optipromp.experiments.study import ROWS, rows_of, settings_of
+from optipromp.experiments.study import ROWS
 from optipromp.files import is_folder, is_there
 from optipromp.output import load_plan
 from optipromp.page.replay import Replay, load_replay
-from optipromp.planning import Plan, Planner
-from optipromp.scenes.generate import PANDA
+from optipromp.planning import Plan
 from optipromp.scenes.io import load_scene, scene_names
 from optipromp.scenes.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """What the page opens: a scene, its plan, executed plans of it; a study's rows and robot."""
+    """What the page opens: a scene, its plan, and executed plans of the scene."""
 
     scene: Scene
     plan: Plan | None = None
     replays: tuple[Replay, ...] = ()
-    rows: tuple[Row, ...] = ()
-    robot: str = PANDA
 
 
 def open_source(item: str, beside: str | None = None) -> Source:
-    """The content of a scene file or name, or of a folder of a plan, of a rollout or of a study.
+    """The content of a scene file or name, or of a folder of a plan or of a rollout.
 
     Args:
         item: what is opened.
@@ -47,24 +42,17 @@ def open_source(item: str, beside: str | None = None) -> Source:
         raise InvalidRequestError(f"{item} and {beside} are not both folders of a rollout")
     if is_folder(folder) and item not in scene_names():
         if is_there(folder / ROWS):
-            rows, (_, robot) = tuple(rows_of(folder)), settings_of(folder)
-            if not rows or robot is None:
-                why = "has no run yet" if robot else "is of a robot that was read with choices"
-                raise InvalidRequestError(f"{item}: the study {why}")
-            return Source(scenes_of(rows[0], robot)[1], None, (), rows, robot)
+            raise InvalidRequestError(
+                f"{item} is a study: 'optipromp report {item}' writes a page about it"
+            )
         if is_there(folder / "plan.json"):
             plan = load_plan(folder)
             return Source(plan.scene, plan, replays)
         if replays:
             return Source(replays[0].scene, None, replays)
         raise InvalidRequestError(
-            f"{item} holds neither a plan (plan.json), a rollout (rollout.npz) nor a study ({ROWS})"
+            f"{item} holds neither a plan (plan.json) nor a rollout (rollout.npz)"
         )
     if folder.name == "plan.json":
         return open_source(str(folder.parent), beside)
     return Source(load_scene(item))
-
-
-def row_planner(row: Row) -> Planner | None:
-    """The planner of a run; None for a baseline that only studies have."""
-    return row.planner if row.planner in get_args(Planner) else None  # type: ignore[return-value]

@@ -1,4 +1,4 @@
-"""The tabs for recording demonstrations, replaying executed plans and the runs of a study."""
+"""The tabs for recording demonstrations and for replaying executed plans."""
 
 import warnings
 from collections.abc import Callable
@@ -6,15 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError
-from optipromp.experiments.runs import scenes_of
 from optipromp.files import check_folder
 from optipromp.page.content import bundle
 from optipromp.page.record import Recorder
-from optipromp.page.sources import row_planner
 from optipromp.planning.task import resolve
 
 if TYPE_CHECKING:
-    from optipromp.experiments.runs import Row
     from optipromp.page.panel import Panel
 
 LEARNT = "learnt band"
@@ -138,31 +135,6 @@ class ReplayTab:
         text = self.window.forces if now else ""
         if self.forces.content != text:
             self.forces.content = text
-
-
-class StudyTab:
-    """The runs of a study; each opens its scene as its planner perceived it."""
-
-    def __init__(self, panel: "Panel") -> None:
-        self.window = panel.window
-        self.rows = {_title(row): row for row in panel.window.source.rows}
-        choice = panel.gui.add_dropdown("run", tuple(self.rows))
-        self.told = panel.gui.add_markdown("")
-        panel.on(choice, "run", self.open)
-
-    def open(self, title: str) -> None:
-        """Plan the scene of a run as its planner did."""
-        row, window = self.rows[title], self.window
-        planner = row_planner(row)
-        if planner is not None:
-            window.settings["planner"] = planner
-        self.told.content = f"In the study: {row.message or row.plan_status}"
-        window.open(scenes_of(row, window.source.robot)[1])
-
-
-def _title(row: "Row") -> str:
-    outcome = "picked" if row.success else row.cause
-    return f"{row.preset} {row.seed} {row.planner}: {outcome}"
 
 
 def _ignoring(act: Callable[[], None]) -> Callable[[Any], None]:

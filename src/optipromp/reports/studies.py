@@ -64,7 +64,8 @@ def study_report(
         ),
         section(
             "Causes of failure",
-            table(_causes(cells), ("preset", "planner", "failed by (a run may have several)")),
+            table([(cell.preset, cell.planner, cell.failed_by) for cell in cells],
+                  ("preset", "planner", "failed by (a run may have several)")),
         ),
         *_prediction(found),
         *_worst(rows, worst, progress, robot, risk),
@@ -80,14 +81,6 @@ def _rates(cells: Sequence[Cell]) -> list[tuple[str, ...]]:
          f"{100 * c.low:.0f}–{100 * c.high:.0f} %", f"{c.broken} of {c.plans}",
          f"{100 * c.broken_low:.0f}–{100 * c.broken_high:.0f} %", str(c.successes),
          _newton(c.unripe_force), _newton(c.unripe_force_90), f"{1e3 * c.plan_time:.0f} ms")
-        for c in cells
-    ]  # fmt: skip
-
-
-def _causes(cells: Sequence[Cell]) -> list[tuple[str, ...]]:
-    return [
-        (c.preset, c.planner,
-         ", ".join(f"{n} {cause.replace('_', ' ')}" for cause, n in c.causes.items()) or "–")
         for c in cells
     ]  # fmt: skip
 

@@ -1,0 +1,164 @@
+"""A command: a function that returns a report, printed once: as JSON, or for people."""
+
+import inspect
+import json
+import sys
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from functools import wraps
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+from optipromp.cli.console import stdout
+from optipromp.errors import Code, OptiPrompError
+from optipromp.files import json_text
+from optipromp.shown import printable
+
+Shown = Iterable[Any]
+"""What people read: lines, and what rich can print. A generator runs only where they read it."""
+
+OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+_OUTCOMES = frozenset(
+    {
+        Code.START_IN_COLLISION,
+        Code.GOAL_IN_COLLISION,
+        Code.GOAL_UNREACHABLE,
+        Code.NO_PLAN,
+        Code.INVALID_PLAN,
+        Code.HARM_PREDICTED,
+        Code.TIMEOUT,
+    }
+)
+_KEYWORD = inspect.Parameter.KEYWORD_ONLY
+_JSON = typer.Option("--json", help="Print one JSON document and nothing else.")
+_AS_JSON = inspect.Parameter("as_json", _KEYWORD, default=False, annotation=Annotated[bool, _JSON])
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a command answers.
+
+    Attributes:
+        document: what ``--json`` prints.
+        shown: lines and tables for people.
+        code: the exit code.
+    """
+
+    document: object
+    shown: Shown
+    code: int = OK
+
+    def print(self, as_json: bool) -> None:
+        """Print the report on standard output."""
+        if as_json:
+            print_json(self.document)
+            return
+        console = stdout()
+        for part in self.shown:
+            console.print(part, soft_wrap=getattr(part, "no_wrap", None))  # of a Text
+
+
+def exit_code(code: Code) -> int:
+    """0 for success, 1 where the input was right and no plan came of it, 2 for wrong input."""
+    if code is Code.SUCCESS:
+        return OK
+    return FAILED if code in _OUTCOMES else WRONG_INPUT
+
+
+def print_json(document: object) -> None:
+    """Print one JSON document on standard output; NaN and infinities become null."""
+    text = json_text(document)
+    if (sys.stdout.encoding or "utf-8").lower() != "utf-8":
+        text = json.dumps(json.loads(text), indent=2) + "\n"  # in ASCII, which all encodings hold
+    sys.stdout.write(text)
+
+
+def command(
+    failure: Callable[[OptiPrompError, Mapping[str, Any]], object] | None = None,
+    *,
+    reports: bool = True,
+) -> Callable[[Callable[..., Report | None]], Callable[..., None]]:
+    """Turn a function that returns a :class:`Report` into a command for Typer.
+
+    A parameter whose annotation is a dataclass stands for a group of options: one for each field.
+    The command gets the option ``--json``, before what the function takes by keyword only.
+
+    A typed error becomes one line on standard error and its exit code; under ``--json`` standard
+    output still gets one document.
+
+    Args:
+        failure: makes that document of the error and the arguments.
+        reports: False for a command that serves until it is stopped, without ``--json``.
+    """
+
+    def decorate(function: Callable[..., Report | None]) -> Callable[..., None]:
+        signature = inspect.signature(function, eval_str=True)
+        asked = signature.parameters.values()
+        parameters = [
+            *_flat([each for each in asked if each.kind is not _KEYWORD]),
+            *([_AS_JSON] if reports else []),
+            *_flat([each for each in asked if each.kind is _KEYWORD]),
+        ]
+        groups: dict[str, Any] = {
+            each.name: each.annotation for each in asked if is_dataclass(each.annotation)
+        }
+
+        @wraps(function)
+        def run(**given: Any) -> None:
+            as_json = given.get("as_json", False)
+            arguments = {name: given[name] for name in signature.parameters if name in given}
+            for name, group in groups.items():
+                arguments[name] = group(**{one.name: given[one.name] for one in fields(group)})
+            code = OK
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("default", UserWarning)
+                    warnings.showwarning = show_warning
+                    report = function(**arguments)
+                    if report is not None:
+                        report.print(as_json)
+                        code = report.code
+            except OptiPrompError as error:
+                if as_json:
+                    bare = {"status": error.code, "message": error.message}
+                    print_json(failure(error, given) if failure else bare)
+                sys.stderr.write(f"error {error.code}: {_one_line(error.message)}\n")
+                raise typer.Exit(exit_code(error.code)) from None
+            except KeyboardInterrupt:
+                sys.stderr.write("interrupted; nothing half-written was left\n")
+                raise typer.Exit(INTERRUPTED) from None
+            raise typer.Exit(code)
+
+        run.__annotations__ = {each.name: each.annotation for each in parameters}
+        vars(run)["__signature__"] = inspect.Signature(parameters)  # what Typer reads
+        return run
+
+    return decorate
+
+
+def _flat(parameters: Sequence[inspect.Parameter]) -> list[inspect.Parameter]:
+    """The parameters, by keyword; a group's fields in its place."""
+    out = []
+    for each in parameters:
+        if is_dataclass(each.annotation):
+            hints = get_type_hints(each.annotation, include_extras=True)
+            out += [
+                inspect.Parameter(
+                    one.name, _KEYWORD, default=one.default, annotation=hints[one.name]
+                )
+                for one in fields(each.annotation)
+            ]
+        else:
+            out.append(each.replace(kind=_KEYWORD))
+    return out
+
+
+def show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    """Show a warning as one line on standard error."""
+    sys.stderr.write(f"warning: {_one_line(str(message))}\n")
+
+
+def _one_line(message: str) -> str:
+    return printable(" ".join(message.split()))
