@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.furniture import FURNITURE, Furniture, generate
 from optipromp import judging
 from optipromp.arrays import FloatArray
 from optipromp.compiled import kernel
@@ -15,7 +16,7 @@ from optipromp.geometry.shapes import Cylinder
 from optipromp.planning import PlanOptions, collision, plan, tree, ways
 from optipromp.planning.parameters import TREE, WAYPOINT
 from optipromp.planning.task import Task, resolve
-from optipromp.scenes.generate import FURNITURE, Furniture, generate
+from optipromp.scenes import generate as scenes
 from optipromp.scenes.pose import Pose
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
 
@@ -135,7 +136,7 @@ def test_most_arms_that_start_in_furniture_come_out_and_pick(family: Furniture) 
 
 def from_furniture(family: Furniture, seed: int) -> Scene:
     """A cluster, and furniture behind the robot in which the arm begins."""
-    cluster, other = generate("cluster", 2500 + seed), generate(family, seed)
+    cluster, other = scenes.generate("cluster", 2500 + seed), generate(family, seed)
     assert isinstance(other.goal, JointGoal)
     turn = 2.0 if other.goal.joints[0] < 0 else -2.0
     start = np.array(other.goal.joints)

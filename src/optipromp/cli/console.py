@@ -46,7 +46,6 @@ Preset = Literal[
     "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss",
     "field", "shelf",
 ]  # fmt: skip
-Generated = Literal[Preset, "bookshelf", "box", "cage", "table-pick", "under-table"]
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
 Seed = Annotated[int, typer.Option(min=0, help="Same seed, same outcome.")]

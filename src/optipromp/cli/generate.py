@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optipromp.cli.console import OK, AsJson, Generated, command, print_json, stdout
+from optipromp.cli.console import OK, AsJson, Preset, command, print_json, stdout
 from optipromp.cli.robot import Named, names_robot
 from optipromp.errors import InvalidRequestError
 from optipromp.files import ALLOW_XACRO, FOLDERS, check_folder, check_inside, is_folder
@@ -33,13 +33,12 @@ SeenNoise = Annotated[
 @names_robot("Whose scenes: built-in name or file (panda).")
 def generate(
     preset: Annotated[
-        Generated,
+        Preset,
         typer.Option(
             help="cluster: 1-4 fruits before the ripe one; side-clusters: and neighbours; "
             "table-top: and a gutter; mixed: all of these; tight: fruits that nearly touch; limp: "
             "plumb stems; elongated: long fruits; truss: fruits on one truss; field: fruits, stems "
-            "and trusses of all kinds; shelf: cans and boxes; bookshelf, box, cage, table-pick, "
-            "under-table: a goal in joints among furniture."
+            "and trusses of all kinds; shelf: cans and boxes."
         ),
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the scene files go.")],
