@@ -5,21 +5,23 @@ where they may be larger than they are by less than a cell.
 """
 
 import functools
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from optipromp.arrays import BoolArray, FloatArray, IntArray, frame_along, lengths
-from optipromp.compiled import inlined, kernel
+from optipromp.compiled import inlined, inner
 from optipromp.geometry.distances import distance_and_gradient
-from optipromp.geometry.obstacles import Obstacles, pack
+from optipromp.geometry.obstacles import Obstacles, appended, pack
 from optipromp.geometry.shapes import Capsule
 from optipromp.planning.parameters import TREE
 from optipromp.planning.task import Task
 from optipromp.robots.kernels import Kinematics, carried_points, chain_frames
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene
+
+STRIDE = 8  # of the places along an edge: the first look at it is coarse
 
 
 class Collider(NamedTuple):
@@ -38,7 +40,6 @@ class Collider(NamedTuple):
     static: Obstacles
     dynamic: Obstacles
     shared: int
-    stems: Obstacles  # which the last link and the tool may touch
     lever: FloatArray  # (n,) [m per unit] how far a joint moves any point of the body at most
     step: float  # [m] that the body moves between two places along an edge, at most
     # room for the kinematics of one configuration
@@ -48,34 +49,29 @@ class Collider(NamedTuple):
     points: FloatArray
 
 
-def collider(task: Task, shared: int, stems: bool = False) -> Collider:
-    """The arm of a task, ready for the kernels.
-
-    Args:
-        task: the arm and what stands around it.
-        shared: see :class:`Surroundings`.
-        stems: whether stems count. They yield, and the search of a way goes through them.
-    """
+def collider(task: Task, shared: int) -> Collider:
+    """The arm of a task, ready for the kernels; see :class:`Surroundings` for ``shared``."""
     robot, body, around = task.robot, task.body, task.surroundings
     segments = robot.n_segments
     return Collider(
         robot.kinematics, body.segment, body.local, body.radius, body.link_start, body.link_bound,
         body.link_distal, body.groups, body.pairs, body.slack, around.static, around.dynamic,
-        shared, _stems(task.scene) if stems else pack([]), levers(robot), TREE.step,
-        np.empty((1, segments, 3)), np.empty((1, segments, 3, 3)), np.empty((1, segments, 3)),
-        np.empty((1, len(body), 3)),
+        shared, levers(robot), TREE.step, np.empty((1, segments, 3)), np.empty((1, segments, 3, 3)),
+        np.empty((1, segments, 3)), np.empty((1, len(body), 3)),
     )  # fmt: skip
 
 
 def free(task: Task, q: FloatArray, most: int | None = None) -> FloatArray:
     """Of configurations ``q`` (m, n), the first ``most`` at which the body touches nothing.
 
-    The last link and the tool may touch what they push, what is to be avoided, and stems.
+    Stems count too. The last link and the tool may touch all but static objects.
     """
+    body = collider(task, 0)
+    body = body._replace(dynamic=appended(body.dynamic, _stems(task.scene)))
     q = np.array(q, dtype=np.float64, order="C")  # always writable: kernels compile once
-    body, found = collider(task, 0, stems=True), np.zeros(len(q), dtype=np.bool_)
-    mark_free(body, q, len(q) if most is None else most, found)
-    return np.asarray(q[found])
+    room = np.empty(task.robot.n_joints)
+    found = (i for i in range(len(q)) if open_edge(body, q[i], q[i], room))
+    return np.asarray(q[list(islice(found, most))])
 
 
 @functools.lru_cache(maxsize=4)
@@ -123,9 +119,6 @@ def blocked(body, q):  # type: ignore[no-untyped-def]
         last = body.shared if body.link_distal[link] else body.dynamic.kind.shape[0]
         if meets(body, p, link, spheres, body.dynamic, last):
             return True
-        last = 0 if body.link_distal[link] else body.stems.kind.shape[0]
-        if meets(body, p, link, spheres, body.stems, last):
-            return True
     for g in range(body.groups.shape[0]):
         first, second = body.groups[g, 0], body.groups[g, 1]
         if not closer(
@@ -166,11 +159,17 @@ def meets(body, p, link, spheres, obstacles, last):  # type: ignore[no-untyped-d
     return False
 
 
-@kernel
-def mark_free(body, q, most, found):  # type: ignore[no-untyped-def]
-    """Mark in ``found`` (m,) the first ``most`` of ``q`` (m, n) at which the body is free."""
-    count = 0
-    for i in range(q.shape[0]):
-        if count < most and not blocked(body, q[i]):
-            found[i] = True
-            count += 1
+@inner
+def open_edge(body, a, b, q):  # type: ignore[no-untyped-def]
+    """Whether the edge from ``a`` to ``b`` (n,) is free, but for ``a`` itself; ``q`` is room."""
+    moved = 0.0
+    for j in range(a.shape[0]):
+        moved += body.lever[j] * abs(b[j] - a[j])
+    count = int(moved / body.step) + 1
+    for offset in range(STRIDE):
+        for i in range(count - offset, 0, -STRIDE):
+            for j in range(a.shape[0]):
+                q[j] = a[j] + (b[j] - a[j]) * i / count
+            if blocked(body, q):
+                return False
+    return True

@@ -10,13 +10,12 @@ import numpy as np
 from optipromp.arrays import FloatArray, IntArray, lengths
 from optipromp.budget import Budget
 from optipromp.compiled import inner
-from optipromp.planning.collision import Collider, blocked, collider
+from optipromp.planning.collision import Collider, collider, open_edge
 from optipromp.planning.parameters import TREE
 from optipromp.planning.task import Task
 from optipromp.robots.model import Robot
 
 BATCH = 500  # samples between two looks at the clock
-STRIDE = 8  # of the places along an edge: the first look at it is coarse
 
 
 def way(
@@ -97,22 +96,6 @@ def _shortened(body: Collider, corners: FloatArray, rng: np.random.Generator) ->
     places, along = rng.random((TREE.shortcuts, 2)), np.empty(len(room))
     left = shorten(body, room, len(corners), places, along, *np.empty((3, corners.shape[1])))
     return room[:left].copy()
-
-
-@inner
-def open_edge(body, a, b, q):  # type: ignore[no-untyped-def]
-    """Whether the edge from ``a`` to ``b`` (n,) is free, but for ``a`` itself; ``q`` is room."""
-    moved = 0.0
-    for j in range(a.shape[0]):
-        moved += body.lever[j] * abs(b[j] - a[j])
-    count = int(moved / body.step) + 1
-    for offset in range(STRIDE):
-        for i in range(count - offset, 0, -STRIDE):
-            for j in range(a.shape[0]):
-                q[j] = a[j] + (b[j] - a[j]) * i / count
-            if blocked(body, q):
-                return False
-    return True
 
 
 @inner
