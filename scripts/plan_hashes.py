@@ -12,6 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1]))  # for the benchmarks
+
+from benchmarks import furniture
 from optipromp import plan
 from optipromp.experiments.baselines import STUDY_PLANNERS, attempt
 from optipromp.scenes import load_scene
@@ -19,7 +22,6 @@ from optipromp.scenes.generate import NOISES, generate, noisy
 
 HANGING = "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss"
 PRESETS = *HANGING, "field", "shelf"
-FURNITURE = "bookshelf", "box", "cage", "table-pick", "under-table"
 BUILT_IN = "scenario-1", "scenario-2", "scenario-3", "scenario-4", "paper-3", "paper-4"
 FIRST = 7000  # seed of the first scene: of development, no figure is published on these
 SAME = 1e-9  # [rad, m or s] what sums in another order may change
@@ -30,7 +32,7 @@ def cases() -> list[tuple[str, str, int]]:
     ours = [("opti-promp", p, FIRST + k) for k in range(9) for p in PRESETS]
     ours += [("opti-promp", f"{p} seen", FIRST + k) for k in range(3) for p in PRESETS]
     ours += [("opti-promp", f"{p} again", FIRST + k) for k in range(2) for p in PRESETS]
-    ours += [("opti-promp", p, FIRST + k) for k in range(2) for p in FURNITURE]
+    ours += [("opti-promp", p, FIRST + k) for k in range(2) for p in furniture.FURNITURE]
     by = "opti-promp", "paper", "i-promp"
     ours += [(planner, name, 0) for planner in by for name in BUILT_IN]
     others = [p for p in STUDY_PLANNERS if p != "opti-promp"]
@@ -41,7 +43,10 @@ def cases() -> list[tuple[str, str, int]]:
 def solved(planner: str, name: str, seed: int) -> tuple[str, np.ndarray]:
     """What a plan tells in words, and its trajectory (T, 1 + 3n)."""
     preset, _, how = name.partition(" ")
-    scene = load_scene(preset) if preset in BUILT_IN else generate(preset, seed)
+    if preset in furniture.FURNITURE:
+        scene = furniture.generate(preset, seed)
+    else:
+        scene = load_scene(preset) if preset in BUILT_IN else generate(preset, seed)
     if how == "seen":
         scene = noisy(scene, seed, NOISES["zero-mean"])
     if how == "again":

@@ -8,14 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.furniture import FURNITURE, Furniture, generate
 from optipromp import judging
 from optipromp.arrays import FloatArray
 from optipromp.compiled import kernel
 from optipromp.geometry.shapes import Cylinder
-from optipromp.planning import PlanOptions, plan, tree, ways
+from optipromp.planning import PlanOptions, collision, plan, tree, ways
 from optipromp.planning.parameters import TREE, WAYPOINT
 from optipromp.planning.task import Task, resolve
-from optipromp.scenes.generate import FURNITURE, Furniture, generate
+from optipromp.scenes import generate as scenes
 from optipromp.scenes.pose import Pose
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
 
@@ -26,7 +27,7 @@ COUNT = 8  # scenes of a family
 @kernel
 def all_blocked(body, q, out):  # type: ignore[no-untyped-def]
     for i in range(len(q)):
-        out[i] = tree.blocked(body, q[i])
+        out[i] = collision.blocked(body, q[i])
 
 
 def task_of(family: Furniture, seed: int) -> Task:
@@ -73,7 +74,7 @@ def test_the_search_calls_blocked_what_the_judge_finds_in_contact(family: Furnit
     rng = np.random.default_rng(1)
     q = rng.uniform(task.robot.lower, task.robot.upper, (400, 7))
     found = np.empty(len(q), dtype=np.bool_)
-    all_blocked(tree.collider(task, task.surroundings.shared), q, found)
+    all_blocked(collision.collider(task, task.surroundings.shared), q, found)
     judged = [bool(judging.clearances(task.scene, task.robot, one[None])[1]) for one in q]
     assert found.tolist() == judged
     assert 0 < found.sum() < len(q)
@@ -102,7 +103,7 @@ def test_shortcuts_shorten_and_keep_both_ends() -> None:
     for seed in range(7400, 7410):
         task = task_of("under-table", seed)
         assert isinstance(task.goal, JointGoal)
-        body, rng = tree.collider(task, 0), np.random.default_rng(seed)
+        body, rng = collision.collider(task, 0), np.random.default_rng(seed)
         grown = tree._grown(body, task.robot, task.start, task.goal.joints[None], NONE, rng, None)
         assert grown is not None
         short = tree._shortened(body, grown, rng)
@@ -135,7 +136,7 @@ def test_most_arms_that_start_in_furniture_come_out_and_pick(family: Furniture) 
 
 def from_furniture(family: Furniture, seed: int) -> Scene:
     """A cluster, and furniture behind the robot in which the arm begins."""
-    cluster, other = generate("cluster", 2500 + seed), generate(family, seed)
+    cluster, other = scenes.generate("cluster", 2500 + seed), generate(family, seed)
     assert isinstance(other.goal, JointGoal)
     turn = 2.0 if other.goal.joints[0] < 0 else -2.0
     start = np.array(other.goal.joints)
@@ -179,7 +180,7 @@ def test_a_way_out_has_no_more_waypoints_than_any_motion() -> None:
 
 def test_levers_bound_how_far_a_joint_moves_the_body() -> None:
     task = task_of("box", 0)
-    robot, lever = task.robot, tree.levers(task.robot)
+    robot, lever = task.robot, collision.levers(task.robot)
     rng = np.random.default_rng(0)
     for _ in range(200):
         q = rng.uniform(robot.lower, robot.upper)

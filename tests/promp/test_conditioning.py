@@ -158,9 +158,9 @@ def test_derivative_points(make_promp: Make) -> None:
         ],
     )
     np.testing.assert_allclose(result.mean_trajectory([0.0])[0], speed, atol=1e-9)
-    np.testing.assert_allclose(result.mean_velocity([0.0])[0], rest, atol=1e-8)
-    np.testing.assert_allclose(result.mean_acceleration([0.0])[0], rest, atol=1e-6)
-    np.testing.assert_allclose(result.mean_velocity([0.5])[0], speed, atol=1e-8)
+    np.testing.assert_allclose(result.marginals([0.0], 1)[0][0], rest, atol=1e-8)
+    np.testing.assert_allclose(result.marginals([0.0], 2)[0][0], rest, atol=1e-6)
+    np.testing.assert_allclose(result.marginals([0.5], 1)[0][0], speed, atol=1e-8)
 
 
 def test_nothing_to_condition_on(make_promp: Make) -> None:

@@ -3,9 +3,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.stats import multivariate_normal
 
 from optipromp.errors import InvalidRequestError
 from optipromp.promp import Basis, ProMP
@@ -35,13 +32,10 @@ def test_marginals_are_those_of_the_dense_matrix(make_promp: Make, order: int) -
 
 def test_mean_derivatives_are_finite_differences(make_promp: Make) -> None:
     promp, z, h, duration = make_promp(2), np.linspace(0.1, 0.9, 9), 1e-5, 3.0
-    ahead, behind = z + h, z - h
-    for function, derivative in (
-        (lambda p: promp.mean_trajectory(p), promp.mean_velocity),
-        (lambda p: promp.mean_velocity(p, duration), promp.mean_acceleration),
-    ):
-        difference = (function(ahead) - function(behind)) / (2 * h * duration)
-        np.testing.assert_allclose(derivative(z, duration), difference, atol=1e-5)
+    for order in (1, 2):
+        ahead, behind = (promp.marginals(z + e, order - 1, duration)[0] for e in (h, -h))
+        derivative = promp.marginals(z, order, duration)[0]
+        np.testing.assert_allclose(derivative, (ahead - behind) / (2 * h * duration), atol=1e-5)
 
 
 def test_observation_noise_is_added(make_promp: Make) -> None:
@@ -79,48 +73,6 @@ def test_trajectory_of_weights_batches(make_promp: Make) -> None:
     np.testing.assert_allclose(promp.trajectory(promp.weights, 8), promp.mean_trajectory(8))
     with pytest.raises(InvalidRequestError, match="weights"):
         promp.trajectory(np.zeros((3, 4)), 8)
-
-
-@given(st.integers(0, 10**6), st.integers(1, 12), st.booleans())
-@settings(max_examples=25, deadline=None)
-def test_log_likelihood_is_the_dense_one(seed: int, size: int, singular: bool) -> None:
-    rng = np.random.default_rng(seed)
-    factor = rng.normal(size=(10, 3 if singular else 10))
-    promp = ProMP(Basis(5), rng.normal(size=10), factor @ factor.T, rng.uniform(1e-3, 1, 2))
-    z = np.sort(rng.uniform(0, 1, size))
-    y = promp.mean_trajectory(z) + rng.normal(size=(size, 2))
-    phi = dense(promp, z)
-    covariance = phi @ promp.covariance @ phi.T + np.diag(np.tile(promp.noise, size))
-    expected = multivariate_normal(phi @ promp.weights, covariance).logpdf(y.ravel())
-    assert promp.log_likelihood(y, z) == pytest.approx(expected, rel=1e-8, abs=1e-7)
-
-
-def test_log_likelihood_prefers_its_own(make_promp: Make) -> None:
-    promp = make_promp(6)
-    own = promp.sample(np.random.default_rng(0), 1, 50, observation_noise=True)[0]
-    assert promp.log_likelihood(own) > promp.log_likelihood(own + 1.0)
-
-
-def test_the_mean_of_vaguer_weights_is_less_likely(make_promp: Make) -> None:
-    """Each weight that the samples tell is worth half the logarithm of its variance."""
-    promp = make_promp(6)
-    likely = []
-    for variance in (1e6, 1e12, 1e18):
-        vague = promp.with_weights(promp.mean, variance * np.eye(promp.n_weights))
-        likely.append(vague.log_likelihood(promp.mean_trajectory(50)))
-    lost = 0.5 * promp.n_weights * np.log(1e6)
-    np.testing.assert_allclose(np.diff(likely), -lost, rtol=1e-3)
-
-
-def test_log_likelihood_refuses(make_promp: Make) -> None:
-    promp = make_promp(6)
-    certain = ProMP(promp.basis, promp.mean, promp.covariance)
-    with pytest.raises(InvalidRequestError, match="noise"):
-        certain.log_likelihood(np.zeros((5, 3)))
-    with pytest.raises(InvalidRequestError, match="shape"):
-        promp.log_likelihood(np.zeros((5, 2)))
-    with pytest.raises(InvalidRequestError, match="finite"):
-        promp.log_likelihood(np.full((5, 3), np.nan))
 
 
 def test_is_immutable(make_promp: Make) -> None:

@@ -22,7 +22,6 @@ Preset = Literal[
     "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss",
     "field", "shelf",
 ]  # fmt: skip
-Generated = Literal[Preset, "bookshelf", "box", "cage", "table-pick", "under-table"]
 
 Seed = Annotated[int, typer.Option(min=0, help="Same seed, same outcome.")]
 Workers = Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")]

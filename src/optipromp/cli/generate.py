@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from optipromp.cli.command import Report, Shown, command
-from optipromp.cli.console import Generated
+from optipromp.cli.console import Preset
 from optipromp.cli.robot import ArmOptions, Named, Whose
 from optipromp.errors import InvalidRequestError
 from optipromp.files import ALLOW_XACRO, FOLDERS, check_folder, check_inside, is_folder
@@ -24,13 +24,12 @@ SEEN = "seen"
 @command()
 def generate(
     preset: Annotated[
-        Generated,
+        Preset,
         typer.Option(
             help="cluster: 1-4 fruits before the ripe one; side-clusters: and neighbours; "
             "table-top: and a gutter; mixed: all of these; tight: fruits that nearly touch; limp: "
             "plumb stems; elongated: long fruits; truss: fruits on one truss; field: fruits, stems "
-            "and trusses of all kinds; shelf: cans and boxes; bookshelf, box, cage, table-pick, "
-            "under-table: a goal in joints among furniture."
+            "and trusses of all kinds; shelf: cans and boxes."
         ),
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the scene files go.")],

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optipromp.arrays import BoolArray, FloatArray, IntArray, lengths
+from optipromp.arrays import BoolArray, FloatArray, IntArray, lengths, read_only
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry.cells import Cells, make_cells, no_cells
 from optipromp.geometry.shapes import GRID, Shape
@@ -148,6 +148,16 @@ def selected(obstacles: Obstacles, which: slice | BoolArray) -> Obstacles:
     for array in kept.values():
         array.setflags(write=False)
     return obstacles._replace(**kept, cells=no_cells())
+
+
+def appended(obstacles: Obstacles, simple: Obstacles) -> Obstacles:
+    """The obstacles and then others, none of which has a grid; without cells."""
+    fields = ("kind", "position", "rotation", "size", "bound", "grid")
+    both = {
+        name: read_only(np.concatenate([getattr(obstacles, name), getattr(simple, name)]))
+        for name in fields
+    }
+    return obstacles._replace(**both, cells=no_cells())
 
 
 def _check_poses(position: FloatArray, rotation: FloatArray) -> None:

@@ -1,4 +1,4 @@
-"""Goal configurations: found by inverse kinematics, ranked by clearance, checked by the judge."""
+"""Goal configurations: found by inverse kinematics, ranked by clearance, checked to be free."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,6 +11,7 @@ from optipromp.budget import Budget
 from optipromp.judging import Judgement
 from optipromp.optimization.costs.obstacles import self_overlap
 from optipromp.optimization.evaluation import Evaluation
+from optipromp.planning import collision
 from optipromp.planning.parameters import GOAL
 from optipromp.planning.task import Task
 from optipromp.robots import ik
@@ -76,25 +77,22 @@ def nearest(task: Task, begin: FloatArray) -> FloatArray | None:
     goal = level(robot, found[1:], task.scene.frame[0])
     if np.minimum(goal - robot.lower, robot.upper - goal).min() < GOAL.nearest_margin:
         return None
-    _, touching = judging.clearances(task.scene, robot, goal)
-    return None if touching else goal
+    return goal if len(collision.free(task, goal)) else None
 
 
 def free(task: Task, goals: FloatArray) -> tuple[FloatArray, str]:
-    """The best goal configurations that touch nothing, and the contacts of the first that does."""
-    best = goals[: GOAL.enough]
-    if len(best) and not judging.clearances(task.scene, task.robot, best)[1]:
-        return best, ""
-    kept, blocked = [], ""
-    for i, goal in enumerate(goals):
-        _, touching = judging.clearances(task.scene, task.robot, goal[None])
-        if not touching:
-            kept.append(i)
-            if len(kept) == GOAL.enough:
-                break
-        elif not blocked:
-            blocked = "; ".join(map(str, touching))
-    return goals[kept], blocked
+    """The best goal configurations that touch nothing; where there is none, the judge's contacts of
+    the first.
+
+    A goal beside a mesh or a point cloud may touch its grid alone: then the judge finds it free.
+    """
+    kept = collision.free(task, goals, GOAL.enough)
+    if len(kept):
+        return kept, ""
+    contacts = [judging.clearances(task.scene, task.robot, goal[None])[1] for goal in goals]
+    sure = [i for i, touching in enumerate(contacts) if not touching]
+    blocked = next((touching for touching in contacts if touching), [])
+    return goals[sure[: GOAL.enough]], "; ".join(map(str, blocked))
 
 
 def choose(
@@ -158,13 +156,9 @@ def further(task: Task, seed: int, known: FloatArray) -> FloatArray:
     """
     if isinstance(task.goal, JointGoal):
         return known[:0]
-    new = [
-        goal
-        for goal in find(task, seed, GOAL.spread_starts)
-        if np.abs(known - goal).max(axis=1).min() > GOAL.distinct
-        and not judging.clearances(task.scene, task.robot, goal[None])[1]
-    ]
-    return np.array(new).reshape(-1, task.robot.n_joints)
+    found = find(task, seed, GOAL.spread_starts)
+    away = np.abs(found[:, None] - known).max(axis=2).min(axis=1)
+    return collision.free(task, found[away > GOAL.distinct])
 
 
 def narrow(task: Task, judgement: Judgement, goal: FloatArray) -> float:

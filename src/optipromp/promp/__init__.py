@@ -1,4 +1,4 @@
-"""Probabilistic movement primitives: learn, condition, combine.
+"""Probabilistic movement primitives: learn and condition.
 
 >>> import numpy as np
 >>> from optipromp.promp import Basis, JointPoint, condition, fit
@@ -27,12 +27,6 @@ from optipromp.promp.learning import fit as fit
 from optipromp.promp.learning import held_out_residuals as held_out_residuals
 from optipromp.promp.learning import residuals as residuals
 from optipromp.promp.model import ProMP as ProMP
-from optipromp.promp.operations import Marginals as Marginals
-from optipromp.promp.operations import Timing as Timing
-from optipromp.promp.operations import blend as blend
-from optipromp.promp.operations import coactivate as coactivate
-from optipromp.promp.operations import coactivate_marginals as coactivate_marginals
-from optipromp.promp.operations import modulate as modulate
 from optipromp.promp.points import JointPoint as JointPoint
 from optipromp.promp.points import TaskPoint as TaskPoint
 from optipromp.promp.tasks import TaskMap as TaskMap

@@ -13,8 +13,7 @@ from optipromp.arrays import FloatArray, read_only
 from optipromp.errors import InvalidRequestError
 from optipromp.promp.basis import Basis
 from optipromp.promp.checks import PHASE_TOLERANCE, ConditioningWarning, finite_array
-from optipromp.promp.gaussian import RANK_TOLERANCE, factorise, joseph
-from optipromp.promp.joint_kernels import Factor, joint_covariance, joint_factor, joint_mean
+from optipromp.promp.gaussian import Update, factorise, observed
 from optipromp.promp.model import ProMP, trusted
 from optipromp.promp.points import JointPoint, Point, TaskPoint
 from optipromp.promp.tasks import Rows, Search, TaskMap
@@ -53,13 +52,10 @@ def condition(
     tolerance: float = 1e-6,
     initial: ArrayLike | None = None,
 ) -> ProMP:
-    r"""The ProMP given that it passes the points: one Gaussian update, in which order is nothing.
+    r"""The ProMP given that it passes the points: a single Gaussian update.
 
-    With the rows H and covariance R of all points stacked, :math:`S = H\Sigma_w H^T + R` and
-    :math:`K = \Sigma_w H^T S^{-1}`
-
-    .. math:: \mu_w^+ = \mu_w + K(y^* - H\mu_w), \qquad
-              \Sigma_w^+ = (I - KH)\Sigma_w(I - KH)^T + KRK^T.
+    The order of the points does not matter. H and R are the rows and the covariance of all points,
+    stacked, and the update is that of :class:`optipromp.promp.gaussian.Update`.
 
     Joint points are linear, so this is exact. Task points are met by iterating the linearisation
     of ``task_map`` to the most probable weights given all points
@@ -164,10 +160,9 @@ def conditioned_mean(
     Raises:
         InvalidRequestError: as :func:`condition`.
     """
-    factor = _factor(promp, places, variances)
-    if factor.definite:
-        rows = _rows(promp.basis, places)
-        return joint_mean(factor, promp.mean, rows, values).reshape(promp.mean.shape)
+    update = _update(promp, places, variances)
+    if update.inverse.null is None:
+        return update.mean(promp.weights, values.T.flatten()).reshape(promp.mean.shape)
     points = [
         JointPoint(phase, value, variance or None, derivative)
         for (phase, derivative), value, variance in zip(places, values, variances, strict=True)
@@ -176,59 +171,40 @@ def conditioned_mean(
 
 
 @lru_cache(maxsize=16)
-def _factor(
+def _update(
     promp: ProMP, places: tuple[tuple[float, int], ...], variances: tuple[float, ...]
-) -> Factor:
-    """The factor of points at ``places``, which are independent of one another."""
-    n = promp.n_joints
-    noise = np.diag(np.tile(variances, n))
-    return joint_factor(promp.covariance, n, _rows(promp.basis, places), noise, RANK_TOLERANCE)
+) -> Update:
+    """The update by points at ``places``, which are independent of one another."""
+    noise = np.tile(variances, promp.n_joints)
+    return observed(promp.covariance, _rows(promp.basis, places, promp.n_joints), noise)
 
 
 def _condition_joints(promp: ProMP, points: Sequence[tuple[int, JointPoint]]) -> ProMP:
-    """The linear update. Rows are joint-major: row (j, p) is joint j at point p."""
-    n, count = promp.mean.shape
-    size, p = n * count, len(points)
-    values = _rows(promp.basis, tuple((point.phase, point.derivative) for _, point in points))
-    target = np.array([point.value for _, point in points])
-    prior = promp.covariance
-    blocks = np.zeros((n, p, n, p))
+    """The linear update."""
+    n, p = promp.n_joints, len(points)
+    rows = _rows(promp.basis, tuple((point.phase, point.derivative) for _, point in points), n)
+    noise = np.zeros((n, p, n, p))
     diagonal = np.arange(n)
     for i, (_, point) in enumerate(points):
         if isinstance(point.covariance, float):
-            blocks[diagonal, i, diagonal, i] = point.covariance
+            noise[diagonal, i, diagonal, i] = point.covariance
         elif point.covariance is not None:
-            blocks[:, i, :, i] = point.covariance
-    noise = blocks.reshape(n * p, n * p)
-    update = joint_factor(prior, n, values, noise, RANK_TOLERANCE)
-    if update.definite:
-        weights = joint_mean(update, promp.mean, values, target)
-        return trusted(promp, weights, joint_covariance(update, prior, values, noise))
-
-    cross, total = update.cross, update.total
-    deviation = np.sqrt(np.maximum(np.diagonal(prior), 0.0)).reshape(n, count)
-    reference = ((deviation @ np.abs(values).T) ** 2).reshape(-1) + np.diagonal(noise)
-    factor = factorise(total, reference)
-    gap = (target - values @ promp.mean.T).T.reshape(-1)
-    missed = factor.out_of_reach(gap)
+            noise[:, i, :, i] = point.covariance
+    update = observed(promp.covariance, rows, noise.reshape(n * p, n * p))
+    values = np.array([point.value for _, point in points]).T.flatten()
+    missed = update.inverse.out_of_reach(values - rows @ promp.weights)
     if missed is not None and float(np.abs(missed).max()) > REACH_TOLERANCE:
         _refuse(np.abs(missed).reshape(n, p), points, promp)
-    dual = factor.solve(gap)
-    dual += factor.solve(gap - total @ dual)
-    mean = promp.weights + dual @ cross
-    gain = factor.solve(cross).T
-    gain_rows = (gain.reshape(size * n, p) @ values).reshape(size, size)
-    return trusted(promp, mean, joseph(prior, gain, gain_rows, noise))
+    return trusted(promp, update.mean(promp.weights, values), update.covariance())
 
 
 @lru_cache(maxsize=64)
-def _rows(basis: Basis, places: tuple[tuple[float, int], ...]) -> FloatArray:
-    """The bases, or their derivatives, (P, K) at each phase and order of derivative."""
-    phases, orders = np.array([phase for phase, _ in places]), np.array([k for _, k in places])
-    values = np.empty((len(places), basis.count))
-    for order in set(orders.tolist()):
-        values[orders == order] = basis.evaluate(phases[orders == order], order)
-    return values
+def _rows(basis: Basis, places: tuple[tuple[float, int], ...], joints: int) -> FloatArray:
+    """H (nP, nK) of n joints at P phases, or of a derivative of each; row (j, p) is of joint j."""
+    rows = np.zeros((joints, len(places), joints, basis.count))
+    for i, (phase, order) in enumerate(places):
+        rows[range(joints), i, range(joints)] = basis.evaluate([phase], order)
+    return read_only(rows.reshape(joints * len(places), -1))
 
 
 def _refuse(missed: FloatArray, points: Sequence[tuple[int, JointPoint]], promp: ProMP) -> None:
@@ -307,18 +283,11 @@ def _condition_tasks(
             if found.missed <= tolerance:
                 break
 
-    new_mean = promp.weights + cross @ found.state.multipliers.reshape(-1)
     jacobian = found.state.jacobian
-    r = jacobian.shape[1]
-    by_point = cross.reshape(size, m, n).transpose(1, 0, 2) @ jacobian.transpose(0, 2, 1)
-    gain_cross = by_point.transpose(1, 0, 2).reshape(size, m * r)  # Σ Hᵀ
-    H = (jacobian[:, :, :, None] * values[:, None, None, :]).reshape(m * r, size)
-    noise = rows.variance.reshape(-1)
-    total = H @ gain_cross
-    reference = (np.abs(H) @ np.sqrt(np.maximum(np.diagonal(prior), 0.0))) ** 2 + noise
-    total.flat[:: m * r + 1] += noise
-    gain = factorise(total, reference).solve(gain_cross.T).T
-    result = trusted(promp, new_mean, joseph(prior, gain, gain @ H, noise))
+    H = (jacobian[:, :, :, None] * values[:, None, None, :]).reshape(-1, size)
+    update = observed(prior, H, rows.variance.reshape(-1))
+    mean = promp.weights + cross @ found.state.multipliers.reshape(-1)
+    result = trusted(promp, mean, update.covariance())
 
     residual = found.state.residual
     position_error = np.sqrt((residual[:, :3] ** 2).sum(axis=1))

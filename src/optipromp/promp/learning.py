@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optipromp.arrays import FloatArray
-from optipromp.errors import InvalidDemonstrationError, InvalidRequestError
+from optipromp.errors import InvalidDemonstrationError
 from optipromp.promp.basis import Basis
 from optipromp.promp.checks import (
     PHASE_TOLERANCE,
@@ -21,7 +21,6 @@ from optipromp.promp.checks import (
 )
 from optipromp.promp.conditioning import conditioned_mean
 from optipromp.promp.demonstrations import Demonstration, Demonstrations
-from optipromp.promp.gaussian import check_covariance
 from optipromp.promp.model import ProMP, made
 
 DemonstrationsLike = Demonstrations | Sequence[Demonstration] | Sequence[ArrayLike] | FloatArray
@@ -70,7 +69,6 @@ def fit(
     basis: Basis | None = None,
     *,
     ridge: float = RIDGE,
-    prior_covariance: ArrayLike | None = None,
     joint_names: Sequence[str] | None = None,
 ) -> ProMP:
     r"""Learn a ProMP from complete demonstrations, in closed form.
@@ -85,7 +83,7 @@ def fit(
     .. math:: \Sigma_w = \frac{S + \Sigma_0}{N + 1},
 
     the mode under an inverse-Wishart prior worth one demonstration of covariance
-    :math:`\Sigma_0`. By default :math:`\Sigma_0` is the diagonal of S/N, no entry below
+    :math:`\Sigma_0`, which is the diagonal of S/N, no entry below
     (1 % of that joint's range of motion)² — 10 % for a single demonstration, which says nothing
     about spread — so :math:`\Sigma_w` is positive definite for any number of demonstrations.
     Demonstrations on the same phases share one factorisation.
@@ -94,7 +92,6 @@ def fit(
         demonstrations: N of them. Bare arrays are evenly spaced in phase from 0 to 1.
         basis: by default ``Basis()``, the paper's.
         ridge: λ > 0 [-].
-        prior_covariance: Σ_0, (nK, nK) positive definite, or a variance for all weights.
         joint_names: n names, in place of those of the demonstrations.
 
     Warns:
@@ -119,7 +116,7 @@ def fit(
         )
     weights = ridge_weights(samples, basis, ridge)
     rest = residuals_of(samples, basis, weights)
-    mean, covariance = distribution(weights, prior_covariance)
+    mean, covariance = distribution(weights)
     demos = len(weights)
     if demos == 1:
         regularised("one demonstration says nothing about spread; the covariance is the prior's")
@@ -144,19 +141,14 @@ def complete(samples: Samples) -> None:
             )
 
 
-def distribution(
-    weights: FloatArray, prior_covariance: ArrayLike | None = None
-) -> tuple[FloatArray, FloatArray]:
+def distribution(weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Mean (n, K) and covariance (nK, nK) of the weights (N, n, K), as :func:`fit` has them."""
     demos, _, count = weights.shape
     mean = weights.mean(axis=0)
     centred = (weights - mean).reshape(demos, -1)
     scatter = centred.T @ centred
-    if prior_covariance is None:
-        floor = np.repeat(deviation_floor(np.ptp(weights, axis=(0, 2)), demos) ** 2, count)
-        prior = np.diag(np.maximum(np.diagonal(scatter) / demos, floor))
-    else:
-        prior = given_prior(prior_covariance, mean.size)
+    floor = np.repeat(deviation_floor(np.ptp(weights, axis=(0, 2)), demos) ** 2, count)
+    prior = np.diag(np.maximum(np.diagonal(scatter) / demos, floor))
     return mean, (scatter + prior) / (demos + 1.0)
 
 
@@ -343,16 +335,3 @@ def deviation_floor(extent: FloatArray, demonstrations: int) -> FloatArray:
     share = 0.1 if demonstrations == 1 else 0.01
     floor: FloatArray = np.maximum(np.maximum(extent, 0.1 * extent.max()), 0.01)
     return share * floor
-
-
-def given_prior(given: ArrayLike, size: int) -> FloatArray:
-    """A user's Σ_0, checked to be positive definite; a number stands for a multiple of I."""
-    if np.ndim(given) == 0:
-        return positive(float(np.asarray(given)), "prior_covariance") * np.eye(size)
-    prior = check_covariance(given, size, "prior_covariance")
-    smallest = float(np.linalg.eigvalsh(prior)[0])
-    if smallest <= 0.0:
-        raise InvalidRequestError(
-            f"prior_covariance must be positive definite; its smallest eigenvalue is {smallest:.3g}"
-        )
-    return prior

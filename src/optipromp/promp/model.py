@@ -1,6 +1,5 @@
 """The probabilistic movement primitive: a Gaussian over trajectories."""
 
-import math
 import os
 import zipfile
 from collections.abc import Sequence
@@ -16,7 +15,7 @@ from optipromp.errors import InvalidRequestError, OptiPrompError
 from optipromp.files import is_file, npz, read_npz, texts, write_atomically
 from optipromp.promp.basis import Basis
 from optipromp.promp.checks import finite_array, matched, names_for, positive
-from optipromp.promp.gaussian import add_noise, check_covariance, root
+from optipromp.promp.gaussian import check_covariance, root
 from optipromp.shown import Shown
 
 PROMP_FORMAT = 1
@@ -108,18 +107,6 @@ class ProMP(Shown):
         """Mean positions (T, n) at phases (T,), or at as many evenly spaced ones."""
         return self.basis.evaluate(phases) @ self.mean.T
 
-    def mean_velocity(self, phases: int | ArrayLike, duration: float = 1.0) -> FloatArray:
-        """Mean velocities (T, n) [unit/s] if the phase runs evenly over ``duration`` [s]."""
-        return self._mean_derivative(phases, duration, 1)
-
-    def mean_acceleration(self, phases: int | ArrayLike, duration: float = 1.0) -> FloatArray:
-        """Mean accelerations (T, n) [unit/s²] if the phase runs evenly over ``duration`` [s]."""
-        return self._mean_derivative(phases, duration, 2)
-
-    def _mean_derivative(self, phases: int | ArrayLike, duration: float, order: int) -> FloatArray:
-        rate = 1.0 / positive(duration, "duration") ** order
-        return self.basis.evaluate(phases, order) @ (rate * self.mean.T)
-
     def trajectory(self, weights: ArrayLike, phases: int | ArrayLike) -> FloatArray:
         """Positions (..., T, n) of given weights (..., n, K) or (nK,)."""
         array = finite_array(weights, "weights")
@@ -195,46 +182,6 @@ class ProMP(Shown):
         if observation_noise:
             result += rng.standard_normal(result.shape) * np.sqrt(self.noise)
         return result
-
-    def log_likelihood(self, positions: ArrayLike, phases: int | ArrayLike | None = None) -> float:
-        r"""Log density of a whole trajectory, :math:`\log N(y; \Phi\mu_w, \Phi\Sigma_w\Phi^T + R)`.
-
-        Costs O(T + (nK)^3), not O((Tn)^3): with :math:`\Sigma_w = LL^T` and
-        :math:`A = I + L^T\Phi^T R^{-1}\Phi L`, the determinant is :math:`|A||R|` and the quadratic
-        form is that of the most likely deviation and its remainder.
-
-        Args:
-            positions: (T, n); any part of the movement.
-            phases: (T,) of the rows; by default evenly spaced from 0 to 1.
-
-        Raises:
-            InvalidRequestError: a wrong shape, or a noise of 0 (the density is then degenerate).
-        """
-        y = finite_array(positions, "positions", 2)
-        n, count = self.mean.shape
-        values = self.basis.evaluate(y.shape[0] if phases is None else phases)
-        if y.shape != (values.shape[0], n):
-            raise InvalidRequestError(
-                f"positions: expected shape ({values.shape[0]}, {n}), got {y.shape}"
-            )
-        if (self.noise <= 0.0).any():
-            joint = self.joint_names[int(np.argmin(self.noise))]
-            raise InvalidRequestError(f"log_likelihood needs noise > 0; that of {joint} is 0")
-        gap = y - values @ self.mean.T
-        gram = values.T @ values
-        factor = self._root.reshape(n, count, -1)
-        weighted = (gram @ factor) / self.noise[:, None, None]
-        matrix = np.tensordot(factor, weighted, axes=([0, 1], [0, 1]))
-        add_noise(matrix, 1.0)
-        force = ((gap / self.noise).T @ values).reshape(-1) @ self._root
-        lower = np.linalg.cholesky(matrix)
-        whitened = np.linalg.solve(matrix, force)
-        rest = gap - values @ (self._root @ whitened).reshape(n, count).T
-        quadratic = float((rest**2 / self.noise).sum() + whitened @ whitened)
-        log_det = 2.0 * float(np.log(np.diagonal(lower)).sum())
-        log_det += y.shape[0] * float(np.log(self.noise).sum())
-        log_det += y.size * math.log(2.0 * math.pi)
-        return float(-0.5 * (quadratic + log_det))
 
     def with_weights(self, mean: ArrayLike, covariance: ArrayLike) -> "ProMP":
         """The same primitive (basis, noise, names) with another weight distribution, checked."""

@@ -28,7 +28,7 @@ import numpy as np
 
 from optipromp.arrays import BoolArray, FloatArray, all_finite
 from optipromp.errors import InvalidRequestError
-from optipromp.promp.gaussian import factorise
+from optipromp.promp.gaussian import observed
 from optipromp.promp.points import TaskPoint
 
 TaskMap = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray, FloatArray]]
@@ -134,6 +134,14 @@ def _rotation(axis: FloatArray, target: FloatArray, across: FloatArray) -> Float
     return turn
 
 
+def _blocks(jacobian: FloatArray) -> FloatArray:
+    """J (mr, mn) with one block (r, n) of ``jacobian`` (m, r, n) a point."""
+    m, r, n = jacobian.shape
+    rows = np.zeros((m, r, m, n))
+    rows[range(m), :, range(m)] = jacobian
+    return rows.reshape(m * r, m * n)
+
+
 class Iterate(NamedTuple):
     """A point of the iteration."""
 
@@ -178,41 +186,40 @@ class Search:
         offset = (self.covariance @ a.reshape(-1)).reshape(a.shape)
         return Iterate(a, offset, *self.rows.evaluate(self.task_map, self.mean + offset))
 
-    def spread(self, jacobian: FloatArray) -> FloatArray:
-        """J Σ_q Jᵀ (mr, mr) for J (m, r, n), one block a point."""
-        m, r, n = jacobian.shape
-        half = (jacobian @ self.covariance.reshape(m, n, m * n)).reshape(m * r, m, n)
-        total = half.transpose(1, 0, 2) @ jacobian.transpose(0, 2, 1)
-        return total.transpose(1, 0, 2).reshape(m * r, m * r)
-
-    def step(
-        self, state: Iterate, spread: FloatArray, variance: FloatArray, damping: float
-    ) -> tuple[Iterate, float]:
+    def step(self, state: Iterate, variance: FloatArray, damping: float) -> tuple[Iterate, float]:
         """The minimiser of the linearised problem.
 
         λ = (S + R + D)⁻¹ (e + J(q_k - μ)), a = Jᵀλ.
 
         Args:
             state: at q_k.
-            spread: S = J Σ Jᵀ (mr, mr).
             variance: R (m, r).
-            damping: D is this times the diagonal of S, and a little of its mean.
+            damping: D is this times the diagonal of S = J Σ Jᵀ, and a little of its mean.
 
         Returns:
             It, with e as the linearisation promises it and J of ``state``; and the norm of λ over
             exact rows.
         """
         _, offset, residual, jacobian = state
-        diagonal = np.diagonal(spread)
-        reference = diagonal + variance.reshape(-1) + damping * (diagonal + 1e-3 * diagonal.mean())
-        matrix = spread.copy()
-        matrix.flat[:: len(matrix) + 1] = reference
+        noise = variance
+        if damping > 0.0:
+            own = self.own_variance(jacobian)
+            noise = variance + damping * (own + 1e-3 * own.mean())
         right = residual + (jacobian @ offset[:, :, None])[:, :, 0]
-        dual = factorise(matrix, reference).solve(right.reshape(-1)).reshape(residual.shape)
+        update = observed(self.covariance, _blocks(jacobian), noise.reshape(-1))
+        force = update.force(right.reshape(-1))
+        dual = force.reshape(residual.shape)
         a = (dual[:, None, :] @ jacobian)[:, 0]
-        moved = (self.covariance @ a.reshape(-1)).reshape(a.shape)
+        moved = (force @ update.cross).reshape(a.shape)
         promised = right - (jacobian @ moved[:, :, None])[:, :, 0]
         return Iterate(a, moved, promised, jacobian), float(np.linalg.norm(dual[variance == 0.0]))
+
+    def own_variance(self, jacobian: FloatArray) -> FloatArray:
+        """The diagonal of J Σ_q Jᵀ (m, r)."""
+        m, _, n = jacobian.shape
+        each = np.einsum("iaib->iab", self.covariance.reshape(m, n, m, n))
+        own: FloatArray = ((jacobian @ each) * jacobian).sum(axis=2)
+        return own
 
     def between(self, state: Iterate, goal: Iterate, share: float) -> Iterate:
         """The state at a share of the way from one to another."""
@@ -231,9 +238,8 @@ class Search:
         damping, penalty, done, settled = 0.0, 0.0, 0, False
         while done < iterations and not settled:
             done += 1
-            spread = self.spread(state.jacobian)
             for _ in range(_TRIALS):
-                step, force = self.step(state, spread, variance, damping)
+                step, force = self.step(state, variance, damping)
                 cost, off, _ = step.merit(variance)
                 penalty = max(1.5 * force, 0.25 * penalty)
                 gain = here[0] - cost + penalty * (here[1] - off)
@@ -275,10 +281,10 @@ class Search:
         for _ in range(_CLOSING_STEPS):
             if missed <= _CLOSING**2 or damping > 1e3:
                 break
-            spread = self.spread(state.jacobian)
             left = Iterate(nothing, nothing, np.where(exact, state.residual, 0.0), state.jacobian)
-            loose = np.where(exact, 0.0, 1e6 * (spread.diagonal().max() + 1e-300))
-            step, _ = self.step(left, spread, loose, damping)
+            own = float(self.own_variance(state.jacobian).max())
+            loose = np.where(exact, 0.0, 1e6 * (own + 1e-300))
+            step, _ = self.step(left, loose, damping)
             largest = float(np.abs(step.offset).max())
             share = min(1.0, 0.5 / largest) if largest > 0.0 else 1.0
             tried = self.at(state.multipliers + share * step.multipliers)

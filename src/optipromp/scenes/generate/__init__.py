@@ -1,7 +1,5 @@
 """Random scenes by seed that an arm could solve, and the errors of a detector."""
 
-from optipromp.scenes.generate.furniture import FURNITURE as FURNITURE
-from optipromp.scenes.generate.furniture import Furniture as Furniture
 from optipromp.scenes.generate.generator import PANDA as PANDA
 from optipromp.scenes.generate.generator import PRESETS as PRESETS
 from optipromp.scenes.generate.generator import GenerationReport as GenerationReport

@@ -150,7 +150,7 @@ def unsolvable(scene: Scene) -> str | None:
     """The reason why no arm motion can end at the target; None where one may."""
     target = scene.target
     if target is None:
-        return None  # a goal in joints: its sampler has kept start and goal free
+        return None
     static = scene.obstacles("static")
     if len(static.kind):
         inside, _ = distances(static, target.position[None])

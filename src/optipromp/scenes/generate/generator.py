@@ -5,7 +5,6 @@ scenes, which are hard to place, would be rare. The side of the gutter is kept t
 after :data:`PATIENCE` samples.
 """
 
-import functools
 import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -17,9 +16,8 @@ import numpy as np
 
 from optipromp.errors import InvalidRequestError
 from optipromp.robots.library import NOTHING, Choice
-from optipromp.scenes.generate import bunches, furniture, plants, shelves
+from optipromp.scenes.generate import bunches, plants, shelves
 from optipromp.scenes.generate.checks import OverlapError, interpenetration, unsolvable
-from optipromp.scenes.generate.furniture import FURNITURE, Furniture
 from optipromp.scenes.generate.placing import at_robot
 from optipromp.scenes.scene import Scene
 from optipromp.scenes.values import suggest
@@ -47,21 +45,21 @@ class GenerationReport:
         reasons: why they were impossible, and how often.
     """
 
-    preset: Preset | Furniture
+    preset: Preset
     seed: int
     redraws: int
     reasons: Mapping[str, int] = field(default_factory=dict)
 
 
 def generate(
-    preset: Preset | Furniture, seed: int, robot: str | Path = PANDA, choice: Choice = NOTHING
+    preset: Preset, seed: int, robot: str | Path = PANDA, choice: Choice = NOTHING
 ) -> Scene:
     """The scene of a preset and a seed; see :func:`generate_with_report`."""
     return generate_with_report(preset, seed, robot, choice)[0]
 
 
 def generate_with_report(
-    preset: Preset | Furniture, seed: int, robot: str | Path = PANDA, choice: Choice = NOTHING
+    preset: Preset, seed: int, robot: str | Path = PANDA, choice: Choice = NOTHING
 ) -> tuple[Scene, GenerationReport]:
     """Sample a random scene.
 
@@ -87,15 +85,13 @@ def generate_with_report(
       (:mod:`optipromp.scenes.generate.plants`) that a study does not tell the planner.
     - ``shelf``: a can behind 2 to 6 upright cans and boxes on a shelf; horizontal approach with
       the Franka hand.
-    - ``bookshelf``, ``box``, ``cage``, ``table-pick``, ``under-table``: a goal in joints with the
-      Franka hand among furniture. Every second start is among it too.
 
     A scene is sampled again only where objects interpenetrate, or where no arm could solve it: the
     target out of reach, inside something static, a stem rooted where the cup must pass, or every
     goal configuration in collision.
 
     Args:
-        preset: one of :data:`PRESETS` or :data:`FURNITURE`.
+        preset: one of :data:`PRESETS`.
         seed: not negative; the same seed gives the same scene.
         robot: name or path. Any but the built-in Panda has its base placed so that it reaches the
             scene (:mod:`optipromp.scenes.generate.placing`): the sampled world is the same, stated
@@ -104,16 +100,16 @@ def generate_with_report(
 
     Raises:
         InvalidRequestError: an unknown preset or a negative seed; another robot than the Panda for
-            scenes of furniture or a shelf; a robot that reaches the scenes from no place.
+            a shelf; a robot that reaches the scenes from no place.
         InvalidRobotError: a robot that cannot be loaded.
     """
-    if preset not in (*PRESETS, *FURNITURE):
-        told = suggest(preset, (*PRESETS, *FURNITURE))
+    if preset not in PRESETS:
+        told = suggest(preset, PRESETS)
         raise InvalidRequestError(f"preset is {preset!r}: {told}")
     if seed < 0:
         raise InvalidRequestError(f"seed is {seed}; it must not be negative")
     other = robot != PANDA
-    if other and preset in ("shelf", *FURNITURE):
+    if other and preset == "shelf":
         raise InvalidRequestError(f"scenes of the preset {preset} are for the built-in panda only")
     rng = np.random.default_rng([zlib.crc32(preset.encode()), seed])
     reasons: Counter[str] = Counter()
@@ -142,10 +138,8 @@ def generate_with_report(
     )
 
 
-def _drawn(preset: Preset | Furniture, rng: np.random.Generator) -> tuple[str, int]:
+def _drawn(preset: Preset, rng: np.random.Generator) -> tuple[str, int]:
     """Sample the number of pushables, and the kind of a field's plants."""
-    if preset in FURNITURE:
-        return preset, 0
     few, many = (2, 4), ("tight", "truss", "field")
     low, most = (2, 6) if preset == "shelf" else few if preset in many else (1, 4)
     count = int(rng.integers(low, most + 1))
@@ -153,13 +147,9 @@ def _drawn(preset: Preset | Furniture, rng: np.random.Generator) -> tuple[str, i
     return kind, count
 
 
-def _kind(
-    preset: Preset | Furniture, seed: int, kind: str, count: int, rng: np.random.Generator
-) -> Sampler:
+def _kind(preset: Preset, seed: int, kind: str, count: int, rng: np.random.Generator) -> Sampler:
     """Sample the side of the gutter; returns the sampler of the rest."""
     name = f"{preset}-{seed}"
-    if preset in FURNITURE:
-        return functools.partial(furniture.sample, preset, name)
     if preset == "shelf":
         return lambda rng: shelves.sample(name, count, rng)
     if preset == "tight":

@@ -4,7 +4,9 @@ The families are those of MotionBenchMaker (Chamzas et al., 2022); the measures 
 hand ends in the furniture. It begins near home, or elsewhere in the furniture.
 """
 
+import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -43,13 +45,21 @@ class Place:
 Sampler = Callable[[np.random.Generator], tuple[list[SceneObject], list[Place]]]
 
 
-def sample(preset: Furniture, name: str, rng: np.random.Generator) -> Scene:
+def generate(family: Furniture, seed: int) -> Scene:
+    """The scene of a family and a seed: sampled again until start and goal are free."""
+    rng = np.random.default_rng([zlib.crc32(family.encode()), seed])
+    while True:
+        with suppress(OverlapError):
+            return sample(family, f"{family}-{seed}", rng)
+
+
+def sample(family: Furniture, name: str, rng: np.random.Generator) -> Scene:
     """One scene of a family.
 
     Raises:
         OverlapError: no free start or goal was found.
     """
-    objects, places = FAMILIES[preset](rng)
+    objects, places = FAMILIES[family](rng)
     scene = Scene(
         name=name,
         robot="panda",
