@@ -16,7 +16,7 @@ from optipromp.files import is_folder, is_there
 
 if TYPE_CHECKING:
     from optipromp.planning import Plan
-    from optipromp.robots.arm import Arm
+    from optipromp.robots.description import Arm
     from optipromp.robots.model import Robot
     from optipromp.scenes.scene import Scene
 

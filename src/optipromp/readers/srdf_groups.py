@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from optipromp.errors import InvalidRobotError
-from optipromp.robots.xml_tree import Node, read_xml
+from optipromp.readers.xml_tree import Node, read_xml
 
 
 @dataclass(frozen=True)

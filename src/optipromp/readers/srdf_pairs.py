@@ -3,15 +3,15 @@
 from pathlib import Path
 
 from optipromp.errors import InvalidRobotError
-from optipromp.robots.urdf import UrdfModel
-from optipromp.robots.xml_tree import read_xml
+from optipromp.readers.urdf import UrdfModel
+from optipromp.readers.xml_tree import read_xml
 
 _FOLDERS = (".", "srdf", "config", "../srdf", "../config")  # beside the URDF's own
 
 
-def srdf_files(model: UrdfModel) -> list[Path]:
+def srdf_files(urdf: Path) -> list[Path]:
     """Every SRDF beside the URDF, or in a folder srdf or config there."""
-    folders = {(model.path.resolve().parent / name).resolve() for name in _FOLDERS}
+    folders = {(urdf.resolve().parent / name).resolve() for name in _FOLDERS}
     return sorted(file for folder in folders for file in folder.glob("*.srdf"))
 
 
@@ -22,7 +22,7 @@ def srdf_beside(model: UrdfModel) -> Path | None:
     there is none, or where none of several is named so. Raises InvalidRobotError for one that
     has the name and cannot be read.
     """
-    found = srdf_files(model)
+    found = srdf_files(model.path)
     named = [file for file in found if model.path.stem.startswith(file.stem)]
     own = [file for file in found if _robot(file, strict=file in named) == model.name]
     named = [file for file in named if file in own]

@@ -49,7 +49,7 @@ def parts(spheres: FloatArray, triangles: FloatArray) -> FloatArray:
 
     ``spheres`` (k, 4) cover it. The hull of a sphere's points holds its part of the surface.
     """
-    from optipromp.robots.fit import shared_out  # with SciPy's image functions: slow to load
+    from optipromp.readers.fit import shared_out  # with SciPy's image functions: slow to load
 
     longest = float(np.ptp(triangles, axis=(0, 1)).max())
     step = max(PIECE, longest / PIECES)

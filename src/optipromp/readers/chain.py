@@ -1,6 +1,5 @@
 """The serial chain of a tree of links: fixed joints merged, mimics resolved, branches held."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -10,8 +9,9 @@ import numpy as np
 from optipromp.arrays import FloatArray, frozen
 from optipromp.arrays import rotation as turned
 from optipromp.errors import InvalidRobotError
+from optipromp.readers.urdf import UrdfJoint, UrdfModel
+from optipromp.robots.description import rotation_of
 from optipromp.robots.kernels import PRISMATIC, REVOLUTE, Kinematics
-from optipromp.robots.urdf import UrdfJoint, UrdfModel, Vector
 
 _NONE: Mapping[str, float] = MappingProxyType({})
 
@@ -143,18 +143,6 @@ def _path(model: UrdfModel, above: Mapping[str, UrdfJoint], base: str, tip: str)
             f"{model.path}: no movable joint between the {start} and the flange '{tip}'"
         )
     return path[::-1]
-
-
-def rotation_of(rpy: Vector) -> FloatArray:
-    """The (3, 3) rotation Rz(yaw) Ry(pitch) Rx(roll) of URDF angles [rad]."""
-    (cr, cp, cy), (sr, sp, sy) = map(math.cos, rpy), map(math.sin, rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
 
 
 def _from_the_root(model: UrdfModel) -> list[str]:
