@@ -16,7 +16,7 @@ from optipromp.errors import InvalidRequestError, InvalidRobotError
 from optipromp.planning import PlanOptions
 from optipromp.readers.reading import read_description
 from optipromp.robots import Cup, Robot, load_robot, robot_names, save_robot, with_tool
-from optipromp.robots.library import _DATA, NOTHING, load_arm
+from optipromp.robots.library import _DATA, NOTHING, READERS, _readers, load_arm
 from optipromp.robots.resolved import ARRAYS
 
 Writer = Callable[..., Path]
@@ -160,3 +160,27 @@ def test_a_scene_names_no_resolved_robot_with_meshes_elsewhere(
     with pytest.raises(InvalidRobotError, match="outside the folder"):
         load_scene("scene.yaml").load_robot()
     assert load_robot("arm.npz").n_joints == 2
+
+
+READER = """
+from optipromp.robots import load_robot
+def read(path, choice, check):
+    return load_robot(check(path.with_name(path.read_text())))
+"""
+
+
+def test_a_package_reads_another_format(
+    meshed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = tmp_path / "theirs-1.0.dist-info"
+    told.mkdir()
+    (told / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
+    (told / "entry_points.txt").write_text(f"[{READERS}]\nsdf = their_sdf:read\n")
+    (tmp_path / "their_sdf.py").write_text(READER)
+    (tmp_path / "arm.sdf").write_text(meshed.name)
+    with pytest.raises(InvalidRobotError, match=r"no robot .* or the path of a file that ends in"):
+        load_robot(tmp_path / "arm.sdf")
+    monkeypatch.syspath_prepend(tmp_path)
+    _readers.cache_clear()
+    assert load_robot(tmp_path / "arm.sdf") is load_robot(meshed)
+    _readers.cache_clear()
