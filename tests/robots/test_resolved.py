@@ -112,6 +112,7 @@ def worded(old: str, new: str) -> Callable[[dict[str, Any]], None]:
         (worded('"held_joints"', '"more"'), "held_joints"),
         (worded('["joint1"', '["joint2"'), "names of joints and of links must differ"),
         (worded('["joint1"', '["a\\u001b[2J"'), "without control characters"),
+        (worded('"why": "', '"why": "\\u001b[2J'), "a text in it holds control characters"),
         (changed("kinematics dof", lambda a: a + 1), "'kinematics dof' must lie in 0 to 6"),
         (changed("kinematics kind", lambda a: a + 5), "'kinematics kind' must lie in 0 to 1"),
         (changed("spheres segment", lambda a: a - 1), "'spheres segment' must lie in -1 to 6"),

@@ -3,7 +3,6 @@
 import os
 import re
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,7 +18,7 @@ from optipromp.files import (
 )
 from optipromp.readers.limited import LIMITS, run_limited
 from optipromp.readers.urdf import UrdfModel
-from optipromp.robots.description import LinkShape, mesh_file
+from optipromp.robots.description import LinkShape
 from optipromp.robots.library import folders_of
 
 PREFIX = "package://"
@@ -41,17 +40,6 @@ def package_folders(name: str, urdf: Path, given: Sequence[Path] = ()) -> list[P
     places = [*given, *over, *ament, *folders_of("ROS_PACKAGE_PATH")]
     folders = [each for place in places for each in (place, place / name) if each.name == name]
     return [each for each in dict.fromkeys(folders) if is_folder(each)]
-
-
-def meshes_found(model: UrdfModel) -> list[Path]:
-    """The files of all meshes that can be found; of others the reader says so where needed."""
-    found = []
-    for link in model.links.values():
-        for shape in (*link.collisions, *link.visuals):
-            if shape.kind == "mesh":
-                with suppress(InvalidRobotError):
-                    found.append(mesh_file(model.path, link.name, shape))
-    return list(dict.fromkeys(found))
 
 
 def with_meshes_found(

@@ -18,10 +18,11 @@ from optipromp.files import cache_folder, is_file, read_bytes, write_atomically
 from optipromp.readers.meshes import mesh_files
 from optipromp.readers.mjcf import is_mjcf, read_mjcf
 from optipromp.readers.mjcf_files import mjcf_files
-from optipromp.readers.packages import expanded, meshes_found, with_meshes_found
+from optipromp.readers.packages import expanded, with_meshes_found
 from optipromp.readers.robot_file import RobotFile, read_robot_file
 from optipromp.readers.srdf_pairs import srdf_files
 from optipromp.readers.urdf import UrdfModel, read_urdf
+from optipromp.robots.description import meshes_found
 from optipromp.robots.library import Check, Choice
 from optipromp.robots.model import Robot
 from optipromp.robots.resolved import SUFFIX, read_resolved, resolved
@@ -111,8 +112,9 @@ def _find(path: Path, choice: Choice, check: Check) -> _Found:
     model = read_urdf(urdf, entry.scale, content)
     covered = [link for link in model.links if link not in entry.spheres]
     model = with_meshes_found(model, covered, package_dirs)
-    for file in meshes_found(model):
-        check(file)
+    for link in model.links.values():
+        for file in meshes_found(urdf, link.name, (*link.collisions, *link.visuals)):
+            check(file)
     if bare:
         entry = entry.model_copy(update={"name": model.name})
     return _Found(entry, urdf, model, mesh_files(model, covered), groups)

@@ -1,7 +1,8 @@
 """What the description of a robot says beside its kinematics: the arm, shapes and their meshes."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -111,3 +112,13 @@ def mesh_file(urdf: Path, link: str, shape: LinkShape) -> Path:
             return candidate
     where = mesh_name(urdf, link, shape)
     raise InvalidRobotError(f"{where}: no such file, looked for {candidates[0]}")
+
+
+def meshes_found(urdf: Path, link: str, shapes: Iterable[LinkShape]) -> list[Path]:
+    """The files of a link's meshes that can be found; of others the reader says so where needed."""
+    found = []
+    for shape in shapes:
+        if shape.kind == "mesh":
+            with suppress(InvalidRobotError):
+                found.append(mesh_file(urdf, link, shape))
+    return found

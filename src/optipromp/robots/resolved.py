@@ -7,7 +7,7 @@ has the paths for pictures.
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -18,11 +18,11 @@ from pydantic import TypeAdapter, ValidationError
 from optipromp.arrays import frozen, lengths
 from optipromp.errors import InvalidRequestError, InvalidRobotError
 from optipromp.files import npz, read_npz, write_atomically
-from optipromp.robots.description import Arm, LeftOut, LinkGeometry, LinkShape, mesh_file
+from optipromp.robots.description import Arm, LeftOut, LinkGeometry, LinkShape, meshes_found
 from optipromp.robots.dynamics import Dynamics
 from optipromp.robots.kernels import Kinematics
 from optipromp.robots.model import BodySpheres, Robot
-from optipromp.shown import is_name
+from optipromp.shown import is_name, printable
 
 SUFFIX = ".npz"
 MOST_JOINTS = 200  # that move, of an arm, chosen: their frames at 20,000 configurations take 0.4 GB
@@ -176,9 +176,8 @@ def read_resolved(path: Path, check: Callable[[Path], Path] = Path) -> Robot:
         for segment, turn, at, own in places
     )
     for link in geometry:
-        for shape in (*link.shapes, *link.looks):
-            if shape.kind == "mesh" and (file := found_mesh(link, shape)):
-                check(file)
+        for file in meshes_found(link.urdf, link.link, (*link.shapes, *link.looks)):
+            check(file)
     return Robot(
         name=header.name,
         joint_names=header.joint_names,
@@ -196,14 +195,6 @@ def read_resolved(path: Path, check: Callable[[Path], Path] = Path) -> Robot:
         dynamics=Dynamics(**dynamics) if dynamics else None,
         arm=header.arm,
     )
-
-
-def found_mesh(link: LinkGeometry, shape: LinkShape) -> Path | None:
-    """The file of a mesh of a link; None where there is none."""
-    try:
-        return mesh_file(link.urdf, link.link, shape)
-    except InvalidRobotError:
-        return None
 
 
 def _arrays(data: dict[str, Any], sizes: dict[str, int]) -> dict[str, Any]:
@@ -247,6 +238,8 @@ def _check(header: _Header, arrays: dict[str, Any]) -> None:
     for names in (header.joint_names, header.link_names):
         if len(set(names)) < len(names) or not all(map(is_name, names)):
             raise ValueError("names of joints and of links must differ, without control characters")
+    if any(printable(text) != text for text in _texts((header.name, header.left_out, header.arm))):
+        raise ValueError("a text in it holds control characters")
     turns = np.concatenate([arrays["kinematics rotation"], arrays["flange_rotation"][None]])
     if not np.allclose(turns @ turns.transpose(0, 2, 1), np.eye(3), rtol=0.0, atol=_ROUNDED):
         raise ValueError("'kinematics rotation' and 'flange_rotation' must hold rotations")
@@ -258,6 +251,19 @@ def _check(header: _Header, arrays: dict[str, Any]) -> None:
     for key in ("velocity", "acceleration", "jerk", "spheres radius"):
         if not (arrays[key] > 0.0).all():
             raise ValueError(f"'{key}' must be positive")
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """All texts in a value."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Arm):
+        yield from _texts(vars(value))
+    elif isinstance(value, Mapping):
+        yield from _texts(tuple(value.items()))
+    elif isinstance(value, tuple):
+        for each in value:
+            yield from _texts(each)
 
 
 def _words(error: Exception) -> str:
