@@ -1,4 +1,4 @@
-"""Write src/optipromp/robots/data/*.npz: the built-in robots, resolved from their robot files.
+"""Write src/optipromp/robots/data/*.robot: the built-in robots, resolved from their robot files.
 
 Run from the repository after a change of the readers or of a robot file there:
 ``python scripts/built_in_robots.py``.
@@ -16,7 +16,7 @@ DATA = Path(__file__).resolve().parents[1] / "src" / "optipromp" / "robots" / "d
 def main() -> None:
     """Write them all."""
     for path in sorted(DATA.glob("*.yaml")):
-        save_robot(read_description(path, NOTHING, Path), path.with_suffix(".npz"))
+        save_robot(read_description(path, NOTHING, Path), path.with_suffix(".robot"))
 
 
 if __name__ == "__main__":

@@ -10,9 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from typer.testing import CliRunner
 
 from optipromp import load_scene, plan
+from optipromp.cli.main import app
 from optipromp.errors import InvalidRequestError, InvalidRobotError
+from optipromp.files import npz
 from optipromp.planning import PlanOptions
 from optipromp.readers.reading import read_description
 from optipromp.robots import Cup, Robot, load_robot, robot_names, save_robot, with_tool
@@ -58,22 +61,22 @@ def meshed(urdf: Writer, tmp_path: Path) -> Path:
 
 def test_a_saved_robot_is_the_same_to_the_bit(meshed: Path, tmp_path: Path) -> None:
     first = load_robot(meshed, tip="c")
-    save_robot(first, tmp_path / "arm.npz")
-    again, arm = load_arm("arm.npz", tmp_path)
+    save_robot(first, tmp_path / "arm.robot")
+    again, arm = load_arm("arm.robot", tmp_path)
     assert_same_robot(first, again)
     assert arm == first.arm
     meshed.unlink()
     (tmp_path / "b.stl").unlink()
-    command = [sys.executable, "-c", BARE, str(tmp_path / "arm.npz")]
+    command = [sys.executable, "-c", BARE, str(tmp_path / "arm.robot")]
     told = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert bytes.fromhex(told) == first.spheres.radius.tobytes()
 
 
 @pytest.mark.filterwarnings("ignore:no built-in demonstrations")
 def test_a_plan_of_a_saved_robot_is_the_same_to_the_bit(meshed: Path, tmp_path: Path) -> None:
-    save_robot(load_robot(meshed), tmp_path / "arm.npz")
+    save_robot(load_robot(meshed), tmp_path / "arm.robot")
     motions = []
-    for robot in (meshed.name, "arm.npz"):
+    for robot in (meshed.name, "arm.robot"):
         scene = {"format": 1, "name": "s", "goal": {"joints": [0.5, -0.4]}, "objects": []}
         (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene | {"robot": robot}))
         made = plan(load_scene(tmp_path / "scene.yaml"), options=PlanOptions(timeout=60.0))
@@ -130,24 +133,24 @@ def worded(old: str, new: str) -> Callable[[dict[str, Any]], None]:
 def test_a_wrong_file_is_refused(
     tmp_path: Path, change: Callable[[dict[str, Any]], None], told: str
 ) -> None:
-    data = dict(np.load(_DATA / "panda.npz"))
+    data = dict(np.load(_DATA / "panda.robot"))
     assert set(data) == {"robot", *ARRAYS}
     change(data)
-    np.savez(tmp_path / "arm.npz", **data)
+    (tmp_path / "arm.robot").write_bytes(npz(data))
     with pytest.raises(InvalidRobotError) as caught:
-        load_robot(tmp_path / "arm.npz")
-    assert "arm.npz is no resolved robot file: " in caught.value.message
+        load_robot(tmp_path / "arm.robot")
+    assert "arm.robot is no resolved robot file: " in caught.value.message
     assert told in caught.value.message
 
 
 def test_what_cannot_be_saved_or_chosen(tmp_path: Path) -> None:
     with pytest.raises(InvalidRequestError, match="without_tool"):
-        save_robot(with_tool(load_robot("panda"), Cup(0.03)), tmp_path / "arm.npz")
-    with pytest.raises(InvalidRequestError, match=r"must end in \.npz"):
+        save_robot(with_tool(load_robot("panda"), Cup(0.03)), tmp_path / "arm.robot")
+    with pytest.raises(InvalidRequestError, match=r"must end in \.robot"):
         save_robot(load_robot("panda"), tmp_path / "arm.yaml")
-    save_robot(load_robot("panda"), tmp_path / "arm.npz")
+    save_robot(load_robot("panda"), tmp_path / "arm.robot")
     with pytest.raises(InvalidRobotError, match="resolved: it takes no tip"):
-        load_robot(tmp_path / "arm.npz", tip="panda_link8")
+        load_robot(tmp_path / "arm.robot", tip="panda_link8")
 
 
 def test_a_scene_names_no_resolved_robot_with_meshes_elsewhere(
@@ -155,12 +158,12 @@ def test_a_scene_names_no_resolved_robot_with_meshes_elsewhere(
 ) -> None:
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
-    save_robot(load_robot(meshed), tmp_path / "here" / "arm.npz")
+    save_robot(load_robot(meshed), tmp_path / "here" / "arm.robot")
     scene = {"format": 1, "name": "s", "goal": {"joints": [0.5, -0.4]}, "objects": []}
-    Path("scene.yaml").write_text(yaml.safe_dump(scene | {"robot": "arm.npz"}))
+    Path("scene.yaml").write_text(yaml.safe_dump(scene | {"robot": "arm.robot"}))
     with pytest.raises(InvalidRobotError, match="outside the folder"):
         load_scene("scene.yaml").load_robot()
-    assert load_robot("arm.npz").n_joints == 2
+    assert load_robot("arm.robot").n_joints == 2
 
 
 READER = """
@@ -185,3 +188,13 @@ def test_a_package_reads_another_format(
     _readers.cache_clear()
     assert load_robot(tmp_path / "arm.sdf") is load_robot(meshed)
     _readers.cache_clear()
+
+
+def test_check_shows_a_saved_robot_as_its_description(meshed: Path, tmp_path: Path) -> None:
+    save_robot(load_robot(meshed), tmp_path / "arm.robot")
+    told = []
+    for path in (meshed, tmp_path / "arm.robot"):
+        result = CliRunner().invoke(app, ["check", str(path), "--json"])
+        assert result.exit_code == 0, result.output
+        told.append(result.stdout.replace(str(path), "FILE"))
+    assert told[0] == told[1]

@@ -59,7 +59,7 @@ def kind_of(item: str) -> Kind:
             f"no file and nothing built in is called {item}; there is {names}"
         )
     match path.suffix.lower():
-        case ".urdf" | ".xml" | ".mjcf" | ".xacro":
+        case ".urdf" | ".xml" | ".mjcf" | ".xacro" | ".robot":
             return Kind.ROBOT
         case ".csv" | ".mcap" | ".db3":
             return Kind.DEMONSTRATIONS

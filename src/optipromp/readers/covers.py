@@ -10,6 +10,7 @@ from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRobotError
 from optipromp.processes import in_threads
 from optipromp.readers.chain import Placement
+from optipromp.readers.fit import MOST_SAMPLES, count_samples, finer, fit_covers
 from optipromp.readers.meshes import MOST_TRIANGLES, triangles
 from optipromp.readers.surfaces import of_box, of_rod, parts
 from optipromp.readers.urdf import UrdfModel
@@ -88,8 +89,6 @@ def _cover_shapes(
 
 
 def _made(model: UrdfModel, shapes: Mapping[Covered, tuple[str, LinkShape]]) -> list[Cover]:
-    from optipromp.readers.fit import fit_covers  # with SciPy's image functions: slow to load
-
     solids, count = list[FloatArray](), 0
     for link, shape in shapes.values():
         solids.append(_surface(model, link, shape))
@@ -109,8 +108,6 @@ def _made(model: UrdfModel, shapes: Mapping[Covered, tuple[str, LinkShape]]) -> 
 
 def _check_fineness(where: str, surface: FloatArray, count: int) -> None:
     """Refuse a robot of more than MOST_TRIANGLES, and a surface that folds without end."""
-    from optipromp.readers.fit import MOST_SAMPLES, count_samples
-
     if count > MOST_TRIANGLES:
         raise InvalidRobotError(
             f"{where}: with it the robot's meshes have {count} triangles: must have at most "
@@ -125,8 +122,6 @@ def _check_fineness(where: str, surface: FloatArray, count: int) -> None:
 
 def finer_cover(model: UrdfModel, link: str, cover: Cover, split: Collection[int]) -> Cover:
     """The cover of a link with the spheres ``split``, by their indices, in halves."""
-    from optipromp.readers.fit import finer
-
     surface = np.concatenate(
         [
             _surface(model, link, shape) @ rotation_of(shape.rpy).T + np.array(shape.xyz)

@@ -6,9 +6,11 @@ and that is seen by a plane between the parts' convex hulls.
 """
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from optipromp.arrays import BoolArray, FloatArray, IntArray
 from optipromp.compiled import inlined, inner, kernel
+from optipromp.readers.fit import shared_out
 from optipromp.robots.model import Robot
 
 PIECE = 0.010  # [m] chosen: longest side of the pieces of a surface between two spheres, and
@@ -38,8 +40,6 @@ def of_rod(radius: float, length: float, round_ends: float) -> FloatArray:
 
 
 def _hull(points: FloatArray) -> FloatArray:
-    from scipy.spatial import ConvexHull
-
     faces: FloatArray = points[ConvexHull(points).simplices]
     return faces
 
@@ -49,8 +49,6 @@ def parts(spheres: FloatArray, triangles: FloatArray) -> FloatArray:
 
     ``spheres`` (k, 4) cover it. The hull of a sphere's points holds its part of the surface.
     """
-    from optipromp.readers.fit import shared_out  # with SciPy's image functions: slow to load
-
     longest = float(np.ptp(triangles, axis=(0, 1)).max())
     step = max(PIECE, longest / PIECES)
     pieces, owner = shared_out(triangles, spheres[:, :3], spheres[:, 3], step)

@@ -69,9 +69,9 @@ def load_robot(
 ) -> Robot:
     """A robot without a tool: a built-in one by name, or from a file.
 
-    A resolved robot file (``.npz``, see :func:`optipromp.robots.resolved.save_robot`) is read here.
-    A file of another suffix goes to its reader: the entry points ``optipromp.robot_readers`` name
-    one each. Those of this package read a ``.urdf``, xacro, MJCF (``.xml``) or robot file
+    A resolved robot file (``.robot``, see :func:`optipromp.robots.resolved.save_robot`) is read
+    here. A file of another suffix goes to its reader: the entry points ``optipromp.robot_readers``
+    name one each. Those of this package read a ``.urdf``, xacro, MJCF (``.xml``) or robot file
     (``.yaml``). A bare URDF has its arm chosen by a rule and spheres from its geometry;
     accelerations and jerks are unlimited; home is zero, or the limits nearest to it.
 

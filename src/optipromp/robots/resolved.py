@@ -24,7 +24,7 @@ from optipromp.robots.kernels import Kinematics
 from optipromp.robots.model import BodySpheres, Robot
 from optipromp.shown import is_name, printable
 
-SUFFIX = ".npz"
+SUFFIX = ".robot"
 MOST_JOINTS = 200  # that move, of an arm, chosen: their frames at 20,000 configurations take 0.4 GB
 MOST_SPHERES = 2_000  # chosen: their pairs take 0.5 GB and 40 s
 LARGEST = 1e6  # of a length, mass or inertia, chosen: no number of an arm comes near it
@@ -102,7 +102,7 @@ def save_robot(robot: Robot, path: str | Path) -> None:
 
     Args:
         robot: without a tool, which a scene names.
-        path: of the file to write; its name must end in ``.npz``.
+        path: of the file to write; its name must end in ``.robot``.
 
     Raises:
         InvalidRequestError: the robot carries a tool, the path ends otherwise, or the file cannot
