@@ -11,8 +11,7 @@ import pytest
 from scripts.robots_tried import EXPECTED, OUT, Expected, verdict
 
 from optipromp.readers.arm import choose_arm
-from optipromp.readers.srdf_groups import read_srdf
-from optipromp.readers.srdf_pairs import srdf_beside
+from optipromp.readers.srdf import read_srdf, srdf_beside
 from optipromp.readers.urdf import read_urdf
 
 

@@ -10,7 +10,7 @@ from collections.abc import Set as AbstractSet
 from dataclasses import replace
 
 from optipromp.errors import InvalidRobotError
-from optipromp.readers.srdf_groups import Srdf
+from optipromp.readers.srdf import Srdf
 from optipromp.readers.tree import (
     CENTRE,
     FLANGE,
@@ -80,17 +80,14 @@ def choose_arm(
 
 
 def _made(tree: Tree, tip: str, base: str | None, why: str) -> Arm:
-    path = tree.path(tip)
     start = tree.model.root if base is None else base
-    if base is not None:
-        before = [joint.child for joint in path]
-        if base != tree.model.root and base not in before:
-            raise InvalidRobotError(
-                f"{tree.model.path}: base link '{base}' is not between the root and the tip "
-                f"'{tip}'; that path is {', '.join([tree.model.root, *before])}"
-            )
-        path = path[before.index(base) + 1 :] if base in before else path
-    joints = tuple(joint.name for joint in path if joint.kind != "fixed")
+    before = [tree.model.root, *(joint.child for joint in tree.path(tip))]
+    if start not in before:
+        raise InvalidRobotError(
+            f"{tree.model.path}: base link '{base}' is not between the root and the tip "
+            f"'{tip}'; that path is {', '.join(before)}"
+        )
+    joints = tuple(joint.name for joint in tree.path(tip, base) if joint.kind != "fixed")
     return Arm(start, tip, joints, _carried(tree, tip), why)
 
 
@@ -295,10 +292,7 @@ def _members(
     for base, tip in group.chains:
         if tip not in tree.model.links:
             continue
-        path = tree.path(tip)
-        before = [joint.child for joint in path]
-        start = before.index(base) + 1 if base in before else 0
-        joints |= {joint.name for joint in path[start:]}
+        joints |= {joint.name for joint in tree.path(tip, base)}
     for part in group.groups:
         if part not in srdf.groups:
             continue

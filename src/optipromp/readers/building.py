@@ -14,8 +14,7 @@ from optipromp.readers.covers import Cover, cover_links, finer_cover, stands_on_
 from optipromp.readers.inertials import dynamics
 from optipromp.readers.robot_file import RobotFile
 from optipromp.readers.self_collision import telescopes, with_self_pairs
-from optipromp.readers.srdf_groups import read_srdf
-from optipromp.readers.srdf_pairs import disabled_pairs, srdf_beside
+from optipromp.readers.srdf import disabled_pairs, read_srdf, srdf_beside
 from optipromp.readers.urdf import UrdfModel
 from optipromp.robots.description import Arm, LeftOut, LinkGeometry
 from optipromp.robots.library import Choice

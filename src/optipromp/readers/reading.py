@@ -20,7 +20,7 @@ from optipromp.readers.mjcf import is_mjcf, read_mjcf
 from optipromp.readers.mjcf_files import mjcf_files
 from optipromp.readers.packages import expanded, with_meshes_found
 from optipromp.readers.robot_file import RobotFile, read_robot_file
-from optipromp.readers.srdf_pairs import srdf_files
+from optipromp.readers.srdf import srdf_files
 from optipromp.readers.urdf import UrdfModel, read_urdf
 from optipromp.robots.description import meshes_found
 from optipromp.robots.library import Check, Choice

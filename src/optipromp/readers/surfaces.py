@@ -110,19 +110,17 @@ class Parts:
         ``frames``: origins (k, S, 3) and rotations (k, S, 3, 3). See :func:`hulls_touch`.
         """
         out = np.empty(len(pairs), dtype=np.bool_)
-        parts_touch(self.points, self.counts, robot.spheres.segment, *frames, rows, pairs, out)
+        parts = self.points, self.counts, robot.spheres.segment
+        parts_touch(parts, frames, rows, pairs, out)
         return out
 
 
 @kernel
-def parts_touch(points, counts, segment, origins, rotations, rows, pairs, out):  # type: ignore[no-untyped-def]
+def parts_touch(parts, frames, rows, pairs, out):  # type: ignore[no-untyped-def]
     """:func:`hulls_touch` of the parts of each pair (m, 2) at its row; see :class:`Parts`."""
-    turn, move, between, shift = (
-        np.empty((2, 3, 3)),
-        np.empty((2, 3)),
-        np.empty((3, 3)),
-        np.empty(3),
-    )
+    (points, counts, segment), (origins, rotations) = parts, frames
+    turn, move = np.empty((2, 3, 3)), np.empty((2, 3))
+    between, shift = np.empty((3, 3)), np.empty(3)
     corners, weights, gram, best = np.empty((4, 3)), np.empty(4), np.empty((4, 4)), np.empty(4)
     work = corners, weights, gram, best, np.empty(3), np.empty(3)
     for i in range(pairs.shape[0]):

@@ -61,10 +61,10 @@ class Tree:
             out[joint.parent].append(joint)
         return out
 
-    def path(self, link: str) -> list[UrdfJoint]:
-        """The joints from the root to ``link``."""
+    def path(self, link: str, base: str | None = None) -> list[UrdfJoint]:
+        """The joints from the root, or from the link ``base`` if it lies between, to ``link``."""
         out = []
-        while link in self.above:
+        while link in self.above and link != base:
             out.append(self.above[link])
             link = self.above[link].parent
         return out[::-1]
