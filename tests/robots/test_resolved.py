@@ -111,6 +111,7 @@ def worded(old: str, new: str) -> Callable[[dict[str, Any]], None]:
     [
         (lambda data: data.pop("robot"), "lacks 'robot'"),
         (lambda data: data.pop("lower"), "lacks 'lower'"),
+        (lambda data: data.pop("dynamics mass"), "lacks 'dynamics mass'"),
         (worded('"version": 1', '"version": 2'), "version: Input should be 1"),
         (worded('"held_joints"', '"more"'), "held_joints"),
         (worded('["joint1"', '["joint2"'), "names of joints and of links must differ"),

@@ -199,9 +199,9 @@ def read_resolved(path: Path, check: Callable[[Path], Path] = Path) -> Robot:
 
 def _arrays(data: dict[str, Any], sizes: dict[str, int]) -> dict[str, Any]:
     """The arrays of a file, of the types and shapes of :data:`ARRAYS`. Raises ValueError."""
-    out = {}
+    out, still = {}, not any(key.startswith("dynamics ") for key in data)
     for key, (kind, shape) in ARRAYS.items():
-        if key not in data and key.startswith("dynamics ") and "dynamics mass" not in data:
+        if still and key.startswith("dynamics "):
             continue
         array = data[key]
         for letter, size in zip(shape, array.shape, strict=False):
