@@ -61,9 +61,13 @@ def run_limited(
         command = [sys.executable, "-P", str(Path(__file__).with_name("programs.py"))]
         try:
             done = subprocess.run(
-                command, input=json.dumps({**given, **told}).encode(), capture_output=True,
-                timeout=limits.time, env=os.environ | THREADS, check=False,
-            )  # fmt: skip
+                command,
+                input=json.dumps({**given, **told}).encode(),
+                capture_output=True,
+                timeout=limits.time,
+                env=os.environ | THREADS,
+                check=False,
+            )
         except subprocess.TimeoutExpired:
             raise InvalidRobotError(
                 f"{path}: cannot be read within {limits.time:g} s: endless?"

@@ -123,9 +123,17 @@ def resolved(robot: Robot, folder: Path) -> bytes:
         for link in robot.geometry
     )
     header = _Header(
-        "optipromp robot", 1, robot.name, robot.joint_names, robot.link_names,
-        robot.held_joints, dict(robot.excess), robot.left_out, geometry, robot.arm,
-    )  # fmt: skip
+        format="optipromp robot",
+        version=1,
+        name=robot.name,
+        joint_names=robot.joint_names,
+        link_names=robot.link_names,
+        held_joints=robot.held_joints,
+        excess=dict(robot.excess),
+        left_out=robot.left_out,
+        geometry=geometry,
+        arm=robot.arm,
+    )
     drawn = {
         "segment": np.array([link.segment for link in robot.geometry], dtype=np.int64),
         "rotation": np.array([link.rotation for link in robot.geometry]).reshape(-1, 3, 3),
