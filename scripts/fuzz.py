@@ -162,7 +162,7 @@ def main() -> None:
     from tests.fuzzing.mutants import warm
 
     from optipromp import plan
-    from optipromp.robots import self_collision
+    from optipromp.readers import self_collision
 
     self_collision.SORTING_POSTURES = POSTURES
     cache = tempfile.TemporaryDirectory(prefix="fuzz-")  # where no robot is known already

@@ -38,8 +38,8 @@ READERS = [
     "optipromp.promp.demonstrations", "optipromp.promp.checks", "optipromp.promp.model",
     "optipromp.scenes.reading", "optipromp.scenes.schema", "optipromp.scenes.objects",
     "optipromp.scenes.values", "optipromp.scenes.pose", "optipromp.scenes.io",
-    "optipromp.robots.urdf", "optipromp.robots.urdf_tree", "optipromp.robots.xml_tree",
-    "optipromp.robots.robot_file", "optipromp.robots.srdf_groups",
+    "optipromp.readers.urdf", "optipromp.readers.urdf_tree", "optipromp.readers.xml_tree",
+    "optipromp.readers.robot_file", "optipromp.readers.srdf",
 ]  # fmt: skip
 CUT = b"\n--\xff--\n"  # between the members of an archive
 SRDF = b"""<robot name="r"><group name="arm"><chain base_link="l0" tip_link="l7"/><joint name="j"/>
@@ -100,9 +100,9 @@ def parser(target: str, folder: Path) -> Callable[[Path], Any]:
     """What reads a file, as the library does. Imports it."""
     from optipromp import ProMP, load_demonstrations, load_plan, load_scene
     from optipromp.geometry.loading import load_cloud, load_mesh
-    from optipromp.robots.robot_file import read_robot_file
-    from optipromp.robots.srdf_groups import read_srdf
-    from optipromp.robots.urdf import read_urdf
+    from optipromp.readers.robot_file import read_robot_file
+    from optipromp.readers.srdf import read_srdf
+    from optipromp.readers.urdf import read_urdf
     from optipromp.trajectory_files import read_trajectory
 
     if target == "plan.json":

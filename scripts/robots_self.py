@@ -14,12 +14,10 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
+from optipromp.readers.fit import spread
+from optipromp.readers.meshes import triangles
 from optipromp.robots import Robot, load_robot
-from optipromp.robots.chain import rotation_of
-from optipromp.robots.fit import spread
-from optipromp.robots.meshes import triangles
-from optipromp.robots.model import LinkGeometry
-from optipromp.robots.urdf import UrdfGeometry
+from optipromp.robots.description import LinkGeometry, LinkShape, rotation_of
 
 
 def link_meshes(robot: Robot) -> dict[str, np.ndarray]:
@@ -32,7 +30,7 @@ def link_meshes(robot: Robot) -> dict[str, np.ndarray]:
     }
 
 
-def _triangles(geometry: LinkGeometry, shape: UrdfGeometry) -> np.ndarray:
+def _triangles(geometry: LinkGeometry, shape: LinkShape) -> np.ndarray:
     if shape.kind == "mesh":
         return triangles(geometry.urdf, geometry.link, shape)
     made = {

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from optipromp.errors import InvalidRobotError
-from optipromp.robots.arm import Arm
+from optipromp.robots.description import Arm
 from optipromp.robots.library import load_arm
 
 PICKING = "## Arms that pick"  # what robots_pick.py writes; it and what follows are kept

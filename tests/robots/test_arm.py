@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from optipromp.cli.main import app
 from optipromp.errors import InvalidRobotError
+from optipromp.readers.tree import words
 from optipromp.robots.library import Choice, load_arm, load_robot
-from optipromp.robots.tree import words
 
 Writer = Callable[..., Path]
 SHORT = {"origin": '<origin xyz="0 0 0.2"/>'}

@@ -8,7 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from optipromp.robots import fit, load_robot
+from optipromp.files import npz
+from optipromp.readers import fit
+from optipromp.robots import load_robot
+from optipromp.robots.resolved import read_resolved
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -162,9 +165,9 @@ def moved(path: Path) -> Path:
     return copy
 
 
-def test_a_cover_is_kept_on_disk_by_content(armed: Path, tmp_path: Path) -> None:
+def test_a_robot_is_kept_on_disk_by_content(armed: Path, tmp_path: Path) -> None:
     first = load_robot(armed)
-    [kept] = (tmp_path / "cache" / "covers").iterdir()
+    [kept] = (tmp_path / "cache" / "robots").iterdir()
     written = kept.stat().st_mtime_ns
     again = load_robot(moved(armed))
     assert again is not first
@@ -177,18 +180,25 @@ def test_a_cover_is_kept_on_disk_by_content(armed: Path, tmp_path: Path) -> None
     assert len(list(kept.parent.iterdir())) == 2
 
 
-@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 damaged", None])
-def test_a_damaged_cache_is_fitted_again(
-    armed: Path, tmp_path: Path, content: bytes | None
-) -> None:
+@pytest.mark.parametrize("damage", ["empty", "half", "no archive", "version", "index", "nan"])
+def test_a_damaged_cache_is_written_again(armed: Path, tmp_path: Path, damage: str) -> None:
     first = load_robot(armed)
-    [kept] = (tmp_path / "cache" / "covers").iterdir()
-    if content is None:
-        np.savez(kept, **{"0": np.full((3, 4), np.nan)})
-    else:
-        kept.write_bytes(content)
+    [kept] = (tmp_path / "cache" / "robots").iterdir()
+    whole = kept.read_bytes()
+    arrays = dict(np.load(kept))
+    if damage == "version":
+        arrays["robot"] = np.array(str(arrays["robot"]).replace('"version": 1', '"version": 2'))
+    elif damage == "index":
+        arrays["spheres link"] = arrays["spheres link"] + 1000
+    elif damage == "nan":
+        arrays["spheres center"] = arrays["spheres center"] * np.nan
+    kept.write_bytes(npz(arrays))
+    if damage in ("empty", "half", "no archive"):
+        content = {"empty": b"", "half": whole[: len(whole) // 2], "no archive": b"PK\x03\x04 no"}
+        kept.write_bytes(content[damage])
     again = load_robot(moved(armed))
     np.testing.assert_array_equal(again.spheres.radius, first.spheres.radius)
+    np.testing.assert_array_equal(read_resolved(kept).spheres.radius, first.spheres.radius)
 
 
 def test_no_cache_folder_is_no_error(

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from optipromp.errors import InvalidRobotError
+from optipromp.readers import reading
+from optipromp.readers.mjcf import read_mjcf
+from optipromp.readers.mjcf_files import mjcf_files
 from optipromp.robots import load_robot
-from optipromp.robots.kept_mjcf import mjcf_files
 from optipromp.robots.library import load_arm
-from optipromp.robots.mjcf import read_mjcf
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -177,12 +178,15 @@ def test_a_file_read_before_needs_no_mujoco(
     path: Path, scattered: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for each in (path, scattered):
-        first = read_mjcf(each)
+        first = load_robot(each)
+        reading._held.clear()
         with monkeypatch.context() as patched:
             patched.setitem(sys.modules, "mujoco", None)
-            assert read_mjcf(each) == first
+            again = load_robot(each)
+            assert again is not first
+            assert [link.shapes for link in again.geometry] == [g.shapes for g in first.geometry]
             with pytest.raises(InvalidRobotError, match="needs MuJoCo"):
-                read_mjcf(each.rename(each.with_stem("other")))  # its name may be the robot's
+                load_robot(each.rename(each.with_stem("other")))  # its name may be the robot's
 
 
 def test_a_change_of_any_file_is_read(
@@ -208,13 +212,14 @@ def test_a_change_of_any_file_is_read(
     assert tops[1] - tops[0] > 0.08
 
 
-def test_a_lost_mesh_of_the_cache_is_made_again(path: Path) -> None:
-    model = read_mjcf(path)
-    (mesh,) = {
-        shape.mesh for link in model.links.values() for shape in link.collisions if shape.mesh
-    }
+@pytest.mark.parametrize("held", [True, False])
+def test_a_lost_mesh_of_the_cache_is_made_again(path: Path, held: bool) -> None:
+    shapes = [shape for link in load_robot(path).geometry for shape in link.shapes]
+    (mesh,) = {shape.mesh for shape in shapes if shape.mesh}
     Path(mesh).unlink()
-    assert read_mjcf(path) == model
+    if not held:
+        reading._held.clear()
+    load_robot(path)
     assert Path(mesh).is_file()
 
 
@@ -222,11 +227,14 @@ def test_a_damaged_cache_is_made_again(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
-    model = read_mjcf(path)
-    (kept,) = (tmp_path / "cache" / "mjcf").iterdir()
-    for content in (b"", b"{", b'{"name": "a"}', b"[" * 100_000):
+    load_robot(path)
+    (kept,) = (tmp_path / "cache" / "robots").iterdir()
+    whole = kept.read_bytes()
+    for content in (b"", b"PK", whole[:100], whole[:-100]):
         kept.write_bytes(content)
-        assert read_mjcf(path) == model
+        reading._held.clear()
+        load_robot(path)
+        assert kept.read_bytes() == whole
 
 
 BALL = '<geom size=".1"/>'
@@ -279,7 +287,7 @@ def test_a_process_that_ends_early_or_goes_on_is_told_of(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Limits so low that MuJoCo itself cannot start, or not end."""
-    from optipromp.robots import limited, mjcf
+    from optipromp.readers import limited, mjcf
 
     monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
 

@@ -10,10 +10,9 @@ from pathlib import Path
 import pytest
 from scripts.robots_tried import EXPECTED, OUT, Expected, verdict
 
-from optipromp.robots.arm import choose_arm
-from optipromp.robots.srdf_groups import read_srdf
-from optipromp.robots.touching import srdf_beside
-from optipromp.robots.urdf import read_urdf
+from optipromp.readers.arm import choose_arm
+from optipromp.readers.srdf import read_srdf, srdf_beside
+from optipromp.readers.urdf import read_urdf
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from optipromp.arrays import rotation
+from optipromp.readers.surfaces import hulls_touch, of_box, of_rod, parts
 from optipromp.robots import load_robot
 from optipromp.robots.spheres import cover_box, cover_cylinder
-from optipromp.robots.surfaces import hulls_touch, of_box, of_rod, parts
 
 
 @pytest.mark.parametrize("gap", [-0.0001, 0.0001])

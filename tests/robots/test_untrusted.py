@@ -124,7 +124,7 @@ def _row() -> object:
 
 
 def test_an_expression_without_end_is_cut(far: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from optipromp.robots import packages
+    from optipromp.readers import packages
 
     arm = xacro(far / "mark")
     arm.write_text(arm.read_text().replace('name="ab"', f'name="{"${10**10**10}"}"'))

@@ -17,7 +17,7 @@ from optipromp.files import is_folder, is_there
 
 if TYPE_CHECKING:
     from optipromp.planning import Plan
-    from optipromp.robots.arm import Arm
+    from optipromp.robots.description import Arm
     from optipromp.robots.model import Robot
     from optipromp.scenes.scene import Scene
 
@@ -60,7 +60,7 @@ def kind_of(item: str) -> Kind:
             f"no file and nothing built in is called {item}; there is {names}"
         )
     match path.suffix.lower():
-        case ".urdf" | ".xml" | ".mjcf" | ".xacro":
+        case ".urdf" | ".xml" | ".mjcf" | ".xacro" | ".robot":
             return Kind.ROBOT
         case ".csv" | ".mcap" | ".db3":
             return Kind.DEMONSTRATIONS

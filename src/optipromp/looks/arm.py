@@ -13,12 +13,10 @@ from optipromp.geometry.faces import revolve, sphere
 from optipromp.geometry.shapes import PRIMITIVES, hull_faces
 from optipromp.looks.faces import coarser, shape_faces
 from optipromp.looks.part import Part, hex_colour
-from optipromp.robots.chain import rotation_of
 from optipromp.robots.cup_cover import NECK_RADIUS
-from optipromp.robots.meshes import mesh_file
-from optipromp.robots.model import LinkGeometry, Robot
+from optipromp.robots.description import LinkGeometry, LinkShape, mesh_file, rotation_of
+from optipromp.robots.model import Robot
 from optipromp.robots.tools import FINGERS, TOOL_LINK, Cup, FrankaHand
-from optipromp.robots.urdf import UrdfGeometry
 
 LINK, BASE, DRUM = "#e3e6e9", "#8c9199", "#474d55"
 TOOL_COLOURS = {"mouth": "#a9d8ec", "neck": "#3b434c", "palm": "#dfe2e5", "finger": "#3b434c"}
@@ -80,7 +78,7 @@ def _given(robot: Robot) -> list[tuple[str, int, Solids]]:
     return out
 
 
-def _surfaces(link: LinkGeometry, shape: UrdfGeometry) -> list[tuple[str, FloatArray]]:
+def _surfaces(link: LinkGeometry, shape: LinkShape) -> list[tuple[str, FloatArray]]:
     colour = LINK if link.segment >= 0 else BASE
     if shape.kind == "mesh":
         found = _mesh(mesh_file(link.urdf, link.link, shape))

@@ -4,6 +4,7 @@ from optipromp.robots.grippers import FingerGripper, Scissor
 from optipromp.robots.library import Choice, load_robot, robot_names
 from optipromp.robots.mesh_tool import MeshTool
 from optipromp.robots.model import BodySpheres, Robot
+from optipromp.robots.resolved import save_robot
 from optipromp.robots.tool_geometry import Solid, cover_solids, solids_inertia
 from optipromp.robots.tool_protocol import Tool
 from optipromp.robots.tools import Cup, FrankaHand, with_tool, without_tool
@@ -22,6 +23,7 @@ __all__ = [
     "cover_solids",
     "load_robot",
     "robot_names",
+    "save_robot",
     "solids_inertia",
     "with_tool",
     "without_tool",

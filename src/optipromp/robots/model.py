@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -10,13 +9,13 @@ import numpy as np
 from optipromp.arrays import BoolArray, FloatArray, IntArray, all_finite
 from optipromp.errors import InvalidRequestError
 from optipromp.robots import kernels
+from optipromp.robots.description import NOT_TOLD, Arm, LeftOut, LinkGeometry
 from optipromp.robots.dynamics import Dynamics
 from optipromp.robots.kernels import Kinematics
 from optipromp.shown import Shown
 
 if TYPE_CHECKING:
     from optipromp.robots.tool_protocol import Tool
-    from optipromp.robots.urdf import UrdfGeometry
 
 __all__ = ["BodySpheres", "Kinematics", "Robot"]
 
@@ -29,26 +28,6 @@ class BodySpheres(NamedTuple):
     radius: FloatArray  # (B,) [m]
     link: IntArray  # (B,) index into Robot.link_names
     distal: BoolArray  # (B,) last link or tool: in B_s but not in B_d
-
-
-class LinkGeometry(NamedTuple):
-    """What a link's cover covers: x_segment = rotation @ x_link + translation; see Kinematics."""
-
-    link: str
-    segment: int  # -1 for the fixed base
-    rotation: FloatArray  # (3, 3)
-    translation: FloatArray  # (3,) [m]
-    shapes: "tuple[UrdfGeometry, ...]"
-    urdf: Path
-    looks: "tuple[UrdfGeometry, ...]" = ()  # its visual geometry
-
-
-class LeftOut(NamedTuple):
-    """Two links that are not kept apart, and why."""
-
-    link: str
-    other: str
-    why: str
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,6 +64,7 @@ class Robot(Shown):
     left_out: tuple[LeftOut, ...] = ()
     geometry: tuple[LinkGeometry, ...] = ()  # of links that have one
     dynamics: Dynamics | None = None
+    arm: Arm = NOT_TOLD
 
     def _words(self) -> str:
         tool = "no tool" if self.tool is None else type(self.tool).__name__

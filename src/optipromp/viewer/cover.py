@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from optipromp.arrays import FloatArray
-from optipromp.robots.chain import rotation_of
-from optipromp.robots.meshes import triangles
+from optipromp.readers.meshes import triangles
+from optipromp.robots.description import rotation_of
 from optipromp.robots.model import Robot
 
 if TYPE_CHECKING:

@@ -1,6 +1,5 @@
 """The serial chain of a tree of links: fixed joints merged, mimics resolved, branches held."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -10,8 +9,10 @@ import numpy as np
 from optipromp.arrays import FloatArray, frozen
 from optipromp.arrays import rotation as turned
 from optipromp.errors import InvalidRobotError
+from optipromp.readers.tree import Tree
+from optipromp.readers.urdf import UrdfJoint, UrdfModel
+from optipromp.robots.description import rotation_of
 from optipromp.robots.kernels import PRISMATIC, REVOLUTE, Kinematics
-from optipromp.robots.urdf import UrdfJoint, UrdfModel, Vector
 
 _NONE: Mapping[str, float] = MappingProxyType({})
 
@@ -65,11 +66,15 @@ def serial_chain(
     joint and of its leader leave nothing in common, when a joint cannot be moved (it has no limits,
     say), or cannot be held as asked.
     """
-    above = {joint.child: joint for joint in model.joints.values()}
-    order = _from_the_root(model)
+    tree = Tree(model)
     base = model.root if base is None else base
-    path = _path(model, above, base, tip)
+    path = tree.path(tip, base)
     movable = [joint for joint in path if joint.kind != "fixed"]
+    if not movable:
+        start = f"root '{base}'" if base == model.root else f"base link '{base}'"
+        raise InvalidRobotError(
+            f"{model.path}: no movable joint between the {start} and the flange '{tip}'"
+        )
     drives = _drives(model)
     for joint in movable:
         if joint.fault or (joint := model.joints[drives[joint.name].leader]).fault:
@@ -83,8 +88,7 @@ def serial_chain(
     placements = {model.root: Placement(-1, np.eye(3), np.zeros(3))}
     segments: list[tuple[UrdfJoint, FloatArray, FloatArray]] = []
     still: set[str] = set()
-    for child in order[1:]:
-        joint = above[child]
+    for joint in tree.outward:
         frame = placements[joint.parent]
         rotation = frame.rotation @ rotation_of(joint.rpy)
         translation = frame.rotation @ np.array(joint.xyz) + frame.translation
@@ -106,7 +110,7 @@ def serial_chain(
                     translation = rotation @ (np.array(joint.axis) * value) + translation
                 else:
                     rotation = rotation @ turned(joint.axis, value)
-        placements[child] = Placement(segment, rotation, translation, driver)
+        placements[joint.child] = Placement(segment, rotation, translation, driver)
 
     kinematics = Kinematics(
         kind=frozen([PRISMATIC if j.kind == "prismatic" else REVOLUTE for j in movable], np.int64),
@@ -128,44 +132,6 @@ def serial_chain(
         held_joints=tuple(name for name in model.joints if name in still),
         placements=MappingProxyType({name: placements[name] for name in model.links}),
     )
-
-
-def _path(model: UrdfModel, above: Mapping[str, UrdfJoint], base: str, tip: str) -> list[UrdfJoint]:
-    """The joints from ``base`` to ``tip``, of which one at least moves; ``above`` each link."""
-    path: list[UrdfJoint] = []
-    link = tip
-    while link in above and link != base:
-        path.append(above[link])
-        link = above[link].parent
-    if all(joint.kind == "fixed" for joint in path):
-        start = f"root '{base}'" if base == model.root else f"base link '{base}'"
-        raise InvalidRobotError(
-            f"{model.path}: no movable joint between the {start} and the flange '{tip}'"
-        )
-    return path[::-1]
-
-
-def rotation_of(rpy: Vector) -> FloatArray:
-    """The (3, 3) rotation Rz(yaw) Ry(pitch) Rx(roll) of URDF angles [rad]."""
-    (cr, cp, cy), (sr, sp, sy) = map(math.cos, rpy), map(math.sin, rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
-
-
-def _from_the_root(model: UrdfModel) -> list[str]:
-    """Every link, parents before children."""
-    below: dict[str, list[str]] = {}
-    for joint in model.joints.values():
-        below.setdefault(joint.parent, []).append(joint.child)
-    order = [model.root]
-    for link in order:  # grows while it is walked
-        order.extend(below.get(link, []))
-    return order
 
 
 def _check_held(

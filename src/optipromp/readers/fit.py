@@ -25,7 +25,7 @@ from scipy.spatial.distance import cdist
 
 from optipromp.arrays import BoolArray, FloatArray, IntArray
 from optipromp.processes import in_threads
-from optipromp.robots.fit_kernels import costs, farthest, first_of_cells, largest, owners
+from optipromp.readers.fit_kernels import costs, farthest, first_of_cells, largest, owners
 
 VOXEL = 0.003  # [m] of the grid, for parts of up to 0.4 m
 TIGHT = 0.008  # [m] of excess at which a cover gets no further sphere
@@ -300,14 +300,14 @@ def shared_out(
 def _owners(
     pieces: FloatArray, centers: FloatArray, radius: FloatArray
 ) -> tuple[IntArray, FloatArray]:
-    """See :func:`optipromp.robots.fit_kernels.owners`."""
+    """See :func:`optipromp.readers.fit_kernels.owners`."""
     owner, beyond = np.zeros(len(pieces), np.int64), np.empty(len(pieces))
     owners(pieces, centers, radius, owner, beyond)
     return owner, beyond
 
 
 def _farthest(points: FloatArray, centers: FloatArray) -> FloatArray:
-    """See :func:`optipromp.robots.fit_kernels.farthest`."""
+    """See :func:`optipromp.readers.fit_kernels.farthest`."""
     out = np.empty(len(centers))
     farthest(points, _columns(centers), out)
     return out

@@ -1,6 +1,7 @@
 """Programs that a file could make endless or fatal, run apart: in a process with limits."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -33,14 +34,14 @@ LIMITS = Limits()
 def run_limited(
     program: str, path: Path, given: Mapping[str, Any], limits: Limits = LIMITS
 ) -> bytes:
-    """What a program of this folder makes of a file, in a process of its own with limits.
+    """What a program of :mod:`optipromp.readers.programs` makes of a file, in its own process.
 
-    The program reads JSON from standard input: ``given``, and the keys ``path`` (absolute),
-    ``out`` (the file to write), ``memory`` and ``output`` [bytes]. An error it prints to standard
-    error, and ends with 3.
+    The program reads JSON from standard input: ``given``, and the keys ``program``, ``path``
+    (absolute), ``out`` (the file to write), ``memory`` and ``output`` [bytes]. An error it prints
+    to standard error, and ends with 3.
 
     Args:
-        program: name of the file in this folder.
+        program: name of its function.
         path: of the robot description.
         given: what else the program is told.
         limits: of the process.
@@ -50,14 +51,23 @@ def run_limited(
     """
     with tempfile.TemporaryDirectory(prefix="optipromp-") as folder:
         out = Path(folder) / "out"
-        told = {"path": str(path.absolute()), "out": str(out),
-                "memory": int(limits.memory), "output": int(limits.output)}  # fmt: skip
-        command = [sys.executable, "-P", str(Path(__file__).with_name(program))]
+        told = {
+            "program": program,
+            "path": str(path.absolute()),
+            "out": str(out),
+            "memory": int(limits.memory),
+            "output": int(limits.output),
+        }
+        command = [sys.executable, "-P", str(Path(__file__).with_name("programs.py"))]
         try:
             done = subprocess.run(
-                command, input=json.dumps({**given, **told}).encode(), capture_output=True,
-                timeout=limits.time, env=_environment(), check=False,
-            )  # fmt: skip
+                command,
+                input=json.dumps({**given, **told}).encode(),
+                capture_output=True,
+                timeout=limits.time,
+                env=os.environ | THREADS,
+                check=False,
+            )
         except subprocess.TimeoutExpired:
             raise InvalidRobotError(
                 f"{path}: cannot be read within {limits.time:g} s: endless?"
@@ -72,9 +82,3 @@ def run_limited(
     elif done.returncode != 3:
         words = f"reading it ended with {done.returncode}: {words[-SHOWN:]}"
     raise InvalidRobotError(f"{path}: {words[:SHOWN]}")
-
-
-def _environment() -> dict[str, str]:
-    import os
-
-    return dict(os.environ) | THREADS

@@ -2,8 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,19 +12,16 @@ from optipromp.errors import InvalidRobotError
 from optipromp.files import (
     ALLOW_XACRO,
     LARGEST_TEXT,
-    check_inside,
-    homes,
     is_file,
     is_folder,
     read_bytes,
 )
-from optipromp.robots.limited import LIMITS, run_limited
-from optipromp.robots.meshes import mesh_file
-from optipromp.robots.urdf import UrdfGeometry, UrdfModel
+from optipromp.readers.limited import LIMITS, run_limited
+from optipromp.readers.urdf import UrdfModel
+from optipromp.robots.description import LinkShape
+from optipromp.robots.library import folders_of
 
 PREFIX = "package://"
-Check = Callable[[Path], Path]
-"""Gives the path of a file back if it may be read, else raises InvalidRobotError."""
 
 _FOUND_BY_NAME = re.compile(r"\$\(find(?:-pkg-share)?\s+([\w.-]+)\s*\)|package://([\w.-]+)/")
 _UNIT = re.compile(rb"""<unit\b[^>]*\bmeter=["']([0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?)["']""")
@@ -40,32 +36,10 @@ def package_folders(name: str, urdf: Path, given: Sequence[Path] = ()) -> list[P
     """
     here = urdf.resolve().parent
     over = [here, *here.parents]
-    ament = [Path(part) / "share" for part in _paths("AMENT_PREFIX_PATH")]
-    places = [*given, *over, *ament, *_paths("ROS_PACKAGE_PATH")]
+    ament = [Path(part) / "share" for part in folders_of("AMENT_PREFIX_PATH")]
+    places = [*given, *over, *ament, *folders_of("ROS_PACKAGE_PATH")]
     folders = [each for place in places for each in (place, place / name) if each.name == name]
     return [each for each in dict.fromkeys(folders) if is_folder(each)]
-
-
-def only_inside(folder: Path | None, given: Sequence[Path]) -> tuple[Check, str]:
-    """The check of a robot that a file in ``folder`` names, and what it depends on, in words.
-
-    The robot's files may lie where that file's may, in ``given``, and in the user's folders of
-    packages.
-    """
-    more = [*given, *_paths("AMENT_PREFIX_PATH"), *_paths("ROS_PACKAGE_PATH")]
-    told = f" inside {homes(folder)} {more}"
-    return lambda path: check_inside(path, folder, InvalidRobotError, more), told
-
-
-def meshes_found(model: UrdfModel) -> list[Path]:
-    """The files of all meshes that can be found; of others the reader says so where needed."""
-    found = []
-    for link in model.links.values():
-        for shape in (*link.collisions, *link.visuals):
-            if shape.kind == "mesh":
-                with suppress(InvalidRobotError):
-                    found.append(mesh_file(model.path, link.name, shape))
-    return list(dict.fromkeys(found))
 
 
 def with_meshes_found(
@@ -81,7 +55,7 @@ def with_meshes_found(
         if not is_folder(each):
             raise InvalidRobotError(f"{each}: no such folder; packages were to be looked for there")
 
-    def found(link: str, shape: UrdfGeometry) -> UrdfGeometry:
+    def found(link: str, shape: LinkShape) -> LinkShape:
         if not shape.mesh.startswith(PREFIX):
             file = model.path.resolve().parent / shape.mesh.removeprefix("file://")
             return _in_metres(shape, file) if shape.mesh else shape
@@ -113,7 +87,7 @@ def with_meshes_found(
     return replace(model, links=MappingProxyType(changed))
 
 
-def _in_metres(shape: UrdfGeometry, file: Path) -> UrdfGeometry:
+def _in_metres(shape: LinkShape, file: Path) -> LinkShape:
     """``shape`` scaled by the unit that a DAE file states: ``<unit meter="0.001"/>``.
 
     RViz does so too; trimesh leaves the unit out.
@@ -129,7 +103,7 @@ def _in_metres(shape: UrdfGeometry, file: Path) -> UrdfGeometry:
 def expanded(path: Path, package_dirs: Sequence[Path], *, named_by_user: bool) -> bytes:
     """The URDF that the xacro file at ``path`` expands to, with its arguments' defaults.
 
-    xacro runs in a process of its own, within :data:`optipromp.robots.limited.LIMITS`.
+    xacro runs in a process of its own, within :data:`optipromp.readers.limited.LIMITS`.
 
     Raises InvalidRobotError when the extra that reads xacro is not installed, with what xacro
     says is wrong, and for a file that the user has neither named nor allowed.
@@ -153,14 +127,10 @@ def expanded(path: Path, package_dirs: Sequence[Path], *, named_by_user: bool) -
         "folders": {name: str(some[0]) for name, some in folders.items() if some},
     }
     try:
-        return run_limited("expand_xacro.py", path, given, replace(LIMITS, output=LARGEST_TEXT))
+        return run_limited("expand_xacro", path, given, replace(LIMITS, output=LARGEST_TEXT))
     except InvalidRobotError as error:
         said = error.message.removeprefix(f"{path}: ")
         raise InvalidRobotError(
             f"{path}: xacro cannot expand it: {said}; packages are looked "
             "for in package_dirs= or --package-dir and over the file"
         ) from None
-
-
-def _paths(variable: str) -> list[Path]:
-    return [Path(part) for part in os.environ.get(variable, "").split(os.pathsep) if part]

@@ -14,11 +14,11 @@ from types import MappingProxyType
 from typing import Literal, NoReturn
 
 from optipromp.errors import InvalidRobotError
-from optipromp.robots.urdf_tree import bases, check_mimics, check_tree
-from optipromp.robots.xml_tree import Node, read_xml
+from optipromp.readers.urdf_tree import bases, check_mimics, check_tree
+from optipromp.readers.xml_tree import Node, read_xml
+from optipromp.robots.description import LinkShape, Vector
 from optipromp.shown import LONGEST_NAME, is_name, printable
 
-Vector = tuple[float, float, float]
 JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]
 
 JOINT_KINDS: tuple[JointKind, ...] = ("revolute", "continuous", "prismatic", "fixed")
@@ -29,22 +29,6 @@ FAR_LENGTH = 10.0  # [m] chosen: a joint farther from its parent is remarked on
 ANGLE_LIMIT = 4.0 * math.pi  # [rad] an angle beyond it is taken for degrees
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-
-
-@dataclass(frozen=True)
-class UrdfGeometry:
-    """One collision or visual shape, placed in its link's frame.
-
-    ``size``: sphere (radius,), cylinder and capsule (radius, length), box (x, y, z) full sizes,
-    mesh (scale x, y, z); metres. ``xyz`` [m] and ``rpy`` [rad] place it. ``mesh`` is the file as
-    the URDF names it, empty for a primitive.
-    """
-
-    kind: Literal["sphere", "cylinder", "capsule", "box", "mesh"]
-    size: tuple[float, ...]
-    xyz: Vector
-    rpy: Vector
-    mesh: str = ""
 
 
 @dataclass(frozen=True)
@@ -65,8 +49,8 @@ class UrdfLink:
     """A link, its geometry, and its mass where the file gives one."""
 
     name: str
-    collisions: tuple[UrdfGeometry, ...]
-    visuals: tuple[UrdfGeometry, ...]
+    collisions: tuple[LinkShape, ...]
+    visuals: tuple[LinkShape, ...]
     inertial: UrdfInertial | None = None
 
 
@@ -171,7 +155,7 @@ class _Reader:
 
     def link(self, node: Node) -> UrdfLink:
         name = self.name(node)
-        found: dict[str, list[UrdfGeometry]] = {"collision": [], "visual": []}
+        found: dict[str, list[LinkShape]] = {"collision": [], "visual": []}
         for child in node.children:
             if child.tag in found:
                 found[child.tag].append(self.geometry(child, f"link '{name}' <{child.tag}>"))
@@ -197,7 +181,7 @@ class _Reader:
         )
         return UrdfInertial(value, *self.origin(holder, owner), tensor)
 
-    def geometry(self, node: Node, owner: str) -> UrdfGeometry:
+    def geometry(self, node: Node, owner: str) -> LinkShape:
         xyz, rpy = self.origin(node, owner)
         holder = self.only(node, "geometry", owner)
         if holder is None or len(holder.children) != 1:
@@ -209,21 +193,19 @@ class _Reader:
                 f"{what} is not a known shape; known: box, capsule, cylinder, mesh, sphere", shape
             )
         if shape.tag == "sphere":
-            return UrdfGeometry("sphere", (self.size(shape, "radius", what),), xyz, rpy)
+            return LinkShape("sphere", (self.size(shape, "radius", what),), xyz, rpy)
         if shape.tag in ("cylinder", "capsule"):
             size = (self.size(shape, "radius", what), self.size(shape, "length", what))
-            return UrdfGeometry(
-                "cylinder" if shape.tag == "cylinder" else "capsule", size, xyz, rpy
-            )
+            return LinkShape("cylinder" if shape.tag == "cylinder" else "capsule", size, xyz, rpy)
         if shape.tag == "box":
-            return UrdfGeometry("box", self.vector(shape, "size", what, positive=True), xyz, rpy)
+            return LinkShape("box", self.vector(shape, "size", what, positive=True), xyz, rpy)
         file = shape.attributes.get("filename", "").strip()
         if not file:
             self.refuse(f"{what} has no filename", shape)
         given = self.numbers(shape, "scale", 3, what, default=(1.0, 1.0, 1.0))
         if min(abs(s) for s in given) == 0.0:
             self.refuse(f"{what} scale is {given}; it must not be zero", shape)
-        return UrdfGeometry("mesh", tuple(s * self.scale for s in given), xyz, rpy, file)
+        return LinkShape("mesh", tuple(s * self.scale for s in given), xyz, rpy, file)
 
     def joint(self, node: Node) -> UrdfJoint:
         name = self.name(node)

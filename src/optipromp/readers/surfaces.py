@@ -6,9 +6,11 @@ and that is seen by a plane between the parts' convex hulls.
 """
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from optipromp.arrays import BoolArray, FloatArray, IntArray
 from optipromp.compiled import inlined, inner, kernel
+from optipromp.readers.fit import shared_out
 from optipromp.robots.model import Robot
 
 PIECE = 0.010  # [m] chosen: longest side of the pieces of a surface between two spheres, and
@@ -38,8 +40,6 @@ def of_rod(radius: float, length: float, round_ends: float) -> FloatArray:
 
 
 def _hull(points: FloatArray) -> FloatArray:
-    from scipy.spatial import ConvexHull
-
     faces: FloatArray = points[ConvexHull(points).simplices]
     return faces
 
@@ -49,8 +49,6 @@ def parts(spheres: FloatArray, triangles: FloatArray) -> FloatArray:
 
     ``spheres`` (k, 4) cover it. The hull of a sphere's points holds its part of the surface.
     """
-    from optipromp.robots.fit import shared_out  # with SciPy's image functions: slow to load
-
     longest = float(np.ptp(triangles, axis=(0, 1)).max())
     step = max(PIECE, longest / PIECES)
     pieces, owner = shared_out(triangles, spheres[:, :3], spheres[:, 3], step)
@@ -112,19 +110,17 @@ class Parts:
         ``frames``: origins (k, S, 3) and rotations (k, S, 3, 3). See :func:`hulls_touch`.
         """
         out = np.empty(len(pairs), dtype=np.bool_)
-        parts_touch(self.points, self.counts, robot.spheres.segment, *frames, rows, pairs, out)
+        parts = self.points, self.counts, robot.spheres.segment
+        parts_touch(parts, frames, rows, pairs, out)
         return out
 
 
 @kernel
-def parts_touch(points, counts, segment, origins, rotations, rows, pairs, out):  # type: ignore[no-untyped-def]
+def parts_touch(parts, frames, rows, pairs, out):  # type: ignore[no-untyped-def]
     """:func:`hulls_touch` of the parts of each pair (m, 2) at its row; see :class:`Parts`."""
-    turn, move, between, shift = (
-        np.empty((2, 3, 3)),
-        np.empty((2, 3)),
-        np.empty((3, 3)),
-        np.empty(3),
-    )
+    (points, counts, segment), (origins, rotations) = parts, frames
+    turn, move = np.empty((2, 3, 3)), np.empty((2, 3))
+    between, shift = np.empty((3, 3)), np.empty(3)
     corners, weights, gram, best = np.empty((4, 3)), np.empty(4), np.empty((4, 4)), np.empty(4)
     work = corners, weights, gram, best, np.empty(3), np.empty(3)
     for i in range(pairs.shape[0]):

@@ -1,4 +1,4 @@
-"""The distances of :mod:`optipromp.robots.fit`, in compiled loops that hold no matrix of them."""
+"""The distances of :mod:`optipromp.readers.fit`, in compiled loops that hold no matrix of them."""
 
 import math
 

@@ -1,69 +1,17 @@
-"""What MuJoCo read of an MJCF file, kept on disk under the hash of every file that it may read."""
+"""The files that an MJCF file names, found before MuJoCo reads any."""
 
-import hashlib
-import json
 import math
-import os
 from collections.abc import Callable, Iterator
-from contextlib import suppress
-from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from types import MappingProxyType
 
-from pydantic import TypeAdapter, ValidationError
-
-from optipromp.errors import InvalidRequestError, InvalidRobotError
-from optipromp.files import (
-    LARGEST_TEXT,
-    cache_folder,
-    is_file,
-    is_folder,
-    is_there,
-    read_bytes,
-    write_atomically,
-)
-from optipromp.robots.urdf import UrdfJoint, UrdfLink, UrdfModel
-from optipromp.robots.xml_tree import Node, read_xml
+from optipromp.errors import InvalidRobotError
+from optipromp.files import is_file, is_folder, is_there
+from optipromp.readers.xml_tree import Node, read_xml
 
 SUFFIXES = (".xml", ".mjcf")
-_MJCF_VERSION = 2  # part of the cache key: raise it when the same files give another model
 _FOLDERS = ("meshdir", "texturedir", "assetdir")  # of a <compiler>: where assets are
 MOST_COPIES = 1_000  # that one element asks for, chosen: Menagerie's robots ask for none
 MOST_HEIGHTS = 1_000_000  # of a height field, chosen
-
-
-@dataclass(frozen=True)
-class _Kept:
-    """A model but for its path: its name, the root, links and joints."""
-
-    name: str
-    root: str
-    links: dict[str, UrdfLink]
-    joints: dict[str, UrdfJoint]
-
-
-def kept_mjcf(path: Path, read: Callable[[], UrdfModel]) -> UrdfModel:
-    """The model of the MJCF file at ``path``: kept from an earlier time, or read now and kept.
-
-    It is read anew where it, MuJoCo, or a file that it names has changed, where one of those is not
-    found, and where one of its meshes is no longer in the cache.
-    """
-    file = _cache_file(path)
-    if file is None:
-        return read()
-    kind = TypeAdapter(_Kept)
-    with suppress(InvalidRequestError, ValidationError):
-        kept = kind.validate_json(read_bytes(file, InvalidRequestError, LARGEST_TEXT))
-        shapes = [s for each in kept.links.values() for s in (*each.collisions, *each.visuals)]
-        if all(is_file(Path(shape.mesh)) for shape in shapes if shape.kind == "mesh"):
-            links, joints = MappingProxyType(kept.links), MappingProxyType(kept.joints)
-            return UrdfModel(kept.name, path, kept.root, links, joints)
-    model = read()
-    kept = _Kept(model.name, model.root, dict(model.links), dict(model.joints))
-    with suppress(InvalidRequestError):  # the next run reads it again
-        write_atomically(file, json.dumps(kind.dump_python(kept)).encode())
-    return model
 
 
 def mjcf_files(path: Path, check: Callable[[Path], Path] = Path) -> list[Path] | None:
@@ -129,21 +77,3 @@ def _nodes(tree: Node) -> Iterator[Node]:
         node = waiting.pop()
         yield node
         waiting += node.children
-
-
-def _cache_file(path: Path) -> Path | None:
-    """The file that holds the model of these files; None without a cache, or where one is missing
-    or cannot be read: MuJoCo says what is wrong."""
-    folder, files = cache_folder(), mjcf_files(path)
-    if folder is None or files is None:
-        return None
-    try:
-        digest = hashlib.sha256(f"{_MJCF_VERSION} {version('mujoco')} {path.name}".encode())
-        for file in files:
-            content = read_bytes(file, InvalidRequestError)
-            name = os.path.relpath(file, path.parent)
-            digest.update(f" {name} {len(content)} ".encode())
-            digest.update(content)
-    except (InvalidRequestError, PackageNotFoundError, ValueError):
-        return None
-    return folder / "mjcf" / f"{digest.hexdigest()}.json"

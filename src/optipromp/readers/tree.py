@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from optipromp.robots.chain import rotation_of
-from optipromp.robots.urdf import UrdfJoint, UrdfModel
+from optipromp.readers.urdf import UrdfJoint, UrdfModel
+from optipromp.robots.description import rotation_of
 
 
 def _set(listed: str) -> frozenset[str]:
@@ -61,10 +61,10 @@ class Tree:
             out[joint.parent].append(joint)
         return out
 
-    def path(self, link: str) -> list[UrdfJoint]:
-        """The joints from the root to ``link``."""
+    def path(self, link: str, base: str | None = None) -> list[UrdfJoint]:
+        """The joints from the root, or from the link ``base`` if it lies between, to ``link``."""
         out = []
-        while link in self.above:
+        while link in self.above and link != base:
             out.append(self.above[link])
             link = self.above[link].parent
         return out[::-1]

@@ -7,7 +7,7 @@ from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, NoReturn
 
 if TYPE_CHECKING:
-    from optipromp.robots.urdf import UrdfJoint, UrdfLink
+    from optipromp.readers.urdf import UrdfJoint, UrdfLink
 
 Refuse = Callable[[str], NoReturn]
 

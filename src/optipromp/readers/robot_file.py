@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from optipromp.documents import read_document
 from optipromp.errors import InvalidRobotError
-from optipromp.robots.urdf import LENGTH_LIMIT
+from optipromp.readers.urdf import LENGTH_LIMIT
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]

@@ -21,18 +21,17 @@ from optipromp.arrays import FloatArray
 from optipromp.arrays import rotation as turned
 from optipromp.errors import InvalidRequestError, InvalidRobotError
 from optipromp.files import cache_folder, is_file, read_bytes, write_atomically
-from optipromp.robots.kept_mjcf import SUFFIXES, kept_mjcf
-from optipromp.robots.limited import LIMITS, run_limited
-from optipromp.robots.urdf import (
+from optipromp.readers.limited import LIMITS, run_limited
+from optipromp.readers.mjcf_files import SUFFIXES
+from optipromp.readers.urdf import (
     LENGTH_LIMIT,
-    UrdfGeometry,
     UrdfInertial,
     UrdfJoint,
     UrdfLink,
     UrdfMimic,
     UrdfModel,
-    Vector,
 )
+from optipromp.robots.description import LinkShape, Vector
 
 FREE, BALL, SLIDE = 0, 1, 2  # mjtJoint
 _SHAPES = {2: "sphere", 3: "capsule", 4: "box", 5: "cylinder", 6: "box", 7: "mesh"}  # mjtGeom
@@ -52,23 +51,17 @@ def is_mjcf(path: Path) -> bool:
 def read_mjcf(path: Path) -> UrdfModel:
     """Read the MJCF file at ``path``. Its meshes are left in the cache folder, by their content.
 
-    What is read is left there too (:mod:`optipromp.robots.kept_mjcf`).
-
     Raises InvalidRobotError where MuJoCo is not installed or cannot read the file, within the
-    limits of :mod:`optipromp.robots.limited`; where the file holds more than MOST_BODIES bodies,
+    limits of :mod:`optipromp.readers.limited`; where the file holds more than MOST_BODIES bodies,
     a length beyond 20 m, or a name that is no UTF-8.
     """
-    return kept_mjcf(path, lambda: _compiled(path))
-
-
-def _compiled(path: Path) -> UrdfModel:
     try:
         import mujoco
     except ImportError:
         raise InvalidRobotError(
             f"{path}: reading MJCF needs MuJoCo: pip install 'optipromp[sim]'"
         ) from None
-    content = run_limited("compile_mjcf.py", path, {})
+    content = run_limited("compile_mjcf", path, {})
     with tempfile.TemporaryDirectory(prefix="optipromp-") as folder:
         file = Path(folder) / "model.mjb"
         file.write_bytes(content)
@@ -227,7 +220,7 @@ class _Reader:
     def _link(self, body: int) -> UrdfLink:
         model = self.model
         first = int(model.body_geomadr[body])
-        solid: dict[bool, list[UrdfGeometry]] = {True: [], False: []}
+        solid: dict[bool, list[LinkShape]] = {True: [], False: []}
         for g in range(first, first + int(model.body_geomnum[body])):
             kind = _SHAPES.get(int(model.geom_type[g]))
             if kind is not None:
@@ -243,7 +236,7 @@ class _Reader:
             self.names[body], tuple(solid[True]), tuple(solid[False]), inertial if mass else None
         )
 
-    def _geometry(self, g: int, kind: Any) -> UrdfGeometry:
+    def _geometry(self, g: int, kind: Any) -> LinkShape:
         model = self.model
         size = [float(v) for v in model.geom_size[g]]
         what = f"a geom of body '{self.names[int(model.geom_bodyid[g])]}'"
@@ -253,11 +246,11 @@ class _Reader:
         place = _vector(model.geom_pos[g]), _rpy(_matrix(model.geom_quat[g]))
         if kind == "mesh":
             file = _stl(model, int(model.geom_dataid[g]))
-            return UrdfGeometry(kind, (1.0, 1.0, 1.0), *place, str(file))
+            return LinkShape(kind, (1.0, 1.0, 1.0), *place, str(file))
         if kind == "box":  # an ellipsoid is covered by its box
-            return UrdfGeometry(kind, tuple(2.0 * s for s in size), *place)
+            return LinkShape(kind, tuple(2.0 * s for s in size), *place)
         sizes = (size[0],) if kind == "sphere" else (size[0], 2.0 * size[1])
-        return UrdfGeometry(kind, sizes, *place)
+        return LinkShape(kind, sizes, *place)
 
 
 def _stl(model: Any, mesh: int) -> Path:

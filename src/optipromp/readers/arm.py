@@ -5,13 +5,13 @@ fingers, wheels, heads and sensors, holds what carries more than the arm (a tors
 longest chain that is left. Where two are alike it asks: an error lists the candidates.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 from optipromp.errors import InvalidRobotError
-from optipromp.robots.srdf_groups import Srdf
-from optipromp.robots.tree import (
+from optipromp.readers.srdf import Srdf
+from optipromp.readers.tree import (
     CENTRE,
     FLANGE,
     HEAD,
@@ -23,32 +23,11 @@ from optipromp.robots.tree import (
     Tree,
     words,
 )
-from optipromp.robots.urdf import UrdfJoint, UrdfModel
+from optipromp.readers.urdf import UrdfJoint, UrdfModel
+from optipromp.robots.description import Arm
 
 _NO_DIGITS = str.maketrans("", "", "0123456789")
 NO_ARM = HEAD | TORSO | PALM | LEG  # words of groups that are no arm, or more than one
-
-
-@dataclass(frozen=True)
-class Arm:
-    """An arm of a robot: its joints lie between the links ``base`` and ``tip``, its flange.
-
-    ``tool`` names the links beyond the flange that the last body carries; ``why`` says what chose
-    the arm, and ``others`` what else could be chosen. ``groups`` has the joints of each group of
-    the SRDF that is a chain; none where no SRDF was read.
-    """
-
-    base: str
-    tip: str
-    joints: tuple[str, ...]
-    tool: tuple[str, ...]
-    why: str
-    others: tuple[str, ...] = ()
-    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-
-    def __str__(self) -> str:
-        shown = f"{self.joints[0]} to {self.joints[-1]}" if self.joints else "none"
-        return f"tip '{self.tip}', base '{self.base}' ({len(self.joints)} joints: {shown})"
 
 
 def choose_arm(
@@ -101,17 +80,14 @@ def choose_arm(
 
 
 def _made(tree: Tree, tip: str, base: str | None, why: str) -> Arm:
-    path = tree.path(tip)
     start = tree.model.root if base is None else base
-    if base is not None:
-        before = [joint.child for joint in path]
-        if base != tree.model.root and base not in before:
-            raise InvalidRobotError(
-                f"{tree.model.path}: base link '{base}' is not between the root and the tip "
-                f"'{tip}'; that path is {', '.join([tree.model.root, *before])}"
-            )
-        path = path[before.index(base) + 1 :] if base in before else path
-    joints = tuple(joint.name for joint in path if joint.kind != "fixed")
+    before = [tree.model.root, *(joint.child for joint in tree.path(tip))]
+    if start not in before:
+        raise InvalidRobotError(
+            f"{tree.model.path}: base link '{base}' is not between the root and the tip "
+            f"'{tip}'; that path is {', '.join(before)}"
+        )
+    joints = tuple(joint.name for joint in tree.path(tip, base) if joint.kind != "fixed")
     return Arm(start, tip, joints, _carried(tree, tip), why)
 
 
@@ -316,10 +292,7 @@ def _members(
     for base, tip in group.chains:
         if tip not in tree.model.links:
             continue
-        path = tree.path(tip)
-        before = [joint.child for joint in path]
-        start = before.index(base) + 1 if base in before else 0
-        joints |= {joint.name for joint in path[start:]}
+        joints |= {joint.name for joint in tree.path(tip, base)}
     for part in group.groups:
         if part not in srdf.groups:
             continue

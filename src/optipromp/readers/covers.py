@@ -1,0 +1,193 @@
+"""Spheres that cover the links of a robot: all of their geometry, and little more."""
+
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from optipromp.arrays import FloatArray
+from optipromp.errors import InvalidRobotError
+from optipromp.processes import in_threads
+from optipromp.readers.chain import Placement
+from optipromp.readers.fit import MOST_SAMPLES, count_samples, finer, fit_covers
+from optipromp.readers.meshes import MOST_TRIANGLES, triangles
+from optipromp.readers.surfaces import of_box, of_rod, parts
+from optipromp.readers.urdf import UrdfModel
+from optipromp.robots.description import LinkShape, mesh_file, mesh_name, rotation_of
+from optipromp.robots.spheres import cover_box, cover_capsule, cover_cylinder
+
+LOOSE = 0.030  # [m] chosen: excess down to which a cover grows
+FIXED = 0.060  # [m] chosen: the same of a link that does not move, but for the arm's base
+PER_MESH = 7.5  # spheres, on average over the meshes of a robot: 60 for eight links
+MOUNTED = 0.005  # [m] chosen: how far from z = 0 a base may end that stands there
+
+
+class Cover(NamedTuple):
+    """Spheres (k, 4), centres and radii [m], and how far they reach beyond what they cover [m].
+
+    ``parts`` (c, 4): see :mod:`optipromp.readers.surfaces`; empty of spheres that were given.
+    """
+
+    spheres: FloatArray
+    excess: float
+    parts: FloatArray = np.zeros((0, 4))
+
+
+class Covered(NamedTuple):
+    """What a cover depends on: the kind and sizes of a shape, its mesh, and whether it is fixed."""
+
+    kind: str
+    size: tuple[float, ...]
+    mesh: Path | None
+    fixed: bool
+
+
+def cover_links(
+    model: UrdfModel, links: Collection[str], fixed: Collection[str] = ()
+) -> dict[str, Cover]:
+    """Covers of links over their collision geometry (visual where it has none), in their frames.
+
+    Those of links that are ``fixed`` are coarser.
+
+    Raises InvalidRobotError for a mesh that is missing, malformed or degenerate.
+    """
+    shapes = {link: model.links[link].collisions or model.links[link].visuals for link in links}
+    over = _cover_shapes(model, [(link, one) for link in links for one in shapes[link]], fixed)
+    covers = {}
+    for link, own in shapes.items():
+        shown = [(over[link, one], one) for one in own]
+        placed = [_placed(cover.spheres, shape) for cover, shape in shown]
+        before = np.cumsum([0, *[len(spheres) for spheres in placed]])
+        surfaces = [
+            _placed(cover.parts, shape) + [0.0, 0.0, 0.0, first]
+            for (cover, shape), first in zip(shown, before[:-1], strict=True)
+        ]
+        covers[link] = Cover(
+            np.concatenate([np.zeros((0, 4)), *placed]),
+            max((cover.excess for cover, _ in shown), default=0.0),
+            np.concatenate([np.zeros((0, 4)), *surfaces]),
+        )
+    return covers
+
+
+def _cover_shapes(
+    model: UrdfModel, shapes: Sequence[tuple[str, LinkShape]], fixed: Collection[str]
+) -> dict[tuple[str, LinkShape], Cover]:
+    """The cover of each shape, given with its link, in the shape's frame.
+
+    The spheres of meshes are shared out among all of them, so that they reach about equally far
+    beyond them.
+    """
+    first, key_of = dict[Covered, tuple[str, LinkShape]](), {}
+    for link, shape in shapes:
+        mesh = mesh_file(model.path, link, shape) if shape.kind == "mesh" else None
+        key_of[link, shape] = key = Covered(shape.kind, shape.size, mesh, link in fixed)
+        first.setdefault(key, (link, shape))
+    of_key = dict(zip(first, _made(model, first), strict=True))
+    return {told: of_key[key] for told, key in key_of.items()}
+
+
+def _made(model: UrdfModel, shapes: Mapping[Covered, tuple[str, LinkShape]]) -> list[Cover]:
+    solids, count = list[FloatArray](), 0
+    for link, shape in shapes.values():
+        solids.append(_surface(model, link, shape))
+        count += len(solids[-1])
+        _check_fineness(mesh_name(model.path, link, shape), solids[-1], count)
+    meshes = [i for i, key in enumerate(shapes) if key.mesh is not None]
+    loose = [FIXED if key.fixed else LOOSE for key in shapes if key.mesh is not None]
+    fitted = fit_covers([solids[i] for i in meshes], PER_MESH, loose) if meshes else []
+    of_mesh = dict(zip(meshes, fitted, strict=True))
+    spheres = [
+        of_mesh[i] if i in of_mesh else _cover(shape, LOOSE if key.fixed else 0.0)
+        for i, (key, (_, shape)) in enumerate(shapes.items())
+    ]
+    own = in_threads(parts, [centers for centers, _ in spheres], solids)
+    return [Cover(*cover, part) for cover, part in zip(spheres, own, strict=True)]
+
+
+def _check_fineness(where: str, surface: FloatArray, count: int) -> None:
+    """Refuse a robot of more than MOST_TRIANGLES, and a surface that folds without end."""
+    if count > MOST_TRIANGLES:
+        raise InvalidRobotError(
+            f"{where}: with it the robot's meshes have {count} triangles: must have at most "
+            f"{MOST_TRIANGLES}; simplify them, or give the link spheres in a robot file"
+        )
+    if (points := count_samples(surface)) > MOST_SAMPLES:
+        raise InvalidRobotError(
+            f"{where}: its triangles are as large as {points / MOST_SAMPLES:.0f} times what can be "
+            "covered: it folds over and over; simplify it"
+        )
+
+
+def finer_cover(model: UrdfModel, link: str, cover: Cover, split: Collection[int]) -> Cover:
+    """The cover of a link with the spheres ``split``, by their indices, in halves."""
+    surface = np.concatenate(
+        [
+            _surface(model, link, shape) @ rotation_of(shape.rpy).T + np.array(shape.xyz)
+            for shape in model.links[link].collisions or model.links[link].visuals
+        ]
+    )
+    spheres, excess = finer(surface, cover.spheres, split)
+    return Cover(spheres, excess, parts(spheres, surface))
+
+
+def _surface(model: UrdfModel, link: str, shape: LinkShape) -> FloatArray:
+    """The triangles (f, 3, 3) of a shape, in its frame."""
+    if shape.kind == "mesh":
+        return triangles(model.path, link, shape)
+    if shape.kind == "box":
+        return of_box(np.array(shape.size))
+    if shape.kind == "sphere":
+        return of_rod(shape.size[0], 0.0, shape.size[0])
+    radius, length = shape.size
+    return of_rod(radius, length, radius if shape.kind == "capsule" else 0.0)
+
+
+def stands_on_its_plane(covers: Mapping[str, Cover], places: Mapping[str, Placement]) -> bool:
+    """Whether the fixed links end at z = 0 of the root, where the robot is mounted.
+
+    Their covers are then raised, so that what the robot stands on does not count as touched.
+    """
+    fixed = [
+        (covers[name].parts[:, :3], place) for name, place in places.items() if place.segment < 0
+    ]
+    lowest = [
+        float((surface @ place.rotation[2]).min() + place.translation[2])
+        for surface, place in fixed
+        if len(surface)
+    ]
+    return abs(min(lowest, default=np.inf)) <= MOUNTED
+
+
+def _cover(shape: LinkShape, bulge: float) -> tuple[FloatArray, float]:
+    """The spheres of a primitive, and their excess: that of the centres' depths in it.
+
+    It may reach ``bulge`` beyond it, or its :func:`allowance`, whichever is more.
+    """
+    if shape.kind == "sphere":
+        radius = shape.size[0]
+        return np.array([[0.0, 0.0, 0.0, radius]]), 0.0
+    if shape.kind == "box":
+        spheres = cover_box(np.array(shape.size), max(bulge, allowance(min(shape.size) / 2.0)))
+        depth = (np.array(shape.size) / 2.0 - np.abs(spheres[:, :3])).min(axis=1)
+        return spheres, float((spheres[:, 3] - depth).max())
+    radius, length = shape.size
+    if shape.kind == "cylinder":
+        spheres = cover_cylinder(radius, length, max(bulge, allowance(min(radius, length / 2.0))))
+        side = radius - np.hypot(spheres[:, 0], spheres[:, 1])
+        depth = np.minimum(side, length / 2.0 - np.abs(spheres[:, 2]))
+        return spheres, float((spheres[:, 3] - depth).max())
+    tip = np.array([0.0, 0.0, length / 2.0])
+    spheres = cover_capsule(-tip, tip, radius, max(bulge, allowance(radius)))
+    return spheres, float((spheres[:, 3] - radius).max())
+
+
+def allowance(half_width: float) -> float:
+    """Bulge of a cover of URDF geometry [m]: the larger of 0.01 and 0.2 half widths."""
+    return max(0.01, 0.2 * half_width)
+
+
+def _placed(cover: FloatArray, shape: LinkShape) -> FloatArray:
+    centers = cover[:, :3] @ rotation_of(shape.rpy).T + np.array(shape.xyz)
+    return np.column_stack([centers, cover[:, 3:]])

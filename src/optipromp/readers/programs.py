@@ -1,0 +1,62 @@
+"""What :mod:`optipromp.readers.limited` runs in a process of its own: one function a program."""
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any, NoReturn
+
+
+def compile_mjcf(given: dict[str, Any]) -> None:
+    """Compile an MJCF file, and leave the model as MuJoCo's binary file."""
+    import mujoco
+
+    try:
+        os.chdir(Path(given["out"]).parent)  # where MuJoCo leaves its log
+        model = mujoco.MjModel.from_xml_path(given["path"])
+        mujoco.mj_saveModel(model, given["out"])
+    except (ValueError, MemoryError, mujoco.FatalError) as error:
+        _fail(f"{error}" or type(error).__name__)
+
+
+def expand_xacro(given: dict[str, Any]) -> None:
+    """Expand a xacro file to a URDF.
+
+    ``folders``: of packages by name; ``package_dirs``: that hold packages.
+    """
+    try:
+        import xacro
+        from xacrodoc import packages
+
+        packages.reset()
+        if given["package_dirs"]:
+            packages.look_in(given["package_dirs"])
+        packages.walk_up_from(given["path"])
+        packages.update_package_cache(given["folders"])
+        text = xacro.process_file(given["path"]).toxml()
+        Path(given["out"]).write_text(text, encoding="utf-8")
+    except (Exception, SystemExit) as error:  # xacro raises whatever goes wrong in the file
+        _fail(f"{type(error).__name__}: {error}")
+
+
+def _fail(words: str) -> NoReturn:
+    print(words, file=sys.stderr)  # noqa: T201
+    sys.exit(3)
+
+
+def main() -> None:
+    """Run the program that standard input names, within the limits that it gives."""
+    given = json.load(sys.stdin)
+    sys.stdin.close()
+    try:
+        import resource
+    except ImportError:  # Windows
+        pass
+    else:
+        resource.setrlimit(resource.RLIMIT_AS, (given["memory"],) * 2)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (given["output"],) * 2)
+    {"compile_mjcf": compile_mjcf, "expand_xacro": expand_xacro}[given["program"]](given)
+
+
+if __name__ == "__main__":
+    main()

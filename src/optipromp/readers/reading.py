@@ -1,0 +1,187 @@
+"""A robot of a URDF, xacro, MJCF or robot file: resolved before, or now, and kept so.
+
+The cache folder holds a resolved robot file under the hash of all that it was made of: the content
+of the files, what the caller chose, and the version of the readers.
+"""
+
+import hashlib
+import os
+import warnings
+from contextlib import suppress
+from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import NamedTuple
+
+from optipromp.errors import InvalidRequestError, InvalidRobotError
+from optipromp.files import cache_folder, is_file, read_bytes, write_atomically
+from optipromp.readers.meshes import mesh_files
+from optipromp.readers.mjcf import is_mjcf, read_mjcf
+from optipromp.readers.mjcf_files import mjcf_files
+from optipromp.readers.packages import expanded, with_meshes_found
+from optipromp.readers.robot_file import RobotFile, read_robot_file
+from optipromp.readers.srdf import srdf_files
+from optipromp.readers.urdf import UrdfModel, read_urdf
+from optipromp.robots.description import meshes_found
+from optipromp.robots.library import Check, Choice
+from optipromp.robots.model import Robot
+from optipromp.robots.resolved import SUFFIX, read_resolved, resolved
+
+_VERSION = 1  # of the readers: raise it when the same files give another robot
+_HELD = 16  # robots
+
+Stamps = tuple[tuple[Path, tuple[int, int] | None], ...]
+_held: dict[tuple[Path, str, Check], tuple["_Found", Stamps, Robot]] = {}
+
+
+class _Found(NamedTuple):
+    """What tells a robot: the robot file, the description, and the files beside it.
+
+    ``model`` is None of an MJCF, which only MuJoCo reads; ``files`` are those whose content counts,
+    and None where they are not known; ``groups`` is the SRDF that was given.
+    """
+
+    entry: RobotFile
+    urdf: Path
+    model: UrdfModel | None
+    files: list[Path] | None
+    groups: Path | None
+
+    def beside(self) -> list[Path]:
+        """The SRDF that was given, or all that may be the robot's."""
+        return srdf_files(self.urdf) if self.groups is None else [self.groups]
+
+
+def read_description(path: Path, choice: Choice, check: Check) -> Robot:
+    """The robot of a description at ``path``; see :func:`optipromp.robots.load_robot`.
+
+    Files that have not changed since this process read them are not read again.
+
+    Args:
+        path: of the file.
+        choice: of the caller; its paths start at the working directory.
+        check: called with each file that the description names before it is read.
+
+    Raises:
+        InvalidRobotError: the file cannot be read, or is no robot.
+    """
+    key = path.absolute(), repr(choice), check
+    if held := _held.get(key):
+        found, stamps, robot = held
+        if stamps == _stamps(path, found) and _whole(robot, found):
+            return robot
+    found = _find(path, choice, check)
+    stamps = _stamps(path, found)
+    robot = _resolved(found, path, choice)
+    if found.entry.velocity is None and found.model is not None:
+        for name in robot.joint_names:
+            if remark := found.model.joints[name].remark:
+                warnings.warn(remark, stacklevel=2)
+    if found.files is not None and found.urdf.suffix.lower() != ".xacro":  # it may include others
+        while len(_held) >= _HELD:
+            _held.pop(next(iter(_held)), None)
+        _held[key] = found, stamps, robot
+    return robot
+
+
+def _find(path: Path, choice: Choice, check: Check) -> _Found:
+    """What is at ``path``, all files found that it names."""
+    entry = RobotFile(format=1, name=path.stem, urdf=path.name)
+    bare = path.suffix.lower() not in (".yaml", ".yml")
+    if not bare:
+        entry = read_robot_file(path)
+    for name in (entry.urdf, *([entry.srdf] if entry.srdf else []), *entry.package_dirs):
+        check(path.parent / name)
+    folders = [*choice.package_dirs, *(path.parent / each for each in entry.package_dirs)]
+    package_dirs = [Path(folder) for folder in folders]
+    urdf, groups = path.parent / entry.urdf, None if choice.srdf is None else Path(choice.srdf)
+    if groups is None and entry.srdf is not None:
+        groups = path.parent / entry.srdf
+    if is_mjcf(urdf):
+        if entry.scale != 1.0:
+            raise InvalidRobotError(f"{path}: scale is for URDFs; {entry.urdf} is an MJCF")
+        named = mjcf_files(urdf, check)
+        if named is None and choice.untrusted:
+            told = f"{path}: {entry.urdf} names a file that is not there or is no XML"
+            raise InvalidRobotError(f"{told}: must be there, inside the scene's folder")
+        return _Found(entry, urdf, None, named, groups)
+    content = None
+    if urdf.suffix.lower() == ".xacro":
+        by_user = urdf == path and not choice.untrusted
+        content = expanded(urdf, package_dirs, named_by_user=by_user)
+    model = read_urdf(urdf, entry.scale, content)
+    covered = [link for link in model.links if link not in entry.spheres]
+    model = with_meshes_found(model, covered, package_dirs)
+    for link in model.links.values():
+        for file in meshes_found(urdf, link.name, (*link.collisions, *link.visuals)):
+            check(file)
+    if bare:
+        entry = entry.model_copy(update={"name": model.name})
+    return _Found(entry, urdf, model, mesh_files(model, covered), groups)
+
+
+def _stamps(path: Path, found: _Found) -> Stamps:
+    """Time and size of each file; None for one that is not there."""
+    out: list[tuple[Path, tuple[int, int] | None]] = []
+    for file in (path, found.urdf, *(found.files or ()), *found.beside()):
+        try:
+            status = file.stat()
+        except OSError:
+            out.append((file, None))
+        else:
+            out.append((file, (status.st_mtime_ns, status.st_size)))
+    return tuple(out)
+
+
+def _resolved(found: _Found, path: Path, choice: Choice) -> Robot:
+    """The robot, from the cache or made now."""
+    kept = _cache_file(found, choice)
+    if kept is not None:
+        with suppress(InvalidRobotError):
+            robot = read_resolved(kept)
+            geometry = tuple(link._replace(urdf=found.urdf) for link in robot.geometry)
+            if _whole(robot, found):
+                return replace(robot, geometry=geometry)
+    entry, model = found.entry, found.model
+    if model is None:
+        model = read_mjcf(found.urdf)
+        if found.urdf == path:
+            entry = entry.model_copy(update={"name": model.name})
+    from optipromp.readers.building import build  # with what covers need: slow to load
+
+    robot = build(entry, model, path, choice, found.groups)
+    if kept is not None:
+        with suppress(InvalidRequestError):  # the next run makes it again
+            write_atomically(kept, resolved(robot, kept.parent))
+    return robot
+
+
+def _whole(robot: Robot, found: _Found) -> bool:
+    """Whether the meshes that MuJoCo compiled of an MJCF are still in the cache."""
+    shapes = [shape for link in robot.geometry for shape in (*link.shapes, *link.looks)]
+    return found.model is not None or all(is_file(Path(s.mesh)) for s in shapes if s.mesh)
+
+
+def _cache_file(found: _Found, choice: Choice) -> Path | None:
+    """The file that holds the robot; None without a cache, or where a file cannot be read: its
+    reader says what is wrong."""
+    folder = cache_folder()
+    if folder is None or found.files is None:
+        return None
+    model, entry = found.model, found.entry.model_copy(update={"urdf": ""})
+    chosen = choice.tip, choice.base, sorted(choice.hold.items())
+    digest = hashlib.sha256(f"{_VERSION} {entry!r} {chosen} {found.groups is None}".encode())
+    try:
+        if model is None:
+            digest.update(f"{version('mujoco')} {found.urdf.name}".encode())
+        else:
+            links, joints = dict(model.links), dict(model.joints)
+            digest.update(f"{model.name} {model.root} {links} {joints}".encode())
+        for file in (*found.files, *found.beside()):
+            content = read_bytes(file, InvalidRequestError)
+            name = os.path.relpath(file, found.urdf.parent)
+            digest.update(f" {name} {len(content)} ".encode())
+            digest.update(content)
+    except (InvalidRequestError, PackageNotFoundError, ValueError):
+        return None
+    return folder / "robots" / f"{digest.hexdigest()}{SUFFIX}"

@@ -1,0 +1,266 @@
+"""The pairs of spheres of a robot that must stay apart, found by the surfaces of its links."""
+
+from collections.abc import Callable, Collection
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from optipromp.arrays import BoolArray, FloatArray, IntArray, frozen, lengths
+from optipromp.readers.surfaces import Parts
+from optipromp.robots.description import LeftOut
+from optipromp.robots.kernels import PRISMATIC, distances_between
+from optipromp.robots.model import Robot
+from optipromp.robots.self_collision import (
+    CHUNK,
+    candidate_pairs,
+    drop_always_touching,
+    random_postures,
+)
+
+SORTING_POSTURES = 20_000  # at which pairs of fitted covers are looked at
+TRYING_POSTURES = 4_000  # the same, to see which spheres are loose
+SHARED, SHARE = 2_000, 0.010  # chosen: configurations, and the share of them that makes one loose
+WRONG = 0.030  # chosen: share of them at which the parts of no two short spheres meet
+ROUNDS = 2  # chosen: UR10 needs them
+MOSTLY = 0.95  # share of them at which links touch, so that a check of them would say nothing
+OFTEN = 30  # times that two spheres overlap there, at least, for their slack to be known
+KEPT = 0.0005  # [m] of slack given away: parts are known at their corners (see DIRECTIONS)
+TAIL = 3.0  # chosen: given away too, in mean gaps of the distances at which parts may meet
+FAR = 0.05  # [m] that covers keep at all of them, so that a check of them is not worth its time
+ALONG = 0.9999  # chosen: least cosine of slides of one direction, 0.8 degrees
+MOST_LINKS = 3000  # pairs of links: a robot of 78 links; a chain of 3,000 would take hours
+_GAPS_AT_ONCE = 10_000_000  # 80 MB
+
+Found = tuple[IntArray, FloatArray, tuple[LeftOut, ...]]
+Finer = Callable[[Robot, IntArray], tuple[Robot, FloatArray]]
+
+
+def with_self_pairs(
+    robot: Robot, allowed: Collection[tuple[str, str]], parts: FloatArray, finer: Finer
+) -> Robot:
+    """The robot with its self-collision pairs: spheres of links two or more joints apart.
+
+    Left out are the pairs of links in ``allowed``. By ``parts`` (c, 4), the surfaces of the links
+    whose covers were fitted (see :class:`Parts`), :func:`sorted_out` gives the pairs of such links
+    a slack, or leaves them out. Of others those are left out that overlap at every one of
+    SAMPLED_POSTURES random configurations (fixed seed): they do whatever the arm does. Spheres that
+    are loose (:func:`loose_spheres`) are halved by ``finer``, a function of the robot and their
+    indices that gives the robot and the parts; this goes on for at most ROUNDS rounds.
+    """
+    for _ in range(ROUNDS if len(parts) else 0):
+        tried = _sorted(robot, allowed, parts, TRYING_POSTURES)
+        loose = loose_spheres(tried, parts)
+        if not len(loose):
+            break
+        robot, parts = finer(robot, loose)
+    return _sorted(robot, allowed, parts, SORTING_POSTURES)
+
+
+def _sorted(
+    robot: Robot, allowed: Collection[tuple[str, str]], parts: FloatArray, count: int
+) -> Robot:
+    pairs = candidate_pairs(robot, allowed)
+    pairs, slack, out = sorted_out(robot, pairs, list(robot.excess), parts, count)
+    return replace(
+        robot, self_pairs=frozen(pairs, np.int64), self_slack=frozen(slack), left_out=out
+    )
+
+
+def loose_spheres(robot: Robot, parts: FloatArray) -> IntArray:
+    """Indices of spheres that are short of their slack at more than SHARE of configurations where
+    the parts (see :class:`Parts`) of no two spheres that are short meet; none where there are such
+    spheres at fewer than WRONG of the configurations. Of spheres that do not move only those that
+    leave some of their part outside."""
+    surfaces, count = Parts(len(robot.spheres.radius), parts), np.zeros(len(robot.spheres.radius))
+    wrong = 0
+    parts_of = 1 + SHARED * max(len(robot.self_pairs), 1) // _GAPS_AT_ONCE
+    for postures in np.array_split(random_postures(robot, SHARED), max(10, parts_of)):
+        row, pair = np.nonzero(robot.self_gaps(postures) < 0.0)
+        pairs = robot.self_pairs[pair]
+        meet = surfaces.touch(robot, robot.segment_frames(postures), row, pairs)
+        apart = ~np.isin(row, row[meet])
+        short = np.column_stack([np.repeat(row[apart], 2), pairs[apart].ravel()])
+        np.add.at(count, np.unique(short, axis=0)[:, 1], 1.0)
+        wrong += len(np.unique(row[apart]))
+    if wrong < WRONG * SHARED:
+        return np.zeros(0, dtype=np.int64)
+    able = surfaces.known & ((robot.spheres.segment >= 0) | (surfaces.beyond(robot) > 0.0))
+    return np.flatnonzero((count > SHARE * SHARED) & able)
+
+
+def sorted_out(
+    robot: Robot, pairs: IntArray, fitted: Collection[str], given: FloatArray, count: int
+) -> Found:
+    """``pairs`` (P, 2) that are to be kept apart, their slack (P,) [m]; what is left out, and why.
+
+    Looked at are pairs of links named in ``fitted``, at ``count`` random configurations (fixed
+    seed). Two spheres may overlap by as much as they do wherever their parts (``given``, see
+    :class:`Parts`) are apart: their slack. A sphere that leaves some of its part outside, because
+    the robot stands there, counts as so much larger; such a pair's slack may be negative. Of n
+    samples at less than the largest distance at which parts met, a larger one was not seen: TAIL
+    times their spread over n is given away. Those that overlap :data:`OFTEN` while their parts
+    never meet are left out; so are links that touch all the same at more than :data:`MOSTLY` of the
+    configurations, and links whose covers keep :data:`FAR` at all of them. Spheres that are short
+    at home while the links are apart there get the slack that home needs; where home has a joint at
+    its limit, and so is where nobody chose to be, only if no configuration at which the parts of
+    the links meet goes unseen for it. Of more than :data:`MOST_LINKS` pairs of links none is looked
+    at.
+    """
+    link, names = robot.spheres.link, robot.link_names
+    pairs = pairs[np.lexsort((link[pairs[:, 1]], link[pairs[:, 0]]))] if fitted else pairs
+    looked = np.isin(link[pairs], [names.index(name) for name in fitted]).all(axis=1)
+    kept = [drop_always_touching(robot, pairs[~looked])]
+    slacks = [np.zeros(len(kept[0]))]
+    pairs, out = pairs[looked], list[LeftOut]()
+    if not len(pairs):
+        return kept[0], slacks[0], ()
+    links, first = np.unique(link[pairs], axis=0, return_index=True)
+    if len(links) > MOST_LINKS:
+        pairs = np.concatenate([*kept, drop_always_touching(robot, pairs)])
+        return pairs, np.zeros(len(pairs)), ()
+    sample = _Sample(robot, Parts(len(link), given), count)
+    for (a, b), own in zip(links, np.split(pairs, first[1:]), strict=True):
+        slack, share, nearest = sample.slack(own)
+        meet = np.isfinite(slack)
+        if nearest > FAR:
+            why = "never near"
+        elif share > MOSTLY:
+            why = f"touch at {100.0 * share:.0f} % of configurations"
+        else:
+            kept.append(own[meet])
+            slacks.append(slack[meet])
+            if meet.all():
+                continue
+            why = f"{(~meet).sum()} of {len(own)} pairs of spheres: only the covers touch"
+        out.append(LeftOut(names[a], names[b], why))
+    return np.concatenate(kept), np.concatenate(slacks), tuple(out)
+
+
+class _Sample:
+    """Random configurations of a robot, home the first, and where its links are there."""
+
+    def __init__(self, robot: Robot, parts: Parts, count: int) -> None:
+        self.robot, self.parts = robot, parts
+        postures = np.vstack([robot.home, random_postures(robot, count)])
+        self.frames = robot.segment_frames(postures)
+        self.balls = dict[tuple[int, int], tuple[FloatArray, float]]()
+        self.radius = robot.spheres.radius + parts.beyond(robot)
+        self.chosen = ((robot.home > robot.lower) & (robot.home < robot.upper)).all()
+
+    def placed(
+        self, link: IntArray, points: FloatArray, rows: slice | IntArray = slice(None)
+    ) -> FloatArray:
+        """Places (m, k, 3) of ``points`` (k, 3) on the segment of spheres ``link`` (of one link),
+        at configurations ``rows``, in the world."""
+        segment = int(self.robot.spheres.segment[link[0]])
+        origins, rotations = self.frames[0][rows], self.frames[1][rows]
+        if segment < 0:
+            return np.tile(points, (len(origins), 1, 1))
+        turned = np.matmul(points, rotations[:, segment].transpose(0, 2, 1))
+        placed: FloatArray = turned + origins[:, segment, None]
+        return placed
+
+    def slack(self, pairs: IntArray) -> tuple[FloatArray, float, float]:
+        """Of pairs (P, 2) of spheres of two links: the slack (P,) of each [m], infinite where their
+        parts never meet; the share of configurations at which any is short of its slack; and the
+        least gap of any [m]."""
+        centers, radius = self.robot.spheres.center, self.radius
+        first, i = np.unique(pairs[:, 0], return_inverse=True)
+        second, j = np.unique(pairs[:, 1], return_inverse=True)
+        full = radius[pairs].sum(axis=1)
+        times, least = np.zeros(len(pairs), np.int64), np.inf
+        step, overlaps = max(1, CHUNK // len(pairs)), []
+        near = self._near(first, second)
+        for start in range(0, max(len(near), 1), step):
+            rows = near[start : start + step]
+            one = self.placed(first, centers[first], rows)
+            other = self.placed(second, centers[second], rows)
+            apart = np.empty((len(one), len(pairs)))
+            distances_between(one, other, i, j, apart)
+            least = min(least, float((apart - full).min(initial=np.inf)))
+            row, pair = np.nonzero(apart < full)
+            times += np.bincount(pair, minlength=len(pairs))
+            overlaps.append((rows[row], pair, apart[row, pair]))
+        row, pair, apart = map(np.concatenate, zip(*overlaps, strict=True))
+        order = np.lexsort((-apart, pair))
+        reach = self._reach(pairs, row[order], pair[order], apart[order])
+        often = OFTEN * len(self.frames[0]) / SORTING_POSTURES
+        known = self.parts.known[pairs].all(axis=1) & (times >= often)
+        deep, nearest = apart <= reach[pair], full.copy()
+        np.minimum.at(nearest, pair, apart)
+        unseen = TAIL * (reach - nearest) / np.bincount(pair[deep], minlength=len(pairs)).clip(1)
+        slack = np.where(known, np.maximum(full - reach - unseen - KEPT, 0.0), 0.0)
+        slack[known & (reach == 0.0)] = np.inf
+        if known.any() and not reach.any():  # the links never touch
+            slack[:] = np.inf
+        short = apart < (full - slack)[pair]
+        home = np.flatnonzero(short & (row == 0))
+        if len(home) and not self._touch(row[home], pairs[pair[home]]).any():
+            freed = slack.copy()
+            freed[pair[home]] = full[pair[home]] - apart[home] + KEPT
+            still = apart < (full - freed)[pair]
+            lost = np.flatnonzero(short & ~still & ~np.isin(row, row[still]))
+            if self.chosen or not self._touch(row[lost], pairs[pair[lost]]).any():
+                slack = freed
+        short = np.unique(row[short])
+        slack -= full - self.robot.spheres.radius[pairs].sum(axis=1)
+        return slack, len(short) / len(self.frames[0]), least
+
+    def _near(self, first: IntArray, second: IntArray) -> IntArray:
+        """The configurations at which balls about spheres of two links are within FAR."""
+        (one, reach), (other, further) = self._ball(first), self._ball(second)
+        return np.flatnonzero(lengths(one - other) < FAR + reach + further)
+
+    def _ball(self, own: IntArray) -> tuple[FloatArray, float]:
+        """The middle of a ball about spheres of a link (m, 3) [m], and its radius."""
+        key = int(self.robot.spheres.link[own[0]]), len(own)
+        if key not in self.balls:
+            center, radius = self.robot.spheres.center[own], self.radius[own]
+            middle = center.mean(axis=0)
+            reach = float((lengths(center - middle) + radius).max())
+            self.balls[key] = self.placed(own, middle[None])[:, 0], reach
+        return self.balls[key]
+
+    def _touch(self, rows: IntArray, pairs: IntArray) -> BoolArray:
+        return self.parts.touch(self.robot, self.frames, rows, pairs)
+
+    def _reach(
+        self, pairs: IntArray, row: IntArray, pair: IntArray, apart: FloatArray
+    ) -> FloatArray:
+        """The largest distance (P,) [m] of the centres of each pair at which its parts meet, or 0.
+
+        Of each overlap: its configuration, its pair, and the distance; by pair, the largest first.
+        """
+        reach, count = np.zeros(len(pairs)), 8
+        at, end = (np.searchsorted(pair, np.arange(len(pairs)), side) for side in ("left", "right"))
+        while len(open_ := np.flatnonzero((reach == 0.0) & (at < end))):
+            taken = np.minimum(count, end[open_] - at[open_])
+            before = np.cumsum(taken) - taken
+            index = np.arange(taken.sum()) + np.repeat(at[open_] - before, taken)
+            meets = self._touch(row[index], pairs[pair[index]])
+            np.maximum.at(reach, pair[index[meets]], apart[index[meets]])
+            at[open_] += taken
+            count *= 2
+        return reach
+
+
+def telescopes(robot: Robot) -> list[tuple[str, str]]:
+    """Pairs of links that only slide along one direction past one another, as tubes of a telescope.
+
+    Of tubes within tubes covers meet, and so do the hulls of their parts, where the tubes do not.
+    """
+    kin, spheres = robot.kinematics, robot.spheres
+    links, first = np.unique(spheres.link, return_index=True)
+    of_segment = dict[int, list[str]]()
+    for link, segment in zip(links, spheres.segment[first], strict=True):
+        of_segment.setdefault(int(segment), []).append(robot.link_names[link])
+    ways = np.einsum("sij,sj->si", kin.rotation, kin.axis)  # in the frame of the segment before
+    slides = kin.kind == PRISMATIC
+    alike = np.abs(np.einsum("si,si->s", ways[1:], kin.axis[:-1])) > ALONG
+    on = np.append(False, slides[1:] & slides[:-1] & alike)  # with the slide before
+    out, first = [], np.maximum.accumulate(np.where(on, 0, np.arange(len(on)))) - 1
+    for s in np.flatnonzero(on):
+        for other in range(first[s], s - 1):
+            out += list(product(of_segment.get(other, ()), of_segment.get(int(s), ())))
+    return out
