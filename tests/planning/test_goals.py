@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 from tests.planning.builders import END, UP, assert_success, block, without
 
+from optipromp import judging
 from optipromp.errors import (
     Code,
 )
 from optipromp.geometry import Box, Sphere
-from optipromp.planning import PLANNERS, STRATEGIES, Plan, PlanOptions, plan
+from optipromp.planning import PLANNERS, STRATEGIES, Plan, PlanOptions, collision, goals, plan
 from optipromp.planning.task import resolve
 from optipromp.scenes import JointGoal, PoseGoal, Scene, Stem, load_scene
+from optipromp.scenes.generate import Preset, generate
 
 # --- goals -----------------------------------------------------------------------------------
 
@@ -192,3 +194,17 @@ def test_a_goal_in_joints_in_collision(three: Scene) -> None:
     result = plan(scene)
     assert result.status is Code.GOAL_IN_COLLISION
     assert "block" in result.message
+
+
+@pytest.mark.parametrize("preset", ["cluster", "mixed", "truss", "shelf"])
+def test_the_planner_and_the_judge_call_the_same_configurations_free(preset: Preset) -> None:
+    """Stems and avoided objects, which the tool alone may touch, among them."""
+    task = resolve(generate(preset, 7300))
+    rng = np.random.default_rng(0)
+    q = rng.uniform(task.robot.lower, task.robot.upper, (300, task.robot.n_joints))
+    near = goals.find(task, 0)  # among the fruits and their stems
+    q = np.vstack([q, *(near + 0.1 * rng.standard_normal(near.shape) for _ in range(30))])
+    touched = [bool(judging.clearances(task.scene, task.robot, one[None])[1]) for one in q]
+    np.testing.assert_array_equal(collision.free(task, q), q[~np.array(touched)])
+    assert 0 < sum(touched) < len(q)
+    np.testing.assert_array_equal(collision.free(task, q, 2), q[~np.array(touched)][:2])

@@ -29,7 +29,7 @@ class ConditioningReport:
 
     Attributes:
         converged: every exact point is met to the tolerance and the iteration has settled.
-        iterations: linearisations used; 0 without task points, which need none.
+        iterations: linearisations used; 0 where there are only joint points, which are linear.
         position_error: (m,) distance of the new mean's tool point from each task point [m], in
             the order given. Where a point has a covariance this is a compromise, not a miss.
         axis_error: (m,) angle of its tool axis from the one asked for [rad]; 0 where none is.
@@ -69,8 +69,8 @@ def condition(
             Jacobian (m, 3, n))``; needed for task points.
         iterations: at most so many linearisations, > 0.
         tolerance: within which an exact task point counts as met [m, rad].
-        initial: weights (n, K) or (nK,) near which to look; by default the mean, then, should an
-            exact point be missed from there, 24 samples of the prior (always the same).
+        initial: weights (n, K) or (nK,) at which the search begins. By default the mean; where an
+            exact point is missed from there, also 24 samples of the prior, the same in each call.
 
     Returns:
         The conditioned ProMP. See :func:`condition_with_report` for how well points were met.
@@ -136,7 +136,7 @@ def condition_with_report(
         return promp, ConditioningReport(True, 0, nothing, nothing, ())
     if task_map is None:
         raise InvalidRequestError("task points need a task_map (the robot's forward kinematics)")
-    tasks.sort(key=lambda item: (item[1].phase, *item[1].position))  # the order given is nothing
+    tasks.sort(key=lambda item: (item[1].phase, *item[1].position))  # as in any order given
     _check_conflicts(tasks)
     return _condition_tasks(promp, tasks, joints, task_map, iterations, tolerance, initial)
 
@@ -149,7 +149,7 @@ def conditioned_mean(
 ) -> FloatArray:
     """Mean weights (n, K) of :func:`condition` on joint points, for a fraction of its work.
 
-    What does not depend on the values is kept: a picker that plans again meets it again.
+    What does not depend on the values is kept for the next call at the same places.
 
     Args:
         promp: the prior.

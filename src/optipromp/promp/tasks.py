@@ -160,20 +160,19 @@ class Iterate(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """Where the iteration ended: its state, the linearisations used, the largest residual of an
-    exact row, and whether exact rows are met and the merit has settled.
-    """
+    """Where the iteration ended."""
 
     state: Iterate
-    iterations: int
-    missed: float
-    converged: bool
+    iterations: int  # linearisations used
+    missed: float  # largest residual of an exact row [m, rad]
+    converged: bool  # exact rows are met, and the merit has settled
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """What is asked, of which arm, and of which joints at the points: μ_q (m, n) and Σ_q (mn, mn),
-    point-major.
+    """The task points, the arm, and the prior N(μ_q, Σ_q) of its joints at the points.
+
+    μ_q is (m, n), Σ_q (mn, mn), by point, then joint.
     """
 
     rows: Rows
@@ -194,11 +193,11 @@ class Search:
         Args:
             state: at q_k.
             variance: R (m, r).
-            damping: D is this times the diagonal of S = J Σ Jᵀ, and a little of its mean.
+            damping: factor of D, which is the diagonal of S = J Σ Jᵀ and 0.1 % of its mean.
 
         Returns:
-            It, with e as the linearisation promises it and J of ``state``; and the norm of λ over
-            exact rows.
+            The minimiser, with the e that the linearisation promises and the J of ``state``; and
+            the norm of λ over exact rows.
         """
         _, offset, residual, jacobian = state
         noise = variance
@@ -259,8 +258,10 @@ class Search:
     def shortened(
         self, state: Iterate, goal: Iterate, here: tuple[float, ...], penalty: float, gain: float
     ) -> tuple[Iterate, tuple[float, float, float], float] | None:
-        """Where the way to ``goal``, cut to a radian and halved, first lowers the merit enough,
-        its merit, and the share of the way that is.
+        """The first state on the way to ``goal`` whose merit is low enough; None where none is.
+
+        The way is cut to a radian, then halved. The state's merit follows, and its share of the
+        way.
         """
         largest = float(np.abs(goal.offset - state.offset).max())
         share = min(1.0, _LARGEST_STEP / largest) if largest > 0.0 else 1.0
@@ -274,7 +275,10 @@ class Search:
         return None
 
     def closed(self, state: Iterate) -> Iterate:
-        """Close exact rows left open by damped steps of least change; the others are let go."""
+        """Close exact rows that are left open by damped steps of least change.
+
+        The other rows do not count meanwhile.
+        """
         exact = self.rows.variance == 0.0
         missed = float((state.residual[exact] ** 2).sum())
         nothing, damping = np.zeros_like(state.multipliers), 0.0
