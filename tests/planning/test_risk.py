@@ -10,10 +10,10 @@ from optipromp.errors import Code, InvalidRequestError
 from optipromp.output import load_plan, write_plan
 from optipromp.planning import judge, plan
 from optipromp.planning.options import PlanOptions
-from optipromp.pushing.hanging import DETECTED, KNOWN
 from optipromp.pushing.model import Calibration
+from optipromp.pushing.packs.standing import Standing
 from optipromp.pushing.parameters import PUSH
-from optipromp.pushing.standing import Standing
+from optipromp.pushing.stems.hanging import DETECTED, KNOWN
 from optipromp.scenes.generate import NOISES, generate, noisy
 
 EVERY = {"known": KNOWN, "detected": DETECTED, "packs": Standing.calibration}

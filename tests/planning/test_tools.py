@@ -9,8 +9,8 @@ from tests.robots.builders import INNER, TOOLS, probe
 
 from optipromp.planning import Plan, judge, plan
 from optipromp.planning.task import push_model, resolve
-from optipromp.pushing.hanging import Hanging
-from optipromp.pushing.standing import Standing, plane
+from optipromp.pushing.packs.standing import Standing, plane
+from optipromp.pushing.stems.hanging import Hanging
 from optipromp.robots import load_robot, with_tool
 from optipromp.scenes import Scene, ToolSpec, load_scene
 from optipromp.scenes.generate import generate

@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 from tests.pushing.fruits import CUP, DT, TARGET, UP, along, hung
 
 from optipromp.geometry import pack
-from optipromp.pushing.bending import LOADED, bowed
-from optipromp.pushing.deflected import place
-from optipromp.pushing.parting import part
-from optipromp.pushing.swinging import led
+from optipromp.pushing.stems.bending import LOADED, bowed
+from optipromp.pushing.stems.deflected import place
+from optipromp.pushing.stems.parting import part
+from optipromp.pushing.stems.swinging import led
 
 
 def test_a_bowed_stem_lies_on_its_arc_and_holds_its_fruit_in_place() -> None:

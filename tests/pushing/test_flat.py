@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from optipromp.pushing.flat import room, shapes
+from optipromp.pushing.packs.flat import room, shapes
 
 SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
 PUSHER = np.array([[-0.02, -0.05], [0.0, -0.05], [0.0, 0.05], [-0.02, 0.05]])

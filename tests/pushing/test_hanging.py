@@ -10,12 +10,12 @@ from tests.pushing.fruits import TARGET, UP
 
 from optipromp.geometry import Box, HalfSpace, Sphere, distances, pack
 from optipromp.planning.task import push_model, resolve
-from optipromp.pushing.hanging import HANGING, Hanging, applies, rooms
-from optipromp.pushing.harm import Harm, score_of
 from optipromp.pushing.model import Prediction, search
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import ToolPath, through, turning
 from optipromp.pushing.rules import neighbours, rule_paths
+from optipromp.pushing.stems.hanging import HANGING, Hanging, applies, rooms
+from optipromp.pushing.stems.harm import Harm, score_of
 from optipromp.robots.library import load_robot
 from optipromp.robots.tools import Cup, FrankaHand, with_tool
 from optipromp.scenes import Scene, SceneObject, Stem

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optipromp.pushing.flat import FLAT, shapes
-from optipromp.pushing.quasi_static import AHEAD, NO_OVERLAP, push
+from optipromp.pushing.packs.flat import FLAT, shapes
+from optipromp.pushing.packs.quasi_static import AHEAD, NO_OVERLAP, push
 from optipromp.robots.tools import FrankaHand
 
 SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])

@@ -10,8 +10,8 @@ import pytest
 from optipromp.budget import Budget, clock
 from optipromp.geometry.shapes import Box, Cylinder
 from optipromp.pushing.model import Round, search
+from optipromp.pushing.packs.standing import STANDING, Standing, applies, plane
 from optipromp.pushing.path import ToolPath, through, turning
-from optipromp.pushing.standing import STANDING, Standing, applies, plane
 from optipromp.robots.tools import Cup, FrankaHand
 from optipromp.scenes.generate import Noise, generate, perceived
 from optipromp.scenes.scene import Approach, Scene, SceneObject, Stem

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from optipromp.pushing import trials
-from optipromp.pushing.standing import plane
+from optipromp.pushing.packs import trials
+from optipromp.pushing.packs.standing import plane
 from optipromp.robots.tools import FrankaHand
 from optipromp.scenes.generate import generate
 

@@ -37,7 +37,7 @@ def joint_factor(
         noise: R (r, r).
         tolerance: share of its variance that every row must add to those before it.
     """
-    # a kernel returns no named tuple: see optipromp.pushing.swinging
+    # a kernel returns no named tuple: see optipromp.pushing.stems.swinging
     return Factor(*_joint_factor(prior, joints, values, noise, tolerance))
 
 

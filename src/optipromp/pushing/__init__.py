@@ -4,7 +4,6 @@ Rules give a side to pass each neighbour on. A model of the push predicts the ha
 and one search finds the path of least harm in it.
 """
 
-from optipromp.pushing.hanging import Hanging as Hanging
 from optipromp.pushing.interactive import Push as Push
 from optipromp.pushing.interactive import pushes as pushes
 from optipromp.pushing.model import Combined as Combined
@@ -13,6 +12,7 @@ from optipromp.pushing.model import PushModel as PushModel
 from optipromp.pushing.model import Round as Round
 from optipromp.pushing.model import Schedule as Schedule
 from optipromp.pushing.model import search as search
+from optipromp.pushing.packs.standing import Standing as Standing
 from optipromp.pushing.path import ToolPath as ToolPath
 from optipromp.pushing.path import through as through
 from optipromp.pushing.rules import Drift as Drift
@@ -20,4 +20,4 @@ from optipromp.pushing.rules import DriftRule as DriftRule
 from optipromp.pushing.rules import drift_choices as drift_choices
 from optipromp.pushing.rules import neighbours as neighbours
 from optipromp.pushing.rules import rule_paths as rule_paths
-from optipromp.pushing.standing import Standing as Standing
+from optipromp.pushing.stems.hanging import Hanging as Hanging

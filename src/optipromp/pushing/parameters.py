@@ -12,7 +12,7 @@ from optipromp.parameters import GRAVITY, Checked, parameter
 
 @dataclass(frozen=True)
 class BeamParameters(Checked):
-    """Stems as beams with a fruit at the end (:mod:`optipromp.pushing.bending`)."""
+    """Stems as beams with a fruit at the end (:mod:`optipromp.pushing.stems.bending`)."""
 
     youngs_modulus: float = parameter(
         50e6, "Pa", "guess", "green stems and peduncles are reported between 10 and 100 MPa"
@@ -65,7 +65,7 @@ class BeamParameters(Checked):
 
 @dataclass(frozen=True)
 class SwingParameters(Checked):
-    """Contacts of fruits on stems and their equilibrium (:mod:`optipromp.pushing.equilibrium`)."""
+    """Contacts of fruits and their equilibrium (:mod:`optipromp.pushing.stems.equilibrium`)."""
 
     stiffness: float = parameter(3000.0, "N/m", "choice", "of a contact: 10 N press 3 mm")
     friction: float = parameter(
@@ -117,7 +117,7 @@ class SwingParameters(Checked):
 
 @dataclass(frozen=True)
 class HarmParameters(Checked):
-    """What fruits on stems bear (:mod:`optipromp.pushing.harm`)."""
+    """What fruits on stems bear (:mod:`optipromp.pushing.stems.harm`)."""
 
     stem_force: float = parameter(
         2.0, "N", "choice", "lasting force that a stem bears; as in the simulation"
@@ -189,7 +189,7 @@ _PACKS = (
 
 @dataclass(frozen=True)
 class HangingParameters(Checked):
-    """States and candidate paths among fruits on stems (:mod:`optipromp.pushing.hanging`)."""
+    """States and candidate paths among fruits on stems (:mod:`optipromp.pushing.stems.hanging`)."""
 
     every: int = parameter(3, "1", "choice", "points of a path in a step of the model")
     screened_every: int = parameter(
@@ -268,7 +268,7 @@ class HangingParameters(Checked):
 
 @dataclass(frozen=True)
 class PlaneParameters(Checked):
-    """Packs pushed on a plane (:mod:`optipromp.pushing.quasi_static`)."""
+    """Packs pushed on a plane (:mod:`optipromp.pushing.packs.quasi_static`)."""
 
     friction: float = parameter(0.4, "1", "guess", "of packs on the board; as in the simulation")
     density: float = parameter(600.0, "kg/m^3", "guess", "of packs; as in the simulation")
@@ -287,7 +287,7 @@ class PlaneParameters(Checked):
 
 @dataclass(frozen=True)
 class PackParameters(Checked):
-    """What a path of a hand through packs costs (:mod:`optipromp.pushing.trials`)."""
+    """What a path of a hand through packs costs (:mod:`optipromp.pushing.packs.trials`)."""
 
     step: float = parameter(
         0.004, "m", "measured", "of the model; steps of 2 mm place packs better by 0.3 mm only"
@@ -314,7 +314,7 @@ class PackParameters(Checked):
 
 @dataclass(frozen=True)
 class StandingParameters(Checked):
-    """States and candidate paths among packs (:mod:`optipromp.pushing.standing`)."""
+    """States and candidate paths among packs (:mod:`optipromp.pushing.packs.standing`)."""
 
     every: int = parameter(4, "1", "choice", "points of a path in a step of the model")
     speed: float = parameter(

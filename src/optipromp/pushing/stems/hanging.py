@@ -15,12 +15,8 @@ from optipromp.arrays import FloatArray, frozen, lengths
 from optipromp.compiled import kernel
 from optipromp.geometry import signed_distance
 from optipromp.geometry.obstacles import Obstacles, near
-from optipromp.pushing.bending import Stems, balls_of, bowed, moved, parents, stems
-from optipromp.pushing.cup import Mouth
-from optipromp.pushing.harm import BRIEFLY, Harm, score_of
 from optipromp.pushing.model import Calibration, Moved, PushModel, Round, Schedule
 from optipromp.pushing.parameters import PUSH
-from optipromp.pushing.parting import part
 from optipromp.pushing.path import STEP, ToolPath, through
 from optipromp.pushing.rules import (
     RULE,
@@ -30,7 +26,11 @@ from optipromp.pushing.rules import (
     rim_windows,
     stem_side,
 )
-from optipromp.pushing.swinging import Led, clear, led, mean_score, steps_inside
+from optipromp.pushing.stems.bending import Stems, balls_of, bowed, moved, parents, stems
+from optipromp.pushing.stems.cup import Mouth
+from optipromp.pushing.stems.harm import BRIEFLY, Harm, score_of
+from optipromp.pushing.stems.parting import part
+from optipromp.pushing.stems.swinging import Led, clear, led, mean_score, steps_inside
 from optipromp.robots.cup_cover import NECK_RADIUS
 from optipromp.robots.tool_protocol import Tool
 from optipromp.robots.tools import WALL
@@ -67,7 +67,7 @@ class Hanging(PushModel):
         neighbours: pushables in the way, first met first.
         camera: (3,) where a path begins [m].
         gripper_radius: R_gripper [m].
-        flange: of the arm, see :func:`optipromp.pushing.cup.flange_of`; none by default.
+        flange: of the arm, see :func:`optipromp.pushing.stems.cup.flange_of`; none by default.
         risk: share of promised successes that may be broken.
     """
 
@@ -140,7 +140,7 @@ class Hanging(PushModel):
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
-        """See :class:`PushModel`; the parts are those of :class:`optipromp.pushing.harm.Harm`."""
+        """See :class:`PushModel`; the parts are those of :class:`Harm`."""
         every = HANGING.screened_every if states == 1 else HANGING.every
         told = states > self.searched
         some = self._some(self.searched if told else 0, states)

@@ -1,6 +1,6 @@
 r"""The equilibrium of stems and their fruits after one step of the cup.
 
-Each fruit takes the deflections u of its stem (:mod:`optipromp.pushing.bending`) that minimise
+Each fruit takes the deflections u of its stem (:mod:`.bending`) that minimise
 
 .. math:: \tfrac12 (u - u_0)^T K (u - u_0) + \tfrac{m}{2\,dt^2}\|u_L - \hat u_L\|^2
           + \tfrac{k_c}{2}\sum_j \max(0, -g_j(u))^2
@@ -8,7 +8,7 @@ Each fruit takes the deflections u of its stem (:mod:`optipromp.pushing.bending`
 by Gauss-Newton steps from the last equilibrium. The terms are the stem's energy, which is least at
 its bow :math:`u_0`, the fruit's
 inertia (an implicit Euler step; :math:`\hat u_L` is where the fruit would swing to by itself) and
-the contacts with their gaps g (:mod:`optipromp.pushing.contacts`). What touches rubs: Coulomb
+the contacts with their gaps g (:mod:`optipromp.pushing.stems.contacts`). What touches rubs: Coulomb
 friction is a spring against the slip of the step, as stiff as the contact force allows. Between cup
 and stem only the slip across the cup's axis counts: without it a stem that lies over the mouth
 would slide off round the rim, and with the slip along the axis the model presses stems too hard.
@@ -21,11 +21,11 @@ from optipromp.arrays import FloatArray
 from optipromp.compiled import inlined, inner
 from optipromp.geometry.distances import distance_and_gradient
 from optipromp.geometry.obstacles import Obstacles
-from optipromp.pushing.bending import Stems
-from optipromp.pushing.contacts import Contacts, Fruits, between
-from optipromp.pushing.cup import ABOVE, Mouth, MouthPose, fruit_gap, in_cup, stem_gap
-from optipromp.pushing.deflected import LOADS, begin, level, place, press, shortened
 from optipromp.pushing.parameters import PUSH
+from optipromp.pushing.stems.bending import Stems
+from optipromp.pushing.stems.contacts import Contacts, Fruits, between
+from optipromp.pushing.stems.cup import ABOVE, Mouth, MouthPose, fruit_gap, in_cup, stem_gap
+from optipromp.pushing.stems.deflected import LOADS, begin, level, place, press, shortened
 
 CONTACT, CLOSE = PUSH.swing.stiffness, PUSH.swing.close
 RUBBING, STUCK = PUSH.swing.friction, PUSH.swing.stuck
@@ -39,7 +39,7 @@ class Descent(NamedTuple):
     Attributes:
         free: (N, L, L) inverse of stiffness and inertia of each stem [m/N].
         gradient: (2L,) of the energy of one [N]; ``inverse`` (2L, 2L) of its Hessian [m/N].
-        j, v: (2L,) see :func:`optipromp.pushing.deflected.press`.
+        j, v: (2L,) see :func:`optipromp.pushing.stems.deflected.press`.
         eased: (N,) share of a step that is taken; ``last`` (N, 2L) the last step [m].
     """
 

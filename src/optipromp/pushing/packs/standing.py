@@ -7,17 +7,16 @@ the target stays where it is.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
+from optipromp.arrays import FloatArray, frozen, lengths
 from optipromp.geometry.shapes import Box, Cylinder
-from optipromp.pushing.flat import Shapes, clear, shapes
 from optipromp.pushing.model import Calibration, Moved, PushModel, Round, Schedule
-from optipromp.pushing.parameters import PUSH
-from optipromp.pushing.path import STEP, ToolPath, through
-from optipromp.pushing.quasi_static import JAMMED, Pushed, push
-from optipromp.pushing.trials import (
+from optipromp.pushing.packs.flat import Shapes, clear, shapes
+from optipromp.pushing.packs.quasi_static import JAMMED, Pushed, push
+from optipromp.pushing.packs.trials import (
     BACK,
     BEHIND,
     BEYOND,
@@ -30,6 +29,9 @@ from optipromp.pushing.trials import (
     cost,
     stepped,
 )
+from optipromp.pushing.parameters import PUSH
+from optipromp.pushing.path import STEP, ToolPath, through
+from optipromp.robots.model import Robot
 from optipromp.robots.tool_protocol import Tool
 from optipromp.scenes.scene import Scene, SceneObject
 
@@ -48,8 +50,8 @@ class Standing(PushModel):
         tool: with an outline.
         behind: convex polygons (k, 2) of the wrist behind the tool, in the outline's frame [m].
         seed: of the sampled states.
-        rings: (k, 3) the hand and the last link, see :func:`optipromp.pushing.cup.rings_of`; none:
-            it is not known where they are clear of the packs.
+        rings: (k, 3) the hand and the last link, see :func:`rings_of`; none: it is not known where
+            they are clear of the packs.
         risk: share of promised successes that may be broken.
     """
 
@@ -98,7 +100,7 @@ class Standing(PushModel):
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
-        """See :class:`PushModel`; the costs are those of :mod:`optipromp.pushing.trials`."""
+        """See :class:`PushModel`; the costs are those of :mod:`optipromp.pushing.packs.trials`."""
         flat = self._corners(points)
         so_far = self._so_far.setdefault(states, np.zeros(states))
         tried = self._places[:states], self._slips[:states]
@@ -209,7 +211,7 @@ class Plane:
         objects: the target first, then the pushables.
         state: (B, 3) where they stand: u, v [m], turn [rad].
         spread: (B,) standard deviation of their detected positions [m].
-        friction, lever: (B,) see :func:`optipromp.pushing.quasi_static.push`.
+        friction, lever: (B,) see :func:`optipromp.pushing.packs.quasi_static.push`.
         walls: static objects at the target's height.
         edge: u of the board's front, behind which objects must stay [m].
         entry: u of the tool point where a path begins [m].
@@ -235,6 +237,17 @@ class Plane:
         return Bench(
             self.objects, 1.0 / self.friction, self.lever**2, self.walls, hand, mouth, self.edge
         )
+
+
+@lru_cache(maxsize=32)
+def rings_of(robot: Robot) -> FloatArray:
+    """The body spheres (k, 3) of the last link and the tool, whatever the roll: their heights over
+    the tool point, their distances from the tool axis, their radii [m]."""
+    own = np.asarray(robot.spheres.distal)
+    center = robot.spheres.center[own] - robot.tool_point
+    height = center @ robot.tool_axis
+    aside = lengths(center - height[:, None] * robot.tool_axis)
+    return frozen(np.column_stack([height, aside, robot.spheres.radius[own]]))
 
 
 def applies(scene: Scene, tool: Tool | None) -> bool:

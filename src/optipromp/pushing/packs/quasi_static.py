@@ -22,7 +22,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray
 from optipromp.compiled import inner, kernel
-from optipromp.pushing.flat import CORNERS, Shapes, bounds, contact, outside, placed
+from optipromp.pushing.packs.flat import CORNERS, Shapes, bounds, contact, outside, placed
 from optipromp.pushing.parameters import PUSH
 
 NO_OVERLAP, SWEEPS = PUSH.plane.settled, PUSH.plane.sweeps

@@ -1,7 +1,7 @@
 """What a cup does to fruits on stems, predicted step by step along the tool's path.
 
 At every step all fruits come to the equilibrium of their stems, their inertia and their contacts
-(:mod:`optipromp.pushing.equilibrium`). The harm on the path is recorded.
+(:mod:`optipromp.pushing.stems.equilibrium`). The harm on the path is recorded.
 """
 
 import math
@@ -13,13 +13,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 from optipromp.arrays import FloatArray, IntArray
 from optipromp.compiled import inner, kernel
 from optipromp.geometry.obstacles import Obstacles
-from optipromp.pushing.bending import Stems
-from optipromp.pushing.contacts import Contacts, Fruits, list_firm, list_pieces, overlapping
-from optipromp.pushing.cup import Mouth, MouthPose, in_cup, inside
-from optipromp.pushing.deflected import LOADS, freely, place
-from optipromp.pushing.equilibrium import CLOSE, Descent, relax
-from optipromp.pushing.harm import Harm, score_of
 from optipromp.pushing.parameters import PUSH
+from optipromp.pushing.stems.bending import Stems
+from optipromp.pushing.stems.contacts import Contacts, Fruits, list_firm, list_pieces, overlapping
+from optipromp.pushing.stems.cup import Mouth, MouthPose, in_cup, inside
+from optipromp.pushing.stems.deflected import LOADS, freely, place
+from optipromp.pushing.stems.equilibrium import CLOSE, Descent, relax
+from optipromp.pushing.stems.harm import Harm, score_of
 
 ITERATIONS, SETTLED = PUSH.swing.iterations, PUSH.swing.settled
 KEPT_SPEED, STIRRED = PUSH.swing.kept_speed, PUSH.swing.stirred
@@ -40,11 +40,11 @@ def push(
         dt: between points [s].
         cup: its shape.
         solid: static objects that fruits are pressed against; stems pass through them.
-        worst: a score (:func:`optipromp.pushing.harm.score_of`) beyond which the push ends.
+        worst: a score (:func:`optipromp.pushing.stems.harm.score_of`) beyond which the push ends.
         positions: (P, N, 3) out, of the fruits [m].
         forces: (P, N) out, largest contact force on each fruit [N].
         stem_forces: (P, N) out, of the cup on each stem [N].
-        so_far: (5,) in and out, the numbers of :class:`optipromp.pushing.harm.Harm`.
+        so_far: (5,) in and out, the numbers of :class:`optipromp.pushing.stems.harm.Harm`.
 
     Returns:
         Number of points that the cup was led through.

@@ -11,9 +11,9 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.compiled import kernel
-from optipromp.pushing.flat import Shapes, clear
+from optipromp.pushing.packs.flat import Shapes, clear
+from optipromp.pushing.packs.quasi_static import pushed
 from optipromp.pushing.parameters import PUSH
-from optipromp.pushing.quasi_static import pushed
 
 MODEL_STEP = PUSH.pack.step
 FAR, WORST, MOVED = PUSH.pack.far, PUSH.pack.worst, PUSH.pack.moved
@@ -28,7 +28,7 @@ class Bench(NamedTuple):
 
     Attributes:
         objects: the target first, then the pushables.
-        yields, lever2: (B,) see :func:`optipromp.pushing.quasi_static.pushed`.
+        yields, lever2: (B,) see :func:`optipromp.pushing.packs.quasi_static.pushed`.
         walls: static objects at the target's height.
         hand: the outlines of the hand and of the wrist behind it.
         mouth: (3,) u of palm and finger tips, and half the opening between the fingers [m].

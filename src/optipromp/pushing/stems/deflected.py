@@ -1,4 +1,4 @@
-"""Kernels of one deflected stem of :class:`optipromp.pushing.bending.Stems`.
+"""Kernels of one deflected stem of :class:`optipromp.pushing.stems.bending.Stems`.
 
 The deflections ``u[i]`` (2L,) are those of the stem's loaded points, off the straight line, along
 the first direction across it, then along the second. Kernels take the arrays of all stems and the
@@ -7,7 +7,7 @@ index of one, because a slice would count references, which costs more than thes
 
 from optipromp.arrays import FloatArray
 from optipromp.compiled import inner
-from optipromp.pushing.bending import LOADED
+from optipromp.pushing.stems.bending import LOADED
 
 LOADS = len(LOADED)
 

@@ -22,10 +22,10 @@ from optipromp.arrays import BoolArray, FloatArray, IntArray
 from optipromp.compiled import inlined, inner
 from optipromp.geometry.distances import distance_and_gradient
 from optipromp.geometry.obstacles import Obstacles
-from optipromp.pushing.bending import Stems
-from optipromp.pushing.cup import NECK_LOOKED_AT, Mouth, MouthPose
-from optipromp.pushing.deflected import level, place
 from optipromp.pushing.parameters import PUSH
+from optipromp.pushing.stems.bending import Stems
+from optipromp.pushing.stems.cup import NECK_LOOKED_AT, Mouth, MouthPose
+from optipromp.pushing.stems.deflected import level, place
 
 LISTED, WANDERED = PUSH.swing.listed, PUSH.swing.wandered
 
