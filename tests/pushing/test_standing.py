@@ -9,9 +9,11 @@ import pytest
 
 from optipromp.budget import Budget, clock
 from optipromp.geometry.shapes import Box, Cylinder
-from optipromp.pushing.model import Round, search
+from optipromp.pushing.candidates import Round
+from optipromp.pushing.packs.paths import PathsBetween
 from optipromp.pushing.packs.standing import STANDING, Standing, applies, plane
 from optipromp.pushing.path import ToolPath, through, turning
+from optipromp.pushing.searching import search
 from optipromp.robots.tools import Cup, FrankaHand
 from optipromp.scenes.generate import Noise, generate, perceived
 from optipromp.scenes.scene import Approach, Scene, SceneObject, Stem
@@ -121,8 +123,8 @@ def test_above_the_limit_a_harm_is_above_it_and_below_it_exact() -> None:
     model = Standing(shelf(pack((-0.1, 0.01)), pack((-0.05, -0.08), name="n2")), HAND)
     rng = np.random.default_rng(0)
     for _ in range(15):
-        x = model.spread(0)[0] + model.spread(0)[1] * rng.standard_normal(7)
-        way = model.path(x)
+        x = model.candidates.spread(0)[0] + model.candidates.spread(0)[1] * rng.standard_normal(7)
+        way = model.candidates.path(x)
         whole = model.harm(*judged(way), 4)
         assert model.harm(*judged(way), 4, whole * 1.001) == whole
         assert model.harm(*judged(way), 4, 0.5 * whole) > 0.5 * whole
@@ -213,10 +215,10 @@ def test_late_there_is_a_path_and_little_is_tried_for_it(monkeypatch: pytest.Mon
 
 
 def test_the_schedule_is_of_rounds_on_few_states_and_then_on_more() -> None:
-    rounds = Standing.schedule.rounds
+    rounds = PathsBetween.schedule.rounds
     assert rounds[0] == Round(150, 1)
     assert [step.states for step in rounds] == sorted(step.states for step in rounds)
-    assert Standing.schedule.states == Standing.states
+    assert PathsBetween.schedule.states == Standing.states
 
 
 # --- where it applies --------------------------------------------------------------------------
