@@ -272,7 +272,7 @@ def test_the_plane_is_what_stands_there() -> None:
     assert board.edge == pytest.approx(-0.15)
     assert board.entry < -0.15 - (HAND.tip - HAND.reach)
     weight = 600.0 * 9.81 * 0.04 * 0.06 * 0.14
-    assert board.friction[1] == pytest.approx(0.4 * weight)
+    assert 1.0 / board.yields[1] == pytest.approx(0.4 * weight)
     assert board.spread.tolist() == [STANDING.unsure] * 2
 
 

@@ -29,7 +29,7 @@ def ways(board, count=40):
 
 def test_steps_are_equal_and_meet_the_ends():
     corners = np.array([[-0.2, 0.05], [-0.1, -0.02], [-0.1, -0.02], [0.0, 0.0]])
-    path = trials.stepped(corners, 0.004)
+    path = trials.stepped(corners)
     np.testing.assert_array_equal(path[[0, -1], :2], corners[[0, -1]])
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
     assert steps.max() <= 0.004 + 1e-12

@@ -316,7 +316,6 @@ class PackParameters(Checked):
 class StandingParameters(Checked):
     """States and candidate paths among packs (:mod:`optipromp.pushing.packs.standing`)."""
 
-    every: int = parameter(4, "1", "choice", "points of a path in a step of the model")
     speed: float = parameter(
         0.015, "m/s", "measured", "slow, so as not to knock packs; 18 mm/s press a tenth harder"
     )

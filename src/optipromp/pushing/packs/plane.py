@@ -8,7 +8,7 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.geometry.shapes import Box, Cylinder
 from optipromp.pushing.packs.flat import Shapes, shapes
-from optipromp.pushing.packs.trials import Bench
+from optipromp.pushing.packs.quasi_static import Bench
 from optipromp.pushing.parameters import PUSH
 from optipromp.robots.tool_protocol import Tool
 from optipromp.scenes.scene import Scene, SceneObject
@@ -24,7 +24,7 @@ class Plane:
         objects: the target first, then the pushables.
         state: (B, 3) where they stand: u, v [m], turn [rad].
         spread: (B,) standard deviation of their detected positions [m].
-        friction, lever: (B,) see :func:`optipromp.pushing.packs.quasi_static.push`.
+        yields, lever2: (B,) see :class:`optipromp.pushing.packs.quasi_static.Bench`.
         walls: static objects at the target's height.
         edge: u of the board's front, behind which objects must stay [m].
         entry: u of the tool point where a path begins [m].
@@ -34,8 +34,8 @@ class Plane:
     objects: Shapes
     state: FloatArray
     spread: FloatArray
-    friction: FloatArray
-    lever: FloatArray
+    yields: FloatArray
+    lever2: FloatArray
     walls: Shapes
     edge: float
     entry: float
@@ -47,9 +47,7 @@ class Plane:
         if tool.mouth[0] == 0.0:  # nothing is taken hold of, and the target is nowhere too deep
             mouth[1:] = np.inf, 0.0
         hand = shapes([*tool.outline(), *behind])
-        return Bench(
-            self.objects, 1.0 / self.friction, self.lever**2, self.walls, hand, mouth, self.edge
-        )
+        return Bench(self.objects, self.yields, self.lever2, self.walls, hand, mouth, self.edge)
 
 
 def plane(scene: Scene, tool: Tool) -> Plane:
@@ -78,6 +76,7 @@ def plane(scene: Scene, tool: Tool) -> Plane:
         elif abs(abs(height) - half - bottom) < STANDING.touching and _covers(at):
             edge = max(edge, float(at[:, 0].min()))
             drop = np.sign(height) * max(0.0, abs(height) - half - thick)
+    friction = PUSH.plane.friction * PUSH.plane.density * PUSH.beam.gravity * np.array(area) * tall
     objects = shapes(list(parts))
     begin = float(np.min(flat[:, 0] - objects.radius))
     if np.isfinite(edge):  # there is a board
@@ -85,8 +84,7 @@ def plane(scene: Scene, tool: Tool) -> Plane:
     return Plane(
         objects, np.column_stack([flat, np.zeros(len(flat))]),
         np.array([_spread(obj) for obj in standing]),
-        PUSH.plane.friction * PUSH.plane.density * PUSH.beam.gravity * np.array(area) * tall,
-        np.array(lever), shapes(walls), edge,
+        1.0 / friction, np.array(lever) ** 2, shapes(walls), edge,
         begin - STANDING.before - (tool.tip - tool.reach), float(drop),
     )  # fmt: skip
 
@@ -142,21 +140,11 @@ def _footprint(obj: SceneObject, frame: FloatArray) -> tuple[FloatArray | float,
 
 def _hull(points: FloatArray) -> FloatArray:
     """Convex hull (k, 2), counter-clockwise, of points (m, 2); nearly equal ones are one."""
+    from scipy.spatial import ConvexHull  # slow to import, and seldom needed
+
     ordered = np.unique(np.round(points, 9), axis=0)
-
-    def half(sequence: Sequence[FloatArray]) -> list[FloatArray]:
-        chain: list[FloatArray] = []
-        for p in sequence:
-            while len(chain) > 1:
-                a, b = chain[-2], chain[-1]
-                if (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) > 1e-12:
-                    break
-                chain.pop()
-            chain.append(p)
-        return chain
-
-    lower, upper = half(list(ordered)), half(list(ordered[::-1]))
-    return np.array([*lower[:-1], *upper[:-1]])
+    corners = ConvexHull(ordered).vertices
+    return np.asarray(ordered[np.roll(corners, -int(np.argmin(corners)))])
 
 
 def _covers(corners: FloatArray) -> bool:

@@ -21,12 +21,34 @@ from typing import NamedTuple
 import numpy as np
 
 from optipromp.arrays import FloatArray, IntArray
-from optipromp.compiled import inner, kernel
-from optipromp.pushing.packs.flat import CORNERS, Shapes, bounds, contact, outside, placed
+from optipromp.compiled import inlined, inner, kernel
+from optipromp.pushing.packs.flat import CORNERS, Bodies, Shapes, apart, contact, enclose, place
 from optipromp.pushing.parameters import PUSH
 
 NO_OVERLAP, SWEEPS = PUSH.plane.settled, PUSH.plane.sweeps
 JAMMED, AHEAD = PUSH.plane.jammed, PUSH.plane.ahead
+
+
+class Bench(NamedTuple):
+    """Objects around the target, in (u, v): along z_g and along y_g from the target.
+
+    Attributes:
+        objects: the target first, then the pushables, about their centres.
+        yields: (B,) 1 over the sliding friction of each [1/N].
+        lever2: (B,) square of the friction moment of each over its friction [m²].
+        walls: static objects at the target's height.
+        hand: the outlines of the hand and of the wrist behind it, about the tool point.
+        mouth: (3,) u of palm and finger tips, and half the opening between the fingers [m].
+        edge: u of the board's front, behind which objects must stay [m].
+    """
+
+    objects: Shapes
+    yields: FloatArray
+    lever2: FloatArray
+    walls: Shapes
+    hand: Shapes
+    mouth: FloatArray
+    edge: float
 
 
 class Pushed(NamedTuple):
@@ -49,43 +71,42 @@ class Pushed(NamedTuple):
 
 
 def push(
-    path: FloatArray,
-    tool: Shapes,
-    objects: Shapes,
-    state: FloatArray,
-    friction: FloatArray,
-    lever: FloatArray,
-    walls: Shapes,
-    slip: float,
-    most: float = np.inf,
+    bench: Bench, path: FloatArray, state: FloatArray, slip: float, most: float = np.inf
 ) -> Pushed:
-    """Move the tool along a path, and the objects before it.
+    """Move the hand along a path, and the objects before it; see :func:`pushed`."""
+    end, report = np.array(state, dtype=np.float64), np.zeros(3)
+    pushed(bench, np.ascontiguousarray(path, dtype=np.float64), end, slip, most, np.inf, report)
+    return Pushed(end, *report.tolist())
 
-    Args:
-        path: (T, 3) of the tool point: u, v [m] and turn [rad], in steps of 1 to 5 mm.
-        tool: its parts, about the tool point.
-        objects: B of them, about their centres.
-        state: (B, 3) their poses: u, v [m], turn [rad].
-        friction: (B,) sliding friction of each [N].
-        lever: (B,) friction moment of each over its friction [m].
-        walls: bodies at rest, in place.
-        slip: coefficient of friction between objects, and with the tool.
-        most: how far the first object may move before the push is stopped [m].
+
+class _Step(NamedTuple):
+    """One step of the hand.
+
+    Attributes:
+        state: (B, 3) poses of the objects, changed in place; ``before`` as the step began.
+        press: (B,) normal multipliers of the contacts of each, in sum [N m].
+        slip: coefficient of friction.
+        u, v: the tool point [m]; ``du``, ``dv`` [m] and ``turn`` [rad] its motion.
     """
-    end = np.array(state, dtype=np.float64)
-    report = np.zeros(3)
-    pushed(
-        np.ascontiguousarray(path, dtype=np.float64), tool, objects, end, 1.0 / friction, lever**2,
-        walls, slip, most, np.inf, report,
-    )  # fmt: skip
-    return Pushed(end, float(report[0]), float(report[1]), float(report[2]))
+
+    state: FloatArray
+    before: FloatArray
+    press: FloatArray
+    slip: float
+    u: float
+    v: float
+    du: float
+    dv: float
+    turn: float
 
 
-@inner
-def _resolve(  # type: ignore[no-untyped-def]
-    state, before, yields, lever2, i, j, hit, depth, slip, away_u, away_v, press
-):
+@inlined
+def _resolve(
+    bench: Bench, step: _Step, i: int, j: int, hit: FloatArray, depth: float,
+    away: tuple[float, float],
+) -> None:  # fmt: skip
     """Move i and j apart. i = −1: a body that does not yield, moved by ``away`` at the contact."""
+    state, before, yields, lever2 = step.state, step.before, bench.yields, bench.lever2
     nx, ny, px, py = hit[0], hit[1], hit[2], hit[3]
     tx, ty = -ny, nx
     bx, by = px - state[j, 0], py - state[j, 1]
@@ -105,213 +126,172 @@ def _resolve(  # type: ignore[no-untyped-def]
         sx -= state[i, 0] - before[i, 0] - turn * ay
         sy -= state[i, 1] - before[i, 1] + turn * ax
     else:
-        sx -= away_u
-        sy -= away_v
+        sx -= away[0]
+        sy -= away[1]
     normal = depth / k
-    press[j] += normal
-    if i >= 0:
-        press[i] += normal
     tangent = -(sx * tx + sy * ty) / kt
-    tangent = min(slip * normal, max(-slip * normal, tangent))
+    tangent = min(step.slip * normal, max(-step.slip * normal, tangent))
     fx, fy = normal * nx + tangent * tx, normal * ny + tangent * ty
+    step.press[j] += normal
     state[j, 0] += yields[j] * fx
     state[j, 1] += yields[j] * fy
     state[j, 2] += yields[j] * (normal * normal_b + tangent * tangent_b) / lever2[j]
     if i >= 0:
+        step.press[i] += normal
         state[i, 0] -= yields[i] * fx
         state[i, 1] -= yields[i] * fy
         state[i, 2] -= yields[i] * (normal * normal_a + tangent * tangent_a) / lever2[i]
 
 
-@inner
-def _follow(objects, state, b, at, corners, normals):  # type: ignore[no-untyped-def]
+@inlined
+def _follow(bench: Bench, state: FloatArray, b: int, bodies: Bodies) -> None:
     """Place the outline of object b at its state."""
-    at[b, 0], at[b, 1] = state[b, 0], state[b, 1]
-    if objects.size[b]:
-        placed(objects, b, state[b, 0], state[b, 1], state[b, 2], corners, normals, b)
+    place(bench.objects, b, state[b, 0], state[b, 1], state[b, 2], bodies, b)
 
 
 @inner
-def _near(at, radius, boxes, count, parts, pairs):  # type: ignore[no-untyped-def]
-    """Pairs (P, 2) of a body and an object less than AHEAD apart, in place; returns how many.
+def _near(bodies: Bodies, parts: int, pairs: IntArray) -> int:
+    """Pairs (P, 3) of a body and an object less than AHEAD apart, in place; returns how many.
 
-    Bodies are the objects, the parts of the tool and the walls, in this order. Each object is
-    paired with the tool first, then with the objects before it, then with walls.
+    Bodies are the objects, the ``parts`` of the hand and the walls, in this order. Each object is
+    paired with the hand first, then with the objects before it, then with walls. The third
+    number is for :func:`optipromp.pushing.packs.flat.polygons`.
     """
-    n = 0
+    n, count = 0, bodies.objects
     for j in range(count):
-        reach = radius[j] + AHEAD
-        for turn in range(at.shape[0]):
+        for turn in range(len(bodies.at)):
             i = turn + count if turn < parts else turn - parts if turn < parts + count else turn
-            if i < count:
-                if i >= j:
-                    continue
-                du, dv = at[j, 0] - at[i, 0], at[j, 1] - at[i, 1]
-                far = reach + radius[i]
-                if du * du + dv * dv > far * far:
-                    continue
-            elif outside(boxes, i, at[j, 0], at[j, 1], reach):
+            if (i < count and i >= j) or apart(bodies, i, j, AHEAD):
                 continue
-            pairs[n, 0], pairs[n, 1] = i, j
+            pairs[n, 0], pairs[n, 1], pairs[n, 2] = i, j, 0
             n += 1
     return n
 
 
-class _Bodies(NamedTuple):
-    """The objects, then the parts of the tool, then the walls: N outlines in place.
-
-    Attributes:
-        corners, normals: (N, CORNERS, 2) of polygons.
-        size: (N,) how many corners, 0 for a disc; ``radius`` (N,) [m].
-        at: (N, 2) centres [m]; ``boxes`` (N, 4) about tool and walls.
-    """
-
-    corners: FloatArray
-    normals: FloatArray
-    size: IntArray
-    radius: FloatArray
-    at: FloatArray
-    boxes: FloatArray
-
-
 @inner
-def _outlines(objects, tool, walls, state, bodies):  # type: ignore[no-untyped-def]
-    """Fill ``bodies``, the objects where they stand; the tool is placed by :func:`_lead`."""
-    count, parts = state.shape[0], tool.size.shape[0]
-    for b in range(count):
-        bodies.size[b], bodies.radius[b] = objects.size[b], objects.radius[b]
-        _follow(objects, state, b, bodies.at, bodies.corners, bodies.normals)
-    for h in range(parts):
-        bodies.size[count + h], bodies.radius[count + h] = tool.size[h], tool.radius[h]
-    for w in range(walls.size.shape[0]):
-        b = count + parts + w
-        bodies.size[b], bodies.radius[b] = walls.size[w], walls.radius[w]
-        for k in range(4):
-            bodies.boxes[b, k] = walls.box[w, k]
-        for k in range(CORNERS):
-            for c in range(2):
-                bodies.corners[b, k, c] = walls.corners[w, k, c]
-                bodies.normals[b, k, c] = walls.normals[w, k, c]
+def _outlines(bench: Bench, state: FloatArray, bodies: Bodies) -> None:
+    """Fill ``bodies``, the objects where they stand; the hand is placed by :func:`_lead`."""
+    objects, hand, walls = bench.objects, bench.hand, bench.walls
+    b = 0
+    for shapes in (objects, hand, walls):
+        for i in range(len(shapes.size)):
+            bodies.size[b], bodies.radius[b] = shapes.size[i], shapes.radius[i]
+            b += 1
+    for i in range(bodies.objects):
+        _follow(bench, state, i, bodies)
+    for w in range(len(walls.size)):
+        b = bodies.objects + len(hand.size) + w
+        place(walls, w, 0.0, 0.0, 0.0, bodies, b)
+        enclose(bodies, b)
 
 
-@inner
-def _lead(tool, count, bodies, u, v, turn, du, dv, anew):  # type: ignore[no-untyped-def]
-    """Bring the tool's parts to a pose; without a turn they are shifted by (du, dv)."""
+@inlined
+def _lead(hand: Shapes, bodies: Bodies, step: _Step, turn: float, anew: bool) -> None:
+    """Bring the hand's parts to a pose; without a turn they are shifted."""
     corners, boxes = bodies.corners, bodies.boxes
-    for h in range(count, count + tool.size.shape[0]):
-        bodies.at[h, 0], bodies.at[h, 1] = u, v
+    for h in range(len(hand.size)):
+        b = bodies.objects + h
         if anew:
-            placed(tool, h - count, u, v, turn, corners, bodies.normals, h)
-            bounds(corners, bodies.size[h], h, boxes)
+            place(hand, h, step.u, step.v, turn, bodies, b)
+            enclose(bodies, b)
             continue
-        for k in range(bodies.size[h]):
-            corners[h, k, 0] += du
-            corners[h, k, 1] += dv
-        boxes[h, 0], boxes[h, 2] = boxes[h, 0] + du, boxes[h, 2] + du
-        boxes[h, 1], boxes[h, 3] = boxes[h, 1] + dv, boxes[h, 3] + dv
+        for k in range(bodies.size[b]):
+            corners[b, k, 0] += step.du
+            corners[b, k, 1] += step.dv
+        boxes[b, 0], boxes[b, 2] = boxes[b, 0] + step.du, boxes[b, 2] + step.du
+        boxes[b, 1], boxes[b, 3] = boxes[b, 1] + step.dv, boxes[b, 3] + step.dv
 
 
-@inner
-def _sweep(  # type: ignore[no-untyped-def]
-    objects, state, before, yields, lever2, bodies, pairs, n, last, tool_end, step, slip, hit, press
-):
-    """Resolve the contacts of n near pairs in turn; returns the largest overlap that was met [m].
-
-    ``tool_end`` is the number of objects and parts of the tool. ``step`` holds the tool's position
-    (u, v) and its motion (du, dv, turn).
-    """
-    corners, normals, size, radius = bodies.corners, bodies.normals, bodies.size, bodies.radius
-    at, boxes, count = bodies.at, bodies.boxes, state.shape[0]
-    u, v, du, dv, dturn = step
-    worst = 0.0
+@inlined
+def _sweep(
+    bench: Bench, bodies: Bodies, step: _Step, pairs: IntArray, n: int, hit: FloatArray
+) -> float:
+    """Resolve the contacts of n near pairs in turn; returns the largest overlap met [m]."""
+    count, worst = bodies.objects, 0.0
     for p in range(n):
         i, j = pairs[p, 0], pairs[p, 1]
-        if i < count:
-            reach = radius[i] + radius[j]
-            su, sv = at[j, 0] - at[i, 0], at[j, 1] - at[i, 1]
-            if su * su + sv * sv > reach * reach:
-                continue
-        elif outside(boxes, i, at[j, 0], at[j, 1], radius[j]):
+        if apart(bodies, i, j, 0.0):
             continue
-        depth = contact(corners, normals, size, at, radius, i, j, last, p, hit)
+        depth = contact(bodies, i, j, pairs, p, hit)
         if depth <= 0.0:
             continue
         worst = max(worst, depth)
-        away_u = away_v = 0.0
-        if count <= i < tool_end:
-            away_u, away_v = du - dturn * (hit[3] - v), dv + dturn * (hit[2] - u)
+        away = 0.0, 0.0
+        if count <= i < count + len(bench.hand.size):
+            away = step.du - step.turn * (hit[3] - step.v), step.dv + step.turn * (hit[2] - step.u)
         yielding = i if i < count else -1
-        _resolve(
-            state, before, yields, lever2, yielding, j, hit, depth, slip, away_u, away_v, press
-        )
-        _follow(objects, state, j, at, corners, normals)
+        _resolve(bench, step, yielding, j, hit, depth, away)
+        _follow(bench, step.state, j, bodies)
         if yielding >= 0:
-            _follow(objects, state, yielding, at, corners, normals)
+            _follow(bench, step.state, i, bodies)
     return worst
 
 
 @kernel
-def pushed(  # type: ignore[no-untyped-def]
-    path, tool, objects, state, yields, lever2, walls, slip, most, hardest, report
-):
-    """:func:`push` in place: ``state`` (B, 3), and ``report`` (3,) of force, jam and share done.
+def pushed(
+    bench: Bench, path: FloatArray, state: FloatArray, slip: float, most: float, hardest: float,
+    report: FloatArray,
+) -> None:  # fmt: skip
+    """Move the hand along a path, and the objects before it.
 
-    ``yields`` is 1 / friction, ``lever2`` lever². It also stops at a force beyond ``hardest``.
+    Args:
+        bench: what stands there.
+        path: (T, 3) of the tool point: u, v [m] and turn [rad], in steps of 1 to 5 mm.
+        state: (B, 3) poses of the objects: u, v [m], turn [rad], in and out.
+        slip: coefficient of friction between objects, and with the hand.
+        most: how far the first object may move before the push is stopped [m].
+        hardest: force beyond which the push is stopped [N].
+        report: (3,) out: force, jam and share done, see :class:`Pushed`.
     """
     first_u, first_v = state[0, 0], state[0, 1]
-    count, parts = state.shape[0], tool.size.shape[0]
-    total = count + parts + walls.size.shape[0]
-    bodies = _Bodies(
-        np.empty((total, CORNERS, 2)), np.empty((total, CORNERS, 2)),
+    count, parts = len(state), len(bench.hand.size)
+    total = count + parts + len(bench.walls.size)
+    bodies = Bodies(
+        count, np.empty((total, CORNERS, 2)), np.empty((total, CORNERS, 2)),
         np.empty(total, dtype=np.int64), np.empty(total), np.zeros((total, 2)),
         np.empty((total, 4)),
     )  # fmt: skip
-    pairs = np.empty((count * total, 2), dtype=np.int64)
-    last = np.zeros(count * total, dtype=np.int64)
+    pairs = np.empty((count * total, 3), dtype=np.int64)
     before, seen, hit, press = state.copy(), state.copy(), np.empty(4), np.zeros(count)
-    _outlines(objects, tool, walls, state, bodies)
+    _outlines(bench, state, bodies)
     n, gone, shifted = -1, 0.0, 0.0
-    report[0] = report[1] = report[2] = 0.0
-    for t in range(path.shape[0]):
-        u, v, turn = path[t, 0], path[t, 1], path[t, 2]
+    report[:] = 0.0
+    for t in range(len(path)):
         past = max(t - 1, 0)
-        du, dv, dturn = u - path[past, 0], v - path[past, 1], turn - path[past, 2]
-        moved = math.sqrt(du * du + dv * dv)
-        _lead(tool, count, bodies, u, v, turn, du, dv, t == 0 or dturn != 0.0)
+        step = _Step(
+            state, before, press, slip, path[t, 0], path[t, 1], path[t, 0] - path[past, 0],
+            path[t, 1] - path[past, 1], path[t, 2] - path[past, 2],
+        )  # fmt: skip
+        moved = math.sqrt(step.du * step.du + step.dv * step.dv)
+        _lead(bench.hand, bodies, step, path[t, 2], t == 0 or step.turn != 0.0)
         gone += moved
-        if n < 0 or dturn != 0.0 or max(gone, shifted) > 0.35 * AHEAD:
-            n = _near(bodies.at, bodies.radius, bodies.boxes, count, parts, pairs)
+        if n < 0 or step.turn != 0.0 or max(gone, shifted) > 0.35 * AHEAD:
+            n = _near(bodies, parts, pairs)
             gone = shifted = 0.0
-            last[:n] = 0
             _copy(state, seen)
         _copy(state, before)
         press[:] = 0.0
         worst = 0.0
         for _ in range(SWEEPS):
-            worst = _sweep(
-                objects, state, before, yields, lever2, bodies, pairs, n, last, count + parts,
-                (u, v, du, dv, dturn), slip, hit, press,
-            )  # fmt: skip
+            worst = _sweep(bench, bodies, step, pairs, n, hit)
             if worst < NO_OVERLAP:
                 break
         report[1] = max(report[1], worst)
         if moved > 1e-6:
-            hardest_now = 0.0
             for b in range(count):
-                hardest_now = max(hardest_now, press[b])
-            report[0] = max(report[0], hardest_now / moved)
-        report[2] = (t + 1.0) / path.shape[0]
+                report[0] = max(report[0], press[b] / moved)
+        report[2] = (t + 1.0) / len(path)
         off = math.sqrt((state[0, 0] - first_u) ** 2 + (state[0, 1] - first_v) ** 2)
         if worst > JAMMED or off > most or report[0] > hardest:
             return
         for b in range(count):
-            step = max(abs(state[b, 0] - seen[b, 0]), abs(state[b, 1] - seen[b, 1]))
-            shifted = max(shifted, step)
+            far = max(abs(state[b, 0] - seen[b, 0]), abs(state[b, 1] - seen[b, 1]))
+            shifted = max(shifted, far)
 
 
 @inner
-def _copy(state, out):  # type: ignore[no-untyped-def]
+def _copy(state: FloatArray, out: FloatArray) -> None:
     """Copy poses (B, 3)."""
-    for b in range(state.shape[0]):
+    for b in range(len(state)):
         for k in range(3):
             out[b, k] = state[b, k]

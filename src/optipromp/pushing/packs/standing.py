@@ -11,22 +11,10 @@ import numpy as np
 
 from optipromp.arrays import FloatArray, frozen, lengths
 from optipromp.pushing.model import Calibration, Moved, PushModel
-from optipromp.pushing.packs.flat import clear
+from optipromp.pushing.packs import trials
 from optipromp.pushing.packs.paths import PathsBetween
 from optipromp.pushing.packs.plane import half_height, packs, plane
 from optipromp.pushing.packs.quasi_static import JAMMED, Pushed, push
-from optipromp.pushing.packs.trials import (
-    BACK,
-    BEHIND,
-    BEYOND,
-    HEAVY,
-    LIGHT,
-    MOVED,
-    TIGHT,
-    WIDE,
-    cost,
-    stepped,
-)
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import STEP
 from optipromp.robots.model import Robot
@@ -34,6 +22,7 @@ from optipromp.robots.tool_protocol import Tool
 from optipromp.scenes.scene import Scene
 
 STANDING = PUSH.standing
+EVERY = round(PUSH.pack.step / STEP)  # points of a path in a step of the model
 
 
 class Standing(PushModel):
@@ -86,7 +75,7 @@ class Standing(PushModel):
 
     def _corners(self, points: FloatArray) -> FloatArray:
         """Every few of the points (P, 3), and the last, in (u, v)."""
-        chosen = np.concatenate([points[: -1 : STANDING.every], points[-1:]])
+        chosen = np.concatenate([points[:-1:EVERY], points[-1:]])
         return (chosen - self.target) @ self._flat
 
     def harm(
@@ -96,7 +85,7 @@ class Standing(PushModel):
         flat = self._corners(points)
         so_far = self._so_far.setdefault(states, np.zeros(states))
         tried = self._places[:states], self._slips[:states]
-        return float(cost(self.bench, flat, *tried, so_far, limit))
+        return float(trials.cost(self.bench, flat, *tried, so_far, limit))
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
         """See :class:`PushModel`; of the box that holds all packs."""
@@ -116,36 +105,32 @@ class Standing(PushModel):
         """See :class:`PushModel`."""
         flat = self._corners(points)
         one = [
-            float(cost(self.bench, flat, place[None], np.array([slip]), np.zeros(1), np.inf))
+            trials.cost(self.bench, flat, place[None], np.array([slip]), np.zeros(1), np.inf)
             for place, slip in zip(self._places, self._slips, strict=True)
         ]
-        worst = int(np.argmax(one))
-        before, bench = self._places[worst], self.bench
-        path = stepped(flat, STANDING.every * STEP)
-        end = self._end(path, worst)
-        palm, tip, half = bench.mouth
-        u, v = end.state[1:, 0], end.state[1:, 1]
-        taken = np.flatnonzero((palm < u) & (u < tip) & (np.abs(v) < half))
-        if len(taken):
-            return self.names[1 + int(taken[0])], "ends between the fingers"
+        worst, bench, path = int(np.argmax(one)), self.bench, trials.stepped(flat)
+        before, end = self._places[worst], self._end(path, worst)
+        for name, (u, v, _) in zip(self.names[1:], end.state[1:], strict=True):
+            if trials.taken(bench, u, v):
+                return name, "ends between the fingers"
         moved = np.linalg.norm(end.state[:, :2] - before[:, :2], axis=1)
+        target, farthest = self.names[0], self.names[int(np.argmax(moved))]
         if end.jam > JAMMED:
-            return self.names[int(np.argmax(moved))], "is jammed"
+            return farthest, "is jammed"
         over = int(np.argmin(end.state[:, 0]))
         behind = float(end.state[over, 0]) - bench.edge
         if behind < 0.0:
             return self.names[over], "is pushed off the board"
-        room = clear(path, 5, bench.hand, bench.walls, WIDE) if len(bench.walls.size) else WIDE
-        deep = max(0.0, float(end.state[0, 0]) - 0.4 * tip)
-        costs = (  # as of trials.cost
-            ((deep / BEYOND) ** 2, self.names[0],
+        room = trials.room(bench, path)
+        costs = (
+            (trials.depth_cost(bench, end.state), target,
              f"is {1e3 * end.state[0, 0]:.0f} mm beyond the tool point at the end"),
-            ((moved[0] / MOVED) ** 2, self.names[0], f"is pushed by {1e3 * moved[0]:.0f} mm"),
-            ((max(0.0, end.force - LIGHT) / HEAVY) ** 2, self.names[int(np.argmax(moved))],
-             f"is pushed with {end.force:.0f} N"),
-            ((max(0.0, BEHIND - behind) / BACK) ** 2, self.names[over],
+            (trials.motion_cost(before, end.state), target,
+             f"is pushed by {1e3 * moved[0]:.0f} mm"),
+            (trials.force_cost(end.force), farthest, f"is pushed with {end.force:.0f} N"),
+            (trials.edge_cost(bench, end.state[over, 0]), self.names[over],
              f"ends {1e3 * behind:.0f} mm behind the front of the board"),
-            (((WIDE - room) / TIGHT) ** 2, "",
+            (trials.wall_cost(room), "",
              f"the hand comes within {1e3 * max(room, 0.0):.0f} mm of a wall"),
         )  # fmt: skip
         _, name, cause = max(costs)
@@ -154,17 +139,13 @@ class Standing(PushModel):
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`."""
         flat = (points - self.target) @ self._flat
-        end = self._end(stepped(flat, STANDING.every * STEP), 0)
+        end = self._end(trials.stepped(flat), 0)
         shift = (end.state - self._places[0])[:, :2] @ self._flat.T
         return Moved(tuple(self.names), self._seen + shift, end.state[:, 2])
 
     def _end(self, path: FloatArray, state: int) -> Pushed:
         """What the hand, led along poses (T, 3), does to one of the states."""
-        bench = self.bench
-        return push(
-            path, bench.hand, bench.objects, self._places[state],
-            1.0 / bench.yields, np.sqrt(bench.lever2), bench.walls, float(self._slips[state]),
-        )  # fmt: skip
+        return push(self.bench, path, self._places[state], float(self._slips[state]))
 
 
 def applies(scene: Scene, tool: Tool | None) -> bool:
