@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from optipromp.arrays import FloatArray
+from optipromp.pushing.calibration import Calibration as Calibration
 from optipromp.pushing.candidates import Candidates
 from optipromp.pushing.path import STEP, along, evenly, length
-from optipromp.pushing.prediction import Calibration as Calibration
 from optipromp.pushing.prediction import Prediction as Prediction
 
 SLIGHT = 0.05  # [N] a choice: of a force that is not told

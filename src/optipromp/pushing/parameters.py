@@ -5,9 +5,10 @@ numbers that it shares with the models; where it has another value, the source s
 ``docs/decisions.md`` tells the measurements that the sources name.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from optipromp.parameters import GRAVITY, Checked, parameter
+from optipromp.pushing.calibration import DETECTED, KNOWN, PACKS, Calibration
 
 
 @dataclass(frozen=True)
@@ -148,43 +149,10 @@ class HarmParameters(Checked):
     risk: float = parameter(
         0.03, "1", "choice", "share of promised successes that may be broken, where none is told"
     )
-    risks: tuple[float, ...] = parameter(
-        (0.01, 0.02, 0.03, 0.05, 0.1), "1", "choice", "shares at which thresholds are known"
-    )
     good: float = parameter(
         0.2, "1", "measured",
         "harm below which a path is good enough; 231 of 240 runs succeed, 226 with 0.5",
     )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class CalibrationParameters(Checked):
-    """Predicted harm against simulated runs (:class:`optipromp.pushing.model.Calibration`)."""
-
-    harm: tuple[float, ...] = parameter((), "1", "choice", "at which the next is told")
-    failed: tuple[float, ...] = parameter(
-        (), "1", "measured", "share of runs that are not clean: a logistic curve, docs/studies.md"
-    )
-    thresholds: tuple[float, ...] = parameter(
-        (), "1", "measured", "largest harm of a success, at each of ``harm.risks``"
-    )
-
-
-_KNOWN = (
-    (0.0, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 2.0, 3.0),
-    (0.002, 0.011, 0.025, 0.052, 0.084, 0.144, 0.208, 0.438, 0.598),
-    (0.05, 0.2, 0.5, 0.9, 2.0),
-)
-_DETECTED = (
-    (0.0, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 2.0, 3.0),
-    (0.006, 0.022, 0.042, 0.074, 0.106, 0.160, 0.212, 0.386, 0.510),
-    (0.05, 0.3, 0.65, 1.1, 2.0),
-)
-_PACKS = (
-    (0.0, 1.0, 2.0, 4.0, 8.0, 15.0, 30.0, 60.0),
-    (0.016, 0.035, 0.053, 0.090, 0.159, 0.262, 0.425, 0.609),
-    (1.6, 2.5, 8.0, 12.0, 30.0),
-)
 
 
 @dataclass(frozen=True)
@@ -408,19 +376,17 @@ class RuleParameters(Checked):
 class PushParameters:
     """All numbers of the push models and rules."""
 
-    beam: BeamParameters = field(default_factory=BeamParameters)
-    swing: SwingParameters = field(default_factory=SwingParameters)
-    harm: HarmParameters = field(default_factory=HarmParameters)
-    known: CalibrationParameters = field(default_factory=lambda: CalibrationParameters(*_KNOWN))
-    detected: CalibrationParameters = field(
-        default_factory=lambda: CalibrationParameters(*_DETECTED)
-    )
-    packs: CalibrationParameters = field(default_factory=lambda: CalibrationParameters(*_PACKS))
-    hanging: HangingParameters = field(default_factory=HangingParameters)
-    plane: PlaneParameters = field(default_factory=PlaneParameters)
-    pack: PackParameters = field(default_factory=PackParameters)
-    standing: StandingParameters = field(default_factory=StandingParameters)
-    rule: RuleParameters = field(default_factory=RuleParameters)
+    beam: BeamParameters = BeamParameters()
+    swing: SwingParameters = SwingParameters()
+    harm: HarmParameters = HarmParameters()
+    known: Calibration = KNOWN
+    detected: Calibration = DETECTED
+    packs: Calibration = PACKS
+    hanging: HangingParameters = HangingParameters()
+    plane: PlaneParameters = PlaneParameters()
+    pack: PackParameters = PackParameters()
+    standing: StandingParameters = StandingParameters()
+    rule: RuleParameters = RuleParameters()
 
 
 PUSH = PushParameters()

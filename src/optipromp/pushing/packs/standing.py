@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from optipromp.arrays import FloatArray, frozen, lengths
-from optipromp.pushing.model import Calibration, Moved, PushModel
+from optipromp.pushing.model import Moved, PushModel
 from optipromp.pushing.packs import trials
 from optipromp.pushing.packs.paths import PathsBetween
 from optipromp.pushing.packs.plane import half_height, packs, plane
@@ -39,9 +39,7 @@ class Standing(PushModel):
     """
 
     good, states = STANDING.good, 1 + STANDING.samples
-    calibration = Calibration(
-        PUSH.packs.harm, PUSH.packs.failed, PUSH.harm.risks, PUSH.packs.thresholds
-    )
+    calibration = PUSH.packs
 
     def __init__(
         self, scene: Scene, tool: Tool, behind: Sequence[FloatArray] = (), seed: int = 0,

@@ -7,7 +7,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.geometry.obstacles import near
-from optipromp.pushing.model import Calibration, Moved, PushModel
+from optipromp.pushing.model import Moved, PushModel
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import STEP
 from optipromp.pushing.stems.bending import Stems, balls_of
@@ -22,10 +22,6 @@ from optipromp.robots.tools import WALL
 from optipromp.scenes.scene import Scene, SceneObject
 
 HANGING = PUSH.hanging
-KNOWN, DETECTED = (
-    Calibration(own.harm, own.failed, PUSH.harm.risks, own.thresholds)
-    for own in (PUSH.known, PUSH.detected)
-)
 NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
 
 
@@ -78,7 +74,7 @@ class Hanging(PushModel):
         fruits = (target, *_hanging(scene, target, neighbours))
         detected = any(fruit.covariance is not None for fruit in fruits)
         self.fruits, self.count = fruits, len(fruits)
-        self.calibration = DETECTED if detected else KNOWN
+        self.calibration = PUSH.detected if detected else PUSH.known
         self.threshold = self.calibration.allowed(risk)
         self.searched = HANGING.screened_states if detected else HANGING.screened_known
         self.states = HANGING.detected_states if detected else HANGING.states
