@@ -1,16 +1,8 @@
 """Contacts of fruits on stems: with the cup, with one another, and with static objects.
 
-The contacts of fruit i and of its stem are numbered. Among N fruits, with K = 3 (N - 1):
-
-- 0: the fruit and the cup;
-- 1 + 3k, 2 + 3k, 3 + 3k: the fruit and another one, the fruit and the other's stem, the stem and
-  the other fruit;
-- K + 1 and on: the fruit and the static objects near it;
-- ``on_fruit[i]`` and on: the stem and the cup, at the rim, at the base, and between at the points
-  of the stem's grid.
-
-A contact has a gap [m] (negative: pressed), the direction in which it pushes the fruit or the stem,
-and the share of the stem at which it pushes.
+A contact of fruit i or of its stem has a kind, such as :data:`ON_WALL`, and another partner: a
+fruit, an obstacle or a piece of the stem. It has a gap [m] (negative: pressed), the direction in
+which it pushes the fruit or the stem, and the share of the stem at which it pushes.
 """
 
 import math
@@ -24,10 +16,17 @@ from optipromp.geometry.distances import distance_and_gradient
 from optipromp.geometry.obstacles import Obstacles
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.stems.bending import Stems
-from optipromp.pushing.stems.cup import NECK_LOOKED_AT, Mouth, MouthPose
+from optipromp.pushing.stems.cup import NECK_LOOKED_AT, Mouth, MouthPose, fruit_gap
 from optipromp.pushing.stems.deflected import level, place
 
 LISTED, WANDERED = PUSH.swing.listed, PUSH.swing.wandered
+ON_CUP = 0  # the fruit and the cup
+ON_FRUIT = 1  # the fruit and another one
+ON_STEM = 2  # the fruit and another one's stem
+STEM_ON_FRUIT = 3  # the stem and another fruit
+ON_WALL = 4  # the fruit and a static object
+STEM_ON_CUP = 5  # the stem and the cup, level with its rim or base, or at a point of the grid
+AT_RIM, AT_BASE = 0, 1  # pieces of a stem; those from 2 on are the grid's points under the rim
 
 
 class Fruits(NamedTuple):
@@ -41,6 +40,7 @@ class Fruits(NamedTuple):
         resting: (N,) whether nothing has touched them yet.
         pressed: (N,) force of the cup on the fruit [N]; ``earlier`` that of the last step.
         firmly: (N,) whether the fruit is pressed against a static object.
+        force: (N,) largest contact force on the fruit; ``on_stem`` of the cup on the stem [N].
     """
 
     u: FloatArray
@@ -53,31 +53,64 @@ class Fruits(NamedTuple):
     pressed: FloatArray
     earlier: FloatArray
     firmly: BoolArray
+    force: FloatArray
+    on_stem: FloatArray
 
 
 class Contacts(NamedTuple):
-    """The possible contacts of N fruits.
+    """The possible contacts of N fruits, and of these the M that are close.
 
     Attributes:
         overlap: (N, N, 2) see :func:`overlapping`.
-        firm: (N, W) obstacles near a fruit; ``listed_at`` (N, 3) where it was as they were listed.
-        on_fruit: (N,) how many contacts are the fruit's; ``on_all`` with those of its stem.
+        firm: (N, W) obstacles near a fruit; ``firms`` (N,) how many; ``listed_at`` (N, 3) where it
+            was as they were listed.
+        pieces: (N,) how many pieces of the stem may touch the cup.
         top: (N,) share of the stem that is level with the rim, or 0; ``bottom`` with the base.
         first: (N,) the grid's first point under the rim.
-        close: (N,) how many contacts are close; ``number`` (N, M) which, ``share`` (N, M) where.
+        close: (N,) how many contacts are close.
+        kind, other: (N, M) of each of these; ``share`` (N, M) of the stem.
     """
 
     overlap: BoolArray
     firm: IntArray
+    firms: IntArray
     listed_at: FloatArray
-    on_fruit: IntArray
-    on_all: IntArray
+    pieces: IntArray
     top: FloatArray
     bottom: FloatArray
     first: IntArray
     close: IntArray
-    number: IntArray
+    kind: IntArray
+    other: IntArray
     share: FloatArray
+
+
+@inner
+def hang(s: Stems, f: Fruits, i: int) -> None:
+    """Bring fruit i to the end of its deflected stem."""
+    x, y, z = place(s, f.u, i, s.length[i] - f.up[i], 1.0)
+    f.center[i, 0], f.center[i, 1], f.center[i, 2] = x, y, z
+
+
+@inner
+def possible(c: Contacts, i: int) -> int:
+    """Number of possible contacts of a fruit and its stem."""
+    return int(1 + 3 * (len(c.close) - 1) + c.firms[i] + c.pieces[i])
+
+
+@inner
+def listed(c: Contacts, i: int, k: int) -> tuple[int, int]:
+    """Kind and partner of the k-th possible contact of fruit i or its stem."""
+    if k == 0:
+        return ON_CUP, 0
+    k, others = k - 1, 3 * (len(c.close) - 1)
+    if k < others:
+        o = k // 3
+        return ON_FRUIT + k % 3, o + 1 if o >= i else o
+    k -= others
+    if k < c.firms[i]:
+        return ON_WALL, c.firm[i, k]
+    return STEM_ON_CUP, k - c.firms[i]
 
 
 @inner
@@ -97,113 +130,147 @@ def overlapping(s: Stems, u: FloatArray, overlap: BoolArray) -> None:
 
     ``overlap[i, o, 0]``: fruit i in fruit o; ``overlap[i, o, 1]``: fruit i in stem o.
     """
-    root, axes, shape, length = s.root, s.axes, s.shape, s.length
-    for i in range(len(root)):
-        for o in range(len(root)):
+    for i in range(len(s.root)):
+        for o in range(len(s.root)):
             overlap[i, o, 0] = overlap[i, o, 1] = False
             for a, own in ((1.0, s.radius[i]), (s.upper[i], s.above[i])):
-                x0, x1, x2 = place(root, axes, shape, u, i, length[i], a)
+                x0, x1, x2 = place(s, u, i, s.length[i], a)
                 for b, other in ((1.0, s.radius[o]), (s.upper[o], s.above[o])):
-                    y0, y1, y2 = place(root, axes, shape, u, o, length[o], b)
+                    y0, y1, y2 = place(s, u, o, s.length[o], b)
                     d, _, _, _ = apart(x0, x1, x2, y0, y1, y2)
                     overlap[i, o, 0] |= d < own + other
-                share = level(root, axes, o, length[o], x0, x1, x2)
-                y0, y1, y2 = place(root, axes, shape, u, o, length[o], share)
+                share = level(s, o, x0, x1, x2)
+                y0, y1, y2 = place(s, u, o, s.length[o], share)
                 d, _, _, _ = apart(x0, x1, x2, y0, y1, y2)
                 overlap[i, o, 1] |= d < own + s.thickness[o]
 
 
 @inner
-def list_firm(
-    s: Stems, center: FloatArray, firm: IntArray, listed_at: FloatArray, on_fruit: IntArray,
-    solid: Obstacles,
-) -> None:  # fmt: skip
-    """Obstacles within :data:`LISTED` of each fruit that has moved since, into ``firm``."""
-    before = 3 * (len(center) - 1) + 1
+def list_firm(s: Stems, center: FloatArray, c: Contacts, solid: Obstacles) -> None:
+    """List obstacles within :data:`LISTED` of each fruit that has moved since."""
     for i in range(len(center)):
         x, y, z = center[i, 0], center[i, 1], center[i, 2]
-        moved, _, _, _ = apart(x, y, z, listed_at[i, 0], listed_at[i, 1], listed_at[i, 2])
+        at = c.listed_at
+        moved, _, _, _ = apart(x, y, z, at[i, 0], at[i, 1], at[i, 2])
         if moved <= WANDERED:
             continue
-        listed_at[i, 0], listed_at[i, 1], listed_at[i, 2] = x, y, z
-        on_fruit[i] = before
+        at[i, 0], at[i, 1], at[i, 2] = x, y, z
+        c.firms[i] = 0
         reach = max(s.radius[i], (1.0 - s.upper[i]) * s.length[i] + s.above[i]) + LISTED
-        for k in range(firm.shape[1]):
+        for k in range(c.firm.shape[1]):
             gap, _, _, _ = distance_and_gradient(solid, k, x, y, z)
             if gap < reach:
-                firm[i, on_fruit[i] - before] = k
-                on_fruit[i] += 1
+                c.firm[i, c.firms[i]] = k
+                c.firms[i] += 1
 
 
 @inner
 def list_pieces(s: Stems, c: Contacts, at: MouthPose, cup: Mouth) -> None:
     """Which pieces of each stem are level with the cup, and those at its rim and base."""
-    root, axes, length, above, n = s.root, s.axes, s.length, s.above, s.shape.shape[1] - 1
-    under = cup.base - NECK_LOOKED_AT
-    for i in range(len(root)):
-        c.top[i] = _level_with(root, axes, i, length[i], at, cup.rim)
-        c.bottom[i] = _level_with(root, axes, i, length[i], at, cup.base)
-        low = _level_with(root, axes, i, length[i], at, under)
+    n = s.shape.shape[1] - 1
+    for i in range(len(s.root)):
+        c.top[i] = _level_with(s, i, at, cup.rim)
+        c.bottom[i] = _level_with(s, i, at, cup.base)
+        low = _level_with(s, i, at, cup.base - NECK_LOOKED_AT)
         c.first[i] = int(c.top[i] * n) + 1
-        end = int(low * n) if low > 0.0 else int((s.upper[i] - above[i] / length[i]) * n)
-        c.on_all[i] = c.on_fruit[i] + 2 + max(end - c.first[i] + 1, 0)
+        end = int(low * n) if low > 0.0 else int(under_fruit(s, i) * n)
+        c.pieces[i] = 2 + max(end - c.first[i] + 1, 0)
 
 
 @inner
-def _level_with(
-    root: FloatArray, axes: FloatArray, i: int, length: float, at: MouthPose, h: float
-) -> float:
+def piece(s: Stems, c: Contacts, i: int, k: int) -> float:
+    """Share of stem i at which its piece k is; 0 where there is none."""
+    if k == AT_RIM:
+        return float(c.top[i])
+    if k == AT_BASE:
+        return float(c.bottom[i])
+    return float((c.first[i] + k - 2) / (s.shape.shape[1] - 1))
+
+
+@inner
+def under_fruit(s: Stems, i: int) -> float:
+    """Share of stem i at which its fruit begins."""
+    return float(s.upper[i] - s.above[i] / s.length[i])
+
+
+@inner
+def _level_with(s: Stems, i: int, at: MouthPose, h: float) -> float:
     """Share of stem i that is level with the point of the cup's axis at height h."""
-    return level(root, axes, i, length, at.x + h * at.u, at.y + h * at.v, at.z + h * at.w)
+    return level(s, i, at.x + h * at.u, at.y + h * at.v, at.z + h * at.w)
+
+
+@inlined
+def on_cup(
+    s: Stems, f: Fruits, i: int, at: MouthPose, cup: Mouth
+) -> tuple[float, float, float, float, float]:
+    """Gap of fruit i to the cup, the direction, and the share of its stem."""
+    gap, n0, n1, n2 = fruit_gap(
+        f.center[i, 0], f.center[i, 1], f.center[i, 2], s.radius[i], at, cup
+    )
+    if s.upper[i] < 1.0:
+        x, y, z = place(s, f.u, i, s.length[i] - f.up[i], s.upper[i])
+        over, m0, m1, m2 = fruit_gap(x, y, z, s.above[i], at, cup)
+        if over < gap:
+            return over, m0, m1, m2, s.upper[i]
+    return gap, n0, n1, n2, 1.0
+
+
+@inlined
+def on_wall(
+    s: Stems, f: Fruits, i: int, solid: Obstacles, wall: int
+) -> tuple[float, float, float, float, float]:
+    """:func:`on_cup` for a static object."""
+    gap, n0, n1, n2 = distance_and_gradient(
+        solid, wall, f.center[i, 0], f.center[i, 1], f.center[i, 2]
+    )
+    if s.upper[i] < 1.0:
+        x, y, z = place(s, f.u, i, s.length[i] - f.up[i], s.upper[i])
+        over, m0, m1, m2 = distance_and_gradient(solid, wall, x, y, z)
+        if over - s.above[i] < gap - s.radius[i]:
+            return over - s.above[i], m0, m1, m2, s.upper[i]
+    return gap - s.radius[i], n0, n1, n2, 1.0
 
 
 @inlined
 def between(
-    root: FloatArray, axes: FloatArray, shape: FloatArray, length: FloatArray, radius: FloatArray,
-    thickness: FloatArray, upper: FloatArray, above: FloatArray, u: FloatArray, up: FloatArray,
-    center: FloatArray, resting: BoolArray, overlap: BoolArray, i: int, what: int,
-) -> tuple[float, float, float, float, float]:  # fmt: skip
-    """Contact ``what`` of a fruit and its stem with another fruit and its stem.
-
-    The arrays are those of :class:`Stems`, :class:`Fruits` and :class:`Contacts`.
-
-    Returns:
-        The gap, infinite where they cannot touch, the direction, and the share of stem i.
-    """
-    o = (what - 1) // 3
-    o += 1 if o >= i else 0
-    if resting[i] and resting[o]:
+    s: Stems, f: Fruits, overlap: BoolArray, i: int, kind: int, o: int
+) -> tuple[float, float, float, float, float]:
+    """Contact of fruit i or its stem with fruit o or its stem; the gap is infinite for none."""
+    u, up, center, upper, above = f.u, f.up, f.center, s.upper, s.above
+    if f.resting[i] and f.resting[o]:
         return np.inf, 0.0, 0.0, 0.0, 1.0
-    if (what % 3 == 1 and overlap[i, o, 0]) or (what % 3 == 2 and overlap[i, o, 1]):
-        return np.inf, 0.0, 0.0, 0.0, 1.0
-    if what % 3 == 0 and overlap[o, i, 1]:
+    if (
+        (kind == ON_FRUIT and overlap[i, o, 0])
+        or (kind == ON_STEM and overlap[i, o, 1])
+        or (kind == STEM_ON_FRUIT and overlap[o, i, 1])
+    ):
         return np.inf, 0.0, 0.0, 0.0, 1.0
     least, m0, m1, m2, at = np.inf, 0.0, 0.0, 0.0, 1.0
-    for first in range(2 if what % 3 and upper[i] < 1.0 else 1):  # the balls of fruit i
-        share, own = 1.0, radius[i]
+    for first in range(2 if kind != STEM_ON_FRUIT and upper[i] < 1.0 else 1):  # balls of fruit i
+        share, own = 1.0, s.radius[i]
         x0, x1, x2 = center[i, 0], center[i, 1], center[i, 2]
         if first:
             share, own = upper[i], above[i]
-            x0, x1, x2 = place(root, axes, shape, u, i, length[i] - up[i], share)
-        for second in range(2 if what % 3 != 2 and upper[o] < 1.0 else 1):  # those of fruit o
+            x0, x1, x2 = place(s, u, i, s.length[i] - up[i], share)
+        for second in range(2 if kind != ON_STEM and upper[o] < 1.0 else 1):  # those of fruit o
             y0, y1, y2 = center[o, 0], center[o, 1], center[o, 2]
-            other = above[o] if second else radius[o]
+            other = above[o] if second else s.radius[o]
             if second:
-                y0, y1, y2 = place(root, axes, shape, u, o, length[o] - up[o], upper[o])
-            if what % 3 == 1:
+                y0, y1, y2 = place(s, u, o, s.length[o] - up[o], upper[o])
+            if kind == ON_FRUIT:
                 keep = own + other
-            elif what % 3 == 2:
-                along = level(root, axes, o, length[o], x0, x1, x2)
+            elif kind == ON_STEM:
+                along = level(s, o, x0, x1, x2)
                 if along == 0.0:
                     continue
-                y0, y1, y2 = place(root, axes, shape, u, o, length[o] - up[o], along)
-                keep = own + thickness[o]
+                y0, y1, y2 = place(s, u, o, s.length[o] - up[o], along)
+                keep = own + s.thickness[o]
             else:
-                share = level(root, axes, i, length[i], y0, y1, y2)
-                if share == 0.0 or share > upper[i] - above[i] / length[i]:
+                share = level(s, i, y0, y1, y2)
+                if share == 0.0 or share > under_fruit(s, i):
                     continue
-                x0, x1, x2 = place(root, axes, shape, u, i, length[i] - up[i], share)
-                keep = other + thickness[i]
+                x0, x1, x2 = place(s, u, i, s.length[i] - up[i], share)
+                keep = other + s.thickness[i]
             gap, n0, n1, n2 = apart(x0, x1, x2, y0, y1, y2)
             if gap - keep < least:
                 least, m0, m1, m2, at = gap - keep, n0, n1, n2, share
