@@ -102,9 +102,9 @@ def test_each_tool_pushes_what_stands(name: str, shelf: Scene) -> None:
 
 def test_of_a_tool_that_takes_hold_of_nothing_no_target_is_too_deep(shelf: Scene) -> None:
     """The bar's tool point is 18 mm before it: a target there is neither beyond nor between."""
-    bench = plane(shelf, probe()).bench(probe())
+    bench = plane(shelf, probe()).bench
     assert bench.mouth[1:].tolist() == [np.inf, 0.0]
-    hand = plane(shelf, TOOLS["franka_hand"]).bench(TOOLS["franka_hand"])
+    hand = plane(shelf, TOOLS["franka_hand"]).bench
     assert hand.mouth[2] == 0.04
 
 

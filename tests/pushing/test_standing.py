@@ -74,7 +74,7 @@ def test_a_pack_that_ends_between_the_fingers_is_named() -> None:
 def test_a_pack_over_the_front_of_the_board_is_named() -> None:
     """It stands on the edge: in the worst state its middle is over it."""
     model = Standing(shelf(pack((-0.152, 0.15)), pack((0.0, 0.2), name="n2")), HAND)
-    assert model.board.edge == pytest.approx(-0.15)
+    assert model.bench.edge == pytest.approx(-0.15)
     model._places[:, 0] = 0.0  # the target is known exactly
     path = judged(led(*STRAIGHT))
     assert model.predict(*path).harm > model.good
@@ -249,8 +249,12 @@ def test_what_stands_far_away_is_not_on_the_plane() -> None:
     walls = [replace(obj, id=f"{obj.id}-wall", role="static") for obj in far]
     alone, among = (plane(shelf(one, *more), HAND) for more in ((), (*far, *walls)))
     np.testing.assert_array_equal(among.state, alone.state)
-    assert len(among.walls.size) == len(alone.walls.size) == 1
-    assert (among.edge, among.entry, among.drop) == (alone.edge, alone.entry, alone.drop)
+    assert len(among.bench.walls.size) == len(alone.bench.walls.size) == 1
+    assert (among.bench.edge, among.entry, among.drop) == (
+        alone.bench.edge,
+        alone.entry,
+        alone.drop,
+    )
     near = [
         replace(one, id=f"near-{i}", position=TARGET + [0.0, 0.1 + 0.002 * i, 0.0])
         for i in range(300)
@@ -265,19 +269,19 @@ def test_what_stands_far_away_is_not_on_the_plane() -> None:
 def test_the_plane_is_what_stands_there() -> None:
     board = plane(shelf(pack((-0.1, 0.03), (0.04, 0.06, 0.14))), HAND)
     np.testing.assert_allclose(board.state, [[0, 0, 0], [-0.1, 0.03, 0]], atol=1e-12)
-    assert board.objects.size.tolist() == [0, 4]
-    np.testing.assert_allclose(board.objects.box[1], [-0.02, -0.03, 0.02, 0.03])
-    assert board.walls.size.tolist() == [4]
-    np.testing.assert_allclose(board.walls.box[0], [-0.15, 0.30, 0.15, 0.32])
-    assert board.edge == pytest.approx(-0.15)
+    assert board.bench.objects.size.tolist() == [0, 4]
+    np.testing.assert_allclose(board.bench.objects.box[1], [-0.02, -0.03, 0.02, 0.03])
+    assert board.bench.walls.size.tolist() == [4]
+    np.testing.assert_allclose(board.bench.walls.box[0], [-0.15, 0.30, 0.15, 0.32])
+    assert board.bench.edge == pytest.approx(-0.15)
     assert board.entry < -0.15 - (HAND.tip - HAND.reach)
     weight = 600.0 * 9.81 * 0.04 * 0.06 * 0.14
-    assert 1.0 / board.yields[1] == pytest.approx(0.4 * weight)
+    assert 1.0 / board.bench.yields[1] == pytest.approx(0.4 * weight)
     assert board.spread.tolist() == [STANDING.unsure] * 2
 
 
 def test_the_outline_holds_the_boxes() -> None:
-    hand = plane(shelf(pack((-0.1, 0.0))), HAND).bench(HAND).hand
+    hand = plane(shelf(pack((-0.1, 0.0))), HAND).bench.hand
     assert hand.size.tolist() == [4, 5, 4, 5, 4]  # palm, and base and pad of either finger
     kinds = ("palm", "left", "left", "right", "right")
     for name, center, half, turn in HAND.boxes():

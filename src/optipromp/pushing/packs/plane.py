@@ -7,7 +7,7 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.geometry.shapes import Box, Cylinder
-from optipromp.pushing.packs.flat import Shapes, shapes
+from optipromp.pushing.packs.flat import shapes
 from optipromp.pushing.packs.quasi_static import Bench
 from optipromp.pushing.parameters import PUSH
 from optipromp.robots.tool_protocol import Tool
@@ -21,37 +21,25 @@ class Plane:
     """What stands around the target, seen along x_g.
 
     Attributes:
-        objects: the target first, then the pushables.
-        state: (B, 3) where they stand: u, v [m], turn [rad].
+        bench: objects, walls and the hand, for the kernels.
+        state: (B, 3) where the objects stand: u, v [m], turn [rad].
         spread: (B,) standard deviation of their detected positions [m].
-        yields, lever2: (B,) see :class:`optipromp.pushing.packs.quasi_static.Bench`.
-        walls: static objects at the target's height.
-        edge: u of the board's front, behind which objects must stay [m].
         entry: u of the tool point where a path begins [m].
         drop: along x_g, how far lower than the target's middle the hand goes until it is there [m].
     """
 
-    objects: Shapes
+    bench: Bench
     state: FloatArray
     spread: FloatArray
-    yields: FloatArray
-    lever2: FloatArray
-    walls: Shapes
-    edge: float
     entry: float
     drop: float
 
-    def bench(self, tool: Tool, behind: Sequence[FloatArray] = ()) -> Bench:
-        """The same for trials with a hand, and convex polygons (k, 2) ``behind`` it [m]."""
-        mouth = np.array([tool.front - tool.reach, tool.tip - tool.reach, tool.gripper_radius])
-        if tool.mouth[0] == 0.0:  # nothing is taken hold of, and the target is nowhere too deep
-            mouth[1:] = np.inf, 0.0
-        hand = shapes([*tool.outline(), *behind])
-        return Bench(self.objects, self.yields, self.lever2, self.walls, hand, mouth, self.edge)
 
+def plane(scene: Scene, tool: Tool, behind: Sequence[FloatArray] = ()) -> Plane:
+    """The plane of a scene that :class:`optipromp.pushing.packs.standing.Standing` applies to.
 
-def plane(scene: Scene, tool: Tool) -> Plane:
-    """The plane of a scene that :class:`optipromp.pushing.packs.standing.Standing` applies to."""
+    ``behind`` are convex polygons (k, 2) of the wrist behind the tool, in its outline's frame [m].
+    """
     target, frame = scene.target, scene.frame
     assert target is not None
     standing = (target, *packs(scene, target))
@@ -81,10 +69,14 @@ def plane(scene: Scene, tool: Tool) -> Plane:
     begin = float(np.min(flat[:, 0] - objects.radius))
     if np.isfinite(edge):  # there is a board
         begin = min(begin, edge)
+    mouth = np.array([tool.front - tool.reach, tool.tip - tool.reach, tool.gripper_radius])
+    if tool.mouth[0] == 0.0:  # nothing is taken hold of, and the target is nowhere too deep
+        mouth[1:] = np.inf, 0.0
+    hand = shapes([*tool.outline(), *behind])
     return Plane(
-        objects, np.column_stack([flat, np.zeros(len(flat))]),
+        Bench(objects, 1.0 / friction, np.array(lever) ** 2, shapes(walls), hand, mouth, edge),
+        np.column_stack([flat, np.zeros(len(flat))]),
         np.array([_spread(obj) for obj in standing]),
-        1.0 / friction, np.array(lever) ** 2, shapes(walls), edge,
         begin - STANDING.before - (tool.tip - tool.reach), float(drop),
     )  # fmt: skip
 

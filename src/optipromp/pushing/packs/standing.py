@@ -49,13 +49,13 @@ class Standing(PushModel):
         self.threshold = self.calibration.allowed(risk)
         self.target, self.frame = scene.target.position, scene.frame
         self._flat, self._rings = scene.frame[[2, 1]].T, rings
-        self.board = plane(scene, tool)
+        self.board = plane(scene, tool, behind)
+        self.bench = self.board.bench
         self.candidates = PathsBetween(scene, self.board)
         seen = (scene.target, *packs(scene, scene.target))
         self.names = [obj.id for obj in seen]
         self._seen = np.array([obj.position for obj in seen])
-        self.bench = self.board.bench(tool, behind)
-        near = self.board.objects.radius[:, None] + np.zeros(3)  # along x_g, y_g, z_g
+        near = self.bench.objects.radius[:, None] + np.zeros(3)  # along x_g, y_g, z_g
         near[:, 0] = [half_height(obj, self.frame) for obj in seen]
         place, near = (
             (self._seen - self.target) @ self.frame.T,

@@ -58,59 +58,38 @@ class Fruits(NamedTuple):
 
 
 class Contacts(NamedTuple):
-    """The possible contacts of N fruits, and of these the M that are close.
+    """The possible contacts of N fruits and their stems.
 
     Attributes:
+        kind, other: (N, M) of each contact: with the cup, with the other fruits, with static
+            objects and with the cup again, in this order.
+        possible: (N,) how many they are.
+        close: (N, M) which of them are close; ``closes`` (N,) how many.
         overlap: (N, N, 2) see :func:`overlapping`.
-        firm: (N, W) obstacles near a fruit; ``firms`` (N,) how many; ``listed_at`` (N, 3) where it
-            was as they were listed.
-        pieces: (N,) how many pieces of the stem may touch the cup.
+        walls: (N,) how many static objects are near; ``listed_at`` (N, 3) where the fruit was as
+            they were listed.
         top: (N,) share of the stem that is level with the rim, or 0; ``bottom`` with the base.
         first: (N,) the grid's first point under the rim.
-        close: (N,) how many contacts are close.
-        kind, other: (N, M) of each of these; ``share`` (N, M) of the stem.
     """
 
+    kind: IntArray
+    other: IntArray
+    possible: IntArray
+    close: IntArray
+    closes: IntArray
     overlap: BoolArray
-    firm: IntArray
-    firms: IntArray
+    walls: IntArray
     listed_at: FloatArray
-    pieces: IntArray
     top: FloatArray
     bottom: FloatArray
     first: IntArray
-    close: IntArray
-    kind: IntArray
-    other: IntArray
-    share: FloatArray
 
 
-@inner
+@inlined
 def hang(s: Stems, f: Fruits, i: int) -> None:
     """Bring fruit i to the end of its deflected stem."""
     x, y, z = place(s, f.u, i, s.length[i] - f.up[i], 1.0)
     f.center[i, 0], f.center[i, 1], f.center[i, 2] = x, y, z
-
-
-@inner
-def possible(c: Contacts, i: int) -> int:
-    """Number of possible contacts of a fruit and its stem."""
-    return int(1 + 3 * (len(c.close) - 1) + c.firms[i] + c.pieces[i])
-
-
-@inner
-def listed(c: Contacts, i: int, k: int) -> tuple[int, int]:
-    """Kind and partner of the k-th possible contact of fruit i or its stem."""
-    if k == 0:
-        return ON_CUP, 0
-    k, others = k - 1, 3 * (len(c.close) - 1)
-    if k < others:
-        o = k // 3
-        return ON_FRUIT + k % 3, o + 1 if o >= i else o
-    k -= others
-    if k < c.firms[i]:
-        return ON_WALL, c.firm[i, k]
-    return STEM_ON_CUP, k - c.firms[i]
 
 
 @inner
@@ -146,7 +125,19 @@ def overlapping(s: Stems, u: FloatArray, overlap: BoolArray) -> None:
 
 
 @inner
-def list_firm(s: Stems, center: FloatArray, c: Contacts, solid: Obstacles) -> None:
+def list_fruits(c: Contacts) -> None:
+    """List the contacts of each fruit with the cup and with the other fruits."""
+    for i in range(len(c.kind)):
+        n = 1
+        c.kind[i, 0] = ON_CUP
+        for o in range(len(c.kind)):
+            for kind in range(ON_FRUIT, STEM_ON_FRUIT + 1 if o != i else ON_FRUIT):
+                c.kind[i, n], c.other[i, n] = kind, o
+                n += 1
+
+
+@inner
+def list_walls(s: Stems, center: FloatArray, c: Contacts, solid: Obstacles) -> None:
     """List obstacles within :data:`LISTED` of each fruit that has moved since."""
     for i in range(len(center)):
         x, y, z = center[i, 0], center[i, 1], center[i, 2]
@@ -155,18 +146,19 @@ def list_firm(s: Stems, center: FloatArray, c: Contacts, solid: Obstacles) -> No
         if moved <= WANDERED:
             continue
         at[i, 0], at[i, 1], at[i, 2] = x, y, z
-        c.firms[i] = 0
+        n = first = 1 + 3 * (len(center) - 1)
         reach = max(s.radius[i], (1.0 - s.upper[i]) * s.length[i] + s.above[i]) + LISTED
-        for k in range(c.firm.shape[1]):
+        for k in range(len(solid.kind)):
             gap, _, _, _ = distance_and_gradient(solid, k, x, y, z)
             if gap < reach:
-                c.firm[i, c.firms[i]] = k
-                c.firms[i] += 1
+                c.kind[i, n], c.other[i, n] = ON_WALL, k
+                n += 1
+        c.walls[i] = n - first
 
 
 @inner
 def list_pieces(s: Stems, c: Contacts, at: MouthPose, cup: Mouth) -> None:
-    """Which pieces of each stem are level with the cup, and those at its rim and base."""
+    """List the pieces of each stem that are level with the cup, and those at its rim and base."""
     n = s.shape.shape[1] - 1
     for i in range(len(s.root)):
         c.top[i] = _level_with(s, i, at, cup.rim)
@@ -174,10 +166,14 @@ def list_pieces(s: Stems, c: Contacts, at: MouthPose, cup: Mouth) -> None:
         low = _level_with(s, i, at, cup.base - NECK_LOOKED_AT)
         c.first[i] = int(c.top[i] * n) + 1
         end = int(low * n) if low > 0.0 else int(under_fruit(s, i) * n)
-        c.pieces[i] = 2 + max(end - c.first[i] + 1, 0)
+        before = 1 + 3 * (len(s.root) - 1) + c.walls[i]
+        pieces = 2 + max(end - c.first[i] + 1, 0)
+        for k in range(pieces):
+            c.kind[i, before + k], c.other[i, before + k] = STEM_ON_CUP, k
+        c.possible[i] = before + pieces
 
 
-@inner
+@inlined
 def piece(s: Stems, c: Contacts, i: int, k: int) -> float:
     """Share of stem i at which its piece k is; 0 where there is none."""
     if k == AT_RIM:
@@ -187,13 +183,13 @@ def piece(s: Stems, c: Contacts, i: int, k: int) -> float:
     return float((c.first[i] + k - 2) / (s.shape.shape[1] - 1))
 
 
-@inner
+@inlined
 def under_fruit(s: Stems, i: int) -> float:
     """Share of stem i at which its fruit begins."""
     return float(s.upper[i] - s.above[i] / s.length[i])
 
 
-@inner
+@inlined
 def _level_with(s: Stems, i: int, at: MouthPose, h: float) -> float:
     """Share of stem i that is level with the point of the cup's axis at height h."""
     return level(s, i, at.x + h * at.u, at.y + h * at.v, at.z + h * at.w)

@@ -8,7 +8,7 @@ the index of one, because a slice would count references, which costs more than 
 from typing import NamedTuple
 
 from optipromp.arrays import FloatArray
-from optipromp.compiled import inner
+from optipromp.compiled import inlined, inner
 from optipromp.pushing.stems.bending import LOADED, Stems
 
 LOADS = len(LOADED)
@@ -35,7 +35,7 @@ class Descent(NamedTuple):
     last: FloatArray
 
 
-@inner
+@inlined
 def shortened(s: Stems, u: FloatArray, i: int) -> float:
     """How far a stem's deflections lift its fruit [m]."""
     up = 0.0
@@ -46,7 +46,7 @@ def shortened(s: Stems, u: FloatArray, i: int) -> float:
     return up
 
 
-@inner
+@inlined
 def place(
     s: Stems, u: FloatArray, i: int, chord: float, share: float
 ) -> tuple[float, float, float]:
@@ -68,7 +68,7 @@ def place(
     )
 
 
-@inner
+@inlined
 def level(s: Stems, i: int, x: float, y: float, z: float) -> float:
     """Share of a stem at rest that is level with a point; 0 beyond its ends."""
     root, axes = s.root, s.axes
@@ -92,7 +92,7 @@ def freely(s: Stems, i: int, d: Descent) -> None:
             d.free[i, a, b] = s.compliance[i, a, b] - both / shared
 
 
-@inner
+@inlined
 def begin(s: Stems, u: FloatArray, ahead: FloatArray, i: int, d: Descent) -> None:
     """Energy of stem and inertia: gradient (2L,) and inverse Hessian (2L, 2L), into ``d``."""
     gradient, inverse = d.gradient, d.inverse
@@ -109,7 +109,7 @@ def begin(s: Stems, u: FloatArray, ahead: FloatArray, i: int, d: Descent) -> Non
         gradient[a] += d.inertia[i] * (u[i, a] - ahead[i, a])
 
 
-@inner
+@inlined
 def press(
     s: Stems, u: FloatArray, i: int, share: float, way: tuple[float, float, float], depth: float,
     spring: float, d: Descent,

@@ -32,13 +32,11 @@ from optipromp.pushing.stems.contacts import (
     Fruits,
     between,
     hang,
-    listed,
     on_cup,
     on_wall,
     piece,
-    possible,
     under_fruit,
-)  # fmt: skip
+)
 from optipromp.pushing.stems.cup import ABOVE, Mouth, MouthPose, in_cup, stem_gap
 from optipromp.pushing.stems.deflected import (
     LOADS,
@@ -48,7 +46,7 @@ from optipromp.pushing.stems.deflected import (
     place,
     press,
     shortened,
-)  # fmt: skip
+)
 
 CONTACT, CLOSE = PUSH.swing.stiffness, PUSH.swing.close
 RUBBING, STUCK = PUSH.swing.friction, PUSH.swing.stuck
@@ -56,25 +54,21 @@ SKIN_FRICTION, STEM_FRICTION = PUSH.swing.skin_friction, PUSH.swing.stem_frictio
 FARTHEST, REVERSAL = PUSH.swing.farthest, PUSH.swing.reversal
 
 
-class Around(NamedTuple):
-    """What is around the fruits in one step.
+class CupStep(NamedTuple):
+    """One step of the cup: its shape, where it is, and its motion in this step [m].
 
-    Attributes:
-        cup: its shape; ``at`` where it is; ``shift`` its motion in this step [m].
-        solid: static objects.
-        begins: whether it is the first step of the path.
+    ``begins``: whether it is the first step of the path.
     """
 
     cup: Mouth
     at: MouthPose
     shift: MouthPose
-    solid: Obstacles
     begins: bool
 
 
 @inlined
 def relax(
-    s: Stems, f: Fruits, c: Contacts, d: Descent, around: Around, look: bool
+    s: Stems, f: Fruits, c: Contacts, d: Descent, step: CupStep, solid: Obstacles, look: bool
 ) -> tuple[float, bool]:
     """One Gauss-Newton step of every fruit that is touched.
 
@@ -83,36 +77,32 @@ def relax(
         f: where they are, in and out.
         c: their contacts, in and out.
         d: the iteration so far, in and out.
-        around: cup and static objects.
+        step: of the cup.
+        solid: static objects that fruits are pressed against.
         look: whether all contacts are looked at, not only those known to be close.
 
     Returns:
         The largest change of a deflection [m], and whether a fruit was touched for the first time.
     """
-    at, cup, n = around.at, around.cup, s.shape.shape[1] - 1
+    at, cup, n = step.at, step.cup, s.shape.shape[1] - 1
     moved, woken = 0.0, False
     for i in range(len(s.length)):
         begun = not f.resting[i]
         if begun:
             begin(s, f.u, f.ahead, i, d)
-        f.pressed[i], f.firmly[i], f.force[i] = 0.0, False, 0.0
-        t0 = t1 = t2 = 0.0
+        f.pressed[i], f.firmly[i] = 0.0, False
+        largest = t0 = t1 = t2 = 0.0
         last = under_fruit(s, i)
         h, rho, _, _, _ = in_cup(f.center[i, 0], f.center[i, 1], f.center[i, 2], at)
         within = h > cup.base and rho < cup.inner
-        count = possible(c, i) if look else c.close[i]
-        if look:
-            c.close[i] = 0
-        clear = 0  # pieces before this one cannot be close
-        for k in range(count):
-            if look:
-                kind, other = listed(c, i, k)
-                share = piece(s, c, i, other) if kind == STEM_ON_CUP else 1.0
-            else:
-                kind, other, share = c.kind[i, k], c.other[i, k], c.share[i, k]
+        close, clear = 0, 0  # how many are close; pieces before this one cannot be
+        for k in range(c.possible[i] if look else c.closes[i]):
+            number = k if look else c.close[i, k]
+            kind, other, share = c.kind[i, number], c.other[i, number], 1.0
             if kind == ON_CUP:
                 gap, n0, n1, n2, share = on_cup(s, f, i, at, cup)
             elif kind == STEM_ON_CUP:
+                share = piece(s, c, i, other)
                 if look and (share == 0.0 or share > last or other < clear):
                     continue
                 x, y, z = place(s, f.u, i, s.length[i] - f.up[i], share)
@@ -121,15 +111,14 @@ def relax(
                     away = gap - cup.outer + cup.neck if gap < ABOVE else gap - ABOVE
                     clear = other + int((away - CLOSE) * n / s.length[i])
             elif kind == ON_WALL:
-                if f.resting[i] and not around.begins:
+                if f.resting[i] and not step.begins:
                     continue
-                gap, n0, n1, n2, share = on_wall(s, f, i, around.solid, other)
+                gap, n0, n1, n2, share = on_wall(s, f, i, solid, other)
             else:
                 gap, n0, n1, n2, share = between(s, f, c.overlap, i, kind, other)
             if look and gap < CLOSE:
-                c.kind[i, c.close[i]], c.other[i, c.close[i]] = kind, other
-                c.share[i, c.close[i]] = share
-                c.close[i] += 1
+                c.close[i, close] = number
+                close += 1
             if gap >= 0.0:
                 continue
             if not begun:
@@ -140,7 +129,7 @@ def relax(
             if kind == STEM_ON_CUP:
                 t0, t1, t2 = t0 + hard * n0, t1 + hard * n1, t2 + hard * n2
             elif kind != STEM_ON_FRUIT:
-                f.force[i] = max(f.force[i], hard)
+                largest = max(largest, hard)
             if kind == ON_WALL:  # without friction
                 f.firmly[i] = True
                 continue
@@ -150,9 +139,11 @@ def relax(
             elif kind == STEM_ON_CUP:
                 most = STEM_FRICTION * hard
             if most > 0.0:
-                slip = _slip(s, f, around, i, kind, other, share)
+                slip = _slip(s, f, step, i, kind, other, share)
                 _rub(s, f, i, share, slip, (n0, n1, n2), most, d)
-        f.on_stem[i] = math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
+        if look:
+            c.closes[i] = close
+        f.force[i], f.on_stem[i] = largest, math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
         if begun:
             moved = max(moved, _step(s, f, i, d))
     return moved, woken
@@ -160,13 +151,13 @@ def relax(
 
 @inner
 def _slip(
-    s: Stems, f: Fruits, around: Around, i: int, kind: int, o: int, share: float
+    s: Stems, f: Fruits, step: CupStep, i: int, kind: int, o: int, share: float
 ) -> tuple[float, float, float]:
     """Slip of this step between fruit or stem i and what it touches [m].
 
     On the cup, the stem's slip along the cup's axis does not count.
     """
-    at, shift, chord = around.at, around.shift, s.length[i] - f.up[i]
+    at, shift, chord = step.at, step.shift, s.length[i] - f.up[i]
     x0, x1, x2 = f.center[i, 0], f.center[i, 1], f.center[i, 2]
     a0, a1, a2 = f.began[i, 0], f.began[i, 1], f.began[i, 2]
     if kind in (STEM_ON_FRUIT, STEM_ON_CUP):
@@ -194,7 +185,7 @@ def _slip(
     return x0 - a0 - y0 + b0, x1 - a1 - y1 + b1, x2 - a2 - y2 + b2
 
 
-@inner
+@inlined
 def _rub(
     s: Stems, f: Fruits, i: int, share: float, slip: tuple[float, float, float],
     way: tuple[float, float, float], most: float, d: Descent,
@@ -212,28 +203,28 @@ def _rub(
         press(s, f.u, i, share, back, far, most / max(far, STUCK), d)
 
 
-@inner
+@inlined
 def _step(s: Stems, f: Fruits, i: int, d: Descent) -> float:
     """Step stem i to the minimum of the quadratic model; the largest change of a deflection [m].
 
     No loaded point moves farther than :data:`FARTHEST`. A step back as long as the last one would
     go on for ever; it is halved, and those after it.
     """
-    step, last = d.v, d.last
+    change, last = d.v, d.last
     far = back = before = 0.0
     for a in range(2 * LOADS):
-        step[a] = 0.0
+        change[a] = 0.0
         for b in range(2 * LOADS):
-            step[a] += d.inverse[a, b] * d.gradient[b]
-        back -= step[a] * last[i, a]
+            change[a] += d.inverse[a, b] * d.gradient[b]
+        back -= change[a] * last[i, a]
         before += last[i, a] ** 2
     for a in range(LOADS):
-        far = max(far, math.hypot(step[a], step[LOADS + a]))
+        far = max(far, math.hypot(change[a], change[LOADS + a]))
     if back > REVERSAL * before:
         d.eased[i] *= 0.5
     scale: float = min(d.eased[i], FARTHEST / max(far, 1e-12))
     for a in range(2 * LOADS):
-        last[i, a] = scale * step[a]
+        last[i, a] = scale * change[a]
         f.u[i, a] -= last[i, a]
     f.up[i] = shortened(s, f.u, i) - s.lifted[i]
     hang(s, f, i)

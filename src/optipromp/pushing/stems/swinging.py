@@ -19,13 +19,14 @@ from optipromp.pushing.stems.contacts import (
     Contacts,
     Fruits,
     hang,
-    list_firm,
+    list_fruits,
     list_pieces,
+    list_walls,
     overlapping,
-)  # fmt: skip
+)
 from optipromp.pushing.stems.cup import Mouth, MouthPose, in_cup, inside
 from optipromp.pushing.stems.deflected import LOADS, Descent, freely
-from optipromp.pushing.stems.equilibrium import CLOSE, Around, relax
+from optipromp.pushing.stems.equilibrium import CLOSE, CupStep, relax
 from optipromp.pushing.stems.harm import Harm, score_of
 
 ITERATIONS, SETTLED = PUSH.swing.iterations, PUSH.swing.settled
@@ -57,8 +58,7 @@ def push(
         Number of points that the cup was led through.
     """
     count, n, dofs = len(s.root), s.shape.shape[1] - 1, 2 * LOADS
-    walls = len(solid.kind)
-    most = 1 + 3 * (count - 1) + walls + n + 3  # contacts of a fruit and its stem
+    most = 1 + 3 * (count - 1) + len(solid.kind) + n + 3  # contacts of a fruit and its stem
     f = Fruits(
         s.rest.copy(), s.rest.copy(), s.rest.copy(), np.zeros(count),
         np.zeros((count, 3)), np.zeros((count, 3)), np.ones(count, dtype=np.bool_),
@@ -66,12 +66,11 @@ def push(
         np.zeros(count),
     )  # fmt: skip
     c = Contacts(
-        np.zeros((count, count, 2), dtype=np.bool_), np.zeros((count, walls), dtype=np.int64),
-        np.zeros(count, dtype=np.int64), np.full((count, 3), np.inf),
-        np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros(count),
-        np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64),
         np.zeros((count, most), dtype=np.int64), np.zeros((count, most), dtype=np.int64),
-        np.zeros((count, most)),
+        np.zeros(count, dtype=np.int64), np.zeros((count, most), dtype=np.int64),
+        np.zeros(count, dtype=np.int64), np.zeros((count, count, 2), dtype=np.bool_),
+        np.zeros(count, dtype=np.int64), np.full((count, 3), np.inf), np.zeros(count),
+        np.zeros(count), np.zeros(count, dtype=np.int64),
     )  # fmt: skip
     d = Descent(
         s.mass / (dt * dt), np.zeros((count, LOADS, LOADS)), np.zeros(dofs),
@@ -85,6 +84,7 @@ def push(
         s.stiffness, s.compliance, s.shortening, s.joint, s.rest, s.lifted,
     )  # fmt: skip
     overlapping(s, f.u, c.overlap)
+    list_fruits(c)
     for i in range(count):
         hang(s, f, i)
         freely(s, i, d)
@@ -95,9 +95,9 @@ def push(
             continue
         q = max(p - 1, 0)
         x, y, z = at.x - points[q, 0], at.y - points[q, 1], at.z - points[q, 2]
-        around = Around(cup, at, MouthPose(x, y, z, 0.0, 0.0, 0.0), solid, p == 0)
+        step = CupStep(cup, at, MouthPose(x, y, z, 0.0, 0.0, 0.0), p == 0)
         _follow_truss(s, f, held, load)
-        _advance(s, f, c, d, around)
+        _advance(s, f, c, d, step, solid)
         _note(f, p, positions)
         _take(f, at, cup, dt, p, forces, stem_forces, spell, pinched, so_far)
         if score_of(so_far[0], so_far[1], so_far[2], so_far[3], so_far[4], False) > worst:
@@ -174,7 +174,7 @@ def clear(s: Stems, points: FloatArray, axes: FloatArray, cup: Mouth) -> bool:
 
 
 @inner
-def _advance(s: Stems, f: Fruits, c: Contacts, d: Descent, around: Around) -> None:
+def _advance(s: Stems, f: Fruits, c: Contacts, d: Descent, step: CupStep, solid: Obstacles) -> None:
     """The fruits swing on, then come to their equilibrium with the cup where it is."""
     for i in range(len(f.up)):
         for k in range(3):
@@ -184,14 +184,14 @@ def _advance(s: Stems, f: Fruits, c: Contacts, d: Descent, around: Around) -> No
             f.before[i, a] = f.u[i, a]
             d.last[i, a] = 0.0
         f.earlier[i], d.eased[i] = f.pressed[i], 1.0
-    list_firm(s, f.center, c, around.solid)
-    list_pieces(s, c, around.at, around.cup)
+    list_walls(s, f.center, c, solid)
+    list_pieces(s, c, step.at, step.cup)
     stirred = np.inf
     for _ in range(ITERATIONS):
         look = stirred > STIRRED  # for all contacts that are close, not only those known
         if look:
             stirred = 0.0
-        moved, woken = relax(s, f, c, d, around, look)
+        moved, woken = relax(s, f, c, d, step, solid, look)
         stirred += np.inf if woken else moved
         if moved < SETTLED:
             break
