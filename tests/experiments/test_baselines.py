@@ -13,7 +13,7 @@ from optipromp.experiments.baselines import (
 from optipromp.planning import PaperOptions, PlanOptions, plan
 from optipromp.planning.task import resolve
 from optipromp.pushing import rule_paths
-from optipromp.pushing.hanging import KNOWN
+from optipromp.pushing.calibration import KNOWN
 from optipromp.scenes import JointGoal, load_scene
 from optipromp.scenes.generate import generate
 

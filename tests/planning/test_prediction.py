@@ -14,11 +14,11 @@ from optipromp import judge, judging, load_plan, write_plan
 from optipromp.errors import Code
 from optipromp.planning import Plan, PlanOptions, plan
 from optipromp.planning.task import Task, push_model, resolve, tool_motion
-from optipromp.pushing.hanging import Hanging
 from optipromp.pushing.model import PushModel
+from optipromp.pushing.packs.standing import Standing
 from optipromp.pushing.path import STEP, through
 from optipromp.pushing.rules import rule_paths
-from optipromp.pushing.standing import Standing
+from optipromp.pushing.stems.hanging import Hanging
 from optipromp.scenes import Scene, ToolSpec, load_scene
 from optipromp.scenes.generate import generate
 

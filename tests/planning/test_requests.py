@@ -28,9 +28,9 @@ from optipromp.planning import PLANNERS, STRATEGIES, PaperOptions, Plan, PlanOpt
 from optipromp.planning.pick import Solver
 from optipromp.planning.primitive import smooth_prior
 from optipromp.planning.task import push_model, resolve
-from optipromp.pushing import hanging as hanging_model
 from optipromp.pushing.path import through
 from optipromp.pushing.rules import rule_paths
+from optipromp.pushing.stems import hanging as hanging_model
 from optipromp.robots.library import load_robot
 from optipromp.scenes import JointGoal, Scene, SceneObject, Stem
 

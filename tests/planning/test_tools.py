@@ -9,8 +9,8 @@ from tests.robots.builders import INNER, TOOLS, probe
 
 from optipromp.planning import Plan, judge, plan
 from optipromp.planning.task import push_model, resolve
-from optipromp.pushing.hanging import Hanging
-from optipromp.pushing.standing import Standing, plane
+from optipromp.pushing.packs.standing import Standing, plane
+from optipromp.pushing.stems.hanging import Hanging
 from optipromp.robots import load_robot, with_tool
 from optipromp.scenes import Scene, ToolSpec, load_scene
 from optipromp.scenes.generate import generate
@@ -102,9 +102,9 @@ def test_each_tool_pushes_what_stands(name: str, shelf: Scene) -> None:
 
 def test_of_a_tool_that_takes_hold_of_nothing_no_target_is_too_deep(shelf: Scene) -> None:
     """The bar's tool point is 18 mm before it: a target there is neither beyond nor between."""
-    bench = plane(shelf, probe()).bench(probe())
+    bench = plane(shelf, probe()).bench
     assert bench.mouth[1:].tolist() == [np.inf, 0.0]
-    hand = plane(shelf, TOOLS["franka_hand"]).bench(TOOLS["franka_hand"])
+    hand = plane(shelf, TOOLS["franka_hand"]).bench
     assert hand.mouth[2] == 0.04
 
 

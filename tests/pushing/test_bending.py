@@ -8,8 +8,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from optipromp.geometry import Sphere
-from optipromp.pushing import bending
-from optipromp.pushing.bending import (
+from optipromp.pushing.stems import bending
+from optipromp.pushing.stems.bending import (
     ELEMENTS,
     FRUIT_DENSITY,
     GRAVITY,

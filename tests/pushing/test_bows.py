@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 from tests.pushing.fruits import CUP, DT, TARGET, UP, along, hung
 
 from optipromp.geometry import pack
-from optipromp.pushing.bending import LOADED, bowed
-from optipromp.pushing.deflected import place
-from optipromp.pushing.parting import part
-from optipromp.pushing.swinging import led
+from optipromp.pushing.stems.bending import LOADED, bowed
+from optipromp.pushing.stems.deflected import place
+from optipromp.pushing.stems.parting import part
+from optipromp.pushing.stems.swinging import led
 
 
 def test_a_bowed_stem_lies_on_its_arc_and_holds_its_fruit_in_place() -> None:
@@ -17,13 +17,11 @@ def test_a_bowed_stem_lies_on_its_arc_and_holds_its_fruit_in_place() -> None:
     length = s.length[0]
     free = 1.0 - s.above[0] / length
     for share in LOADED:
-        point = np.array(place(s.root, s.axes, s.shape, s.rest, 0, length, share))
+        point = np.array(place(s, s.rest, 0, length, share))
         line = s.root[0] + share * length * s.axes[0, 2]
         off = 0.04 * length * np.sin(np.pi * min(share / free, 1.0))
         assert abs(np.linalg.norm(point - line) - off) < 1e-9
-    np.testing.assert_allclose(
-        place(s.root, s.axes, s.shape, s.rest, 0, length, 1.0), TARGET, atol=1e-9
-    )
+    np.testing.assert_allclose(place(s, s.rest, 0, length, 1.0), TARGET, atol=1e-9)
 
 
 def test_a_straight_stem_is_a_strut_and_a_bowed_one_gives_way() -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from optipromp.pushing.cup import Mouth, cup_distance, flange_of
+from optipromp.pushing.stems.cup import Mouth, cup_distance, flange_of
 from optipromp.robots import Cup, FrankaHand, load_robot, with_tool
 
 CUPS = st.builds(

@@ -7,10 +7,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from tests.pushing.fruits import CUP, DT, TARGET, UP, hung
 
-from optipromp.pushing.bending import Stems, bowed
-from optipromp.pushing.cup import MouthPose, fruit_gap, stem_gap
-from optipromp.pushing.deflected import begin, freely, place, press, shortened
-from optipromp.pushing.equilibrium import CONTACT
+from optipromp.pushing.stems.bending import Stems, bowed
+from optipromp.pushing.stems.cup import MouthPose, fruit_gap, stem_gap
+from optipromp.pushing.stems.deflected import Descent, begin, freely, place, press, shortened
+from optipromp.pushing.stems.equilibrium import CONTACT
 
 
 def energy(s: Stems, u: np.ndarray, ahead: np.ndarray, inertia: float, share: float, point: Any,
@@ -43,22 +43,29 @@ def gap_of(s: Stems, x: Any, point: Any, within: bool | None) -> tuple[float, tu
 def stepped(s: Stems, u: np.ndarray, ahead: np.ndarray, inertia: float, share: float, point: Any,
             within: bool | None) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Gradient (2L,) and inverse Hessian (2L, 2L) as a step puts them together."""
-    count = 2 * s.stiffness.shape[1]
-    free, gradient, inverse = np.empty_like(s.stiffness), np.empty(count), np.empty((count, count))
-    freely(s.compliance, inertia, 0, free)
-    begin(s.stiffness, s.rest, free, u[None], ahead[None], 0, inertia, gradient, inverse)
+    d = descent(s, inertia)
+    begin(s, u[None], ahead[None], 0, d)
     gap, normal = gap_of(s, at_share(s, u, share), point, within)
     if gap < 0.0:
-        press(
-            s.axes, s.shape, s.shortening, u[None], 0, share, *normal, -gap, CONTACT,
-            np.empty(count), np.empty(count), gradient, inverse,
-        )  # fmt: skip
-    return gradient, inverse
+        press(s, u[None], 0, share, normal, -gap, CONTACT, d)
+    return d.gradient, d.inverse
+
+
+def descent(s: Stems, inertia: float) -> Descent:
+    """Before the first step of one stem."""
+    loads, count = s.stiffness.shape[1], 2 * s.stiffness.shape[1]
+    d = Descent(
+        np.array([inertia]), np.empty((1, loads, loads)), np.empty(count),
+        np.empty((count, count)), np.empty(count), np.empty(count), np.ones(1),
+        np.zeros((1, count)),
+    )  # fmt: skip
+    freely(s, 0, d)
+    return d
 
 
 def at_share(s: Stems, u: np.ndarray, share: float) -> np.ndarray:
-    up = shortened(s.shortening, u[None], 0) - s.lifted[0]
-    return np.array(place(s.root, s.axes, s.shape, u[None], 0, s.length[0] - up, share))
+    up = shortened(s, u[None], 0) - s.lifted[0]
+    return np.array(place(s, u[None], 0, s.length[0] - up, share))
 
 
 PIECES = st.sampled_from([(1.0, None), (0.6, False), (0.8, True), (0.45, False)])
@@ -111,19 +118,16 @@ def test_the_inverse_is_that_of_the_hessian(seed: int, contacts: int) -> None:
     rng = np.random.default_rng(seed)
     s = hung(((0, 0, 0), (*rng.uniform(-0.06, 0.06, 2), rng.uniform(0.06, 0.3))))
     u, ahead = 0.01 * rng.standard_normal((2, 1, 6))
-    inertia, j, v = s.mass[0] / DT**2, np.empty(6), np.empty(6)
+    inertia = s.mass[0] / DT**2
     hessian = np.zeros((6, 6))
     hessian[:3, :3] = hessian[3:, 3:] = s.stiffness[0]
     hessian[2, 2] += inertia
     hessian[5, 5] += inertia
-    free, gradient, inverse = np.empty((1, 3, 3)), np.empty(6), np.empty((6, 6))
-    freely(s.compliance, inertia, 0, free)
-    begin(s.stiffness, s.rest, free, u, ahead, 0, inertia, gradient, inverse)
+    d = descent(s, inertia)
+    begin(s, u, ahead, 0, d)
     for _ in range(contacts):
         normal = rng.standard_normal(3)
-        press(
-            s.axes, s.shape, s.shortening, u, 0, rng.uniform(0.3, 1.0),
-            *(normal / np.linalg.norm(normal)), 1e-3, CONTACT, j, v, gradient, inverse,
-        )  # fmt: skip
-        hessian += CONTACT * np.outer(j, j)
-    np.testing.assert_allclose(inverse @ hessian, np.eye(6), atol=1e-7)
+        x, y, z = (normal / np.linalg.norm(normal)).tolist()
+        press(s, u, 0, rng.uniform(0.3, 1.0), (x, y, z), 1e-3, CONTACT, d)
+        hessian += CONTACT * np.outer(d.j, d.j)
+    np.testing.assert_allclose(d.inverse @ hessian, np.eye(6), atol=1e-7)

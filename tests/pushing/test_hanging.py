@@ -1,86 +1,37 @@
-"""The model of the push of a cup among fruits on stems: what it predicts, of which paths."""
+"""The model of the push of a cup among fruits on stems: what it predicts, in which states."""
 
 from dataclasses import replace
-from functools import partial
-from typing import Any
 
 import numpy as np
 import pytest
-from tests.pushing.fruits import TARGET, UP
+from tests.pushing.fruits import TARGET
+from tests.pushing.hanging import (
+    BESIDE,
+    CAMERA,
+    CUP,
+    LEANING,
+    RIPE,
+    STRAIGHT,
+    UNDER,
+    detected,
+    fruit,
+    harm,
+    judged,
+    led,
+    model,
+    scene,
+)
 
-from optipromp.geometry import Box, HalfSpace, Sphere, distances, pack
+from optipromp.geometry import Box
 from optipromp.planning.task import push_model, resolve
-from optipromp.pushing.hanging import HANGING, Hanging, applies, rooms
-from optipromp.pushing.harm import Harm, score_of
-from optipromp.pushing.model import Prediction, search
+from optipromp.pushing.model import Prediction
 from optipromp.pushing.parameters import PUSH
-from optipromp.pushing.path import ToolPath, through, turning
-from optipromp.pushing.rules import neighbours, rule_paths
-from optipromp.robots.library import load_robot
-from optipromp.robots.tools import Cup, FrankaHand, with_tool
-from optipromp.scenes import Scene, SceneObject, Stem
+from optipromp.pushing.rules import neighbours
+from optipromp.pushing.stems.hanging import HANGING, Hanging, applies
+from optipromp.pushing.stems.harm import Harm, score_of
+from optipromp.robots.tools import Cup, FrankaHand
+from optipromp.scenes import Scene, SceneObject
 from optipromp.scenes.generate import generate
-
-CUP = Cup(radius=0.025, opening=0.046)
-CAMERA = TARGET - [0.0, 0.0, 0.25]
-VERTICAL = (0.0, 0.0, 0.2)
-LEANING = (0.05, 0.0, 0.2)
-
-
-def fruit(name: str, off: Any, stem: Any = VERTICAL, role: Any = "pushable") -> SceneObject:
-    at = TARGET + np.asarray(off, dtype=float)
-    hung = Stem(np.array([at, at + np.asarray(stem, dtype=float)]))
-    return SceneObject(name, role, Sphere(0.015), at, stem=hung)
-
-
-RIPE = fruit("ripe", (0.0, 0.0, 0.0), (0.0, 0.0, 0.1), "target")
-UNDER = fruit("n1", (0.003, 0.0, -0.08))  # on the approach line
-BESIDE = fruit("n1", (0.07, 0.0, -0.08), LEANING)  # the cup passes it by 3 cm
-
-
-def scene(*fruits: SceneObject) -> Scene:
-    return Scene("bench", "panda", (RIPE, *fruits))
-
-
-def model(*fruits: SceneObject, cup: Cup = CUP) -> Hanging:
-    one = scene(*fruits)
-    return Hanging(one, cup, neighbours(one, cup.gripper_radius), CAMERA, cup.gripper_radius)
-
-
-def led(*corners: Any) -> ToolPath:
-    """The tool led through corners relative to the target."""
-    return through(TARGET + np.array(corners, dtype=float), 0.1)
-
-
-STRAIGHT = led((0, 0, -0.25), (0, 0, 0))
-
-
-def judged(path: ToolPath) -> tuple[np.ndarray, np.ndarray]:
-    return path.points, np.tile(UP, (len(path.points), 1))
-
-
-def harm(a: Hanging, path: ToolPath, states: int = 1) -> float:
-    return a.harm(*judged(path), states)
-
-
-def detected(obj: SceneObject, deviation: float = 0.005) -> SceneObject:
-    return replace(obj, covariance=deviation**2 * np.eye(3))
-
-
-def test_the_room_about_an_upright_tool_is_the_distance_less_its_radius() -> None:
-    rng = np.random.default_rng(3)
-    up = np.array([0.0, 0.6, 0.8])
-    heights, none = np.array([-0.1, 0.0, 0.03]), np.eye(3)
-    for count in range(5):
-        balls = [(Sphere(0.02), at, none) for at in rng.uniform(-0.2, 0.2, (count, 3))]
-        obstacles = pack([*balls, (HalfSpace(), np.array([0.0, 0.0, -0.3]), none)])
-        points = rng.uniform(-0.2, 0.2, (12, 3))
-        where = (points[:, None] + heights[:, None] * up).reshape(-1, 3)
-        room = distances(obstacles, where)[0].reshape(12, -1).min(axis=1) - 0.03
-        for most in (0.01, 0.3):
-            expected = min(room.min(), most), min(room[-1], most)
-            assert rooms(points, heights, up, obstacles, 0.03, most) == pytest.approx(expected)
-
 
 # --- harm of known paths -----------------------------------------------------------------------
 
@@ -125,9 +76,9 @@ def test_one_state_in_longer_steps_tells_good_candidates_from_bad_ones() -> None
             task = resolve(generate(preset, seed))  # type: ignore[arg-type]
             a, rng = push_model(task, task.robot.home), np.random.default_rng(seed)
             assert isinstance(a, Hanging)
-            mean, spread = a.spread(0)
+            mean, spread = a.candidates.spread(0)
             sampled = rng.normal(mean, spread, (30, len(mean)))
-            paths = [a.path(x) for x in np.vstack([a.first(), sampled])]
+            paths = [a.candidates.path(x) for x in np.vstack([a.candidates.first(), sampled])]
             fast, slow = (np.array([harm(a, path, n) for path in paths]) for n in (1, a.states))
             good, bad = fast[slow < 0.3][:, None], fast[slow > 1.0]
             right.extend(np.ravel((good < bad) + 0.5 * (good == bad)))
@@ -243,7 +194,7 @@ def test_states_are_sampled_round_the_perceived_one() -> None:
 
 def test_a_path_is_told_by_other_states_than_it_was_searched_in() -> None:
     a = model(detected(BESIDE))
-    few = a.schedule.states
+    few = a.candidates.schedule.states
     assert few == a.searched < a.states
     before = harm(a, STRAIGHT, few)
     assert harm(a, STRAIGHT, a.states) < 0.1
@@ -252,67 +203,6 @@ def test_a_path_is_told_by_other_states_than_it_was_searched_in() -> None:
     a.stems = a.stems._replace(root=root)
     assert harm(a, STRAIGHT, few) == before
     assert harm(a, STRAIGHT, a.states) == PUSH.harm.hopeless
-
-
-# --- which paths -------------------------------------------------------------------------------
-
-
-def test_candidates_begin_at_the_camera_and_end_at_the_target() -> None:
-    a = model(UNDER, fruit("n2", (-0.02, 0.01, -0.14), LEANING))
-    rng = np.random.default_rng(0)
-    mean, spread = a.spread(0)
-    for x in [*a.first(), *(mean + spread * rng.standard_normal((20, len(mean))))]:
-        path = a.path(x)
-        np.testing.assert_allclose(path.points[[0, -1]], [CAMERA, TARGET], atol=1e-12)
-        off = path.points - TARGET
-        widest = np.linalg.norm(off[:, :2], axis=1).max()
-        assert widest < 0.03 + CUP.radius + HANGING.clearance_most * 0.015
-        assert a.aside(x, path) >= 0.0
-
-
-def test_the_first_candidate_is_the_rules_path() -> None:
-    fruits = UNDER, fruit("n2", (-0.02, 0.01, -0.14), LEANING)
-    one = scene(*fruits)
-    a = model(*fruits)
-    robot = with_tool(load_robot("panda"), CUP)
-    (corners, *_) = rule_paths(one, neighbours(one, CUP.gripper_radius), robot, CAMERA)
-    rule = through(corners, 0.1).points
-    path = a.path(a.first()[0]).points
-    gap = np.linalg.norm(path[:, None] - rule[None], axis=2).min(axis=1)
-    assert gap.max() < 0.006  # the rims' rounded corners are taken in a little earlier
-
-
-def test_a_path_of_no_harm_is_found_past_a_fruit_on_the_way() -> None:
-    a = model(fruit("n1", (0.003, 0.0, -0.08), LEANING))
-    found = list(search(a, partial(turning, UP, None), np.random.default_rng(0)))
-    assert found[0][0].harm < a.good
-    assert min(a.harm(*judged(path), a.states) for path, _ in found) < a.good
-    assert harm(a, STRAIGHT, a.states) > 0.9 * PUSH.harm.hopeless
-
-
-def test_a_path_along_a_wall_is_raised_by_what_it_lacks_in_clearance() -> None:
-    a = model(UNDER)
-    x = a.first()[0]
-    way = a.path(x)
-    k = len(way.points) // 2
-    middle = way.points[k]
-    out = np.array([1.0, 0.0, 0.0])
-    raised = []
-    for gap in (0.05, 0.004, 0.001, -0.001):
-        at = middle + (CUP.radius + gap + 0.005) * out
-        wall = SceneObject("wall", "static", Box((0.01, 0.2, 0.02)), at)
-        raised.append(model(UNDER, wall).aside(x, way) - a.aside(x, way))
-    assert raised[0] == 0.0
-    assert raised[1] <= raised[2] < raised[3]
-    assert raised[3] > 0.5
-
-
-def test_a_detour_counts() -> None:
-    a = model(UNDER)
-    straight, round_about = STRAIGHT, led((0, 0, -0.25), (0.1, 0, -0.125), (0, 0, 0))
-    assert a.aside(a.first()[0], straight) == pytest.approx(0.0, abs=1e-9)
-    longer = (round_about.length - 0.25) / 0.25
-    assert a.aside(a.first()[0], round_about) == pytest.approx(0.5 * longer)
 
 
 # --- where it applies --------------------------------------------------------------------------
@@ -336,7 +226,7 @@ def test_the_model_knows_fruits_that_are_no_neighbours_too() -> None:
     """A tool that goes a long way round meets what is not near the line; the nearest are known."""
     beside = fruit("beside", (0.09, 0.0, -0.05))
     a = model(UNDER, beside)
-    assert [obj.id for obj in a.neighbours] == ["n1"]
+    assert [obj.id for obj in a.candidates.neighbours] == ["n1"]
     assert [obj.id for obj in a.fruits] == ["ripe", "beside", "n1"]
     into = led((0, 0, -0.25), (0.09, 0, -0.11), (0.09, 0, -0.05))
     assert harm(a, into) == PUSH.harm.hopeless
@@ -399,64 +289,10 @@ def test_a_truss_is_believed_softer_and_stiffer_as_a_whole() -> None:
     assert (give[2 * n : 3 * n] < give[:n]).all()
 
 
-@pytest.mark.parametrize("lean", [0.0, 1.0, 2.5])
-def test_a_path_on_a_stem_s_side_has_one_on_the_other_side_that_is_preferred(lean: float) -> None:
-    """Mirrored at right angles to the lean; nothing is preferred to what passes away from it."""
-    stem = (0.06 * np.cos(lean), 0.06 * np.sin(lean), 0.2)
-    bench = model(fruit("n1", (0.0, 0.0, -0.08), stem))
-    x_g, y_g, z_g = bench.scene.frame
-    lateral = np.array(stem) - np.dot(stem, z_g) * z_g
-
-    def side(x: np.ndarray) -> float:
-        points = bench.path(x).points
-        at = points[np.argmax((points - TARGET) @ z_g >= -0.08 - bench.cup.rim)]
-        off = at - bench.neighbours[0].position
-        return float((off - (off @ z_g) * z_g) @ lateral)
-
-    angle = np.arctan2(lateral @ y_g, lateral @ x_g)
-    for turn in (0.0, 0.7, -1.2):
-        wrong, right = (np.array([angle + turn + back, 0.8]) for back in (0.0, np.pi))
-        assert side(wrong) > 0.0 > side(right)
-        preferred = bench.rather(wrong, bench.path(wrong))
-        assert len(preferred) == 2
-        for x in preferred:
-            assert side(x) < 0.0
-            assert x[1] == 0.8
-            assert not bench.rather(x, bench.path(x))
-        mirrored = bench._split(preferred[0])[0][0] + bench._split(wrong)[0][0]
-        np.testing.assert_allclose(mirrored @ lateral, 0.0, atol=1e-12)
-        assert not bench.rather(right, bench.path(right))
-
-
-def test_nothing_is_preferred_where_no_stem_leans() -> None:
-    bench = model(UNDER)
-    x = bench.first()[1]
-    assert bench.rather(x, bench.path(x)) == []
-    assert model().rather(np.zeros(0), model().path(np.zeros(0))) == []
-
-
-def test_of_two_harmless_sides_a_plan_takes_the_one_away_from_the_stem(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    from optipromp.planning import plan
-
-    crowd = generate("mixed", 43006)
-    made = plan(crowd)
-    assert made.success
-    assert "side of its stem" not in made.message
-    monkeypatch.setattr(Hanging, "rather", lambda *_: [])
-    other = plan(crowd)
-    assert other.success
-    assert "side of its stem" in other.message
-    assert made.prediction is not None
-    assert other.prediction is not None
-    assert made.prediction.harm < other.prediction.harm + HANGING.stem_side
-
-
 def test_forces_are_those_of_the_led_cup() -> None:
     """Of each fruit that is pushed but the target; none where the cup passes clear of it."""
     bench = model(UNDER, fruit("n2", (0.07, 0.0, -0.08)))
-    assert [item.id for item in bench.neighbours] == ["n1"]
+    assert [item.id for item in bench.candidates.neighbours] == ["n1"]
     through_both = bench.predict(*judged(STRAIGHT)).forces
     assert set(through_both) == {"n1"}
     assert through_both["n1"] > 1.0
@@ -491,7 +327,7 @@ def test_a_rim_under_the_middle_of_a_fruit_is_a_coin_that_the_model_knows_of(tur
     beside = fruit("n1", 0.5 * sum(cup.mouth) * way - [0.0, 0.0, 0.001])
     bench = model(beside, cup=cup)
     states = range(bench.searched, bench.searched + bench.states)
-    lost = [bench.harm_in(d, *judged(STRAIGHT)) for d in states]
+    lost = [bench.led(d, *judged(STRAIGHT)).harm for d in states]
     swallowed = sum(one.inside > PUSH.harm.inside_time for one in lost)
     assert 0 < swallowed < bench.states
     told = bench.predict(*judged(STRAIGHT))
@@ -504,11 +340,11 @@ def test_the_harm_of_a_path_is_the_mean_over_the_states_that_tell_it() -> None:
     one = model(fruit("n1", (0.003, 0.0, -0.08), LEANING))
     states, alone = range(one.searched, one.searched + one.states), 0
     rng = np.random.default_rng(0)
-    mean, spread = one.spread(0)
-    for x in [*one.first(), *(mean + spread * rng.standard_normal((8, len(mean))))]:
-        way = judged(one.path(x))
-        at_goal = one.path(x).points[-1]
-        parts = [one.harm_in(d, *way) for d in states]
+    mean, spread = one.candidates.spread(0)
+    for x in [*one.candidates.first(), *(mean + spread * rng.standard_normal((8, len(mean))))]:
+        way = judged(one.candidates.path(x))
+        at_goal = one.candidates.path(x).points[-1]
+        parts = [one.led(d, *way).harm for d in states]
         scores = [min(score_of(*part), PUSH.harm.hopeless) for part in parts]
         assert one.harm(*way, one.states) == pytest.approx(np.mean(scores))
         np.testing.assert_allclose(at_goal, TARGET, atol=1e-9)

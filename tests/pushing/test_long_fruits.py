@@ -10,11 +10,11 @@ from optipromp.arrays import FloatArray
 from optipromp.geometry import Box, Capsule, Cone, Ellipsoid, Sphere
 from optipromp.geometry.obstacles import Obstacles, pack
 from optipromp.planning import plan
-from optipromp.pushing import swinging
-from optipromp.pushing.bending import Stems, balls_of
-from optipromp.pushing.cup import cup_distance
-from optipromp.pushing.equilibrium import CONTACT
-from optipromp.pushing.swinging import push
+from optipromp.pushing.stems import swinging
+from optipromp.pushing.stems.bending import Stems, balls_of
+from optipromp.pushing.stems.cup import cup_distance
+from optipromp.pushing.stems.equilibrium import CONTACT
+from optipromp.pushing.stems.swinging import push
 from optipromp.scenes import SceneObject, Stem
 from optipromp.scenes.generate import generate
 from optipromp.simulation import simulate

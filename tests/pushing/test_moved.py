@@ -67,7 +67,7 @@ def test_combined_models_know_each_object_once(scene: Scene) -> None:
 def test_a_long_fruit_that_nothing_touches_stays() -> None:
     scene = generate("elongated", 20000)
     model = model_of(scene)
-    far = model.camera + np.linspace([0.0, 0.0, -0.05], [0.0, 0.0, -0.01], 20)
+    far = model.candidates.camera + np.linspace([0.0, 0.0, -0.05], [0.0, 0.0, -0.01], 20)
     found = model.moved(far, np.tile(scene.frame[2], (20, 1)))
     by_id = {item.id: item.position for item in scene.objects}
     np.testing.assert_allclose(found.positions, [by_id[one] for one in found.ids], atol=1e-6)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optipromp.pushing.flat import FLAT, shapes
-from optipromp.pushing.quasi_static import AHEAD, NO_OVERLAP, push
+from optipromp.pushing.packs.flat import FLAT, shapes
+from optipromp.pushing.packs.quasi_static import AHEAD, NO_OVERLAP, Bench, push
 from optipromp.robots.tools import FrankaHand
 
 SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
@@ -20,13 +20,19 @@ def line(start, end, step=0.002):
     return start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
 
 
+def bench(objects, hand, friction, lever, walls=NONE):
+    return Bench(objects, 1.0 / friction, lever**2, walls, hand, np.zeros(3), -np.inf)
+
+
 def pushed(path, objects, state, walls=NONE, slip=0.4, friction=None, tool=PUSHER, **further):
     objects = shapes(objects)
     count = len(objects.size)
     friction = np.ones(count) if friction is None else np.array(friction)
     state = np.array([[*row, 0.0] if len(row) == 2 else row for row in state], dtype=float)
     lever = 0.5 * objects.radius
-    return push(path, shapes([tool]), objects, state, friction, lever, walls, slip, **further)
+    return push(
+        bench(objects, shapes([tool]), friction, lever, walls), path, state, slip, **further
+    )
 
 
 def test_what_is_not_touched_stays():
@@ -131,10 +137,8 @@ def test_a_disc_goes_round_the_corner_of_a_pad():
     disc = corner + radius * np.array([0.76, -0.65])
     path = line((0.0, 0.0), (0.034, -0.015), 0.003)
     for count in range(2, len(path) + 1):
-        result = push(
-            path[:count], hand, shapes([radius]), np.array([[*disc, 0.0]]), np.ones(1),
-            np.full(1, radius), NONE, 0.4,
-        )  # fmt: skip
+        among = bench(shapes([radius]), hand, np.ones(1), np.full(1, radius))
+        result = push(among, path[:count], np.array([[*disc, 0.0]]), 0.4)
         off = result.state[0, :2] - (path[count - 1, :2] + corner)
         assert np.linalg.norm(off) == pytest.approx(radius, abs=2.0 * NO_OVERLAP), count
 
@@ -145,7 +149,8 @@ def test_nothing_goes_through_a_pad(sign):
     hand = shapes(list(FrankaHand().outline()))
     path = line((0.0, 0.0), (0.0, sign * 0.03))
     state = np.array([[0.02, sign * 0.08, 0.0]])
-    result = push(path, hand, shapes([SQUARE]), state, np.ones(1), np.full(1, 0.02), NONE, 0.4)
+    among = bench(shapes([SQUARE]), hand, np.ones(1), np.full(1, 0.02))
+    result = push(among, path, state, 0.4)
     assert sign * result.state[0, 1] > 0.03 + 0.0552 + 0.02 - 5e-3
 
 

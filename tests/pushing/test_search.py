@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from optipromp.budget import Budget, clock
-from optipromp.pushing.model import Moved, Prediction, PushModel, Round, Schedule, search
+from optipromp.pushing.candidates import Candidates, Round, Schedule
+from optipromp.pushing.model import Moved, Prediction, PushModel
 from optipromp.pushing.path import ToolPath, through, turning
+from optipromp.pushing.searching import search
 
 UP = np.array([0.0, 0.0, 1.0])
 BEST = np.array([0.03, -0.05])  # [m] where the entry of the path of least harm is
@@ -20,7 +22,7 @@ ROUNDS = (Round(30, 1), *[Round(20, 1)] * 4, *[Round(20, 4)] * 4)
 
 
 @dataclass
-class Bowl(PushModel):
+class Bowl(PushModel, Candidates):
     """Straight paths from an entry to the origin; the harm is the square of its distance to BEST.
 
     In each state the best entry is a little elsewhere: on all states together the least harm is
@@ -38,6 +40,7 @@ class Bowl(PushModel):
     settled: list[bytes] = field(default_factory=list)
 
     def __post_init__(self) -> None:
+        self.candidates = self
         self.off = np.vstack([np.zeros(2), np.random.default_rng(1).normal(0.0, 0.004, (8, 2))])
         self.schedule = Schedule(ROUNDS, self.runs, 5, 3, self.states, 0.3, 1.1)
 

@@ -9,9 +9,11 @@ import pytest
 
 from optipromp.budget import Budget, clock
 from optipromp.geometry.shapes import Box, Cylinder
-from optipromp.pushing.model import Round, search
+from optipromp.pushing.candidates import Round
+from optipromp.pushing.packs.paths import PathsBetween
+from optipromp.pushing.packs.standing import STANDING, Standing, applies, plane
 from optipromp.pushing.path import ToolPath, through, turning
-from optipromp.pushing.standing import STANDING, Standing, applies, plane
+from optipromp.pushing.searching import search
 from optipromp.robots.tools import Cup, FrankaHand
 from optipromp.scenes.generate import Noise, generate, perceived
 from optipromp.scenes.scene import Approach, Scene, SceneObject, Stem
@@ -72,7 +74,7 @@ def test_a_pack_that_ends_between_the_fingers_is_named() -> None:
 def test_a_pack_over_the_front_of_the_board_is_named() -> None:
     """It stands on the edge: in the worst state its middle is over it."""
     model = Standing(shelf(pack((-0.152, 0.15)), pack((0.0, 0.2), name="n2")), HAND)
-    assert model.board.edge == pytest.approx(-0.15)
+    assert model.bench.edge == pytest.approx(-0.15)
     model._places[:, 0] = 0.0  # the target is known exactly
     path = judged(led(*STRAIGHT))
     assert model.predict(*path).harm > model.good
@@ -121,8 +123,8 @@ def test_above_the_limit_a_harm_is_above_it_and_below_it_exact() -> None:
     model = Standing(shelf(pack((-0.1, 0.01)), pack((-0.05, -0.08), name="n2")), HAND)
     rng = np.random.default_rng(0)
     for _ in range(15):
-        x = model.spread(0)[0] + model.spread(0)[1] * rng.standard_normal(7)
-        way = model.path(x)
+        x = model.candidates.spread(0)[0] + model.candidates.spread(0)[1] * rng.standard_normal(7)
+        way = model.candidates.path(x)
         whole = model.harm(*judged(way), 4)
         assert model.harm(*judged(way), 4, whole * 1.001) == whole
         assert model.harm(*judged(way), 4, 0.5 * whole) > 0.5 * whole
@@ -213,10 +215,10 @@ def test_late_there_is_a_path_and_little_is_tried_for_it(monkeypatch: pytest.Mon
 
 
 def test_the_schedule_is_of_rounds_on_few_states_and_then_on_more() -> None:
-    rounds = Standing.schedule.rounds
+    rounds = PathsBetween.schedule.rounds
     assert rounds[0] == Round(150, 1)
     assert [step.states for step in rounds] == sorted(step.states for step in rounds)
-    assert Standing.schedule.states == Standing.states
+    assert PathsBetween.schedule.states == Standing.states
 
 
 # --- where it applies --------------------------------------------------------------------------
@@ -247,8 +249,12 @@ def test_what_stands_far_away_is_not_on_the_plane() -> None:
     walls = [replace(obj, id=f"{obj.id}-wall", role="static") for obj in far]
     alone, among = (plane(shelf(one, *more), HAND) for more in ((), (*far, *walls)))
     np.testing.assert_array_equal(among.state, alone.state)
-    assert len(among.walls.size) == len(alone.walls.size) == 1
-    assert (among.edge, among.entry, among.drop) == (alone.edge, alone.entry, alone.drop)
+    assert len(among.bench.walls.size) == len(alone.bench.walls.size) == 1
+    assert (among.bench.edge, among.entry, among.drop) == (
+        alone.bench.edge,
+        alone.entry,
+        alone.drop,
+    )
     near = [
         replace(one, id=f"near-{i}", position=TARGET + [0.0, 0.1 + 0.002 * i, 0.0])
         for i in range(300)
@@ -263,19 +269,19 @@ def test_what_stands_far_away_is_not_on_the_plane() -> None:
 def test_the_plane_is_what_stands_there() -> None:
     board = plane(shelf(pack((-0.1, 0.03), (0.04, 0.06, 0.14))), HAND)
     np.testing.assert_allclose(board.state, [[0, 0, 0], [-0.1, 0.03, 0]], atol=1e-12)
-    assert board.objects.size.tolist() == [0, 4]
-    np.testing.assert_allclose(board.objects.box[1], [-0.02, -0.03, 0.02, 0.03])
-    assert board.walls.size.tolist() == [4]
-    np.testing.assert_allclose(board.walls.box[0], [-0.15, 0.30, 0.15, 0.32])
-    assert board.edge == pytest.approx(-0.15)
+    assert board.bench.objects.size.tolist() == [0, 4]
+    np.testing.assert_allclose(board.bench.objects.box[1], [-0.02, -0.03, 0.02, 0.03])
+    assert board.bench.walls.size.tolist() == [4]
+    np.testing.assert_allclose(board.bench.walls.box[0], [-0.15, 0.30, 0.15, 0.32])
+    assert board.bench.edge == pytest.approx(-0.15)
     assert board.entry < -0.15 - (HAND.tip - HAND.reach)
     weight = 600.0 * 9.81 * 0.04 * 0.06 * 0.14
-    assert board.friction[1] == pytest.approx(0.4 * weight)
+    assert 1.0 / board.bench.yields[1] == pytest.approx(0.4 * weight)
     assert board.spread.tolist() == [STANDING.unsure] * 2
 
 
 def test_the_outline_holds_the_boxes() -> None:
-    hand = plane(shelf(pack((-0.1, 0.0))), HAND).bench(HAND).hand
+    hand = plane(shelf(pack((-0.1, 0.0))), HAND).bench.hand
     assert hand.size.tolist() == [4, 5, 4, 5, 4]  # palm, and base and pad of either finger
     kinds = ("palm", "left", "left", "right", "right")
     for name, center, half, turn in HAND.boxes():

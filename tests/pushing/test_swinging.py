@@ -8,12 +8,12 @@ from tests.pushing.fruits import CUP, DT, TARGET, UP, along, hung
 
 from optipromp.geometry.obstacles import Obstacles, pack
 from optipromp.geometry.shapes import Box
-from optipromp.pushing import swinging
-from optipromp.pushing.bending import Stems
-from optipromp.pushing.cup import Mouth, cup_distance
-from optipromp.pushing.equilibrium import CONTACT
-from optipromp.pushing.harm import Harm
-from optipromp.pushing.swinging import push
+from optipromp.pushing.stems import swinging
+from optipromp.pushing.stems.bending import Stems
+from optipromp.pushing.stems.cup import Mouth, cup_distance
+from optipromp.pushing.stems.equilibrium import CONTACT
+from optipromp.pushing.stems.harm import Harm
+from optipromp.pushing.stems.swinging import push
 
 NOTHING = pack([])
 

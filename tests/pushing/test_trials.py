@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from optipromp.pushing import trials
-from optipromp.pushing.standing import plane
+from optipromp.pushing.packs import trials
+from optipromp.pushing.packs.standing import plane
 from optipromp.robots.tools import FrankaHand
 from optipromp.scenes.generate import generate
 
@@ -17,7 +17,7 @@ def tried():
     rng = np.random.default_rng(0)
     states = np.tile(board.state, (8, 1, 1))
     states[1:, :, :2] += 0.006 * rng.standard_normal((7, len(board.state), 2))
-    return board, board.bench(HAND), states, np.full(8, 0.4)
+    return board, board.bench, states, np.full(8, 0.4)
 
 
 def ways(board, count=40):
@@ -29,7 +29,7 @@ def ways(board, count=40):
 
 def test_steps_are_equal_and_meet_the_ends():
     corners = np.array([[-0.2, 0.05], [-0.1, -0.02], [-0.1, -0.02], [0.0, 0.0]])
-    path = trials.stepped(corners, 0.004)
+    path = trials.stepped(corners)
     np.testing.assert_array_equal(path[[0, -1], :2], corners[[0, -1]])
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
     assert steps.max() <= 0.004 + 1e-12
@@ -50,7 +50,7 @@ def test_a_limit_changes_no_cost_below_it(tried):
 
 def test_a_jam_costs_more_the_earlier_it_comes(tried):
     board, bench, states, slips = tried
-    side = float(board.walls.box[:, 3].max())  # the outer side of a wall
+    side = float(board.bench.walls.box[:, 3].max())  # the outer side of a wall
     early = np.array([[board.entry, 0.0], [board.entry + 0.03, side], [0.0, 0.0]])
     costs = [
         trials.cost(bench, way, states[:1], slips[:1], np.zeros(1), np.inf)

@@ -14,8 +14,8 @@ from tests.scenes.documents import FRUIT, MINIMAL, with_fruit, with_object
 from optipromp import plan
 from optipromp.errors import InvalidSceneError
 from optipromp.geometry import HalfSpace, Sphere, distances
-from optipromp.pushing.bending import stems
-from optipromp.pushing.standing import applies
+from optipromp.pushing.packs.standing import applies
+from optipromp.pushing.stems.bending import stems
 from optipromp.robots.tools import make_tool
 from optipromp.scenes import (
     Pose,

@@ -1,4 +1,4 @@
-"""The model of a push (:mod:`optipromp.pushing.swinging`) against the simulation."""
+"""The model of a push (:mod:`optipromp.pushing.stems.swinging`) against the simulation."""
 
 from typing import NamedTuple
 
@@ -7,9 +7,9 @@ import pytest
 
 from optipromp.planning import plan
 from optipromp.planning.task import push_model, resolve
-from optipromp.pushing.bending import stems
-from optipromp.pushing.hanging import Hanging
-from optipromp.pushing.swinging import push
+from optipromp.pushing.stems.bending import stems
+from optipromp.pushing.stems.hanging import Hanging
+from optipromp.pushing.stems.swinging import push
 from optipromp.scenes.generate import generate
 from optipromp.simulation import simulate
 

@@ -9,7 +9,7 @@ import pytest
 from optipromp.arrays import FloatArray
 from optipromp.geometry import Cone, Ellipsoid
 from optipromp.planning import plan
-from optipromp.pushing.bending import stems
+from optipromp.pushing.stems.bending import stems
 from optipromp.scenes.generate import generate
 from optipromp.scenes.generate.plants import untold
 from optipromp.simulation import SimulationParameters, simulate

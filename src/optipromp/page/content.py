@@ -19,7 +19,8 @@ from optipromp.planning.task import push_model, resolve
 from optipromp.promp.conditioning import condition
 from optipromp.promp.model import ProMP
 from optipromp.promp.points import JointPoint, TaskPoint
-from optipromp.pushing.model import Combined, PushModel, search
+from optipromp.pushing.model import Combined, PushModel
+from optipromp.pushing.searching import search
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import PoseGoal, Scene
 from optipromp.viewer.drawn import FOLLOWED, GREEN, OPTIMISED, RED, Moment, Placed, placed

@@ -81,9 +81,9 @@ def _promise(scene: Scene, model: PushModel, most: float) -> float:
     Where it is above ``most``, any number above ``most`` may be returned.
     """
     axis, least = scene.frame[2], most
-    for x in model.first()[: APPROACH.candidates]:
-        path = model.path(x)
-        away = model.aside(x, path)
+    for x in model.candidates.first()[: APPROACH.candidates]:
+        path = model.candidates.path(x)
+        away = model.candidates.aside(x, path)
         if away < least:
             axes = np.tile(axis, (len(path.points), 1))
             least = min(least, model.harm(path.points, axes, 1, least - away) + away)

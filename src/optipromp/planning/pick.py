@@ -34,10 +34,11 @@ from optipromp.planning.timing import slowly, timed
 from optipromp.planning.underway import rest, straight
 from optipromp.planning.verdict import Led, harm_of, judged, led, prediction
 from optipromp.promp.model import ProMP
-from optipromp.pushing.model import Prediction, PushModel, search
+from optipromp.pushing.model import Prediction, PushModel
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import ToolPath, through
 from optipromp.pushing.rules import DriftRule, rule_paths
+from optipromp.pushing.searching import search
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene
 from optipromp.trajectory import Trajectory
 

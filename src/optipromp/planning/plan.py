@@ -226,7 +226,7 @@ def compile_push_model() -> None:
     task = resolve(scene)
     model = push_model(task, task.robot.home)
     assert model is not None
-    path = model.path(model.spread(0)[0])  # the first candidate
+    path = model.candidates.path(model.candidates.spread(0)[0])
     model.predict(path.points, path.points)
 
 

@@ -11,14 +11,15 @@ from optipromp.errors import InvalidRequestError, StartInvalidError
 from optipromp.judging import AXIS_TOLERANCE, GOAL_TOLERANCE
 from optipromp.optimization.evaluation import BodyPoints
 from optipromp.optimization.problem import Surroundings
-from optipromp.pushing import hanging, standing
-from optipromp.pushing.cup import flange_of, rings_of
-from optipromp.pushing.hanging import Hanging
 from optipromp.pushing.model import Combined, Continued, PushModel
+from optipromp.pushing.packs import standing
+from optipromp.pushing.packs.standing import Standing, rings_of
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import STEP, ToolPath, along, evenly, length, turning
 from optipromp.pushing.rules import neighbours
-from optipromp.pushing.standing import Standing
+from optipromp.pushing.stems import hanging
+from optipromp.pushing.stems.cup import flange_of
+from optipromp.pushing.stems.hanging import Hanging
 from optipromp.robots.model import Robot
 from optipromp.robots.tools import make_tool, with_tool
 from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject

@@ -23,7 +23,7 @@ from optipromp.planning.options import PlanOptions
 from optipromp.planning.parameters import FOLLOW, TIMING, UNDERWAY
 from optipromp.planning.task import Task, tool_motion
 from optipromp.planning.timing import slowly, timed, tool_speeds
-from optipromp.pushing import standing
+from optipromp.pushing.packs import standing
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.path import STEP, ToolPath, evenly, length
 from optipromp.robots import ik

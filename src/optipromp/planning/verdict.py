@@ -166,7 +166,7 @@ def led(task: Task, model: PushModel, trajectory: Trajectory) -> Led:
     than a model's tool.
     """
     q, points, axes = _followed(task.robot, trajectory)
-    first = _approach(points @ task.scene.frame[2] - model.entry)
+    first = _approach(points @ task.scene.frame[2] - model.candidates.entry)
     struck = None
     if first and not model.clear(*spaced(points[: first + 1], axes[: first + 1])):
         if not (task.begun and judging.struck(task.scene, task.robot, q[:1])):  # not among fruits

@@ -5,14 +5,15 @@ numbers that it shares with the models; where it has another value, the source s
 ``docs/decisions.md`` tells the measurements that the sources name.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from optipromp.parameters import GRAVITY, Checked, parameter
+from optipromp.pushing.calibration import DETECTED, KNOWN, PACKS, Calibration
 
 
 @dataclass(frozen=True)
 class BeamParameters(Checked):
-    """Stems as beams with a fruit at the end (:mod:`optipromp.pushing.bending`)."""
+    """Stems as beams with a fruit at the end (:mod:`optipromp.pushing.stems.bending`)."""
 
     youngs_modulus: float = parameter(
         50e6, "Pa", "guess", "green stems and peduncles are reported between 10 and 100 MPa"
@@ -65,7 +66,7 @@ class BeamParameters(Checked):
 
 @dataclass(frozen=True)
 class SwingParameters(Checked):
-    """Contacts of fruits on stems and their equilibrium (:mod:`optipromp.pushing.equilibrium`)."""
+    """Contacts of fruits and their equilibrium (:mod:`optipromp.pushing.stems.equilibrium`)."""
 
     stiffness: float = parameter(3000.0, "N/m", "choice", "of a contact: 10 N press 3 mm")
     friction: float = parameter(
@@ -117,7 +118,7 @@ class SwingParameters(Checked):
 
 @dataclass(frozen=True)
 class HarmParameters(Checked):
-    """What fruits on stems bear (:mod:`optipromp.pushing.harm`)."""
+    """What fruits on stems bear (:mod:`optipromp.pushing.stems.harm`)."""
 
     stem_force: float = parameter(
         2.0, "N", "choice", "lasting force that a stem bears; as in the simulation"
@@ -148,9 +149,6 @@ class HarmParameters(Checked):
     risk: float = parameter(
         0.03, "1", "choice", "share of promised successes that may be broken, where none is told"
     )
-    risks: tuple[float, ...] = parameter(
-        (0.01, 0.02, 0.03, 0.05, 0.1), "1", "choice", "shares at which thresholds are known"
-    )
     good: float = parameter(
         0.2, "1", "measured",
         "harm below which a path is good enough; 231 of 240 runs succeed, 226 with 0.5",
@@ -158,38 +156,8 @@ class HarmParameters(Checked):
 
 
 @dataclass(frozen=True)
-class CalibrationParameters(Checked):
-    """Predicted harm against simulated runs (:class:`optipromp.pushing.model.Calibration`)."""
-
-    harm: tuple[float, ...] = parameter((), "1", "choice", "at which the next is told")
-    failed: tuple[float, ...] = parameter(
-        (), "1", "measured", "share of runs that are not clean: a logistic curve, docs/studies.md"
-    )
-    thresholds: tuple[float, ...] = parameter(
-        (), "1", "measured", "largest harm of a success, at each of ``harm.risks``"
-    )
-
-
-_KNOWN = (
-    (0.0, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 2.0, 3.0),
-    (0.002, 0.011, 0.025, 0.052, 0.084, 0.144, 0.208, 0.438, 0.598),
-    (0.05, 0.2, 0.5, 0.9, 2.0),
-)
-_DETECTED = (
-    (0.0, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 2.0, 3.0),
-    (0.006, 0.022, 0.042, 0.074, 0.106, 0.160, 0.212, 0.386, 0.510),
-    (0.05, 0.3, 0.65, 1.1, 2.0),
-)
-_PACKS = (
-    (0.0, 1.0, 2.0, 4.0, 8.0, 15.0, 30.0, 60.0),
-    (0.016, 0.035, 0.053, 0.090, 0.159, 0.262, 0.425, 0.609),
-    (1.6, 2.5, 8.0, 12.0, 30.0),
-)
-
-
-@dataclass(frozen=True)
 class HangingParameters(Checked):
-    """States and candidate paths among fruits on stems (:mod:`optipromp.pushing.hanging`)."""
+    """States and candidate paths among fruits on stems (:mod:`optipromp.pushing.stems.hanging`)."""
 
     every: int = parameter(3, "1", "choice", "points of a path in a step of the model")
     screened_every: int = parameter(
@@ -268,7 +236,7 @@ class HangingParameters(Checked):
 
 @dataclass(frozen=True)
 class PlaneParameters(Checked):
-    """Packs pushed on a plane (:mod:`optipromp.pushing.quasi_static`)."""
+    """Packs pushed on a plane (:mod:`optipromp.pushing.packs.quasi_static`)."""
 
     friction: float = parameter(0.4, "1", "guess", "of packs on the board; as in the simulation")
     density: float = parameter(600.0, "kg/m^3", "guess", "of packs; as in the simulation")
@@ -287,7 +255,7 @@ class PlaneParameters(Checked):
 
 @dataclass(frozen=True)
 class PackParameters(Checked):
-    """What a path of a hand through packs costs (:mod:`optipromp.pushing.trials`)."""
+    """What a path of a hand through packs costs (:mod:`optipromp.pushing.packs.trials`)."""
 
     step: float = parameter(
         0.004, "m", "measured", "of the model; steps of 2 mm place packs better by 0.3 mm only"
@@ -314,9 +282,8 @@ class PackParameters(Checked):
 
 @dataclass(frozen=True)
 class StandingParameters(Checked):
-    """States and candidate paths among packs (:mod:`optipromp.pushing.standing`)."""
+    """States and candidate paths among packs (:mod:`optipromp.pushing.packs.standing`)."""
 
-    every: int = parameter(4, "1", "choice", "points of a path in a step of the model")
     speed: float = parameter(
         0.015, "m/s", "measured", "slow, so as not to knock packs; 18 mm/s press a tenth harder"
     )
@@ -409,19 +376,17 @@ class RuleParameters(Checked):
 class PushParameters:
     """All numbers of the push models and rules."""
 
-    beam: BeamParameters = field(default_factory=BeamParameters)
-    swing: SwingParameters = field(default_factory=SwingParameters)
-    harm: HarmParameters = field(default_factory=HarmParameters)
-    known: CalibrationParameters = field(default_factory=lambda: CalibrationParameters(*_KNOWN))
-    detected: CalibrationParameters = field(
-        default_factory=lambda: CalibrationParameters(*_DETECTED)
-    )
-    packs: CalibrationParameters = field(default_factory=lambda: CalibrationParameters(*_PACKS))
-    hanging: HangingParameters = field(default_factory=HangingParameters)
-    plane: PlaneParameters = field(default_factory=PlaneParameters)
-    pack: PackParameters = field(default_factory=PackParameters)
-    standing: StandingParameters = field(default_factory=StandingParameters)
-    rule: RuleParameters = field(default_factory=RuleParameters)
+    beam: BeamParameters = BeamParameters()
+    swing: SwingParameters = SwingParameters()
+    harm: HarmParameters = HarmParameters()
+    known: Calibration = KNOWN
+    detected: Calibration = DETECTED
+    packs: Calibration = PACKS
+    hanging: HangingParameters = HangingParameters()
+    plane: PlaneParameters = PlaneParameters()
+    pack: PackParameters = PackParameters()
+    standing: StandingParameters = StandingParameters()
+    rule: RuleParameters = RuleParameters()
 
 
 PUSH = PushParameters()

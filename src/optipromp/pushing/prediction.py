@@ -1,35 +1,8 @@
-"""What a push is expected to do, and how often such expectations were wrong."""
+"""What a push is expected to do."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-
-import numpy as np
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """How a predicted harm compares with what happened in simulated runs.
-
-    Attributes:
-        harm: (k,) ascending; ``failed`` (k,) the probability at each of them that a pick is not
-            clean. Between them it is interpolated, beyond them it stays.
-        risk: (m,) ascending shares of broken promises; ``threshold`` (m,) the harm up to which
-            plans may be promised, so that no larger share is broken.
-    """
-
-    harm: tuple[float, ...]
-    failed: tuple[float, ...]
-    risk: tuple[float, ...]
-    threshold: tuple[float, ...]
-
-    def probability(self, harm: float) -> float:
-        """The probability that a pick of this predicted harm is not clean."""
-        return float(np.interp(harm, self.harm, self.failed))
-
-    def allowed(self, risk: float) -> float:
-        """The largest harm of a success, for a share of promises that may be broken."""
-        return float(np.interp(risk, self.risk, self.threshold))
 
 
 @dataclass(frozen=True)
@@ -42,7 +15,8 @@ class Prediction:
         object: id of the object that is harmed most in the worst state; empty where none is.
         cause: what happens to it, in words.
         forces: largest force on each object that is pushed, by id, in the perceived state [N].
-        probability: that the pick is not clean, see :class:`Calibration`.
+        probability: that the pick is not clean, see
+            :class:`optipromp.pushing.calibration.Calibration`.
     """
 
     harm: float

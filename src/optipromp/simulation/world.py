@@ -9,7 +9,7 @@ import numpy as np
 from optipromp.arrays import FloatArray, IntArray, frame_along, frozen
 from optipromp.errors import InvalidRequestError
 from optipromp.geometry.shapes import Sphere
-from optipromp.pushing.parting import shifts
+from optipromp.pushing.stems.parting import shifts
 from optipromp.robots.model import Robot
 from optipromp.scenes.rotations import to_quaternion
 from optipromp.scenes.scene import Scene, SceneObject, Stem

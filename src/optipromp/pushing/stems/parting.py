@@ -7,8 +7,8 @@ import numpy as np
 
 from optipromp.arrays import FloatArray
 from optipromp.compiled import kernel
-from optipromp.pushing.bending import balls_of
 from optipromp.pushing.parameters import PUSH
+from optipromp.pushing.stems.bending import balls_of
 from optipromp.scenes.scene import SceneObject
 
 SWEEPS, GAP = PUSH.beam.parting_sweeps, PUSH.beam.parting_gap
@@ -24,7 +24,7 @@ def part(
         fruit: (M, N, 3) centres of the lower balls of N fruits in M states, in and out [m].
         root: (M, N, 3) of their stems [m].
         radius: (N,) of the lower balls, ``above`` (N,) of the upper ones, ``apart`` (N,) from lower
-            to upper, see :class:`optipromp.pushing.bending.Balls` [m].
+            to upper, see :class:`optipromp.pushing.stems.bending.Balls` [m].
     """
     count, up, way = len(radius), np.zeros(3), np.zeros(3)
     off = np.zeros((count, 3))  # from the lower to the upper ball

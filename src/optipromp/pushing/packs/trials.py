@@ -5,15 +5,14 @@ soon as the cost is sure to exceed a limit.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from optipromp.arrays import FloatArray
-from optipromp.compiled import kernel
-from optipromp.pushing.flat import Shapes, clear
+from optipromp.compiled import inner, kernel
+from optipromp.pushing.packs.flat import clear
+from optipromp.pushing.packs.quasi_static import Bench, pushed
 from optipromp.pushing.parameters import PUSH
-from optipromp.pushing.quasi_static import pushed
 
 MODEL_STEP = PUSH.pack.step
 FAR, WORST, MOVED = PUSH.pack.far, PUSH.pack.worst, PUSH.pack.moved
@@ -23,34 +22,13 @@ BEHIND, BACK = PUSH.pack.behind, PUSH.pack.back
 BEYOND, JAM, TAKEN = PUSH.pack.beyond, PUSH.pack.jam, PUSH.pack.taken
 
 
-class Bench(NamedTuple):
-    """Objects around the target, in (u, v): along z_g and along y_g from the target.
-
-    Attributes:
-        objects: the target first, then the pushables.
-        yields, lever2: (B,) see :func:`optipromp.pushing.quasi_static.pushed`.
-        walls: static objects at the target's height.
-        hand: the outlines of the hand and of the wrist behind it.
-        mouth: (3,) u of palm and finger tips, and half the opening between the fingers [m].
-        edge: u of the board's front, behind which objects must stay [m].
-    """
-
-    objects: Shapes
-    yields: FloatArray
-    lever2: FloatArray
-    walls: Shapes
-    hand: Shapes
-    mouth: FloatArray
-    edge: float
-
-
 @kernel
-def stepped(corners, step):  # type: ignore[no-untyped-def]
-    """Poses (T, 3) along a path (k, 2), in equal steps of at most ``step``, without a turn."""
+def stepped(corners: FloatArray) -> FloatArray:
+    """Poses (T, 3) along a path (k, 2), in equal steps of the model, without a turn."""
     total = 0.0
     for k in range(1, len(corners)):
         total += math.hypot(corners[k, 0] - corners[k - 1, 0], corners[k, 1] - corners[k - 1, 1])
-    count = max(2, math.ceil(total / step) + 1)
+    count = max(2, math.ceil(total / MODEL_STEP) + 1)
     out = np.zeros((count, 3))
     for c in range(2):
         out[0, c], out[count - 1, c] = corners[0, c], corners[len(corners) - 1, c]
@@ -67,8 +45,61 @@ def stepped(corners, step):  # type: ignore[no-untyped-def]
     return out
 
 
+@inner
+def excess(value: float, free: float, unit: float) -> float:
+    """Cost of a value beyond what costs nothing: 1 where it is beyond by one unit."""
+    return (max(0.0, value - free) / unit) ** 2
+
+
+@inner
+def motion_cost(start: FloatArray, end: FloatArray) -> float:
+    """Cost of the target's motion from one state (B, 3) to another."""
+    u, v = end[0, 0] - start[0, 0], end[0, 1] - start[0, 1]
+    return float((u * u + v * v) / (MOVED * MOVED))
+
+
+@inner
+def depth_cost(bench: Bench, end: FloatArray) -> float:
+    """Cost of a target that ends too deep between the fingers."""
+    return excess(end[0, 0], 0.4 * bench.mouth[1], BEYOND)
+
+
+@inner
+def edge_cost(bench: Bench, u: float) -> float:
+    """Cost of an object that ends near the front of the board."""
+    return excess(bench.edge + BEHIND, u, BACK)
+
+
+@inner
+def force_cost(force: float) -> float:
+    """Cost of the largest force [N]."""
+    return excess(force, LIGHT, HEAVY)
+
+
+@inner
+def wall_cost(room: float) -> float:
+    """Cost of a distance to the walls [m]."""
+    return excess(WIDE, room, TIGHT)
+
+
 @kernel
-def cost(bench, corners, states, slips, so_far, limit):  # type: ignore[no-untyped-def]
+def room(bench: Bench, path: FloatArray) -> float:
+    """Least distance of the hand from the walls along a path (T, 3) [m], at most :data:`WIDE`."""
+    return clear(path, 5, bench.hand, bench.walls, WIDE)
+
+
+@inner
+def taken(bench: Bench, u: float, v: float) -> bool:
+    """Whether an object ends between the fingers."""
+    palm, tip, half = bench.mouth
+    return bool(palm < u < tip and abs(v) < half)
+
+
+@kernel
+def cost(
+    bench: Bench, corners: FloatArray, states: FloatArray, slips: FloatArray, so_far: FloatArray,
+    limit: float,
+) -> float:  # fmt: skip
     """Mean cost of a path over trials, or infinity where it is sure to exceed ``limit``.
 
     A trial costs where the target moves, an object jams, an object ends between the fingers, the
@@ -83,15 +114,11 @@ def cost(bench, corners, states, slips, so_far, limit):  # type: ignore[no-untyp
         so_far: (N,) what each trial has cost for the paths so far, in sum; changed in place.
         limit: largest mean cost of interest.
     """
-    path = stepped(corners, MODEL_STEP)
-    always = 0.001 * path.shape[0]
-    if len(bench.walls.size):
-        near = max(0.0, WIDE - clear(path, 5, bench.hand, bench.walls, WIDE))
-        always += (near / TIGHT) ** 2
+    path = stepped(corners)
+    always = 0.001 * len(path) + wall_cost(room(bench, path))
     total, trials = 0.0, len(slips)
     costs = np.full(trials, -1.0)  # of those that were made
     hardest = LIGHT + HEAVY * math.sqrt(WORST)
-    palm, tip, half = bench.mouth
     report = np.zeros(3)
     for _ in range(trials):
         left = (limit - always) * trials - total
@@ -102,23 +129,18 @@ def cost(bench, corners, states, slips, so_far, limit):  # type: ignore[no-untyp
             if costs[k] < 0.0 and (n < 0 or so_far[k] > so_far[n]):
                 n = k
         end = states[n].copy()
-        pushed(
-            path, bench.hand, bench.objects, end, bench.yields, bench.lever2, bench.walls,
-            slips[n], FAR, min(hardest, LIGHT + HEAVY * math.sqrt(left)), report,
-        )  # fmt: skip
+        enough = min(hardest, LIGHT + HEAVY * math.sqrt(left))
+        pushed(bench, path, end, slips[n], FAR, enough, report)
         force, jam, done = report
         if done < 1.0:
-            one = WORST * (2.0 - done)
+            one = float(WORST * (2.0 - done))
         else:
-            moved_u, moved_v = end[0, 0] - states[n, 0, 0], end[0, 1] - states[n, 0, 1]
-            one = (moved_u * moved_u + moved_v * moved_v) / (MOVED * MOVED)
-            one += (max(0.0, end[0, 0] - 0.4 * tip) / BEYOND) ** 2
-            one += (jam / JAM) ** 2 + (max(0.0, force - LIGHT) / HEAVY) ** 2
+            one = motion_cost(states[n], end) + depth_cost(bench, end)
+            one += (jam / JAM) ** 2 + force_cost(force)
             for b in range(1, len(end)):
-                u, v = end[b, 0], end[b, 1]
-                if palm < u < tip and abs(v) < half:
+                if taken(bench, end[b, 0], end[b, 1]):
                     one += TAKEN
-                one += (max(0.0, bench.edge + BEHIND - u) / BACK) ** 2
+                one += edge_cost(bench, end[b, 0])
             one = min(one, 2.0 * WORST)
         costs[n] = one
         so_far[n] += one

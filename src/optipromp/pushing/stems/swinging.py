@@ -1,7 +1,7 @@
 """What a cup does to fruits on stems, predicted step by step along the tool's path.
 
 At every step all fruits come to the equilibrium of their stems, their inertia and their contacts
-(:mod:`optipromp.pushing.equilibrium`). The harm on the path is recorded.
+(:mod:`optipromp.pushing.stems.equilibrium`). The harm on the path is recorded.
 """
 
 import math
@@ -13,13 +13,21 @@ from numpy.lib.stride_tricks import sliding_window_view
 from optipromp.arrays import FloatArray, IntArray
 from optipromp.compiled import inner, kernel
 from optipromp.geometry.obstacles import Obstacles
-from optipromp.pushing.bending import Stems
-from optipromp.pushing.contacts import Contacts, Fruits, list_firm, list_pieces, overlapping
-from optipromp.pushing.cup import Mouth, MouthPose, in_cup, inside
-from optipromp.pushing.deflected import LOADS, freely, place
-from optipromp.pushing.equilibrium import CLOSE, Descent, relax
-from optipromp.pushing.harm import Harm, score_of
 from optipromp.pushing.parameters import PUSH
+from optipromp.pushing.stems.bending import Stems
+from optipromp.pushing.stems.contacts import (
+    Contacts,
+    Fruits,
+    hang,
+    list_fruits,
+    list_pieces,
+    list_walls,
+    overlapping,
+)
+from optipromp.pushing.stems.cup import Mouth, MouthPose, in_cup, inside
+from optipromp.pushing.stems.deflected import LOADS, Descent, freely
+from optipromp.pushing.stems.equilibrium import CLOSE, CupStep, relax
+from optipromp.pushing.stems.harm import Harm, score_of
 
 ITERATIONS, SETTLED = PUSH.swing.iterations, PUSH.swing.settled
 KEPT_SPEED, STIRRED = PUSH.swing.kept_speed, PUSH.swing.stirred
@@ -40,33 +48,34 @@ def push(
         dt: between points [s].
         cup: its shape.
         solid: static objects that fruits are pressed against; stems pass through them.
-        worst: a score (:func:`optipromp.pushing.harm.score_of`) beyond which the push ends.
+        worst: a score (:func:`optipromp.pushing.stems.harm.score_of`) beyond which the push ends.
         positions: (P, N, 3) out, of the fruits [m].
         forces: (P, N) out, largest contact force on each fruit [N].
         stem_forces: (P, N) out, of the cup on each stem [N].
-        so_far: (5,) in and out, the numbers of :class:`optipromp.pushing.harm.Harm`.
+        so_far: (5,) in and out, the numbers of :class:`optipromp.pushing.stems.harm.Harm`.
 
     Returns:
         Number of points that the cup was led through.
     """
     count, n, dofs = len(s.root), s.shape.shape[1] - 1, 2 * LOADS
-    walls, others = len(solid.kind), 3 * (count - 1)
-    most = others + 1 + walls + n + 3  # contacts of a fruit and its stem
+    most = 1 + 3 * (count - 1) + len(solid.kind) + n + 3  # contacts of a fruit and its stem
     f = Fruits(
         s.rest.copy(), s.rest.copy(), s.rest.copy(), np.zeros(count),
-        np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count, dtype=np.bool_),
-        np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.bool_),
+        np.zeros((count, 3)), np.zeros((count, 3)), np.ones(count, dtype=np.bool_),
+        np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.bool_), np.zeros(count),
+        np.zeros(count),
     )  # fmt: skip
     c = Contacts(
-        np.zeros((count, count, 2), dtype=np.bool_), np.zeros((count, walls), dtype=np.int64),
-        np.zeros((count, 3)), np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64),
-        np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.int64),
+        np.zeros((count, most), dtype=np.int64), np.zeros((count, most), dtype=np.int64),
         np.zeros(count, dtype=np.int64), np.zeros((count, most), dtype=np.int64),
-        np.zeros((count, most)),
+        np.zeros(count, dtype=np.int64), np.zeros((count, count, 2), dtype=np.bool_),
+        np.zeros(count, dtype=np.int64), np.full((count, 3), np.inf), np.zeros(count),
+        np.zeros(count), np.zeros(count, dtype=np.int64),
     )  # fmt: skip
     d = Descent(
-        np.zeros((count, LOADS, LOADS)), np.zeros(dofs), np.zeros((dofs, dofs)), np.zeros(dofs),
-        np.zeros(dofs), np.zeros(count), np.zeros((count, dofs)),
+        s.mass / (dt * dt), np.zeros((count, LOADS, LOADS)), np.zeros(dofs),
+        np.zeros((dofs, dofs)), np.zeros(dofs), np.zeros(dofs), np.zeros(count),
+        np.zeros((count, dofs)),
     )  # fmt: skip
     pinched, spell = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
     held, load = s.root, np.zeros((s.joint.shape[1], 3))
@@ -75,7 +84,10 @@ def push(
         s.stiffness, s.compliance, s.shortening, s.joint, s.rest, s.lifted,
     )  # fmt: skip
     overlapping(s, f.u, c.overlap)
-    _hang(s, f, c, d, dt)
+    list_fruits(c)
+    for i in range(count):
+        hang(s, f, i)
+        freely(s, i, d)
     for p in range(len(points)):
         at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
         if p > 0 and _untouched(s, f, at, cup):
@@ -83,25 +95,14 @@ def push(
             continue
         q = max(p - 1, 0)
         x, y, z = at.x - points[q, 0], at.y - points[q, 1], at.z - points[q, 2]
-        shift = MouthPose(x, y, z, 0.0, 0.0, 0.0)
+        step = CupStep(cup, at, MouthPose(x, y, z, 0.0, 0.0, 0.0), p == 0)
         _follow_truss(s, f, held, load)
-        _advance(s, f, c, d, at, shift, cup, solid, dt, p, forces, stem_forces)
+        _advance(s, f, c, d, step, solid)
         _note(f, p, positions)
         _take(f, at, cup, dt, p, forces, stem_forces, spell, pinched, so_far)
         if score_of(so_far[0], so_far[1], so_far[2], so_far[3], so_far[4], False) > worst:
             return p + 1
     return len(points)
-
-
-@inner
-def _hang(s: Stems, f: Fruits, c: Contacts, d: Descent, dt: float) -> None:
-    """All fruits at rest, before anything touches them."""
-    for i in range(len(s.root)):
-        x, y, z = place(s.root, s.axes, s.shape, f.u, i, s.length[i], 1.0)
-        f.center[i, 0], f.center[i, 1], f.center[i, 2] = x, y, z
-        f.resting[i] = True
-        c.listed_at[i, 0] = np.inf
-        freely(s.compliance, s.mass[i] / (dt * dt), i, d.free)
 
 
 @inner
@@ -127,8 +128,7 @@ def _follow_truss(s: Stems, f: Fruits, held: FloatArray, load: FloatArray) -> No
             for o in range(len(load)):
                 for m in range(3):
                     s.root[i, k] += s.joint[i, o, k, m] * load[o, m]
-        x, y, z = place(s.root, s.axes, s.shape, f.u, i, s.length[i] - f.up[i], 1.0)
-        f.center[i, 0], f.center[i, 1], f.center[i, 2] = x, y, z
+        hang(s, f, i)
 
 
 @inner
@@ -174,11 +174,8 @@ def clear(s: Stems, points: FloatArray, axes: FloatArray, cup: Mouth) -> bool:
 
 
 @inner
-def _advance(
-    s: Stems, f: Fruits, c: Contacts, d: Descent, at: MouthPose, shift: MouthPose, cup: Mouth,
-    solid: Obstacles, dt: float, p: int, forces: FloatArray, stem_forces: FloatArray,
-) -> None:  # fmt: skip
-    """Step p: the fruits swing on, then come to their equilibrium with the cup where it is."""
+def _advance(s: Stems, f: Fruits, c: Contacts, d: Descent, step: CupStep, solid: Obstacles) -> None:
+    """The fruits swing on, then come to their equilibrium with the cup where it is."""
     for i in range(len(f.up)):
         for k in range(3):
             f.began[i, k] = f.center[i, k]
@@ -187,16 +184,14 @@ def _advance(
             f.before[i, a] = f.u[i, a]
             d.last[i, a] = 0.0
         f.earlier[i], d.eased[i] = f.pressed[i], 1.0
-    list_firm(s, f.center, c.firm, c.listed_at, c.on_fruit, solid)
-    list_pieces(s, c, at, cup)
+    list_walls(s, f.center, c, solid)
+    list_pieces(s, c, step.at, step.cup)
     stirred = np.inf
     for _ in range(ITERATIONS):
         look = stirred > STIRRED  # for all contacts that are close, not only those known
         if look:
             stirred = 0.0
-        moved, woken = relax(
-            s, f, c, d, at, shift, cup, solid, dt, look, p, forces, stem_forces
-        )  # fmt: skip
+        moved, woken = relax(s, f, c, d, step, solid, look)
         stirred += np.inf if woken else moved
         if moved < SETTLED:
             break
@@ -222,6 +217,7 @@ def _take(
     """
     held = math.ceil(LASTING / dt)  # steps
     for i in range(len(f.up)):
+        forces[p, i], stem_forces[p, i] = f.force[i], f.on_stem[i]
         lasting = lasting_on_fruit = np.inf if p >= held - 1 else 0.0
         for q in range(max(p - held + 1, 0), p + 1):
             lasting = min(lasting, stem_forces[q, i])

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, frozen, lengths
+from optipromp.arrays import lengths
 from optipromp.compiled import inner
 from optipromp.pushing.parameters import PUSH
 from optipromp.robots.model import Robot
@@ -44,9 +44,6 @@ class MouthPose(NamedTuple):
     w: float
 
 
-Pose = MouthPose  # Numba's caches of earlier versions hold this name, and are read before replaced
-
-
 @lru_cache(maxsize=32)
 def flange_of(robot: Robot) -> tuple[float, float, float]:
     """The arm's last link as a round body behind the tool: its radius, and the heights of its two
@@ -76,17 +73,6 @@ def flange_of(robot: Robot) -> tuple[float, float, float]:
     off = np.linalg.norm(0.7 * wide * toward[:, None] - aside, axis=2)
     top = np.where(off < radius, height + np.sqrt(np.maximum(radius**2 - off**2, 0.0)), -np.inf)
     return wide, float(np.median(top.max(axis=1))), float((height - radius).min())
-
-
-@lru_cache(maxsize=32)
-def rings_of(robot: Robot) -> FloatArray:
-    """The body spheres (k, 3) of the last link and the tool, whatever the roll: their heights over
-    the tool point, their distances from the tool axis, their radii [m]."""
-    own = np.asarray(robot.spheres.distal)
-    center = robot.spheres.center[own] - robot.tool_point
-    height = center @ robot.tool_axis
-    aside = lengths(center - height[:, None] * robot.tool_axis)
-    return frozen(np.column_stack([height, aside, robot.spheres.radius[own]]))
 
 
 @inner

@@ -15,7 +15,7 @@ The stiffness of a stem cannot be seen. It is taken to be that of green peduncle
 it by no more than the turn that it grew with.
 
 A stem that grows from another has a root that yields: its compliance includes that of the stems
-that it hangs on, so its first point moves too (:mod:`optipromp.pushing.trusses`).
+that it hangs on, so its first point moves too (:mod:`optipromp.pushing.stems.trusses`).
 """
 
 import itertools
@@ -28,8 +28,8 @@ from scipy.linalg.lapack import dpbsv
 
 from optipromp.arrays import FloatArray, IntArray, frozen, lengths
 from optipromp.geometry.shapes import Capsule, Cone, Ellipsoid, MeshShape
-from optipromp.pushing import trusses
 from optipromp.pushing.parameters import PUSH
+from optipromp.pushing.stems import trusses
 from optipromp.scenes.scene import SceneObject
 
 LOADED, ELEMENTS, FINER = PUSH.beam.loaded, PUSH.beam.elements, PUSH.beam.finer

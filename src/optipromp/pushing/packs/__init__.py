@@ -1,0 +1,1 @@
+"""Packs that stand: they slide on their board, and a hand presses them aside."""
