@@ -9,7 +9,7 @@ import pytest
 from tests.pushing.fruits import TARGET, UP
 
 from optipromp.geometry import Box, HalfSpace, Sphere, distances, pack
-from optipromp.planning.task import push_model, resolve
+from optipromp.planning.task import resolve
 from optipromp.pushing.hanging import HANGING, Hanging, applies, rooms
 from optipromp.pushing.harm import Harm, score_of
 from optipromp.pushing.model import Prediction, search
@@ -123,7 +123,7 @@ def test_one_state_in_longer_steps_tells_good_candidates_from_bad_ones() -> None
     for seed in range(100, 104):
         for preset in ("cluster", "side-clusters", "mixed"):
             task = resolve(generate(preset, seed))  # type: ignore[arg-type]
-            a, rng = push_model(task, task.robot.home), np.random.default_rng(seed)
+            a, rng = task.push_model(task.robot.home), np.random.default_rng(seed)
             assert isinstance(a, Hanging)
             mean, spread = a.spread(0)
             sampled = rng.normal(mean, spread, (30, len(mean)))
@@ -359,7 +359,7 @@ def told(scene: Scene, **physical: float) -> Scene:
 
 def model_of(scene: Scene) -> Hanging:
     task = resolve(scene)
-    model = push_model(task, task.robot.home)
+    model = task.push_model(task.robot.home)
     assert isinstance(model, Hanging)
     return model
 

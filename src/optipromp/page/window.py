@@ -19,7 +19,6 @@ from optipromp.page.stage import PlanNodes
 from optipromp.page.worker import Worker
 from optipromp.planning import Plan, PlanOptions
 from optipromp.planning import plan as make_plan
-from optipromp.planning.task import resolve
 from optipromp.scenes.scene import Scene
 from optipromp.viewer.drawn import conditioned_on, moment
 
@@ -130,7 +129,7 @@ class Window:
                 self.stage.sides(content.passing(plan))
                 self.stage.via(conditioned_on(plan))
                 if self.now == 0.0:
-                    self.now = moment(plan, resolve(plan.scene, plan.robot)).time
+                    self.now = moment(plan).time
             self.go(self.now)
             self.say(words + (f"  \n{wrong}" if wrong else ""), bool(wrong))
 

@@ -10,6 +10,7 @@ from optipromp.errors import InvalidRequestError, NoPlanError, OptiPrompError
 from optipromp.planning.options import Planner, PlanOptions, Strategy
 from optipromp.planning.plan import check_planner, plan
 from optipromp.planning.result import Plan
+from optipromp.planning.task import Task
 from optipromp.processes import cores, run_each
 from optipromp.promp.model import ProMP
 from optipromp.scenes.scene import Scene
@@ -37,7 +38,8 @@ class _Request:
         """The result without the scene that the caller has."""
         result = self.result(scene)
         if isinstance(result, Plan) and result.scene is scene:
-            return replace(result, scene=None)  # type: ignore[arg-type]
+            task: Task = replace(result.task, scene=None)  # type: ignore[arg-type]
+            return replace(result, task=task)
         return result
 
 
@@ -96,7 +98,7 @@ def plan_many(
         scene = scenes[index]
         if isinstance(scene, Scene) and getattr(result, "scene", scene) is None:
             assert isinstance(result, Plan)
-            result = replace(result, scene=scene)
+            result = replace(result, task=replace(result.task, scene=scene))
         elif isinstance(result, BrokenProcessPool):
             result = NoPlanError(str(result))
         results[index] = result

@@ -29,7 +29,7 @@ from optipromp.planning.goals import clearance, narrow, passed_over
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.parameters import SOLVE
 from optipromp.planning.result import Planned, Stage
-from optipromp.planning.task import Task, model_at, push_model, pushed_aside
+from optipromp.planning.task import Task, pushed_aside
 from optipromp.planning.timing import slowly, timed
 from optipromp.planning.underway import rest, straight
 from optipromp.planning.verdict import Led, harm_of, judged, led, prediction
@@ -50,14 +50,14 @@ RULE_SPEED = PUSH.hanging.speed  # of the tool along a path that the rule gives
 
 @dataclass(frozen=True, eq=False)
 class Harmful:
-    """A scene in which all paths that were found do harm: none was followed with the arm.
+    """A task in which all paths that were found do harm: none was followed with the arm.
 
     Attributes:
-        scene: with its approach.
+        task: with its approach.
         path: of the least harm.
     """
 
-    scene: Scene
+    task: Task
     path: ToolPath
 
 
@@ -79,7 +79,7 @@ def pick(
     """
     began = clock()
     rng = np.random.default_rng(seed)
-    model = push_model(task, goals[0])
+    model = task.push_model(goals[0])
     solver = Solver(pushed_aside(task), options, budget, task.scene, stem_side=model is None)
     best: tuple[Attempt, tuple[PushModel, Led] | None, float] | None = None
     least, tries = np.inf, 0
@@ -107,7 +107,7 @@ def pick(
         tries += 1
         harm, push = 0.0, None
         if model is not None:
-            own = model_at(task, model, attempt.trajectory.positions[-1])
+            own = task.push_model(attempt.trajectory.positions[-1]) or model
             push = own, led(task, own, attempt.trajectory)
             harm = harm_of(*push)
         score = harm if options.prediction else 0.0
@@ -128,7 +128,7 @@ def pick(
         told = None if push is None else prediction(*push, harm)
         return outcome(attempt, told, clock() - began)
     if spared:
-        return Harmful(task.scene, min(spared, key=lambda path: path.harm))
+        return Harmful(task, min(spared, key=lambda path: path.harm))
     free = ways.free_starts(solver.task, options, promp, goals, rng, budget)
     attempt = first_valid(solver, chain(rest(task, options), free))
     assert attempt is not None  # there is at least one goal configuration

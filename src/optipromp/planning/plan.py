@@ -21,11 +21,11 @@ from optipromp.optimization.kernels import add_stiffness
 from optipromp.planning import approaches, goals, primitive, tree
 from optipromp.planning.options import Planner, PlanOptions, Strategy
 from optipromp.planning.paper_problem import functional_values
-from optipromp.planning.parameters import GOAL, TIMING, UNDERWAY
+from optipromp.planning.parameters import GOAL, UNDERWAY
 from optipromp.planning.pick import Harmful, pick
 from optipromp.planning.primitive import PAPER_BASIS, learnt
 from optipromp.planning.result import Plan, Planned, Term, Terms
-from optipromp.planning.task import Task, push_model, pushed_aside, resolve
+from optipromp.planning.task import Task, pushed_aside, resolve
 from optipromp.planning.timing import stopped
 from optipromp.planning.underway import Moving, begun, underway
 from optipromp.planning.verdict import Verdict, judged, predicted
@@ -35,7 +35,7 @@ from optipromp.pushing.path import ToolPath
 from optipromp.robots.model import Robot
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene
-from optipromp.trajectory import State, Trajectory
+from optipromp.trajectory import Trajectory
 
 DEFAULTS = PlanOptions()
 WARM_UP = "scenario-3"
@@ -100,22 +100,24 @@ def plan(
         state = begun(start_state, previous, at)
         scene = scene if isinstance(scene, Scene) else load_scene(scene)
         began = clock()
+        end = began + options.timeout
+        task = replace(resolve(scene, robot, state), risk=options.risk)
+        if state is not None:
+            task = underway(task, previous, at)
+            if task.same and previous is not None and previous.success:
+                task = replace(task, risk=max(task.risk, UNDERWAY.risk))
 
-        def attempt(other: Scene, path: ToolPath | None, sparing: bool) -> Plan | Harmful:
-            left = options
-            if other is not scene or path is not None:
-                spent = clock() - began
-                left = replace(options, timeout=max(options.timeout - spent, TIMING.least_dt))
+        def attempt(other: Task, path: ToolPath | None, sparing: bool) -> Plan | Harmful:
             return _plan(
-                other, robot, planner, strategy, demonstrations, seed, left, progress, state,
-                (previous, at), sparing, path,
+                other, planner, strategy, demonstrations, seed, options, end, progress, sparing,
+                path,
             )  # fmt: skip
 
-        ways: Iterable[Scene] = ()
+        ways: Iterable[Task] = ()
         default = planner == "opti-promp" and not _as_in_the_paper(options, strategy)
         if default and options.prediction and state is None:
-            ways = approaches.others(scene, robot)
-        return _best_way(scene, ways, attempt, began + options.timeout, options.timed)
+            ways = approaches.others(task)
+        return _best_way(task, ways, attempt, end, options.timed, began)
 
 
 def _as_in_the_paper(options: PlanOptions, strategy: Strategy) -> bool:
@@ -123,8 +125,9 @@ def _as_in_the_paper(options: PlanOptions, strategy: Strategy) -> bool:
 
 
 def _best_way(
-    scene: Scene, ways: Iterable[Scene],
-    attempt: Callable[[Scene, ToolPath | None, bool], Plan | Harmful], end: float, timed: bool,
+    task: Task, ways: Iterable[Task],
+    attempt: Callable[[Task, ToolPath | None, bool], Plan | Harmful], end: float, timed: bool,
+    began: float,
 ) -> Plan:  # fmt: skip
     """The first harmless plan: straight, or else by the other approaches that the scene allows.
 
@@ -132,10 +135,9 @@ def _best_way(
     best is given, or the path of least harm is followed. What is too fast because it was ``timed``
     so is too fast on any way.
     """
-    began = clock()
     made: list[Plan] = []
     harmful: list[Harmful] = []
-    for other in itertools.chain([scene], ways):
+    for other in itertools.chain([task], ways):
         if (made or harmful) and clock() > end:
             break
         found = attempt(other, None, True)
@@ -148,7 +150,7 @@ def _best_way(
             break
     if harmful and not any(one.success for one in made):
         least = min(harmful, key=lambda one: one.path.harm)
-        found = attempt(least.scene, least.path, False)
+        found = attempt(least.task, least.path, False)
         assert isinstance(found, Plan)
         made.append(found)
     best = min(made, key=_badness)
@@ -179,10 +181,11 @@ def check_planner(planner: str, strategy: str, seed: int = 0) -> None:
 
 def warm_up(scene: Scene | str = WARM_UP) -> None:
     """Compile every kernel, or load it from the cache, before a plan's time counts."""
-    options = PlanOptions(timeout=math.inf)
+    task = resolve(scene if isinstance(scene, Scene) else load_scene(scene))
     with _threads().limit(limits=1, user_api="blas"):
-        made = _plan(scene, None, "opti-promp", "joint", None, 0, options, None)
-        _search_once(made.scene)
+        made = _plan(task, "opti-promp", "joint", None, 0, DEFAULTS, math.inf, None)
+        home = task.robot.home[None]
+        tree.way(task, home, home, np.random.default_rng(0))
     assert isinstance(made, Plan)
     len(made.terms)  # computed when read
 
@@ -222,43 +225,25 @@ def compile_kernels() -> None:
 
 def compile_push_model() -> None:
     """Compile what predicts a push."""
-    scene = load_scene(WARM_UP)
-    task = resolve(scene)
-    model = push_model(task, task.robot.home)
+    task = resolve(load_scene(WARM_UP))
+    model = task.push_model(task.robot.home)
     assert model is not None
     path = model.path(model.spread(0)[0])  # the first candidate
     model.predict(path.points, path.points)
 
 
-def _search_once(scene: Scene) -> None:
-    """Search a way, for what that compiles."""
-    task = resolve(scene)
-    home = task.robot.home[None]
-    tree.way(task, home, home, np.random.default_rng(0))
-
-
 def _plan(
-    scene: Scene | str | Path, robot: Robot | None, planner: Planner, strategy: Strategy,
-    demonstrations: ProMP | str | Path | None, seed: int, options: PlanOptions | None,
-    progress: Callable[[str], None] | None, state: State | None = None,
-    running: tuple[Plan | None, float | None] = (None, None), sparing: bool = False,
-    path: ToolPath | None = None,
+    task: Task, planner: Planner, strategy: Strategy, demonstrations: ProMP | str | Path | None,
+    seed: int, options: PlanOptions, end: float, progress: Callable[[str], None] | None,
+    sparing: bool = False, path: ToolPath | None = None,
 ) -> Plan | Harmful:  # fmt: skip
-    options = options or DEFAULTS
     say = progress or (lambda _: None)
-    if not isinstance(scene, Scene):
-        scene = load_scene(scene)
     began = clock()
-    task = replace(resolve(scene, robot, state), risk=options.risk)
-    if state is not None:
-        task = underway(task, *running)
-        if task.same and running[0] is not None and running[0].success:
-            task = replace(task, risk=max(task.risk, UNDERWAY.risk))
     paper = planner == "opti-promp" and _as_in_the_paper(options, strategy)
     default = planner == "opti-promp" and not paper
     promp = learnt(task, demonstrations, **({"basis": PAPER_BASIS} if paper else {}))
     so_far = {"setup": clock() - began}
-    budget = Budget(began + options.timeout, np.inf if options.effort is None else options.effort)
+    budget = Budget(end, np.inf if options.effort is None else options.effort)
 
     def finish(outcome: Planned, status: Code | None = None, message: str = "") -> Plan:
         start = clock()
@@ -275,18 +260,17 @@ def _plan(
         now = clock()
         times = {**so_far, **outcome.time, "check": now - start, "total": now - began}
         return Plan(
-            scene=scene, robot=task.robot, planner=planner,
+            task=task, planner=planner,
             strategy=strategy if planner == "opti-promp" else None, seed=seed, status=status,
             message=message, trajectory=outcome.trajectory, initial=outcome.primitive,
             followed=outcome.followed, prediction=prediction, metrics=verdict.metrics,
             terms=Terms(functools.partial(_terms, task, options, outcome, paper, strategy)),
             stages=outcome.stages, contacts=verdict.contacts, time=times,
-            first=outcome.first, via=outcome.via, pushed=task.pushed,
-            start=task.state if task.begun else None, risk=task.risk,
+            first=outcome.first, via=outcome.via,
         )  # fmt: skip
 
     stay = _stay(task)
-    touching = judging.touching(scene, task.robot, task.start, begun=task.begun)
+    touching = judging.touching(task.scene, task.robot, task.start, begun=task.begun)
     if touching:
         told = "at the start " + "; ".join(map(str, touching))
         return finish(stay, Code.START_IN_COLLISION, told)

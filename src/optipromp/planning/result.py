@@ -9,8 +9,8 @@ from optipromp.errors import Code
 from optipromp.files import plain
 from optipromp.judging import Judgement, Metrics, Overlap
 from optipromp.planning.options import Planner, Strategy
-from optipromp.pushing.model import Prediction
-from optipromp.pushing.parameters import PUSH
+from optipromp.planning.task import Task
+from optipromp.pushing.model import Prediction, PushModel
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene
 from optipromp.shown import Shown
@@ -135,8 +135,7 @@ class Plan(Shown):
     along the tool path, ``trajectory`` is the optimised one.
 
     Attributes:
-        scene: what was planned for.
-        robot: the scene's robot with its tool.
+        task: what was planned for: the scene bound to its robot, start and goal.
         planner: ``promp``, ``i-promp`` or ``opti-promp``.
         strategy: of opti-promp.
         seed: of everything random.
@@ -153,14 +152,9 @@ class Plan(Shown):
         time: ``total`` and per stage [s].
         first: index of the first waypoint on the approach.
         via: points of the tool that ``promp`` and ``i-promp`` conditioned the primitive on.
-        risk: share of promised successes that may be broken, by which the status is told.
-        start: state in which it begins, where that is not the scene's start at rest.
-        pushed: tool points and axes (P, 3) of the push that came before, where the plan goes on
-            with one that ran.
     """
 
-    scene: Scene
-    robot: Robot
+    task: Task
     planner: Planner
     strategy: Strategy | None
     seed: int
@@ -177,9 +171,31 @@ class Plan(Shown):
     time: Mapping[str, float] = field(default_factory=dict)
     first: int = 0
     via: tuple[ViaPoint, ...] = ()
-    risk: float = PUSH.harm.risk
-    start: State | None = None
-    pushed: tuple[FloatArray, FloatArray] | None = None
+
+    @property
+    def scene(self) -> Scene:
+        """What was planned for."""
+        return self.task.scene
+
+    @property
+    def robot(self) -> Robot:
+        """The scene's robot with its tool."""
+        return self.task.robot
+
+    @property
+    def risk(self) -> float:
+        """Share of promised successes that may be broken, by which the status is told."""
+        return self.task.risk
+
+    @property
+    def start(self) -> State | None:
+        """The state in which the plan begins, where that is not the scene's start at rest."""
+        return self.task.state if self.task.begun else None
+
+    @property
+    def push_model(self) -> PushModel | None:
+        """The model of the push, for where the trajectory ends; None where no model applies."""
+        return self.task.push_model(self.trajectory.positions[-1])
 
     def _words(self) -> str:
         strategy = f" {self.strategy}" if self.strategy else ""
