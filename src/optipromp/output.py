@@ -27,7 +27,7 @@ from optipromp.errors import (
 from optipromp.files import is_folder, json_text, npz, read_bytes, read_npz, settle, write_together
 from optipromp.judging import Metrics, Overlap
 from optipromp.planning import Plan, Term
-from optipromp.planning.options import Planner, Strategy
+from optipromp.planning.options import Strategy
 from optipromp.planning.result import Stage, ViaPoint
 from optipromp.planning.task import posed, resolve
 from optipromp.planning.underway import underway
@@ -85,7 +85,7 @@ class _PlanFile(BaseModel):
 
     format: Literal[4]
     sha256: dict[str, str]
-    planner: Planner
+    planner: str
     strategy: Strategy | None
     seed: Annotated[int, Field(ge=0)]
     risk: Annotated[float, Field(gt=0.0, lt=1.0)]

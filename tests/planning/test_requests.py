@@ -280,7 +280,7 @@ def test_costs_of_ones_own_are_minimised_with_the_others(three: Scene) -> None:
 
 def test_unknown_planners_and_strategies_name_the_valid_ones(three: Scene) -> None:
     with pytest.raises(InvalidRequestError, match="promp, i-promp, opti-promp"):
-        plan(three, planner="chomp")  # type: ignore[arg-type]
+        plan(three, planner="rrt")
     with pytest.raises(InvalidRequestError, match="joint, sequential"):
         plan(three, strategy="both")  # type: ignore[arg-type]
     with pytest.raises(InvalidSceneError, match="scenario-3"):

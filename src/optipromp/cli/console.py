@@ -40,7 +40,6 @@ _PATIENCE = 2.0  # [s] before a wait shows itself
 
 P = ParamSpec("P")
 
-Planner = Literal["promp", "i-promp", "opti-promp"]
 Strategy = Literal["joint", "sequential"]
 Preset = Literal[
     "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss",

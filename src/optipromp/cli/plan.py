@@ -14,7 +14,6 @@ from optipromp.cli.console import (
     OK,
     AsJson,
     ChosenStrategy,
-    Planner,
     Recorded,
     Seed,
     Workers,
@@ -49,8 +48,12 @@ SceneOrFolder = Annotated[
     ),
 ]
 ChosenPlanner = Annotated[
-    Planner,
-    typer.Option(help="promp: as learnt; i-promp: pushing by geometry; opti-promp: optimised."),
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="promp: as learnt; i-promp: pushing by geometry; opti-promp: optimised; or another "
+        "that 'optipromp list' names.",
+    ),
 ]
 Duration = Annotated[
     float | None,
@@ -65,7 +68,7 @@ Settings = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Any other setting, as often as you like; 'optipromp list' names them.",
+        help="Any other setting of the planner, as often as you like; 'optipromp list' names them.",
     ),
 ]
 Previous = Annotated[
@@ -108,7 +111,9 @@ Figures = Annotated[
 
 def failed_plan(error: OptiPrompError, request: Mapping[str, Any]) -> dict[str, Any]:
     """The document of a plan that could not be tried: a plan's keys, with the error's code."""
-    planner = request["planner"]
+    from optipromp.planning.planner import label
+
+    planner = label(request["planner"])
     return {
         "scene": request["scene"],
         "planner": planner,
@@ -163,7 +168,7 @@ def plan(
     optipromp plan seen-again.yaml --previous reach --at 1.5
     optipromp plan my-scene.yaml --targets ripe,n1,n3 --out picks
     """
-    from optipromp.cli.catalogue import settings
+    from optipromp.cli.catalogue import asked
     from optipromp.planning import plan as make_plan
     from optipromp.scenes.io import load_scene, scene_names
 
@@ -173,13 +178,11 @@ def plan(
         check_folder(out)
     if not 0.0 < rate < math.inf:
         raise InvalidRequestError(f"--rate is {rate:g}: must be above 0 [Hz]")
-    options = settings(setting or [], duration=duration, timeout=timeout, constraints=constraints)
+    stated = {"duration": duration, "timeout": timeout, "constraints": constraints}
     request: dict[str, Any] = {
-        "planner": planner,
-        "strategy": strategy,
+        **asked(planner, strategy, setting or [], stated),
         "demonstrations": None if demonstrations is None else read_primitive(demonstrations),
         "seed": seed,
-        "options": options,
     }
     if scene not in scene_names() and is_folder(Path(scene)):
         if previous is not None or targets is not None:

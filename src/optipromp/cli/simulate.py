@@ -13,7 +13,6 @@ from optipromp.cli.console import (
     OK,
     AsJson,
     ChosenStrategy,
-    Planner,
     Seed,
     Strategy,
     command,
@@ -53,7 +52,7 @@ def simulate(
         ),
     ],
     planner: Annotated[
-        Planner, typer.Option(help="Of a scene; a plan's folder has its plan.")
+        str, typer.Option(metavar="NAME", help="Of a scene; a plan's folder has its plan.")
     ] = "opti-promp",
     strategy: ChosenStrategy = "joint",
     true_scene: Annotated[
@@ -134,7 +133,7 @@ def _folder(item: str) -> Path:
     return path.parent if path.name == "plan.json" else Path("out")
 
 
-def _plan(item: str, planner: Planner, strategy: Strategy, seed: int, named: Named) -> "Plan":
+def _plan(item: str, planner: str, strategy: Strategy, seed: int, named: Named) -> "Plan":
     from optipromp.planning import Plan
     from optipromp.planning import plan as make_plan
 

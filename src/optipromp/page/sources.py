@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import get_args
 
 from optipromp.errors import InvalidRequestError
 from optipromp.experiments.runs import Row, scenes_of
@@ -10,7 +9,7 @@ from optipromp.experiments.study import ROWS, rows_of, settings_of
 from optipromp.files import is_folder, is_there
 from optipromp.output import load_plan
 from optipromp.page.replay import Replay, load_replay
-from optipromp.planning import Plan, Planner
+from optipromp.planning import Plan, planner_names
 from optipromp.scenes.generate import PANDA
 from optipromp.scenes.io import load_scene, scene_names
 from optipromp.scenes.scene import Scene
@@ -65,6 +64,6 @@ def open_source(item: str, beside: str | None = None) -> Source:
     return Source(load_scene(item))
 
 
-def row_planner(row: Row) -> Planner | None:
-    """The planner of a run; None for a baseline that only studies have."""
-    return row.planner if row.planner in get_args(Planner) else None  # type: ignore[return-value]
+def row_planner(row: Row) -> str | None:
+    """The planner of a run; None for one that is not known here."""
+    return row.planner if row.planner in planner_names() else None

@@ -17,7 +17,7 @@ from optipromp.page.replay import ROLLOUTS_APART, Replay, execute
 from optipromp.page.sources import Source
 from optipromp.page.stage import PlanNodes
 from optipromp.page.worker import Worker
-from optipromp.planning import Plan, PlanOptions
+from optipromp.planning import Plan, PlanOptions, planner_names
 from optipromp.planning import plan as make_plan
 from optipromp.scenes.scene import Scene
 from optipromp.viewer.drawn import conditioned_on, moment
@@ -82,7 +82,8 @@ class Window:
         if plan is None:
             self.replan()
         else:
-            self.settings["planner"] = plan.planner
+            if plan.planner in planner_names():
+                self.settings["planner"] = plan.planner
             self._show(plan, f"**{plan.status}**, as it was saved")
             self.details()
 

@@ -2,6 +2,7 @@
 
 import functools
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from optipromp.errors import InvalidRequestError, StartInvalidError
 from optipromp.judging import AXIS_TOLERANCE, GOAL_TOLERANCE
 from optipromp.optimization.evaluation import BodyPoints
 from optipromp.optimization.problem import Surroundings
+from optipromp.promp.model import ProMP
 from optipromp.pushing import hanging, standing
 from optipromp.pushing.cup import flange_of, rings_of
 from optipromp.pushing.hanging import Hanging
@@ -46,6 +48,10 @@ class Task:
         same: whether the pushables are where the plan that runs has them.
         pushed: tool points and axes (P, 3) of the push so far, if they are the same.
         risk: share of promised successes that may be broken.
+        seed: of everything random.
+        demonstrations: of the request: a ProMP, or a file to learn one from; None: the robot's own.
+        only: the only tool path that is to be followed; None: those that a search finds.
+        sparing: whether a planner may answer that all paths do harm, before it follows any.
         begun: whether ``state`` is one that was given in place of the scene's start: the tool may
             be among what it pushes.
     """
@@ -63,6 +69,10 @@ class Task:
     pushed: tuple[FloatArray, FloatArray] | None = None
     risk: float = PUSH.harm.risk
     begun: bool = False
+    seed: int = 0
+    demonstrations: ProMP | str | Path | None = None
+    only: ToolPath | None = None
+    sparing: bool = False
 
     @property
     def start(self) -> FloatArray:
