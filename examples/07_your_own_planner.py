@@ -18,6 +18,7 @@ installs it by an entry point in its pyproject.toml; it then appears in `optipro
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -42,6 +43,7 @@ class Line:
 
     speed: float = 0.1
     waypoints: int = 60
+    name: ClassVar[str] = "line"  # that its plans tell
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed:
         """The harmless motion that ends soonest; without one the first."""
@@ -67,7 +69,7 @@ if __name__ == "__main__":
     print(f"{made.trajectory.duration:.1f} s, predicted harm {made.prediction.harm:.2f}")
 
     register("line", Line)  # by its name, from now on
-    assert plan("scenario-3", planner="line").planner == "Line"
+    assert plan("scenario-3", planner="line").planner == "line"
 
     try:
         from optipromp import simulate

@@ -226,7 +226,22 @@ class Optimised(Timed):
 
 
 @dataclass(frozen=True)
-class PlanOptions(Optimised):
+class Searched(Optimised):
+    """Settings of a motion whose tool path is searched, beside those of :class:`Optimised`.
+
+    Attributes:
+        prediction: true: where a model of the push applies, the tool path is searched in it. False:
+            ``rule`` gives the path. The plan reports the predicted harm either way.
+        rule: on which side the tool passes each neighbour, without a prediction: away from its
+            stem, along y_g (``paper``) or in the plane (``lateral-plane``), or the shorter way.
+    """
+
+    prediction: bool = True
+    rule: DriftRule = "shortest"
+
+
+@dataclass(frozen=True)
+class PlanOptions(Searched):
     """What a plan may cost and risk; and the settings of a planner that is asked for by its name.
 
     A planner that is given as a value has its own settings.
@@ -239,10 +254,6 @@ class PlanOptions(Optimised):
             plan as the timeout does, but at the same place on every machine. None: no limit.
         risk: share of promised successes that may be broken, over many scenes. It sets the largest
             predicted harm of a success; a smaller risk refuses more.
-        prediction: true: where a model of the push applies, the tool path is searched in it. False:
-            ``rule`` gives the path. The plan reports the predicted harm either way.
-        rule: on which side the tool passes each neighbour, without a prediction: away from its
-            stem, along y_g (``paper``) or in the plane (``lateral-plane``), or the shorter way.
         constraints: ``push-model``: the default planner. ``paper``: the paper's constraints 1 to 3,
             and a plan is a success only if constraint 1 holds at every waypoint of the paper's
             window. The strategy ``sequential`` plans with these constraints in any case; ``paper``
@@ -253,8 +264,6 @@ class PlanOptions(Optimised):
     timeout: float = 60.0
     effort: int | None = None
     risk: float = PUSH.harm.risk
-    prediction: bool = True
-    rule: DriftRule = "shortest"
     constraints: Constraints = "push-model"
     paper: PaperOptions = field(default_factory=PaperOptions)
 

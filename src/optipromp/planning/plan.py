@@ -99,7 +99,7 @@ def plan(
         scene = scene if isinstance(scene, Scene) else load_scene(scene)
         began = clock()
         task = replace(resolve(scene, robot, state), risk=options.risk, seed=seed)
-        task = replace(task, demonstrations=demonstrations)
+        task = replace(task, demonstrations=demonstrations, sparing=True)
         if state is not None:
             task = underway(task, previous, at)
             if task.same and previous is not None and previous.success:
@@ -126,7 +126,7 @@ def _best_way(
     for other in itertools.chain([task], ways):
         if (made or harmful) and clock() > end:
             break
-        found = attempt(replace(other, sparing=True))
+        found = attempt(other)
         if isinstance(found, Harmful):
             harmful.append(found)
             continue

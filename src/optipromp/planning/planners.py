@@ -9,9 +9,9 @@ from optipromp.errors import Code, InvalidRequestError
 from optipromp.planning import goals, primitive
 from optipromp.planning.options import (
     STRATEGIES,
-    Optimised,
     PaperOptions,
     PlanOptions,
+    Searched,
     Strategy,
     Timed,
 )
@@ -21,7 +21,6 @@ from optipromp.planning.planner import Planner, factory, make, register, setting
 from optipromp.planning.primitive import learnt
 from optipromp.planning.result import Failed, Harmful, Planned
 from optipromp.planning.task import Task, pushed_aside
-from optipromp.pushing.rules import DriftRule
 
 JOINT: Strategy = "joint"
 
@@ -54,9 +53,9 @@ class Chosen:
 def goal_configurations(
     task: Task, budget: Budget, starts: int | None = None, near: FloatArray | None = None
 ) -> Chosen:
-    """Goal configurations of a task; of those for a scene, the ones nearest to ``near`` (n,).
+    """Goal configurations of a task: one on the branch of ``near`` (n,), where given and free.
 
-    ``starts`` of inverse kinematics: None: fewer where time is over.
+    ``starts`` is how many inverse kinematics begins from; None: fewer where time is over.
     """
     budget.say("inverse kinematics")
     began = clock()
@@ -69,18 +68,9 @@ def goal_configurations(
 
 
 @dataclass(frozen=True)
-class OptiProMP(Optimised):
-    """Pick a tool path in the push model, follow it with the whole arm, optimise and judge.
+class OptiProMP(Searched):
+    """Pick a tool path in the push model, follow it with the whole arm, optimise and judge."""
 
-    Attributes:
-        prediction: true: where a model of the push applies, the tool path is searched in it. False:
-            ``rule`` gives the path. The plan reports the predicted harm either way.
-        rule: on which side the tool passes each neighbour, without a prediction: away from its
-            stem, along y_g (``paper``) or in the plane (``lateral-plane``), or the shorter way.
-    """
-
-    prediction: bool = True
-    rule: DriftRule = "shortest"
     name: ClassVar[str] = "opti-promp"
     strategy: ClassVar[Strategy] = "joint"
 
