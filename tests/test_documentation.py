@@ -19,15 +19,15 @@ PUBLIC = (
     "optipromp.execution",
 )  # fmt: skip
 UNSHOWN = {  # aliases and constants, and kernels that no user calls
-    "DriftRule", "Message", "PLANNERS", "Planner", "Role", "STRATEGIES", "Shape", "Strategy",
+    "DriftRule", "Message", "PLANNERS", "Role", "STRATEGIES", "Shape", "Strategy",
     "__version__", "near", "signed_distance",
 }  # fmt: skip
 
 
 @pytest.mark.parametrize(
     "page",
-    ["README.md", "docs/index.md", "docs/add-a-cost-term.md", "docs/add-a-robot.md",
-     "docs/real-robot.md", "docs/ros.md", "docs/scene-format.md"],
+    ["README.md", "docs/index.md", "docs/add-a-cost-term.md", "docs/add-a-planner.md",
+     "docs/add-a-robot.md", "docs/real-robot.md", "docs/ros.md", "docs/scene-format.md"],
 )  # fmt: skip
 def test_the_python_of_a_page_runs(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

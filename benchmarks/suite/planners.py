@@ -23,7 +23,7 @@ from benchmarks.registry import (
 from benchmarks.scenes import groups
 from benchmarks.timing import median, paired_ratio
 from optipromp.errors import Code, OptiPrompError
-from optipromp.experiments.baselines import StudyPlanner, attempt
+from optipromp.experiments.baselines import attempt
 from optipromp.planning import judge, plan, warm_up
 from optipromp.scenes.scene import Scene
 
@@ -38,7 +38,7 @@ def ours(scene: Scene, seed: int) -> Answer:
     return Answer(made.trajectory, "" if made.success else str(made.status))
 
 
-def baseline(name: StudyPlanner) -> Planner:
+def baseline(name: str) -> Planner:
     """A baseline of our studies."""
 
     def answer(scene: Scene, seed: int) -> Answer:

@@ -25,7 +25,7 @@ from benchmarks.timing import median, paired_ratio, percentile, reference
 from optipromp.arrays import FloatArray
 from optipromp.errors import OptiPrompError
 from optipromp.planning import PaperOptions, Plan, plan, warm_up
-from optipromp.planning.paper_problem import functional_values
+from optipromp.planning.functionals import functional_values
 from optipromp.planning.task import resolve
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import PoseGoal, Scene

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from optipromp.judging import Metrics as Metrics
     from optipromp.output import load_plan as load_plan
     from optipromp.output import write_plan as write_plan
+    from optipromp.planning import IProMP as IProMP
+    from optipromp.planning import OptiProMP as OptiProMP
     from optipromp.planning import PaperOptions as PaperOptions
     from optipromp.planning import Plan as Plan
     from optipromp.planning import PlanOptions as PlanOptions
@@ -55,6 +57,8 @@ _HOMES = {
     "judging": ("Metrics",),
     "output": ("load_plan", "write_plan"),
     "planning": (
+        "IProMP",
+        "OptiProMP",
         "PaperOptions",
         "PickSequence",
         "Plan",

@@ -4,6 +4,7 @@ import math
 import sys
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from optipromp.errors import InvalidRequestError
@@ -58,10 +59,12 @@ class Budget:
     Args:
         deadline: of :func:`clock` [s].
         steps: how many there may be.
+        say: called with a short text as each part of the work begins.
     """
 
     deadline: float = math.inf
     steps: float = math.inf
+    say: Callable[[str], object] = str  # nobody hears it
     used: int = field(default=0, init=False)
     cut: bool = field(default=False, init=False)
     longest: float = field(default=0.0, init=False)

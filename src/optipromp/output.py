@@ -27,9 +27,10 @@ from optipromp.errors import (
 from optipromp.files import is_folder, json_text, npz, read_bytes, read_npz, settle, write_together
 from optipromp.judging import Metrics, Overlap
 from optipromp.planning import Plan, Term
-from optipromp.planning.options import Planner, Strategy
+from optipromp.planning.options import Strategy
 from optipromp.planning.result import Stage, ViaPoint
-from optipromp.planning.task import resolve
+from optipromp.planning.task import posed, resolve
+from optipromp.planning.underway import underway
 from optipromp.planning.verdict import verdict_of
 from optipromp.pushing.model import Prediction
 from optipromp.robots.model import Robot
@@ -84,7 +85,7 @@ class _PlanFile(BaseModel):
 
     format: Literal[4]
     sha256: dict[str, str]
-    planner: Planner
+    planner: str
     strategy: Strategy | None
     seed: Annotated[int, Field(ge=0)]
     risk: Annotated[float, Field(gt=0.0, lt=1.0)]
@@ -163,7 +164,7 @@ def _check_digests(folder: Path, digests: Mapping[str, str]) -> None:
 
 def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -> Plan:
     """The plan that a file describes, if the judge says no worse of it."""
-    robot = resolve(scene).robot
+    robot, _ = posed(scene)
     curves = [from_arrays(rows, prefix) for prefix in ("", "initial_", "followed_")]
     curve = curves[0]
     if any(one.joint_names != robot.joint_names for one in curves):
@@ -173,9 +174,11 @@ def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -
         )
     if found.first >= curve.n_waypoints:
         raise InvalidRequestError(f"first is {found.first}: must be below {curve.n_waypoints}")
+    task = resolve(scene, robot, _start(rows, robot))
+    if task.begun:
+        task = underway(task, None, None)
     stated = Plan(
-        scene=scene,
-        robot=robot,
+        task=replace(task, risk=found.risk, pushed=_pushed(rows)),
         planner=found.planner,
         strategy=found.strategy,
         seed=found.seed,
@@ -192,9 +195,6 @@ def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -
         time=found.time,
         first=found.first,
         via=tuple(ViaPoint(via.name, np.array(via.position)) for via in found.via),
-        risk=found.risk,
-        start=_start(rows, robot),
-        pushed=_pushed(rows),
     )
     judged = verdict_of(stated)
     if WORSE.index(judged.status) > WORSE.index(found.status):
@@ -235,7 +235,7 @@ def _document(plan: Plan, folder: Path) -> dict[str, Any]:
 
     scene = None
     with suppress(OptiPrompError):  # a mesh made in memory: the plan is still worth writing
-        if _alike(resolve(plan.scene).robot, plan.robot):
+        if _alike(posed(plan.scene)[0], plan.robot):
             scene = scene_to_dict(plan.scene, base_dir=folder)
     return plan.to_dict() | {"format": FORMAT, "version": version("optipromp"), "scene_file": scene}
 
@@ -261,5 +261,5 @@ def _waypoints(plan: Plan) -> dict[str, Any]:
         **arrays(plan.initial, "initial_"),
         **arrays(plan.followed, "followed_"),
         **({} if plan.start is None else {START: _state(plan.start)}),
-        **({} if plan.pushed is None else dict(zip(PUSHED, plan.pushed, strict=True))),
+        **({} if plan.task.pushed is None else dict(zip(PUSHED, plan.task.pushed, strict=True))),
     }

@@ -3,13 +3,8 @@ import pytest
 
 from optipromp import judging
 from optipromp.errors import Code, InvalidRequestError
-from optipromp.experiments.baselines import (
-    STUDY_PLANNERS,
-    as_obstacles,
-    attempt,
-    chomp_problem,
-    straight,
-)
+from optipromp.experiments.baselines import STUDY_PLANNERS, attempt
+from optipromp.laboratory.planners.obstacles import Chomp, as_obstacles
 from optipromp.planning import PaperOptions, PlanOptions, plan
 from optipromp.planning.task import resolve
 from optipromp.pushing import rule_paths
@@ -21,7 +16,7 @@ from optipromp.scenes.generate import generate
 @pytest.mark.parametrize("preset", ["cluster", "shelf"])
 def test_straight_goes_to_the_camera_point_and_then_along_the_approach(preset: str) -> None:
     scene = generate(preset, 7)
-    made = straight(scene)
+    made = attempt(scene, "straight")
     setup = resolve(scene)
     q = made.trajectory.positions
     np.testing.assert_array_equal(q[0], setup.start)
@@ -40,7 +35,7 @@ def test_straight_goes_to_the_camera_point_and_then_along_the_approach(preset: s
 
 def test_straight_keeps_the_limits_and_says_what_it_touches() -> None:
     for seed in range(4):
-        made = straight(generate("table-top", seed))
+        made = attempt(generate("table-top", seed), "straight")
         setup = resolve(generate("table-top", seed))
         verdict = judging.judge(
             setup.scene, setup.robot, made.trajectory, setup.state, stem_side=made.harm is None
@@ -60,12 +55,12 @@ def test_straight_says_when_it_cannot_get_there() -> None:
 
     scene = load_scene("scenario-3")
     far = replace(scene.target, position=np.array([2.0, 0.0, 0.5]), stem=None)
-    made = straight(replace(scene, objects=(far,)))
+    made = attempt(replace(scene, objects=(far,)), "straight")
     assert made.status is Code.GOAL_UNREACHABLE
     assert made.trajectory is None
-    no_target = replace(scene, objects=(), goal=JointGoal(scene.start))
+    no_target = replace(scene, objects=(), goal=JointGoal(scene.start + 0.05))
     with pytest.raises(InvalidRequestError, match="joints"):
-        straight(no_target)
+        attempt(no_target, "straight")
 
 
 def test_obstacles_and_chomp_see_obstacles_where_others_see_pushables() -> None:
@@ -84,7 +79,7 @@ def test_chomp_takes_the_tool_away_from_the_fruits(seed: int) -> None:
     assert made.trajectory is not None
     begin, end = primitive.positions, made.trajectory.positions
     np.testing.assert_allclose(end[[0, -1]], begin[[0, -1]], atol=1e-12)
-    problem = chomp_problem(scene, len(begin))
+    problem = Chomp().problem(resolve(scene), len(begin))
     before, after = (problem.evaluate(q).costs["tool avoid"] for q in (begin, end))
     assert 0.0 < after < 0.4 * before
     other = attempt(scene, "obstacles")

@@ -11,6 +11,7 @@ from optipromp.judging import judge
 from optipromp.planning import plan, plan_many
 from optipromp.planning.approaches import others
 from optipromp.planning.parameters import APPROACH
+from optipromp.planning.task import resolve
 from optipromp.scenes import Approach, Pose, Scene
 from optipromp.scenes.generate import generate
 from optipromp.simulation import simulate
@@ -56,7 +57,7 @@ def test_a_scene_that_allows_none_or_needs_none_is_planned_straight(refused: Sce
     scene = load_scene("scenario-4")
     one, two = plan(allowed(scene, **STRAIGHT)), plan(scene)
     np.testing.assert_array_equal(one.trajectory.positions, two.trajectory.positions)
-    assert list(others(refused, one.robot)) == []
+    assert list(others(resolve(refused, one.robot))) == []
 
 
 def test_approaches_stay_in_the_cone_and_the_target_in_the_mouth(refused: Scene) -> None:
@@ -65,7 +66,7 @@ def test_approaches_stay_in_the_cone_and_the_target_in_the_mouth(refused: Scene)
     assert refused.target is not None
     room = robot.tool.mouth[0] - refused.target.radius
     for cone, aside in ((25.0, 0.0), (0.0, 0.5), (10.0, 0.003), (None, None)):
-        found = list(others(allowed(refused, cone, aside), robot))
+        found = [one.scene for one in others(resolve(allowed(refused, cone, aside), robot))]
         assert found
         for scene in found:
             angle = np.degrees(np.arccos(min(scene.frame[2] @ refused.frame[2], 1.0)))
@@ -78,13 +79,13 @@ def test_approaches_stay_in_the_cone_and_the_target_in_the_mouth(refused: Scene)
 
 def test_to_what_stands_the_hand_comes_level_from_either_side() -> None:
     scene = generate("shelf", 3)
-    found = list(others(scene))
+    found = [one.scene for one in others(resolve(scene))]
     assert len(found) == 2
     for one in found:
         assert abs(one.frame[2] @ one.up) < 1e-9
         angle = np.degrees(np.arccos(one.frame[2] @ scene.frame[2]))
         assert angle == pytest.approx(APPROACH.inner * APPROACH.cone)
-    assert list(others(allowed(scene, **STRAIGHT))) == []
+    assert list(others(resolve(allowed(scene, **STRAIGHT)))) == []
 
 
 def test_a_shifted_goal_is_reached_and_judged(refused: Scene) -> None:

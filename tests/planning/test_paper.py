@@ -18,11 +18,15 @@ from optipromp.arrays import FloatArray
 from optipromp.budget import Budget
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.geometry import Box
+from optipromp.laboratory.planners import paper_stages as paper_planner
+from optipromp.laboratory.planners.paper_problem import (
+    ConstraintRows,
+    drift_offsets,
+    posed_problems,
+)
 from optipromp.optimization.evaluation import Evaluation
 from optipromp.planning import Plan, PlanOptions, goals, plan
-from optipromp.planning import paper as paper_planner
 from optipromp.planning.options import PaperOptions
-from optipromp.planning.paper_problem import ConstraintRows, drift_offsets, posed_problems
 from optipromp.planning.primitive import PAPER_BASIS, learnt
 from optipromp.planning.task import resolve
 from optipromp.scenes import Scene, load_scene

@@ -13,7 +13,7 @@ import pytest
 from optipromp import judge, judging, load_plan, write_plan
 from optipromp.errors import Code
 from optipromp.planning import Plan, PlanOptions, plan
-from optipromp.planning.task import Task, push_model, resolve, tool_motion
+from optipromp.planning.task import Task, resolve, tool_motion
 from optipromp.pushing.model import PushModel
 from optipromp.pushing.packs.standing import Standing
 from optipromp.pushing.path import STEP, through
@@ -27,7 +27,7 @@ RULE = PlanOptions(prediction=False)
 
 
 def model_of(task: Task) -> PushModel:
-    found = push_model(task, plan(task.scene).trajectory.positions[-1])
+    found = task.push_model(plan(task.scene).trajectory.positions[-1])
     assert found is not None
     return found
 
@@ -153,7 +153,7 @@ def test_a_cup_meets_fruits_that_hang_and_a_hand_packs_that_stand(three: Scene) 
 
     def known(scene: Scene) -> PushModel | None:
         task = resolve(scene)
-        return push_model(task, task.start)
+        return task.push_model(task.start)
 
     def stemless(role: str) -> Scene:
         objects = [replace(t, stem=None) if t.role == role else t for t in three.objects]

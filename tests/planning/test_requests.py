@@ -27,7 +27,7 @@ from optipromp.optimization.evaluation import Evaluation
 from optipromp.planning import PLANNERS, STRATEGIES, PaperOptions, Plan, PlanOptions, plan
 from optipromp.planning.pick import Solver
 from optipromp.planning.primitive import smooth_prior
-from optipromp.planning.task import push_model, resolve
+from optipromp.planning.task import resolve
 from optipromp.pushing.path import through
 from optipromp.pushing.rules import rule_paths
 from optipromp.pushing.stems import hanging as hanging_model
@@ -134,10 +134,10 @@ def test_more_fruits_than_can_be_tried_are_passed_as_the_rule_says(three: Scene)
         for i in range(hanging_model.HANGING.most + 1)
     ]
     task = resolve(three)
-    assert push_model(task, END) is not None
+    assert task.push_model(END) is not None
     crowded = resolve(replace(three, objects=(*three.objects, *close)))
     assert len(crowded.neighbours) > hanging_model.HANGING.most
-    assert push_model(crowded, END) is None
+    assert crowded.push_model(END) is None
     result = plan(crowded.scene, options=PlanOptions(iterations=0))
     assert result.prediction is None
     corners = rule_paths(crowded.scene, crowded.neighbours, crowded.robot, crowded.camera)
@@ -280,7 +280,7 @@ def test_costs_of_ones_own_are_minimised_with_the_others(three: Scene) -> None:
 
 def test_unknown_planners_and_strategies_name_the_valid_ones(three: Scene) -> None:
     with pytest.raises(InvalidRequestError, match="promp, i-promp, opti-promp"):
-        plan(three, planner="chomp")  # type: ignore[arg-type]
+        plan(three, planner="rrt")
     with pytest.raises(InvalidRequestError, match="joint, sequential"):
         plan(three, strategy="both")  # type: ignore[arg-type]
     with pytest.raises(InvalidSceneError, match="scenario-3"):

@@ -8,7 +8,7 @@ import pytest
 from tests.robots.builders import INNER, TOOLS, probe
 
 from optipromp.planning import Plan, judge, plan
-from optipromp.planning.task import push_model, resolve
+from optipromp.planning.task import resolve
 from optipromp.pushing.packs.standing import Standing, plane
 from optipromp.pushing.stems.hanging import Hanging
 from optipromp.robots import load_robot, with_tool
@@ -110,7 +110,7 @@ def test_of_a_tool_that_takes_hold_of_nothing_no_target_is_too_deep(shelf: Scene
 
 def test_a_tool_of_the_users_own_has_a_push_model() -> None:
     task = resolve(load_scene("scenario-3"), with_tool(load_robot("panda"), TOOLS["spoon"]))
-    assert isinstance(push_model(task, task.start), Hanging)
+    assert isinstance(task.push_model(task.start), Hanging)
 
 
 @pytest.mark.parametrize("name", TOOLS)

@@ -21,7 +21,7 @@ from optipromp.errors import Code, StartInvalidError
 from optipromp.judging import centers
 from optipromp.output import FILES
 from optipromp.planning import PlanOptions, plan
-from optipromp.planning.task import push_model, resolve, spaced
+from optipromp.planning.task import resolve, spaced
 from optipromp.planning.verdict import predicted, verdict_of
 from optipromp.reports import plan_report
 from optipromp.scenes import Scene, SceneObject, load_scene
@@ -123,7 +123,7 @@ def test_a_motion_that_goes_on_may_begin_among_fruits(share: float) -> None:
 def test_a_fruit_that_is_met_before_the_approach_counts() -> None:
     made = plan("scenario-3")
     task = resolve(made.scene)
-    model = push_model(task, made.trajectory.positions[-1])
+    model = task.push_model(made.trajectory.positions[-1])
     assert made.prediction is not None
     assert model is not None
     tips, _ = made.robot.tool_pose(made.trajectory.positions)
@@ -145,7 +145,7 @@ def test_what_is_clear_is_left_alone() -> None:
     rng, clear = np.random.default_rng(0), 0
     for seed in range(8):
         scene = generate("cluster", seed)
-        model = push_model(resolve(scene), resolve(scene).robot.home)
+        model = resolve(scene).push_model(resolve(scene).robot.home)
         assert model is not None
         assert scene.target is not None
         before = {o.id: o.position for o in scene.objects}

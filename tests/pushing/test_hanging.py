@@ -23,7 +23,7 @@ from tests.pushing.hanging import (
 )
 
 from optipromp.geometry import Box
-from optipromp.planning.task import push_model, resolve
+from optipromp.planning.task import resolve
 from optipromp.pushing.model import Prediction
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.rules import neighbours
@@ -74,7 +74,7 @@ def test_one_state_in_longer_steps_tells_good_candidates_from_bad_ones() -> None
     for seed in range(100, 104):
         for preset in ("cluster", "side-clusters", "mixed"):
             task = resolve(generate(preset, seed))  # type: ignore[arg-type]
-            a, rng = push_model(task, task.robot.home), np.random.default_rng(seed)
+            a, rng = task.push_model(task.robot.home), np.random.default_rng(seed)
             assert isinstance(a, Hanging)
             mean, spread = a.candidates.spread(0)
             sampled = rng.normal(mean, spread, (30, len(mean)))
@@ -249,7 +249,7 @@ def told(scene: Scene, **physical: float) -> Scene:
 
 def model_of(scene: Scene) -> Hanging:
     task = resolve(scene)
-    model = push_model(task, task.robot.home)
+    model = task.push_model(task.robot.home)
     assert isinstance(model, Hanging)
     return model
 

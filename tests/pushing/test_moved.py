@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from optipromp.planning.task import push_model, resolve
+from optipromp.planning.task import resolve
 from optipromp.pushing.model import Combined, Moved, PushModel
 from optipromp.scenes.generate import generate
 from optipromp.scenes.io import load_scene
@@ -14,7 +14,7 @@ from optipromp.scenes.scene import Scene
 
 def model_of(scene: Scene) -> PushModel:
     task = resolve(scene)
-    model = push_model(task, task.start)
+    model = task.push_model(task.start)
     assert model is not None
     return model
 

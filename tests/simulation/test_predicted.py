@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from optipromp.planning import plan
-from optipromp.planning.task import push_model, resolve
+from optipromp.planning.task import resolve
 from optipromp.pushing.stems.bending import stems
 from optipromp.pushing.stems.hanging import Hanging
 from optipromp.pushing.stems.swinging import push
@@ -32,7 +32,7 @@ def compared(seed: int) -> Comparison:
     run = simulate(made)
     rollout = run.rollout
     task = resolve(scene)
-    model = push_model(task, made.trajectory.positions[-1])
+    model = task.push_model(made.trajectory.positions[-1])
     assert isinstance(model, Hanging)
     ids = [rollout.fruit_ids.index(t.id) for t in (scene.target, *task.neighbours)]
     times = np.arange(rollout.times[0], rollout.motion, STEP)

@@ -40,7 +40,7 @@ def test_of_trajectories_that_coincide_one_is_drawn(interactive: Plan) -> None:
 
 
 def test_the_moment_is_when_the_tool_is_level_with_the_last_fruit(optimised: Plan) -> None:
-    now = drawn.moment(optimised, resolve(optimised.scene))
+    now = drawn.moment(optimised)
     assert now.event == "as the tool passes n2"
     assert str(now) == f"as the tool passes n2, {now.time:.1f} s"
     assert now.time == pytest.approx(optimised.trajectory.times[now.waypoint])
@@ -51,15 +51,14 @@ def test_the_moment_is_when_the_tool_is_level_with_the_last_fruit(optimised: Pla
 
 def test_without_fruits_in_the_way_the_moment_is_the_end(optimised: Plan) -> None:
     kept = tuple(item for item in optimised.scene.objects if item.role != "pushable")
-    free = replace(optimised, scene=replace(optimised.scene, objects=kept))
-    now = drawn.moment(free, resolve(free.scene))
+    free = replace(optimised, task=resolve(replace(optimised.scene, objects=kept)))
+    now = drawn.moment(free)
     assert (now.waypoint, now.event) == (free.trajectory.n_waypoints - 1, "at the goal")
 
 
 def test_pushed_fruits_are_where_the_model_predicts_them(optimised: Plan) -> None:
-    task = resolve(optimised.scene)
-    now = drawn.moment(optimised, task)
-    at = {item.item.id: item for item in drawn.placed(optimised, task, now)}
+    now = drawn.moment(optimised)
+    at = {item.item.id: item for item in drawn.placed(optimised, now)}
     assert [*at] == [item.id for item in optimised.scene.objects]
     point, axis = optimised.robot.tool_pose(optimised.trajectory.positions[now.waypoint])
     (seen,) = (item for item in optimised.scene.pushables if item.id == "n2")
@@ -75,16 +74,14 @@ def test_pushed_fruits_are_where_the_model_predicts_them(optimised: Plan) -> Non
 
 
 def test_before_the_approach_nothing_has_moved(optimised: Plan) -> None:
-    task = resolve(optimised.scene)
     start = drawn.Moment(0, 0.0, "at the start")
-    assert all(item.shift == 0.0 for item in drawn.placed(optimised, task, start))
+    assert all(item.shift == 0.0 for item in drawn.placed(optimised, start))
 
 
 def test_each_stem_has_a_colour_and_ends_at_its_root_and_its_fruit(optimised: Plan) -> None:
-    task = resolve(optimised.scene)
     found = [
         item
-        for item in drawn.placed(optimised, task, drawn.moment(optimised, task))
+        for item in drawn.placed(optimised, drawn.moment(optimised))
         if item.stem is not None and item.item.stem is not None
     ]
     assert len(found) == 3
@@ -120,10 +117,9 @@ def test_i_promp_shows_what_it_was_conditioned_on(interactive: Plan) -> None:
 
 
 def test_opti_promp_shows_the_tool_path_that_was_chosen(optimised: Plan) -> None:
-    task = resolve(optimised.scene)
     path = drawn.tool_path(optimised)
-    np.testing.assert_allclose(path[0], task.camera, atol=1e-3)
-    np.testing.assert_allclose(path[-1], task.goal.position, atol=1e-3)
+    np.testing.assert_allclose(path[0], optimised.task.camera, atol=1e-3)
+    np.testing.assert_allclose(path[-1], optimised.task.goal.position, atol=1e-3)
     assert drawn.conditioned_on(optimised) == ()
 
 

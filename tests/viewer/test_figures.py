@@ -10,7 +10,6 @@ import pytest
 
 from optipromp.geometry.shapes import Box
 from optipromp.planning import Plan, Term, plan
-from optipromp.planning.task import resolve
 from optipromp.scenes.generate import generate
 from optipromp.trajectory import Trajectory
 from optipromp.viewer import drawn
@@ -132,7 +131,7 @@ def test_a_limit_is_drawn_where_a_joint_comes_near_it(result: Plan) -> None:
 
 def test_the_picture_names_the_moment_and_what_is_predicted(result: Plan) -> None:
     figure = reach_figure(result)
-    now = drawn.moment(result, resolve(result.scene))
+    now = drawn.moment(result)
     title = figure.get_suptitle()
     assert str(now) in title
     assert str(result.prediction) in title
@@ -157,10 +156,9 @@ def test_no_two_labels_of_a_picture_overlap(result: Plan, shelf: Plan) -> None:
 
 
 def test_packs_are_drawn_where_the_hand_has_pushed_them(shelf: Plan) -> None:
-    task = resolve(shelf.scene)
-    now = drawn.moment(shelf, task)
+    now = drawn.moment(shelf)
     assert now.event == "at the goal"
-    items = [i for i in drawn.placed(shelf, task, now) if i.item.role == "pushable"]
+    items = [i for i in drawn.placed(shelf, now) if i.item.role == "pushable"]
     assert max(item.shift for item in items) > 0.02
     for item in items:
         along_x_g = (item.position - item.item.position) @ shelf.scene.frame[0]

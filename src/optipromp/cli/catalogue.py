@@ -9,17 +9,13 @@ from typing import Any
 from optipromp.cli.command import Report, command
 from optipromp.errors import InvalidRequestError
 
-PLANNERS = {
-    "promp": "the learnt primitive, conditioned on start, camera point and target",
-    "i-promp": "conditioned on the fruits too, each pushed aside by its geometry",
-    "opti-promp": "the conditioned primitive, optimised (default)",
-}
-
 
 @command()
 def catalogue() -> Report:
     """List the built-in robots and scenes, the kinds of tool, the planners, and their settings."""
     from optipromp.planning.options import PaperOptions, PlanOptions
+    from optipromp.planning.planner import planners
+    from optipromp.planning.planners import PLANNERS
     from optipromp.robots.library import robot_names
     from optipromp.robots.tools import TOOLS
     from optipromp.scenes.io import scene_names
@@ -27,20 +23,69 @@ def catalogue() -> Report:
     robots, scenes = robot_names(), scene_names()
     known = documented(PlanOptions)
     known |= {f"paper.{name}": item for name, item in documented(PaperOptions).items()}
-    planners = (f"{name}: {text}" for name, text in PLANNERS.items())
+    kinds = planners()
+    own = {name: documented(kind) for name, kind in kinds.items()}
     lines = [
         f"robots    {', '.join(robots)}; or a URDF or robot file",
         f"tools     {', '.join(TOOLS)}",
         f"scenes    {', '.join(scenes)}; or a scene file",
-        "planners  " + "\n          ".join(planners),
-        "\nsettings, for plan --set KEY=VALUE:",
-        *(f"  {name} (default {default}): {text}" for name, (default, text) in known.items()),
     ]
+    for index, (name, kind) in enumerate(kinds.items()):
+        usual = " (default)" if name == "opti-promp" else ""
+        lines.append(f"{'planners' if index == 0 else '':<9} {name}: {_summary(kind)}{usual}")
+    lines += _lines("settings, for plan --set KEY=VALUE:", known)
+    for planner, found in own.items():
+        if planner not in PLANNERS:
+            others = {name: item for name, item in found.items() if item != known.get(name)}
+            lines += _lines(f"settings of {planner}, beside those of the same name above:", others)
     document = {
-        "robots": robots, "tools": list(TOOLS), "scenes": scenes, "planners": list(PLANNERS),
-        "settings": {k: {"default": d, "meaning": text} for k, (d, text) in known.items()},
+        "robots": robots, "tools": list(TOOLS), "scenes": scenes, "planners": list(kinds),
+        "settings": _told(known),
+        "planner_settings": {name: _told(found) for name, found in own.items()},
     }  # fmt: skip
     return Report(document, lines)
+
+
+def _lines(title: str, found: dict[str, tuple[Any, str]]) -> list[str]:
+    told = [f"  {name} (default {default}): {text}" for name, (default, text) in found.items()]
+    return [f"\n{title}", *told] if found else []
+
+
+def _told(found: dict[str, tuple[Any, str]]) -> dict[str, dict[str, Any]]:
+    return {name: {"default": value, "meaning": text} for name, (value, text) in found.items()}
+
+
+def _summary(kind: Any) -> str:
+    """The first sentence of what a planner says of itself."""
+    first = inspect.cleandoc(kind.__doc__ or "").partition("\n\n")[0]
+    return " ".join(first.split()).rstrip(".")
+
+
+def asked(
+    planner: str, strategy: str, pairs: Sequence[str], stated: dict[str, Any]
+) -> dict[str, Any]:
+    """Planner, strategy and options of a plan, from texts.
+
+    promp, i-promp and opti-promp read the settings of a plan; another planner its own, and time,
+    effort and risk of the plan. ``stated`` are settings that have an option of their own.
+
+    Raises:
+        InvalidRequestError: see :func:`settings`; no such planner.
+    """
+    from optipromp.planning import PlanOptions
+    from optipromp.planning.planner import factory, make, settings_of
+    from optipromp.planning.planners import JOINT, OF_A_PLAN, PLANNERS
+
+    if planner in PLANNERS:
+        return {"planner": planner, "strategy": strategy, "options": settings(pairs, **stated)}
+    kind = factory(planner)
+    usual = {"strategy": JOINT, "constraints": PlanOptions.constraints}
+    found = {k: v for k, v in {"strategy": strategy, **stated}.items() if v != usual.get(k)}
+    names = [*documented(kind), *OF_A_PLAN]
+    found |= _values(pairs, names, nested="paper" in settings_of(kind))
+    options = PlanOptions(**{k: v for k, v in found.items() if k in OF_A_PLAN})
+    own = {k: v for k, v in found.items() if k not in OF_A_PLAN}
+    return {"planner": make(planner, **own), "strategy": JOINT, "options": options}
 
 
 def settings(pairs: Sequence[str], **given: Any) -> Any:
@@ -53,19 +98,27 @@ def settings(pairs: Sequence[str], **given: Any) -> Any:
         InvalidRequestError: no such key, a text that is no pair, a value that may not be; the
             message names the keys there are.
     """
+    from optipromp.planning import PlanOptions
+
+    known = {name: value for name, value in given.items() if value is not None}
+    return PlanOptions(**known | _values(pairs, list(documented(PlanOptions)), nested=True))
+
+
+def _values(pairs: Sequence[str], names: list[str], nested: bool) -> dict[str, Any]:
+    """Values of ``key=value`` texts; with ``nested`` keys ``paper.key`` are read too."""
     import yaml
 
     from optipromp.documents import read_yaml
-    from optipromp.planning import PaperOptions, PlanOptions
+    from optipromp.planning import PaperOptions
     from optipromp.scenes.values import suggest
 
-    known = {name: value for name, value in given.items() if value is not None}
+    names += [f"paper.{name}" for name in documented(PaperOptions)] if nested else []
+    known: dict[str, Any] = {}
     paper: dict[str, Any] = {}
     for pair in pairs:
         key, found, text = pair.partition("=")
         if not found:
             raise InvalidRequestError(f"--set {pair}: write key=value, as in --set max_step=0.03")
-        names = [*documented(PlanOptions), *(f"paper.{name}" for name in documented(PaperOptions))]
         if key not in names:
             raise InvalidRequestError(f"--set {key}: no such setting; {suggest(key, names)}")
         try:
@@ -75,18 +128,20 @@ def settings(pairs: Sequence[str], **given: Any) -> Any:
         value = tuple(value) if isinstance(value, list) else value
         wanted = paper if key.startswith("paper.") else known
         wanted[key.removeprefix("paper.")] = value
-    if paper:
-        known["paper"] = PaperOptions(**paper)
-    return PlanOptions(**known)
+    return known | ({"paper": PaperOptions(**paper)} if paper else {})
 
 
-def documented(options: type) -> dict[str, tuple[Any, str]]:
-    """Settings that can be written as text: name, default and what its docstring says of it."""
-    text = inspect.cleandoc(options.__doc__ or "")
-    lines = re.split(r"\n    (?=\w+: )", text.partition("Attributes:")[2])
-    said = {name: " ".join(rest.split()) for name, _, rest in (x.partition(": ") for x in lines)}
+def documented(options: Any) -> dict[str, tuple[Any, str]]:
+    """Settings that can be written as text: name, default and what a docstring says of it."""
+    if not dataclasses.is_dataclass(options):
+        return {}
+    said: dict[str, str] = {}
+    for kind in inspect.getmro(options)[::-1]:  # type: ignore[arg-type]
+        text = inspect.cleandoc(kind.__doc__ or "").partition("Attributes:")[2]
+        parts = (line.partition(": ") for line in re.split(r"\n    (?=\w+: )", text))
+        said |= {name.strip(): " ".join(rest.split()) for name, _, rest in parts}
     return {
-        item.name: (item.default, said.get(item.name.strip(), ""))
+        item.name: (item.default, said.get(item.name, ""))
         for item in dataclasses.fields(options)
         if item.name not in ("costs", "paper")
     }

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 _PATIENCE = 2.0  # [s] before a wait shows itself
 
-Planner = Literal["promp", "i-promp", "opti-promp"]
 Strategy = Literal["joint", "sequential"]
 Preset = Literal[
     "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss",

@@ -92,14 +92,14 @@ class _Content(NamedTuple):
 
 
 def _read(item: str) -> _Content:
-    from optipromp.planning.task import resolve
+    from optipromp.planning.task import posed
     from optipromp.scenes.scene import Scene
 
     found = scene_or_plan(item, "export")
     if not isinstance(found, Scene):
         return _Content(found.scene, found.robot, found.trajectory.positions[0], found.trajectory)
-    task = resolve(found)
-    return _Content(task.scene, task.robot, task.start, None)
+    robot, state = posed(found)
+    return _Content(found, robot, state.q, None)
 
 
 def _mjcf(content: _Content, path: Path) -> None:

@@ -122,15 +122,15 @@ def _judge_start(scene: "Scene") -> None:
     A start that the arm cannot hold against gravity is warned of.
     """
     from optipromp import judging
-    from optipromp.planning.task import resolve
+    from optipromp.planning.task import posed
     from optipromp.robots.dynamics import warn_of_gravity
 
-    task = resolve(scene)
-    touching = judging.touching(scene, task.robot, task.start)
+    robot, state = posed(scene)
+    touching = judging.touching(scene, robot, state.q)
     if touching:
         told = "; ".join(map(str, touching))
         raise InvalidRequestError(f"{scene.name}: the robot has no free start: {told}")
-    warn_of_gravity(task.robot, task.start[None], scene.up, f"at the start of {scene.name}")
+    warn_of_gravity(robot, state.q[None], scene.up, f"at the start of {scene.name}")
 
 
 def _unread(named: Named, out: Path) -> list[str]:

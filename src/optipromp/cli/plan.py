@@ -11,7 +11,6 @@ import typer
 from optipromp.cli.command import Report, Shown, command, exit_code
 from optipromp.cli.console import (
     ChosenStrategy,
-    Planner,
     Recorded,
     Seed,
     Strategy,
@@ -37,8 +36,12 @@ SceneOrFolder = Annotated[
     ),
 ]
 ChosenPlanner = Annotated[
-    Planner,
-    typer.Option(help="promp: as learnt; i-promp: pushing by geometry; opti-promp: optimised."),
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="promp: as learnt; i-promp: pushing by geometry; opti-promp: optimised; or another "
+        "that 'optipromp list' names.",
+    ),
 ]
 Duration = Annotated[
     float | None,
@@ -53,7 +56,7 @@ Settings = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Any other setting, as often as you like; 'optipromp list' names them.",
+        help="Any other setting of the planner, as often as you like; 'optipromp list' names them.",
     ),
 ]
 Previous = Annotated[
@@ -98,7 +101,7 @@ Figures = Annotated[
 class Request:
     """How to plan: the arguments of :func:`optipromp.plan` that its variants share."""
 
-    planner: Planner
+    planner: Any  # a name, or a planner
     strategy: Strategy
     demonstrations: "ProMP | Path | None"
     seed: int
@@ -124,14 +127,13 @@ class Wanted:
         Raises:
             InvalidRequestError: a setting that there is not, or a value that may not be.
         """
-        from optipromp.cli.catalogue import settings
+        from optipromp.cli.catalogue import asked
 
-        options = settings(
-            self.setting or [], duration=self.duration, timeout=self.timeout,
-            constraints=self.constraints,
-        )  # fmt: skip
-        learnt = read_primitive(self.demonstrations)
-        return Request(self.planner, self.strategy, learnt, self.seed, options)
+        stated = {
+            "duration": self.duration, "timeout": self.timeout, "constraints": self.constraints
+        }  # fmt: skip
+        found = asked(self.planner, self.strategy, self.setting or [], stated)
+        return Request(demonstrations=read_primitive(self.demonstrations), seed=self.seed, **found)
 
 
 @dataclass(frozen=True)
@@ -181,7 +183,9 @@ class Output:
 
 def failed_plan(error: OptiPrompError, request: Mapping[str, Any]) -> dict[str, Any]:
     """The document of a plan that could not be tried: a plan's keys, with the error's code."""
-    planner = request["planner"]
+    from optipromp.planning.planner import label
+
+    planner = label(request["planner"])
     return {
         "scene": request["scene"],
         "planner": planner,

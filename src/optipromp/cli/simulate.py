@@ -11,7 +11,6 @@ from optipromp.cli.check import scene_or_plan
 from optipromp.cli.command import FAILED, OK, Report, command
 from optipromp.cli.console import (
     ChosenStrategy,
-    Planner,
     Seed,
     Strategy,
     say_if_compiling,
@@ -47,7 +46,7 @@ def simulate(
         ),
     ],
     planner: Annotated[
-        Planner, typer.Option(help="Of a scene; a plan's folder has its plan.")
+        str, typer.Option(metavar="NAME", help="Of a scene; a plan's folder has its plan.")
     ] = "opti-promp",
     strategy: ChosenStrategy = "joint",
     true_scene: Annotated[
@@ -123,7 +122,7 @@ def _folder(item: str) -> Path:
     return path.parent if path.name == "plan.json" else Path("out")
 
 
-def _plan(item: str, planner: Planner, strategy: Strategy, seed: int, named: Named) -> "Plan":
+def _plan(item: str, planner: str, strategy: Strategy, seed: int, named: Named) -> "Plan":
     from optipromp.planning import Plan
     from optipromp.planning import plan as make_plan
 

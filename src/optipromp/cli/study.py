@@ -24,8 +24,7 @@ Compared = Annotated[
         "--planner",
         "--planners",
         metavar="NAMES",
-        help="straight, promp, i-promp, i-promp-guard, drift, paper, obstacles, chomp, "
-        "opti-promp, separated by commas or one an option, or all.",
+        help="Any that 'optipromp list' names, separated by commas or one an option, or all.",
     ),
 ]
 
@@ -93,12 +92,12 @@ def study(
     optipromp study --planners opti-promp --noise-position 0.005 --noise-angle 5 --out noisy
     optipromp study --preset tight --planners opti-promp --noise detector --out detected
     """
-    from optipromp.experiments.baselines import STUDY_PLANNERS
+    from optipromp.experiments.baselines import study_planners
     from optipromp.experiments.study import Study, run_study
     from optipromp.scenes.generate import PANDA, PRESETS
 
     chosen: Any = _names(preset, PRESETS)
-    compared: Any = _names(",".join(planners), STUDY_PLANNERS)
+    compared: Any = _names(",".join(planners), study_planners())
     plan = Study(
         chosen, compared, _range(seeds), noise_position, noise_angle, only_valid,
         robot or PANDA, arm.of(robot).choice, vary, noise, risk,

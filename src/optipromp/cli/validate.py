@@ -57,7 +57,7 @@ def validate(
     from optipromp.files import is_file
     from optipromp.output import load_plan
     from optipromp.planning import PlanOptions, judge, verdict_of
-    from optipromp.planning.task import resolve
+    from optipromp.planning.task import posed
     from optipromp.scenes.io import load_scene
 
     if scene is None and not is_file(trajectory / "plan.json"):
@@ -66,11 +66,11 @@ def validate(
         if scene is None:
             plan = load_plan(trajectory)
             risk = plan.risk if risk is None else PlanOptions(risk=risk).risk
-            plan = replace(plan, risk=risk)
+            plan = replace(plan, task=replace(plan.task, risk=risk))
             loaded, robot, curve, found = plan.scene, plan.robot, plan.trajectory, verdict_of(plan)
         else:
             loaded = load_scene(scene)
-            robot = resolve(loaded).robot
+            robot = posed(loaded)[0]
             curve = read(trajectory, robot)
             risk = PlanOptions.risk if risk is None else risk
             found = judge(loaded, curve, risk=risk)

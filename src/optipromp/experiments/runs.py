@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from optipromp.errors import Code, OptiPrompError
-from optipromp.experiments.baselines import Answer, StudyPlanner, attempt
+from optipromp.experiments.baselines import Answer, attempt
 from optipromp.experiments.variations import VARIATIONS, Variation
 from optipromp.planning import PlanOptions
 from optipromp.robots.library import NOTHING, UNTRUSTED, Choice
@@ -48,7 +48,7 @@ class Row:
     Attributes:
         preset: of the scene.
         seed: of the scene, of its detection noise, of the planner and of the physics.
-        planner: see :data:`optipromp.experiments.baselines.STUDY_PLANNERS`.
+        planner: see :func:`optipromp.experiments.baselines.study_planners`.
         noise_position: standard deviation of detected positions [m].
         noise_angle: standard deviation of detected stem directions [degrees].
         noise: name of a noise, one of :data:`optipromp.scenes.generate.NOISES`; empty for none.
@@ -151,7 +151,7 @@ def source_version() -> str:
 def run_scene(
     preset: Preset,
     seed: int,
-    planners: Iterable[StudyPlanner],
+    planners: Iterable[str],
     noise: Noise | str,
     version: str,
     only_valid: bool = False,
@@ -207,7 +207,7 @@ def again(row: Row, robot: str = PANDA, risk: float = PlanOptions.risk) -> "Run 
         OptiPrompError: what broke the run off.
     """
     scene, seen = scenes_of(row, robot)
-    made = attempt(seen, cast(StudyPlanner, row.planner), seed=row.seed, risk=risk)
+    made = attempt(seen, row.planner, seed=row.seed, risk=risk)
     if made.trajectory is None:
         return None
     return _executed_in(made, scene, row.seed, VARIATIONS.get(row.variation))
@@ -268,9 +268,7 @@ def _executed_in(made: Answer, scene: Scene, seed: int, change: Variation | None
     return simulate(made.trajectory, scene, parameters=replace(parameters, robot=robot), seed=seed)
 
 
-def warm_up(
-    preset: Preset, planners: Iterable[StudyPlanner], robot: str | Path, choice: Choice
-) -> None:
+def warm_up(preset: Preset, planners: Iterable[str], robot: str | Path, choice: Choice) -> None:
     """Load and compile what plans need, so that no row's time holds it."""
     scene = generate(preset, 0, robot, choice)
     for planner in planners:

@@ -12,7 +12,7 @@ import numpy as np
 from optipromp.arrays import FloatArray
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.geometry import Box, Sphere
-from optipromp.planning import Plan, Planner, PlanOptions, Strategy, plan
+from optipromp.planning import Plan, PlanOptions, Strategy, plan
 from optipromp.planning.options import PaperOptions
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene, SceneObject
@@ -64,7 +64,7 @@ class Case:
     key: str
     scene: str
     title: str
-    planner: Planner
+    planner: str
     strategy: Strategy = "joint"
     expected: Code | None = None
     published: Published | None = None
@@ -185,7 +185,7 @@ _IV = Published(
 _PLAIN = {"paper": PaperOptions(camera_point=False)}
 _CAMERA = {"paper": PaperOptions(camera_point=True)}
 _FAILS, _HARMS, _SUCCEEDS = Code.INVALID_PLAN, Code.HARM_PREDICTED, Code.SUCCESS
-_OPTI: Planner = "opti-promp"
+_OPTI = "opti-promp"
 
 CASES: tuple[Case, ...] = (
     Case("1-plain", "scenario-1", "ProMP on start and target", "promp",

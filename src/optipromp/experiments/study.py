@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from optipromp.errors import InvalidRequestError
-from optipromp.experiments.baselines import STUDY_PLANNERS, StudyPlanner
+from optipromp.experiments.baselines import STUDY_PLANNERS
 from optipromp.experiments.runs import (
     COLUMNS,
     Row,
@@ -31,6 +31,7 @@ from optipromp.experiments.runs import (
 from optipromp.experiments.variations import VARIATIONS
 from optipromp.files import check_folder, json_text, write_atomically
 from optipromp.planning import PlanOptions
+from optipromp.planning.planner import factory
 from optipromp.processes import cores, run_each
 from optipromp.robots.library import NOTHING, Choice
 from optipromp.scenes.generate import NOISES, PANDA, PRESETS, Noise, Preset
@@ -63,7 +64,7 @@ class Study:
     """
 
     presets: tuple[Preset, ...] = PRESETS
-    planners: tuple[StudyPlanner, ...] = STUDY_PLANNERS
+    planners: tuple[str, ...] = STUDY_PLANNERS
     seeds: tuple[int, int] = (0, 20)
     noise_position: float = 0.0
     noise_angle: float = 0.0
@@ -82,7 +83,9 @@ class Study:
             if not given:
                 raise InvalidRequestError(f"no {name}: valid are {', '.join(valid)}")
             for item in given:
-                if item not in valid:
+                if name == "planner":
+                    factory(item)  # refuses a name that is none
+                elif item not in valid:
                     raise InvalidRequestError(f"{name} is {item!r}: {suggest(item, valid)}")
             if len(set(given)) < len(given):
                 raise InvalidRequestError(f"a {name} is named twice: {', '.join(given)}")

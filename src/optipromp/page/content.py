@@ -15,7 +15,6 @@ from optipromp.looks.part import rgb
 from optipromp.planning import Plan
 from optipromp.planning.parameters import FOLLOW
 from optipromp.planning.primitive import learnt
-from optipromp.planning.task import push_model, resolve
 from optipromp.promp.conditioning import condition
 from optipromp.promp.model import ProMP
 from optipromp.promp.points import JointPoint, TaskPoint
@@ -78,7 +77,6 @@ def initial_bundle(plan: Plan, demonstrations: Any = None) -> Bundle | None:
     q = plan.initial.positions
     if (q == q[0]).all():
         return None
-    task = resolve(plan.scene, plan.robot)
     phases, tool = np.linspace(0.0, 1.0, len(q)), plan.robot.tool_pose(q)[0]
     wanted = np.linspace(plan.first, len(q) - 1, FOLLOW.stations)[1:-1].round().astype(int)
     if plan.via:
@@ -93,7 +91,7 @@ def initial_bundle(plan: Plan, demonstrations: Any = None) -> Bundle | None:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a point that is missed a little is no news here
-            given = condition(learnt(task, demonstrations), points, plan.robot.tool_map)
+            given = condition(learnt(plan.task, demonstrations), points, plan.robot.tool_map)
     except OptiPrompError:
         return None
     return bundle(given, plan.robot, q)
@@ -104,8 +102,7 @@ def candidates(plan: Plan) -> list[tuple[FloatArray, float]]:
 
     The search is repeated with the plan's seed. Empty where no push model applies.
     """
-    task = resolve(plan.scene, plan.robot)
-    model = push_model(task, plan.trajectory.positions[-1])
+    task, model = plan.task, plan.push_model
     if model is None or not isinstance(task.goal, PoseGoal):
         return []
     watched = _Watched(model)
@@ -189,14 +186,13 @@ class PushedPlaces:
 
 def pushed(plan: Plan) -> PushedPlaces:
     """The predicted places of the scene's objects along a plan."""
-    task, q = resolve(plan.scene, plan.robot), plan.trajectory.positions
-    model = push_model(task, q[-1])
-    last = len(q) - 1
-    rows = np.linspace(plan.first, last, KEYS).round().astype(int) if model is not None else [0]
+    last = plan.trajectory.n_waypoints - 1
+    pushes = plan.push_model is not None
+    rows = np.linspace(plan.first, last, KEYS).round().astype(int) if pushes else [0]
     rows = np.unique(np.append(0, rows))
     times = plan.trajectory.times[rows]
     moments = [Moment(int(row), float(t), "") for row, t in zip(rows, times, strict=True)]
-    return PushedPlaces(times, tuple(placed(plan, task, moment) for moment in moments))
+    return PushedPlaces(times, tuple(placed(plan, moment) for moment in moments))
 
 
 def passing(plan: Plan) -> list[tuple[str, FloatArray, FloatArray]]:

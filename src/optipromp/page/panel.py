@@ -17,7 +17,7 @@ from optipromp.page.stage import LAYERS
 from optipromp.page.table import table
 from optipromp.page.tabs import RecordTab, ReplayTab
 from optipromp.page.window import Window
-from optipromp.planning import PLANNERS, STRATEGIES
+from optipromp.planning import STRATEGIES, planner_names
 from optipromp.shown import is_name
 from optipromp.viewer.drawn import GREEN, RED
 
@@ -111,7 +111,7 @@ class Panel:
 
     def _planning(self) -> None:
         window, gui, now = self.window, self.gui, self.window.settings
-        self.planner = gui.add_dropdown("planner", PLANNERS, initial_value=now["planner"])
+        self.planner = gui.add_dropdown("planner", planner_names(), initial_value=now["planner"])
         self.on(self.planner, "planner", lambda v: self._set(planner=v))
         strategy = gui.add_dropdown("strategy", STRATEGIES, initial_value=now["strategy"])
         self.on(strategy, "strategy", lambda v: self._set(strategy=v))

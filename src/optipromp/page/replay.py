@@ -13,7 +13,7 @@ from optipromp.errors import InvalidRequestError, InvalidSceneError
 from optipromp.files import read_npz
 from optipromp.page.stage import PlanNodes
 from optipromp.planning import Plan
-from optipromp.planning.task import resolve
+from optipromp.planning.task import posed
 from optipromp.robots.model import Robot
 from optipromp.scenes.io import scene_from_dict
 from optipromp.scenes.scene import Scene
@@ -106,7 +106,7 @@ def load_replay(folder: Path) -> Replay:
     arrays: dict[str, Any] = dict(read_npz(folder / "rollout.npz"))
     try:
         scene = scene_from_dict(outcome["scene_file"], base_dir=folder, source=str(folder))
-        robot = resolve(scene).robot
+        robot = posed(scene)[0]
         if arrays["contacts"].shape[1] != 9 or arrays["q"].shape[1] != robot.n_joints:
             raise InvalidRequestError(f"{folder}: its arrays do not fit its scene")
         return Replay(folder.name, scene, robot, int(outcome["seed"]), arrays,

@@ -9,7 +9,7 @@ from optipromp.errors import InvalidRequestError
 from optipromp.files import check_folder
 from optipromp.page.content import bundle
 from optipromp.page.record import Recorder
-from optipromp.planning.task import resolve
+from optipromp.planning.task import posed
 
 if TYPE_CHECKING:
     from optipromp.page.panel import Panel
@@ -35,17 +35,17 @@ class RecordTab:
     def start(self) -> None:
         """Put the handle at the tool, the arm at the scene's start."""
         window = self.window
-        task = resolve(window.scene)
+        robot, state = posed(window.scene)
         window.replay(())
         window.select("")
         window.play(False)
         known = self.recorder
-        if known is None or known.robot.joint_names != task.robot.joint_names:
-            self.recorder = known = Recorder(task.robot, task.start)
-        known.begin(task.start)
-        window.stage.show(window.scene, task.robot)
-        window.stage.pose(task.start)
-        window.hold(task.robot.tool_pose(task.start)[0], self._dragged)
+        if known is None or known.robot.joint_names != robot.joint_names:
+            self.recorder = known = Recorder(robot, state.q)
+        known.begin(state.q)
+        window.stage.show(window.scene, robot)
+        window.stage.pose(state.q)
+        window.hold(robot.tool_pose(state.q)[0], self._dragged)
         self._tell("recording: drag the handle")
 
     def _dragged(self, at: FloatArray, phase: str) -> None:

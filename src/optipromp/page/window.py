@@ -17,9 +17,8 @@ from optipromp.page.replay import ROLLOUTS_APART, Replay, execute
 from optipromp.page.sources import Source
 from optipromp.page.stage import PlanNodes
 from optipromp.page.worker import Worker
-from optipromp.planning import Plan, PlanOptions
+from optipromp.planning import Plan, PlanOptions, planner_names
 from optipromp.planning import plan as make_plan
-from optipromp.planning.task import resolve
 from optipromp.scenes.scene import Scene
 from optipromp.viewer.drawn import conditioned_on, moment
 
@@ -83,7 +82,8 @@ class Window:
         if plan is None:
             self.replan()
         else:
-            self.settings["planner"] = plan.planner
+            if plan.planner in planner_names():
+                self.settings["planner"] = plan.planner
             self._show(plan, f"**{plan.status}**, as it was saved")
             self.details()
 
@@ -130,7 +130,7 @@ class Window:
                 self.stage.sides(content.passing(plan))
                 self.stage.via(conditioned_on(plan))
                 if self.now == 0.0:
-                    self.now = moment(plan, resolve(plan.scene, plan.robot)).time
+                    self.now = moment(plan).time
             self.go(self.now)
             self.say(words + (f"  \n{wrong}" if wrong else ""), bool(wrong))
 

@@ -13,9 +13,8 @@ import numpy as np
 
 from optipromp.arrays import rotation
 from optipromp.planning.parameters import APPROACH
-from optipromp.planning.task import approached, push_model, resolve
+from optipromp.planning.task import Task, approached
 from optipromp.pushing.model import PushModel
-from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene
 
 
@@ -30,14 +29,14 @@ def limits(scene: Scene) -> tuple[float, float]:
     )
 
 
-def others(scene: Scene, robot: Robot | None = None) -> Iterator[Scene]:
-    """The scene with the most promising of the other approaches that it allows.
+def others(task: Task) -> Iterator[Task]:
+    """The task with the most promising of the other approaches that it allows.
 
     The cup stays round the target: a tool ends no farther beside its centre than its mouth leaves
     room. To a target that stands the tool comes level, from a little to either side.
     """
+    scene = task.scene
     cone, aside = limits(scene)
-    task = resolve(scene, robot)
     tool, target = task.robot.tool, scene.target
     if tool is None or target is None:
         return
@@ -57,13 +56,14 @@ def others(scene: Scene, robot: Robot | None = None) -> Iterator[Scene]:
         for flat in flats
     ]  # fmt: skip
     ways += [(z_g, reach * flat) for flat in flats if reach > 0.0]
-    left, best = APPROACH.tried, list[tuple[float, int, Scene]]()
+    left, best = APPROACH.tried, list[tuple[float, int, Task]]()
     for k, (way, shift) in enumerate(ways):
-        one = replace(scene, approach=replace(scene.approach, direction=way, shift=shift))
-        model = push_model(approached(task, one), task.robot.home)
+        approach = replace(scene.approach, direction=way, shift=shift)
+        one = approached(task, replace(scene, approach=approach))
+        model = one.push_model(task.robot.home)
         if model is None:
             continue
-        promise = _promise(one, model, best[-1][0] if len(best) == left else np.inf)
+        promise = _promise(one.scene, model, best[-1][0] if len(best) == left else np.inf)
         if promise < APPROACH.promising * model.threshold:
             yield one
             left -= 1

@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from optipromp.errors import InvalidRequestError, NoPlanError, OptiPrompError
-from optipromp.planning.options import Planner, PlanOptions, Strategy
-from optipromp.planning.plan import check_planner, plan
+from optipromp.planning.options import PlanOptions, Strategy
+from optipromp.planning.plan import DEFAULTS, check_request, plan
+from optipromp.planning.planner import Planner
 from optipromp.planning.result import Plan
+from optipromp.planning.task import Task
 from optipromp.processes import cores, run_each
 from optipromp.promp.model import ProMP
 from optipromp.scenes.scene import Scene
@@ -21,7 +23,7 @@ Result = Plan | OptiPrompError
 class _Request:
     """What all plans have in common."""
 
-    planner: Planner
+    planner: Planner | str
     strategy: Strategy
     demonstrations: ProMP | str | Path | None
     seed: int
@@ -37,7 +39,8 @@ class _Request:
         """The result without the scene that the caller has."""
         result = self.result(scene)
         if isinstance(result, Plan) and result.scene is scene:
-            return replace(result, scene=None)  # type: ignore[arg-type]
+            task: Task = replace(result.task, scene=None, demonstrations=None)  # type: ignore[arg-type]
+            return replace(result, task=task)
         return result
 
 
@@ -45,7 +48,7 @@ def plan_many(
     scenes: Sequence[Scene | str | Path],
     options: PlanOptions | None = None,
     *,
-    planner: Planner = "opti-promp",
+    planner: Planner | str = "opti-promp",
     strategy: Strategy = "joint",
     demonstrations: ProMP | str | Path | None = None,
     seed: int = 0,
@@ -79,7 +82,7 @@ def plan_many(
     """
     if workers is not None and workers < 1:
         raise InvalidRequestError(f"workers is {workers}; it must be at least 1")
-    check_planner(planner, strategy)
+    check_request(planner, strategy, options or DEFAULTS)
     request = _Request(planner, strategy, demonstrations, seed, options)
     count = min(workers or cores(), len(scenes))
     if count > 1:
@@ -96,7 +99,9 @@ def plan_many(
         scene = scenes[index]
         if isinstance(scene, Scene) and getattr(result, "scene", scene) is None:
             assert isinstance(result, Plan)
-            result = replace(result, scene=scene)
+            result = replace(
+                result, task=replace(result.task, scene=scene, demonstrations=demonstrations)
+            )
         elif isinstance(result, BrokenProcessPool):
             result = NoPlanError(str(result))
         results[index] = result

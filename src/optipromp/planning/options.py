@@ -1,4 +1,4 @@
-"""The settings of a plan, and those of the paper's own planner (method §5)."""
+"""The settings of plans and planners, and those of the paper's own planner (method §5)."""
 
 import functools
 import math
@@ -17,11 +17,9 @@ from optipromp.optimization.costs.tool import PushForm
 from optipromp.pushing.parameters import PUSH
 from optipromp.pushing.rules import DriftRule
 
-Planner = Literal["promp", "i-promp", "opti-promp"]
 Strategy = Literal["joint", "sequential"]
 Constraints = Literal["push-model", "paper"]
 PaperDrift = Literal["paper", "lateral-plane"]
-PLANNERS: tuple[Planner, ...] = get_args(Planner)
 STRATEGIES: tuple[Strategy, ...] = get_args(Strategy)
 _SHORT = reprlib.Repr()
 _SHORT.maxother = 60  # letters of a value in a refusal
@@ -47,11 +45,11 @@ def _fits(value: object, hint: Any) -> bool:
     return isinstance(value, hint)
 
 
-def _check_types(options: "PaperOptions | PlanOptions", prefix: str) -> None:
+def _check_types(options: object, prefix: str) -> None:
     """Refuse settings of a wrong type, and numbers that are not finite but for the timeout."""
     kind: Any = type(options)
     hints = _hints(kind)
-    for item in fields(options):
+    for item in fields(kind):
         value: Any = getattr(options, item.name)
         hint = hints[item.name]
         wanted = str(hint).replace("typing.", "") if get_origin(hint) else hint.__name__
@@ -156,64 +154,24 @@ class PaperOptions:
 
 
 @dataclass(frozen=True)
-class PlanOptions:
-    """Settings of a plan. Those of the paper's own planners are in :attr:`paper`.
+class Timed:
+    """Settings of every motion of ours.
 
     Attributes:
         waypoints: number T of waypoints, 3 to 20,000; None: as many as keep every joint's step
             below ``max_step``.
         duration: of the trajectory [s]; None: the shortest that the limits and ``approach_speed``
             allow.
-        timeout: wall time of planning [s], without that of reading the scene's file and of
-            compiling. When it is over, the best trajectory so far is returned;
-            its status is TIMEOUT if it is not valid or nothing has been optimised yet.
-        effort: steps of work, at most: iterations, candidates and batches of samples. It ends a
-            plan as the timeout does, but at the same place on every machine. None: no limit.
-        risk: share of promised successes that may be broken, over many scenes. It sets the largest
-            predicted harm of a success; a smaller risk refuses more.
-        prediction: true: where a model of the push applies, the tool path is searched in it. False:
-            ``rule`` gives the path. The plan reports the predicted harm either way.
-        rule: on which side the tool passes each neighbour, without a prediction: away from its
-            stem, along y_g (``paper``) or in the plane (``lateral-plane``), or the shorter way.
         approach_speed: largest speed of the tool on its path, where something is to be pushed
             [m/s]; None: the speed of the push model. ``duration`` overrides it. Where either makes
             the tool faster among fruits than pushes are predicted for, the plan is no success.
         corridor: largest distance of the tool from its path, along each axis [m].
-        max_step: largest step of a joint between two waypoints [rad or m].
-        smoothness: weight of ½∫‖ξ̈‖² dt.
-        static_clearance: wanted between every body sphere and static objects [m].
-        avoid_clearance: wanted between the arm (B_d) and objects to avoid or push [m].
-        self_clearance: wanted between links that are not neighbours [m].
-        limit_margin: kept from the joint limits [rad or m].
-        iterations: of the optimiser, at most; None: its own schedule. With 0 the followed
-            trajectory is returned, marked as not optimised.
-        costs: costs of your own, minimised with the others.
-        constraints: ``push-model``: the default planner. ``paper``: the paper's constraints 1 to 3,
-            and a plan is a success only if constraint 1 holds at every waypoint of the paper's
-            window. The strategy ``sequential`` plans with these constraints in any case; ``paper``
-            makes its success depend on constraint 1 too.
-        paper: settings of the paper's own planners; see :class:`PaperOptions`.
     """
 
     waypoints: int | None = None
     duration: float | None = None
-    timeout: float = 60.0
-    effort: int | None = None
-    risk: float = PUSH.harm.risk
-    prediction: bool = True
-    rule: DriftRule = "shortest"
     approach_speed: float | None = None
     corridor: float = 0.002
-    max_step: float = 0.045
-    smoothness: float = 2e-6
-    static_clearance: float = 0.012
-    avoid_clearance: float = 0.005
-    self_clearance: float = 0.005
-    limit_margin: float = 0.01
-    iterations: int | None = None
-    costs: tuple[Cost, ...] = ()
-    constraints: Constraints = "push-model"
-    paper: PaperOptions = field(default_factory=PaperOptions)
 
     @property
     def timed(self) -> bool:
@@ -223,19 +181,95 @@ class PlanOptions:
     def __post_init__(self) -> None:
         need = functools.partial(_need, self, "")
         _check_types(self, "")
-        count, steps, most = self.waypoints, self.iterations, self.effort
+        count, speed = self.waypoints, self.approach_speed
         fits = count is None or 3 <= count <= _MOST_WAYPOINTS
         need(fits, "waypoints", f"a whole number >= 3, at most {_MOST_WAYPOINTS}")
         need(self.duration is None or self.duration > 0, "duration", "positive [s]")
-        need(self.timeout > 0, "timeout", "positive [s]")
-        need(0.0 < self.risk < 1.0, "risk", "between 0 and 1")
-        need(most is None or most > 0, "effort", "a whole number > 0")
-        speed = self.approach_speed
         need(speed is None or speed >= _LEAST, "approach_speed", f"at least {_LEAST:g} [m/s]")
+        need(self.corridor >= 0, "corridor", "not negative")
+
+
+@dataclass(frozen=True)
+class Optimised(Timed):
+    """Settings of every motion that is optimised, beside those of :class:`Timed`.
+
+    Attributes:
+        max_step: largest step of a joint between two waypoints [rad or m].
+        smoothness: weight of ½∫‖ξ̈‖² dt.
+        static_clearance: wanted between every body sphere and static objects [m].
+        avoid_clearance: wanted between the arm (B_d) and objects to avoid or push [m].
+        self_clearance: wanted between links that are not neighbours [m].
+        limit_margin: kept from the joint limits [rad or m].
+        iterations: of the optimiser, at most; None: its own schedule. With 0 the followed
+            trajectory is returned, marked as not optimised.
+        costs: costs of your own, minimised with the others.
+    """
+
+    max_step: float = 0.045
+    smoothness: float = 2e-6
+    static_clearance: float = 0.012
+    avoid_clearance: float = 0.005
+    self_clearance: float = 0.005
+    limit_margin: float = 0.01
+    iterations: int | None = None
+    costs: tuple[Cost, ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        need, steps = functools.partial(_need, self, ""), self.iterations
         need(self.max_step >= _LEAST, "max_step", f"at least {_LEAST:g} [rad or m]")
         for name in (
-            "corridor", "smoothness", "static_clearance", "avoid_clearance", "self_clearance",
-            "limit_margin",
+            "smoothness", "static_clearance", "avoid_clearance", "self_clearance", "limit_margin",
         ):  # fmt: skip
             need(getattr(self, name) >= 0, name, "not negative")
         need(steps is None or steps >= 0, "iterations", "a whole number >= 0")
+
+
+@dataclass(frozen=True)
+class Searched(Optimised):
+    """Settings of a motion whose tool path is searched, beside those of :class:`Optimised`.
+
+    Attributes:
+        prediction: true: where a model of the push applies, the tool path is searched in it. False:
+            ``rule`` gives the path. The plan reports the predicted harm either way.
+        rule: on which side the tool passes each neighbour, without a prediction: away from its
+            stem, along y_g (``paper``) or in the plane (``lateral-plane``), or the shorter way.
+    """
+
+    prediction: bool = True
+    rule: DriftRule = "shortest"
+
+
+@dataclass(frozen=True)
+class PlanOptions(Searched):
+    """What a plan may cost and risk; and the settings of a planner that is asked for by its name.
+
+    A planner that is given as a value has its own settings.
+
+    Attributes:
+        timeout: wall time of planning [s], without that of reading the scene's file and of
+            compiling. When it is over, the best trajectory so far is returned;
+            its status is TIMEOUT if it is not valid or nothing has been optimised yet.
+        effort: steps of work, at most: iterations, candidates and batches of samples. It ends a
+            plan as the timeout does, but at the same place on every machine. None: no limit.
+        risk: share of promised successes that may be broken, over many scenes. It sets the largest
+            predicted harm of a success; a smaller risk refuses more.
+        constraints: ``push-model``: the default planner. ``paper``: the paper's constraints 1 to 3,
+            and a plan is a success only if constraint 1 holds at every waypoint of the paper's
+            window. The strategy ``sequential`` plans with these constraints in any case; ``paper``
+            makes its success depend on constraint 1 too.
+        paper: settings of the paper's own planners; see :class:`PaperOptions`.
+    """
+
+    timeout: float = 60.0
+    effort: int | None = None
+    risk: float = PUSH.harm.risk
+    constraints: Constraints = "push-model"
+    paper: PaperOptions = field(default_factory=PaperOptions)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        need, most = functools.partial(_need, self, ""), self.effort
+        need(self.timeout > 0, "timeout", "positive [s]")
+        need(0.0 < self.risk < 1.0, "risk", "between 0 and 1")
+        need(most is None or most > 0, "effort", "a whole number > 0")

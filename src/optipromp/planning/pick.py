@@ -28,8 +28,8 @@ from optipromp.planning.follow import Start
 from optipromp.planning.goals import clearance, narrow, passed_over
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.parameters import SOLVE
-from optipromp.planning.result import Planned, Stage
-from optipromp.planning.task import Task, model_at, push_model, pushed_aside
+from optipromp.planning.result import Harmful, Planned, Stage
+from optipromp.planning.task import Task, pushed_aside
 from optipromp.planning.timing import slowly, timed
 from optipromp.planning.underway import rest, straight
 from optipromp.planning.verdict import Led, harm_of, judged, led, prediction
@@ -49,22 +49,9 @@ TRIES = 6  # paths that are followed while no trajectory is valid
 RULE_SPEED = PUSH.hanging.speed  # of the tool along a path that the rule gives
 
 
-@dataclass(frozen=True, eq=False)
-class Harmful:
-    """A scene in which all paths that were found do harm: none was followed with the arm.
-
-    Attributes:
-        scene: with its approach.
-        path: of the least harm.
-    """
-
-    scene: Scene
-    path: ToolPath
-
-
 def pick(
-    task: Task, promp: ProMP, options: PlanOptions, goals: FloatArray, seed: int, budget: Budget,
-    sparing: bool = False, path: ToolPath | None = None,
+    task: Task, promp: ProMP, options: PlanOptions, goals: FloatArray, budget: Budget,
+    sparing: bool = False,
 ) -> Planned | Harmful:  # fmt: skip
     """The valid trajectory of least predicted harm; without a valid one, the best of the others.
 
@@ -73,21 +60,19 @@ def pick(
         promp: the primitive.
         options: see :class:`PlanOptions`.
         goals: configurations (m, n), best first.
-        seed: of the search.
         budget: of the plan.
         sparing: paths that do harm by themselves are not followed.
-        path: the only one that is followed; None: those that a search finds.
     """
     began = clock()
-    rng = np.random.default_rng(seed)
-    model = push_model(task, goals[0])
+    rng = np.random.default_rng(task.seed)
+    model = task.push_model(goals[0])
     solver = Solver(pushed_aside(task), options, budget, task.scene, stem_side=model is None)
     best: tuple[Attempt, tuple[PushModel, Led] | None, float] | None = None
     least, tries = np.inf, 0
     known = model if options.prediction else None
     found: Iterable[tuple[ToolPath, float]] = (
-        [(path, np.inf)]
-        if path is not None
+        [(task.only, np.inf)]
+        if task.only is not None
         else tool_paths(task, known, rng, budget, options.rule, lambda good: least <= good)
     )
     spared: list[ToolPath] = []
@@ -108,7 +93,7 @@ def pick(
         tries += 1
         harm, push = 0.0, None
         if model is not None:
-            own = model_at(task, model, attempt.trajectory.positions[-1])
+            own = task.push_model(attempt.trajectory.positions[-1]) or model
             push = own, led(task, own, attempt.trajectory)
             harm = harm_of(*push)
         score = harm if options.prediction else 0.0
@@ -129,7 +114,8 @@ def pick(
         told = None if push is None else prediction(*push, harm)
         return outcome(attempt, told, clock() - began)
     if spared:
-        return Harmful(task.scene, min(spared, key=lambda path: path.harm))
+        least_harm = min(spared, key=lambda path: path.harm)
+        return Harmful(replace(task, only=least_harm, sparing=False))
     free = ways.free_starts(solver.task, options, promp, goals, rng, budget)
     attempt = first_valid(solver, chain(rest(task, options), free))
     assert attempt is not None  # there is at least one goal configuration
@@ -147,7 +133,7 @@ def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> 
         for q in (start.primitive, start.followed)
     )
     return Planned(
-        primitive, followed, made, start.waypoints.first, (stage,) if optimised else (), optimised,
+        made, start.waypoints.first, primitive, followed, (stage,) if optimised else (), optimised,
         {"joint": seconds}, attempt.judgement, prediction,
     )  # fmt: skip
 

@@ -8,7 +8,6 @@ import sys
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
@@ -18,24 +17,23 @@ from optipromp.budget import Budget, clock
 from optipromp.compiled import in_cache
 from optipromp.errors import Code, InvalidRequestError
 from optipromp.optimization.kernels import add_stiffness
-from optipromp.planning import approaches, goals, primitive, tree
-from optipromp.planning.options import Planner, PlanOptions, Strategy
-from optipromp.planning.paper_problem import functional_values
-from optipromp.planning.parameters import GOAL, TIMING, UNDERWAY
-from optipromp.planning.pick import Harmful, pick
-from optipromp.planning.primitive import PAPER_BASIS, learnt
-from optipromp.planning.result import Plan, Planned, Term, Terms
-from optipromp.planning.task import Task, push_model, pushed_aside, resolve
+from optipromp.planning import approaches, tree
+from optipromp.planning.functionals import functional_values
+from optipromp.planning.options import PaperOptions, PlanOptions, Strategy
+from optipromp.planning.parameters import UNDERWAY
+from optipromp.planning.planner import Planner, label
+from optipromp.planning.planners import OptiProMP, chosen_planner
+from optipromp.planning.result import Failed, Harmful, Plan, Planned, Term, Terms
+from optipromp.planning.task import Task, resolve
 from optipromp.planning.timing import stopped
 from optipromp.planning.underway import Moving, begun, underway
 from optipromp.planning.verdict import Verdict, judged, predicted
 from optipromp.processes import cores
 from optipromp.promp.model import ProMP
-from optipromp.pushing.path import ToolPath
 from optipromp.robots.model import Robot
 from optipromp.scenes.io import load_scene
 from optipromp.scenes.scene import Scene
-from optipromp.trajectory import State, Trajectory
+from optipromp.trajectory import Trajectory
 
 DEFAULTS = PlanOptions()
 WARM_UP = "scenario-3"
@@ -49,7 +47,7 @@ def plan(
     scene: Scene | str | Path,
     *,
     robot: Robot | None = None,
-    planner: Planner = "opti-promp",
+    planner: Planner | str = "opti-promp",
     strategy: Strategy = "joint",
     demonstrations: ProMP | str | Path | None = None,
     seed: int = 0,
@@ -64,15 +62,17 @@ def plan(
     Args:
         scene: a scene, the name of a built-in scene, or the path of a scene file.
         robot: with its tool (:func:`optipromp.robots.tools.with_tool`), in place of the scene's.
-        planner: ``promp`` conditions the primitive on start, camera point and target; ``i-promp``
-            also on every neighbour and its pushed pose; ``opti-promp`` picks a tool path, follows
-            it with the whole arm and optimises the result.
-        strategy: of opti-promp. ``joint`` solves for everything at once; ``sequential`` runs the
-            paper's stages.
+        planner: a planner with its settings, such as :class:`OptiProMP`, or any object that
+            solves a task (:class:`optipromp.planning.planner.Planner`); or a name: ``promp``
+            conditions the primitive on start, camera point and target; ``i-promp`` also on every
+            neighbour and its pushed pose; ``opti-promp`` picks a tool path, follows it with the
+            whole arm and optimises the result; others are registered.
+        strategy: of a planner that is named opti-promp. ``joint`` solves for everything at once;
+            ``sequential`` runs the paper's stages.
         demonstrations: a ProMP, or a file to learn one from; None: the robot's built-in
             demonstrations.
         seed: of everything random. The same input and seed give the same plan.
-        options: see :class:`PlanOptions`.
+        options: what the plan may cost and risk; and the settings of a planner that is named.
         progress: called with a short text as each step begins.
         start_state: that the arm is in, in place of the scene's start: a :class:`State` or (q,
             velocity, acceleration). The plan begins in it without a jump.
@@ -92,63 +92,50 @@ def plan(
         StartInvalidError: a start outside the joint limits, or of the wrong size.
     """
     options = options or DEFAULTS
-    check_planner(planner, strategy, seed)
-    if not isinstance(options, PlanOptions):
-        raise InvalidRequestError(f"options are {type(options).__name__}; they must be PlanOptions")
+    solver = check_request(planner, strategy, options, seed)
     _compiled()  # before the plan's clock starts
     with _threads().limit(limits=1, user_api="blas"):  # on small matrices threads only wait
         state = begun(start_state, previous, at)
         scene = scene if isinstance(scene, Scene) else load_scene(scene)
         began = clock()
-
-        def attempt(other: Scene, path: ToolPath | None, sparing: bool) -> Plan | Harmful:
-            left = options
-            if other is not scene or path is not None:
-                spent = clock() - began
-                left = replace(options, timeout=max(options.timeout - spent, TIMING.least_dt))
-            return _plan(
-                other, robot, planner, strategy, demonstrations, seed, left, progress, state,
-                (previous, at), sparing, path,
-            )  # fmt: skip
-
-        ways: Iterable[Scene] = ()
-        default = planner == "opti-promp" and not _as_in_the_paper(options, strategy)
-        if default and options.prediction and state is None:
-            ways = approaches.others(scene, robot)
-        return _best_way(scene, ways, attempt, began + options.timeout, options.timed)
-
-
-def _as_in_the_paper(options: PlanOptions, strategy: Strategy) -> bool:
-    return strategy == "sequential" or options.constraints == "paper"
+        task = replace(resolve(scene, robot, state), risk=options.risk, seed=seed)
+        task = replace(task, demonstrations=demonstrations, sparing=True)
+        if state is not None:
+            task = underway(task, previous, at)
+            if task.same and previous is not None and previous.success:
+                task = replace(task, risk=max(task.risk, UNDERWAY.risk))
+        return _best_way(task, solver, options, began, progress or str)
 
 
 def _best_way(
-    scene: Scene, ways: Iterable[Scene],
-    attempt: Callable[[Scene, ToolPath | None, bool], Plan | Harmful], end: float, timed: bool,
-) -> Plan:  # fmt: skip
+    task: Task, planner: Planner, options: PlanOptions, began: float, say: Callable[[str], object]
+) -> Plan:
     """The first harmless plan: straight, or else by the other approaches that the scene allows.
 
     Only paths that do no harm by themselves are followed with the arm. Without a harmless plan the
-    best is given, or the path of least harm is followed. What is too fast because it was ``timed``
-    so is too fast on any way.
+    best is given, or the path of least harm is followed. What is too fast because a time or a speed
+    is asked for is too fast on any way.
     """
-    began = clock()
+    end = began + options.timeout
+    attempt = functools.partial(_plan, planner=planner, options=options, end=end, say=say)
+    ways: Iterable[Task] = ()
+    if getattr(planner, "approaches", False) and not task.begun:
+        ways = approaches.others(task)
     made: list[Plan] = []
     harmful: list[Harmful] = []
-    for other in itertools.chain([scene], ways):
+    for other in itertools.chain([task], ways):
         if (made or harmful) and clock() > end:
             break
-        found = attempt(other, None, True)
+        found = attempt(other)
         if isinstance(found, Harmful):
             harmful.append(found)
             continue
         made.append(found)
-        fast = timed and judging.too_fast(found.metrics.approach_speed)
+        fast = getattr(planner, "timed", False) and judging.too_fast(found.metrics.approach_speed)
         if fast or found.status not in RETRIED:
             break
     if harmful and not any(one.success for one in made):
-        least = min(harmful, key=lambda one: one.path.harm)
-        found = attempt(least.scene, least.path, False)
+        found = attempt(min(harmful, key=lambda one: one.harm).task)
         assert isinstance(found, Plan)
         made.append(found)
     best = min(made, key=_badness)
@@ -161,28 +148,28 @@ def _badness(made: Plan) -> tuple[bool, float]:
     return not valid, np.inf if made.prediction is None else made.prediction.harm
 
 
-def check_planner(planner: str, strategy: str, seed: int = 0) -> None:
-    """Refuse names of planners and strategies that do not exist, and seeds that are none.
+def check_request(
+    planner: Planner | str, strategy: str, options: PlanOptions, seed: int = 0
+) -> Planner:
+    """The planner of a request that can be used; see :func:`chosen_planner`.
 
     Raises:
-        InvalidRequestError: naming the valid ones.
+        InvalidRequestError: what is wrong with it.
     """
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise InvalidRequestError(f"seed is {seed!r}; it must be a whole number >= 0")
-    for what, name, valid in (
-        ("planner", planner, get_args(Planner)),
-        ("strategy", strategy, get_args(Strategy)),
-    ):
-        if name not in valid:
-            raise InvalidRequestError(f"{what} is {name!r}; valid: {', '.join(valid)}")
+    if not isinstance(options, PlanOptions):
+        raise InvalidRequestError(f"options are {type(options).__name__}; they must be PlanOptions")
+    return chosen_planner(planner, strategy, options)
 
 
 def warm_up(scene: Scene | str = WARM_UP) -> None:
     """Compile every kernel, or load it from the cache, before a plan's time counts."""
-    options = PlanOptions(timeout=math.inf)
+    task = resolve(scene if isinstance(scene, Scene) else load_scene(scene))
     with _threads().limit(limits=1, user_api="blas"):
-        made = _plan(scene, None, "opti-promp", "joint", None, 0, options, None)
-        _search_once(made.scene)
+        made = _plan(task, planner=OptiProMP(), options=DEFAULTS, end=math.inf, say=str)
+        home = task.robot.home[None]
+        tree.way(task, home, home, np.random.default_rng(0))
     assert isinstance(made, Plan)
     len(made.terms)  # computed when read
 
@@ -222,112 +209,65 @@ def compile_kernels() -> None:
 
 def compile_push_model() -> None:
     """Compile what predicts a push."""
-    scene = load_scene(WARM_UP)
-    task = resolve(scene)
-    model = push_model(task, task.robot.home)
+    task = resolve(load_scene(WARM_UP))
+    model = task.push_model(task.robot.home)
     assert model is not None
     path = model.candidates.path(model.candidates.spread(0)[0])
     model.predict(path.points, path.points)
 
 
-def _search_once(scene: Scene) -> None:
-    """Search a way, for what that compiles."""
-    task = resolve(scene)
-    home = task.robot.home[None]
-    tree.way(task, home, home, np.random.default_rng(0))
-
-
 def _plan(
-    scene: Scene | str | Path, robot: Robot | None, planner: Planner, strategy: Strategy,
-    demonstrations: ProMP | str | Path | None, seed: int, options: PlanOptions | None,
-    progress: Callable[[str], None] | None, state: State | None = None,
-    running: tuple[Plan | None, float | None] = (None, None), sparing: bool = False,
-    path: ToolPath | None = None,
-) -> Plan | Harmful:  # fmt: skip
-    options = options or DEFAULTS
-    say = progress or (lambda _: None)
-    if not isinstance(scene, Scene):
-        scene = load_scene(scene)
+    task: Task, *, planner: Planner, options: PlanOptions, end: float, say: Callable[[str], object]
+) -> Plan | Harmful:
+    """One attempt: what the planner finds, or that nothing is to be done, judged."""
     began = clock()
-    task = replace(resolve(scene, robot, state), risk=options.risk)
-    if state is not None:
-        task = underway(task, *running)
-        if task.same and running[0] is not None and running[0].success:
-            task = replace(task, risk=max(task.risk, UNDERWAY.risk))
-    paper = planner == "opti-promp" and _as_in_the_paper(options, strategy)
-    default = planner == "opti-promp" and not paper
-    promp = learnt(task, demonstrations, **({"basis": PAPER_BASIS} if paper else {}))
-    so_far = {"setup": clock() - began}
-    budget = Budget(began + options.timeout, np.inf if options.effort is None else options.effort)
-
-    def finish(outcome: Planned, status: Code | None = None, message: str = "") -> Plan:
-        start = clock()
-        prediction = outcome.prediction or predicted(task, outcome.trajectory)
-        verdict = outcome.judgement or judged(
-            task, outcome.trajectory, stem_side=prediction is None
-        )
-        if status is None:
-            status, message = _status(Verdict(verdict, prediction), outcome, options, budget)
-        elif status == Code.GOAL_IN_COLLISION:
-            message += f"; the trajectory that comes nearest: {verdict.message}{_cut(budget)}"
-        elif broken := [str(v) for v in verdict.violations if v.kind in ("limit", *judging.RATES)]:
-            message += "; on the way to rest " + "; ".join(broken)
-        now = clock()
-        times = {**so_far, **outcome.time, "check": now - start, "total": now - began}
-        return Plan(
-            scene=scene, robot=task.robot, planner=planner,
-            strategy=strategy if planner == "opti-promp" else None, seed=seed, status=status,
-            message=message, trajectory=outcome.trajectory, initial=outcome.primitive,
-            followed=outcome.followed, prediction=prediction, metrics=verdict.metrics,
-            terms=Terms(functools.partial(_terms, task, options, outcome, paper, strategy)),
-            stages=outcome.stages, contacts=verdict.contacts, time=times,
-            first=outcome.first, via=outcome.via, pushed=task.pushed,
-            start=task.state if task.begun else None, risk=task.risk,
-        )  # fmt: skip
-
+    budget = Budget(end, np.inf if options.effort is None else options.effort, say)
     stay = _stay(task)
-    touching = judging.touching(scene, task.robot, task.start, begun=task.begun)
+    touching = judging.touching(task.scene, task.robot, task.start, begun=task.begun)
+    there = task.running is None and all(task.at_goal(q) for q in stay.trajectory.positions)
+    found: Planned | Failed | Harmful = stay
     if touching:
         told = "at the start " + "; ".join(map(str, touching))
-        return finish(stay, Code.START_IN_COLLISION, told)
-    if task.running is None and all(task.at_goal(q) for q in stay.trajectory.positions):
-        return finish(stay)
-
-    say("inverse kinematics")
-    before = clock()
-    hasty = planner != "opti-promp" or budget.spent()
-    near = primitive.end(promp) if planner != "opti-promp" else None
-    chosen, is_free, reason = goals.choose(
-        pushed_aside(task) if default else task, seed, GOAL.few_starts if hasty else GOAL.starts,
-        near if task.entry is None else task.start, budget,
-    )  # fmt: skip
-    so_far["inverse kinematics"] = clock() - before
-    if not len(chosen):
-        return finish(stay, Code.GOAL_UNREACHABLE, reason)
-    if planner != "opti-promp":
-        say(planner)
-        return finish(primitive.plan_primitive(task, promp, options, chosen, planner, seed))
-    say(f"optimising ({strategy})")
-    outcome: Planned | Harmful
-    if paper:
-        from optipromp.planning.paper import solve  # with SciPy's optimisers
-
-        outcome = solve(task, promp, options, strategy, chosen, seed, budget)
+        found = Failed(Code.START_IN_COLLISION, told)
+    elif not there:
+        found = planner.solve(task, budget)
+    if isinstance(found, Harmful):
+        return found
+    outcome = found if isinstance(found, Planned) else found.nearest or stay
+    start = clock()
+    prediction = outcome.prediction or predicted(task, outcome.trajectory)
+    verdict = outcome.judgement or judged(task, outcome.trajectory, stem_side=prediction is None)
+    if isinstance(found, Planned):
+        idle = getattr(planner, "iterations", None) == 0
+        status, message = _status(Verdict(verdict, prediction), outcome, idle, budget)
     else:
-        outcome = pick(task, promp, options, chosen, seed, budget, sparing and is_free, path)
-    if isinstance(outcome, Harmful):
-        return outcome
-    return finish(outcome) if is_free else finish(outcome, Code.GOAL_IN_COLLISION, reason)
+        status, message = found.code, found.message
+        if found.nearest is not None:
+            nearest = f"; the trajectory that comes nearest: {verdict.message}"
+            message += nearest + _cut(budget)
+        elif broken := [str(v) for v in verdict.violations if v.kind in ("limit", *judging.RATES)]:
+            message += "; on the way to rest " + "; ".join(broken)
+    now = clock()
+    return Plan(
+        task=task, planner=label(planner), strategy=getattr(planner, "strategy", None),
+        seed=task.seed, status=status, message=message, trajectory=outcome.trajectory,
+        initial=outcome.begin, followed=outcome.followed or outcome.begin, prediction=prediction,
+        metrics=verdict.metrics, stages=outcome.stages, contacts=verdict.contacts,
+        terms=Terms(functools.partial(_terms, task, outcome.paper or options.paper, outcome)),
+        time={**outcome.time, "check": now - start, "total": now - began},
+        first=outcome.first, via=outcome.via,
+    )  # fmt: skip
 
 
-def _status(
-    found: Verdict, outcome: Planned, options: PlanOptions, budget: Budget
-) -> tuple[Code, str]:
-    """Status and message of an outcome, from its verdict and whether the budget cut the search."""
+def _status(found: Verdict, outcome: Planned, idle: bool, budget: Budget) -> tuple[Code, str]:
+    """Status and message of an outcome, from its verdict and whether the budget cut the search.
+
+    ``idle``: no optimisation was asked for.
+    """
     late = budget.cut
     note = "" if outcome.optimised else " (not optimised)"
     wrong = found.judgement.message
-    if late and not outcome.optimised and options.iterations != 0:
+    if late and not outcome.optimised and not idle:
         return (
             Code.TIMEOUT,
             f"{budget.ending} before any optimisation; the initial trajectory: {wrong or 'valid'}",
@@ -343,16 +283,12 @@ def _cut(budget: Budget) -> str:
     return f"; note: the search was cut after {budget.used} steps" if budget.cut else ""
 
 
-def _terms(
-    task: Task, options: PlanOptions, outcome: Planned, paper: bool, strategy: Strategy
-) -> dict[str, Term]:
+def _terms(task: Task, paper: PaperOptions, outcome: Planned) -> dict[str, Term]:
     """Each functional at the three trajectories, and over the stage that minimises it."""
-
+    begin = outcome.begin
     first, second, last = (
-        functional_values(
-            task, options.paper, outcome.first, made.positions, paper and strategy == "sequential"
-        )
-        for made in (outcome.primitive, outcome.followed, outcome.trajectory)
+        functional_values(task, paper, outcome.first, made.positions, outcome.authors)
+        for made in (begin, outcome.followed or begin, outcome.trajectory)
     )
     out = {}
     for name in ("static", "avoid", "push", "velocity"):
@@ -372,4 +308,4 @@ def _stay(task: Task) -> Planned:
     else:
         rest, times = np.zeros((3, task.robot.n_joints)), np.array([0.0, 0.1, 0.2])
         still = Trajectory(times, task.start + rest, rest, rest, task.robot.joint_names)
-    return Planned(still, still, still, 1, (), False, {})
+    return Planned(still, 1, optimised=False)

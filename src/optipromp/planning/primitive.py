@@ -1,4 +1,4 @@
-"""Movement primitives: learnt, conditioned; and the planners ``promp`` and ``i-promp``."""
+"""Movement primitives: learnt, and conditioned on the points of ``promp`` and ``i-promp``."""
 
 import functools
 import math
@@ -12,7 +12,7 @@ import numpy as np
 from optipromp.arrays import FloatArray, frozen
 from optipromp.budget import clock
 from optipromp.errors import InvalidDemonstrationError, InvalidRequestError
-from optipromp.planning.options import Planner, PlanOptions
+from optipromp.planning.options import PlanOptions
 from optipromp.planning.parameters import FOLLOW, PRIMITIVE, WAYPOINT
 from optipromp.planning.result import Planned, ViaPoint
 from optipromp.planning.task import Task
@@ -223,8 +223,7 @@ def plan_primitive(
     promp: ProMP,
     options: PlanOptions,
     goals: FloatArray,
-    planner: Planner,
-    seed: int,
+    planner: str,
 ) -> Planned:
     """Condition the ProMP on the planner's points, on the branch nearest to the ProMP's own end.
 
@@ -246,7 +245,7 @@ def plan_primitive(
         variances: list[float] = []
         if planner == "i-promp":
             deviation = paper.direction_deviation
-            rng = np.random.default_rng(seed) if deviation > 0.0 else None
+            rng = np.random.default_rng(task.seed) if deviation > 0.0 else None
             objects, tool = task.neighbours, task.robot.tool
             below = 0.0 if tool is None else tool.depth
             for push, obj in zip(
@@ -275,4 +274,4 @@ def plan_primitive(
     first = math.ceil(phase * (count - 1))
     trajectory = timed(task, options, q, first if task.neighbours else None)
     seconds = clock() - began
-    return Planned(trajectory, trajectory, trajectory, first, (), True, {planner: seconds}, via=met)
+    return Planned(trajectory, first, time={planner: seconds}, via=met)

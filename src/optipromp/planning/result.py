@@ -1,5 +1,6 @@
 """The results of planning: stages of an optimisation, an outcome, a plan."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -8,9 +9,9 @@ from optipromp.arrays import FloatArray
 from optipromp.errors import Code
 from optipromp.files import plain
 from optipromp.judging import Judgement, Metrics, Overlap
-from optipromp.planning.options import Planner, Strategy
-from optipromp.pushing.model import Prediction
-from optipromp.pushing.parameters import PUSH
+from optipromp.planning.options import PaperOptions, Strategy
+from optipromp.planning.task import Task
+from optipromp.pushing.model import Prediction, PushModel
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene
 from optipromp.shown import Shown
@@ -52,32 +53,67 @@ class ViaPoint:
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """The outcome of a planner: three trajectories, and what was done between them.
+    """The motion that a planner found, and what was done on the way to it.
 
     Attributes:
-        primitive: the conditioned ProMP.
-        followed: the conditioned ProMP, led along the tool path; without a path, equal to
-            ``primitive``.
-        trajectory: the optimised one.
-        first: index of the first waypoint on the approach.
+        trajectory: the motion.
+        first: index of its first waypoint on the approach.
+        primitive: the conditioned ProMP that it began from; None: the trajectory itself.
+        followed: the conditioned ProMP, led along the tool path; None: ``primitive``.
         stages: of the optimisation.
-        optimised: whether an optimisation took place.
+        optimised: whether an optimisation took place, or none was needed.
         time: by stage [s].
         judgement: of the trajectory; None where it is not judged yet.
         prediction: of its push; None where it is not predicted yet.
         via: points of the tool that the primitive was conditioned on, the target last.
+        paper: settings by which the plan reports the paper's functionals; None: the request's.
+        authors: whether it reports them in the forms of the authors' sequential runs.
     """
 
-    primitive: Trajectory
-    followed: Trajectory
     trajectory: Trajectory
-    first: int
-    stages: tuple[Stage, ...]
-    optimised: bool
-    time: Mapping[str, float]
+    first: int = 0
+    primitive: Trajectory | None = None
+    followed: Trajectory | None = None
+    stages: tuple[Stage, ...] = ()
+    optimised: bool = True
+    time: Mapping[str, float] = field(default_factory=dict)
     judgement: Judgement | None = None
     prediction: Prediction | None = None
     via: tuple[ViaPoint, ...] = ()
+    paper: PaperOptions | None = None
+    authors: bool = False
+
+    @property
+    def begin(self) -> Trajectory:
+        """The trajectory that it began from."""
+        return self.primitive or self.trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Failed:
+    """That there is no plan: ``code`` and ``message`` say why.
+
+    ``nearest`` is the motion that comes nearest; None: the arm stays.
+    """
+
+    code: Code
+    message: str
+    nearest: Planned | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Harmful:
+    """All tool paths that were found do harm: none was followed with the arm.
+
+    ``task`` follows the path of the least harm.
+    """
+
+    task: Task
+
+    @property
+    def harm(self) -> float:
+        """The least harm."""
+        return math.inf if self.task.only is None else self.task.only.harm
 
 
 @dataclass(frozen=True)
@@ -135,10 +171,9 @@ class Plan(Shown):
     along the tool path, ``trajectory`` is the optimised one.
 
     Attributes:
-        scene: what was planned for.
-        robot: the scene's robot with its tool.
-        planner: ``promp``, ``i-promp`` or ``opti-promp``.
-        strategy: of opti-promp.
+        task: what was planned for: the scene bound to its robot, start and goal.
+        planner: ``promp``, ``i-promp``, ``opti-promp``, or what another planner is called.
+        strategy: of opti-promp: ``joint``, or the paper's ``sequential``.
         seed: of everything random.
         status: ``success`` only if the judge found nothing wrong and no harm is predicted.
         message: the reasons for the status.
@@ -153,15 +188,10 @@ class Plan(Shown):
         time: ``total`` and per stage [s].
         first: index of the first waypoint on the approach.
         via: points of the tool that ``promp`` and ``i-promp`` conditioned the primitive on.
-        risk: share of promised successes that may be broken, by which the status is told.
-        start: state in which it begins, where that is not the scene's start at rest.
-        pushed: tool points and axes (P, 3) of the push that came before, where the plan goes on
-            with one that ran.
     """
 
-    scene: Scene
-    robot: Robot
-    planner: Planner
+    task: Task
+    planner: str
     strategy: Strategy | None
     seed: int
     status: Code
@@ -177,9 +207,31 @@ class Plan(Shown):
     time: Mapping[str, float] = field(default_factory=dict)
     first: int = 0
     via: tuple[ViaPoint, ...] = ()
-    risk: float = PUSH.harm.risk
-    start: State | None = None
-    pushed: tuple[FloatArray, FloatArray] | None = None
+
+    @property
+    def scene(self) -> Scene:
+        """What was planned for."""
+        return self.task.scene
+
+    @property
+    def robot(self) -> Robot:
+        """The scene's robot with its tool."""
+        return self.task.robot
+
+    @property
+    def risk(self) -> float:
+        """Share of promised successes that may be broken, by which the status is told."""
+        return self.task.risk
+
+    @property
+    def start(self) -> State | None:
+        """The state in which the plan begins, where that is not the scene's start at rest."""
+        return self.task.state if self.task.begun else None
+
+    @property
+    def push_model(self) -> PushModel | None:
+        """The model of the push, for where the trajectory ends; None where no model applies."""
+        return self.task.push_model(self.trajectory.positions[-1])
 
     def _words(self) -> str:
         strategy = f" {self.strategy}" if self.strategy else ""

@@ -1,7 +1,8 @@
 """A task: the scene's robot with its tool, start, goal, obstacles, neighbours and push model."""
 
 import functools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from optipromp.errors import InvalidRequestError, StartInvalidError
 from optipromp.judging import AXIS_TOLERANCE, GOAL_TOLERANCE
 from optipromp.optimization.evaluation import BodyPoints
 from optipromp.optimization.problem import Surroundings
+from optipromp.promp.model import ProMP
 from optipromp.pushing.model import Combined, Continued, PushModel
 from optipromp.pushing.packs import standing
 from optipromp.pushing.packs.standing import Standing, rings_of
@@ -38,28 +40,28 @@ class Task:
     Attributes:
         scene: as given.
         robot: with the scene's tool.
-        body: the points the planning loop follows.
         state: at the start.
         goal: a configuration, or a pose of the tool.
         neighbours: pushables in the way, first met first.
-        standing: the scene that gives the surroundings.
         entry: (3,) where the tool is, if it has begun its approach [m].
         passed: neighbours that lie below the rim of a tool on its approach.
         running: the trajectory that runs already, from now on; ``kept`` is its tool path.
         same: whether the pushables are where the plan that runs has them.
         pushed: tool points and axes (P, 3) of the push so far, if they are the same.
         risk: share of promised successes that may be broken.
+        seed: of everything random.
+        demonstrations: of the request: a ProMP, or a file to learn one from; None: the robot's own.
+        only: the only tool path that is to be followed; None: those that a search finds.
+        sparing: whether a planner may answer that all paths do harm, before it follows any.
         begun: whether ``state`` is one that was given in place of the scene's start: the tool may
             be among what it pushes.
     """
 
     scene: Scene
     robot: Robot
-    body: BodyPoints
     state: State
     goal: JointGoal | PoseGoal
     neighbours: tuple[SceneObject, ...]
-    standing: Scene
     entry: FloatArray | None = None
     passed: tuple[SceneObject, ...] = ()
     running: Trajectory | None = None
@@ -68,16 +70,44 @@ class Task:
     pushed: tuple[FloatArray, FloatArray] | None = None
     risk: float = PUSH.harm.risk
     begun: bool = False
+    seed: int = 0
+    demonstrations: ProMP | str | Path | None = None
+    only: ToolPath | None = None
+    sparing: bool = False
 
     @property
     def start(self) -> FloatArray:
         """Configuration (n,) at the start."""
         return self.state.q
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What was stated; what follows from it is made anew."""
+        return {item.name: getattr(self, item.name) for item in fields(self)}
+
+    @property
+    def body(self) -> BodyPoints:
+        """The points the planning loop follows."""
+        return _body(self.robot)
+
     @functools.cached_property
     def surroundings(self) -> Surroundings:
         """Obstacles by role, packed when they are first read."""
-        return _surroundings(self.standing, self.robot)
+        return _surroundings(self.scene, self.robot)
+
+    @functools.cached_property
+    def _models(self) -> dict[bytes, PushModel | None]:
+        return {}
+
+    def push_model(self, goal: FloatArray) -> PushModel | None:
+        """The push model; None where no model applies or nothing is to be pushed.
+
+        It is made once, or once for each configuration ``goal`` (n,) of the arm at the target where
+        something stands among the objects: how the arm lies there depends on ``goal``.
+        """
+        key = goal.tobytes() if _stands(self) else b""
+        if key not in self._models:
+            self._models[key] = _push_model(self, goal)
+        return self._models[key]
 
     @functools.cached_property
     def camera(self) -> FloatArray:
@@ -124,11 +154,13 @@ def _equip(robot: Robot, kind: str, parameters: tuple[tuple[str, Any], ...]) -> 
     return with_tool(robot, make_tool(kind, dict(parameters)))
 
 
-def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None) -> Task:
-    """Load the scene's robot and tool and check start and goal against it.
+def posed(
+    scene: Scene, robot: Robot | None = None, state: State | None = None
+) -> tuple[Robot, State]:
+    """The scene's robot with its tool, and the state that it starts in.
 
     Args:
-        scene: of the plan.
+        scene: with a robot, a tool and a start.
         robot: with its tool, in place of the scene's robot and tool.
         state: that the arm is in, in place of the scene's start.
 
@@ -136,8 +168,7 @@ def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None
         InvalidRobotError: a robot that cannot be loaded.
         InvalidSceneError: a tool of an unknown kind.
         StartInvalidError: wrong joint count, or outside the joint limits.
-        InvalidRequestError: a tool that cannot be made or mounted; a goal in joints that is not a
-            configuration of the robot.
+        InvalidRequestError: a tool that cannot be made or mounted.
     """
     robot = _robot_with_tool(scene) if robot is None else robot
     start = robot.home if scene.start is None else scene.start
@@ -154,6 +185,17 @@ def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None
             f"start: {robot.joint_names[joint]} moves at {state.velocity[joint]:.4g}, above its "
             f"limit {robot.velocity[joint]:g}"
         )
+    return robot, state or State(start)
+
+
+def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None) -> Task:
+    """The task of a scene; its arguments are those of :func:`posed`.
+
+    Raises:
+        InvalidRequestError: a goal in joints that is not a configuration of the robot.
+        OptiPrompError: what :func:`posed` raises.
+    """
+    robot, begin = posed(scene, robot, state)
     if isinstance(scene.goal, JointGoal):
         joints = robot.check_configuration(scene.goal.joints)
         _within_limits(robot, joints, "goal", InvalidRequestError)
@@ -161,25 +203,15 @@ def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None
     if goal is None:
         assert scene.aim is not None  # a scene has a target or a goal
         goal = PoseGoal(scene.aim, scene.frame[2])
-    return Task(
-        scene,
-        robot,
-        _body(robot),
-        state or State(start),
-        goal,
-        neighbours(scene, robot.gripper_radius),
-        scene,
-        begun=state is not None,
-    )
+    near = neighbours(scene, robot.gripper_radius)
+    return Task(scene, robot, begin, goal, near, begun=state is not None)
 
 
 def approached(task: Task, scene: Scene) -> Task:
     """The task for its scene with another approach."""
     assert scene.aim is not None
-    return replace(
-        task, scene=scene, goal=PoseGoal(scene.aim, scene.frame[2]), standing=scene,
-        neighbours=neighbours(scene, task.robot.gripper_radius),
-    )  # fmt: skip
+    goal, near = PoseGoal(scene.aim, scene.frame[2]), neighbours(scene, task.robot.gripper_radius)
+    return replace(task, scene=scene, goal=goal, neighbours=near)
 
 
 def _within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> None:
@@ -220,11 +252,7 @@ def _surroundings(scene: Scene, robot: Robot) -> Surroundings:
     )
 
 
-def push_model(task: Task, goal: FloatArray) -> PushModel | None:
-    """The push model of a task; None where no model applies or nothing is to be pushed.
-
-    ``goal`` (n,) is a configuration of the arm at the target.
-    """
+def _push_model(task: Task, goal: FloatArray) -> PushModel | None:
     scene, tool = task.scene, task.robot.tool
     if tool is None or not isinstance(task.goal, PoseGoal):
         return None
@@ -241,13 +269,6 @@ def push_model(task: Task, goal: FloatArray) -> PushModel | None:
     return model if task.pushed is None else Continued(model, *task.pushed)
 
 
-def model_at(task: Task, model: PushModel, goal: FloatArray) -> PushModel:
-    """The push model for another configuration (n,) of the arm at the target, on which only what
-    stands among the objects depends.
-    """
-    return push_model(task, goal) or model if _stands(task) else model
-
-
 def tool_motion(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Tool points (P, 3), about :data:`STEP` apart, and axes (P, 3) along configurations (T, n)."""
     return spaced(*robot.tool_pose(q))
@@ -262,10 +283,7 @@ def spaced(points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray
 
 def pushed_aside(task: Task) -> Task:
     """The task without the objects that stand: the tool pushes them aside before the arm comes."""
-    if not _stands(task):
-        return task
-    scene = emptied(task.scene)
-    return replace(task, scene=scene, standing=scene)
+    return replace(task, scene=emptied(task.scene)) if _stands(task) else task
 
 
 def _stands(task: Task) -> bool:

@@ -170,9 +170,9 @@ def pushed(task: Task, previous: Plan, at: float) -> tuple[FloatArray, FloatArra
         return None
     q, _, _ = previous.trajectory.sample(np.linspace(begin, at, UNDERWAY.rows))
     now = tool_motion(task.robot, q)
-    if previous.pushed is None:
+    if previous.task.pushed is None:
         return now
-    points, axes = (np.concatenate(both) for both in zip(previous.pushed, now, strict=True))
+    points, axes = (np.concatenate(both) for both in zip(previous.task.pushed, now, strict=True))
     return points, axes
 
 

@@ -17,8 +17,7 @@ from optipromp.errors import Code, InvalidRequestError
 from optipromp.judging import Judgement, Overlap
 from optipromp.planning.options import PlanOptions
 from optipromp.planning.result import Plan
-from optipromp.planning.task import MOST_POINTS, Task, push_model, resolve, spaced
-from optipromp.planning.underway import underway
+from optipromp.planning.task import MOST_POINTS, Task, resolve, spaced
 from optipromp.pushing.model import Prediction, PushModel
 from optipromp.robots.model import Robot
 from optipromp.scenes.io import load_scene
@@ -109,10 +108,7 @@ def judge(
 
 def verdict_of(plan: Plan) -> Verdict:
     """The verdict on a plan's trajectory, in its scene, from the state that it began in."""
-    task = replace(resolve(plan.scene, plan.robot, plan.start), risk=plan.risk)
-    if plan.start is not None:
-        task = replace(underway(task, None, None), pushed=plan.pushed)
-    return verdict(task, plan.trajectory)
+    return verdict(plan.task, plan.trajectory)
 
 
 def verdict(task: Task, trajectory: Trajectory, *, anywhere: bool = False) -> Verdict:
@@ -141,7 +137,7 @@ def predicted(task: Task, trajectory: Trajectory) -> Prediction | None:
     None where no model applies, and for a trajectory that does not move.
     """
     q = trajectory.positions
-    model = None if (q == q[0]).all() else push_model(task, q[-1])
+    model = None if (q == q[0]).all() else task.push_model(q[-1])
     return None if model is None else prediction(model, led(task, model, trajectory))
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from optipromp.arrays import FloatArray
 from optipromp.errors import InvalidRequestError, InvalidSceneError
-from optipromp.planning.task import resolve
+from optipromp.planning.task import posed
 from optipromp.robots.library import UNTRUSTED, load_arm
 from optipromp.robots.model import Robot
 from optipromp.ros.joints import joint_positions
@@ -71,7 +71,7 @@ class LiveScene:
     @classmethod
     def of(cls, scene: Scene, prefix: str = "") -> "LiveScene":
         """The world of a scene; ``prefix`` is what ROS puts before joint and link names."""
-        robot = resolve(scene).robot
+        robot = posed(scene)[0]
         held = {object_id(o): Held(Pose(o.position, o.orientation), (o,)) for o in scene.objects}
         return cls(vars(scene), robot, frames_of(robot, prefix, scene.base), held)
 

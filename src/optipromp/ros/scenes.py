@@ -15,13 +15,12 @@ from typing import Any
 import numpy as np
 
 from optipromp.errors import InvalidSceneError
-from optipromp.planning.task import resolve
+from optipromp.planning.task import posed
 from optipromp.ros.joints import robot_state
 from optipromp.ros.shapes import geometry, pose_message, read_geometry, read_pose
 from optipromp.ros.types import Message, constants, message
 from optipromp.scenes.pose import Pose
 from optipromp.scenes.scene import ROLES, STEM_RADIUS, Approach, Role, Scene, SceneObject, Stem
-from optipromp.trajectory import State
 
 KEY = "optipromp"
 COLLISION_OBJECT = "moveit_msgs/msg/CollisionObject"
@@ -231,9 +230,8 @@ def planning_scene(scene: Scene, prefix: str = "") -> Message:
     Raises:
         InvalidRobotError: the scene's robot cannot be loaded.
     """
-    robot = resolve(scene).robot
+    robot, state = posed(scene)
     frame = prefix + robot.link_names[0]
-    start = robot.home if scene.start is None else scene.start
     adding = [
         collision_object(item, frame, scene.approach if item.role == "target" else None)
         for item in scene.objects
@@ -252,7 +250,7 @@ def planning_scene(scene: Scene, prefix: str = "") -> Message:
     return message(
         "moveit_msgs/msg/PlanningScene",
         name=scene.name,
-        robot_state=robot_state(State(start), robot.joint_names, prefix, frame),
+        robot_state=robot_state(state, robot.joint_names, prefix, frame),
         robot_model_name=robot.name,
         object_colors=colors,
         world=message("moveit_msgs/msg/PlanningSceneWorld", collision_objects=adding),

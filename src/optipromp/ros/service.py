@@ -9,7 +9,7 @@ from pathlib import Path
 
 from optipromp.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.planning import Plan, PlanOptions, plan
-from optipromp.planning.options import PLANNERS, Planner
+from optipromp.planning.planner import factory
 from optipromp.promp.model import ProMP
 from optipromp.robots.library import load_arm
 from optipromp.ros.goals import read_goal
@@ -151,11 +151,9 @@ def _response(request: Message, code: Code, words: str, **fields: Message) -> Me
     return message(RESPONSE, group_name=request.group_name, error_code=error, **fields)
 
 
-def _planner(name: str) -> Planner:
-    for planner in PLANNERS:
-        if planner == (name or "opti-promp"):
-            return planner
-    raise InvalidRequestError(f"planner_id is {name!r}; valid: {', '.join(PLANNERS)}, or empty")
+def _planner(name: str) -> str:
+    factory(name or "opti-promp", "planner_id")  # refuses a name that is none
+    return name or "opti-promp"
 
 
 def _slowing(request: Message) -> float:

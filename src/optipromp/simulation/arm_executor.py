@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from optipromp.execution.executor import Follower, Guard
-from optipromp.planning.task import resolve
+from optipromp.planning.task import posed
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene
 from optipromp.simulation.outcome import Outcome, judge
@@ -43,13 +43,13 @@ class SimulatedArm(Follower):
         seed: int = 0,
         real_time: bool = False,
     ) -> None:
-        task = resolve(scene, robot)
-        super().__init__(task.robot, guard)
-        self._world = build(scene, task.robot, parameters or SimulationParameters(), seed)
-        still = Trajectory.through(np.tile(task.start, (2, 1)), 1.0, task.robot.joint_names)
+        robot, state = posed(scene, robot)
+        super().__init__(robot, guard)
+        self._world = build(scene, robot, parameters or SimulationParameters(), seed)
+        still = Trajectory.through(np.tile(state.q, (2, 1)), 1.0, robot.joint_names)
         self._execution, self._real_time = Execution(self._world, still, 100.0), real_time
-        self._asked = State(task.start)
-        self._execution.record(self._world.drives.segments(task.start[None])[0])
+        self._asked = State(state.q)
+        self._execution.record(self._world.drives.segments(state.q[None])[0])
 
     @property
     def time(self) -> float:

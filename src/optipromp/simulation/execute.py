@@ -7,7 +7,7 @@ import numpy as np
 
 from optipromp.errors import InvalidRequestError
 from optipromp.planning import Plan
-from optipromp.planning.task import resolve
+from optipromp.planning.task import posed
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene
 from optipromp.simulation.outcome import Outcome, judge
@@ -89,7 +89,7 @@ def simulate(
         raise InvalidRequestError("a bare trajectory needs the scene it is to be executed in")
     if not (np.isfinite(record_rate) and record_rate > 0):
         raise InvalidRequestError(f"record_rate is {record_rate}; it must be above 0 [Hz]")
-    robot = robot or resolve(scene).robot
+    robot = robot or posed(scene)[0]
     if trajectory.joint_names != robot.joint_names:
         raise InvalidRequestError(
             f"the trajectory moves {', '.join(trajectory.joint_names)}; {robot.name} has "

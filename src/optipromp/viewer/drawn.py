@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from optipromp.arrays import FloatArray
 from optipromp.looks.scene import PUSHABLES, ROLES
-from optipromp.planning.task import Task, push_model, tool_motion
+from optipromp.planning.task import tool_motion
 from optipromp.scenes.scene import SceneObject
 from optipromp.trajectory import Trajectory
 
@@ -91,9 +91,9 @@ def motions(plan: "Plan") -> tuple[Motion, ...]:
     return tuple(found) if len(found) > 1 else (replace(found[0], width=2.0),)
 
 
-def moment(plan: "Plan", task: Task) -> Moment:
+def moment(plan: "Plan") -> Moment:
     """The moment at which the tool passes the last fruit in the way; without any, the end."""
-    q, hanging = plan.trajectory.positions, [t for t in task.neighbours if t.stem]
+    q, hanging = plan.trajectory.positions, [t for t in plan.task.neighbours if t.stem]
     if _still(plan):
         return Moment(0, 0.0, "the arm stays at its start")
     if not hanging:
@@ -104,9 +104,9 @@ def moment(plan: "Plan", task: Task) -> Moment:
     return Moment(at, float(plan.trajectory.times[at]), f"as the tool passes {hanging[-1].id}")
 
 
-def placed(plan: "Plan", task: Task, now: Moment) -> tuple[Placed, ...]:
+def placed(plan: "Plan", now: Moment) -> tuple[Placed, ...]:
     """The scene's objects; those that are pushed where they are predicted to be at a moment."""
-    moved = {} if _still(plan) else _moved(plan, task, now)
+    moved = {} if _still(plan) else _moved(plan, now)
     out, pushables = [], 0
     for item in plan.scene.objects:
         colour = COLOURS.get(item.role) or PUSHABLES[pushables % len(PUSHABLES)]
@@ -171,9 +171,8 @@ def _still(plan: "Plan") -> bool:
     return bool((q == q[0]).all())
 
 
-def _moved(plan: "Plan", task: Task, now: Moment) -> dict[str, tuple[FloatArray, float]]:
-    q = plan.trajectory.positions
-    model = push_model(task, q[-1])
+def _moved(plan: "Plan", now: Moment) -> dict[str, tuple[FloatArray, float]]:
+    q, model = plan.trajectory.positions, plan.push_model
     if model is None or now.waypoint <= plan.first:
         return {}
     found = model.moved(*tool_motion(plan.robot, q[plan.first : now.waypoint + 1]))

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from optipromp.arrays import FloatArray
 from optipromp.looks.scene import box_distance
-from optipromp.planning.task import resolve
+from optipromp.planning.task import posed
 from optipromp.robots.model import Robot
 from optipromp.scenes.scene import Scene
 from optipromp.viewer.drawn import Moment, motions, placed
@@ -35,9 +35,9 @@ def scene_page(scene: Scene, robot: Robot | None = None, q: FloatArray | None = 
     Raises:
         InvalidRequestError: viser is not installed.
     """
-    task = resolve(scene, robot)
-    with _recording(scene, task.robot) as (nodes, record):
-        nodes.pose(task.start if q is None else q)
+    robot, state = posed(scene, robot)
+    with _recording(scene, robot) as (nodes, record):
+        nodes.pose(state.q if q is None else q)
         return str(record.as_html())
 
 
@@ -47,7 +47,7 @@ def plan_page(plan: "Plan") -> str:
     Raises:
         InvalidRequestError: viser is not installed.
     """
-    task, curve = resolve(plan.scene, plan.robot), plan.trajectory
+    curve = plan.trajectory
     places = {item.id: item.position for item in plan.scene.objects}
     with _recording(plan.scene, plan.robot) as (nodes, record):
         for k, motion in enumerate(reversed(motions(plan))):
@@ -57,7 +57,7 @@ def plan_page(plan: "Plan") -> str:
         for time in np.linspace(0.0, curve.duration, count + 1):
             nodes.pose(curve.sample(time)[0][0])
             now = int(np.searchsorted(curve.times, time + 1e-9)) - 1
-            for item in placed(plan, task, Moment(max(now, 0), float(time), "")):
+            for item in placed(plan, Moment(max(now, 0), float(time), "")):
                 if np.linalg.norm(item.position - places[item.item.id]) >= UNMOVED:
                     places[item.item.id] = item.position
                     nodes.put(item.item, item.position, item.rotation, item.stem)

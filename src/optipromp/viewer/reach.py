@@ -10,7 +10,6 @@ from optipromp.arrays import FloatArray
 from optipromp.geometry.faces import sphere, tube
 from optipromp.looks.faces import shape_faces
 from optipromp.looks.scene import PUSHABLES
-from optipromp.planning.task import resolve
 from optipromp.pushing.path import evenly, length
 from optipromp.viewer import drawn
 from optipromp.viewer.drawn import COLOURS, OPTIMISED, STILL, Moment, Motion, Placed
@@ -41,9 +40,8 @@ def reach_figure(plan: "Plan") -> "Figure":
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    task = resolve(plan.scene, plan.robot)
-    now = drawn.moment(plan, task)
-    objects = drawn.placed(plan, task, now)
+    now = drawn.moment(plan)
+    objects = drawn.placed(plan, now)
     views = _close_views(plan)
     pictures = [_close(camera, plan, objects, now) for camera, _ in views]
     frames = [_frame(camera, plan, objects) for camera, _ in views]

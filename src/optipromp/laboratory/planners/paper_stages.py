@@ -29,14 +29,15 @@ from optipromp import judging
 from optipromp.arrays import FloatArray
 from optipromp.budget import Budget, clock
 from optipromp.judging import Judgement, Violation
+from optipromp.laboratory.planners.paper_problem import Posed, posed_problems
 from optipromp.optimization import gauss_newton
 from optipromp.optimization.costs import Cost
 from optipromp.optimization.costs.joints import SmoothnessCost
 from optipromp.optimization.costs.obstacles import ClearanceCost, SelfCost
 from optipromp.optimization.costs.tool import GoalCost
+from optipromp.planning.functionals import functionals
 from optipromp.planning.goals import further, narrow, passed_over
 from optipromp.planning.options import PlanOptions, Strategy
-from optipromp.planning.paper_problem import Posed, functionals, posed_problems
 from optipromp.planning.parameters import PAPER, SOLVE
 from optipromp.planning.pick import limits_and_clearances, schedule
 from optipromp.planning.result import Planned, Stage
@@ -79,14 +80,13 @@ def solve(
     options: PlanOptions,
     strategy: Strategy,
     goals: FloatArray,
-    seed: int,
     budget: Budget,
 ) -> Planned:
     """Plan as the paper does, to one goal configuration after the other until a plan is valid.
 
     Of the choices of sides, where stems leave some, the valid plan of least objective is kept. The
     sequential strategy goes through all of them with the smallest trust radius, then with the next.
-    Where the smallest radius gives no valid plan, further goal configurations are found by ``seed``
+    Where the smallest radius gives no valid plan, further goal configurations are found
     (:func:`optipromp.planning.goals.further`).
 
     The initial trajectories are those of ``promp``, to the goal configurations ``goals`` (m, n).
@@ -103,7 +103,7 @@ def solve(
     def attempts() -> Iterator[tuple[float, list[Posed]]]:
         """Trust radii with the choices of sides of a goal, in the order in which they are tried."""
         yield from itertools.product(radii[:1], by_goal)
-        more = further(task, seed, goals)
+        more = further(task, task.seed, goals)
         new = list(posed_problems(task, promp, options, strategy, more))
         yield from itertools.product(radii[:1], new)
         yield from itertools.product(radii[1:], by_goal + new)
@@ -138,8 +138,8 @@ def solve(
     same = best.posed is first
     initial = unmoved.trajectory if same else best.posed.timed(best.posed.initial)
     return Planned(
-        initial, initial, best.trajectory, best.posed.waypoints.first, stages, bool(stages), times,
-        passed_over(best.judgement, left),
+        best.trajectory, best.posed.waypoints.first, initial, None, stages, bool(stages), times,
+        passed_over(best.judgement, left), paper=options.paper, authors=strategy == "sequential",
     )  # fmt: skip
 
 

@@ -1,7 +1,7 @@
-"""The paper's functionals, and its problem (method §5) on one goal and one choice of sides.
+"""The paper's problem (method §5) on one goal and one choice of sides.
 
 Constraints 1 to 3 are rows, each linear in one tool point (:class:`ConstraintRows`), the same
-for both strategies of :mod:`optipromp.planning.paper`.
+for both strategies of :mod:`optipromp.laboratory.planners.paper_stages`.
 """
 
 import math
@@ -13,53 +13,19 @@ import numpy as np
 from optipromp.arrays import FloatArray, IntArray
 from optipromp.errors import InvalidRequestError
 from optipromp.optimization.costs import Cost
-from optipromp.optimization.costs.joints import VelocityCost
-from optipromp.optimization.costs.obstacles import ObstacleCost
-from optipromp.optimization.costs.tool import PushCost
 from optipromp.optimization.evaluation import Evaluation
 from optipromp.optimization.problem import Problem
 from optipromp.planning.follow import Waypoints, free_count, reach_count, within_limits
-from optipromp.planning.options import PaperOptions, PlanOptions, Strategy
+from optipromp.planning.functionals import functionals
+from optipromp.planning.options import PlanOptions, Strategy
 from optipromp.planning.parameters import PAPER, PRIMITIVE, WAYPOINT
 from optipromp.planning.primitive import led_through, on_branch, via_points
 from optipromp.planning.task import Task
 from optipromp.planning.timing import timed
 from optipromp.promp.model import ProMP
 from optipromp.pushing.rules import Drift, detection_variance, drift_choices
-from optipromp.scenes.scene import PoseGoal
 from optipromp.scenes.values import suggest
 from optipromp.trajectory import Trajectory
-
-
-def functionals(task: Task, options: PaperOptions, first: int, authors: bool) -> list[Cost]:
-    """F_s, F_d, F_p (from waypoint ``first`` on) and F_v with their weights.
-
-    Where the options leave them open, reduction and push are those of the ``authors``' sequential
-    runs, or those of the joint strategy. There is no F_p without neighbours to push past.
-    """
-    a = options.alphas
-    reduction = options.reduction or ("max" if authors else "sum")
-    push = options.push or ("reciprocal" if authors else "quadratic")
-    terms: list[Cost] = [
-        ObstacleCost("static", a[0], options.epsilon, reduction),
-        ObstacleCost("avoid", a[1], options.epsilon, reduction),
-    ]
-    if task.neighbours and isinstance(task.goal, PoseGoal):
-        weights = np.asarray(options.push_weights, dtype=np.float64)
-        terms.append(PushCost(a[2], task.goal.position, task.scene.frame, first, weights, push))
-    terms.append(VelocityCost(a[3]))
-    return terms
-
-
-def functional_values(
-    task: Task, options: PaperOptions, first: int, q: FloatArray, authors: bool
-) -> dict[str, float]:
-    """The functionals at one trajectory (T, n), by their names."""
-    terms, cutoff = functionals(task, options, first, authors), options.epsilon
-    problem = Problem(
-        task.robot, task.surroundings, terms, (), len(q), cutoff=cutoff, body=task.body
-    )
-    return problem.evaluate(q).costs
 
 
 class ConstraintRows(Cost):

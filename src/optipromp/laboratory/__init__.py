@@ -1,0 +1,1 @@
+"""What studies need and no plan does: the paper's planners, and others to compare with."""

@@ -1,0 +1,90 @@
+"""``obstacles`` and ``chomp``: every pushable is an obstacle, and nothing drifts past anything."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from optipromp.budget import Budget
+from optipromp.laboratory.planners.straight import gently
+from optipromp.optimization import covariant
+from optipromp.optimization.costs.joints import SmoothnessCost
+from optipromp.optimization.costs.obstacles import ObstacleCost
+from optipromp.optimization.problem import Problem
+from optipromp.planning.options import PaperOptions
+from optipromp.planning.planners import ConditionedProMP, OptiProMP
+from optipromp.planning.result import Failed, Harmful, Planned
+from optipromp.planning.task import Task
+from optipromp.scenes.scene import Scene
+
+
+@dataclass(frozen=True)
+class Obstacles(OptiProMP):
+    """opti-promp, that is Gauss-Newton, to which every pushable is an obstacle like a neighbour.
+
+    The whole robot keeps away by cost.
+    """
+
+    name: ClassVar[str] = "obstacles"
+
+    @property
+    def approaches(self) -> bool:
+        """None: other approaches are chosen by pushes, of which nothing is known here."""
+        return False
+
+    def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
+        """See :class:`optipromp.planning.planner.Planner`."""
+        made = super().solve(avoiding(task), budget)
+        if isinstance(made, Harmful):  # there is no other approach
+            made = super().solve(made.task, budget)
+        return gently(task, made.trajectory.positions) if isinstance(made, Planned) else made
+
+
+@dataclass(frozen=True)
+class Chomp:
+    """Covariant gradient descent, as the paper and CHOMP have it, from what ``promp`` gives.
+
+    It lowers F_s and F_d over all body spheres, and ½∫‖ξ̈‖² dt; start and goal configuration stay.
+
+    Attributes:
+        epsilon: ε, the safety distance of the obstacle cost [m].
+        smoothness: weight of ½∫‖ξ̈‖² dt beside the obstacle functionals; a choice.
+    """
+
+    epsilon: float = PaperOptions.epsilon
+    smoothness: float = 1e-5
+    name: ClassVar[str] = "chomp"
+
+    def solve(self, task: Task, budget: Budget) -> Planned | Failed:
+        """See :class:`optipromp.planning.planner.Planner`."""
+        made = ConditionedProMP().solve(task, budget)
+        if not isinstance(made, Planned):
+            assert isinstance(made, Failed)
+            return Failed(made.code, made.message)
+        problem = self.problem(task, made.trajectory.n_waypoints)
+        found = covariant.descend(problem, made.trajectory.positions, covariant.DescentOptions())
+        return gently(task, found.q)
+
+    def problem(self, task: Task, waypoints: int) -> Problem:
+        """F_s, F_d over all body spheres, and smoothness; ends are fixed."""
+        costs = [
+            *(ObstacleCost(name, 1.0, self.epsilon, "sum") for name in ("static", "avoid")),
+            ObstacleCost("tool avoid", 1.0, self.epsilon, "sum"),
+            SmoothnessCost(self.smoothness),
+        ]
+        around = avoiding(task).surroundings
+        return Problem(
+            task.robot, around, costs, (), waypoints, cutoff=self.epsilon + 1e-3, end_fixed=True,
+            body=task.body,
+        )  # fmt: skip
+
+
+def avoiding(task: Task) -> Task:
+    """The task in which every pushable is a neighbour to be avoided."""
+    return replace(task, scene=as_obstacles(task.scene), neighbours=(), passed=())
+
+
+def as_obstacles(scene: Scene) -> Scene:
+    """The scene with every pushable in the role of a neighbour to be avoided."""
+    objects = tuple(
+        replace(item, role="avoid") if item.role == "pushable" else item for item in scene.objects
+    )
+    return replace(scene, objects=objects)

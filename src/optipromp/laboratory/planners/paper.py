@@ -1,0 +1,40 @@
+"""The paper's own planner as a value; :mod:`optipromp.laboratory.planners.paper_stages` solves."""
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from optipromp.budget import Budget
+from optipromp.planning.options import Constraints, Optimised, PaperOptions, PlanOptions, Strategy
+from optipromp.planning.planners import goal_configurations
+from optipromp.planning.primitive import PAPER_BASIS, learnt
+from optipromp.planning.result import Failed, Harmful, Planned
+from optipromp.planning.task import Task
+
+
+@dataclass(frozen=True)
+class Paper(Optimised):
+    """OptI-ProMP as the paper has it: its functionals under its constraints.
+
+    Attributes:
+        strategy: ``sequential``: the paper's two stages; ``joint``: one solve.
+        constraints: ``paper``: a plan is a success only if constraint 1 holds at every waypoint of
+            the paper's window. ``push-model``: success is what it is of other planners.
+        paper: settings that the paper leaves open; see :class:`PaperOptions`.
+    """
+
+    strategy: Strategy = "sequential"
+    constraints: Constraints = "paper"
+    paper: PaperOptions = field(default_factory=PaperOptions)
+    name: ClassVar[str] = "opti-promp"
+
+    def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
+        """See :class:`optipromp.planning.planner.Planner`."""
+        from optipromp.laboratory.planners.paper_stages import solve  # with SciPy's optimisers
+
+        promp = learnt(task, task.demonstrations, PAPER_BASIS)
+        chosen = goal_configurations(task, budget)
+        if not len(chosen.q):
+            return chosen.failed
+        budget.say(f"optimising ({self.strategy})")
+        options = PlanOptions(**{k: v for k, v in vars(self).items() if k != "strategy"})
+        return chosen.told(solve(task, promp, options, self.strategy, chosen.q, budget))
