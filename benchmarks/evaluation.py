@@ -10,18 +10,18 @@ from types import TracebackType
 import numpy as np
 
 from benchmarks.registry import NotAvailableError
-from optipromp.arrays import FloatArray
-from optipromp.geometry.obstacles import Obstacles, pack
-from optipromp.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
-from optipromp.optimization.costs.joints import VelocityCost
-from optipromp.optimization.costs.obstacles import ObstacleCost, SelfCost
-from optipromp.optimization.costs.tool import PushCost
-from optipromp.optimization.evaluation import BodyPoints
-from optipromp.optimization.problem import Problem, Surroundings
-from optipromp.planning.task import reach as arm_reach
-from optipromp.robots.library import load_robot
-from optipromp.robots.model import Robot
-from optipromp.robots.tools import Cup, with_tool
+from optipromp.core.arrays import FloatArray
+from optipromp.core.geometry.obstacles import Obstacles, pack
+from optipromp.core.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from optipromp.core.optimization.costs.joints import VelocityCost
+from optipromp.core.optimization.costs.obstacles import ObstacleCost, SelfCost
+from optipromp.core.optimization.costs.tool import PushCost
+from optipromp.core.optimization.evaluation import BodyPoints
+from optipromp.core.optimization.problem import Problem, Surroundings
+from optipromp.core.planning.task import reach as arm_reach
+from optipromp.core.robots.library import load_robot
+from optipromp.core.robots.model import Robot
+from optipromp.core.robots.tools import Cup, with_tool
 
 SOURCE = Path(__file__).parent / "cpp" / "evaluation.cpp"
 FLAGS = ("-O3", "-march=native", "-std=c++17")

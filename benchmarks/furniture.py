@@ -12,12 +12,12 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
-from optipromp.geometry.shapes import Box, Cylinder
-from optipromp.robots import ik
-from optipromp.robots.model import Robot
-from optipromp.scenes.generate.checks import OverlapError, equipped, free
-from optipromp.scenes.scene import JointGoal, Scene, SceneObject, ToolSpec
+from optipromp.core.arrays import FloatArray
+from optipromp.core.geometry.shapes import Box, Cylinder
+from optipromp.core.robots import ik
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject, ToolSpec
+from optipromp.laboratory.generate.checks import OverlapError, equipped, free
 
 Furniture = Literal["bookshelf", "box", "cage", "table-pick", "under-table"]
 FURNITURE: tuple[Furniture, ...] = get_args(Furniture)

@@ -25,7 +25,7 @@ from optipromp import (
     with_tool,
 )
 from optipromp import plan as make_plan
-from optipromp.robots import ik
+from optipromp.core.robots import ik
 
 rng = np.random.default_rng(3)
 scene = load_scene("scenario-3")

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from optipromp import Scene, SceneObject, load_scene, plan, save_scene
-from optipromp.geometry.shapes import Box, Cylinder
-from optipromp.scenes import Approach, ToolSpec
+from optipromp.core.geometry.shapes import Box, Cylinder
+from optipromp.core.scenes import Approach, ToolSpec
 
 BOARD = 0.40  # [m] height of the board's top
 CAN = Cylinder(radius=0.02, length=0.08)

@@ -11,13 +11,13 @@ solved. At the end the planner itself takes a cost along.
 import numpy as np
 
 from optipromp import Cup, PlanOptions, load_robot, plan, with_tool
-from optipromp.arrays import FloatArray
-from optipromp.geometry.obstacles import pack
-from optipromp.optimization.costs import Cost
-from optipromp.optimization.costs.joints import SmoothnessCost
-from optipromp.optimization.evaluation import Evaluation
-from optipromp.optimization.gauss_newton import GaussNewtonOptions, solve
-from optipromp.optimization.problem import Problem, Surroundings
+from optipromp.core.arrays import FloatArray
+from optipromp.core.geometry.obstacles import pack
+from optipromp.core.optimization.costs import Cost
+from optipromp.core.optimization.costs.joints import SmoothnessCost
+from optipromp.core.optimization.evaluation import Evaluation
+from optipromp.core.optimization.gauss_newton import GaussNewtonOptions, solve
+from optipromp.core.optimization.problem import Problem, Surroundings
 
 
 class Posture(Cost):

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from optipromp import Scene, SceneObject, judge, plan, ros
-from optipromp.geometry import Sphere
-from optipromp.scenes import Pose, Stem, ToolSpec
+from optipromp.core.geometry import Sphere
+from optipromp.core.scenes import Pose, Stem, ToolSpec
 
 camera = Pose([0.45, 0.0, 0.45], [0.966, 0.0, 0.0, 0.259])  # in the base's frame; looks up
 seen = {  # role, centre in the camera's frame [m]; the stems lean by some degrees

@@ -23,13 +23,13 @@ from typing import ClassVar
 import numpy as np
 
 from optipromp import plan
-from optipromp.budget import Budget
-from optipromp.experiments.study import Study, run_study
-from optipromp.planning import Failed, Planned, register
-from optipromp.planning.planners import goal_configurations
-from optipromp.planning.task import Task
-from optipromp.planning.timing import shortest
-from optipromp.planning.verdict import verdict
+from optipromp.core.budget import Budget
+from optipromp.core.planning import Failed, Planned, register
+from optipromp.core.planning.planners import goal_configurations
+from optipromp.core.planning.task import Task
+from optipromp.core.planning.timing import shortest
+from optipromp.core.planning.verdict import verdict
+from optipromp.laboratory.experiments.study import Study, run_study
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.geometry import Box, Cylinder, Sphere
-from optipromp.planning import PlanOptions, plan, warm_up
-from optipromp.scenes import JointGoal, Scene, SceneObject, Stem, load_scene
-from optipromp.scenes.generate import generate
+from optipromp.core.geometry import Box, Cylinder, Sphere
+from optipromp.core.planning import PlanOptions, plan, warm_up
+from optipromp.core.scenes import JointGoal, Scene, SceneObject, Stem, load_scene
+from optipromp.laboratory.generate import generate
 
 TENTH = 1.1
 JOINTS = 30

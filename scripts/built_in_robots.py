@@ -1,4 +1,4 @@
-"""Write src/optipromp/robots/data/*.robot: the built-in robots, resolved from their robot files.
+"""Write core/robots/data/*.robot: the built-in robots, resolved from their robot files.
 
 Run from the repository after a change of the readers or of a robot file there:
 ``python scripts/built_in_robots.py``.
@@ -6,9 +6,9 @@ Run from the repository after a change of the readers or of a robot file there:
 
 from pathlib import Path
 
+from optipromp.core.robots import save_robot
+from optipromp.core.robots.library import NOTHING
 from optipromp.readers.reading import read_description
-from optipromp.robots import save_robot
-from optipromp.robots.library import NOTHING
 
 DATA = Path(__file__).resolve().parents[1] / "src" / "optipromp" / "robots" / "data"
 

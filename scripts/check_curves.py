@@ -14,11 +14,11 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.interpolate import BPoly
 
-from optipromp.planning import Plan, plan
-from optipromp.pushing.parameters import PUSH
-from optipromp.robots.library import load_robot
-from optipromp.scenes.generate import generate
-from optipromp.scenes.scene import JointGoal, Scene
+from optipromp.core.planning import Plan, plan
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.robots.library import load_robot
+from optipromp.core.scenes.scene import JointGoal, Scene
+from optipromp.laboratory.generate import generate
 
 SEED = 70_000
 

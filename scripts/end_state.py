@@ -11,7 +11,7 @@ from pathlib import Path
 
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "optipromp"
 CORE = ("judging", "optimization", "pushing", "planning")
-KERNELS = ("kernel", "inner", "inlined")  # decorators of optipromp.compiled
+KERNELS = ("kernel", "inner", "inlined")  # decorators of optipromp.core.compiled
 ENTRY, BOX = "planning/plan.py", "geometry/distances.py"  # from ``plan`` to the distance of a box
 
 

@@ -23,7 +23,7 @@ from scipy.ndimage import distance_transform_edt
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.spatial import ConvexHull
 
-from optipromp.robots import load_robot
+from optipromp.core.robots import load_robot
 
 EXCESS = 0.0159  # [m] on the grid; measured exactly it is at most 15 mm
 VOXEL = 0.002  # [m] of the grid on which distances are measured

@@ -32,14 +32,14 @@ sys.path.insert(0, str(ROOT))
 SECONDS = 10.0  # [s] of processor time
 DATA = ROOT / "src" / "optipromp"
 READERS = [
-    "yaml", "defusedxml", "optipromp.documents",
-    "optipromp.files", "optipromp.geometry.loading", "optipromp.shown", "optipromp.output",
-    "optipromp.trajectory_files",
-    "optipromp.promp.demonstrations", "optipromp.promp.checks", "optipromp.promp.model",
-    "optipromp.scenes.reading", "optipromp.scenes.schema", "optipromp.scenes.objects",
-    "optipromp.scenes.values", "optipromp.scenes.pose", "optipromp.scenes.io",
-    "optipromp.readers.urdf", "optipromp.readers.urdf_tree", "optipromp.readers.xml_tree",
-    "optipromp.readers.robot_file", "optipromp.readers.srdf",
+    "yaml", "defusedxml", "optipromp.core.documents", "optipromp.core.files",
+    "optipromp.core.geometry.loading", "optipromp.core.shown", "optipromp.core.output",
+    "optipromp.core.trajectory_files", "optipromp.core.promp.demonstrations",
+    "optipromp.core.promp.checks", "optipromp.core.promp.model", "optipromp.core.scenes.reading",
+    "optipromp.core.scenes.schema", "optipromp.core.scenes.objects", "optipromp.core.scenes.values",
+    "optipromp.core.scenes.pose", "optipromp.core.scenes.io", "optipromp.readers.urdf",
+    "optipromp.readers.urdf_tree", "optipromp.readers.xml_tree", "optipromp.readers.robot_file",
+    "optipromp.readers.srdf",
 ]  # fmt: skip
 CUT = b"\n--\xff--\n"  # between the members of an archive
 SRDF = b"""<robot name="r"><group name="arm"><chain base_link="l0" tip_link="l7"/><joint name="j"/>
@@ -99,11 +99,11 @@ def seeds(target: str) -> Iterator[bytes]:
 def parser(target: str, folder: Path) -> Callable[[Path], Any]:
     """What reads a file, as the library does. Imports it."""
     from optipromp import ProMP, load_demonstrations, load_plan, load_scene
-    from optipromp.geometry.loading import load_cloud, load_mesh
+    from optipromp.core.geometry.loading import load_cloud, load_mesh
+    from optipromp.core.trajectory_files import read_trajectory
     from optipromp.readers.robot_file import read_robot_file
     from optipromp.readers.srdf import read_srdf
     from optipromp.readers.urdf import read_urdf
-    from optipromp.trajectory_files import read_trajectory
 
     if target == "plan.json":
         from tests.fuzzing import originals
@@ -152,7 +152,7 @@ def search(target: str, seconds: int, out: Path) -> None:
     folder = out / "work" / target
     folder.mkdir(parents=True, exist_ok=True)
     with atheris.instrument_imports(include=READERS, exclude=others):
-        from optipromp.errors import OptiPrompError
+        from optipromp.core.errors import OptiPrompError
 
         read = parser(target, folder)
     path, corpus, found = folder / target, out / target, set[str]()

@@ -4,7 +4,7 @@
 
 Each is a smooth motion from near the robot's ready pose to a point under a random target, then
 straight in along the approach, as a person guiding the arm would do it. Writes
-``src/optipromp/promp/data/<robot>.npz`` (the same bytes for the same seed).
+``src/optipromp/core/promp/data/<robot>.npz`` (the same bytes for the same seed).
 """
 
 from pathlib import Path
@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from optipromp.promp import save_demonstrations
-from optipromp.promp.demonstrations import Demonstration, Demonstrations
-from optipromp.robots import ik
-from optipromp.robots.library import load_robot
-from optipromp.robots.model import Robot
-from optipromp.robots.tools import Cup, with_tool
+from optipromp.core.promp import save_demonstrations
+from optipromp.core.promp.demonstrations import Demonstration, Demonstrations
+from optipromp.core.robots import ik
+from optipromp.core.robots.library import load_robot
+from optipromp.core.robots.model import Robot
+from optipromp.core.robots.tools import Cup, with_tool
 
 OUT = Path(__file__).resolve().parents[1] / "src" / "optipromp" / "promp" / "data"
 SEED = 20261121

@@ -17,9 +17,9 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from optipromp.planning import plan, warm_up
-from optipromp.scenes import Scene, load_scene
-from optipromp.scenes.generate import generate
+from optipromp.core.planning import plan, warm_up
+from optipromp.core.scenes import Scene, load_scene
+from optipromp.laboratory.generate import generate
 
 NAMES = (
     "scenario-3", "scenario-4", *(f"cluster {seed}" for seed in range(12)),

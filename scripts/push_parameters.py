@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from optipromp.parameters import catalogue
-from optipromp.pushing.parameters import PUSH
+from optipromp.core.parameters import catalogue
+from optipromp.core.pushing.parameters import PUSH
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "push-parameters.md"
 HEAD = """# Numbers of the push models
@@ -12,8 +12,8 @@ Every tuned number of the models, of the method's rules and of the candidate pat
 cannot be set: the kernels are compiled with them. *Measured*: on generated scenes, see
 [decisions](decisions.md). *Reported*: a size that the harvesting literature gives often.
 *Published*: the method's. *Guess*: ours, of a plausible size. *Choice*: of the model, not of
-nature. `optipromp.pushing.parameters.PUSH` holds the numbers. The simulation takes from there the
-numbers that it shares with the models.
+nature. `optipromp.core.pushing.parameters.PUSH` holds the numbers. The simulation
+takes from there the numbers that it shares with the models.
 
 | number | value | unit | kind | |
 |---|---|---|---|---|

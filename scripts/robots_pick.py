@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from robots_tried import OUT, PICKING
 
-from optipromp.planning import plan, warm_up
-from optipromp.robots.library import NOTHING, Choice
-from optipromp.scenes.generate import generate
-from optipromp.simulation import simulate
+from optipromp.core.planning import plan, warm_up
+from optipromp.core.robots.library import NOTHING, Choice
+from optipromp.laboratory.generate import generate
+from optipromp.laboratory.simulation import simulate
 
 SEED = 77_000
 TIAGO = """format: 1

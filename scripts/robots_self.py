@@ -14,10 +14,10 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
+from optipromp.core.robots import Robot, load_robot
+from optipromp.core.robots.description import LinkGeometry, LinkShape, rotation_of
 from optipromp.readers.fit import spread
 from optipromp.readers.meshes import triangles
-from optipromp.robots import Robot, load_robot
-from optipromp.robots.description import LinkGeometry, LinkShape, rotation_of
 
 
 def link_meshes(robot: Robot) -> dict[str, np.ndarray]:

@@ -13,9 +13,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from optipromp.errors import InvalidRobotError
-from optipromp.robots.description import Arm
-from optipromp.robots.library import load_arm
+from optipromp.core.errors import InvalidRobotError
+from optipromp.core.robots.description import Arm
+from optipromp.core.robots.library import load_arm
 
 PICKING = "## Arms that pick"  # what robots_pick.py writes; it and what follows are kept
 OUT = Path(__file__).resolve().parents[1] / "docs" / "robots-tried.md"

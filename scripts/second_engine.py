@@ -3,13 +3,13 @@
     python scripts/second_engine.py [--preset cluster,tight] [--seeds 20000:20060]
         [--planners opti-promp,straight]
 
-It shares no code with ``optipromp.simulation``, reads what scene and plan files hold, and has
-numbers of its own. There is no arm and no controller: a cup with its neck and the arm's last link
-follows the flange, which the Panda's published Denavit-Hartenberg parameters place. Stems are
-chains of capsules with ball joints, and the fruit turns about its calyx. A plan succeeds if the
+It shares no code with ``optipromp.laboratory.simulation``, reads what scene and plan files hold,
+and has numbers of its own. There is no arm and no controller: a cup with its neck and the arm's
+last link follows the flange, which the Panda's published Denavit-Hartenberg parameters place. Stems
+are chains of capsules with ball joints, and the fruit turns about its calyx. A plan succeeds if the
 target alone ends in the cup and no fruit or stem is pressed beyond what the docs say that it bears.
-Density, friction and stiffness that a scene's objects tell are taken from there.
-The table says how often this and the main simulation agree. Hanging fruits, built-in Panda only.
+Density, friction and stiffness that a scene's objects tell are taken from there. The table says how
+often this and the main simulation agree. Hanging fruits, built-in Panda only.
 """
 
 import argparse
@@ -340,11 +340,11 @@ def _inside(model: Any, data: Any, id_: str, tool: Mapping[str, Any]) -> bool:
 
 def main() -> None:
     """Plan, execute in both engines, and print how often they agree."""
-    from optipromp.experiments.baselines import attempt
-    from optipromp.scenes.generate import generate
-    from optipromp.scenes.generate.plants import untold
-    from optipromp.scenes.io import scene_to_dict
-    from optipromp.simulation import simulate
+    from optipromp.core.scenes.io import scene_to_dict
+    from optipromp.laboratory.experiments.baselines import attempt
+    from optipromp.laboratory.generate import generate
+    from optipromp.laboratory.generate.plants import untold
+    from optipromp.laboratory.simulation import simulate
 
     ask = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     ask.add_argument("--preset", default="cluster,tight")

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from optipromp.experiments.runs import Row
-from optipromp.experiments.statistics import calibration, summary
-from optipromp.experiments.study import rows_of
+from optipromp.laboratory.experiments.runs import Row
+from optipromp.laboratory.experiments.statistics import calibration, summary
+from optipromp.laboratory.experiments.study import rows_of
 
 
 def rates(rows: Sequence[Row]) -> list[str]:

@@ -7,7 +7,7 @@ import time
 import pytest
 from numba import njit
 
-from optipromp.budget import Budget, clock
+from optipromp.core.budget import Budget, clock
 
 
 def test_so_many_steps_and_no_more() -> None:

@@ -10,13 +10,13 @@ from types import ModuleType
 import pytest
 
 import optipromp
-from optipromp.scenes import load_scene
+from optipromp.core.scenes import load_scene
 
 ROOT = Path(__file__).resolve().parents[1]
 PUBLIC = (
-    "optipromp", "optipromp.geometry", "optipromp.scenes", "optipromp.robots", "optipromp.promp",
-    "optipromp.pushing", "optipromp.optimization.costs", "optipromp.planning", "optipromp.ros",
-    "optipromp.execution",
+    "optipromp", "optipromp.core.geometry", "optipromp.core.scenes", "optipromp.core.robots",
+    "optipromp.core.promp", "optipromp.core.pushing", "optipromp.core.optimization.costs",
+    "optipromp.core.planning", "optipromp.ros", "optipromp.core.execution",
 )  # fmt: skip
 UNSHOWN = {  # aliases and constants, and kernels that no user calls
     "DriftRule", "Message", "PLANNERS", "Role", "STRATEGIES", "Shape", "Strategy",

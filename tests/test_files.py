@@ -12,8 +12,8 @@ from typing import NoReturn
 import numpy as np
 import pytest
 
-from optipromp.errors import LONGEST_MESSAGE, Code, InvalidRequestError
-from optipromp.files import check_folder, file_name, json_text, read_npz, write_atomically
+from optipromp.core.errors import LONGEST_MESSAGE, Code, InvalidRequestError
+from optipromp.core.files import check_folder, file_name, json_text, read_npz, write_atomically
 
 
 def names(folder: Path) -> list[str]:

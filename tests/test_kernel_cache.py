@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 import optipromp
-from optipromp.compiled import is_private
+from optipromp.core.compiled import is_private
 
 PROGRAM = """
 import sys, warnings
 warnings.simplefilter("always")
-from optipromp.compiled import _CACHED, in_cache, kernel
+from optipromp.core.compiled import _CACHED, in_cache, kernel
 
 @kernel
 def twice(x):

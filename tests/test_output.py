@@ -9,9 +9,9 @@ import pytest
 from tests.robots.builders import TOOLS, cup_parts, joined, write_obj
 
 from optipromp import OptiPrompError, load_plan, load_robot, with_tool, write_plan
-from optipromp.planning import Plan, plan
-from optipromp.promp import load_demonstrations
-from optipromp.scenes import load_scene, scene_from_dict, scene_to_dict
+from optipromp.core.planning import Plan, plan
+from optipromp.core.promp import load_demonstrations
+from optipromp.core.scenes import load_scene, scene_from_dict, scene_to_dict
 
 
 @pytest.fixture(scope="module", params=[("scenario-3", "opti-promp"), ("scenario-2", "i-promp")])

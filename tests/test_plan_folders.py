@@ -16,11 +16,11 @@ from typer.testing import CliRunner
 
 from optipromp import OptiPrompError, load_plan, write_plan
 from optipromp.cli.main import app
-from optipromp.errors import Code, InvalidPlanError, InvalidRequestError
-from optipromp.files import COMMITTED, write_atomically, write_together
-from optipromp.page.sources import open_source
-from optipromp.planning import Plan, plan
-from optipromp.reports import plan_report
+from optipromp.core.errors import Code, InvalidPlanError, InvalidRequestError
+from optipromp.core.files import COMMITTED, write_atomically, write_together
+from optipromp.core.planning import Plan, plan
+from optipromp.looks.page.sources import open_source
+from optipromp.looks.reports import plan_report
 
 FILES = ("trajectory.csv", "trajectory.npz", "waypoints.npz")
 runner = CliRunner()

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BPoly
 
-from optipromp.errors import Code, InvalidRequestError
-from optipromp.trajectory import State, Trajectory
+from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.trajectory import State, Trajectory
 
 NAMES = ("a", "b")
 

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
-from optipromp.optimization.costs.obstacles import self_overlap
-from optipromp.optimization.evaluation import Evaluation
-from optipromp.planning import goals
-from optipromp.planning.task import Task
-from optipromp.planning.timing import shortest
-from optipromp.scenes.scene import Scene
-from optipromp.trajectory import Trajectory
+from optipromp.core.arrays import FloatArray
+from optipromp.core.optimization.costs.obstacles import self_overlap
+from optipromp.core.optimization.evaluation import Evaluation
+from optipromp.core.planning import goals
+from optipromp.core.planning.task import Task
+from optipromp.core.planning.timing import shortest
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import Trajectory
 
 STEP = 0.045  # [rad or m] between the waypoints of a timed path, as ours has
 

@@ -5,10 +5,10 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from optipromp.arrays import FloatArray
-from optipromp.geometry.shapes import Box, Cylinder, Sphere
-from optipromp.robots.model import Robot
-from optipromp.scenes.scene import Scene, SceneObject
+from optipromp.core.arrays import FloatArray
+from optipromp.core.geometry.shapes import Box, Cylinder, Sphere
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.scene import Scene, SceneObject
 
 TIP = "tip"  # link at the tool point, z along the tool axis
 BASE = "base"

@@ -8,10 +8,10 @@ import numpy as np
 from benchmarks.peers.common import Answer, Planner, at_limits, goal_configurations
 from benchmarks.peers.description import TIP, distal_links, exempt_pairs, urdf
 from benchmarks.registry import NotAvailableError
-from optipromp.arrays import FloatArray
-from optipromp.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
-from optipromp.planning.task import Task, resolve
-from optipromp.scenes.scene import PoseGoal, Scene
+from optipromp.core.arrays import FloatArray
+from optipromp.core.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from optipromp.core.planning.task import Task, resolve
+from optipromp.core.scenes.scene import PoseGoal, Scene
 
 CONTROL_POINTS, ORDER = 12, 4
 SLOWEST, FASTEST = 20.0, 0.3  # [s] bounds of the duration

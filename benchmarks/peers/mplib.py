@@ -13,8 +13,8 @@ import numpy as np
 from benchmarks.peers.common import Answer, Planner, at_limits, goal_configurations
 from benchmarks.peers.description import TIP, obstacles, srdf, urdf
 from benchmarks.registry import NotAvailableError
-from optipromp.planning.task import resolve
-from optipromp.scenes.scene import Scene
+from optipromp.core.planning.task import resolve
+from optipromp.core.scenes.scene import Scene
 
 PYTHON = "MPLIB_PYTHON"
 WORKER = Path(__file__).with_name("mplib_worker.py")

@@ -6,8 +6,8 @@ import numpy as np
 
 from benchmarks.peers.common import Answer, Checker, Planner, goal_configurations, timed
 from benchmarks.registry import NotAvailableError
-from optipromp.planning.task import resolve
-from optipromp.scenes.scene import Scene
+from optipromp.core.planning.task import resolve
+from optipromp.core.scenes.scene import Scene
 
 LONGEST = 5.0  # [s] of search
 

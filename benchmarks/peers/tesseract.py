@@ -11,9 +11,9 @@ import numpy as np
 from benchmarks.peers.common import Answer, Planner, goal_configurations, timed
 from benchmarks.peers.description import BASE, GROUP, TIP, obstacles, srdf, urdf
 from benchmarks.registry import NotAvailableError
-from optipromp.arrays import FloatArray
-from optipromp.planning.task import Task, resolve
-from optipromp.scenes.scene import Scene
+from optipromp.core.arrays import FloatArray
+from optipromp.core.planning.task import Task, resolve
+from optipromp.core.scenes.scene import Scene
 
 STEPS = 30  # of the interpolated program
 MARGIN = 0.01  # [m] wanted clearance

@@ -23,7 +23,7 @@ from benchmarks.registry import (
     Values,
 )
 from benchmarks.timing import median, percentile
-from optipromp.planning import plan, warm_up
+from optipromp.core.planning import plan, warm_up
 
 FIRST, COUNT = 80_000, 100  # seed of the first scene, scenes of a family
 BESIDE = 25  # scenes of a family that the peers get too

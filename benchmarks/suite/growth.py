@@ -22,15 +22,15 @@ from benchmarks.registry import (
     stopwatch,
 )
 from benchmarks.timing import in_turn, median, paired_ratio, reference
-from optipromp.arrays import FloatArray
-from optipromp.geometry.obstacles import pack
-from optipromp.geometry.shapes import PointCloudShape
-from optipromp.planning import plan, warm_up
-from optipromp.planning.task import resolve
-from optipromp.robots.library import load_robot
-from optipromp.robots.model import Robot
-from optipromp.scenes.io import load_scene
-from optipromp.scenes.scene import Scene, SceneObject
+from optipromp.core.arrays import FloatArray
+from optipromp.core.geometry.obstacles import pack
+from optipromp.core.geometry.shapes import PointCloudShape
+from optipromp.core.planning import plan, warm_up
+from optipromp.core.planning.task import resolve
+from optipromp.core.robots.library import load_robot
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.io import load_scene
+from optipromp.core.scenes.scene import Scene, SceneObject
 
 WAYPOINTS, JOINTS, OBSTACLES = (50, 100, 200, 400), (4, 7, 10, 14), (10, 100, 1000)
 LINEAR = {"waypoints": "400 waypoints by 100, per waypoint", "joints": "14 joints by 7, per joint"}

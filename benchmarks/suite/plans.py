@@ -22,13 +22,13 @@ from benchmarks.registry import (
 )
 from benchmarks.scenes import many
 from benchmarks.timing import median, paired_ratio, percentile, reference
-from optipromp.arrays import FloatArray
-from optipromp.errors import OptiPrompError
-from optipromp.planning import PaperOptions, Plan, plan, warm_up
-from optipromp.planning.functionals import functional_values
-from optipromp.planning.task import resolve
-from optipromp.scenes.io import load_scene
-from optipromp.scenes.scene import PoseGoal, Scene
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import OptiPrompError
+from optipromp.core.planning import PaperOptions, Plan, plan, warm_up
+from optipromp.core.planning.functionals import functional_values
+from optipromp.core.planning.task import resolve
+from optipromp.core.scenes.io import load_scene
+from optipromp.core.scenes.scene import PoseGoal, Scene
 
 SCENES = ("scenario-3", "scenario-4")
 COUNT = 200
@@ -189,9 +189,9 @@ MANY = [
 @SUITE.benchmark("many-plans", MANY)
 def many_plans(context: Context) -> Values:
     """Many scenes through one call, on one core and on all."""
-    plan_many = getattr(importlib.import_module("optipromp.planning"), "plan_many", None)
+    plan_many = getattr(importlib.import_module("optipromp.core.planning"), "plan_many", None)
     if plan_many is None:
-        raise NotAvailableError("this version has no optipromp.planning.plan_many")
+        raise NotAvailableError("this version has no optipromp.core.planning.plan_many")
     cores = len(os.sched_getaffinity(0))
     scenes = many("scenario-3", context.repeats(500, 40)) + many(
         "scenario-4", context.repeats(500, 40)

@@ -8,8 +8,8 @@ import numpy as np
 
 from benchmarks.registry import RATIO, SUITE, Absent, Context, Measured, Metric, Value, Values
 from benchmarks.timing import in_turn, median, paired_ratio
-from optipromp.arrays import FloatArray
-from optipromp.promp import Basis, JointPoint, condition, fit
+from optipromp.core.arrays import FloatArray
+from optipromp.core.promp import Basis, JointPoint, condition, fit
 
 DEMONSTRATIONS, JOINTS, STEPS, BASES = 20, 7, 100, 10
 PHASE = 0.5

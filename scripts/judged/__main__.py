@@ -23,9 +23,9 @@ from scipy.interpolate import BPoly
 from scripts.judged.bodies import Arm, arms
 from scripts.judged.things import MuJoCo, Thing, distance, thing
 
-from optipromp import judging
-from optipromp.scenes import JointGoal, Scene
-from optipromp.trajectory import Trajectory
+from optipromp.core import judging
+from optipromp.core.scenes import JointGoal, Scene
+from optipromp.core.trajectory import Trajectory
 
 DEEP = 1e-3  # [m] a contact beyond it must be seen
 BOTTOM = 2e-4  # [m] least advance of the oracle along a curve

@@ -12,8 +12,8 @@ import numpy as np
 import pinocchio as pin
 import trimesh
 
-from optipromp.geometry import Box, Cylinder, MeshShape
-from optipromp.robots import (
+from optipromp.core.geometry import Box, Cylinder, MeshShape
+from optipromp.core.robots import (
     Cup,
     FingerGripper,
     FrankaHand,
@@ -137,7 +137,9 @@ class Arm:
     def __init__(self, name: str, tool: Any, own: bool) -> None:
         self.name = f"{name} with {type(tool).__name__}"
         self.robot = with_tool(load_robot(name), tool)
-        with resources.as_file(resources.files("optipromp.robots") / "data" / f"{name}.urdf") as p:
+        with resources.as_file(
+            resources.files("optipromp.core.robots") / "data" / f"{name}.urdf"
+        ) as p:
             self.model = pin.buildModelFromUrdf(str(p))
         self.data = self.model.createData()
         frame = self.model.frames[self.model.getFrameId("flange")]

@@ -10,7 +10,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 from scripts.judged.bodies import Arm, Piece
 
-from optipromp.geometry import (
+from optipromp.core.geometry import (
     Box,
     Capsule,
     Cylinder,
@@ -19,7 +19,7 @@ from optipromp.geometry import (
     PointCloudShape,
     Sphere,
 )
-from optipromp.scenes import SceneObject, Stem
+from optipromp.core.scenes import SceneObject, Stem
 
 KINDS = "sphere", "box", "cylinder", "capsule", "half-space", "mesh", "corner", "cloud"
 

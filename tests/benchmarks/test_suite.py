@@ -14,8 +14,8 @@ from benchmarks.registry import SUITE, Context
 from benchmarks.run import apart, load_suite
 from benchmarks.suite.planners import Score, baseline, ours
 from benchmarks.timing import in_turn, percentile
-from optipromp.planning import plan
-from optipromp.scenes import load_scene
+from optipromp.core.planning import plan
+from optipromp.core.scenes import load_scene
 
 
 def test_every_benchmark_says_what_it_does() -> None:

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from optipromp import plan
 from optipromp.cli.main import app
-from optipromp.promp import ProMP
+from optipromp.core.promp import ProMP
 from optipromp.ros import Recorded, joint_trajectory, message, write_bag
 
 runner = CliRunner()

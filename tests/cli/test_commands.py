@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
-from optipromp.promp import Basis, ProMP, load_demonstrations, residuals
+from optipromp.core.promp import Basis, ProMP, load_demonstrations, residuals
 
 runner = CliRunner()
 HELP = {
@@ -62,8 +62,8 @@ def test_list_for_people_names_the_same() -> None:
 
 def test_strategies_and_presets_are_those_of_the_library() -> None:
     from optipromp.cli import console
-    from optipromp.planning.options import STRATEGIES
-    from optipromp.scenes.generate import PRESETS
+    from optipromp.core.planning.options import STRATEGIES
+    from optipromp.laboratory.generate import PRESETS
 
     assert get_args(console.Strategy) == STRATEGIES
     assert get_args(console.Preset) == PRESETS

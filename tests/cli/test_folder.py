@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 from optipromp.cli.check import Kind, kind_of
 from optipromp.cli.folder import outputs, scene_files
 from optipromp.cli.main import app
-from optipromp.errors import InvalidRequestError
-from optipromp.output import load_plan
-from optipromp.planning import plan
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.output import load_plan
+from optipromp.core.planning import plan
 
 
 def call(*arguments: object) -> tuple[int, str, str]:

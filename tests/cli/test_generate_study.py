@@ -8,10 +8,10 @@ from tests.scenes.test_placing import six
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
-from optipromp.errors import InvalidSceneError
-from optipromp.experiments import study
-from optipromp.experiments.runs import Row
-from optipromp.scenes import load_scene
+from optipromp.core.errors import InvalidSceneError
+from optipromp.core.scenes import load_scene
+from optipromp.laboratory.experiments import study
+from optipromp.laboratory.experiments.runs import Row
 
 RUN = CliRunner()
 

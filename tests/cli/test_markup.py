@@ -6,8 +6,8 @@ import pytest
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
-from optipromp.scenes import load_scene, save_scene
-from optipromp.scenes.scene import Scene
+from optipromp.core.scenes import load_scene, save_scene
+from optipromp.core.scenes.scene import Scene
 
 NAMES = ("a[/bold]", "[red]:smile:", "\\[x")
 

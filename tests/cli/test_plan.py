@@ -14,8 +14,8 @@ import pytest
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
-from optipromp.output import load_plan
-from optipromp.planning import plan
+from optipromp.core.output import load_plan
+from optipromp.core.planning import plan
 
 RUN = [sys.executable, "-m", "optipromp"]
 RECORDED = (
@@ -224,7 +224,7 @@ def printed(*tables: Any) -> str:
 
 def test_the_table_of_scenarios_fits_eighty_columns() -> None:
     from optipromp.cli.scenarios import reductions, table_one
-    from optipromp.experiments.scenarios import CASES, ScenarioRow
+    from optipromp.laboratory.experiments.scenarios import CASES, ScenarioRow
 
     rows = [
         ScenarioRow(case, plan(case.scene, strategy=case.strategy))
@@ -241,9 +241,9 @@ def test_the_table_of_scenarios_fits_eighty_columns() -> None:
 def test_no_cost_of_an_invalid_plan_is_said_to_have_fallen() -> None:
     """A plan that enters the table-top may lower its push as much as it likes."""
     from optipromp.cli.scenarios import SHORT, reductions, table_one
-    from optipromp.experiments.scenarios import CASES, ScenarioRow
-    from optipromp.planning import PlanOptions
-    from optipromp.planning.options import PaperOptions
+    from optipromp.core.planning import PlanOptions
+    from optipromp.core.planning.options import PaperOptions
+    from optipromp.laboratory.experiments.scenarios import CASES, ScenarioRow
 
     case = next(case for case in CASES if case.key == "4-sequential")
     options = PlanOptions(constraints="paper", paper=PaperOptions(drift_offset=0.9), timeout=1.0)
@@ -260,8 +260,8 @@ def test_no_cost_of_an_invalid_plan_is_said_to_have_fallen() -> None:
 
 def test_m_c_over_joint_origins_is_to_the_core() -> None:
     """Of a ball its centre, of a bar its long axis; wider than over spheres, their centres too."""
-    from optipromp.experiments.scenarios import CASES, ScenarioRow, core_distances
-    from optipromp.scenes import load_scene
+    from optipromp.core.scenes import load_scene
+    from optipromp.laboratory.experiments.scenarios import CASES, ScenarioRow, core_distances
 
     three, four = load_scene("scenario-3"), load_scene("scenario-4")
     (bar,) = (o for o in four.objects if o.role == "static")

@@ -149,4 +149,4 @@ def test_too_little_memory_is_told_and_not_waited_in() -> None:
     done = subprocess.run(["bash", "-c", limited], capture_output=True, text=True, timeout=60)
     assert done.returncode == 1
     last = done.stderr.splitlines()[-1]
-    assert last.startswith("optipromp.errors.InvalidRequestError: memory is limited to 410 MB")
+    assert last.startswith("optipromp.core.errors.InvalidRequestError: memory is limited to 410 MB")

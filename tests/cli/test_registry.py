@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Annotated
 import typer
 from optipromp.cli.command import Report, command
-from optipromp.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError
 
 @dataclass(frozen=True)
 class Words:

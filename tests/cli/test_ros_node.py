@@ -14,6 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
+from optipromp.core.scenes import load_scene
 from optipromp.ros import (
     from_bytes,
     message,
@@ -23,7 +24,6 @@ from optipromp.ros import (
     typestore,
 )
 from optipromp.ros.types import constants
-from optipromp.scenes import load_scene
 
 SCENE = load_scene("scenario-3")
 RESPONSE = "moveit_msgs/msg/MotionPlanResponse"

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from optipromp.cli.scenarios import BEGIN, END, markdown, renew
-from optipromp.experiments.scenarios import CASES, ScenarioRow, run_scenarios
+from optipromp.laboratory.experiments.scenarios import CASES, ScenarioRow, run_scenarios
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "concepts.md"
 NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]\d+)?(?![\w-])")

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from optipromp.cli.catalogue import documented, settings
 from optipromp.cli.main import app
-from optipromp.errors import InvalidRequestError
-from optipromp.planning import PaperOptions, PlanOptions
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.planning import PaperOptions, PlanOptions
 
 
 def call(*arguments: str) -> tuple[int, str, str]:

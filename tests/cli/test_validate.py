@@ -12,14 +12,14 @@ from typer.testing import CliRunner
 
 from optipromp import judge, load_scene
 from optipromp.cli.main import app
-from optipromp.errors import InvalidRequestError
-from optipromp.geometry import Sphere
-from optipromp.output import load_plan
-from optipromp.planning.task import resolve
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.geometry import Sphere
+from optipromp.core.output import load_plan
+from optipromp.core.planning.task import resolve
+from optipromp.core.scenes import SceneObject, save_scene
+from optipromp.core.trajectory import Trajectory
+from optipromp.core.trajectory_files import arrays, csv, read_trajectory
 from optipromp.ros import Recorded, joint_trajectory, robot_trajectory, write_bag
-from optipromp.scenes import SceneObject, save_scene
-from optipromp.trajectory import Trajectory
-from optipromp.trajectory_files import arrays, csv, read_trajectory
 
 
 def call(*words: str) -> tuple[int, str, str]:

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from optipromp.errors import InvalidRequestError
-from optipromp.execution import Executor, Franky, Guard, PandaPy
-from optipromp.execution.contract import ExecutorContract
-from optipromp.planning import plan
-from optipromp.scenes import load_scene
-from optipromp.scenes.generate import generate
-from optipromp.simulation import SimulatedArm, simulate
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.execution import Executor, Franky, Guard, PandaPy
+from optipromp.core.execution.contract import ExecutorContract
+from optipromp.core.planning import plan
+from optipromp.core.scenes import load_scene
+from optipromp.laboratory.generate import generate
+from optipromp.laboratory.simulation import SimulatedArm, simulate
 
 
 class TestSimulatedArm(ExecutorContract):

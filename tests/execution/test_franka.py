@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optipromp.errors import ExecutionError
-from optipromp.execution import Executor, Franky, Guard, PandaPy
-from optipromp.execution.contract import ExecutorContract
-from optipromp.robots.library import load_robot
+from optipromp.core.errors import ExecutionError
+from optipromp.core.execution import Executor, Franky, Guard, PandaPy
+from optipromp.core.execution.contract import ExecutorContract
+from optipromp.core.robots.library import load_robot
 
 HOME = load_robot("panda").home
 BUSY = Guard(late=2.0)  # a machine that runs other tests may let a tick wait

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optipromp.errors import Code, ExecutionError, InvalidRequestError
-from optipromp.execution import Executed, Follower, Guard
-from optipromp.robots.library import load_robot
-from optipromp.trajectory import State, Trajectory
+from optipromp.core.errors import Code, ExecutionError, InvalidRequestError
+from optipromp.core.execution import Executed, Follower, Guard
+from optipromp.core.robots.library import load_robot
+from optipromp.core.trajectory import State, Trajectory
 
 PANDA = load_robot("panda")
 PERIOD = 1e-3  # [s]

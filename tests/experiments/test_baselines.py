@@ -1,16 +1,16 @@
 import numpy as np
 import pytest
 
-from optipromp import judging
-from optipromp.errors import Code, InvalidRequestError
-from optipromp.experiments.baselines import STUDY_PLANNERS, attempt
+from optipromp.core import judging
+from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.planning import PaperOptions, PlanOptions, plan
+from optipromp.core.planning.task import resolve
+from optipromp.core.pushing import rule_paths
+from optipromp.core.pushing.calibration import KNOWN
+from optipromp.core.scenes import JointGoal, load_scene
+from optipromp.laboratory.experiments.baselines import STUDY_PLANNERS, attempt
+from optipromp.laboratory.generate import generate
 from optipromp.laboratory.planners.obstacles import Chomp, as_obstacles
-from optipromp.planning import PaperOptions, PlanOptions, plan
-from optipromp.planning.task import resolve
-from optipromp.pushing import rule_paths
-from optipromp.pushing.calibration import KNOWN
-from optipromp.scenes import JointGoal, load_scene
-from optipromp.scenes.generate import generate
 
 
 @pytest.mark.parametrize("preset", ["cluster", "shelf"])

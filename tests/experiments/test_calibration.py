@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import mannwhitneyu
 from tests.experiments.test_study import ROW
 
-from optipromp.experiments.statistics import auc, calibration, wilson
+from optipromp.laboratory.experiments.statistics import auc, calibration, wilson
 
 values = st.lists(st.integers(0, 6).map(lambda k: 0.25 * k), min_size=1, max_size=20)
 

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.errors import InvalidRequestError
-from optipromp.experiments import runs, study
-from optipromp.experiments.runs import COLUMNS, Row, row_from_text
-from optipromp.experiments.statistics import summary, wilson
-from optipromp.experiments.study import RowFile, Study, rows_of, run_study
-from optipromp.experiments.study_output import study_figure, write_results
-from optipromp.scenes.generate import Noise
+from optipromp.core.errors import InvalidRequestError
+from optipromp.laboratory.experiments import runs, study
+from optipromp.laboratory.experiments.runs import COLUMNS, Row, row_from_text
+from optipromp.laboratory.experiments.statistics import summary, wilson
+from optipromp.laboratory.experiments.study import RowFile, Study, rows_of, run_study
+from optipromp.laboratory.experiments.study_output import study_figure, write_results
+from optipromp.laboratory.generate import Noise
 
 ROW = Row(
     preset="cluster", seed=0, planner="straight", noise_position=0.0, noise_angle=0.0, pushables=2,

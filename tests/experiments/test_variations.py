@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.experiments import runs
-from optipromp.experiments.runs import Row
-from optipromp.experiments.statistics import summary
-from optipromp.experiments.study import Study, run_study
-from optipromp.experiments.study_output import study_figure
-from optipromp.experiments.variations import VARIATIONS
-from optipromp.scenes.generate import Noise, generate
-from optipromp.simulation.parameters import SimulationParameters
+from optipromp.laboratory.experiments import runs
+from optipromp.laboratory.experiments.runs import Row
+from optipromp.laboratory.experiments.statistics import summary
+from optipromp.laboratory.experiments.study import Study, run_study
+from optipromp.laboratory.experiments.study_output import study_figure
+from optipromp.laboratory.experiments.variations import VARIATIONS
+from optipromp.laboratory.generate import Noise, generate
+from optipromp.laboratory.simulation.parameters import SimulationParameters
 
 USUAL = SimulationParameters()
 CHANGED = {

@@ -70,7 +70,7 @@ def shape_file(random: Random) -> Mutant:
 
 
 def robot(random: Random) -> Mutant:
-    folder = resources.files("optipromp.robots") / "data"
+    folder = resources.files("optipromp.core.robots") / "data"
     base = random.choice(["panda", "scara", "chain", "chain", "chain"])
     urdf = chain(random) if base == "chain" else (folder / f"{base}.urdf").read_text("utf-8")
     files = bystanders() | {"robot.urdf": urdf.encode()}
@@ -247,7 +247,7 @@ def mutant(random: Random) -> Mutant:
 
 def warm() -> None:
     """Make beforehand what is made once, and compile what plans of every kind need."""
-    from optipromp.planning.plan import compile_kernels
+    from optipromp.core.planning.plan import compile_kernels
 
     compile_kernels()
     learnt_primitive(), plan_files()

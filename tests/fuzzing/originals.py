@@ -19,14 +19,14 @@ FACES = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3
 
 
 def builtin_scenes() -> list[Any]:
-    from optipromp.scenes.io import load_scene, scene_names, scene_to_dict
+    from optipromp.core.scenes.io import load_scene, scene_names, scene_to_dict
 
     return [scene_to_dict(load_scene(name)) for name in scene_names()]
 
 
 def generated_scenes() -> list[Any]:
-    from optipromp.scenes.generate import generate
-    from optipromp.scenes.io import scene_to_dict
+    from optipromp.core.scenes.io import scene_to_dict
+    from optipromp.laboratory.generate import generate
 
     presets = ("cluster", "mixed", "shelf", "elongated")
     return [scene_to_dict(generate(preset, seed=1)) for preset in presets]
@@ -110,7 +110,7 @@ def scene_documents() -> list[Any]:
 @cache
 def recorded() -> dict[str, Any]:
     with (
-        resources.as_file(resources.files("optipromp.promp") / "data" / "panda.npz") as path,
+        resources.as_file(resources.files("optipromp.core.promp") / "data" / "panda.npz") as path,
         np.load(path) as found,
     ):
         return {key: found[key] for key in found.files}
@@ -120,7 +120,7 @@ def recorded() -> dict[str, Any]:
 def learnt_primitive() -> dict[str, Any]:
     from optipromp import fit, load_demonstrations
 
-    with resources.as_file(resources.files("optipromp.promp") / "data" / "panda.npz") as path:
+    with resources.as_file(resources.files("optipromp.core.promp") / "data" / "panda.npz") as path:
         learnt = fit(load_demonstrations(path))
     with TemporaryDirectory() as folder:
         learnt.save(Path(folder) / "learnt.npz")

@@ -23,7 +23,7 @@ class Mutant:
 
         AssertionError: a result that is not valid.
         """
-        from optipromp.errors import OptiPrompError
+        from optipromp.core.errors import OptiPrompError
 
         for name, content in self.files.items():
             (folder / name).write_bytes(content)
@@ -41,8 +41,8 @@ def check_plan(result: Any) -> str:
     One that begins at the scene's start is judged by what the trajectory alone tells, too.
     """
     from optipromp import judge
-    from optipromp.planning import verdict_of
-    from optipromp.trajectory import Trajectory
+    from optipromp.core.planning import verdict_of
+    from optipromp.core.trajectory import Trajectory
 
     assert isinstance(result.trajectory, Trajectory)  # refuses what is not finite
     assert result.message, "a plan without words"

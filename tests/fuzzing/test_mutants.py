@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from tests.fuzzing.changes import damaged, value
 from tests.fuzzing.mutants import demonstrations, mutant, plan_folder, robot
 
-from optipromp.documents import read_document
-from optipromp.errors import InvalidSceneError
+from optipromp.core.documents import read_document
+from optipromp.core.errors import InvalidSceneError
 
 randoms = st.randoms(use_true_random=False)
 few = settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from optipromp.geometry import Box, Capsule, HalfSpace, Obstacles, Sphere, distances, pack
-from optipromp.geometry.cells import FEWEST, cell_at
-from optipromp.optimization.evaluation import BodyPoints, Evaluation
-from optipromp.robots.library import load_robot
+from optipromp.core.geometry import Box, Capsule, HalfSpace, Obstacles, Sphere, distances, pack
+from optipromp.core.geometry.cells import FEWEST, cell_at
+from optipromp.core.optimization.evaluation import BodyPoints, Evaluation
+from optipromp.core.robots.library import load_robot
 
 REACH, WITHIN = 0.15, 1.3
 

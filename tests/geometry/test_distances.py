@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optipromp.errors import InvalidRequestError, InvalidSceneError
-from optipromp.geometry import (
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError
+from optipromp.core.geometry import (
     Box,
     Capsule,
     Cone,
@@ -22,8 +22,8 @@ from optipromp.geometry import (
     pack,
     signed_distance,
 )
-from optipromp.geometry.obstacles import measures
-from optipromp.judging.distances import to_surface
+from optipromp.core.geometry.obstacles import measures
+from optipromp.core.judging.distances import to_surface
 
 SHAPES = {
     "sphere": Sphere(0.2),

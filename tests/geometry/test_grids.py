@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from optipromp.errors import InvalidSceneError
-from optipromp.geometry import Box, MeshShape, PointCloudShape, Sphere, distances, grids, pack
-from optipromp.geometry.grids import cloud_grid, distance_grid, mesh_grid
-from optipromp.geometry.loading import load_cloud, load_mesh
-from optipromp.geometry.nearest import to_nearest
-from optipromp.geometry.triangles import signed_grid, winding_number
+from optipromp.core.errors import InvalidSceneError
+from optipromp.core.geometry import Box, MeshShape, PointCloudShape, Sphere, distances, grids, pack
+from optipromp.core.geometry.grids import cloud_grid, distance_grid, mesh_grid
+from optipromp.core.geometry.loading import load_cloud, load_mesh
+from optipromp.core.geometry.nearest import to_nearest
+from optipromp.core.geometry.triangles import signed_grid, winding_number
 
 EYE = np.eye(3)
 ZERO = np.zeros(3)

@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.geometry import MeshShape
-from optipromp.robots.model import Robot
-from optipromp.scenes import Scene, SceneObject
-from optipromp.trajectory import Trajectory
+from optipromp.core.geometry import MeshShape
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes import Scene, SceneObject
+from optipromp.core.trajectory import Trajectory
 
 UP = np.array([0.0, 0.0, 1.0])
 TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from optipromp.robots.library import load_robot
-from optipromp.robots.model import Robot
-from optipromp.robots.tools import Cup, with_tool
+from optipromp.core.robots.library import load_robot
+from optipromp.core.robots.model import Robot
+from optipromp.core.robots.tools import Cup, with_tool
 
 
 @pytest.fixture(scope="module")

@@ -8,12 +8,12 @@ import pytest
 from tests.judging.builders import TURN, moving, obj, to
 from tests.judging.conftest import ball, joint
 
-from optipromp import judging
-from optipromp.geometry import Box, Capsule, Cylinder, HalfSpace, Sphere
-from optipromp.robots.library import load_robot
-from optipromp.robots.model import Robot
-from optipromp.scenes import JointGoal
-from optipromp.trajectory import Trajectory
+from optipromp.core import judging
+from optipromp.core.geometry import Box, Capsule, Cylinder, HalfSpace, Sphere
+from optipromp.core.robots.library import load_robot
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes import JointGoal
+from optipromp.core.trajectory import Trajectory
 
 
 def smooth(robot: Robot, q: np.ndarray) -> Trajectory:
@@ -91,7 +91,7 @@ def test_what_cannot_be_checked_finely_enough_is_no_success(
     q = np.linspace([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 5)
     scene = to(JointGoal(q[-1]))
     assert not judging.judge(scene, gantry, moving(gantry, q)).violations
-    monkeypatch.setattr("optipromp.judging.kinematics.MOST_CHECKS", 50)
+    monkeypatch.setattr("optipromp.core.judging.kinematics.MOST_CHECKS", 50)
     (violation,) = judging.judge(scene, gantry, moving(gantry, q)).violations
     assert "too far to be checked" in str(violation)
     _, fine, _, complete = judging.refined(gantry, moving(gantry, q))

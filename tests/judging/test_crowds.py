@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.judging.builders import obj, to
 
-from optipromp import judging
-from optipromp.geometry import Box, Capsule, Cylinder, HalfSpace, Sphere
-from optipromp.judging import clearance
-from optipromp.judging.distances import BLOCK, objects_of
-from optipromp.judging.passing import Passing, last_passages, passing
-from optipromp.robots.model import Robot
-from optipromp.scenes import JointGoal, Scene, SceneObject, Stem
+from optipromp.core import judging
+from optipromp.core.geometry import Box, Capsule, Cylinder, HalfSpace, Sphere
+from optipromp.core.judging import clearance
+from optipromp.core.judging.distances import BLOCK, objects_of
+from optipromp.core.judging.passing import Passing, last_passages, passing
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes import JointGoal, Scene, SceneObject, Stem
 
 ROLES = ("static", "avoid", "pushable")
 

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from scipy.interpolate import BPoly
 from tests.judging.builders import to
 
-from optipromp import judging
-from optipromp.robots.model import Robot
-from optipromp.scenes import JointGoal
-from optipromp.trajectory import State, Trajectory
+from optipromp.core import judging
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes import JointGoal
+from optipromp.core.trajectory import State, Trajectory
 
 
 @given(seed=st.integers(0, 100_000), wild=st.floats(0.01, 50.0))

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from tests.judging.builders import TURN, UP, box_mesh, obj, to
 
-from optipromp import judging
-from optipromp.geometry import Box, Capsule, Cylinder, HalfSpace, PointCloudShape, Sphere
-from optipromp.judging import clearance
-from optipromp.robots.library import load_robot
-from optipromp.robots.model import Robot
-from optipromp.robots.tools import Cup, with_tool
-from optipromp.scenes import JointGoal
+from optipromp.core import judging
+from optipromp.core.geometry import Box, Capsule, Cylinder, HalfSpace, PointCloudShape, Sphere
+from optipromp.core.judging import clearance
+from optipromp.core.robots.library import load_robot
+from optipromp.core.robots.model import Robot
+from optipromp.core.robots.tools import Cup, with_tool
+from optipromp.core.scenes import JointGoal
 
 SHAPES = {
     "sphere": Sphere(0.15),
@@ -48,7 +48,9 @@ def coals(shape: Any) -> Any:
 def test_kinematics_are_pinocchios(name: str) -> None:
     pin = pytest.importorskip("pinocchio")
     robot = with_tool(load_robot(name), Cup(0.05))
-    with resources.as_file(resources.files("optipromp.robots") / "data" / f"{name}.urdf") as path:
+    with resources.as_file(
+        resources.files("optipromp.core.robots") / "data" / f"{name}.urdf"
+    ) as path:
         model = pin.buildModelFromUrdf(str(path))
     data = model.createData()
     q = samples(robot, 300)

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.judging.builders import box_mesh, moving, obj, to
 
-from optipromp import judging
-from optipromp.geometry import Box, HalfSpace, Sphere
-from optipromp.robots.model import Robot
-from optipromp.scenes import JointGoal, SceneObject
+from optipromp.core import judging
+from optipromp.core.geometry import Box, HalfSpace, Sphere
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes import JointGoal, SceneObject
 
 
 @given(seed=st.integers(0, 10**6), mesh=st.booleans())

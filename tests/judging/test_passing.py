@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 from tests.judging.builders import moving, obj, to
 
-from optipromp import judging
-from optipromp.geometry import Sphere
-from optipromp.judging.passing import between
-from optipromp.judging.passing import passing as judged_passing
-from optipromp.robots.model import Robot
-from optipromp.scenes import Approach, Scene, SceneObject, Stem
-from optipromp.trajectory import State
+from optipromp.core import judging
+from optipromp.core.geometry import Sphere
+from optipromp.core.judging.passing import between
+from optipromp.core.judging.passing import passing as judged_passing
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes import Approach, Scene, SceneObject, Stem
+from optipromp.core.trajectory import State
 
 FRUIT = np.array([0.0, 0.0, 0.6])
 TARGET = np.array([0.0, 0.0, 0.75])

@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 from scipy.interpolate import BPoly
 from tests.judging.builders import obj
 
-from optipromp import judging
-from optipromp.geometry import Sphere
-from optipromp.planning import Plan, plan
-from optipromp.scenes import Scene, Stem, load_scene
-from optipromp.scenes.generate import generate
-from optipromp.trajectory import State, Trajectory
+from optipromp.core import judging
+from optipromp.core.geometry import Sphere
+from optipromp.core.planning import Plan, plan
+from optipromp.core.scenes import Scene, Stem, load_scene
+from optipromp.core.trajectory import State, Trajectory
+from optipromp.laboratory.generate import generate
 
 SCENES = ("scenario-3", "scenario-4", "cluster 0", "cluster 3", "cluster 2", "mixed 4")
 often = settings(max_examples=int(os.environ.get("PLANTED", "25")), deadline=None)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from tests.judging.builders import moving, obj, to
 
-from optipromp import judging
-from optipromp.geometry import Box
-from optipromp.robots.model import Robot
-from optipromp.scenes import JointGoal, Stem
-from optipromp.trajectory import Trajectory
+from optipromp.core import judging
+from optipromp.core.geometry import Box
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes import JointGoal, Stem
+from optipromp.core.trajectory import Trajectory
 
 STANDING = Box((0.04, 0.04, 0.9))  # from the ball of y, 0.5 below, up to the tool
 

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from tests.judging.builders import obj, to
 
-from optipromp import judging
-from optipromp.errors import Code
-from optipromp.geometry import Sphere
-from optipromp.judging.speed import FASTER, NEAR, PUSHED
-from optipromp.planning.verdict import Verdict
-from optipromp.pushing.model import Prediction
-from optipromp.pushing.parameters import PUSH
-from optipromp.robots.model import Robot
-from optipromp.scenes import SceneObject, Stem
-from optipromp.trajectory import Trajectory
+from optipromp.core import judging
+from optipromp.core.errors import Code
+from optipromp.core.geometry import Sphere
+from optipromp.core.judging.speed import FASTER, NEAR, PUSHED
+from optipromp.core.planning.verdict import Verdict
+from optipromp.core.pushing.model import Prediction
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes import SceneObject, Stem
+from optipromp.core.trajectory import Trajectory
 
 TARGET, FRUIT, RADIUS = np.array([0.0, 0.0, 0.75]), np.array([0.0, 0.0, 0.6]), 0.015
 

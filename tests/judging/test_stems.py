@@ -6,11 +6,11 @@ from itertools import pairwise
 import numpy as np
 from tests.judging.builders import obj, to
 
-from optipromp import judging
-from optipromp.geometry import Sphere
-from optipromp.planning import plan
-from optipromp.robots.model import Robot
-from optipromp.scenes import Scene, SceneObject, Stem, load_scene
+from optipromp.core import judging
+from optipromp.core.geometry import Sphere
+from optipromp.core.planning import plan
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes import Scene, SceneObject, Stem, load_scene
 
 
 def hanging(name: str, role: str, points: np.ndarray, radius: float) -> SceneObject:

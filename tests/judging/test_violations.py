@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from tests.judging.builders import UP, moving, obj, to
 
-from optipromp import judging
-from optipromp.geometry import Sphere
-from optipromp.robots.model import Robot
-from optipromp.scenes import JointGoal, PoseGoal, Scene
-from optipromp.trajectory import State, Trajectory
+from optipromp.core import judging
+from optipromp.core.geometry import Sphere
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes import JointGoal, PoseGoal, Scene
+from optipromp.core.trajectory import State, Trajectory
 
 STOPS = 1.875  # largest over mean speed of the quintic from stop to stop
 

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.geometry import Box, Cylinder, HalfSpace
-from optipromp.geometry.faces import revolve, sphere
-from optipromp.looks import arm_parts, object_parts, scene_parts, scenery
-from optipromp.looks.faces import coarser, shape_faces, triangles
-from optipromp.planning.task import resolve
-from optipromp.robots import load_robot
-from optipromp.robots.tools import TOOL_LINK, TOOLS, with_tool
-from optipromp.scenes import SceneObject, Stem, load_scene
+from optipromp.core.geometry import Box, Cylinder, HalfSpace
+from optipromp.core.geometry.faces import revolve, sphere
+from optipromp.core.planning.task import resolve
+from optipromp.core.robots import load_robot
+from optipromp.core.robots.tools import TOOL_LINK, TOOLS, with_tool
+from optipromp.core.scenes import SceneObject, Stem, load_scene
+from optipromp.looks.appearance import arm_parts, object_parts, scene_parts, scenery
+from optipromp.looks.appearance.faces import coarser, shape_faces, triangles
 
 SCENES = [f"scenario-{k}" for k in (1, 2, 3, 4)]
 

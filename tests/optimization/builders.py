@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.geometry import pack
-from optipromp.optimization.problem import Surroundings
+from optipromp.core.geometry import pack
+from optipromp.core.optimization.problem import Surroundings
 
 EMPTY = pack([])
 NOTHING = Surroundings(EMPTY, EMPTY, 0)

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.geometry import Box, Capsule, Sphere, pack
-from optipromp.optimization.costs import Cost
-from optipromp.optimization.problem import Problem, Surroundings
-from optipromp.robots.library import load_robot
-from optipromp.robots.model import Robot
-from optipromp.robots.tools import Cup, with_tool
+from optipromp.core.geometry import Box, Capsule, Sphere, pack
+from optipromp.core.optimization.costs import Cost
+from optipromp.core.optimization.problem import Problem, Surroundings
+from optipromp.core.robots.library import load_robot
+from optipromp.core.robots.model import Robot
+from optipromp.core.robots.tools import Cup, with_tool
 
 WAYPOINTS = 8
 EMPTY = pack([])

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optipromp.optimization.costs import Cost
-from optipromp.optimization.costs.joints import LimitCost, StepCost
-from optipromp.optimization.costs.obstacles import ClearanceCost, SelfCost
-from optipromp.optimization.costs.tool import (
+from optipromp.core.optimization.costs import Cost
+from optipromp.core.optimization.costs.joints import LimitCost, StepCost
+from optipromp.core.optimization.costs.obstacles import ClearanceCost, SelfCost
+from optipromp.core.optimization.costs.tool import (
     CorridorCost,
     GoalCost,
     LevelCost,

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.optimization.builders import EMPTY
 
-from optipromp.geometry import Sphere, pack
-from optipromp.optimization import covariant
-from optipromp.optimization.costs.joints import SmoothnessCost
-from optipromp.optimization.costs.obstacles import ObstacleCost
-from optipromp.optimization.covariant import DescentOptions, descend
-from optipromp.optimization.problem import Problem, Surroundings
+from optipromp.core.geometry import Sphere, pack
+from optipromp.core.optimization import covariant
+from optipromp.core.optimization.costs.joints import SmoothnessCost
+from optipromp.core.optimization.costs.obstacles import ObstacleCost
+from optipromp.core.optimization.covariant import DescentOptions, descend
+from optipromp.core.optimization.problem import Problem, Surroundings
 
 WAYPOINTS = 40
 

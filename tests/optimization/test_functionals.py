@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from tests.optimization.builders import EMPTY, reach
 
-from optipromp.geometry import Sphere, pack
-from optipromp.optimization.costs.obstacles import ObstacleCost, chomp_cost
-from optipromp.optimization.costs.tool import PushCost
-from optipromp.optimization.problem import Problem, Surroundings
+from optipromp.core.geometry import Sphere, pack
+from optipromp.core.optimization.costs.obstacles import ObstacleCost, chomp_cost
+from optipromp.core.optimization.costs.tool import PushCost
+from optipromp.core.optimization.problem import Problem, Surroundings
 
 
 def chomp_gradient(

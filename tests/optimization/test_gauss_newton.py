@@ -5,13 +5,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optipromp.budget import Budget, clock
-from optipromp.geometry import pack
-from optipromp.optimization.costs.joints import LimitCost, SmoothnessCost, StepCost, VelocityCost
-from optipromp.optimization.costs.obstacles import ClearanceCost, ObstacleCost
-from optipromp.optimization.costs.tool import GoalCost
-from optipromp.optimization.gauss_newton import GaussNewtonOptions, solve
-from optipromp.optimization.problem import Problem, Surroundings, Value
+from optipromp.core.budget import Budget, clock
+from optipromp.core.geometry import pack
+from optipromp.core.optimization.costs.joints import (
+    LimitCost,
+    SmoothnessCost,
+    StepCost,
+    VelocityCost,
+)
+from optipromp.core.optimization.costs.obstacles import ClearanceCost, ObstacleCost
+from optipromp.core.optimization.costs.tool import GoalCost
+from optipromp.core.optimization.gauss_newton import GaussNewtonOptions, solve
+from optipromp.core.optimization.problem import Problem, Surroundings, Value
 
 NOTHING = Surroundings(pack([]), pack([]), 0)
 ONE_STAGE = GaussNewtonOptions(stages=(1.0,), iterations=(100,), tolerance=1e-12)

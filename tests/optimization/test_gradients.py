@@ -6,11 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optipromp.errors import InvalidRequestError
-from optipromp.optimization.costs import Cost
-from optipromp.optimization.costs.joints import LimitCost, SmoothnessCost, StepCost, VelocityCost
-from optipromp.optimization.costs.obstacles import ClearanceCost, ObstacleCost, SelfCost
-from optipromp.optimization.costs.tool import (
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.optimization.costs import Cost
+from optipromp.core.optimization.costs.joints import (
+    LimitCost,
+    SmoothnessCost,
+    StepCost,
+    VelocityCost,
+)
+from optipromp.core.optimization.costs.obstacles import ClearanceCost, ObstacleCost, SelfCost
+from optipromp.core.optimization.costs.tool import (
     CorridorCost,
     GoalCost,
     LevelCost,

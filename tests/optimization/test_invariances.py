@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.optimization.builders import NOTHING, reach
 
-from optipromp.geometry import Box, Sphere, pack
-from optipromp.optimization.costs import Cost
-from optipromp.optimization.costs.joints import SmoothnessCost, StepCost, VelocityCost
-from optipromp.optimization.costs.obstacles import ClearanceCost, ObstacleCost, SelfCost
-from optipromp.optimization.costs.tool import GoalCost, PushCost
-from optipromp.optimization.problem import Problem, Surroundings
+from optipromp.core.geometry import Box, Sphere, pack
+from optipromp.core.optimization.costs import Cost
+from optipromp.core.optimization.costs.joints import SmoothnessCost, StepCost, VelocityCost
+from optipromp.core.optimization.costs.obstacles import ClearanceCost, ObstacleCost, SelfCost
+from optipromp.core.optimization.costs.tool import GoalCost, PushCost
+from optipromp.core.optimization.problem import Problem, Surroundings
 
 angle = st.floats(-2.5, 2.5)
 shift = st.floats(-0.5, 0.5)

@@ -16,8 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.optimization.test_gradients import CONSTRAINTS, TERMS, constraints, terms
 
-from optipromp.geometry import Box, Capsule, Cylinder, HalfSpace, Sphere, pack
-from optipromp.optimization.problem import Surroundings
+from optipromp.core.geometry import Box, Capsule, Cylinder, HalfSpace, Sphere, pack
+from optipromp.core.optimization.problem import Surroundings
 
 often = settings(max_examples=int(os.environ.get("GRADIENTS", "12")), deadline=None)
 seeds = st.integers(0, 10**6)

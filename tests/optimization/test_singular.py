@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from tests.optimization.builders import EMPTY, NOTHING
 
-from optipromp.geometry import Box, Sphere, pack
-from optipromp.optimization.costs.joints import SmoothnessCost, VelocityCost
-from optipromp.optimization.costs.obstacles import (
+from optipromp.core.geometry import Box, Sphere, pack
+from optipromp.core.optimization.costs.joints import SmoothnessCost, VelocityCost
+from optipromp.core.optimization.costs.obstacles import (
     ClearanceCost,
     ObstacleCost,
     obstacle_functional,
     self_penalty,
 )
-from optipromp.optimization.costs.tool import GoalCost, PushCost, UprightCost
-from optipromp.optimization.problem import Surroundings
+from optipromp.core.optimization.costs.tool import GoalCost, PushCost, UprightCost
+from optipromp.core.optimization.problem import Surroundings
 
 
 def test_costs_are_zero_where_there_is_nothing_to_do(panda: Any) -> None:

@@ -10,8 +10,8 @@ import pytest
 
 pytest.importorskip("viser")
 
-from optipromp.page.server import usable
-from optipromp.viewer.serving import is_own, listening
+from optipromp.looks.page.server import usable
+from optipromp.looks.viewer.serving import is_own, listening
 
 
 @pytest.fixture(scope="module")

@@ -14,13 +14,13 @@ pytest.importorskip("viser")
 
 from tests.page.conftest import LARGE, SMALL, Opened
 
-from optipromp.output import load_plan, write_plan
-from optipromp.page import arrange, content
-from optipromp.page.look import look
-from optipromp.page.sources import Source, open_source
-from optipromp.planning import plan
-from optipromp.promp import ProMP, load_demonstrations
-from optipromp.scenes.io import load_scene
+from optipromp.core.output import load_plan, write_plan
+from optipromp.core.planning import plan
+from optipromp.core.promp import ProMP, load_demonstrations
+from optipromp.core.scenes.io import load_scene
+from optipromp.looks.page import arrange, content
+from optipromp.looks.page.look import look
+from optipromp.looks.page.sources import Source, open_source
 
 
 @pytest.fixture(scope="module")
@@ -298,8 +298,8 @@ def test_use_does_not_grow_memory(opened: Opened, monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_plan_folder_and_two_rollouts_open(opener, tmp_path: Path) -> None:
-    from optipromp.simulation import simulate
-    from optipromp.simulation.files import write_run
+    from optipromp.laboratory.simulation import simulate
+    from optipromp.laboratory.simulation.files import write_run
 
     made = plan(load_scene("scenario-4"), planner="i-promp")
     write_plan(made, tmp_path / "reach")

@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.errors import InvalidRequestError, InvalidSceneError
-from optipromp.page import arrange, content
-from optipromp.page.record import Recorder
-from optipromp.page.sources import open_source
-from optipromp.page.table import violations
-from optipromp.planning import plan
-from optipromp.scenes.io import load_scene
-from optipromp.viewer.nodes import tube
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError
+from optipromp.core.planning import plan
+from optipromp.core.scenes.io import load_scene
+from optipromp.looks.page import arrange, content
+from optipromp.looks.page.record import Recorder
+from optipromp.looks.page.sources import open_source
+from optipromp.looks.page.table import violations
+from optipromp.looks.viewer.nodes import tube
 
 
 @pytest.fixture(scope="module")

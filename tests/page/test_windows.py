@@ -14,10 +14,10 @@ pytest.importorskip("viser")
 import msgspec
 import viser
 
-from optipromp.errors import InvalidRequestError
-from optipromp.page.panel import plain_name
-from optipromp.page.server import Page
-from optipromp.page.sources import open_source
+from optipromp.core.errors import InvalidRequestError
+from optipromp.looks.page.panel import plain_name
+from optipromp.looks.page.server import Page
+from optipromp.looks.page.sources import open_source
 
 CAMERA = {
     "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [1.0, 1.0, 1.0],

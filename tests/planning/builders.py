@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.errors import (
+from optipromp.core.errors import (
     Code,
 )
-from optipromp.planning import Plan
-from optipromp.scenes import Scene, SceneObject
+from optipromp.core.planning import Plan
+from optipromp.core.scenes import Scene, SceneObject
 
 UP = np.array([0.0, 0.0, 1.0])
 END = np.array([-0.9, 0.7, 0.4, -1.9, 0.3, 1.9, 0.5])

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from tests.planning.builders import END, assert_success, block
 
-from optipromp.geometry import Sphere
-from optipromp.planning import Plan, PlanOptions, plan
-from optipromp.planning.plan import warm_up
-from optipromp.promp import Demonstrations, load_demonstrations, save_demonstrations
-from optipromp.robots.library import load_robot
-from optipromp.scenes import JointGoal, Scene, SceneObject, Stem, load_scene
+from optipromp.core.geometry import Sphere
+from optipromp.core.planning import Plan, PlanOptions, plan
+from optipromp.core.planning.plan import warm_up
+from optipromp.core.promp import Demonstrations, load_demonstrations, save_demonstrations
+from optipromp.core.robots.library import load_robot
+from optipromp.core.scenes import JointGoal, Scene, SceneObject, Stem, load_scene
 
 RECORDED = (
     Path(__file__).resolve().parents[2] / "../shared/data/panda_demonstrations/demonstrations.npz"

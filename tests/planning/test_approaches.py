@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from optipromp import load_scene, save_scene
-from optipromp.errors import Code, InvalidSceneError
-from optipromp.judging import judge
-from optipromp.planning import plan, plan_many
-from optipromp.planning.approaches import others
-from optipromp.planning.parameters import APPROACH
-from optipromp.planning.task import resolve
-from optipromp.scenes import Approach, Pose, Scene
-from optipromp.scenes.generate import generate
-from optipromp.simulation import simulate
+from optipromp.core.errors import Code, InvalidSceneError
+from optipromp.core.judging import judge
+from optipromp.core.planning import plan, plan_many
+from optipromp.core.planning.approaches import others
+from optipromp.core.planning.parameters import APPROACH
+from optipromp.core.planning.task import resolve
+from optipromp.core.scenes import Approach, Pose, Scene
+from optipromp.laboratory.generate import generate
+from optipromp.laboratory.simulation import simulate
 
 REFUSED = "cluster", 32018  # harm is predicted on the straight way
 STRAIGHT = {"cone": 0.0, "aside": 0.0}

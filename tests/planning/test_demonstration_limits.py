@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.errors import InvalidDemonstrationError
-from optipromp.planning.primitive import BASIS, PAPER_BASIS, learnt
-from optipromp.planning.task import resolve
-from optipromp.promp import UnitsWarning, fit, load_demonstrations
-from optipromp.promp.demonstrations import BEYOND_LIMITS
-from optipromp.scenes import Scene
+from optipromp.core.errors import InvalidDemonstrationError
+from optipromp.core.planning.primitive import BASIS, PAPER_BASIS, learnt
+from optipromp.core.planning.task import resolve
+from optipromp.core.promp import UnitsWarning, fit, load_demonstrations
+from optipromp.core.promp.demonstrations import BEYOND_LIMITS
+from optipromp.core.scenes import Scene
 
 
 def written(path: Path, scene: Scene, offset: float = 0.0, scale: float = 1.0) -> Path:

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.errors import InvalidDemonstrationError
-from optipromp.planning.primitive import BASIS, _tell_unlearnt, learnt
-from optipromp.planning.task import resolve
-from optipromp.promp import fit, load_demonstrations
-from optipromp.robots.library import load_robot
-from optipromp.robots.model import Robot
-from optipromp.scenes import Scene
-from optipromp.trajectory import State
+from optipromp.core.errors import InvalidDemonstrationError
+from optipromp.core.planning.primitive import BASIS, _tell_unlearnt, learnt
+from optipromp.core.planning.task import resolve
+from optipromp.core.promp import fit, load_demonstrations
+from optipromp.core.robots.library import load_robot
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes import Scene
+from optipromp.core.trajectory import State
 
 
 def written(path: Path, joints: Sequence[str], names: Sequence[str] | None) -> Path:

@@ -8,23 +8,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from optipromp.errors import Code
-from optipromp.planning import Plan, PlanOptions, goals, plan
-from optipromp.planning.follow import (
+from optipromp.core.errors import Code
+from optipromp.core.planning import Plan, PlanOptions, goals, plan
+from optipromp.core.planning.follow import (
     FOLLOW,
     Start,
     braked,
     conditioned,
     starts,
 )
-from optipromp.planning.primitive import learnt
-from optipromp.planning.task import Task, resolve
-from optipromp.promp.model import ProMP
-from optipromp.pushing.path import ToolPath, through
-from optipromp.pushing.rules import rule_paths
-from optipromp.scenes import PoseGoal, load_scene
-from optipromp.scenes.generate import generate
-from optipromp.trajectory import Trajectory
+from optipromp.core.planning.primitive import learnt
+from optipromp.core.planning.task import Task, resolve
+from optipromp.core.promp.model import ProMP
+from optipromp.core.pushing.path import ToolPath, through
+from optipromp.core.pushing.rules import rule_paths
+from optipromp.core.scenes import PoseGoal, load_scene
+from optipromp.core.trajectory import Trajectory
+from optipromp.laboratory.generate import generate
 
 SCENES = ("scenario-3", "scenario-4", ("cluster", 10), ("table-top", 2))
 

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from tests.planning.builders import END, UP, assert_success, block, without
 
-from optipromp import judging
-from optipromp.errors import (
+from optipromp.core import judging
+from optipromp.core.errors import (
     Code,
 )
-from optipromp.geometry import Box, Sphere
-from optipromp.planning import PLANNERS, STRATEGIES, Plan, PlanOptions, collision, goals, plan
-from optipromp.planning.task import resolve
-from optipromp.scenes import JointGoal, PoseGoal, Scene, Stem, load_scene
-from optipromp.scenes.generate import Preset, generate
+from optipromp.core.geometry import Box, Sphere
+from optipromp.core.planning import PLANNERS, STRATEGIES, Plan, PlanOptions, collision, goals, plan
+from optipromp.core.planning.task import resolve
+from optipromp.core.scenes import JointGoal, PoseGoal, Scene, Stem, load_scene
+from optipromp.laboratory.generate import Preset, generate
 
 # --- goals -----------------------------------------------------------------------------------
 

@@ -12,16 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.errors import Code, InvalidRequestError, InvalidSceneError, StartInvalidError
-from optipromp.geometry import PointCloudShape
-from optipromp.optimization.costs import Cost
-from optipromp.planning import Plan, Planner, PlanOptions, many, plan, plan_many
-from optipromp.planning.many import Result
-from optipromp.planning.task import resolve
-from optipromp.processes import run_each
-from optipromp.scenes import SceneObject
-from optipromp.scenes.generate import generate
-from optipromp.scenes.io import load_scene, save_scene
+from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError, StartInvalidError
+from optipromp.core.geometry import PointCloudShape
+from optipromp.core.optimization.costs import Cost
+from optipromp.core.planning import Plan, Planner, PlanOptions, many, plan, plan_many
+from optipromp.core.planning.many import Result
+from optipromp.core.planning.task import resolve
+from optipromp.core.processes import run_each
+from optipromp.core.scenes import SceneObject
+from optipromp.core.scenes.io import load_scene, save_scene
+from optipromp.laboratory.generate import generate
 
 
 def without_times(result: object) -> dict[str, object]:
@@ -208,7 +208,7 @@ def test_an_interruption_while_helpers_start_is_heard(tmp_path: Path, wait: floa
     said = interrupted(
         tmp_path,
         wait,
-        "from optipromp.planning import plan_many\n"
+        "from optipromp.core.planning import plan_many\n"
         "if __name__ == '__main__':\n"
         "    print('begun', flush=True)\n"
         "    try:\n"
@@ -225,7 +225,7 @@ def test_an_interruption_ends_at_once_and_leaves_no_process(tmp_path: Path) -> N
         tmp_path,
         2.0,
         "import multiprocessing\n"
-        "from optipromp.planning import plan_many\n"
+        "from optipromp.core.planning import plan_many\n"
         "def said(index, result):\n"
         "    for helper in multiprocessing.active_children():\n"  # none while it starts
         "        print(helper.pid, flush=True)\n"

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from tests.planning.builders import END, block
 
-from optipromp.errors import Code, InvalidRequestError
-from optipromp.geometry import Sphere
-from optipromp.optimization.costs.joints import VelocityCost
-from optipromp.planning import PaperOptions, Plan, PlanOptions, judge, plan
-from optipromp.planning.task import resolve
-from optipromp.pushing.path import through
-from optipromp.pushing.rules import rule_paths
-from optipromp.scenes import JointGoal, Scene, load_scene
-from optipromp.trajectory import Trajectory
+from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.geometry import Sphere
+from optipromp.core.optimization.costs.joints import VelocityCost
+from optipromp.core.planning import PaperOptions, Plan, PlanOptions, judge, plan
+from optipromp.core.planning.task import resolve
+from optipromp.core.pushing.path import through
+from optipromp.core.pushing.rules import rule_paths
+from optipromp.core.scenes import JointGoal, Scene, load_scene
+from optipromp.core.trajectory import Trajectory
 
 NAN, INF = float("nan"), float("inf")
 Planned = Callable[..., Plan]

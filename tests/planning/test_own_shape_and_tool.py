@@ -8,14 +8,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from optipromp.geometry import distances, pack
-from optipromp.geometry.shapes import MeshShape, Primitive, hull_faces
-from optipromp.looks import object_parts
-from optipromp.planning import Plan, judge, plan
-from optipromp.robots import Solid, Tool, load_robot, with_tool
+from optipromp.core.geometry import distances, pack
+from optipromp.core.geometry.shapes import MeshShape, Primitive, hull_faces
+from optipromp.core.planning import Plan, judge, plan
+from optipromp.core.robots import Solid, Tool, load_robot, with_tool
+from optipromp.core.scenes import Scene, SceneObject
+from optipromp.laboratory.generate import generate
+from optipromp.looks.appearance import object_parts
 from optipromp.ros.shapes import geometry, read_geometry
-from optipromp.scenes import Scene, SceneObject
-from optipromp.scenes.generate import generate
 
 SIZE = 0.06, 0.08, 0.05
 
@@ -90,7 +90,7 @@ def test_its_spheres_hold_the_shovel() -> None:
 
 
 def test_they_are_simulated_and_drawn() -> None:
-    from optipromp.simulation import simulate
+    from optipromp.laboratory.simulation import simulate
 
     scene, result = made()
     assert simulate(result).outcome.picked
@@ -109,8 +109,8 @@ def test_a_message_holds_its_mesh() -> None:
 
 FILES = """
 from dataclasses import dataclass
-from optipromp.geometry.shapes import PRIMITIVES, Box, Primitive, hull_faces, MeshShape
-from optipromp.robots.tools import TOOLS, Cup
+from optipromp.core.geometry.shapes import PRIMITIVES, Box, Primitive, hull_faces, MeshShape
+from optipromp.core.robots.tools import TOOLS, Cup
 
 @dataclass(frozen=True)
 class Brick(Primitive):
@@ -123,7 +123,7 @@ class Beaker(Cup):
     radius: float = 0.04
 
 PRIMITIVES["brick"], TOOLS["beaker"] = Brick, Beaker
-from optipromp.scenes import scene_from_dict, scene_to_dict
+from optipromp.core.scenes import scene_from_dict, scene_to_dict
 brick = {"id": "b", "role": "static", "shape": {"brick": {"size": [0.1, 0.2, 0.3]}},
          "position": [0.5, 0.0, 0.2]}
 given = {"name": "s", "robot": "panda", "goal": {"position": [0.5, 0.0, 0.5]},

@@ -13,23 +13,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.planning.builders import block, without
 
-from optipromp import judging
-from optipromp.arrays import FloatArray
-from optipromp.budget import Budget
-from optipromp.errors import Code, InvalidRequestError
-from optipromp.geometry import Box
+from optipromp.core import judging
+from optipromp.core.arrays import FloatArray
+from optipromp.core.budget import Budget
+from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.geometry import Box
+from optipromp.core.optimization.evaluation import Evaluation
+from optipromp.core.planning import Plan, PlanOptions, goals, plan
+from optipromp.core.planning.options import PaperOptions
+from optipromp.core.planning.primitive import PAPER_BASIS, learnt
+from optipromp.core.planning.task import resolve
+from optipromp.core.scenes import Scene, load_scene
 from optipromp.laboratory.planners import paper_stages as paper_planner
 from optipromp.laboratory.planners.paper_problem import (
     ConstraintRows,
     drift_offsets,
     posed_problems,
 )
-from optipromp.optimization.evaluation import Evaluation
-from optipromp.planning import Plan, PlanOptions, goals, plan
-from optipromp.planning.options import PaperOptions
-from optipromp.planning.primitive import PAPER_BASIS, learnt
-from optipromp.planning.task import resolve
-from optipromp.scenes import Scene, load_scene
 
 Planned = Callable[..., Plan]
 R_GRIPPER = 0.05  # [m] of the cup of both scenes
@@ -197,7 +197,7 @@ def test_a_plan_that_keeps_every_constraint_still_swallows_both_unripe_fruits(
 ) -> None:
     """What was found (docs/concepts.md): the rim decides, not the tool point."""
     pytest.importorskip("mujoco")
-    from optipromp.simulation import simulate
+    from optipromp.laboratory.simulation import simulate
 
     result = planned(name, constraints="paper")
     assert result.status is Code.HARM_PREDICTED, result.message

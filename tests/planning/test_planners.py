@@ -11,13 +11,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from optipromp.budget import Budget
 from optipromp.cli.main import app
-from optipromp.errors import Code, InvalidRequestError
-from optipromp.experiments.study import Study, run_study
-from optipromp.laboratory.planners.paper import Paper
-from optipromp.output import load_plan, write_plan
-from optipromp.planning import (
+from optipromp.core.budget import Budget
+from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.output import load_plan, write_plan
+from optipromp.core.planning import (
     Failed,
     IProMP,
     OptiProMP,
@@ -28,10 +26,12 @@ from optipromp.planning import (
     plan_many,
     planner,
 )
-from optipromp.planning.planners import goal_configurations
-from optipromp.planning.task import Task
-from optipromp.planning.timing import shortest
-from optipromp.scenes import Scene
+from optipromp.core.planning.planners import goal_configurations
+from optipromp.core.planning.task import Task
+from optipromp.core.planning.timing import shortest
+from optipromp.core.scenes import Scene
+from optipromp.laboratory.experiments.study import Study, run_study
+from optipromp.laboratory.planners.paper import Paper
 
 
 @dataclass(frozen=True)

@@ -10,17 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optipromp import judge, judging, load_plan, write_plan
-from optipromp.errors import Code
-from optipromp.planning import Plan, PlanOptions, plan
-from optipromp.planning.task import Task, resolve, tool_motion
-from optipromp.pushing.model import PushModel
-from optipromp.pushing.packs.standing import Standing
-from optipromp.pushing.path import STEP, through
-from optipromp.pushing.rules import rule_paths
-from optipromp.pushing.stems.hanging import Hanging
-from optipromp.scenes import Scene, ToolSpec, load_scene
-from optipromp.scenes.generate import generate
+from optipromp import judge, load_plan, write_plan
+from optipromp.core import judging
+from optipromp.core.errors import Code
+from optipromp.core.planning import Plan, PlanOptions, plan
+from optipromp.core.planning.task import Task, resolve, tool_motion
+from optipromp.core.pushing.model import PushModel
+from optipromp.core.pushing.packs.standing import Standing
+from optipromp.core.pushing.path import STEP, through
+from optipromp.core.pushing.rules import rule_paths
+from optipromp.core.pushing.stems.hanging import Hanging
+from optipromp.core.scenes import Scene, ToolSpec, load_scene
+from optipromp.laboratory.generate import generate
 
 HARMFUL = (1, 9)  # clusters in which the rule's path does harm
 RULE = PlanOptions(prediction=False)

@@ -12,27 +12,27 @@ import pytest
 from numba import njit
 from tests.planning.builders import END, UP, assert_success, block
 
-from optipromp import judging
-from optipromp.errors import (
+from optipromp.core import judging
+from optipromp.core.errors import (
     Code,
     InvalidDemonstrationError,
     InvalidRequestError,
     InvalidSceneError,
     StartInvalidError,
 )
-from optipromp.geometry import Box, Sphere
-from optipromp.optimization import kernels
-from optipromp.optimization.costs import Cost
-from optipromp.optimization.evaluation import Evaluation
-from optipromp.planning import PLANNERS, STRATEGIES, PaperOptions, Plan, PlanOptions, plan
-from optipromp.planning.pick import Solver
-from optipromp.planning.primitive import smooth_prior
-from optipromp.planning.task import resolve
-from optipromp.pushing.path import through
-from optipromp.pushing.rules import rule_paths
-from optipromp.pushing.stems import hanging as hanging_model
-from optipromp.robots.library import load_robot
-from optipromp.scenes import JointGoal, Scene, SceneObject, Stem
+from optipromp.core.geometry import Box, Sphere
+from optipromp.core.optimization import kernels
+from optipromp.core.optimization.costs import Cost
+from optipromp.core.optimization.evaluation import Evaluation
+from optipromp.core.planning import PLANNERS, STRATEGIES, PaperOptions, Plan, PlanOptions, plan
+from optipromp.core.planning.pick import Solver
+from optipromp.core.planning.primitive import smooth_prior
+from optipromp.core.planning.task import resolve
+from optipromp.core.pushing.path import through
+from optipromp.core.pushing.rules import rule_paths
+from optipromp.core.pushing.stems import hanging as hanging_model
+from optipromp.core.robots.library import load_robot
+from optipromp.core.scenes import JointGoal, Scene, SceneObject, Stem
 
 # --- iterations and time ---------------------------------------------------------------------
 

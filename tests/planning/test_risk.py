@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from optipromp.errors import Code, InvalidRequestError
-from optipromp.output import load_plan, write_plan
-from optipromp.planning import judge, plan
-from optipromp.planning.options import PlanOptions
-from optipromp.pushing.calibration import DETECTED, KNOWN
-from optipromp.pushing.model import Calibration
-from optipromp.pushing.packs.standing import Standing
-from optipromp.scenes.generate import NOISES, generate, noisy
+from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.output import load_plan, write_plan
+from optipromp.core.planning import judge, plan
+from optipromp.core.planning.options import PlanOptions
+from optipromp.core.pushing.calibration import DETECTED, KNOWN
+from optipromp.core.pushing.model import Calibration
+from optipromp.core.pushing.packs.standing import Standing
+from optipromp.laboratory.generate import NOISES, generate, noisy
 
 EVERY = {"known": KNOWN, "detected": DETECTED, "packs": Standing.calibration}
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optipromp import judging
-from optipromp.errors import Code
-from optipromp.planning import PaperOptions, Plan, PlanOptions, plan
-from optipromp.scenes import Scene, load_scene
-from optipromp.trajectory import State
+from optipromp.core import judging
+from optipromp.core.errors import Code
+from optipromp.core.planning import PaperOptions, Plan, PlanOptions, plan
+from optipromp.core.scenes import Scene, load_scene
+from optipromp.core.trajectory import State
 
 Planned = Callable[..., Plan]
 PAPER_M_P = {

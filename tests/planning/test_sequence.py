@@ -9,11 +9,11 @@ from typer.testing import CliRunner
 
 from optipromp import load_plan, plan, plan_sequence, simulate
 from optipromp.cli.main import app
-from optipromp.errors import Code, InvalidRequestError
-from optipromp.geometry import Sphere
-from optipromp.planning.sequence import aimed
-from optipromp.scenes import Scene, save_scene
-from optipromp.scenes.generate import generate
+from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.geometry import Sphere
+from optipromp.core.planning.sequence import aimed
+from optipromp.core.scenes import Scene, save_scene
+from optipromp.laboratory.generate import generate
 
 RIPE = ("ripe", "n1", "n2")
 

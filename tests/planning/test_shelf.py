@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from optipromp import judging
-from optipromp.errors import Code
-from optipromp.planning import plan
-from optipromp.planning.task import pushed_aside, resolve
-from optipromp.scenes.generate import generate
-from optipromp.scenes.scene import Scene
+from optipromp.core import judging
+from optipromp.core.errors import Code
+from optipromp.core.planning import plan
+from optipromp.core.planning.task import pushed_aside, resolve
+from optipromp.core.scenes.scene import Scene
+from optipromp.laboratory.generate import generate
 
 
 @pytest.fixture(scope="module", params=[5, 7])

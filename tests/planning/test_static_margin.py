@@ -6,13 +6,13 @@ from typing import Any
 import pytest
 from tests.planning.builders import block, without
 
-from optipromp import judging
-from optipromp.errors import Code
-from optipromp.geometry import Box
-from optipromp.planning import Plan, PlanOptions, goals, plan
-from optipromp.planning.task import resolve
-from optipromp.scenes import load_scene
-from optipromp.scenes.generate import generate
+from optipromp.core import judging
+from optipromp.core.errors import Code
+from optipromp.core.geometry import Box
+from optipromp.core.planning import Plan, PlanOptions, goals, plan
+from optipromp.core.planning.task import resolve
+from optipromp.core.scenes import load_scene
+from optipromp.laboratory.generate import generate
 
 MARGIN = judging.JUDGE.static_margin
 
@@ -35,7 +35,7 @@ def test_beside_a_table_top_another_configuration_is_taken(seed: int) -> None:
 
 def test_what_is_taken_goes_well_in_the_simulation() -> None:
     pytest.importorskip("mujoco")
-    from optipromp.simulation import simulate
+    from optipromp.laboratory.simulation import simulate
 
     outcome = simulate(plan("paper-4", seed=1)).outcome
     assert outcome.success, outcome.message

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optipromp import judging
-from optipromp.planning.timing import shortest
-from optipromp.robots.library import load_robot
-from optipromp.robots.model import Robot
-from optipromp.trajectory import Trajectory
+from optipromp.core import judging
+from optipromp.core.planning.timing import shortest
+from optipromp.core.robots.library import load_robot
+from optipromp.core.robots.model import Robot
+from optipromp.core.trajectory import Trajectory
 
 ARMS = {name: load_robot(name) for name in ("panda", "scara")}
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from tests.robots.builders import INNER, TOOLS, probe
 
-from optipromp.planning import Plan, judge, plan
-from optipromp.planning.task import resolve
-from optipromp.pushing.packs.standing import Standing, plane
-from optipromp.pushing.stems.hanging import Hanging
-from optipromp.robots import load_robot, with_tool
-from optipromp.scenes import Scene, ToolSpec, load_scene
-from optipromp.scenes.generate import generate
-from optipromp.viewer.reach import tool_faces
+from optipromp.core.planning import Plan, judge, plan
+from optipromp.core.planning.task import resolve
+from optipromp.core.pushing.packs.standing import Standing, plane
+from optipromp.core.pushing.stems.hanging import Hanging
+from optipromp.core.robots import load_robot, with_tool
+from optipromp.core.scenes import Scene, ToolSpec, load_scene
+from optipromp.laboratory.generate import generate
+from optipromp.looks.viewer.reach import tool_faces
 
 SMALL = replace(generate("cluster", 5), tool=None)  # two fruits in the way of a target
 

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 from tests.planning.builders import block
 
-from optipromp import judging
-from optipromp.errors import Code, InvalidRequestError, StartInvalidError
-from optipromp.geometry import Box
-from optipromp.planning import Plan, PlanOptions, plan
-from optipromp.planning.parameters import TIMING
-from optipromp.planning.task import resolve
-from optipromp.planning.timing import joined, shortest, stopped
-from optipromp.pushing.parameters import PUSH
-from optipromp.robots.library import load_robot
-from optipromp.scenes import JointGoal, Scene, load_scene
-from optipromp.scenes.generate import generate
-from optipromp.trajectory import State
+from optipromp.core import judging
+from optipromp.core.errors import Code, InvalidRequestError, StartInvalidError
+from optipromp.core.geometry import Box
+from optipromp.core.planning import Plan, PlanOptions, plan
+from optipromp.core.planning.parameters import TIMING
+from optipromp.core.planning.task import resolve
+from optipromp.core.planning.timing import joined, shortest, stopped
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.robots.library import load_robot
+from optipromp.core.scenes import JointGoal, Scene, load_scene
+from optipromp.core.trajectory import State
+from optipromp.laboratory.generate import generate
 
 SHARES = (0.03, 0.2, 0.45, 0.7, 0.95)
 

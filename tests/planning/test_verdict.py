@@ -17,16 +17,16 @@ from typer.testing import CliRunner
 
 from optipromp import OptiPrompError, judge, load_plan, write_plan
 from optipromp.cli.main import app
-from optipromp.errors import Code, StartInvalidError
-from optipromp.judging import centers
-from optipromp.output import FILES
-from optipromp.planning import PlanOptions, plan
-from optipromp.planning.task import resolve, spaced
-from optipromp.planning.verdict import predicted, verdict_of
-from optipromp.reports import plan_report
-from optipromp.scenes import Scene, SceneObject, load_scene
-from optipromp.scenes.generate import generate
-from optipromp.trajectory import State, Trajectory
+from optipromp.core.errors import Code, StartInvalidError
+from optipromp.core.judging import centers
+from optipromp.core.output import FILES
+from optipromp.core.planning import PlanOptions, plan
+from optipromp.core.planning.task import resolve, spaced
+from optipromp.core.planning.verdict import predicted, verdict_of
+from optipromp.core.scenes import Scene, SceneObject, load_scene
+from optipromp.core.trajectory import State, Trajectory
+from optipromp.laboratory.generate import generate
+from optipromp.looks.reports import plan_report
 
 LOW = np.array([0.0, -0.3, 0.0, -2.2, 0.0, 3.0, 0.8])  # as in docs/scene-format.md
 SEARCHED = Code.TIMEOUT, Code.GOAL_IN_COLLISION, Code.GOAL_UNREACHABLE, Code.NO_PLAN

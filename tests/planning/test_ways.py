@@ -9,16 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.furniture import FURNITURE, Furniture, generate
-from optipromp import judging
-from optipromp.arrays import FloatArray
-from optipromp.compiled import kernel
-from optipromp.geometry.shapes import Cylinder
-from optipromp.planning import PlanOptions, collision, plan, tree, ways
-from optipromp.planning.parameters import TREE, WAYPOINT
-from optipromp.planning.task import Task, resolve
-from optipromp.scenes import generate as scenes
-from optipromp.scenes.pose import Pose
-from optipromp.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
+from optipromp.core import judging
+from optipromp.core.arrays import FloatArray
+from optipromp.core.compiled import kernel
+from optipromp.core.geometry.shapes import Cylinder
+from optipromp.core.planning import PlanOptions, collision, plan, tree, ways
+from optipromp.core.planning.parameters import TREE, WAYPOINT
+from optipromp.core.planning.task import Task, resolve
+from optipromp.core.scenes import generate as scenes
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
 
 NONE = np.zeros((0, 7))
 COUNT = 8  # scenes of a family

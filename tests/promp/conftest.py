@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.promp import Basis, Demonstrations, ProMP, load_demonstrations
+from optipromp.core.promp import Basis, Demonstrations, ProMP, load_demonstrations
 
 RECORDED = (
     Path(__file__).resolve().parents[2] / "../shared/data/panda_demonstrations/demonstrations.npz"

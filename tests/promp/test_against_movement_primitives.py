@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from optipromp.promp import Basis, JointPoint, ProMP, condition, fit
+from optipromp.core.promp import Basis, JointPoint, ProMP, condition, fit
 
 peer = pytest.importorskip("movement_primitives.promp", reason="movement_primitives not installed")
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from optipromp.promp import Basis, ProMP
+from optipromp.core.promp import Basis, ProMP
 
 torch = pytest.importorskip("torch", reason="torch not installed")
 library = pytest.importorskip("mp_pytorch.mp", reason="mp_pytorch not installed")

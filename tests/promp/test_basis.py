@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from optipromp.errors import InvalidRequestError
-from optipromp.promp import Basis
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.promp import Basis
 
 bases = st.builds(
     lambda inside, width, outside: Basis(inside + 2 * outside, width, outside),

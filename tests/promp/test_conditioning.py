@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optipromp.errors import InvalidRequestError
-from optipromp.promp import (
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.promp import (
     Basis,
     Demonstrations,
     JointPoint,
@@ -16,7 +16,7 @@ from optipromp.promp import (
     condition_with_report,
     fit,
 )
-from optipromp.promp.conditioning import conditioned_mean
+from optipromp.core.promp.conditioning import conditioned_mean
 
 Make = Callable[..., ProMP]
 seeds = st.integers(0, 10**6)

@@ -3,8 +3,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.errors import InvalidDemonstrationError
-from optipromp.promp import (
+from optipromp.core.errors import InvalidDemonstrationError
+from optipromp.core.promp import (
     Demonstration,
     Demonstrations,
     UnitsWarning,

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.promp import load_demonstrations
+from optipromp.core.promp import load_demonstrations
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "demonstrations.md"
 

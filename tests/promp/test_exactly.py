@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optipromp.errors import InvalidRequestError
-from optipromp.promp import Basis, JointPoint, ProMP, condition
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.promp import Basis, JointPoint, ProMP, condition
 
 N, K = 2, 6
 exact = np.vectorize(Fraction, otypes=[object])  # a float's own value

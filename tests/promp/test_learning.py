@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
-from optipromp.errors import InvalidDemonstrationError, InvalidRequestError
-from optipromp.promp import (
+from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
+from optipromp.core.promp import (
     Basis,
     ConvergenceWarning,
     Demonstration,

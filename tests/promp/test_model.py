@@ -4,8 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.errors import InvalidRequestError
-from optipromp.promp import Basis, ProMP
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.promp import Basis, ProMP
 
 Make = Callable[..., ProMP]
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from optipromp.promp import Demonstrations, JointPoint, TaskPoint, condition_with_report, fit
+from optipromp.core.promp import Demonstrations, JointPoint, TaskPoint, condition_with_report, fit
 
-library = pytest.importorskip("optipromp.robots.library")
+library = pytest.importorskip("optipromp.core.robots.library")
 START = np.array([0.0, 0.0, 0.0, -0.1, 0.0, 0.0, 0.8])
 
 

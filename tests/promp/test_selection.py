@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optipromp.errors import InvalidDemonstrationError, InvalidRequestError
-from optipromp.promp import (
+from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
+from optipromp.core.promp import (
     Basis,
     Demonstration,
     Demonstrations,

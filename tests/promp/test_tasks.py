@@ -4,8 +4,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from optipromp.errors import InvalidRequestError
-from optipromp.promp import (
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.promp import (
     ConditioningWarning,
     JointPoint,
     ProMP,
@@ -13,7 +13,7 @@ from optipromp.promp import (
     condition,
     condition_with_report,
 )
-from optipromp.promp.tasks import Rows, TaskMap
+from optipromp.core.promp.tasks import Rows, TaskMap
 
 seeds = st.integers(0, 10**6)
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.pushing.stems.bending import Stems, bent
-from optipromp.pushing.stems.cup import Mouth
+from optipromp.core.pushing.stems.bending import Stems, bent
+from optipromp.core.pushing.stems.cup import Mouth
 
 CUP = Mouth(inner=0.023, outer=0.025, base=-0.03, rim=0.02, floor=0.002, neck=0.01)
 UP = np.array([0.0, 0.0, 1.0])

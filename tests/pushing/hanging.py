@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from tests.pushing.fruits import TARGET, UP
 
-from optipromp.geometry import Sphere
-from optipromp.pushing.path import ToolPath, through
-from optipromp.pushing.rules import neighbours
-from optipromp.pushing.stems.hanging import Hanging
-from optipromp.robots.tools import Cup
-from optipromp.scenes import Scene, SceneObject, Stem
+from optipromp.core.geometry import Sphere
+from optipromp.core.pushing.path import ToolPath, through
+from optipromp.core.pushing.rules import neighbours
+from optipromp.core.pushing.stems.hanging import Hanging
+from optipromp.core.robots.tools import Cup
+from optipromp.core.scenes import Scene, SceneObject, Stem
 
 CUP = Cup(radius=0.025, opening=0.046)
 CAMERA = TARGET - [0.0, 0.0, 0.25]

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from optipromp.geometry import Sphere
-from optipromp.pushing.stems import bending
-from optipromp.pushing.stems.bending import (
+from optipromp.core.geometry import Sphere
+from optipromp.core.pushing.stems import bending
+from optipromp.core.pushing.stems.bending import (
     ELEMENTS,
     FRUIT_DENSITY,
     GRAVITY,
@@ -19,7 +19,7 @@ from optipromp.pushing.stems.bending import (
     moved,
     stems,
 )
-from optipromp.scenes import SceneObject, Stem
+from optipromp.core.scenes import SceneObject, Stem
 
 THIN = bending.MODULUS * np.pi / 64.0 * bending.DIAMETER**4  # EI of a stem that hangs plumb [N m²]
 AT = np.round(np.array(LOADED) * ELEMENTS).astype(int)  # the loaded points of the grid

@@ -5,11 +5,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.pushing.fruits import CUP, DT, TARGET, UP, along, hung
 
-from optipromp.geometry import pack
-from optipromp.pushing.stems.bending import LOADED, bowed
-from optipromp.pushing.stems.deflected import place
-from optipromp.pushing.stems.parting import part
-from optipromp.pushing.stems.swinging import led
+from optipromp.core.geometry import pack
+from optipromp.core.pushing.stems.bending import LOADED, bowed
+from optipromp.core.pushing.stems.deflected import place
+from optipromp.core.pushing.stems.parting import part
+from optipromp.core.pushing.stems.swinging import led
 
 
 def test_a_bowed_stem_lies_on_its_arc_and_holds_its_fruit_in_place() -> None:

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from optipromp.pushing.stems.cup import Mouth, cup_distance, flange_of
-from optipromp.robots import Cup, FrankaHand, load_robot, with_tool
+from optipromp.core.pushing.stems.cup import Mouth, cup_distance, flange_of
+from optipromp.core.robots import Cup, FrankaHand, load_robot, with_tool
 
 CUPS = st.builds(
     lambda inner, wall, base, rim, neck, flange, under: Mouth(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from optipromp.pushing.packs.flat import clear, shapes
+from optipromp.core.pushing.packs.flat import clear, shapes
 
 SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
 PUSHER = np.array([[-0.02, -0.05], [0.0, -0.05], [0.0, 0.05], [-0.02, 0.05]])

@@ -22,16 +22,16 @@ from tests.pushing.hanging import (
     scene,
 )
 
-from optipromp.geometry import Box
-from optipromp.planning.task import resolve
-from optipromp.pushing.model import Prediction
-from optipromp.pushing.parameters import PUSH
-from optipromp.pushing.rules import neighbours
-from optipromp.pushing.stems.hanging import HANGING, Hanging, applies
-from optipromp.pushing.stems.harm import Harm, score_of
-from optipromp.robots.tools import Cup, FrankaHand
-from optipromp.scenes import Scene, SceneObject
-from optipromp.scenes.generate import generate
+from optipromp.core.geometry import Box
+from optipromp.core.planning.task import resolve
+from optipromp.core.pushing.model import Prediction
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.rules import neighbours
+from optipromp.core.pushing.stems.hanging import HANGING, Hanging, applies
+from optipromp.core.pushing.stems.harm import Harm, score_of
+from optipromp.core.robots.tools import Cup, FrankaHand
+from optipromp.core.scenes import Scene, SceneObject
+from optipromp.laboratory.generate import generate
 
 # --- harm of known paths -----------------------------------------------------------------------
 

@@ -19,17 +19,17 @@ from tests.pushing.hanging import (
     scene,
 )
 
-from optipromp.geometry import Box, HalfSpace, Sphere, distances, pack
-from optipromp.pushing.parameters import PUSH
-from optipromp.pushing.path import through, turning
-from optipromp.pushing.rules import neighbours, rule_paths
-from optipromp.pushing.searching import search
-from optipromp.pushing.stems.hanging import HANGING
-from optipromp.pushing.stems.paths import PathsPast, rooms
-from optipromp.robots.library import load_robot
-from optipromp.robots.tools import with_tool
-from optipromp.scenes import SceneObject
-from optipromp.scenes.generate import generate
+from optipromp.core.geometry import Box, HalfSpace, Sphere, distances, pack
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.path import through, turning
+from optipromp.core.pushing.rules import neighbours, rule_paths
+from optipromp.core.pushing.searching import search
+from optipromp.core.pushing.stems.hanging import HANGING
+from optipromp.core.pushing.stems.paths import PathsPast, rooms
+from optipromp.core.robots.library import load_robot
+from optipromp.core.robots.tools import with_tool
+from optipromp.core.scenes import SceneObject
+from optipromp.laboratory.generate import generate
 
 
 def test_the_room_about_an_upright_tool_is_the_distance_less_its_radius() -> None:
@@ -145,7 +145,7 @@ def test_nothing_is_preferred_where_no_stem_leans() -> None:
 def test_of_two_harmless_sides_a_plan_takes_the_one_away_from_the_stem(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from optipromp.planning import plan
+    from optipromp.core.planning import plan
 
     crowd = generate("mixed", 43006)
     made = plan(crowd)

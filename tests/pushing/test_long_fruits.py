@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from tests.pushing.fruits import CUP, DT, TARGET, UP, along, hung
 
-from optipromp.arrays import FloatArray
-from optipromp.geometry import Box, Capsule, Cone, Ellipsoid, Sphere
-from optipromp.geometry.obstacles import Obstacles, pack
-from optipromp.planning import plan
-from optipromp.pushing.stems import swinging
-from optipromp.pushing.stems.bending import Stems, balls_of
-from optipromp.pushing.stems.cup import cup_distance
-from optipromp.pushing.stems.equilibrium import CONTACT
-from optipromp.pushing.stems.swinging import push
-from optipromp.scenes import SceneObject, Stem
-from optipromp.scenes.generate import generate
-from optipromp.simulation import simulate
+from optipromp.core.arrays import FloatArray
+from optipromp.core.geometry import Box, Capsule, Cone, Ellipsoid, Sphere
+from optipromp.core.geometry.obstacles import Obstacles, pack
+from optipromp.core.planning import plan
+from optipromp.core.pushing.stems import swinging
+from optipromp.core.pushing.stems.bending import Stems, balls_of
+from optipromp.core.pushing.stems.cup import cup_distance
+from optipromp.core.pushing.stems.equilibrium import CONTACT
+from optipromp.core.pushing.stems.swinging import push
+from optipromp.core.scenes import SceneObject, Stem
+from optipromp.laboratory.generate import generate
+from optipromp.laboratory.simulation import simulate
 
 NOTHING = pack([])
 LONG = 0.012  # [m] between the balls

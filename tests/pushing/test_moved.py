@@ -5,11 +5,11 @@ import itertools
 import numpy as np
 import pytest
 
-from optipromp.planning.task import resolve
-from optipromp.pushing.model import Combined, Moved, PushModel
-from optipromp.scenes.generate import generate
-from optipromp.scenes.io import load_scene
-from optipromp.scenes.scene import Scene
+from optipromp.core.planning.task import resolve
+from optipromp.core.pushing.model import Combined, Moved, PushModel
+from optipromp.core.scenes.io import load_scene
+from optipromp.core.scenes.scene import Scene
+from optipromp.laboratory.generate import generate
 
 
 def model_of(scene: Scene) -> PushModel:

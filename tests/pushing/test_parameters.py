@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from optipromp.errors import InvalidRequestError
-from optipromp.parameters import catalogue
-from optipromp.pushing.parameters import PUSH, BeamParameters
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.parameters import catalogue
+from optipromp.core.pushing.parameters import PUSH, BeamParameters
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "push-parameters.md"
 

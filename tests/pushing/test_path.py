@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optipromp.pushing.path import ROUNDING, STEP, ToolPath, along, evenly, length, through
+from optipromp.core.pushing.path import ROUNDING, STEP, ToolPath, along, evenly, length, through
 
 WINDOW = 2 * int(0.5 * ROUNDING / STEP) + 1  # points in each of the two moving averages
 # Mean distance along the arc of the points that are averaged: the sum of two uniform numbers.

@@ -10,16 +10,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optipromp.errors import InvalidRequestError
-from optipromp.geometry import Sphere
-from optipromp.pushing import drift_choices, neighbours, pushes
-from optipromp.pushing.path import evenly, length
-from optipromp.pushing.rules import (
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.geometry import Sphere
+from optipromp.core.pushing import drift_choices, neighbours, pushes
+from optipromp.core.pushing.path import evenly, length
+from optipromp.core.pushing.rules import (
     RULE,
     passing_windows,
     path_past,
 )
-from optipromp.scenes import Approach, PoseGoal, Scene, SceneObject, Stem, load_scene
+from optipromp.core.scenes import Approach, PoseGoal, Scene, SceneObject, Stem, load_scene
 
 TARGET = np.array([0.4, 0.1, 0.9])
 R = 0.05

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optipromp.pushing.packs.flat import FLAT, shapes
-from optipromp.pushing.packs.quasi_static import AHEAD, NO_OVERLAP, Bench, push
-from optipromp.robots.tools import FrankaHand
+from optipromp.core.pushing.packs.flat import FLAT, shapes
+from optipromp.core.pushing.packs.quasi_static import AHEAD, NO_OVERLAP, Bench, push
+from optipromp.core.robots.tools import FrankaHand
 
 SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
 PUSHER = np.array([[-0.02, -0.05], [0.0, -0.05], [0.0, 0.05], [-0.02, 0.05]])

@@ -9,11 +9,11 @@ from functools import partial
 import numpy as np
 import pytest
 
-from optipromp.budget import Budget, clock
-from optipromp.pushing.candidates import Candidates, Round, Schedule
-from optipromp.pushing.model import Moved, Prediction, PushModel
-from optipromp.pushing.path import ToolPath, through, turning
-from optipromp.pushing.searching import search
+from optipromp.core.budget import Budget, clock
+from optipromp.core.pushing.candidates import Candidates, Round, Schedule
+from optipromp.core.pushing.model import Moved, Prediction, PushModel
+from optipromp.core.pushing.path import ToolPath, through, turning
+from optipromp.core.pushing.searching import search
 
 UP = np.array([0.0, 0.0, 1.0])
 BEST = np.array([0.03, -0.05])  # [m] where the entry of the path of least harm is

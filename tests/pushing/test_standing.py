@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optipromp.budget import Budget, clock
-from optipromp.geometry.shapes import Box, Cylinder
-from optipromp.pushing.candidates import Round
-from optipromp.pushing.packs.paths import PathsBetween
-from optipromp.pushing.packs.standing import STANDING, Standing, applies, plane
-from optipromp.pushing.path import ToolPath, through, turning
-from optipromp.pushing.searching import search
-from optipromp.robots.tools import Cup, FrankaHand
-from optipromp.scenes.generate import Noise, generate, perceived
-from optipromp.scenes.scene import Approach, Scene, SceneObject, Stem
+from optipromp.core.budget import Budget, clock
+from optipromp.core.geometry.shapes import Box, Cylinder
+from optipromp.core.pushing.candidates import Round
+from optipromp.core.pushing.packs.paths import PathsBetween
+from optipromp.core.pushing.packs.standing import STANDING, Standing, applies, plane
+from optipromp.core.pushing.path import ToolPath, through, turning
+from optipromp.core.pushing.searching import search
+from optipromp.core.robots.tools import Cup, FrankaHand
+from optipromp.core.scenes.scene import Approach, Scene, SceneObject, Stem
+from optipromp.laboratory.generate import Noise, generate, perceived
 
 HAND = FrankaHand()
 TARGET = np.array([0.65, 0.0, 0.52])

@@ -6,14 +6,14 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from tests.pushing.fruits import CUP, DT, TARGET, UP, along, hung
 
-from optipromp.geometry.obstacles import Obstacles, pack
-from optipromp.geometry.shapes import Box
-from optipromp.pushing.stems import swinging
-from optipromp.pushing.stems.bending import Stems
-from optipromp.pushing.stems.cup import Mouth, cup_distance
-from optipromp.pushing.stems.equilibrium import CONTACT
-from optipromp.pushing.stems.harm import Harm
-from optipromp.pushing.stems.swinging import push
+from optipromp.core.geometry.obstacles import Obstacles, pack
+from optipromp.core.geometry.shapes import Box
+from optipromp.core.pushing.stems import swinging
+from optipromp.core.pushing.stems.bending import Stems
+from optipromp.core.pushing.stems.cup import Mouth, cup_distance
+from optipromp.core.pushing.stems.equilibrium import CONTACT
+from optipromp.core.pushing.stems.harm import Harm
+from optipromp.core.pushing.stems.swinging import push
 
 NOTHING = pack([])
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from optipromp.pushing.packs import trials
-from optipromp.pushing.packs.standing import plane
-from optipromp.robots.tools import FrankaHand
-from optipromp.scenes.generate import generate
+from optipromp.core.pushing.packs import trials
+from optipromp.core.pushing.packs.standing import plane
+from optipromp.core.robots.tools import FrankaHand
+from optipromp.laboratory.generate import generate
 
 HAND = FrankaHand()
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optipromp.output import write_plan
-from optipromp.planning import plan
-from optipromp.reports import plan_report
+from optipromp.core.output import write_plan
+from optipromp.core.planning import plan
+from optipromp.looks.reports import plan_report
 
 PATIENCE = 90.0  # [s] without a graphics card
 

@@ -11,18 +11,18 @@ import pytest
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
-from optipromp.errors import InvalidRequestError
-from optipromp.experiments.runs import Row
-from optipromp.experiments.study import Study, run_study
-from optipromp.output import write_plan
-from optipromp.planning import plan
-from optipromp.reports import plan_report, study_report
-from optipromp.reports.html import LARGEST_FILE
-from optipromp.reports.studies import worst_of
-from optipromp.robots.library import NOTHING, Choice
-from optipromp.scenes import load_scene
-from optipromp.simulation import simulate
-from optipromp.simulation.files import write_run
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.output import write_plan
+from optipromp.core.planning import plan
+from optipromp.core.robots.library import NOTHING, Choice
+from optipromp.core.scenes import load_scene
+from optipromp.laboratory.experiments.runs import Row
+from optipromp.laboratory.experiments.study import Study, run_study
+from optipromp.laboratory.simulation import simulate
+from optipromp.laboratory.simulation.files import write_run
+from optipromp.looks.reports import plan_report, study_report
+from optipromp.looks.reports.html import LARGEST_FILE
+from optipromp.looks.reports.studies import worst_of
 
 
 class Read(HTMLParser):

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from optipromp.geometry.shapes import Box, MeshShape
-from optipromp.robots import (
+from optipromp.core.geometry.shapes import Box, MeshShape
+from optipromp.core.robots import (
     Cup,
     FingerGripper,
     FrankaHand,

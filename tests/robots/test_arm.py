@@ -10,9 +10,9 @@ from tests.robots.conftest import BALL, joint
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
-from optipromp.errors import InvalidRobotError
+from optipromp.core.errors import InvalidRobotError
+from optipromp.core.robots.library import Choice, load_arm, load_robot
 from optipromp.readers.tree import words
-from optipromp.robots.library import Choice, load_arm, load_robot
 
 Writer = Callable[..., Path]
 SHORT = {"origin": '<origin xyz="0 0 0.2"/>'}

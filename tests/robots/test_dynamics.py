@@ -8,10 +8,10 @@ import pytest
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
-from optipromp.errors import InvalidRobotError
-from optipromp.parameters import GRAVITY
-from optipromp.robots import load_robot
-from optipromp.robots.dynamics import gravity_load, warn_of_gravity
+from optipromp.core.errors import InvalidRobotError
+from optipromp.core.parameters import GRAVITY
+from optipromp.core.robots import load_robot
+from optipromp.core.robots.dynamics import gravity_load, warn_of_gravity
 
 INERTIAL = (
     '<inertial><origin xyz="0.02 {0} 0.1" rpy="0.3 0.2 {0}"/><mass value="{1}"/>'

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from optipromp.files import npz
+from optipromp.core.files import npz
+from optipromp.core.robots import load_robot
+from optipromp.core.robots.resolved import read_resolved
 from optipromp.readers import fit
-from optipromp.robots import load_robot
-from optipromp.robots.resolved import read_resolved
 
 trimesh = pytest.importorskip("trimesh")
 

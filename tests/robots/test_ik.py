@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optipromp.errors import InvalidRequestError
-from optipromp.robots import ik
-from optipromp.robots.library import load_robot
-from optipromp.robots.model import Robot
-from optipromp.robots.tools import Cup, with_tool
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.robots import ik
+from optipromp.core.robots.library import load_robot
+from optipromp.core.robots.model import Robot
+from optipromp.core.robots.tools import Cup, with_tool
 
 pin = pytest.importorskip("pinocchio")
 
@@ -29,7 +29,9 @@ def robots() -> dict[str, Robot]:
 
 def oracle(name: str, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Tool point and axis by Pinocchio, from the robot's file and the cup's stated length."""
-    with resources.as_file(resources.files("optipromp.robots") / "data" / f"{name}.urdf") as path:
+    with resources.as_file(
+        resources.files("optipromp.core.robots") / "data" / f"{name}.urdf"
+    ) as path:
         model = pin.buildModelFromUrdf(str(path))
     data, frame = model.createData(), model.getFrameId("flange")
     points, axes = [], []

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.robots.library import load_robot
-from optipromp.robots.model import Robot
+from optipromp.core.robots.library import load_robot
+from optipromp.core.robots.model import Robot
 
 pin = pytest.importorskip("pinocchio")
 
@@ -88,7 +88,9 @@ def independent(robot: Robot) -> Values:
 @pytest.mark.parametrize("name", ["panda", "scara"])
 def test_built_in_robots(name: str) -> None:
     robot = load_robot(name)
-    with resources.as_file(resources.files("optipromp.robots") / "data" / f"{name}.urdf") as path:
+    with resources.as_file(
+        resources.files("optipromp.core.robots") / "data" / f"{name}.urdf"
+    ) as path:
         LOCAL[:] = local_centers(robot, path)
         compare(robot, path, "flange", independent(robot))
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.errors import InvalidRobotError
+from optipromp.core.errors import InvalidRobotError
+from optipromp.core.robots import load_robot
+from optipromp.core.robots.library import load_arm
 from optipromp.readers import reading
 from optipromp.readers.mjcf import read_mjcf
 from optipromp.readers.mjcf_files import mjcf_files
-from optipromp.robots import load_robot
-from optipromp.robots.library import load_arm
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -10,8 +10,8 @@ from tests.robots.conftest import joint
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
-from optipromp.errors import InvalidRobotError
-from optipromp.robots.library import load_robot
+from optipromp.core.errors import InvalidRobotError
+from optipromp.core.robots.library import load_robot
 
 Writer = Callable[..., Path]
 TETRAHEDRON = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]])

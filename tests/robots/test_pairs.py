@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp import judging
-from optipromp.errors import InvalidRobotError
-from optipromp.optimization.costs.obstacles import self_overlap
-from optipromp.optimization.evaluation import BodyPoints, Evaluation
-from optipromp.robots import Robot, load_robot
-from optipromp.scenes import JointGoal, Scene
+from optipromp.core import judging
+from optipromp.core.errors import InvalidRobotError
+from optipromp.core.optimization.costs.obstacles import self_overlap
+from optipromp.core.optimization.evaluation import BodyPoints, Evaluation
+from optipromp.core.robots import Robot, load_robot
+from optipromp.core.scenes import JointGoal, Scene
 
 Writer = Callable[..., Path]
 

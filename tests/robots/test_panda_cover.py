@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.robots import FrankaHand, Robot, load_robot
+from optipromp.core.robots import FrankaHand, Robot, load_robot
 
 coal = pytest.importorskip("coal")
 trimesh = pytest.importorskip("trimesh")

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.errors import Code, InvalidRobotError
-from optipromp.robots.library import load_robot
+from optipromp.core.errors import Code, InvalidRobotError
+from optipromp.core.robots.library import load_robot
 
 Writer = Callable[..., Path]
 
@@ -282,7 +282,7 @@ MESH = (
 
 LOADED = """
 import re, sys
-from optipromp.robots import load_robot
+from optipromp.core.robots import load_robot
 load_robot(sys.argv[1])
 most = re.search(r"VmHWM:\\s+(\\d+) kB", open("/proc/self/status").read())
 print(int(most[1]) // 1024)  # of this process alone: getrusage tells its parent's too

@@ -14,20 +14,20 @@ from typer.testing import CliRunner
 
 from optipromp import load_scene, plan
 from optipromp.cli.main import app
-from optipromp.errors import InvalidRequestError, InvalidRobotError
-from optipromp.files import npz
-from optipromp.planning import PlanOptions
+from optipromp.core.errors import InvalidRequestError, InvalidRobotError
+from optipromp.core.files import npz
+from optipromp.core.planning import PlanOptions
+from optipromp.core.robots import Cup, Robot, load_robot, robot_names, save_robot, with_tool
+from optipromp.core.robots.library import _DATA, NOTHING, READERS, _readers, load_arm
+from optipromp.core.robots.resolved import ARRAYS
 from optipromp.readers.reading import read_description
-from optipromp.robots import Cup, Robot, load_robot, robot_names, save_robot, with_tool
-from optipromp.robots.library import _DATA, NOTHING, READERS, _readers, load_arm
-from optipromp.robots.resolved import ARRAYS
 
 Writer = Callable[..., Path]
 BARE = """
 import sys
 for name in ("trimesh", "coal", "xacrodoc", "mujoco", "defusedxml", "optipromp.readers"):
     sys.modules[name] = None
-from optipromp.robots import load_robot
+from optipromp.core.robots import load_robot
 print(load_robot(sys.argv[1]).spheres.radius.tobytes().hex())
 """
 
@@ -168,7 +168,7 @@ def test_a_scene_names_no_resolved_robot_with_meshes_elsewhere(
 
 
 READER = """
-from optipromp.robots import load_robot
+from optipromp.core.robots import load_robot
 def read(path, choice, check):
     return load_robot(check(path.with_name(path.read_text())))
 """

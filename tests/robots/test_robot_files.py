@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.errors import InvalidRobotError
-from optipromp.robots.library import load_robot, robot_names
-from optipromp.robots.model import Robot
+from optipromp.core.errors import InvalidRobotError
+from optipromp.core.robots.library import load_robot, robot_names
+from optipromp.core.robots.model import Robot
 
 Writer = Callable[..., Path]
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from optipromp.robots import ik
-from optipromp.robots.library import load_robot
-from optipromp.robots.roll import level, rolls
-from optipromp.robots.tools import Cup, FrankaHand, with_tool
+from optipromp.core.robots import ik
+from optipromp.core.robots.library import load_robot
+from optipromp.core.robots.roll import level, rolls
+from optipromp.core.robots.tools import Cup, FrankaHand, with_tool
 
 DOWN = np.array([0.0, 0.0, -1.0])
 

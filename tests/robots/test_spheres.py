@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optipromp.errors import InvalidRobotError
-from optipromp.robots.library import load_robot
-from optipromp.robots.spheres import MAX_SPHERES, cover_box, cover_capsule, cover_cylinder
+from optipromp.core.errors import InvalidRobotError
+from optipromp.core.robots.library import load_robot
+from optipromp.core.robots.spheres import MAX_SPHERES, cover_box, cover_capsule, cover_cylinder
 
 Writer = Callable[..., Path]
 RNG = np.random.default_rng(0)

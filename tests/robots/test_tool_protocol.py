@@ -21,9 +21,9 @@ from tests.robots.builders import (
     square,
 )
 
-from optipromp.errors import InvalidRequestError
-from optipromp.geometry.shapes import Box, Cylinder, MeshShape
-from optipromp.robots import (
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.geometry.shapes import Box, Cylinder, MeshShape
+from optipromp.core.robots import (
     FingerGripper,
     MeshTool,
     Scissor,
@@ -33,10 +33,10 @@ from optipromp.robots import (
     with_tool,
     without_tool,
 )
-from optipromp.robots.roll import level, rolls
-from optipromp.robots.tool_geometry import MOST
-from optipromp.robots.tools import TOOLS as KINDS
-from optipromp.robots.tools import make_tool
+from optipromp.core.robots.roll import level, rolls
+from optipromp.core.robots.tool_geometry import MOST
+from optipromp.core.robots.tools import TOOLS as KINDS
+from optipromp.core.robots.tools import make_tool
 
 # [m] that the spheres reach beyond the solids of these tools. The Franka hand's two capsules do not
 # hold its boxes; tests/robots/test_tools.py says what they hold, and how tight a cup's spheres are

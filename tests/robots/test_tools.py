@@ -9,9 +9,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from optipromp.errors import InvalidRequestError
-from optipromp.robots.library import load_robot
-from optipromp.robots.tools import Cup, FrankaHand, Tool, with_tool, without_tool
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.robots.library import load_robot
+from optipromp.core.robots.tools import Cup, FrankaHand, Tool, with_tool, without_tool
 
 
 def cup_surface(cup: Cup) -> np.ndarray:

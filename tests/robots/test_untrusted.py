@@ -15,13 +15,13 @@ from typer.testing import CliRunner
 from optipromp import load_plan, plan
 from optipromp.cli.main import app
 from optipromp.cli.robot import Named
-from optipromp.errors import InvalidRobotError, InvalidSceneError, OptiPrompError
-from optipromp.experiments.runs import scenes_of
-from optipromp.output import write_plan
-from optipromp.planning import PlanOptions
-from optipromp.robots import Choice, load_robot
-from optipromp.robots.library import UNTRUSTED, load_arm
-from optipromp.scenes import load_scene
+from optipromp.core.errors import InvalidRobotError, InvalidSceneError, OptiPrompError
+from optipromp.core.output import write_plan
+from optipromp.core.planning import PlanOptions
+from optipromp.core.robots import Choice, load_robot
+from optipromp.core.robots.library import UNTRUSTED, load_arm
+from optipromp.core.scenes import load_scene
+from optipromp.laboratory.experiments.runs import scenes_of
 
 Writer = Callable[..., Path]
 

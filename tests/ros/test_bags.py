@@ -12,7 +12,8 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from optipromp.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.scenes import load_scene
 from optipromp.ros import (
     Recorded,
     is_bag,
@@ -23,7 +24,6 @@ from optipromp.ros import (
     to_bytes,
     write_bag,
 )
-from optipromp.scenes import load_scene
 
 SCENE = load_scene("scenario-4")
 TEXT = message("std_msgs/msg/String", data="grün")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.ros.recorded import JOINTS, MOVE, STILL, guided, joint_states
 
-from optipromp.errors import InvalidDemonstrationError, InvalidRequestError
+from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
 from optipromp.ros import CutParameters, Recorded, load_recording, message, write_bag
 
 

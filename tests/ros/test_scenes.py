@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optipromp.errors import InvalidRequestError, InvalidSceneError
-from optipromp.geometry import (
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError
+from optipromp.core.geometry import (
     Box,
     Capsule,
     Cylinder,
@@ -17,6 +17,16 @@ from optipromp.geometry import (
     PointCloudShape,
     Sphere,
 )
+from optipromp.core.scenes import (
+    Approach,
+    Pose,
+    Scene,
+    SceneObject,
+    Stem,
+    load_scene,
+    scene_names,
+)
+from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.ros import (
     LiveScene,
     collision_object,
@@ -28,16 +38,6 @@ from optipromp.ros import (
     to_bytes,
 )
 from optipromp.ros.shapes import pose_message, read_pose
-from optipromp.scenes import (
-    Approach,
-    Pose,
-    Scene,
-    SceneObject,
-    Stem,
-    load_scene,
-    scene_names,
-)
-from optipromp.scenes.rotations import from_quaternion
 
 TETRAHEDRON = MeshShape(
     np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]),

@@ -9,9 +9,10 @@ from mcap_ros2.decoder import DecoderFactory
 from tests.robots.test_arm import TWO, along, groups, robot
 
 from optipromp import judge, plan
-from optipromp.errors import Code, InvalidRequestError
-from optipromp.planning.task import resolve
-from optipromp.robots.library import Choice
+from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.planning.task import resolve
+from optipromp.core.robots.library import Choice
+from optipromp.core.scenes import JointGoal, Pose, PoseGoal, Scene, load_scene
 from optipromp.ros import (
     LiveScene,
     Recorded,
@@ -26,7 +27,6 @@ from optipromp.ros.goals import read_goal
 from optipromp.ros.service import MOVEIT
 from optipromp.ros.shapes import pose_message
 from optipromp.ros.types import constants
-from optipromp.scenes import JointGoal, Pose, PoseGoal, Scene, load_scene
 
 SCENE = load_scene("scenario-3")
 ROBOT = resolve(SCENE).robot

@@ -10,7 +10,8 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from scipy.interpolate import CubicHermiteSpline
 
-from optipromp.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.trajectory import Trajectory
 from optipromp.ros import (
     Recorded,
     display_trajectory,
@@ -24,7 +25,6 @@ from optipromp.ros import (
     to_bytes,
     write_bag,
 )
-from optipromp.trajectory import Trajectory
 
 NAMES = ("a", "b", "c")
 

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from optipromp.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError
 from optipromp.ros import from_bytes, message, to_bytes, types, typestore
 
 # MD5 sums that ROS 1 publishes for types that kept their fields in ROS 2. A field of another name,

@@ -4,7 +4,7 @@ import functools
 
 import pytest
 
-from optipromp.scenes.generate import generate_with_report
+from optipromp.laboratory.generate import generate_with_report
 
 made = functools.cache(generate_with_report)
 

@@ -4,9 +4,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optipromp.geometry import Box, Capsule, HalfSpace, Sphere, distances, pack
-from optipromp.scenes import JointGoal, Scene, SceneObject
-from optipromp.scenes.scene import ROLES
+from optipromp.core.geometry import Box, Capsule, HalfSpace, Sphere, distances, pack
+from optipromp.core.scenes import JointGoal, Scene, SceneObject
+from optipromp.core.scenes.scene import ROLES
 
 SHAPES = (Sphere(0.05), Box((0.1, 0.4, 0.02)), Capsule(0.03, 0.6), Sphere(1.0))
 TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])

@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 from tests.scenes.documents import FRUIT, MINIMAL, with_fruit, with_object
 
 from optipromp import plan
-from optipromp.errors import InvalidSceneError
-from optipromp.geometry import HalfSpace, Sphere, distances
-from optipromp.pushing.packs.standing import applies
-from optipromp.pushing.stems.bending import stems
-from optipromp.robots.tools import make_tool
-from optipromp.scenes import (
+from optipromp.core.errors import InvalidSceneError
+from optipromp.core.geometry import HalfSpace, Sphere, distances
+from optipromp.core.pushing.packs.standing import applies
+from optipromp.core.pushing.stems.bending import stems
+from optipromp.core.robots.tools import make_tool
+from optipromp.core.scenes import (
     Pose,
     PoseGoal,
     Scene,
@@ -28,7 +28,7 @@ from optipromp.scenes import (
     scene_from_dict,
     scene_to_dict,
 )
-from optipromp.scenes.generate import generate
+from optipromp.laboratory.generate import generate
 
 FLOOR = SceneObject("floor", "static", HalfSpace(), np.array([0.0, 0.0, -0.2]))
 CAMERA = Pose([0.6, -0.4, 0.5], [0.1, 0.7, -0.7, 0.1])

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from tests.scenes.conftest import made
 
-from optipromp import judging
-from optipromp.errors import InvalidRequestError
-from optipromp.geometry import Box, Sphere, distances
-from optipromp.planning.task import resolve
-from optipromp.robots import ik
-from optipromp.robots.roll import rolled
-from optipromp.scenes import Scene, load_scene, save_scene, scene_to_dict
-from optipromp.scenes.generate import PRESETS, generate, generator
-from optipromp.scenes.generate.checks import segments, to_segment, unsolvable
-from optipromp.scenes.generate.shelves import Footprint, apart
+from optipromp.core import judging
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.geometry import Box, Sphere, distances
+from optipromp.core.planning.task import resolve
+from optipromp.core.robots import ik
+from optipromp.core.robots.roll import rolled
+from optipromp.core.scenes import Scene, load_scene, save_scene, scene_to_dict
+from optipromp.laboratory.generate import PRESETS, generate, generator
+from optipromp.laboratory.generate.checks import segments, to_segment, unsolvable
+from optipromp.laboratory.generate.shelves import Footprint, apart
 
 SEEDS = range(12)
 BUNCHES = [preset for preset in PRESETS if preset not in ("shelf", "elongated", "truss", "field")]

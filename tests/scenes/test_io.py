@@ -13,9 +13,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.scenes.documents import FRUIT, MINIMAL, with_fruit, with_object
 
-from optipromp.errors import InvalidRequestError, InvalidSceneError
-from optipromp.geometry import Box, Capsule, Cylinder, HalfSpace, MeshShape, PointCloudShape, Sphere
-from optipromp.scenes import (
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError
+from optipromp.core.geometry import (
+    Box,
+    Capsule,
+    Cylinder,
+    HalfSpace,
+    MeshShape,
+    PointCloudShape,
+    Sphere,
+)
+from optipromp.core.scenes import (
     Approach,
     JointGoal,
     PoseGoal,
@@ -28,7 +36,7 @@ from optipromp.scenes import (
     scene_names,
     scene_to_dict,
 )
-from optipromp.scenes.rotations import from_quaternion, to_quaternion
+from optipromp.core.scenes.rotations import from_quaternion, to_quaternion
 
 
 def full():

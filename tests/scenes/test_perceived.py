@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optipromp.errors import InvalidRequestError
-from optipromp.geometry import Sphere
-from optipromp.scenes import SceneObject, scene_to_dict
-from optipromp.scenes.generate import NOISES, Noise, generate, perceived
-from optipromp.scenes.generate.noise import hidden_share
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.geometry import Sphere
+from optipromp.core.scenes import SceneObject, scene_to_dict
+from optipromp.laboratory.generate import NOISES, Noise, generate, perceived
+from optipromp.laboratory.generate.noise import hidden_share
 
 
 def test_perceived_moves_what_is_detected_and_nothing_else() -> None:

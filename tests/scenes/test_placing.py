@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from optipromp.errors import InvalidRequestError
-from optipromp.planning import plan
-from optipromp.planning.task import resolve
-from optipromp.scenes.generate import bunches, generate
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.planning import plan
+from optipromp.core.planning.task import resolve
+from optipromp.laboratory.generate import bunches, generate
 
 SIX = (  # joint axis, length of the link beyond it [m]
     ("0 0 1", 0.20), ("0 1 0", 0.40), ("0 1 0", 0.35), ("0 1 0", 0.10), ("0 0 1", 0.08),
@@ -78,7 +78,7 @@ def test_the_arm_stays_below_the_lowest_pushable(arm) -> None:
 @pytest.mark.filterwarnings("ignore:no built-in demonstrations")
 def test_another_robot_picks(arm) -> None:
     pytest.importorskip("mujoco")
-    from optipromp.simulation import simulate
+    from optipromp.laboratory.simulation import simulate
 
     for seed in (3, 2):
         made = plan(generate("cluster", seed, arm))

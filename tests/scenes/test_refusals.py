@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from tests.scenes.documents import FRUIT, MINIMAL, with_fruit, with_object
 
-from optipromp.errors import Code, InvalidSceneError
-from optipromp.scenes import load_scene, scene_from_dict
+from optipromp.core.errors import Code, InvalidSceneError
+from optipromp.core.scenes import load_scene, scene_from_dict
 
 
 def refusal(document, **more):

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from tests.scenes.conftest import made
 
-from optipromp.geometry import Sphere
-from optipromp.robots.tools import Cup, FrankaHand
-from optipromp.scenes import Approach, Scene, SceneObject, Stem
-from optipromp.scenes.generate import generate
-from optipromp.scenes.generate.checks import _rooted_in_tool, equipped, unsolvable
+from optipromp.core.geometry import Sphere
+from optipromp.core.robots.tools import Cup, FrankaHand
+from optipromp.core.scenes import Approach, Scene, SceneObject, Stem
+from optipromp.laboratory.generate import generate
+from optipromp.laboratory.generate.checks import _rooted_in_tool, equipped, unsolvable
 
 ROOTED = "stem rooted where the tool must end"
 CUP = Cup(radius=0.03, height=0.05, length=0.10, depth=0.02)  # rim 0.02 over the target's centre

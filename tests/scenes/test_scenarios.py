@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from optipromp import judging
-from optipromp.errors import InvalidSceneError
-from optipromp.geometry import Box, Sphere
-from optipromp.planning.task import resolve
-from optipromp.scenes import load_scene, scene_names
+from optipromp.core import judging
+from optipromp.core.errors import InvalidSceneError
+from optipromp.core.geometry import Box, Sphere
+from optipromp.core.planning.task import resolve
+from optipromp.core.scenes import load_scene, scene_names
 
 NAMES = ("scenario-1", "scenario-2", "scenario-3", "scenario-4")
 PAPER = ("paper-3", "paper-4")

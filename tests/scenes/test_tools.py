@@ -7,10 +7,17 @@ import pytest
 from tests.robots.builders import BAR, TOOLS, cup_parts, joined, write_obj
 from tests.scenes.documents import MINIMAL
 
-from optipromp.errors import InvalidSceneError
-from optipromp.planning.task import resolve
-from optipromp.robots import FingerGripper, MeshTool, Scissor
-from optipromp.scenes import Scene, ToolSpec, load_scene, save_scene, scene_from_dict, scene_to_dict
+from optipromp.core.errors import InvalidSceneError
+from optipromp.core.planning.task import resolve
+from optipromp.core.robots import FingerGripper, MeshTool, Scissor
+from optipromp.core.scenes import (
+    Scene,
+    ToolSpec,
+    load_scene,
+    save_scene,
+    scene_from_dict,
+    scene_to_dict,
+)
 
 MESH = {"kind": "mesh", "file": "parts/cup.obj", "scale": 0.001, "tool_point": [0.0, 0.0, 0.12],
         "opening": 0.044, "height": 0.04}  # fmt: skip

@@ -7,13 +7,13 @@ import pytest
 from tests.scenes.conftest import made
 
 from optipromp import load_scene, save_scene
-from optipromp.errors import InvalidSceneError
-from optipromp.geometry import Cone, Ellipsoid, Sphere
+from optipromp.core.errors import InvalidSceneError
+from optipromp.core.geometry import Cone, Ellipsoid, Sphere
+from optipromp.core.scenes import Pose, Scene, SceneObject, Stem
+from optipromp.core.scenes.trusses import nearest, parents_first, rooted
+from optipromp.laboratory.generate import NOISES, generate, perceived
+from optipromp.laboratory.generate.plants import untold
 from optipromp.ros.scenes import collision_object, read_collision_object
-from optipromp.scenes import Pose, Scene, SceneObject, Stem
-from optipromp.scenes.generate import NOISES, generate, perceived
-from optipromp.scenes.generate.plants import untold
-from optipromp.scenes.trusses import nearest, parents_first, rooted
 
 TOP = np.array([0.45, 0.0, 1.1])
 

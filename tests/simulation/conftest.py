@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optipromp.errors import InvalidRequestError
-from optipromp.geometry.shapes import Sphere
-from optipromp.planning.task import resolve
-from optipromp.scenes.scene import Scene, SceneObject, Stem, ToolSpec
-from optipromp.simulation import SimulationParameters
-from optipromp.simulation.engine import engine
-from optipromp.simulation.rollout import Execution
-from optipromp.simulation.world import build
-from optipromp.trajectory import Trajectory
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.geometry.shapes import Sphere
+from optipromp.core.planning.task import resolve
+from optipromp.core.scenes.scene import Scene, SceneObject, Stem, ToolSpec
+from optipromp.core.trajectory import Trajectory
+from optipromp.laboratory.simulation import SimulationParameters
+from optipromp.laboratory.simulation.engine import engine
+from optipromp.laboratory.simulation.rollout import Execution
+from optipromp.laboratory.simulation.world import build
 
 try:
     engine()  # before anything else imports MuJoCo, so that it draws off screen

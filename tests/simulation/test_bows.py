@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from tests.simulation.test_physics import STRAIGHT
 
-from optipromp.errors import InvalidRequestError
-from optipromp.planning.task import resolve
-from optipromp.scenes.scene import Stem
-from optipromp.simulation import SimulationParameters, simulate
-from optipromp.simulation.fruits import bows
-from optipromp.simulation.world import build
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.planning.task import resolve
+from optipromp.core.scenes.scene import Stem
+from optipromp.laboratory.simulation import SimulationParameters, simulate
+from optipromp.laboratory.simulation.fruits import bows
+from optipromp.laboratory.simulation.world import build
 
 
 def risen(bench, stem, push):

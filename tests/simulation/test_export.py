@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from optipromp import load_scene, plan
-from optipromp.geometry import HalfSpace, MeshShape, PointCloudShape
-from optipromp.planning.task import resolve
-from optipromp.scenes import JointGoal, Pose, Scene, SceneObject
-from optipromp.simulation.world import build
+from optipromp.core.geometry import HalfSpace, MeshShape, PointCloudShape
+from optipromp.core.planning.task import resolve
+from optipromp.core.scenes import JointGoal, Pose, Scene, SceneObject
+from optipromp.laboratory.simulation.world import build
 
 mujoco = pytest.importorskip("mujoco")
-export = pytest.importorskip("optipromp.simulation.export")
+export = pytest.importorskip("optipromp.laboratory.simulation.export")
 
 LYING = Pose(np.array([0.0, 3.0, 0.0]), np.array([0.8, 0.6, 0.0, 0.0]))
 CAMERA = Pose(np.array([0.3, -0.4, 0.5]), np.array([0.5, -0.5, 0.5, -0.5]))  # looks along x

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from optipromp.experiments.baselines import attempt
-from optipromp.planning import plan
-from optipromp.planning.task import resolve
-from optipromp.robots.tools import FrankaHand
-from optipromp.scenes.generate import generate
-from optipromp.simulation import Cause, simulate
-from optipromp.simulation.engine import engine
-from optipromp.simulation.world import build
+from optipromp.core.planning import plan
+from optipromp.core.planning.task import resolve
+from optipromp.core.robots.tools import FrankaHand
+from optipromp.laboratory.experiments.baselines import attempt
+from optipromp.laboratory.generate import generate
+from optipromp.laboratory.simulation import Cause, simulate
+from optipromp.laboratory.simulation.engine import engine
+from optipromp.laboratory.simulation.world import build
 
 HAND = FrankaHand()
 

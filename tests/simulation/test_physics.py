@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optipromp.errors import InvalidRequestError
-from optipromp.geometry.shapes import Box, Cylinder, Sphere
-from optipromp.planning.task import resolve
-from optipromp.robots import Robot, load_robot
-from optipromp.scenes.io import load_scene
-from optipromp.scenes.scene import Pose, SceneObject
-from optipromp.simulation import Cause, SimulationParameters, simulate
-from optipromp.simulation.rollout import Execution
-from optipromp.simulation.world import FLOOR_DEPTH, build
-from optipromp.trajectory import Trajectory
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.geometry.shapes import Box, Cylinder, Sphere
+from optipromp.core.planning.task import resolve
+from optipromp.core.robots import Robot, load_robot
+from optipromp.core.scenes.io import load_scene
+from optipromp.core.scenes.scene import Pose, SceneObject
+from optipromp.core.trajectory import Trajectory
+from optipromp.laboratory.simulation import Cause, SimulationParameters, simulate
+from optipromp.laboratory.simulation.rollout import Execution
+from optipromp.laboratory.simulation.world import FLOOR_DEPTH, build
 
 P = SimulationParameters()
 WEIGHT = 950.0 * 4.0 / 3.0 * np.pi * 0.015**3 * 9.81

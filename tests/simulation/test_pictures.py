@@ -5,15 +5,23 @@ import io
 import numpy as np
 import pytest
 
-from optipromp.errors import InvalidRequestError
-from optipromp.geometry.shapes import Sphere
-from optipromp.planning import plan
-from optipromp.scenes.scene import SceneObject
-from optipromp.simulation import simulate
-from optipromp.simulation.camera import axes, shot
-from optipromp.simulation.dress import SHOWN, dressed
-from optipromp.simulation.render import LINGER, View, animation, film, frames, moments, png
-from optipromp.simulation.world import build
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.geometry.shapes import Sphere
+from optipromp.core.planning import plan
+from optipromp.core.scenes.scene import SceneObject
+from optipromp.laboratory.simulation import simulate
+from optipromp.laboratory.simulation.camera import axes, shot
+from optipromp.laboratory.simulation.dress import SHOWN, dressed
+from optipromp.laboratory.simulation.render import (
+    LINGER,
+    View,
+    animation,
+    film,
+    frames,
+    moments,
+    png,
+)
+from optipromp.laboratory.simulation.world import build
 
 SMALL = View(width=160, height=120)
 

@@ -1,17 +1,17 @@
-"""The model of a push (:mod:`optipromp.pushing.stems.swinging`) against the simulation."""
+"""The model of a push (:mod:`optipromp.core.pushing.stems.swinging`) against the simulation."""
 
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from optipromp.planning import plan
-from optipromp.planning.task import resolve
-from optipromp.pushing.stems.bending import stems
-from optipromp.pushing.stems.hanging import Hanging
-from optipromp.pushing.stems.swinging import push
-from optipromp.scenes.generate import generate
-from optipromp.simulation import simulate
+from optipromp.core.planning import plan
+from optipromp.core.planning.task import resolve
+from optipromp.core.pushing.stems.bending import stems
+from optipromp.core.pushing.stems.hanging import Hanging
+from optipromp.core.pushing.stems.swinging import push
+from optipromp.laboratory.generate import generate
+from optipromp.laboratory.simulation import simulate
 
 STEP = 0.03  # [s]
 MOVED = 0.002  # [m] from which on a fruit counts as pushed

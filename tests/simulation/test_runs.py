@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optipromp.errors import InvalidRequestError
-from optipromp.geometry.shapes import HalfSpace, MeshShape, PointCloudShape
-from optipromp.planning import plan
-from optipromp.planning.task import resolve
-from optipromp.scenes.scene import SceneObject
-from optipromp.simulation import Cause, SimulationParameters, catalogue, simulate
-from optipromp.simulation.files import write_run
-from optipromp.simulation.outcome import judge
-from optipromp.simulation.world import build
-from optipromp.trajectory import Trajectory
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.geometry.shapes import HalfSpace, MeshShape, PointCloudShape
+from optipromp.core.planning import plan
+from optipromp.core.planning.task import resolve
+from optipromp.core.scenes.scene import SceneObject
+from optipromp.core.trajectory import Trajectory
+from optipromp.laboratory.simulation import Cause, SimulationParameters, catalogue, simulate
+from optipromp.laboratory.simulation.files import write_run
+from optipromp.laboratory.simulation.outcome import judge
+from optipromp.laboratory.simulation.world import build
 
 PLANNERS = {
     "scenario-1": "promp",
@@ -183,7 +183,7 @@ def test_every_parameter_says_its_unit_and_its_source():
 
 
 def test_a_scene_with_a_goal_and_no_target_is_executed(bench):
-    from optipromp.scenes.scene import PoseGoal
+    from optipromp.core.scenes.scene import PoseGoal
 
     goal = PoseGoal(np.array([0.3, 0.0, 0.3]), np.array([0.0, 0.0, 1.0]))
     run = simulate(bench.line((0, 0, 0), (0.3, 0, 0.3)), bench.scene(goal=goal))

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.experiments.baselines import attempt
-from optipromp.output import write_plan
-from optipromp.planning import plan
-from optipromp.planning.task import resolve
-from optipromp.scenes.generate import generate
-from optipromp.scenes.io import scene_to_dict
-from optipromp.simulation import simulate
+from optipromp.core.output import write_plan
+from optipromp.core.planning import plan
+from optipromp.core.planning.task import resolve
+from optipromp.core.scenes.io import scene_to_dict
+from optipromp.laboratory.experiments.baselines import attempt
+from optipromp.laboratory.generate import generate
+from optipromp.laboratory.simulation import simulate
 
 second = pytest.importorskip("scripts.second_engine")
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from tests.robots.builders import INNER, SIDES, TOOLS, mesh_cup, probe
 
-from optipromp.planning import plan
-from optipromp.robots import Cup, FingerGripper, Scissor, Tool, load_robot, with_tool
-from optipromp.scenes import load_scene
-from optipromp.scenes.generate import generate
-from optipromp.simulation import Cause, SimulationParameters, simulate
-from optipromp.simulation.engine import engine
-from optipromp.simulation.world import build
+from optipromp.core.planning import plan
+from optipromp.core.robots import Cup, FingerGripper, Scissor, Tool, load_robot, with_tool
+from optipromp.core.scenes import load_scene
+from optipromp.laboratory.generate import generate
+from optipromp.laboratory.simulation import Cause, SimulationParameters, simulate
+from optipromp.laboratory.simulation.engine import engine
+from optipromp.laboratory.simulation.world import build
 
 
 def equipped(tool: Tool):

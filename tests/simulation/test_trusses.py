@@ -6,15 +6,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from optipromp.arrays import FloatArray
-from optipromp.geometry import Cone, Ellipsoid
-from optipromp.planning import plan
-from optipromp.pushing.stems.bending import stems
-from optipromp.scenes.generate import generate
-from optipromp.scenes.generate.plants import untold
-from optipromp.simulation import SimulationParameters, simulate
-from optipromp.simulation.stems import StemWatch
-from optipromp.simulation.world import Fruit, World, build
+from optipromp.core.arrays import FloatArray
+from optipromp.core.geometry import Cone, Ellipsoid
+from optipromp.core.planning import plan
+from optipromp.core.pushing.stems.bending import stems
+from optipromp.laboratory.generate import generate
+from optipromp.laboratory.generate.plants import untold
+from optipromp.laboratory.simulation import SimulationParameters, simulate
+from optipromp.laboratory.simulation.stems import StemWatch
+from optipromp.laboratory.simulation.world import Fruit, World, build
 
 FORCE = 0.02  # [N]
 

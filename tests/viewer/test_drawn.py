@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from optipromp.planning import Plan, plan
-from optipromp.planning.options import PlanOptions
-from optipromp.planning.task import resolve
-from optipromp.pushing.interactive import pushes
-from optipromp.viewer import drawn
+from optipromp.core.planning import Plan, plan
+from optipromp.core.planning.options import PlanOptions
+from optipromp.core.planning.task import resolve
+from optipromp.core.pushing.interactive import pushes
+from optipromp.looks.viewer import drawn
 
 
 @pytest.fixture(scope="module")

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optipromp.geometry.shapes import Box
-from optipromp.planning import Plan, Term, plan
-from optipromp.scenes.generate import generate
-from optipromp.trajectory import Trajectory
-from optipromp.viewer import drawn
-from optipromp.viewer.figures import (
+from optipromp.core.geometry.shapes import Box
+from optipromp.core.planning import Plan, Term, plan
+from optipromp.core.trajectory import Trajectory
+from optipromp.laboratory.generate import generate
+from optipromp.looks.viewer import drawn
+from optipromp.looks.viewer.figures import (
     changed_terms,
     cost_figure,
     joint_figure,
@@ -184,7 +184,7 @@ def test_figures_need_no_display_and_leave_pyplot_alone() -> None:
     code = (
         "import sys\n"
         "from optipromp import plan\n"
-        "from optipromp.viewer.figures import plan_figures\n"
+        "from optipromp.looks.viewer.figures import plan_figures\n"
         "assert 'reach.png' in plan_figures(plan('scenario-1', planner='promp'))\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
     )

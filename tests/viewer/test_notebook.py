@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.errors import InvalidRequestError
-from optipromp.planning import Plan, plan
-from optipromp.planning.task import resolve
-from optipromp.promp import Basis, ProMP
-from optipromp.robots import load_robot
-from optipromp.scenes import load_scene
-from optipromp.viewer.embed import plan_page, scene_page
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.planning import Plan, plan
+from optipromp.core.planning.task import resolve
+from optipromp.core.promp import Basis, ProMP
+from optipromp.core.robots import load_robot
+from optipromp.core.scenes import load_scene
+from optipromp.looks.viewer.embed import plan_page, scene_page
 
 
 @pytest.fixture(scope="module")

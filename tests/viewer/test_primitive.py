@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from optipromp.promp import Basis, Demonstration, Demonstrations, fit
-from optipromp.viewer.figures import png, primitive_figure
+from optipromp.core.promp import Basis, Demonstration, Demonstrations, fit
+from optipromp.looks.viewer.figures import png, primitive_figure
 
 
 @pytest.mark.parametrize("joints", [1, 3, 7])

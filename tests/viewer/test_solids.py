@@ -3,11 +3,18 @@
 import numpy as np
 import pytest
 
-from optipromp.arrays import frame_along
-from optipromp.geometry.faces import sphere
-from optipromp.geometry.shapes import Box, Capsule, Cylinder, HalfSpace, PointCloudShape, Sphere
-from optipromp.looks.faces import shape_faces
-from optipromp.viewer.picture import Camera, Picture
+from optipromp.core.arrays import frame_along
+from optipromp.core.geometry.faces import sphere
+from optipromp.core.geometry.shapes import (
+    Box,
+    Capsule,
+    Cylinder,
+    HalfSpace,
+    PointCloudShape,
+    Sphere,
+)
+from optipromp.looks.appearance.faces import shape_faces
+from optipromp.looks.viewer.picture import Camera, Picture
 
 ROTATION = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 

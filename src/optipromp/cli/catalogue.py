@@ -7,18 +7,18 @@ from collections.abc import Sequence
 from typing import Any
 
 from optipromp.cli.command import Report, command
-from optipromp.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError
 
 
 @command()
 def catalogue() -> Report:
     """List the built-in robots and scenes, the kinds of tool, the planners, and their settings."""
-    from optipromp.planning.options import PaperOptions, PlanOptions
-    from optipromp.planning.planner import planners
-    from optipromp.planning.planners import PLANNERS
-    from optipromp.robots.library import robot_names
-    from optipromp.robots.tools import TOOLS
-    from optipromp.scenes.io import scene_names
+    from optipromp.core.planning.options import PaperOptions, PlanOptions
+    from optipromp.core.planning.planner import planners
+    from optipromp.core.planning.planners import PLANNERS
+    from optipromp.core.robots.library import robot_names
+    from optipromp.core.robots.tools import TOOLS
+    from optipromp.core.scenes.io import scene_names
 
     robots, scenes = robot_names(), scene_names()
     known = documented(PlanOptions)
@@ -72,9 +72,9 @@ def asked(
     Raises:
         InvalidRequestError: see :func:`settings`; no such planner.
     """
-    from optipromp.planning import PlanOptions
-    from optipromp.planning.planner import factory, make, settings_of
-    from optipromp.planning.planners import JOINT, OF_A_PLAN, PLANNERS
+    from optipromp.core.planning import PlanOptions
+    from optipromp.core.planning.planner import factory, make, settings_of
+    from optipromp.core.planning.planners import JOINT, OF_A_PLAN, PLANNERS
 
     if planner in PLANNERS:
         return {"planner": planner, "strategy": strategy, "options": settings(pairs, **stated)}
@@ -89,7 +89,7 @@ def asked(
 
 
 def settings(pairs: Sequence[str], **given: Any) -> Any:
-    """:class:`optipromp.planning.PlanOptions` of ``key=value`` texts; values are read as YAML.
+    """:class:`optipromp.core.planning.PlanOptions` of ``key=value`` texts; values are read as YAML.
 
     A setting of the paper's planners is ``paper.key``. ``given`` are settings that have an option
     of their own; None stands for none.
@@ -98,7 +98,7 @@ def settings(pairs: Sequence[str], **given: Any) -> Any:
         InvalidRequestError: no such key, a text that is no pair, a value that may not be; the
             message names the keys there are.
     """
-    from optipromp.planning import PlanOptions
+    from optipromp.core.planning import PlanOptions
 
     known = {name: value for name, value in given.items() if value is not None}
     return PlanOptions(**known | _values(pairs, list(documented(PlanOptions)), nested=True))
@@ -108,9 +108,9 @@ def _values(pairs: Sequence[str], names: list[str], nested: bool) -> dict[str, A
     """Values of ``key=value`` texts; with ``nested`` keys ``paper.key`` are read too."""
     import yaml
 
-    from optipromp.documents import read_yaml
-    from optipromp.planning import PaperOptions
-    from optipromp.scenes.values import suggest
+    from optipromp.core.documents import read_yaml
+    from optipromp.core.planning import PaperOptions
+    from optipromp.core.scenes.values import suggest
 
     names += [f"paper.{name}" for name in documented(PaperOptions)] if nested else []
     known: dict[str, Any] = {}

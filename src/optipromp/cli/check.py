@@ -12,14 +12,14 @@ import typer
 from optipromp.cli.command import OK, Report, Shown, command, exit_code
 from optipromp.cli.console import headline
 from optipromp.cli.robot import ArmOptions
-from optipromp.errors import Code, InvalidRequestError, InvalidSceneError
-from optipromp.files import is_folder, is_there
+from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
+from optipromp.core.files import is_folder, is_there
 
 if TYPE_CHECKING:
-    from optipromp.planning import Plan
-    from optipromp.robots.description import Arm
-    from optipromp.robots.model import Robot
-    from optipromp.scenes.scene import Scene
+    from optipromp.core.planning import Plan
+    from optipromp.core.robots.description import Arm
+    from optipromp.core.robots.model import Robot
+    from optipromp.core.scenes.scene import Scene
 
 LISTED = 20  # chosen: of a list in text; a robot on a base has hundreds of pairs of links
 _SCENE_KEYS = frozenset({"objects", "robot", "target", "goal", "approach", "start"})
@@ -42,8 +42,8 @@ def kind_of(item: str) -> Kind:
     Raises:
         InvalidRequestError: no such file or built-in name, or a file that is none of the kinds.
     """
-    from optipromp.robots.library import robot_names
-    from optipromp.scenes.io import scene_names
+    from optipromp.core.robots.library import robot_names
+    from optipromp.core.scenes.io import scene_names
 
     if item in scene_names():
         return Kind.SCENE
@@ -65,7 +65,7 @@ def kind_of(item: str) -> Kind:
         case ".csv" | ".mcap" | ".db3":
             return Kind.DEMONSTRATIONS
         case ".npz":
-            from optipromp.promp.model import is_primitive
+            from optipromp.core.promp.model import is_primitive
 
             return Kind.PRIMITIVE if is_primitive(path) else Kind.DEMONSTRATIONS
         case ".yaml" | ".yml" | ".json":
@@ -83,8 +83,8 @@ def scene_or_plan(item: str, taker: str) -> "Scene | Plan":
         InvalidRequestError: it is neither, or damaged.
         InvalidSceneError: a scene that cannot be used.
     """
-    from optipromp.output import load_plan
-    from optipromp.scenes.io import load_scene
+    from optipromp.core.output import load_plan
+    from optipromp.core.scenes.io import load_scene
 
     kind = kind_of(item)
     if kind is Kind.PLAN:
@@ -95,7 +95,7 @@ def scene_or_plan(item: str, taker: str) -> "Scene | Plan":
 
 
 def _inside(path: Path) -> Kind:
-    from optipromp.documents import read_document
+    from optipromp.core.documents import read_document
 
     try:
         content = read_document(path, InvalidSceneError, "a scene")
@@ -138,14 +138,14 @@ def check(
     """
     kind, named = kind_of(item), arm.of(None)
     if kind is Kind.ROBOT:
-        from optipromp.robots.library import load_arm
+        from optipromp.core.robots.library import load_arm
 
         robot, found = load_arm(item, choice=named.choice)
         summary = _robot(robot, found)
         if out is not None:
-            from optipromp.files import write_atomically
-            from optipromp.viewer.cover import cover_figure
-            from optipromp.viewer.figures import png
+            from optipromp.core.files import write_atomically
+            from optipromp.looks.viewer.cover import cover_figure
+            from optipromp.looks.viewer.figures import png
 
             write_atomically(out / "cover.png", png(cover_figure(robot)))
     elif named or out is not None:
@@ -179,9 +179,9 @@ def _words(value: object) -> str:
 
 
 def _scene(item: str) -> dict[str, Any]:
-    from optipromp.planning.task import resolve
-    from optipromp.robots.dynamics import warn_of_gravity
-    from optipromp.scenes.io import load_scene
+    from optipromp.core.planning.task import resolve
+    from optipromp.core.robots.dynamics import warn_of_gravity
+    from optipromp.core.scenes.io import load_scene
 
     scene = load_scene(item)
     bound = resolve(scene)
@@ -204,7 +204,7 @@ def _robot(robot: "Robot", arm: "Arm") -> dict[str, Any]:
     """What is said of a robot; lengths in metres."""
     import numpy as np
 
-    from optipromp.robots.dynamics import warn_of_gravity
+    from optipromp.core.robots.dynamics import warn_of_gravity
 
     warn_of_gravity(robot, robot.home[None], np.array([0.0, 0.0, 1.0]), "at home")
     spheres = Counter(robot.link_names[i] for i in robot.spheres.link)
@@ -262,14 +262,14 @@ def _demonstrations(item: str) -> dict[str, Any]:
 
 def _warn_if_nameless(item: str, names: tuple[str, ...]) -> None:
     from optipromp.cli.learn import NAMELESS
-    from optipromp.promp.checks import unnamed
+    from optipromp.core.promp.checks import unnamed
 
     if unnamed(names):
         warnings.warn(f"{item} {NAMELESS}", stacklevel=1)
 
 
 def _primitive(item: str) -> dict[str, Any]:
-    from optipromp.promp import ProMP
+    from optipromp.core.promp import ProMP
 
     promp = ProMP.load(Path(item))
     _warn_if_nameless(item, promp.joint_names)
@@ -283,7 +283,7 @@ def _primitive(item: str) -> dict[str, Any]:
 
 
 def _plan(item: str) -> dict[str, Any]:
-    from optipromp.output import load_plan
+    from optipromp.core.output import load_plan
 
     plan = load_plan(Path(item))
     return {

@@ -12,9 +12,9 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 from optipromp.cli.console import stdout
-from optipromp.errors import Code, OptiPrompError
-from optipromp.files import json_text
-from optipromp.shown import printable
+from optipromp.core.errors import Code, OptiPrompError
+from optipromp.core.files import json_text
+from optipromp.core.shown import printable
 
 Shown = Iterable[Any]
 """What people read: lines, and what rich can print. A generator runs only where they read it."""

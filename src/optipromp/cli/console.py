@@ -126,12 +126,12 @@ def progress_bar(lines: int) -> Iterator[Callable[[int, int, str], None]]:
 
 def say_if_compiling() -> None:
     """Compile the kernels before the first plan, and say so, when Numba's cache lacks them."""
-    from optipromp.compiled import in_cache
-    from optipromp.optimization.kernels import add_stiffness
+    from optipromp.core.compiled import in_cache
+    from optipromp.core.optimization.kernels import add_stiffness
 
     if not in_cache(add_stiffness):
         sys.stderr.write("compiling kernels, once (about half a minute) ...\n")
         sys.stderr.flush()
-        from optipromp.planning.plan import compile_kernels
+        from optipromp.core.planning.plan import compile_kernels
 
         compile_kernels()

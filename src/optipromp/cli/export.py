@@ -9,13 +9,13 @@ import typer
 from optipromp.cli.check import scene_or_plan
 from optipromp.cli.command import Report, command
 from optipromp.cli.console import waiting
-from optipromp.errors import Code, InvalidRequestError, OptiPrompError
+from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
-    from optipromp.arrays import FloatArray
-    from optipromp.robots.model import Robot
-    from optipromp.scenes.scene import Scene
-    from optipromp.trajectory import Trajectory
+    from optipromp.core.arrays import FloatArray
+    from optipromp.core.robots.model import Robot
+    from optipromp.core.scenes.scene import Scene
+    from optipromp.core.trajectory import Trajectory
 
 
 def _failed(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str, Any]:
@@ -92,8 +92,8 @@ class _Content(NamedTuple):
 
 
 def _read(item: str) -> _Content:
-    from optipromp.planning.task import posed
-    from optipromp.scenes.scene import Scene
+    from optipromp.core.planning.task import posed
+    from optipromp.core.scenes.scene import Scene
 
     found = scene_or_plan(item, "export")
     if not isinstance(found, Scene):
@@ -103,8 +103,8 @@ def _read(item: str) -> _Content:
 
 
 def _mjcf(content: _Content, path: Path) -> None:
-    from optipromp.files import write_atomically
-    from optipromp.simulation.export import mjcf
+    from optipromp.core.files import write_atomically
+    from optipromp.laboratory.simulation.export import mjcf
 
     write_atomically(path, mjcf(content.scene, content.robot, content.start).encode("utf-8"))
 

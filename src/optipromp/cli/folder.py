@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 from optipromp.cli.command import OK, Report, Shown, exit_code
 from optipromp.cli.console import grid, progress_bar, say_if_compiling
 from optipromp.cli.plan import Output, Request, failed_plan
-from optipromp.errors import Code, InvalidRequestError, OptiPrompError
-from optipromp.files import is_there
-from optipromp.shown import printable
+from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
+from optipromp.core.files import is_there
+from optipromp.core.shown import printable
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from optipromp.cli.robot import Named
-    from optipromp.planning import Plan
+    from optipromp.core.planning import Plan
 
 _SUFFIXES = (".yaml", ".yml", ".json")
 
@@ -79,8 +79,8 @@ def plan_folder(
     folder: Path, request: Request, output: Output, workers: int | None, named: "Named"
 ) -> Report:
     """Plan every scene in ``folder``, with the robot that was named, and write each plan."""
-    from optipromp.planning import plan_many
-    from optipromp.scenes.io import load_scene
+    from optipromp.core.planning import plan_many
+    from optipromp.core.scenes.io import load_scene
 
     files, out = scene_files(folder), output.out
     homes: Sequence[Path | None] = [None] * len(files) if out is None else outputs(files, out)

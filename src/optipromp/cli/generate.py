@@ -12,11 +12,11 @@ import typer
 from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import Preset
 from optipromp.cli.robot import ArmOptions, Named, Whose
-from optipromp.errors import InvalidRequestError
-from optipromp.files import ALLOW_XACRO, FOLDERS, check_folder, check_inside, is_folder
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.files import ALLOW_XACRO, FOLDERS, check_folder, check_inside, is_folder
 
 if TYPE_CHECKING:
-    from optipromp.scenes.scene import Scene
+    from optipromp.core.scenes.scene import Scene
 
 SEEN = "seen"
 
@@ -68,9 +68,9 @@ def generate(
     optipromp plan tight/seen --out plans
     optipromp simulate plans/tight-0 --in tight/tight-0.yaml
     """
-    from optipromp.scenes.generate import NOISES, PANDA, generate_with_report
-    from optipromp.scenes.io import save_scene
-    from optipromp.scenes.values import suggest
+    from optipromp.core.scenes.io import save_scene
+    from optipromp.core.scenes.values import suggest
+    from optipromp.laboratory.generate import NOISES, PANDA, generate_with_report
 
     if noise and noise not in NOISES:
         raise InvalidRequestError(f"noise is {noise!r}: {suggest(noise, NOISES)}")
@@ -121,9 +121,9 @@ def _judge_start(scene: "Scene") -> None:
 
     A start that the arm cannot hold against gravity is warned of.
     """
-    from optipromp import judging
-    from optipromp.planning.task import posed
-    from optipromp.robots.dynamics import warn_of_gravity
+    from optipromp.core import judging
+    from optipromp.core.planning.task import posed
+    from optipromp.core.robots.dynamics import warn_of_gravity
 
     robot, state = posed(scene)
     touching = judging.touching(scene, robot, state.q)
@@ -137,7 +137,7 @@ def _unread(named: Named, out: Path) -> list[str]:
     """The folders of the robot's files in which scenes in ``out`` may not read."""
     if named.name is None or not Path(named.name).suffix:
         return []
-    from optipromp.robots.library import files_of
+    from optipromp.core.robots.library import files_of
 
     lacking = set[Path]()
     for file in files_of(named.name, named.choice):
@@ -150,8 +150,8 @@ def _unread(named: Named, out: Path) -> list[str]:
 
 def _seen(scene: "Scene", seed: int, noise: str, out: Path) -> dict[str, Any]:
     """Write the scene as a detector sees it; where to, and what it misses."""
-    from optipromp.scenes.generate import NOISES, noisy
-    from optipromp.scenes.io import save_scene
+    from optipromp.core.scenes.io import save_scene
+    from optipromp.laboratory.generate import NOISES, noisy
 
     seen, file = noisy(scene, seed, NOISES[noise]), out / SEEN / f"{scene.name}.yaml"
     save_scene(seen, file)

@@ -10,10 +10,10 @@ import typer
 from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import grid, waiting
 from optipromp.cli.robot import ArmOptions, Named
-from optipromp.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError
 
 if TYPE_CHECKING:
-    from optipromp.promp import Basis, Demonstrations
+    from optipromp.core.promp import Basis, Demonstrations
     from optipromp.ros.recordings import Recording
 
 LARGEST_RESIDUAL = 0.05
@@ -75,8 +75,8 @@ def learn(
     optipromp learn recordings/ --out reach.npz --robot panda --bases 12
     optipromp learn guided.mcap --out reach.npz --robot panda
     """
-    from optipromp.files import check_folder, write_atomically
-    from optipromp.promp import fit, fit_em, residuals
+    from optipromp.core.files import check_folder, write_atomically
+    from optipromp.core.promp import fit, fit_em, residuals
 
     if out.suffix != ".npz":
         raise InvalidRequestError(f"--out {out}: the file of a primitive ends in .npz")
@@ -89,7 +89,7 @@ def learn(
         promp.save(out)
         picture = out.with_suffix(".png") if figure else None
         if picture is not None:
-            from optipromp.viewer.figures import png, primitive_figure
+            from optipromp.looks.viewer.figures import png, primitive_figure
 
             write_atomically(picture, png(primitive_figure(promp, recorded)))
     document: dict[str, Any] = {
@@ -116,8 +116,8 @@ def read_any(
     path: Path, joints: Sequence[str] | None = None, topic: str | None = None
 ) -> tuple["Demonstrations", "Recording | None"]:
     """Demonstrations of a file or folder; of a bag also where it was cut."""
-    from optipromp.files import is_bag
-    from optipromp.promp import load_demonstrations
+    from optipromp.core.files import is_bag
+    from optipromp.core.promp import load_demonstrations
 
     if not is_bag(path):
         if topic is not None:
@@ -133,12 +133,12 @@ def _read(
     path: Path, named: Named, topic: str | None
 ) -> tuple["Demonstrations", "Recording | None"]:
     """The demonstrations, in the robot's order where one is given; of a bag also its cuts."""
-    from optipromp.promp import Demonstrations
-    from optipromp.promp.checks import unnamed
+    from optipromp.core.promp import Demonstrations
+    from optipromp.core.promp.checks import unnamed
 
     robot = joints = None
     if named.name is not None:
-        from optipromp.robots.library import load_arm
+        from optipromp.core.robots.library import load_arm
 
         robot = load_arm(named.name, choice=named.choice)[0]
         joints = robot.joint_names
@@ -164,7 +164,7 @@ def _basis(
     recorded: "Demonstrations", bases: int | None, width: float, say: Any
 ) -> tuple["Basis", dict[int, float]]:
     """The basis asked for; else the cross-validated one, with the residual of each count tried."""
-    from optipromp.promp import Basis, held_out_residuals
+    from optipromp.core.promp import Basis, held_out_residuals
 
     if bases is not None:
         return Basis(bases, width), {}

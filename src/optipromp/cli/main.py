@@ -15,7 +15,6 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from optipromp.budget import check_memory
 from optipromp.cli import (
     catalogue,
     check,
@@ -32,7 +31,8 @@ from optipromp.cli import (
     view,
 )
 from optipromp.cli.registry import Commands
-from optipromp.errors import InvalidRequestError
+from optipromp.core.budget import check_memory
+from optipromp.core.errors import InvalidRequestError
 
 app = typer.Typer(
     name="optipromp",

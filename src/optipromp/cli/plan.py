@@ -20,13 +20,13 @@ from optipromp.cli.console import (
     waiting,
 )
 from optipromp.cli.robot import ArmOptions, InPlace
-from optipromp.errors import InvalidRequestError, OptiPrompError
-from optipromp.files import is_folder
+from optipromp.core.errors import InvalidRequestError, OptiPrompError
+from optipromp.core.files import is_folder
 
 if TYPE_CHECKING:
-    from optipromp.planning import Plan, PlanOptions
-    from optipromp.promp import ProMP
-    from optipromp.scenes.scene import Scene
+    from optipromp.core.planning import Plan, PlanOptions
+    from optipromp.core.promp import ProMP
+    from optipromp.core.scenes.scene import Scene
 
 SceneOrFolder = Annotated[
     str,
@@ -156,7 +156,7 @@ class Output:
     def check(self) -> None:
         """Refuse a folder that cannot be written into, and a rate that is none."""
         if self.out is not None:
-            from optipromp.files import check_folder
+            from optipromp.core.files import check_folder
 
             check_folder(self.out)
         if not 0.0 < self.rate < math.inf:
@@ -167,13 +167,13 @@ class Output:
 
         ``figures``: whether there are figures where the user says nothing of them.
         """
-        from optipromp.output import write_plan
+        from optipromp.core.output import write_plan
 
         written = write_plan(result, folder, rate=self.rate)  # before what may take long, or fail
         if not (figures if self.figures is None else self.figures):
             return written
-        from optipromp.files import write_atomically
-        from optipromp.viewer.figures import plan_figures
+        from optipromp.core.files import write_atomically
+        from optipromp.looks.viewer.figures import plan_figures
 
         pictures = plan_figures(result)
         for name, content in pictures.items():
@@ -183,7 +183,7 @@ class Output:
 
 def failed_plan(error: OptiPrompError, request: Mapping[str, Any]) -> dict[str, Any]:
     """The document of a plan that could not be tried: a plan's keys, with the error's code."""
-    from optipromp.planning.planner import label
+    from optipromp.core.planning.planner import label
 
     planner = label(request["planner"])
     return {
@@ -228,7 +228,7 @@ def plan(
     optipromp plan seen-again.yaml --previous reach --at 1.5
     optipromp plan my-scene.yaml --targets ripe,n1,n3 --out picks
     """
-    from optipromp.scenes.io import load_scene, scene_names
+    from optipromp.core.scenes.io import load_scene, scene_names
 
     output.check()
     request, named = wanted.request(), arm.of(robot)
@@ -252,8 +252,8 @@ def plan(
 
 def plan_one(scene: "Scene", request: Request, output: Output, variant: Variant) -> Report:
     """Plan one motion to the target of ``scene``, and write it."""
-    from optipromp.output import load_plan
-    from optipromp.planning import plan as make_plan
+    from optipromp.core.output import load_plan
+    from optipromp.core.planning import plan as make_plan
 
     running = None if variant.previous is None else load_plan(variant.previous)
     with waiting(f"planning {scene.name} ...") as say:
@@ -269,7 +269,7 @@ def shown(plan: "Plan", written: tuple[str, ...], out: Path | None) -> Shown:
     """What the plan is, whether it holds, and the figures it is judged by."""
     from rich.table import Table
 
-    from optipromp.viewer.words import plan_rows, seconds
+    from optipromp.looks.viewer.words import plan_rows, seconds
 
     strategy = f", {plan.strategy}" if plan.strategy else ""
     colour = "green" if plan.success else "red"
@@ -292,6 +292,6 @@ def read_primitive(path: Path | None) -> "ProMP | Path | None":
     """A learnt ProMP where ``path`` is one that was saved; else the path, to be learnt from."""
     if path is None:
         return None
-    from optipromp.promp.model import ProMP, is_primitive
+    from optipromp.core.promp.model import ProMP, is_primitive
 
     return ProMP.load(path) if is_primitive(path) else path

@@ -7,7 +7,7 @@ import typer
 
 from optipromp.cli.command import Report, command
 from optipromp.cli.console import waiting
-from optipromp.errors import Code, InvalidRequestError
+from optipromp.core.errors import Code, InvalidRequestError
 
 
 @command()
@@ -37,9 +37,9 @@ def report(
     optipromp simulate reach --video
     optipromp report reach --out reach.html
     """
-    from optipromp.experiments.study import ROWS
-    from optipromp.files import is_file, is_folder, write_atomically
-    from optipromp.reports import plan_report, study_report
+    from optipromp.core.files import is_file, is_folder, write_atomically
+    from optipromp.laboratory.experiments.study import ROWS
+    from optipromp.looks.reports import plan_report, study_report
 
     folder = item if is_folder(item) else item.parent
     path = out or folder / "report.html"

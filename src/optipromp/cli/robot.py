@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from optipromp.robots.library import Choice
-    from optipromp.scenes.scene import Scene
+    from optipromp.core.robots.library import Choice
+    from optipromp.core.scenes.scene import Scene
 
 InPlace = Annotated[
     str | None,
@@ -31,7 +31,7 @@ class Named:
     choice: "Choice"
 
     def __bool__(self) -> bool:
-        from optipromp.robots.library import NOTHING
+        from optipromp.core.robots.library import NOTHING
 
         return self.name is not None or self.choice != NOTHING
 
@@ -66,7 +66,7 @@ class ArmOptions:
 
     def of(self, robot: str | None) -> Named:
         """The robot of that name, if any, with what these options choose."""
-        from optipromp.robots.library import Choice
+        from optipromp.core.robots.library import Choice
 
         choice = Choice(
             self.tip, self.base, self.srdf and self.srdf.absolute(),

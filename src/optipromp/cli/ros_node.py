@@ -7,7 +7,7 @@ import typer
 
 from optipromp.cli.command import command
 from optipromp.cli.console import Recorded, say_if_compiling
-from optipromp.errors import InvalidRequestError, OptiPrompError
+from optipromp.core.errors import InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
     from optipromp.ros import LiveScene
@@ -49,8 +49,8 @@ def ros_node(
             "ros-node needs ROS 2 and finds no rclpy: source the setup.bash of a ROS 2 "
             "installation, and start it with the Python of that installation"
         ) from None
+    from optipromp.core.scenes.io import load_scene
     from optipromp.ros import LiveScene
-    from optipromp.scenes.io import load_scene
 
     say_if_compiling()
     settings = {"prefix": prefix, "rate": rate, "demonstrations": demonstrations}

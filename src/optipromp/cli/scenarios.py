@@ -14,7 +14,7 @@ from optipromp.cli.plan import Output, read_primitive
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from optipromp.experiments.scenarios import ScenarioRow
+    from optipromp.laboratory.experiments.scenarios import ScenarioRow
 
 
 @command()
@@ -47,10 +47,10 @@ def scenarios(
     optipromp scenarios --out paper --json
     optipromp scenarios --markdown docs/concepts.md
     """
-    from optipromp.experiments.scenarios import run_scenarios
+    from optipromp.laboratory.experiments.scenarios import run_scenarios
 
     if out is not None:
-        from optipromp.files import check_folder
+        from optipromp.core.files import check_folder
 
         check_folder(out)
     primitive = read_primitive(demonstrations)
@@ -173,8 +173,8 @@ def renew(page: Path, text: str) -> None:
     Raises:
         InvalidRequestError: the page cannot be read or written.
     """
-    from optipromp.errors import InvalidRequestError
-    from optipromp.files import is_there, read_bytes, write_atomically
+    from optipromp.core.errors import InvalidRequestError
+    from optipromp.core.files import is_there, read_bytes, write_atomically
 
     if is_there(page):
         old = read_bytes(page, InvalidRequestError).decode("utf-8")

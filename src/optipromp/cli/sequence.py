@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING
 from optipromp.cli.command import FAILED, OK, Report, Shown
 from optipromp.cli.console import grid, waiting
 from optipromp.cli.plan import Output, Request
-from optipromp.files import file_name, json_text, write_atomically
-from optipromp.scenes.scene import Scene
+from optipromp.core.files import file_name, json_text, write_atomically
+from optipromp.core.scenes.scene import Scene
 
 if TYPE_CHECKING:
-    from optipromp.planning.sequence import PickSequence
+    from optipromp.core.planning.sequence import PickSequence
 
 ORDER = "sequence.json"
 
 
 def plan_targets(scene: Scene, targets: str, request: Request, output: Output) -> Report:
     """Plan the picks of ``targets`` (ids, separated by commas), and write each."""
-    from optipromp.planning.sequence import plan_sequence
+    from optipromp.core.planning.sequence import plan_sequence
 
     ids = [part.strip() for part in targets.split(",") if part.strip()]
     with waiting(f"planning {scene.name} ...") as say:

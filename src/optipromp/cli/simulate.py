@@ -17,12 +17,12 @@ from optipromp.cli.console import (
     waiting,
 )
 from optipromp.cli.robot import ArmOptions, InPlace, Named
-from optipromp.errors import InvalidRequestError, OptiPrompError
-from optipromp.files import is_folder
+from optipromp.core.errors import InvalidRequestError, OptiPrompError
+from optipromp.core.files import is_folder
 
 if TYPE_CHECKING:
-    from optipromp.planning import Plan
-    from optipromp.simulation import Outcome, Run
+    from optipromp.core.planning import Plan
+    from optipromp.laboratory.simulation import Outcome, Run
 
 
 def failed_run(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str, Any]:
@@ -88,13 +88,13 @@ def simulate(
     optipromp simulate reach --slow 4 --gif
     optipromp simulate my-scene.yaml --planner i-promp --json
     """
-    from optipromp.files import check_folder
-    from optipromp.robots.dynamics import warn_of_gravity
-    from optipromp.scenes.io import load_scene
-    from optipromp.simulation import SimulationParameters
-    from optipromp.simulation import simulate as execute
-    from optipromp.simulation.engine import engine
-    from optipromp.simulation.files import run_document
+    from optipromp.core.files import check_folder
+    from optipromp.core.robots.dynamics import warn_of_gravity
+    from optipromp.core.scenes.io import load_scene
+    from optipromp.laboratory.simulation import SimulationParameters
+    from optipromp.laboratory.simulation import simulate as execute
+    from optipromp.laboratory.simulation.engine import engine
+    from optipromp.laboratory.simulation.files import run_document
 
     engine()  # fail before planning where it is missing
     folder = _folder(scene_or_plan) if out is None else out
@@ -123,8 +123,8 @@ def _folder(item: str) -> Path:
 
 
 def _plan(item: str, planner: str, strategy: Strategy, seed: int, named: Named) -> "Plan":
-    from optipromp.planning import Plan
-    from optipromp.planning import plan as make_plan
+    from optipromp.core.planning import Plan
+    from optipromp.core.planning import plan as make_plan
 
     found = scene_or_plan(item, "simulate")
     if isinstance(found, Plan):
@@ -138,11 +138,11 @@ def _plan(item: str, planner: str, strategy: Strategy, seed: int, named: Named) 
 
 
 def _leave(run: "Run", folder: Path, video: bool, gif: bool, slow: float) -> tuple[str, ...]:
-    from optipromp.simulation.files import write_run
+    from optipromp.laboratory.simulation.files import write_run
 
     films = {}
     if video or gif:
-        from optipromp.simulation.render import animation, film
+        from optipromp.laboratory.simulation.render import animation, film
 
         with waiting("drawing ..."):
             if video:

@@ -9,13 +9,13 @@ import typer
 from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import Workers, grid, progress_bar, say_if_compiling
 from optipromp.cli.robot import ArmOptions, Whose
-from optipromp.errors import Code, InvalidRequestError
+from optipromp.core.errors import Code, InvalidRequestError
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from optipromp.experiments.runs import Row
-    from optipromp.experiments.statistics import Calibration, Cell
+    from optipromp.laboratory.experiments.runs import Row
+    from optipromp.laboratory.experiments.statistics import Calibration, Cell
 
 
 Compared = Annotated[
@@ -92,9 +92,9 @@ def study(
     optipromp study --planners opti-promp --noise-position 0.005 --noise-angle 5 --out noisy
     optipromp study --preset tight --planners opti-promp --noise detector --out detected
     """
-    from optipromp.experiments.baselines import study_planners
-    from optipromp.experiments.study import Study, run_study
-    from optipromp.scenes.generate import PANDA, PRESETS
+    from optipromp.laboratory.experiments.baselines import study_planners
+    from optipromp.laboratory.experiments.study import Study, run_study
+    from optipromp.laboratory.generate import PANDA, PRESETS
 
     chosen: Any = _names(preset, PRESETS)
     compared: Any = _names(",".join(planners), study_planners())
@@ -119,8 +119,8 @@ def study(
 
 def _report(rows: list["Row"], out: Path) -> Report:
     """Write the results beside the rows, and tell them."""
-    from optipromp.experiments.statistics import calibration, summary
-    from optipromp.experiments.study_output import write_results
+    from optipromp.laboratory.experiments.statistics import calibration, summary
+    from optipromp.laboratory.experiments.study_output import write_results
 
     cells = summary(rows)
     written = write_results(rows, cells, out)

@@ -8,13 +8,13 @@ import typer
 
 from optipromp.cli.command import Report, Shown, command, exit_code
 from optipromp.cli.console import grid, headline, waiting
-from optipromp.errors import Code
+from optipromp.core.errors import Code
 
 if TYPE_CHECKING:
-    from optipromp.planning import Verdict
-    from optipromp.robots.model import Robot
-    from optipromp.scenes.scene import Scene
-    from optipromp.trajectory import Trajectory
+    from optipromp.core.planning import Verdict
+    from optipromp.core.robots.model import Robot
+    from optipromp.core.scenes.scene import Scene
+    from optipromp.core.trajectory import Trajectory
 
 
 @command()
@@ -53,12 +53,12 @@ def validate(
     optipromp validate reach
     optipromp validate moveit.mcap --scene my-scene.yaml --out verdict --json
     """
-    from optipromp.errors import InvalidRequestError
-    from optipromp.files import is_file
-    from optipromp.output import load_plan
-    from optipromp.planning import PlanOptions, judge, verdict_of
-    from optipromp.planning.task import posed
-    from optipromp.scenes.io import load_scene
+    from optipromp.core.errors import InvalidRequestError
+    from optipromp.core.files import is_file
+    from optipromp.core.output import load_plan
+    from optipromp.core.planning import PlanOptions, judge, verdict_of
+    from optipromp.core.planning.task import posed
+    from optipromp.core.scenes.io import load_scene
 
     if scene is None and not is_file(trajectory / "plan.json"):
         raise InvalidRequestError(f"{trajectory} states no scene: add --scene SCENE")
@@ -82,8 +82,8 @@ def validate(
 
 def read(path: Path, robot: "Robot") -> "Trajectory":
     """A trajectory from any file that the command takes."""
-    from optipromp.files import is_bag
-    from optipromp.trajectory_files import read_trajectory
+    from optipromp.core.files import is_bag
+    from optipromp.core.trajectory_files import read_trajectory
 
     if is_bag(path):
         from optipromp import ros
@@ -94,7 +94,7 @@ def read(path: Path, robot: "Robot") -> "Trajectory":
 
 def describe(found: "Verdict", curve: "Trajectory", scene: "Scene", risk: float) -> dict[str, Any]:
     """The verdict as plain values for JSON."""
-    from optipromp.files import plain
+    from optipromp.core.files import plain
 
     return dict(plain({
         "scene": scene.name,
@@ -113,8 +113,8 @@ def leave(
     out: Path, document: dict[str, Any], curve: "Trajectory", robot: "Robot", found: "Verdict"
 ) -> None:
     """Write the verdict and the picture."""
-    from optipromp.files import json_text, write_atomically
-    from optipromp.viewer.figures import limits_figure, png
+    from optipromp.core.files import json_text, write_atomically
+    from optipromp.looks.viewer.figures import limits_figure, png
 
     figure = limits_figure(curve, robot, found.judgement.violations, str(document["scene"]))
     write_atomically(out / "limits.png", png(figure))

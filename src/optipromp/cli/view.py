@@ -51,9 +51,9 @@ def view(
     """
     import webbrowser
 
-    from optipromp.page.server import Page
-    from optipromp.page.sources import open_source
-    from optipromp.planning import warm_up
+    from optipromp.core.planning import warm_up
+    from optipromp.looks.page.server import Page
+    from optipromp.looks.page.sources import open_source
 
     source = open_source(item, beside)
     say_if_compiling()

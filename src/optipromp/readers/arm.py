@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import replace
 
-from optipromp.errors import InvalidRobotError
+from optipromp.core.errors import InvalidRobotError
+from optipromp.core.robots.description import Arm
 from optipromp.readers.srdf import Srdf
 from optipromp.readers.tree import (
     CENTRE,
@@ -24,7 +25,6 @@ from optipromp.readers.tree import (
     words,
 )
 from optipromp.readers.urdf import UrdfJoint, UrdfModel
-from optipromp.robots.description import Arm
 
 _NO_DIGITS = str.maketrans("", "", "0123456789")
 NO_ARM = HEAD | TORSO | PALM | LEG  # words of groups that are no arm, or more than one

@@ -6,8 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, IntArray, frozen
-from optipromp.errors import InvalidRobotError
+from optipromp.core.arrays import FloatArray, IntArray, frozen
+from optipromp.core.errors import InvalidRobotError
+from optipromp.core.robots.description import Arm, LeftOut, LinkGeometry
+from optipromp.core.robots.library import Choice
+from optipromp.core.robots.model import BodySpheres, Robot
+from optipromp.core.robots.resolved import MOST_JOINTS, MOST_SPHERES
 from optipromp.readers.arm import choose_arm
 from optipromp.readers.chain import Chain, serial_chain
 from optipromp.readers.covers import Cover, cover_links, finer_cover, stands_on_its_plane
@@ -16,10 +20,6 @@ from optipromp.readers.robot_file import RobotFile
 from optipromp.readers.self_collision import telescopes, with_self_pairs
 from optipromp.readers.srdf import disabled_pairs, read_srdf, srdf_beside
 from optipromp.readers.urdf import UrdfModel
-from optipromp.robots.description import Arm, LeftOut, LinkGeometry
-from optipromp.robots.library import Choice
-from optipromp.robots.model import BodySpheres, Robot
-from optipromp.robots.resolved import MOST_JOINTS, MOST_SPHERES
 
 
 def build(

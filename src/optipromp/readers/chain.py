@@ -6,13 +6,13 @@ from types import MappingProxyType
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, frozen
-from optipromp.arrays import rotation as turned
-from optipromp.errors import InvalidRobotError
+from optipromp.core.arrays import FloatArray, frozen
+from optipromp.core.arrays import rotation as turned
+from optipromp.core.errors import InvalidRobotError
+from optipromp.core.robots.description import rotation_of
+from optipromp.core.robots.kernels import PRISMATIC, REVOLUTE, Kinematics
 from optipromp.readers.tree import Tree
 from optipromp.readers.urdf import UrdfJoint, UrdfModel
-from optipromp.robots.description import rotation_of
-from optipromp.robots.kernels import PRISMATIC, REVOLUTE, Kinematics
 
 _NONE: Mapping[str, float] = MappingProxyType({})
 

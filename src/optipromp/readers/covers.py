@@ -6,16 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
-from optipromp.errors import InvalidRobotError
-from optipromp.processes import in_threads
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidRobotError
+from optipromp.core.processes import in_threads
+from optipromp.core.robots.description import LinkShape, mesh_file, mesh_name, rotation_of
+from optipromp.core.robots.spheres import cover_box, cover_capsule, cover_cylinder
 from optipromp.readers.chain import Placement
 from optipromp.readers.fit import MOST_SAMPLES, count_samples, finer, fit_covers
 from optipromp.readers.meshes import MOST_TRIANGLES, triangles
 from optipromp.readers.surfaces import of_box, of_rod, parts
 from optipromp.readers.urdf import UrdfModel
-from optipromp.robots.description import LinkShape, mesh_file, mesh_name, rotation_of
-from optipromp.robots.spheres import cover_box, cover_capsule, cover_cylinder
 
 LOOSE = 0.030  # [m] chosen: excess down to which a cover grows
 FIXED = 0.060  # [m] chosen: the same of a link that does not move, but for the arm's base

@@ -23,8 +23,8 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
-from optipromp.arrays import BoolArray, FloatArray, IntArray
-from optipromp.processes import in_threads
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray
+from optipromp.core.processes import in_threads
 from optipromp.readers.fit_kernels import costs, farthest, first_of_cells, largest, owners
 
 VOXEL = 0.003  # [m] of the grid, for parts of up to 0.4 m

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from optipromp.compiled import inner, kernel
+from optipromp.core.compiled import inner, kernel
 
 
 @inner

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from optipromp.arrays import frozen
+from optipromp.core.arrays import frozen
+from optipromp.core.robots.description import rotation_of
+from optipromp.core.robots.dynamics import Dynamics
 from optipromp.readers.chain import Chain
 from optipromp.readers.urdf import UrdfModel
-from optipromp.robots.description import rotation_of
-from optipromp.robots.dynamics import Dynamics
 
 
 def dynamics(model: UrdfModel, chain: Chain) -> Dynamics:

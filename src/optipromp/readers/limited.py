@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from optipromp.errors import InvalidRobotError
-from optipromp.files import is_there, read_bytes
-from optipromp.parameters import parameter
-from optipromp.processes import THREADS
+from optipromp.core.errors import InvalidRobotError
+from optipromp.core.files import is_there, read_bytes
+from optipromp.core.parameters import parameter
+from optipromp.core.processes import THREADS
 
 SHOWN = 500  # letters of an error
 
@@ -25,7 +25,7 @@ class Limits:
 
     time: float = parameter(60.0, "s", "choice", "an arm takes 1 s")
     memory: float = parameter(4e9, "bytes", "choice", "of addresses; MuJoCo and an arm take 0.2e9")
-    output: float = parameter(256e6, "bytes", "choice", "as other files, optipromp.files")
+    output: float = parameter(256e6, "bytes", "choice", "as other files, optipromp.core.files")
 
 
 LIMITS = Limits()

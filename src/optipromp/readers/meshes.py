@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, IntArray
-from optipromp.errors import InvalidRobotError
-from optipromp.files import read_bytes
+from optipromp.core.arrays import FloatArray, IntArray
+from optipromp.core.errors import InvalidRobotError
+from optipromp.core.files import read_bytes
+from optipromp.core.robots.description import LinkShape, mesh_file, mesh_name
 from optipromp.readers.urdf import LENGTH_LIMIT, UrdfModel
-from optipromp.robots.description import LinkShape, mesh_file, mesh_name
 
 LARGEST_MESH = 64_000_000  # [bytes] of a file of one; of 1,000,000 triangles an STL has 50 million
 MOST_TRIANGLES = 1_000_000  # of all meshes of a robot, chosen: they take 0.7 GB

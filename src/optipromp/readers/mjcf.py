@@ -17,10 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
-from optipromp.arrays import rotation as turned
-from optipromp.errors import InvalidRequestError, InvalidRobotError
-from optipromp.files import cache_folder, is_file, read_bytes, write_atomically
+from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import rotation as turned
+from optipromp.core.errors import InvalidRequestError, InvalidRobotError
+from optipromp.core.files import cache_folder, is_file, read_bytes, write_atomically
+from optipromp.core.robots.description import LinkShape, Vector
 from optipromp.readers.limited import LIMITS, run_limited
 from optipromp.readers.mjcf_files import SUFFIXES
 from optipromp.readers.urdf import (
@@ -31,7 +32,6 @@ from optipromp.readers.urdf import (
     UrdfMimic,
     UrdfModel,
 )
-from optipromp.robots.description import LinkShape, Vector
 
 FREE, BALL, SLIDE = 0, 1, 2  # mjtJoint
 _SHAPES = {2: "sphere", 3: "capsule", 4: "box", 5: "cylinder", 6: "box", 7: "mesh"}  # mjtGeom

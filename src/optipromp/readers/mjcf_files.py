@@ -4,8 +4,8 @@ import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from optipromp.errors import InvalidRobotError
-from optipromp.files import is_file, is_folder, is_there
+from optipromp.core.errors import InvalidRobotError
+from optipromp.core.files import is_file, is_folder, is_there
 from optipromp.readers.xml_tree import Node, read_xml
 
 SUFFIXES = (".xml", ".mjcf")

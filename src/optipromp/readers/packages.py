@@ -8,18 +8,18 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
 
-from optipromp.errors import InvalidRobotError
-from optipromp.files import (
+from optipromp.core.errors import InvalidRobotError
+from optipromp.core.files import (
     ALLOW_XACRO,
     LARGEST_TEXT,
     is_file,
     is_folder,
     read_bytes,
 )
+from optipromp.core.robots.description import LinkShape
+from optipromp.core.robots.library import folders_of
 from optipromp.readers.limited import LIMITS, run_limited
 from optipromp.readers.urdf import UrdfModel
-from optipromp.robots.description import LinkShape
-from optipromp.robots.library import folders_of
 
 PREFIX = "package://"
 

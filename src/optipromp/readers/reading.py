@@ -13,8 +13,12 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
 
-from optipromp.errors import InvalidRequestError, InvalidRobotError
-from optipromp.files import cache_folder, is_file, read_bytes, write_atomically
+from optipromp.core.errors import InvalidRequestError, InvalidRobotError
+from optipromp.core.files import cache_folder, is_file, read_bytes, write_atomically
+from optipromp.core.robots.description import meshes_found
+from optipromp.core.robots.library import Check, Choice
+from optipromp.core.robots.model import Robot
+from optipromp.core.robots.resolved import SUFFIX, read_resolved, resolved
 from optipromp.readers.meshes import mesh_files
 from optipromp.readers.mjcf import is_mjcf, read_mjcf
 from optipromp.readers.mjcf_files import mjcf_files
@@ -22,10 +26,6 @@ from optipromp.readers.packages import expanded, with_meshes_found
 from optipromp.readers.robot_file import RobotFile, read_robot_file
 from optipromp.readers.srdf import srdf_files
 from optipromp.readers.urdf import UrdfModel, read_urdf
-from optipromp.robots.description import meshes_found
-from optipromp.robots.library import Check, Choice
-from optipromp.robots.model import Robot
-from optipromp.robots.resolved import SUFFIX, read_resolved, resolved
 
 _VERSION = 1  # of the readers: raise it when the same files give another robot
 _HELD = 16  # robots
@@ -53,7 +53,7 @@ class _Found(NamedTuple):
 
 
 def read_description(path: Path, choice: Choice, check: Check) -> Robot:
-    """The robot of a description at ``path``; see :func:`optipromp.robots.load_robot`.
+    """The robot of a description at ``path``; see :func:`optipromp.core.robots.load_robot`.
 
     Files that have not changed since this process read them are not read again.
 

@@ -5,8 +5,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from optipromp.documents import read_document
-from optipromp.errors import InvalidRobotError
+from optipromp.core.documents import read_document
+from optipromp.core.errors import InvalidRobotError
 from optipromp.readers.urdf import LENGTH_LIMIT
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]

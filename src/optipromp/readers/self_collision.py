@@ -6,17 +6,17 @@ from itertools import product
 
 import numpy as np
 
-from optipromp.arrays import BoolArray, FloatArray, IntArray, frozen, lengths
-from optipromp.readers.surfaces import Parts
-from optipromp.robots.description import LeftOut
-from optipromp.robots.kernels import PRISMATIC, distances_between
-from optipromp.robots.model import Robot
-from optipromp.robots.self_collision import (
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frozen, lengths
+from optipromp.core.robots.description import LeftOut
+from optipromp.core.robots.kernels import PRISMATIC, distances_between
+from optipromp.core.robots.model import Robot
+from optipromp.core.robots.self_collision import (
     CHUNK,
     candidate_pairs,
     drop_always_touching,
     random_postures,
 )
+from optipromp.readers.surfaces import Parts
 
 SORTING_POSTURES = 20_000  # at which pairs of fitted covers are looked at
 TRYING_POSTURES = 4_000  # the same, to see which spheres are loose

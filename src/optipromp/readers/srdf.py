@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from optipromp.errors import InvalidRobotError
+from optipromp.core.errors import InvalidRobotError
 from optipromp.readers.urdf import UrdfModel
 from optipromp.readers.xml_tree import Node, read_xml
 

@@ -8,10 +8,10 @@ and that is seen by a plane between the parts' convex hulls.
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from optipromp.arrays import BoolArray, FloatArray, IntArray
-from optipromp.compiled import inlined, inner, kernel
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray
+from optipromp.core.compiled import inlined, inner, kernel
+from optipromp.core.robots.model import Robot
 from optipromp.readers.fit import shared_out
-from optipromp.robots.model import Robot
 
 PIECE = 0.010  # [m] chosen: longest side of the pieces of a surface between two spheres, and
 PIECES = 200  # chosen: so many along a surface of more than 2 m

@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
+from optipromp.core.robots.description import rotation_of
 from optipromp.readers.urdf import UrdfJoint, UrdfModel
-from optipromp.robots.description import rotation_of
 
 
 def _set(listed: str) -> frozenset[str]:

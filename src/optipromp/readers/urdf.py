@@ -13,11 +13,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, NoReturn
 
-from optipromp.errors import InvalidRobotError
+from optipromp.core.errors import InvalidRobotError
+from optipromp.core.robots.description import LinkShape, Vector
+from optipromp.core.shown import LONGEST_NAME, is_name, printable
 from optipromp.readers.urdf_tree import bases, check_mimics, check_tree
 from optipromp.readers.xml_tree import Node, read_xml
-from optipromp.robots.description import LinkShape, Vector
-from optipromp.shown import LONGEST_NAME, is_name, printable
 
 JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from xml.sax.handler import ContentHandler
 from xml.sax.xmlreader import AttributesImpl, Locator
 
-from optipromp.errors import InvalidRobotError
-from optipromp.files import LARGEST_TEXT, read_bytes
+from optipromp.core.errors import InvalidRobotError
+from optipromp.core.files import LARGEST_TEXT, read_bytes
 
 _XACRO = re.compile(r"\$\{[^}]*\}?|\$\([^)]*\)?")
 

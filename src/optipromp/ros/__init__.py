@@ -7,7 +7,7 @@
 'ripe'
 """
 
-from optipromp.files import is_bag as is_bag
+from optipromp.core.files import is_bag as is_bag
 from optipromp.ros.bags import Recorded as Recorded
 from optipromp.ros.bags import read_bag as read_bag
 from optipromp.ros.bags import write_bag as write_bag

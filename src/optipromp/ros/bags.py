@@ -10,8 +10,8 @@ from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from optipromp.errors import InvalidRequestError, OptiPrompError
-from optipromp.files import is_there
+from optipromp.core.errors import InvalidRequestError, OptiPrompError
+from optipromp.core.files import is_there
 from optipromp.ros.types import Message, typestore
 
 if TYPE_CHECKING:

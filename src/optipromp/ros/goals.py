@@ -4,14 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
-from optipromp.errors import InvalidRequestError
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.scene import JointGoal, PoseGoal
+from optipromp.core.trajectory_files import columns
 from optipromp.ros.live import LiveScene, in_base
 from optipromp.ros.shapes import quaternion, vector
 from optipromp.ros.types import Message
-from optipromp.scenes.pose import Pose
-from optipromp.scenes.scene import JointGoal, PoseGoal
-from optipromp.trajectory_files import columns
 
 TOOL = "tool"
 """Name of the frame at the tool point whose z axis is the tool axis, out of its mouth."""

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
-from optipromp.errors import InvalidRequestError
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.trajectory import State
+from optipromp.core.trajectory_files import columns
 from optipromp.ros.types import Message, message
-from optipromp.trajectory import State
-from optipromp.trajectory_files import columns
 
 AT_REST = 0.01
 """[rad/s or m/s] A joint that is slower stands still: what an encoder shows at rest is noise. A

@@ -4,17 +4,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from optipromp.arrays import FloatArray
-from optipromp.errors import InvalidRequestError, InvalidSceneError
-from optipromp.planning.task import posed
-from optipromp.robots.library import UNTRUSTED, load_arm
-from optipromp.robots.model import Robot
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError
+from optipromp.core.planning.task import posed
+from optipromp.core.robots.library import UNTRUSTED, load_arm
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.scene import JointGoal, PoseGoal, Scene
 from optipromp.ros.joints import joint_positions
 from optipromp.ros.scenes import COLLISION_OBJECT, Held, object_id, read_held
 from optipromp.ros.shapes import read_pose
 from optipromp.ros.types import Message, constants
-from optipromp.scenes.pose import Pose
-from optipromp.scenes.scene import JointGoal, PoseGoal, Scene
 
 WORLD = "world"
 """Name of the frame in which the scene's ``base`` is the pose of the robot's base."""
@@ -57,7 +57,7 @@ class LiveScene:
     """What is known of a scene as messages come in; every message gives a new one.
 
     Attributes:
-        stated: fields of the :class:`optipromp.scenes.Scene`, except its objects.
+        stated: fields of the :class:`optipromp.core.scenes.Scene`, except its objects.
         robot: with its tool.
         frames: poses in the base frame, by name: those that messages may be stated in.
         held: what each message added, by its id, in the order in which they came.

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from scipy.signal import savgol_filter
 
-from optipromp.arrays import BoolArray, FloatArray
-from optipromp.errors import InvalidDemonstrationError, InvalidRequestError
-from optipromp.parameters import Checked, parameter
-from optipromp.promp.demonstrations import Demonstration, Demonstrations
+from optipromp.core.arrays import BoolArray, FloatArray
+from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
+from optipromp.core.parameters import Checked, parameter
+from optipromp.core.promp.demonstrations import Demonstration, Demonstrations
 from optipromp.ros.bags import Recorded, read_bag
 from optipromp.ros.joints import joint_positions
 

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.errors import InvalidSceneError
-from optipromp.planning.task import posed
+from optipromp.core.errors import InvalidSceneError
+from optipromp.core.planning.task import posed
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.scene import ROLES, STEM_RADIUS, Approach, Role, Scene, SceneObject, Stem
 from optipromp.ros.joints import robot_state
 from optipromp.ros.shapes import geometry, pose_message, read_geometry, read_pose
 from optipromp.ros.types import Message, constants, message
-from optipromp.scenes.pose import Pose
-from optipromp.scenes.scene import ROLES, STEM_RADIUS, Approach, Role, Scene, SceneObject, Stem
 
 KEY = "optipromp"
 COLLISION_OBJECT = "moveit_msgs/msg/CollisionObject"

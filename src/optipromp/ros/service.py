@@ -7,17 +7,17 @@ import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from optipromp.errors import Code, InvalidRequestError, OptiPrompError
-from optipromp.planning import Plan, PlanOptions, plan
-from optipromp.planning.planner import factory
-from optipromp.promp.model import ProMP
-from optipromp.robots.library import load_arm
+from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
+from optipromp.core.planning import Plan, PlanOptions, plan
+from optipromp.core.planning.planner import factory
+from optipromp.core.promp.model import ProMP
+from optipromp.core.robots.library import load_arm
+from optipromp.core.trajectory import State
 from optipromp.ros.goals import read_goal
 from optipromp.ros.joints import joint_motion, robot_state
 from optipromp.ros.live import LiveScene
 from optipromp.ros.trajectories import display_trajectory, joint_trajectory, robot_trajectory
 from optipromp.ros.types import Message, constants, message
-from optipromp.trajectory import State
 
 RESPONSE = "moveit_msgs/msg/MotionPlanResponse"
 ERROR_CODES = "moveit_msgs/msg/MoveItErrorCodes"

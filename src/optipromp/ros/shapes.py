@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
-from optipromp.errors import InvalidSceneError
-from optipromp.geometry.grids import check_closed
-from optipromp.geometry.shapes import (
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidSceneError
+from optipromp.core.geometry.grids import check_closed
+from optipromp.core.geometry.shapes import (
     Box,
     Capsule,
     Cylinder,
@@ -19,9 +19,9 @@ from optipromp.geometry.shapes import (
     Shape,
     Sphere,
 )
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.rotations import IDENTITY
 from optipromp.ros.types import Message, message
-from optipromp.scenes.pose import Pose
-from optipromp.scenes.rotations import IDENTITY
 
 Placed = tuple[Shape, Pose]
 """A shape and its pose in the frame of its object."""

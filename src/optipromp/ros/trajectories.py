@@ -10,12 +10,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from optipromp.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.trajectory import Trajectory
+from optipromp.core.trajectory_files import CURVE, curve
 from optipromp.ros.bags import read_bag
 from optipromp.ros.joints import robot_state
 from optipromp.ros.types import Message, message
-from optipromp.trajectory import Trajectory
-from optipromp.trajectory_files import CURVE, curve
 
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 TRAJECTORIES = (

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optipromp.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

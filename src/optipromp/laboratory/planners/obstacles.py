@@ -3,17 +3,17 @@
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from optipromp.budget import Budget
+from optipromp.core.budget import Budget
+from optipromp.core.optimization import covariant
+from optipromp.core.optimization.costs.joints import SmoothnessCost
+from optipromp.core.optimization.costs.obstacles import ObstacleCost
+from optipromp.core.optimization.problem import Problem
+from optipromp.core.planning.options import PaperOptions
+from optipromp.core.planning.planners import ConditionedProMP, OptiProMP
+from optipromp.core.planning.result import Failed, Harmful, Planned
+from optipromp.core.planning.task import Task
+from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.planners.straight import gently
-from optipromp.optimization import covariant
-from optipromp.optimization.costs.joints import SmoothnessCost
-from optipromp.optimization.costs.obstacles import ObstacleCost
-from optipromp.optimization.problem import Problem
-from optipromp.planning.options import PaperOptions
-from optipromp.planning.planners import ConditionedProMP, OptiProMP
-from optipromp.planning.result import Failed, Harmful, Planned
-from optipromp.planning.task import Task
-from optipromp.scenes.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Obstacles(OptiProMP):
         return False
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
-        """See :class:`optipromp.planning.planner.Planner`."""
+        """See :class:`optipromp.core.planning.planner.Planner`."""
         made = super().solve(avoiding(task), budget)
         if isinstance(made, Harmful):  # there is no other approach
             made = super().solve(made.task, budget)
@@ -54,7 +54,7 @@ class Chomp:
     name: ClassVar[str] = "chomp"
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed:
-        """See :class:`optipromp.planning.planner.Planner`."""
+        """See :class:`optipromp.core.planning.planner.Planner`."""
         made = ConditionedProMP().solve(task, budget)
         if not isinstance(made, Planned):
             assert isinstance(made, Failed)

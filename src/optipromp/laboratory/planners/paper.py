@@ -3,12 +3,18 @@
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from optipromp.budget import Budget
-from optipromp.planning.options import Constraints, Optimised, PaperOptions, PlanOptions, Strategy
-from optipromp.planning.planners import goal_configurations
-from optipromp.planning.primitive import PAPER_BASIS, learnt
-from optipromp.planning.result import Failed, Harmful, Planned
-from optipromp.planning.task import Task
+from optipromp.core.budget import Budget
+from optipromp.core.planning.options import (
+    Constraints,
+    Optimised,
+    PaperOptions,
+    PlanOptions,
+    Strategy,
+)
+from optipromp.core.planning.planners import goal_configurations
+from optipromp.core.planning.primitive import PAPER_BASIS, learnt
+from optipromp.core.planning.result import Failed, Harmful, Planned
+from optipromp.core.planning.task import Task
 
 
 @dataclass(frozen=True)
@@ -28,7 +34,7 @@ class Paper(Optimised):
     name: ClassVar[str] = "opti-promp"
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
-        """See :class:`optipromp.planning.planner.Planner`."""
+        """See :class:`optipromp.core.planning.planner.Planner`."""
         from optipromp.laboratory.planners.paper_stages import solve  # with SciPy's optimisers
 
         promp = learnt(task, task.demonstrations, PAPER_BASIS)

@@ -10,22 +10,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optipromp.arrays import FloatArray, IntArray
-from optipromp.errors import InvalidRequestError
-from optipromp.optimization.costs import Cost
-from optipromp.optimization.evaluation import Evaluation
-from optipromp.optimization.problem import Problem
-from optipromp.planning.follow import Waypoints, free_count, reach_count, within_limits
-from optipromp.planning.functionals import functionals
-from optipromp.planning.options import PlanOptions, Strategy
-from optipromp.planning.parameters import PAPER, PRIMITIVE, WAYPOINT
-from optipromp.planning.primitive import led_through, on_branch, via_points
-from optipromp.planning.task import Task
-from optipromp.planning.timing import timed
-from optipromp.promp.model import ProMP
-from optipromp.pushing.rules import Drift, detection_variance, drift_choices
-from optipromp.scenes.values import suggest
-from optipromp.trajectory import Trajectory
+from optipromp.core.arrays import FloatArray, IntArray
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.optimization.costs import Cost
+from optipromp.core.optimization.evaluation import Evaluation
+from optipromp.core.optimization.problem import Problem
+from optipromp.core.planning.follow import Waypoints, free_count, reach_count, within_limits
+from optipromp.core.planning.functionals import functionals
+from optipromp.core.planning.options import PlanOptions, Strategy
+from optipromp.core.planning.parameters import PAPER, PRIMITIVE, WAYPOINT
+from optipromp.core.planning.primitive import led_through, on_branch, via_points
+from optipromp.core.planning.task import Task
+from optipromp.core.planning.timing import timed
+from optipromp.core.promp.model import ProMP
+from optipromp.core.pushing.rules import Drift, detection_variance, drift_choices
+from optipromp.core.scenes.values import suggest
+from optipromp.core.trajectory import Trajectory
 
 
 class ConstraintRows(Cost):

@@ -25,27 +25,27 @@ import numpy as np
 from scipy import optimize
 from scipy.interpolate import BSpline
 
-from optipromp import judging
-from optipromp.arrays import FloatArray
-from optipromp.budget import Budget, clock
-from optipromp.judging import Judgement, Violation
+from optipromp.core import judging
+from optipromp.core.arrays import FloatArray
+from optipromp.core.budget import Budget, clock
+from optipromp.core.judging import Judgement, Violation
+from optipromp.core.optimization import gauss_newton
+from optipromp.core.optimization.costs import Cost
+from optipromp.core.optimization.costs.joints import SmoothnessCost
+from optipromp.core.optimization.costs.obstacles import ClearanceCost, SelfCost
+from optipromp.core.optimization.costs.tool import GoalCost
+from optipromp.core.planning.functionals import functionals
+from optipromp.core.planning.goals import further, narrow, passed_over
+from optipromp.core.planning.options import PlanOptions, Strategy
+from optipromp.core.planning.parameters import PAPER, SOLVE
+from optipromp.core.planning.pick import limits_and_clearances, schedule
+from optipromp.core.planning.result import Planned, Stage
+from optipromp.core.planning.task import Task
+from optipromp.core.planning.verdict import judged
+from optipromp.core.promp.model import ProMP
+from optipromp.core.scenes.scene import JointGoal, PoseGoal
+from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.planners.paper_problem import Posed, posed_problems
-from optipromp.optimization import gauss_newton
-from optipromp.optimization.costs import Cost
-from optipromp.optimization.costs.joints import SmoothnessCost
-from optipromp.optimization.costs.obstacles import ClearanceCost, SelfCost
-from optipromp.optimization.costs.tool import GoalCost
-from optipromp.planning.functionals import functionals
-from optipromp.planning.goals import further, narrow, passed_over
-from optipromp.planning.options import PlanOptions, Strategy
-from optipromp.planning.parameters import PAPER, SOLVE
-from optipromp.planning.pick import limits_and_clearances, schedule
-from optipromp.planning.result import Planned, Stage
-from optipromp.planning.task import Task
-from optipromp.planning.verdict import judged
-from optipromp.promp.model import ProMP
-from optipromp.scenes.scene import JointGoal, PoseGoal
-from optipromp.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ def solve(
     Of the choices of sides, where stems leave some, the valid plan of least objective is kept. The
     sequential strategy goes through all of them with the smallest trust radius, then with the next.
     Where the smallest radius gives no valid plan, further goal configurations are found
-    (:func:`optipromp.planning.goals.further`).
+    (:func:`optipromp.core.planning.goals.further`).
 
     The initial trajectories are those of ``promp``, to the goal configurations ``goals`` (m, n).
     """

@@ -5,15 +5,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from optipromp.arrays import FloatArray
-from optipromp.budget import Budget
-from optipromp.errors import Code, InvalidRequestError
-from optipromp.planning.result import Failed, Planned
-from optipromp.planning.task import Task
-from optipromp.planning.timing import shortest
-from optipromp.robots import ik
-from optipromp.robots.roll import level
-from optipromp.scenes.scene import JointGoal
+from optipromp.core.arrays import FloatArray
+from optipromp.core.budget import Budget
+from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.planning.result import Failed, Planned
+from optipromp.core.planning.task import Task
+from optipromp.core.planning.timing import shortest
+from optipromp.core.robots import ik
+from optipromp.core.robots.roll import level
+from optipromp.core.scenes.scene import JointGoal
 
 SPEED = 0.1  # [m/s] of the tool after the camera point, as of the other planners
 STEP = 0.04  # [rad or m] no joint moves more between the waypoints of ``straight``
@@ -33,7 +33,7 @@ class Straight:
     name: ClassVar[str] = "straight"
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed:
-        """See :class:`optipromp.planning.planner.Planner`."""
+        """See :class:`optipromp.core.planning.planner.Planner`."""
         parts = _parts(task)
         if parts is None:
             away = "no configuration follows the approach line to the target"

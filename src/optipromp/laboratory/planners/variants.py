@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from optipromp.planning.planners import IProMP, OptiProMP
-from optipromp.pushing.rules import DriftRule
+from optipromp.core.planning.planners import IProMP, OptiProMP
+from optipromp.core.pushing.rules import DriftRule
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,157 @@
+"""How kernels are compiled: by Numba, into its cache on the disk.
+
+A division by zero gives infinity, as in NumPy, and no kernel holds Python's lock.
+
+What the cache holds is run, and its index is unpickled. So it is used only in a folder that this
+user, root or the owner of the source alone can write in; and every file ends in a checksum, because
+a damaged one would end the process. Where there is no such folder, kernels are compiled in memory.
+"""
+
+import io
+import os
+import stat
+import time
+import warnings
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from numba import njit
+from numba.core import event
+
+from optipromp.core.budget import check_memory, pause
+
+if TYPE_CHECKING:
+    IndexDataCacheFile: Any = object
+else:
+    from numba.core.caching import IndexDataCacheFile
+
+check_memory()
+
+
+class _Pausing(event.Listener):
+    """Stops the clock of a thread's plan while a kernel is compiled there."""
+
+    def __init__(self) -> None:
+        self._began: list[float] = []  # of kernels within kernels; Numba's lock lets one thread in
+
+    def on_start(self, event: Any) -> None:
+        self._began.append(time.perf_counter())
+
+    def on_end(self, event: Any) -> None:
+        began = self._began.pop()
+        if not self._began:
+            pause(time.perf_counter() - began)
+
+
+event.register("numba:compile", _Pausing())  # type: ignore[no-untyped-call]
+
+_CHECKED = 4  # bytes of the checksum
+
+
+def _whole(path: str) -> bool:
+    """Whether a file of the cache ends in its checksum, or is not there."""
+    try:
+        content = Path(path).read_bytes()
+    except FileNotFoundError:
+        return True
+    return content[-_CHECKED:] == zlib.crc32(content[:-_CHECKED]).to_bytes(_CHECKED, "big")
+
+
+class _Checked(IndexDataCacheFile):  # type: ignore[misc]
+    """Numba's cache of one function; what is damaged is missing, what cannot be written is not."""
+
+    @contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
+        with super()._open_for_write(filepath) as file:
+            yield (content := io.BytesIO())
+            file.write(content.getvalue())
+            file.write(zlib.crc32(content.getvalue()).to_bytes(_CHECKED, "big"))
+
+    def _load_index(self) -> Any:
+        return super()._load_index() if _whole(self._index_path) else {}
+
+    def _load_data(self, name: str) -> Any:
+        if not _whole(self._data_path(name)):
+            raise FileNotFoundError(name)  # it is compiled again
+        return super()._load_data(name)
+
+    def save(self, key: Any, data: Any) -> None:
+        with suppress(OSError):
+            super().save(key, data)
+
+
+def is_private(folder: Path) -> bool:
+    """Whether only this user, root or the owner of this package can write in a folder."""
+    if not hasattr(os, "getuid"):
+        return True
+    owners = {os.getuid(), 0, Path(__file__).stat().st_uid}
+    for path in (folder, folder.parent):
+        with suppress(FileNotFoundError):
+            found = path.stat()
+            public = found.st_mode & stat.S_IWOTH and not found.st_mode & stat.S_ISVTX
+            if found.st_uid not in owners or public:
+                return False
+    return True
+
+
+def _may_cache() -> bool:
+    """Whether there is a folder for the cache, and it is private."""
+    try:
+        folder = Path(str(njit(cache=True)(_may_cache).stats.cache_path))
+    except RuntimeError:  # the package's folder and the user's cannot be written
+        why = "no folder for compiled kernels can be written"
+    else:
+        if is_private(folder):
+            return True
+        why = f"others can write in {folder}, where compiled kernels would be kept"
+    warnings.warn(
+        f"{why}: they are compiled in memory, each time (a minute or two); NUMBA_CACHE_DIR names "
+        "another folder",
+        stacklevel=2,
+    )
+    return False
+
+
+_CACHED = _may_cache()
+
+
+if TYPE_CHECKING:  # as Numba types it; it declares the option ``_nrt`` nowhere
+    compiler = njit
+    kernel = inner = inlined = njit(error_model="numpy")
+else:
+
+    def compiler(**options):
+        """A decorator of kernels with further options of Numba's."""
+        make = njit(
+            cache=_CACHED, error_model="numpy", nogil=True, no_cfunc_wrapper=True, **options
+        )
+
+        def compiled(function):
+            dispatcher = make(function)
+            if _CACHED:
+                dispatcher._cache._cache_file.__class__ = _Checked
+            return dispatcher
+
+        return compiled
+
+    kernel = compiler()
+    inner = compiler(_nrt=False)
+    inlined = compiler(_nrt=False, forceinline=True)
+"""Decorators of a kernel: ``kernel`` may allocate arrays; the others neither do nor return one.
+
+An inner kernel takes no part in counting references to arrays. With counting, a kernel that takes
+30 arrays in named tuples spends more time on that than on its work: a push, split into such
+kernels, took 2.1 times as long. What is ``inlined`` is inserted wherever it is called.
+"""
+
+
+def in_cache(dispatcher: Any) -> bool:
+    """Whether Numba's cache has this kernel compiled, from this source and for this processor."""
+    if not _CACHED:
+        return False
+    index = dispatcher._cache._cache_file._load_index()  # empty of another version of the source
+    processor = dispatcher.targetctx.codegen().magic_tuple()
+    return any(key[1] == processor for key in index)

@@ -1,0 +1,216 @@
+"""Reading YAML and JSON text into plain values, with none of YAML 1.1's surprises.
+
+Numbers, booleans and null read as in YAML 1.2: ``1e-3`` is a number, ``no`` and ``1:30`` are text.
+Duplicate keys, which the readers of both formats ignore, are refused; so are tags, and whatever is
+larger or nested deeper than the limits below.
+
+YAML is read from the parser's events: what PyYAML makes of them overflows the stack of the process
+where a file nests deep, and its constructors raise whatever they meet.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NoReturn
+
+import yaml
+
+from optipromp.core.errors import OptiPrompError
+from optipromp.core.files import LARGEST_TEXT, read_bytes
+
+_MOST_VALUES = 3_000_000  # with aliases unfolded; 100,000 objects have 1.1 million
+_DEEPEST = 100  # a scene nests 6 deep
+_Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+_NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+_WHOLE = re.compile(r"[-+]?[0-9]+")
+_WORDS: dict[str, Any] = {
+    word: value
+    for words, value in (
+        ("true True TRUE", True),
+        ("false False FALSE", False),
+        ("null Null NULL ~", None),
+        (".nan .NaN .NAN", float("nan")),
+        (".inf .Inf .INF +.inf +.Inf +.INF", float("inf")),
+        ("-.inf -.Inf -.INF", float("-inf")),
+    )
+    for word in words.split()
+} | {"": None}
+
+
+def read_document(path: Path, error: type[OptiPrompError], holds: str) -> Any:
+    """Read a YAML or (by suffix ``.json``) JSON file into plain values.
+
+    Args:
+        path: of the file.
+        error: raised where it cannot be read.
+        holds: what the file must hold, in words.
+
+    Raises:
+        OptiPrompError: of the type given: the file is missing, empty, binary, truncated, malformed,
+            too large or nested too deep; the message names it, the line and what is wrong.
+    """
+    text = ""
+    try:
+        text = _decode(read_bytes(path, error, LARGEST_TEXT), holds)
+        if not text.strip():
+            raise ValueError(f"is empty: must hold {holds}")
+        return _read_json(text) if path.suffix == ".json" else read_yaml(text)
+    except json.JSONDecodeError as cause:
+        what = f"line {cause.lineno}: {cause.msg}"
+    except yaml.MarkedYAMLError as cause:
+        mark = cause.problem_mark or cause.context_mark
+        line = f"line {min(mark.line + 1, len(text.splitlines()))}: " if mark is not None else ""
+        what = f"{line}{cause.problem or cause.context or 'not YAML'}"
+    except yaml.YAMLError as cause:
+        what = " ".join(str(cause).split())
+    except RecursionError:
+        what = "nested too deep"
+    except ValueError as cause:
+        what = str(cause)
+    raise error(f"{path}: {what}")
+
+
+def _decode(data: bytes, holds: str) -> str:
+    utf16 = data[:2] in (b"\xff\xfe", b"\xfe\xff")
+    at = -1 if utf16 else data.find(b"\0")
+    if at < 0:
+        try:
+            return data.decode("utf-16" if utf16 else "utf-8-sig")
+        except UnicodeDecodeError as error:
+            at = error.start
+    line = data.count(b"\n", 0, at) + 1
+    raise ValueError(
+        f"line {line}: byte 0x{data[at]:02x} is no text: must be {holds}, as YAML or JSON in UTF-8"
+    )
+
+
+def _read_json(text: str) -> Any:
+    def pairs(items: list[tuple[str, Any]]) -> dict[str, Any]:
+        mapping: dict[str, Any] = {}
+        for name, value in items:
+            if name in mapping:
+                raise ValueError(f"key {name!r} stands twice")
+            mapping[name] = value
+        return mapping
+
+    if sum(map(text.count, "{[,")) > _MOST_VALUES:
+        raise ValueError(f"holds more than {_MOST_VALUES} values")
+    return json.loads(text, object_pairs_hook=pairs)
+
+
+def read_yaml(text: str) -> Any:
+    """The plain value of one YAML document.
+
+    Raises:
+        yaml.YAMLError: not YAML, or not of the subset that is read; with the line.
+        ValueError: too large, or a number too long.
+    """
+    reader, value, documents = _Reader(yaml.parse(text, Loader=_Parser)), None, 0
+    for event in reader.events:
+        if isinstance(event, yaml.DocumentStartEvent):
+            documents += 1
+            if documents > 1:
+                refuse(event, "a second document: must be one")
+        elif isinstance(event, yaml.NodeEvent):
+            value, _ = reader.node(event, 0)
+    return value
+
+
+class _Reader:
+    """Builds values from a parser's events, each with the count of values in it, unfolded."""
+
+    def __init__(self, events: Iterator[Any]) -> None:
+        self.events = events
+        self.anchors: dict[str, tuple[Any, int] | None] = {}  # None: not closed yet
+
+    def node(self, event: Any, depth: int) -> tuple[Any, int]:
+        """The value that begins with an event, inside of ``depth`` others."""
+        if isinstance(event, yaml.AliasEvent):
+            if event.anchor not in self.anchors:
+                refuse(event, f"found undefined alias {event.anchor!r}")
+            known = self.anchors[event.anchor]
+            if known is None:
+                refuse(event, "an alias holds itself: must not")
+            return known
+        if event.tag not in (None, "!"):
+            refuse(event, f"tag {event.tag}: values must have none")
+        if isinstance(event, yaml.ScalarEvent):
+            plain = event.implicit[0] and not event.tag
+            found = _resolved(event.value) if plain else event.value, 1
+        else:
+            if depth == _DEEPEST:
+                refuse(event, f"nested deeper than {_DEEPEST}")
+            if event.anchor is not None:
+                self.anchors[event.anchor] = None
+            mapping = isinstance(event, yaml.MappingStartEvent)
+            found = (self.mapping if mapping else self.sequence)(depth + 1)
+        if event.anchor is not None:
+            self.anchors[event.anchor] = found
+        return found
+
+    def sequence(self, depth: int) -> tuple[Any, int]:
+        out, size = [], 1
+        for event in self.events:
+            if isinstance(event, yaml.SequenceEndEvent):
+                break
+            value, more = self.node(event, depth)
+            size = _sum(size, more, event)
+            out.append(value)
+        return out, size
+
+    def mapping(self, depth: int) -> tuple[Any, int]:
+        out: dict[str, Any] = {}
+        merged: list[Any] = []
+        size = 1
+        for event in self.events:
+            if isinstance(event, yaml.MappingEndEvent):
+                break
+            name, begin = self.key(event, out), next(self.events)
+            value, more = self.node(begin, depth)
+            size = _sum(size, more, begin)
+            if name != "<<":
+                out[name] = value
+                continue
+            merged = value if isinstance(value, list) else [value]
+            if not all(isinstance(other, dict) for other in merged):
+                refuse(begin, "<< must be a mapping, or a list of mappings")
+        for other in merged:  # what the mapping states itself, and what came first, stays
+            for name in other:
+                out.setdefault(name, other[name])
+        return out, size
+
+    def key(self, event: Any, known: dict[str, Any]) -> str:
+        """The text of a mapping's key."""
+        if not isinstance(event, yaml.ScalarEvent):
+            refuse(event, "a key must be text")
+        if event.tag not in (None, "!"):
+            refuse(event, f"tag {event.tag}: values must have none")
+        if event.value in known:
+            refuse(event, f"key {event.value!r} stands twice")
+        if event.anchor is not None:
+            self.anchors[event.anchor] = event.value, 1
+        return str(event.value)
+
+
+def _sum(size: int, more: int, event: Any) -> int:
+    """Refuse more values than there may be."""
+    if size + more > _MOST_VALUES:
+        refuse(event, f"values unfold to more than {_MOST_VALUES}")
+    return size + more
+
+
+def _resolved(text: str) -> Any:
+    if text in _WORDS:
+        return _WORDS[text]
+    if not _NUMBER.fullmatch(text):
+        return text
+    return int(text) if _WHOLE.fullmatch(text) else float(text)
+
+
+def refuse(event: Any, what: str) -> NoReturn:
+    """Refuse what is read, at the line of an event."""
+    raise yaml.MarkedYAMLError(problem=what, problem_mark=event.start_mark)

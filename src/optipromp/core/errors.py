@@ -1,0 +1,98 @@
+"""The errors of the library: one root, one code each.
+
+Wrong input raises one of these; a plan that fails is a returned value that carries the code
+(:class:`optipromp.core.planning.Plan`).
+"""
+
+from enum import StrEnum
+
+
+class Code(StrEnum):
+    """What happened, as a word a machine can compare."""
+
+    SUCCESS = "success"
+    INVALID_ROBOT = "INVALID_ROBOT"
+    INVALID_SCENE = "INVALID_SCENE"
+    INVALID_DEMONSTRATION = "INVALID_DEMONSTRATION"
+    INVALID_REQUEST = "INVALID_REQUEST"
+    START_INVALID = "START_INVALID"
+    START_IN_COLLISION = "START_IN_COLLISION"
+    GOAL_IN_COLLISION = "GOAL_IN_COLLISION"
+    GOAL_UNREACHABLE = "GOAL_UNREACHABLE"
+    NO_PLAN = "NO_PLAN"
+    INVALID_PLAN = "INVALID_PLAN"
+    HARM_PREDICTED = "HARM_PREDICTED"
+    TIMEOUT = "TIMEOUT"
+    EXECUTION_FAILED = "EXECUTION_FAILED"
+
+
+LONGEST_MESSAGE = 2000
+"""Letters of an error, at most: of a longer one, which holds what it was given, the middle goes."""
+
+
+class OptiPrompError(Exception):
+    """Root of every error raised on purpose: ``code`` is its kind, ``message`` what to do."""
+
+    code: Code = Code.INVALID_REQUEST
+
+    def __init__(self, message: str) -> None:
+        if len(message) > LONGEST_MESSAGE:
+            half = LONGEST_MESSAGE // 2 - 3
+            message = f"{message[:half]} ... {message[-half:]}"
+        super().__init__(message)
+        self.message = message
+
+
+class InvalidRobotError(OptiPrompError):
+    """A robot description that cannot be used."""
+
+    code = Code.INVALID_ROBOT
+
+
+class InvalidSceneError(OptiPrompError):
+    """A scene that cannot be used."""
+
+    code = Code.INVALID_SCENE
+
+
+class InvalidDemonstrationError(OptiPrompError):
+    """Demonstrations that cannot be read or learnt from."""
+
+    code = Code.INVALID_DEMONSTRATION
+
+
+class InvalidRequestError(OptiPrompError):
+    """An argument or option outside what it may be."""
+
+    code = Code.INVALID_REQUEST
+
+
+class InvalidPlanError(OptiPrompError):
+    """A plan's file that says better of its trajectory than the judge does."""
+
+    code = Code.INVALID_PLAN
+
+
+class StartInvalidError(OptiPrompError):
+    """The start configuration breaks a joint limit or has the wrong size."""
+
+    code = Code.START_INVALID
+
+
+class NoPlanError(OptiPrompError):
+    """Planning ended without a trajectory to judge."""
+
+    code = Code.NO_PLAN
+
+
+class ExecutionError(OptiPrompError):
+    """A motion that ended in trouble: of the arm's state, its controller, or what watches it.
+
+    ``executed`` is what was done until then (:class:`optipromp.core.execution.Executed`), or None.
+    """
+
+    code = Code.EXECUTION_FAILED
+
+    def __init__(self, message: str, executed: object = None) -> None:
+        super().__init__(message)
+        self.executed = executed

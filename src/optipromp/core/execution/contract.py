@@ -1,0 +1,192 @@
+"""Tests that every executor must pass; run them on your own by subclassing.
+
+    # test_my_arm.py, for pytest
+    from optipromp.core.execution.contract import ExecutorContract
+
+    class TestMyArm(ExecutorContract):
+        def executor(self):
+            return MyArm("simulated")
+
+On a real arm mind that it moves: by 0.05 rad a joint, over about 2 s, from where it stands.
+"""
+
+import threading
+import time
+from abc import ABC, abstractmethod
+from contextlib import suppress
+
+import numpy as np
+
+from optipromp.core.errors import ExecutionError, InvalidRequestError
+from optipromp.core.execution.executor import Executed, Executor
+from optipromp.core.trajectory import State, Trajectory
+
+MOVED = 0.05  # [rad or m] of every joint
+
+
+class ExecutorContract(ABC):
+    """The contract, as test methods for pytest."""
+
+    duration = 2.0
+    """Of the motion that is tested [s]."""
+
+    tolerance = 0.02
+    """Largest distance of a joint from the curve, and from rest [rad or m, and their rates]."""
+
+    late = 0.5
+    """Longest time that an executor may need beyond a curve's duration, or to come to rest [s]."""
+
+    @abstractmethod
+    def executor(self) -> Executor:
+        """An executor of an arm at rest, away from its limits and from obstacles."""
+
+    def clock(self) -> float:
+        """The arm's time [s]; a simulation may run faster than the world."""
+        return time.perf_counter()
+
+    def curve(self, arm: Executor, step: float = MOVED) -> Trajectory:
+        """A smooth step of every joint from where the arm is."""
+        begin, s = arm.state().q, np.linspace(0.0, 1.0, 21)[:, None]
+        q = begin + step * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        return Trajectory.through(q, self.duration / 20, arm.joint_names)
+
+    def test_it_is_an_executor_with_a_state(self) -> None:
+        """It has the methods; its state has as many finite values as joints, and is at rest."""
+        arm = self.executor()
+        assert isinstance(arm, Executor)
+        state = arm.state()
+        assert isinstance(state, State)
+        assert state.q.shape == (len(arm.joint_names),)
+        assert np.abs(state.velocity).max() < self.tolerance
+
+    def test_a_curve_is_followed_in_its_own_time(self) -> None:
+        """It ends where the curve ends, at rest, having been near it at every record."""
+        arm = self.executor()
+        curve, began = self.curve(arm), self.clock()
+        done = arm.execute(curve)
+        took = self.clock() - began
+        assert done.finished, done.reason
+        assert done.reason == ""
+        assert self.duration - 0.01 <= took <= self.duration + self.late
+        assert np.abs(arm.state().q - curve.positions[-1]).max() < self.tolerance
+        assert np.abs(arm.state().velocity).max() < self.tolerance
+        wanted, _, _ = curve.sample(done.times)
+        assert np.abs(done.reference - wanted).max() < 1e-9
+        assert done.largest_error < self.tolerance
+        assert done.times[-1] >= self.duration - 0.05
+
+    def test_it_says_where_the_arm_is_on_the_way(self) -> None:
+        """``watch`` is called with growing times and states near the curve."""
+        arm, seen = self.executor(), list[tuple[float, State]]()
+        curve = self.curve(arm)
+        arm.execute(curve, lambda now, state: seen.append((now, state)))
+        times = np.array([now for now, _ in seen])
+        assert len(times) > 5
+        assert (np.diff(times) > 0.0).all()
+        assert times[-1] > 0.8 * self.duration
+        away = [np.abs(state.q - curve.at(now).q).max() for now, state in seen]
+        assert max(away) < self.tolerance
+
+    def _aborted(self, arm: Executor, done: Executed) -> None:
+        assert not done.finished
+        assert done.reason
+        assert np.abs(arm.state().velocity).max() < self.tolerance
+        assert done.times[-1] < 0.5 * self.duration + self.late
+        before = arm.state().q
+        time.sleep(0.05)
+        assert np.abs(arm.state().q - before).max() < self.tolerance
+
+    def test_what_watches_can_end_it_midway(self) -> None:
+        """The arm comes to rest on the way; nothing jumps."""
+        arm = self.executor()
+        curve = self.curve(arm)
+        done = arm.execute(curve, lambda now, _: now > 0.5 * self.duration)
+        self._aborted(arm, done)
+        progress = (done.reference - done.reference[0]) / MOVED
+        assert progress[-1].min() > 0.2
+        assert progress[-1].max() < 0.95
+        speed = np.diff(done.reference, axis=0) / np.diff(done.times)[:, None]
+        assert np.abs(speed).max() < 1.5 * MOVED * 1.875 / self.duration
+
+    def test_what_watches_may_fail(self) -> None:
+        """The arm comes to rest on the way, then the trouble is told."""
+        arm = self.executor()
+
+        def watch(now: float, _: State) -> bool:
+            if now > 0.5 * self.duration:
+                raise ArithmeticError
+            return False
+
+        done = None
+        try:
+            arm.execute(self.curve(arm), watch)
+        except ExecutionError as error:
+            done = error.executed
+        assert isinstance(done, Executed)
+        self._aborted(arm, done)
+
+    def test_another_thread_can_abort(self) -> None:
+        """``abort`` ends ``execute``; then the next curve can be executed."""
+        arm = self.executor()
+        curve, begun = self.curve(arm), threading.Event()
+
+        def other() -> None:
+            begun.wait(10.0)
+            arm.abort()
+
+        thread = threading.Thread(target=other)
+        thread.start()
+
+        def watch(now: float, _: State) -> None:
+            if now > 0.3 * self.duration:
+                begun.set()
+                thread.join()
+
+        self._aborted(arm, arm.execute(curve, watch))
+        assert arm.execute(self.curve(arm, -0.5 * MOVED)).finished
+
+    def test_to_abort_at_rest_does_nothing(self) -> None:
+        """A curve that comes later is followed."""
+        arm = self.executor()
+        arm.abort()
+        assert arm.execute(self.curve(arm)).finished
+
+    def test_a_curve_that_begins_elsewhere_is_refused(self) -> None:
+        """The arm does not move."""
+        arm = self.executor()
+        curve = self.curve(arm)
+        moved = Trajectory(
+            curve.times, curve.positions + 0.2, curve.velocities, curve.accelerations,
+            curve.joint_names,
+        )  # fmt: skip
+        self._refused(arm, moved)
+
+    def test_a_curve_that_begins_or_ends_in_motion_is_refused(self) -> None:
+        """An arm at rest cannot begin in motion; a curve must end at rest."""
+        arm = self.executor()
+        fine = self.curve(arm).resample(100.0)
+        half = len(fine.times) // 2
+        for part in (slice(0, half), slice(half, None)):
+            times, rows = fine.times[part], fine.rows(part)
+            q = rows[0] - rows[0][0] + arm.state().q
+            self._refused(arm, Trajectory(times - times[0], q, rows[1], rows[2], fine.joint_names))
+
+    def test_a_curve_of_other_joints_is_refused(self) -> None:
+        """By name."""
+        arm = self.executor()
+        curve = self.curve(arm)
+        names = tuple(f"other_{name}" for name in curve.joint_names)
+        self._refused(arm, Trajectory(curve.times, *curve.rows(), names))
+
+    def test_a_curve_beyond_the_limits_is_refused(self) -> None:
+        """A hundred times as fast."""
+        arm = self.executor()
+        self._refused(arm, self.curve(arm, 0.5).slowed(0.02))
+
+    def _refused(self, arm: Executor, curve: Trajectory) -> None:
+        before, moved = arm.state().q, True
+        with suppress(InvalidRequestError):
+            arm.execute(curve)
+            moved = False
+        assert moved, "it was executed"
+        assert np.abs(arm.state().q - before).max() < self.tolerance

@@ -1,0 +1,354 @@
+"""Files: read up to a size, written whole or not at all; JSON text; archives of arrays."""
+
+import errno
+import glob
+import io
+import json
+import math
+import os
+import shutil
+import stat
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from optipromp.core.errors import InvalidRequestError, OptiPrompError
+
+LARGEST_TEXT = 64_000_000
+"""[bytes] of a text file; a scene of 100,000 obstacles has 11 million, as JSON 22."""
+
+LARGEST_ARRAYS = 256_000_000
+"""[bytes] of an archive of arrays or a mesh, unpacked."""
+
+
+def read_bytes(path: Path, error: type[OptiPrompError], most: int = LARGEST_ARRAYS) -> bytes:
+    """The content of a file of at most ``most`` bytes.
+
+    Raises:
+        OptiPrompError: of the type given: there is none, it is a folder, a device or a pipe, it
+            cannot be read or is too large; the message names it and why.
+    """
+    try:
+        found = path.stat()
+        if stat.S_ISDIR(found.st_mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        if not stat.S_ISREG(found.st_mode):
+            raise error(f"{path}: cannot be read: a device or pipe; must be a file")
+        with path.open("rb") as file:
+            content = file.read(most + 1) if found.st_size <= most else b""
+    except OSError as cause:
+        raise error(f"{path}: cannot be read: {cause.strerror or cause}") from None
+    except ValueError as cause:  # a name that no file can have
+        raise error(f"{str(path)!r}: cannot be read: {cause}") from None
+    size = max(found.st_size, len(content))
+    if size > most:
+        raise error(f"{path}: has {size / 1e6:.0f} MB: must have at most {most / 1e6:.0f}")
+    return content
+
+
+def is_file(path: Path) -> bool:
+    """Whether a path is a file; not where nobody may look, and not of a name that no file can have.
+
+    ``Path.is_file`` raises there, until Python 3.13.
+    """
+    return os.path.isfile(path)  # noqa: PTH113
+
+
+def is_folder(path: Path) -> bool:
+    """The same of a folder."""
+    return os.path.isdir(path)  # noqa: PTH112
+
+
+def is_there(path: Path) -> bool:
+    """The same of anything, a device or a pipe too."""
+    return os.path.exists(path)  # noqa: PTH110
+
+
+def file_name(text: str) -> str:
+    """``text`` as the name of a file: 60 letters at most, and none that leads elsewhere."""
+    return "".join("_" if letter in '/\\:*?"<>|' else letter for letter in text)[:60]
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path looks like a bag: ``.mcap``, ``.db3``, or a folder with metadata.yaml."""
+    if is_folder(path):
+        return is_there(path / "metadata.yaml")
+    return path.suffix.lower() in (".mcap", ".db3")
+
+
+FOLDERS = "OPTIPROMP_FOLDERS"
+"""Environment variable: folders beside their own from which scenes may read files."""
+
+
+ALLOW_XACRO = "OPTIPROMP_ALLOW_XACRO"
+"""Environment variable: 1 where files may name xacro files, which run code."""
+
+
+def homes(folder: Path | None) -> tuple[Path, ...]:
+    """Where files may lie that a file in ``folder`` names.
+
+    That folder, the working directory (unless it is the root), and the folders of :data:`FOLDERS`.
+    """
+    here = Path.cwd()
+    listed = [Path(home) for home in os.environ.get(FOLDERS, "").split(os.pathsep) if home]
+    return folder or here, *([here] if here != Path(here.anchor) else []), *listed
+
+
+def check_inside(
+    path: Path, folder: Path | None, error: type[OptiPrompError], more: Iterable[Path] = ()
+) -> Path:
+    """``path``, which a file in ``folder`` names, if it may; links are followed.
+
+    It may lie in the :func:`homes` of that folder, and in ``more``.
+
+    Raises:
+        OptiPrompError: of the type given: it lies elsewhere.
+    """
+    try:
+        real = path.resolve()
+        if any(real.is_relative_to(home.resolve()) for home in (*homes(folder), *more)):
+            return path
+    except (OSError, RuntimeError, ValueError) as cause:  # a ring of links; no name of a file
+        raise error(f"{str(path)!r}: cannot be found: {cause}") from None
+    raise error(
+        f"{path} is outside the folder of the file that names it and outside the working "
+        f"directory: must be inside, or in a folder that {FOLDERS} lists"
+    )
+
+
+COMMITTED = ".committed"
+"""Folder beside files that were written together, while they are moved to their places."""
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write ``content`` beside ``path`` and rename it into place; the folder is made if need be.
+
+    Whatever interrupts the writing (a full disk, Ctrl-C, a kill), ``path`` holds its old content or
+    the new. What a killed process has left beside it goes.
+
+    Raises:
+        InvalidRequestError: the folder or the file cannot be written; the message names it and why.
+    """
+    if is_there(path) and not is_file(path):
+        raise InvalidRequestError(f"cannot write {path}: it is no file")
+    with _writing(path), _aside(path.parent, path.name) as temporary:
+        _write(temporary, content)
+        temporary.replace(path)
+
+
+def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write several files of a folder, all of them or none; the folder is made if need be.
+
+    They are written aside, in a folder that is then renamed to :data:`COMMITTED`: from then on they
+    are the folder's. Then they are moved to their places. Where a kill interrupts that,
+    :func:`settle` goes on with it. Other files of the folder stay.
+
+    Raises:
+        InvalidRequestError: the folder or a file cannot be written; the message names it and why.
+    """
+    for name in files:
+        if is_there(folder / name) and not is_file(folder / name):
+            raise InvalidRequestError(f"cannot write {folder / name}: it is no file")
+    committed = folder / COMMITTED
+    with _writing(folder), _aside(folder, COMMITTED.removeprefix(".")) as temporary:
+        temporary.mkdir()
+        for name, content in files.items():
+            _write(temporary / name, content)
+        if committed.is_symlink():
+            committed.unlink()
+        while True:
+            settle(folder)
+            try:
+                temporary.rename(committed)
+                break
+            except OSError:
+                if not is_folder(committed):  # else another process was faster
+                    raise
+        settle(folder)
+
+
+def settle(folder: Path) -> None:
+    """Move what :func:`write_together` has committed in a folder to its place.
+
+    Raises:
+        OSError: it cannot be moved.
+    """
+    committed = folder / COMMITTED
+    while is_folder(committed) and not committed.is_symlink():
+        with suppress(FileNotFoundError):  # another process moves it too
+            for file in sorted(committed.iterdir()):
+                file.replace(folder / file.name)
+            committed.rmdir()
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Tell of what cannot be written in one way."""
+    try:
+        yield
+    except OSError as error:
+        raise InvalidRequestError(f"cannot write {path}: {error.strerror or error}") from error
+    except ValueError as error:  # a name that no file can have
+        raise InvalidRequestError(f"cannot write {str(path)!r}: {error}") from None
+
+
+@contextmanager
+def _aside(folder: Path, name: str) -> Iterator[Path]:
+    """A path beside ``name`` for what is being written, which is gone afterwards.
+
+    Paths of processes that are no more go first.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    if os.name == "posix":
+        for left in folder.glob(f".{glob.escape(name)}.*.writing"):
+            number = left.name.split(".")[-2].partition("-")[0]
+            if number.isdecimal() and not _runs(int(number)):
+                _remove(left)
+    temporary = folder / f".{name}.{os.getpid()}-{os.urandom(4).hex()}.writing"
+    try:
+        yield temporary
+    finally:
+        _remove(temporary)
+
+
+def _runs(process: int) -> bool:
+    """Whether there is a process of this number."""
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def _write(path: Path, content: bytes) -> None:
+    with path.open("xb") as stream:
+        stream.write(content)
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or a folder, if it is there and may be removed."""
+    with suppress(OSError, ValueError):
+        if is_folder(path):
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def cache_folder() -> Path | None:
+    """The user's cache: ``OPTIPROMP_CACHE``, else the platform's; None where there is no home."""
+    asked = os.environ.get("OPTIPROMP_CACHE")
+    if asked:
+        return Path(asked)
+    try:
+        if sys.platform == "win32":
+            local = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData/Local"
+            return Path(local) / "optipromp"
+        if sys.platform == "darwin":
+            return Path.home() / "Library/Caches/optipromp"
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "optipromp"
+    except RuntimeError:
+        return None
+
+
+def check_folder(folder: Path) -> None:
+    """Try that files can be written in ``folder``, which need not be there, and leave nothing.
+
+    Raises:
+        InvalidRequestError: they cannot; the message names the folder and why.
+    """
+    new = [path for path in (folder, *folder.parents) if not is_there(path)]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except ValueError as error:  # a name that no file can have
+        raise InvalidRequestError(f"cannot write into {str(folder)!r}: {error}") from None
+    except OSError as error:
+        raise InvalidRequestError(
+            f"cannot write into {folder}: {error.strerror or error}"
+        ) from error
+    finally:
+        for path in new:
+            with suppress(OSError, ValueError):  # not made, or another process has written there
+                path.rmdir()
+
+
+def npz(arrays: Mapping[str, Any], *, compressed: bool = False) -> bytes:
+    """Arrays by name as the content of an NPZ file."""
+    import numpy as np
+
+    stream = io.BytesIO()
+    (np.savez_compressed if compressed else np.savez)(stream, allow_pickle=False, **arrays)
+    return stream.getvalue()
+
+
+def read_npz(path: Path, error: type[OptiPrompError] = InvalidRequestError) -> dict[str, Any]:
+    """All arrays of an NPZ file. Never unpickles.
+
+    Raises:
+        OptiPrompError: of the type given, if the file is missing, damaged or no NPZ.
+    """
+    import numpy as np
+
+    content = read_bytes(path, error)
+    if not content.startswith(b"PK"):
+        raise error(f"{path} is not a readable NPZ file of plain arrays (no archive)")
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
+            size = sum(entry.file_size for entry in archive.zip.infolist())
+            if size <= LARGEST_ARRAYS:
+                return {key: _array(key, archive[key]) for key in archive.files}
+    except Exception as cause:  # zipfile, zlib, tokenize, NumPy raise whatever goes wrong in them
+        reason = " ".join(str(cause).split())[:120] or type(cause).__name__
+        raise error(f"{path} is not a readable NPZ file of plain arrays ({reason})") from None
+    most = LARGEST_ARRAYS / 1e6
+    raise error(f"{path}: unpacks to {size / 1e6:.0f} MB: must be at most {most:.0f}")
+
+
+def _array(key: str, member: Any) -> Any:
+    """A member of an archive. Refuses what is none, and text that Python could not hold."""
+    import numpy as np
+
+    if not isinstance(member, np.ndarray):  # NumPy gives its bytes
+        raise ValueError(f"{key!r} is no array")
+    if member.dtype.kind == "U":
+        codes = np.frombuffer(member.tobytes(), np.dtype("u4").newbyteorder(member.dtype.byteorder))
+        if codes.max(initial=0) > sys.maxunicode:
+            raise ValueError(f"{key!r} holds text that is not Unicode")
+    return member
+
+
+def texts(member: Any) -> tuple[str, ...]:
+    """The texts of a member of an archive, in order; a member without dimensions holds one."""
+    import numpy as np
+
+    return tuple(str(text) for text in np.atleast_1d(member))
+
+
+def json_text(document: object) -> str:
+    """``document`` as JSON text; NaN and infinities become null, arrays become lists."""
+    return json.dumps(plain(document), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def plain(value: Any) -> Any:
+    """``value`` as JSON has it; NaN and infinities become None, arrays and tuples lists."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, str):
+        return str(value)  # an enumeration's word
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, bool | int):
+        return value
+    return str(value)

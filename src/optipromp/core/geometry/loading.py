@@ -1,0 +1,139 @@
+"""Meshes and point clouds from files."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidSceneError
+from optipromp.core.files import read_bytes, read_npz
+from optipromp.core.geometry.grids import check_closed
+from optipromp.core.geometry.shapes import MeshShape, PointCloudShape
+
+_MESH_SUFFIXES = (".stl", ".obj", ".ply")
+_CLOUD_SUFFIXES = (".npy", ".npz", ".csv", ".xyz", ".txt", ".ply")
+
+
+def load_mesh(path: Path, scale: float = 1.0) -> MeshShape:
+    """Load a closed mesh from STL, OBJ or PLY.
+
+    Args:
+        path: the file.
+        scale: from the file's unit to metres.
+
+    Raises:
+        InvalidSceneError: missing, malformed, no area, not watertight, or trimesh not installed.
+    """
+    content = _content(path, "mesh", _MESH_SUFFIXES)
+    loaded = _trimesh_load(path, content, "mesh")
+    parts = list(loaded.geometry.values()) if hasattr(loaded, "geometry") else [loaded]
+    if not parts or not all(hasattr(part, "faces") and len(part.faces) for part in parts):
+        raise InvalidSceneError(f"mesh {path}: holds no faces: must be a closed surface")
+    if hasattr(loaded, "to_mesh"):
+        loaded = loaded.to_mesh()
+    vertices = scale * np.asarray(loaded.vertices, dtype=np.float64)
+    mesh = MeshShape(vertices, np.asarray(loaded.faces, dtype=np.int64), path, scale)
+    check_closed(mesh)
+    return mesh
+
+
+def load_cloud(path: Path, radius: float, scale: float = 1.0) -> PointCloudShape:
+    """Load a point cloud; columns past the third (colours, normals) are left out.
+
+    Args:
+        path: ``.npy`` (N, 3), ``.npz`` (key ``points``, or its only array), ``.csv`` (commas),
+            ``.xyz`` or ``.txt`` (blanks), with one line of headings at most, or ``.ply``.
+        radius: of every point [m].
+        scale: from the file's unit to metres.
+
+    Raises:
+        InvalidSceneError: missing, malformed or empty.
+    """
+    content = _content(path, "point cloud", _CLOUD_SUFFIXES)
+    suffix = path.suffix.lower()
+    if suffix == ".ply":
+        loaded = _trimesh_load(path, content, "point cloud")
+        points = np.asarray(getattr(loaded, "vertices", np.zeros((0, 3))), dtype=np.float64)
+    elif suffix in (".npy", ".npz"):
+        points = _numpy_points(path, content)
+    else:
+        points = _text_points(path, content, "," if suffix == ".csv" else None)
+    if points.ndim != 2 or points.shape[1] < 3 or not len(points):
+        raise InvalidSceneError(
+            f"point cloud {path}: holds an array of shape {points.shape}: must be (N, 3), N >= 1"
+        )
+    return PointCloudShape(scale * points[:, :3], radius, path, scale)
+
+
+def _content(path: Path, what: str, suffixes: tuple[str, ...]) -> bytes:
+    if path.suffix.lower() not in suffixes:
+        raise InvalidSceneError(f"{what} {path}: suffix must be one of {', '.join(suffixes)}")
+    try:
+        content = read_bytes(path, InvalidSceneError)
+    except InvalidSceneError as error:
+        raise InvalidSceneError(f"{what} {error.message}") from None
+    if not content:
+        raise InvalidSceneError(f"{what} {path}: is empty")
+    return content
+
+
+def _trimesh_load(path: Path, content: bytes, what: str) -> Any:
+    """What trimesh makes of a file's content, so that it reads no other file."""
+    try:
+        import trimesh
+    except ImportError:
+        raise InvalidSceneError(
+            f"{what} {path}: reading it needs trimesh: pip install 'optipromp[mesh]'"
+        ) from None
+    try:
+        kind = path.suffix.lower()[1:]
+        return trimesh.load(io.BytesIO(content), file_type=kind, skip_materials=True)
+    except Exception as error:  # malformed files make its readers fail in every way there is
+        raise _unreadable(what, path, error) from None
+
+
+def _numpy_points(path: Path, content: bytes) -> FloatArray:
+    try:
+        if path.suffix.lower() == ".npz":
+            arrays = read_npz(path, InvalidSceneError)
+            if "points" not in arrays and len(arrays) != 1:
+                found = ", ".join(arrays) or "none"
+                raise ValueError(f"arrays are {found}: must have 'points'")
+            data = arrays.get("points", next(iter(arrays.values())))
+        else:
+            data = np.load(io.BytesIO(content), allow_pickle=False)
+        return np.asarray(data, dtype=np.float64)
+    except Exception as error:
+        raise _unreadable("point cloud", path, error) from None
+
+
+def _unreadable(what: str, path: Path, error: Exception) -> InvalidSceneError:
+    reason = " ".join(str(error).split())[:120] or type(error).__name__
+    return InvalidSceneError(f"{what} {path}: cannot be read: {reason}")
+
+
+def _text_points(path: Path, content: bytes, delimiter: str | None) -> FloatArray:
+    try:
+        lines = content.decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError:
+        raise InvalidSceneError(f"point cloud {path}: is no text in UTF-8") from None
+    rows: list[list[float]] = []
+    for number, line in enumerate(lines, start=1):
+        text = line.split("#", 1)[0].strip()
+        if not text:
+            continue
+        row: list[float] = []
+        with contextlib.suppress(ValueError):
+            row = [float(entry) for entry in text.split(delimiter)[:3]]
+        if len(row) == 3:
+            rows.append(row)
+        elif number > 1:  # the first line may hold headings
+            raise InvalidSceneError(
+                f"point cloud {path}: line {number}: must begin with three numbers"
+            )
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)

@@ -1,0 +1,197 @@
+"""Posed shapes as a struct of arrays, the form the distance kernels read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths, read_only
+from optipromp.core.errors import InvalidSceneError
+from optipromp.core.geometry.cells import Cells, make_cells, no_cells
+from optipromp.core.geometry.shapes import GRID, Shape
+
+if TYPE_CHECKING:
+    from optipromp.core.geometry.grids import DistanceGrid
+
+Measures: TypeAlias = tuple[IntArray, FloatArray, FloatArray]
+
+_ROTATION_TOLERANCE = 1e-6
+
+
+class Obstacles(NamedTuple):
+    """K posed shapes; a point maps as ``x_world = rotation[k] @ x_local + position[k]``.
+
+    All arrays are read-only and C-contiguous. Build with :func:`pack`, so that compiled kernels
+    always meet the same array types.
+    """
+
+    kind: IntArray
+    """(K,) see :class:`optipromp.core.geometry.shapes.Measure`, as ``size`` and ``bound``."""
+    position: FloatArray
+    """(K, 3) [m]."""
+    rotation: FloatArray
+    """(K, 3, 3)."""
+    size: FloatArray
+    """(K, 3) [m]."""
+    bound: FloatArray
+    """(K,) [m] radius about ``position`` of a bounding ball; inf for a half-space."""
+    grid: IntArray
+    """(K,) index into the grid arrays, -1 where the shape is none."""
+    grid_values: FloatArray
+    """(N,) [m] signed distances of all grids, flat, each in C order."""
+    grid_start: IntArray
+    """(G,) first value of each grid."""
+    grid_shape: IntArray
+    """(G, 3) nodes along local x, y, z."""
+    grid_origin: FloatArray
+    """(G, 3) [m] first node in the shape's local frame."""
+    grid_spacing: FloatArray
+    """(G,) [m] distance between neighbouring nodes."""
+    cells: Cells
+    """Which obstacles may matter where."""
+
+
+def pack(
+    items: Sequence[tuple[Shape, ArrayLike, ArrayLike]],
+    *,
+    reach: float = 0.0,
+    within: float = 0.0,
+) -> Obstacles:
+    """Pack posed shapes for the kernels.
+
+    Args:
+        items: ``(shape, position (3,) [m], rotation (3, 3))``; may be empty.
+        reach: within this distance of obstacles the kernels will ask for them [m]; above 0, many
+            obstacles are sorted into cells, so that those farther away cost nothing.
+        within: coordinates of places where they will ask [m].
+
+    Returns:
+        The obstacles, in the order of ``items``. Shapes without a kernel get a distance grid
+        (see :mod:`optipromp.core.geometry.grids`); items that share one shape object share its
+        grid.
+
+    Raises:
+        InvalidSceneError: a position or rotation is not finite or not a rotation, or a mesh is
+            degenerate.
+    """
+    shapes = [shape for shape, _, _ in items]
+    position = _stacked([at for _, at, _ in items], (3,))
+    rotation = _stacked([turn for _, _, turn in items], (3, 3))
+    return packed(shapes, position, rotation, measures(shapes), reach=reach, within=within)
+
+
+def packed(
+    shapes: Sequence[Shape],
+    position: FloatArray,
+    rotation: FloatArray,
+    measured: Measures,
+    *,
+    reach: float = 0.0,
+    within: float = 0.0,
+) -> Obstacles:
+    """:func:`pack` of shapes whose poses (K, 3), (K, 3, 3) and measures are arrays already."""
+    kind, size, bound = measured
+    grid = np.full(len(shapes), -1, dtype=np.int64)
+    grids: dict[int, int] = {}
+    shaped: list[Shape] = []
+    for index in np.flatnonzero(kind == GRID).tolist():
+        shape = shapes[index]
+        if id(shape) not in grids:
+            grids[id(shape)] = len(shaped)
+            shaped.append(shape)
+        grid[index] = grids[id(shape)]
+    _check_poses(position, rotation)
+    values, start, nodes, origin, spacing = _pack_grids(shaped)
+    arrays = (kind, position, rotation, size, bound, grid, values, start, nodes, origin, spacing)
+    for array in arrays:
+        array.setflags(write=False)
+    cells = make_cells(position, bound, reach, within) if reach > 0.0 else no_cells()
+    return Obstacles(*arrays, cells)
+
+
+def measures(shapes: Sequence[Shape]) -> Measures:
+    """``kind`` (K,), ``size`` (K, 3) and ``bound`` (K,) of shapes, see :class:`Obstacles`."""
+    measured = [shape.measure for shape in shapes]
+    return (
+        np.array([own.kind for own in measured], dtype=np.int64),
+        np.array([own.size for own in measured], dtype=np.float64).reshape(-1, 3),
+        np.array([own.bound for own in measured], dtype=np.float64),
+    )
+
+
+def _stacked(arrays: Sequence[ArrayLike], shape: tuple[int, ...]) -> FloatArray:
+    """Arrays of one ``shape`` as one of (K, ...), faster than NumPy stacks many small ones."""
+    flat = [np.asarray(array, dtype=np.float64) for array in arrays]
+    if any(array.shape != shape for array in flat):
+        flat = [np.broadcast_to(array, shape) for array in flat]
+    if not flat:
+        return np.zeros((0, *shape))
+    return np.concatenate(flat).reshape(len(flat), *shape)
+
+
+def near(obstacles: Obstacles, center: FloatArray, reach: float) -> Obstacles:
+    """Those that may come within ``reach`` [m] of ``center`` (3,), by their bounding balls.
+
+    They have no cells.
+    """
+    off = obstacles.position - center
+    keep = lengths(off) - obstacles.bound <= reach
+    return selected(obstacles, slice(None) if keep.all() else keep)
+
+
+def selected(obstacles: Obstacles, which: slice | BoolArray) -> Obstacles:
+    """Some of the obstacles, without cells."""
+    fields = ("kind", "position", "rotation", "size", "bound", "grid")
+    kept = {name: getattr(obstacles, name)[which] for name in fields}
+    for array in kept.values():
+        array.setflags(write=False)
+    return obstacles._replace(**kept, cells=no_cells())
+
+
+def appended(obstacles: Obstacles, simple: Obstacles) -> Obstacles:
+    """The obstacles and then others, none of which has a grid; without cells."""
+    fields = ("kind", "position", "rotation", "size", "bound", "grid")
+    both = {
+        name: read_only(np.concatenate([getattr(obstacles, name), getattr(simple, name)]))
+        for name in fields
+    }
+    return obstacles._replace(**both, cells=no_cells())
+
+
+def _check_poses(position: FloatArray, rotation: FloatArray) -> None:
+    if np.isfinite(position).all() and (rotation == np.eye(3)).all():
+        return  # none, or none that is turned
+    for name, values in (("position", position), ("rotation", rotation)):
+        bad = np.argwhere(~np.isfinite(values))
+        if bad.size:
+            where = "".join(f"[{i}]" for i in bad[0][1:])
+            raise InvalidSceneError(f"obstacle {bad[0][0]}: {name}{where} must be finite")
+    error = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    wrong = np.flatnonzero((error > _ROTATION_TOLERANCE) | (np.linalg.det(rotation) < 0.0))
+    if wrong.size:
+        index = wrong[0]
+        raise InvalidSceneError(
+            f"obstacle {index}: rotation is no rotation matrix (R Rᵀ off the identity by "
+            f"{error[index]:.2g}, determinant {np.linalg.det(rotation[index]):.3g})"
+        )
+
+
+def _pack_grids(
+    shapes: Sequence[Shape],
+) -> tuple[FloatArray, IntArray, IntArray, FloatArray, FloatArray]:
+    grids: list[DistanceGrid] = []
+    if shapes:
+        from optipromp.core.geometry.grids import distance_grid
+
+        grids = [distance_grid(shape) for shape in shapes]
+    sizes = np.array([0, *(grid.values.size for grid in grids)], dtype=np.int64)
+    return (
+        np.concatenate([np.zeros(0), *(grid.values.ravel() for grid in grids)]),
+        np.cumsum(sizes)[:-1],
+        np.array([grid.values.shape for grid in grids], dtype=np.int64).reshape(-1, 3),
+        np.array([grid.origin for grid in grids], dtype=np.float64).reshape(-1, 3),
+        np.array([grid.spacing for grid in grids], dtype=np.float64),
+    )

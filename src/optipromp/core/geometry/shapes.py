@@ -1,0 +1,401 @@
+"""Shapes of a scene, each in its own local frame, in metres.
+
+A shape has no pose: an object of a scene (or an item of
+:func:`optipromp.core.geometry.obstacles.pack`) adds position and rotation.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, IntArray, frozen
+from optipromp.core.errors import InvalidSceneError
+from optipromp.core.geometry import faces
+
+FARTHEST = 1e6
+"""Size of a number of a scene, at most [m, rad]; what is derived from it does not overflow."""
+
+SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID, ELLIPSOID, CONE = range(8)
+
+ROUND = 28  # faces about a ball that is drawn
+FINE = 48  # points about a round shape whose mesh is measured, weighed or simulated
+MOST_POINTS = 1500  # of a point cloud that are drawn
+CONVEX = 0.02  # share of its hull's volume that a mesh may lack and still count as convex
+
+
+def _positive(shape: str, name: str, value: float) -> float:
+    number = float(value)
+    if not 0.0 < number <= FARTHEST:
+        raise InvalidSceneError(
+            f"{shape} {name} is {number:g}: must be finite and above 0 [m], at most {FARTHEST:g}"
+        )
+    return number
+
+
+class Measure(NamedTuple):
+    """What the distance kernels and the cells ask of a shape.
+
+    Attributes:
+        kind: one of SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID, ELLIPSOID, CONE.
+        size: by kind. sphere: r, 0, 0; box: half edges; cylinder, capsule: r, half length, 0;
+            ellipsoid: radii; cone: r, half length, r of the tip; else zeros [m].
+        bound: radius of a ball about the local origin that holds the shape; inf for a half-space
+            [m].
+        half: half edges of a box about the local origin, along the local axes, that holds it [m].
+        volume: None where that of the mesh is taken; of a point cloud its bounding box's [m³].
+    """
+
+    kind: int
+    size: tuple[float, float, float]
+    bound: float
+    half: tuple[float, float, float]
+    volume: float | None = None
+
+
+NO_SIZE = 0.0, 0.0, 0.0
+
+
+class Shape(ABC):
+    """A solid in its local frame; all that the library asks of a shape, it asks here.
+
+    A shape of one's own gives its :meth:`mesh`, and has everything else from it: a distance grid,
+    bounds, a volume, a picture, a message and a body in the simulation.
+    """
+
+    @abstractmethod
+    def mesh(self, around: int = 24) -> MeshShape:
+        """A closed mesh of the surface; a round one is inscribed, with ``around`` points about."""
+
+    @property
+    def measure(self) -> Measure:
+        """Kernel, sizes and bounds; without a kernel of its own a shape is measured on a grid."""
+        return self._measured()
+
+    @property
+    def volume(self) -> float:
+        """See :class:`Measure` [m³]."""
+        known = self.measure.volume
+        return mesh_volume(self.mesh(FINE)) if known is None else known
+
+    def surface(self, cut: float = np.inf) -> FloatArray:
+        """Faces (F, 4, 3) that show the surface [m], see :mod:`optipromp.core.geometry.faces`.
+
+        Flat ones are no larger than ``cut`` [m], unless an edge has too many of them.
+        """
+        return self._faces(cut)
+
+    def _measured(self) -> Measure:
+        vertices = self.mesh(FINE).vertices
+        x, y, z = np.abs(vertices).max(axis=0).tolist()
+        return Measure(GRID, NO_SIZE, float(np.sqrt((vertices**2).sum(axis=1).max())), (x, y, z))
+
+    def _faces(self, cut: float) -> FloatArray:
+        mesh = self.mesh()
+        corners = mesh.vertices[mesh.faces]
+        return np.concatenate([corners, corners[:, 2:]], axis=1)
+
+
+@dataclass(frozen=True)
+class Primitive(Shape):
+    """A shape given by sizes above 0: numbers, or three of them along x, y, z."""
+
+    def __post_init__(self) -> None:
+        shape = type(self).__name__.lower()
+        for item in fields(self):
+            name, given = item.name, getattr(self, item.name)
+            if item.type in ("float", float):
+                object.__setattr__(self, name, _positive(shape, name, given))
+                continue
+            sizes = tuple(float(size) for size in given)
+            if len(sizes) != 3:
+                raise InvalidSceneError(f"{shape} {name} has {len(sizes)} entries: must have 3 [m]")
+            for index, size in enumerate(sizes):
+                _positive(shape, f"{name}[{index}]", size)
+            object.__setattr__(self, name, sizes)
+
+    def mesh(self, around: int = 24) -> MeshShape:
+        """The convex hull of the corners of its faces, whatever ``around``."""
+        points = np.unique(self.surface().reshape(-1, 3).round(12), axis=0)
+        return MeshShape(points, hull_faces(points))
+
+
+@dataclass(frozen=True)
+class Sphere(Primitive):
+    """A ball of ``radius`` [m] about the local origin."""
+
+    radius: float
+
+    def _measured(self) -> Measure:
+        r = self.radius
+        return Measure(SPHERE, (r, 0.0, 0.0), r, (r, r, r), 4.0 / 3.0 * np.pi * r**3)
+
+    def _faces(self, cut: float) -> FloatArray:
+        return faces.sphere(np.zeros(3), self.radius, ROUND)
+
+
+@dataclass(frozen=True)
+class Box(Primitive):
+    """A box centred at the local origin; ``size`` holds its full edge lengths along x, y, z [m]."""
+
+    size: tuple[float, float, float]
+
+    def _measured(self) -> Measure:
+        x, y, z = self.size
+        half = 0.5 * x, 0.5 * y, 0.5 * z
+        return Measure(BOX, half, 0.5 * math.hypot(x, y, z), half, x * y * z)
+
+    def _faces(self, cut: float) -> FloatArray:
+        return faces.box(np.array(self.size), cut)
+
+
+@dataclass(frozen=True)
+class Cylinder(Primitive):
+    """A solid cylinder along local z, centred at the origin; ``radius``, full ``length`` [m]."""
+
+    radius: float
+    length: float
+
+    def _measured(self) -> Measure:
+        r, half = self.radius, 0.5 * self.length
+        volume = np.pi * r**2 * self.length
+        return Measure(CYLINDER, (r, half, 0.0), math.hypot(r, half), (r, r, half), volume)
+
+    def _faces(self, cut: float) -> FloatArray:
+        pieces = min(int(self.length / cut), faces.MOST_PIECES)
+        steps = np.linspace(-0.5, 0.5, pieces + 2) * self.length
+        wall = np.column_stack([np.full_like(steps, self.radius), steps])
+        ends = np.array([[0.0, 0.5 * self.length]])
+        return faces.revolve(np.concatenate([-ends, wall, ends]), 24)
+
+
+@dataclass(frozen=True)
+class Capsule(Primitive):
+    """A capsule along local z, centred; ``length`` [m] is the distance between sphere centres."""
+
+    radius: float
+    length: float
+
+    def _measured(self) -> Measure:
+        r, half = self.radius, 0.5 * self.length
+        volume = np.pi * r**2 * self.length + 4.0 / 3.0 * np.pi * r**3
+        return Measure(CAPSULE, (r, half, 0.0), r + half, (r, r, r + half), volume)
+
+    def _faces(self, cut: float) -> FloatArray:
+        half = np.array([0.0, 0.0, 0.5 * self.length])
+        return faces.tube(np.stack([-half, half]), self.radius, 24)
+
+
+@dataclass(frozen=True)
+class Ellipsoid(Primitive):
+    """An ellipsoid about the local origin; ``radii`` along local x, y, z [m]."""
+
+    radii: tuple[float, float, float]
+
+    def _measured(self) -> Measure:
+        x, y, z = self.radii
+        volume = 4.0 / 3.0 * np.pi * (x * y * z)
+        return Measure(ELLIPSOID, self.radii, max(self.radii), self.radii, volume)
+
+    def _faces(self, cut: float) -> FloatArray:
+        return np.asarray(faces.sphere(np.zeros(3), 1.0, ROUND) * np.array(self.radii))
+
+    def mesh(self, around: int = 24) -> MeshShape:
+        """The points of the surface of evenly spread normals."""
+        axes, normals = np.array(self.radii), _normals(around)
+        points = axes**2 * normals / np.linalg.norm(axes * normals, axis=1)[:, None]
+        return MeshShape(points, hull_faces(points))
+
+
+@dataclass(frozen=True)
+class Cone(Primitive):
+    """A cone with round ends along local z, centred: the hull of two balls, as many berries are.
+
+    Args:
+        radius: of the ball at its shoulder, at +z [m].
+        tip: radius of the ball at its tip, at -z [m].
+        length: distance between the balls' centres; more than their radii differ by [m].
+    """
+
+    radius: float
+    tip: float
+    length: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.length <= abs(self.radius - self.tip):
+            raise InvalidSceneError(
+                f"cone length is {self.length:g}: must be above {abs(self.radius - self.tip):g}, "
+                "the difference of its radii [m]; else one ball holds the other"
+            )
+
+    def _measured(self) -> Measure:
+        half, wide = 0.5 * self.length, max(self.radius, self.tip)
+        return Measure(CONE, (self.radius, half, self.tip), wide + half, (wide, wide, wide + half))
+
+    def _faces(self, cut: float) -> FloatArray:
+        slope, half = np.arcsin((self.tip - self.radius) / self.length), 0.5 * self.length
+        low, high = np.linspace(-0.5 * np.pi, slope, 8), np.linspace(slope, 0.5 * np.pi, 8)
+        arcs = [
+            np.column_stack([r * np.cos(a), r * np.sin(a) + z])
+            for r, a, z in ((self.tip, low, -half), (self.radius, high, half))
+        ]
+        return faces.revolve(np.concatenate(arcs), ROUND)
+
+    def mesh(self, around: int = 24) -> MeshShape:
+        """The points of the surface of evenly spread normals."""
+        normals, half = _normals(around), np.array([0.0, 0.0, 0.5 * self.length])
+        shoulder, low = self.radius * normals + half, self.tip * normals - half
+        farther = (shoulder * normals).sum(axis=1) >= (low * normals).sum(axis=1)
+        points = np.where(farther[:, None], shoulder, low)
+        return MeshShape(points, hull_faces(points))
+
+
+@dataclass(frozen=True)
+class HalfSpace(Primitive):
+    """All points with local z <= 0; the outward normal is local z."""
+
+    def _measured(self) -> Measure:
+        return Measure(HALF_SPACE, NO_SIZE, math.inf, (math.inf, math.inf, math.inf), math.inf)
+
+    def _faces(self, cut: float) -> FloatArray:
+        """A patch of the plane."""
+        return faces.rectangle(2.0, 2.0, cut)
+
+
+PRIMITIVES: dict[str, Any] = {
+    "sphere": Sphere, "box": Box, "cylinder": Cylinder, "capsule": Capsule,
+    "ellipsoid": Ellipsoid, "cone": Cone, "half_space": HalfSpace,
+}  # fmt: skip
+"""Shapes without a file, by their names in scene files."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeshShape(Shape):
+    """A closed triangle mesh.
+
+    Args:
+        vertices: (V, 3) vertex positions [m], local frame.
+        faces: (F, 3) vertex indices.
+        path: the file it was read from, if any (used in messages and when saving a scene).
+        scale: the factor from the file's unit to metres, already applied to ``vertices``.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    path: Path | None = None
+    scale: float = field(default=1.0)
+
+    def __post_init__(self) -> None:
+        name = f"mesh {self.path}" if self.path is not None else "mesh"
+        vertices = frozen(self.vertices)
+        faces = frozen(self.faces, np.int64)
+        _rows_of_three(name, "vertices", vertices, "V", 4)
+        if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) < 4:
+            raise InvalidSceneError(
+                f"{name}: faces have shape {faces.shape}: must be (F, 3), F >= 4"
+            )
+        if faces.min() < 0 or faces.max() >= len(vertices):
+            raise InvalidSceneError(
+                f"{name}: face indices span {faces.min()} to {faces.max()}: "
+                f"must lie in 0 to {len(vertices) - 1}"
+            )
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", faces)
+
+    def mesh(self, around: int = 24) -> MeshShape:
+        """Itself."""
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloudShape(Shape):
+    """Points, each the centre of a ball of ``radius`` [m].
+
+    Args:
+        points: (N, 3) positions [m], local frame.
+        radius: radius given to every point [m].
+        path: the file it was read from, if any.
+        scale: the factor from the file's unit to metres, already applied to ``points``.
+    """
+
+    points: FloatArray
+    radius: float
+    path: Path | None = None
+    scale: float = field(default=1.0)
+
+    def __post_init__(self) -> None:
+        name = f"point cloud {self.path}" if self.path is not None else "point cloud"
+        points = frozen(self.points)
+        _rows_of_three(name, "points", points, "N", 1)
+        object.__setattr__(self, "radius", _positive(name, "radius", self.radius))
+        object.__setattr__(self, "points", points)
+
+    def _measured(self) -> Measure:
+        bound = float(np.sqrt((self.points**2).sum(axis=1).max())) + self.radius
+        x, y, z = (np.abs(self.points).max(axis=0) + self.radius).tolist()
+        volume = float(np.prod(np.ptp(self.points, axis=0) + 2.0 * self.radius))
+        return Measure(GRID, NO_SIZE, bound, (x, y, z), volume)
+
+    def _faces(self, cut: float) -> FloatArray:
+        """A ball at each point, or at some of too many."""
+        shown = self.points[:: max(1, len(self.points) // MOST_POINTS)]
+        ball = faces.sphere(np.zeros(3), max(self.radius, 0.003), 6)
+        return (shown[:, None, None] + ball).reshape(-1, 4, 3)
+
+    def mesh(self, around: int = 24) -> MeshShape:
+        """Refused: what lies between the points is not known."""
+        raise InvalidSceneError("a point cloud has no mesh")
+
+
+def _rows_of_three(name: str, what: str, values: FloatArray, letter: str, least: int) -> None:
+    if values.ndim != 2 or values.shape[1] != 3 or len(values) < least:
+        raise InvalidSceneError(
+            f"{name}: {what} have shape {values.shape}: must be ({letter}, 3), {letter} >= {least}"
+        )
+    bad = np.flatnonzero(~(np.abs(values) <= FARTHEST).all(axis=1))
+    if bad.size:
+        row, one = values[bad[0]].tolist(), {"vertices": "vertex", "points": "point"}[what]
+        raise InvalidSceneError(
+            f"{name}: {one} {bad[0]} is {row}: must be finite, at most {FARTHEST:g}"
+        )
+
+
+def mesh_volume(mesh: MeshShape) -> float:
+    """Volume of a closed mesh, by its signed tetrahedra about the origin [m³]."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    return float(abs(np.einsum("ij,ij->i", a, np.cross(b, c)).sum()) / 6.0)
+
+
+def _normals(around: int) -> FloatArray:
+    """Unit vectors (N, 3), ``around`` of them about z at each of half as many heights."""
+    polar, turn = np.meshgrid(
+        np.linspace(0.0, np.pi, around // 2 + 1)[1:-1],
+        np.linspace(0.0, 2.0 * np.pi, around, endpoint=False), indexing="ij",
+    )  # fmt: skip
+    flat = np.sin(polar)
+    rings = np.stack([flat * np.cos(turn), flat * np.sin(turn), np.cos(polar)], axis=-1)
+    return np.concatenate([rings.reshape(-1, 3), [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]])
+
+
+def hull_faces(points: FloatArray) -> IntArray:
+    """Triangles (F, 3) of the convex hull of points (N, 3), anticlockwise seen from outside."""
+    from scipy.spatial import ConvexHull
+
+    hull = ConvexHull(points)
+    a, b, c = (points[hull.simplices[:, k]] for k in range(3))
+    inward = np.einsum("fi,fi->f", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
+    return np.asarray(np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices))
+
+
+def is_convex(mesh: MeshShape) -> bool:
+    """Whether a closed mesh fills its convex hull, but for the share :data:`CONVEX`."""
+    from scipy.spatial import ConvexHull
+
+    hull = float(ConvexHull(mesh.vertices).volume)
+    return mesh_volume(mesh) > (1.0 - CONVEX) * hull

@@ -1,0 +1,24 @@
+"""The judge: checks any trajectory, with code that shares nothing with the planners."""
+
+from optipromp.core.judging.clearance import Overlap as Overlap
+from optipromp.core.judging.clearance import clearances as clearances
+from optipromp.core.judging.clearance import pushed_away as pushed_away
+from optipromp.core.judging.clearance import swept as swept
+from optipromp.core.judging.curve import Extremes as Extremes
+from optipromp.core.judging.curve import extremes as extremes
+from optipromp.core.judging.entered import struck as struck
+from optipromp.core.judging.entered import touching as touching
+from optipromp.core.judging.kinematics import centers as centers
+from optipromp.core.judging.kinematics import refined as refined
+from optipromp.core.judging.near import nearest_static as nearest_static
+from optipromp.core.judging.speed import too_fast as too_fast
+from optipromp.core.judging.validator import AXIS_TOLERANCE as AXIS_TOLERANCE
+from optipromp.core.judging.validator import GOAL_TOLERANCE as GOAL_TOLERANCE
+from optipromp.core.judging.validator import JUDGE as JUDGE
+from optipromp.core.judging.validator import RATES as RATES
+from optipromp.core.judging.validator import ROUNDING as ROUNDING
+from optipromp.core.judging.validator import Judgement as Judgement
+from optipromp.core.judging.validator import Metrics as Metrics
+from optipromp.core.judging.validator import Violation as Violation
+from optipromp.core.judging.validator import judge as judge
+from optipromp.core.judging.validator import paper_violations as paper_violations

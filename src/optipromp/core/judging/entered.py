@@ -1,0 +1,118 @@
+"""Where the tool or the last link is inside of what the tool may push or pick.
+
+They may touch it on the way. No motion can begin there.
+"""
+
+from dataclasses import replace
+from itertools import pairwise, product
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, frame_along, lengths
+from optipromp.core.geometry.obstacles import measures
+from optipromp.core.geometry.shapes import GRID, Capsule
+from optipromp.core.judging.clearance import Overlap, enter, swept
+from optipromp.core.judging.distances import Objects, nearest
+from optipromp.core.judging.kinematics import centers
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.rotations import to_quaternion
+from optipromp.core.scenes.scene import Scene, SceneObject
+
+BRUSHED = 0.005  # [m] a choice: spheres stand out of a cup's wall by 4.5 mm
+
+
+def touching(scene: Scene, robot: Robot, q: FloatArray, *, begun: bool = False) -> list[Overlap]:
+    """What a motion must not touch where it begins, at ``q`` (n,).
+
+    With ``begun`` it goes on with one that ran: what the tool may push, it may touch.
+    """
+    _, contacts, points, axes = swept(scene, robot, q[None])
+    return [*contacts, *([] if begun else entered(scene, robot, q, points[0], axes[0]))]
+
+
+def entered(
+    scene: Scene, robot: Robot, q: FloatArray, point: FloatArray, axis: FloatArray
+) -> list[Overlap]:
+    """The target and the pushables that the tool or the last link is inside of, and how deep.
+
+    An object that is in the tool's mouth, or before it, is not inside of the tool; one that is
+    :data:`BRUSHED` is not inside of a link. (Of two runs that began 7 and 15 mm inside of the last
+    link's spheres, which stand out of it by up to 15 mm, both tore fruits off.)
+
+    Args:
+        scene: with the objects.
+        robot: with its tool.
+        q: (n,) its configuration.
+        point, axis: (3,) of the tool there.
+    """
+    own = np.flatnonzero(robot.spheres.distal)
+    if not len(own):
+        return []
+    spheres, radius = centers(robot, q[None])[:, own], np.asarray(robot.spheres.radius)[own]
+    middle = spheres[0].mean(axis=0)
+    reach = float((lengths(spheres[0] - middle) + radius).max())
+    rows = np.concatenate([scene.rows("target"), scene.rows("pushable")])
+    near = lengths(scene.positions[rows] - middle) < scene.bounds[rows] + reach
+    link, out = np.asarray(robot.spheres.link)[own], []
+    for item in scene.objects_at(rows[near]):
+        for one in np.unique(link):
+            if one == link.max() and _in_mouth(robot, item, point, axis):
+                continue
+            depth = _depth(item, spheres[:, link == one], radius[link == one])
+            if depth > BRUSHED:
+                out.append(Overlap(str(robot.link_names[one]), item.id, item.role, depth, 0.0))
+    return out
+
+
+def struck(scene: Scene, robot: Robot, q: FloatArray) -> Overlap | None:
+    """The target, the pushable or the stem of one that the tool or the last link is deepest in,
+    among configurations ``q`` (M, n); None where it is in none by more than :data:`BRUSHED`.
+    """
+    own = np.flatnonzero(robot.spheres.distal)
+    if not len(own):
+        return None
+    spheres, radius = centers(robot, q)[:, own], np.asarray(robot.spheres.radius)[own]
+    link, found = np.asarray(robot.spheres.link)[own], list[Overlap]()
+    rows = np.concatenate([scene.rows("target"), scene.rows("pushable")])
+    for item, one in product(scene.objects_at(rows), np.unique(link)):
+        name, mine = str(robot.link_names[one]), (spheres[:, link == one], radius[link == one])
+        found.append(Overlap(name, item.id, item.role, _depth(item, *mine)))
+        for low, high in pairwise(() if item.stem is None else item.stem.points):
+            assert item.stem is not None
+            length = float(np.linalg.norm(high - low))
+            turn = to_quaternion(frame_along((high - low) / length))
+            piece = replace(item, shape=Capsule(item.stem.radius, length), stem=None,
+                            position=0.5 * (low + high), orientation=turn)  # fmt: skip
+            depth = _depth(piece, *mine)
+            found.append(Overlap(name, f"the stem of {item.id}", item.role, depth))
+    deepest = max(found, key=lambda overlap: overlap.depth, default=None)
+    return None if deepest is None or deepest.depth <= BRUSHED else deepest
+
+
+def _in_mouth(robot: Robot, item: SceneObject, point: FloatArray, axis: FloatArray) -> bool:
+    """Whether an object is in the tool's mouth, or before it; a long one is taken for as thin as it
+    is.
+    """
+    tool = robot.tool
+    if tool is None:
+        return False
+    off = item.position - point
+    height = float(off @ axis)
+    aside = float(np.linalg.norm(off - height * axis))
+    _, size, _ = measures([item.shape])
+    thin = float(size.min(where=size > 0.0, initial=np.inf)) if size.any() else 0.0
+    return height > tool.front - tool.reach and aside + thin < tool.mouth[0] + BRUSHED
+
+
+def _depth(item: SceneObject, spheres: FloatArray, radius: FloatArray) -> float:
+    """How deep (M, B, 3) spheres come into an object [m]; 0 or below where they do not."""
+    kind, size, bound = measures([item.shape])
+    if kind[0] == GRID:
+        return -nearest(item, spheres, radius, 0.0)[0]
+    none, found = np.zeros(1, dtype=np.int64), np.zeros(3)
+    alone = Objects(
+        none, kind, none, np.array([item.position]), np.array([item.rotation]), size, bound, none,
+        np.zeros((0, 3)), np.zeros(0),
+    )  # fmt: skip
+    enter(alone, 0, spheres, radius, np.ones(len(radius), dtype=np.bool_), found)
+    return float(found[0])

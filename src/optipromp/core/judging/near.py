@@ -1,0 +1,63 @@
+"""Which moving link comes nearest to a static object."""
+
+import functools
+from dataclasses import replace
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.judging.clearance import Overlap, advance
+from optipromp.core.judging.distances import STATIC, STEM, names_of, nearest, objects_of
+from optipromp.core.judging.kinematics import body_of, centers
+from optipromp.core.robots.model import BodySpheres, Robot
+from optipromp.core.scenes.scene import Scene
+
+
+def nearest_static(
+    scene: Scene, robot: Robot, q: FloatArray, times: FloatArray | None = None
+) -> Overlap | None:
+    """The moving link that comes nearest to a static object over configurations ``q`` (M, n).
+
+    Its depth is the distance with the sign changed: negative where they are apart. A fixed base is
+    left out, as no motion mends its distance. None where nothing is static or nothing moves.
+    """
+    robot = _moving(robot)
+    if not scene.static or not len(robot.spheres.radius):
+        return None
+    body, (objects, rest) = body_of(robot), objects_of(scene)
+    count = len(objects.kind)
+    depth, deepest = np.full(count, np.inf), np.zeros((2, count), dtype=np.int64)
+    q, unused = np.array(q, dtype=np.float64, order="C"), np.empty((len(q), 3))
+    advance(
+        body, objects, q, unused, unused, np.full(STEM + 1, np.inf), np.full(1, np.inf), depth,
+        deepest, np.full(4, np.inf),
+    )  # fmt: skip
+    depth[objects.role != STATIC] = np.inf
+    found = []
+    if count and np.isfinite(depth.min()):
+        k = int(np.argmin(depth))
+        (named,) = names_of(scene, objects.rows[k : k + 1])
+        found.append(
+            (float(depth[k]), int(body.original[deepest[0, k]]), int(deepest[1, k]), named)
+        )
+    for item in rest:
+        if item.role == "static":
+            d, sphere, at = nearest(item, centers(robot, q), np.array(robot.spheres.radius), np.inf)
+            found.append((d, sphere, at, (item.id, item.role)))
+    d, sphere, at, named = min(found)
+    link = str(robot.link_names[robot.spheres.link[sphere]])
+    return Overlap(link, *named, -d, None if times is None else float(times[at]))
+
+
+@functools.lru_cache(maxsize=8)
+def _moving(robot: Robot) -> Robot:
+    """The robot without the spheres of its fixed base, and without pairs of spheres."""
+    all_of, own = robot.spheres, np.asarray(robot.spheres.segment) >= 0
+    spheres = BodySpheres(
+        all_of.segment[own], all_of.center[own], all_of.radius[own], all_of.link[own],
+        all_of.distal[own],
+    )  # fmt: skip
+    none = np.zeros(0)
+    return replace(
+        robot, spheres=spheres, self_pairs=none.reshape(0, 2).astype(np.int64), self_slack=none
+    )

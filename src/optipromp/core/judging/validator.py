@@ -1,0 +1,358 @@
+"""The judge: checks any trajectory, with code that shares nothing with the planners.
+
+The judge has its own kinematics (:mod:`.kinematics`), distances (:mod:`.distances`,
+:mod:`.clearance`) and rules for passing a pushable (:mod:`.passing`). It uses no kernel of
+``robots``, ``geometry`` or ``optimization``. It judges the curve that is executed, between
+waypoints too (:mod:`.curve`): no body sphere moves more than half its radius from one check to the
+next, or grazes a point deeper than 1 mm in between, and the extremes of positions, velocities,
+accelerations and jerks are exact.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, lengths
+from optipromp.core.judging import kinematics
+from optipromp.core.judging.clearance import Overlap, pushed_away, swept
+from optipromp.core.judging.curve import extremes
+from optipromp.core.judging.entered import entered, touching
+from optipromp.core.judging.near import nearest_static
+from optipromp.core.judging.passing import passing
+from optipromp.core.judging.speed import PUSHED, among_fruits, too_fast
+from optipromp.core.parameters import Checked, parameter
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.scene import JointGoal, PoseGoal, Scene
+from optipromp.core.trajectory import State, Trajectory
+
+GOAL_TOLERANCE = 1e-3  # [m], or [rad] for a goal in joints; method §5
+AXIS_TOLERANCE = np.deg2rad(2.0)  # [rad]; method §5
+ROUNDING = 1e-6  # of starts [rad, rad/s, rad/s²] and of shares of a limit, as read from files
+RATES = ("velocity", "acceleration", "jerk")
+
+
+@dataclass(frozen=True)
+class JudgeParameters(Checked):
+    """What the judge remarks on, though it makes no trajectory invalid."""
+
+    static_margin: float = parameter(
+        5e-3, "m", "measured",
+        "clearance from static objects that a controller needs: in the simulation the tool is up "
+        "to 1 mm off its path in free motion; the rest is for an arm that is known to some mm",
+    )  # fmt: skip
+
+
+JUDGE = JudgeParameters()
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """Figures of a trajectory (method §6). A figure without meaning in the scene is None.
+
+    Attributes:
+        M_c: smallest distance from a body point to the core of an obstacle [m].
+        M_p: by pushable, the lateral offset y_g·(fk − X_n) of the tool as it passes [m].
+        passage: by pushable, the offsets along x_g and y_g at which the tool passes it [m]; M_p is
+            the second of them.
+        stem_projection: by pushable, y_g·S_n of its stem [m].
+        drift_shortfall: by pushable, lack of the gripper's radius as the tool passes on the side
+            away from the stem (constraint 1) [m].
+        stem_gap: by pushable, smallest distance between the segment from tool to fruit and the
+            stem's line (constraint 2) [m].
+        clearance_static: smallest distance of a body sphere to a static object [m].
+        clearance_avoid: smallest distance of the arm (B_d) to an object to avoid [m].
+        clearance_avoid_tool: the same of last link and tool [m].
+        clearance_pushable: smallest distance of the arm (B_d) to a pushable in its first place [m].
+        clearance_self: smallest distance between links that are not neighbours [m].
+        approach_speed: largest speed of the tool among pushables that hang [m/s].
+        goal_error: of the tool point at the end [m], or of a goal in joints [rad or m].
+        goal_axis_error: of the tool axis at the end [rad].
+        limit_violation: largest excess over a position limit [rad or m].
+        max_step: largest step of a joint between waypoints [rad or m].
+        path_length: in joint space [rad].
+        smoothness: root mean square joint acceleration [rad/s²].
+        duration: of the trajectory [s].
+        velocity_ratio: largest share of a velocity limit in use, at any instant.
+        acceleration_ratio: the same of the acceleration limits.
+        jerk_ratio: the same of the jerk limits.
+    """
+
+    M_c: float | None
+    M_p: Mapping[str, float | None]
+    passage: Mapping[str, tuple[float, float] | None]
+    stem_projection: Mapping[str, float | None]
+    drift_shortfall: Mapping[str, float | None]
+    stem_gap: Mapping[str, float | None]
+    clearance_static: float | None
+    clearance_avoid: float | None
+    clearance_avoid_tool: float | None
+    clearance_pushable: float | None
+    clearance_self: float | None
+    approach_speed: float | None
+    goal_error: float
+    goal_axis_error: float | None
+    limit_violation: float
+    max_step: float
+    path_length: float
+    smoothness: float
+    duration: float
+    velocity_ratio: float
+    acceleration_ratio: float
+    jerk_ratio: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """The metrics as plain values for JSON."""
+        ways = {name: way and list(way) for name, way in self.passage.items()}
+        return vars(self) | {"passage": ways}
+
+
+@dataclass(frozen=True)
+class Violation:
+    """One reason why a trajectory is not valid.
+
+    Args:
+        kind: ``contact``, ``unchecked``, ``goal``, ``axis``, ``stem side``, ``limit``,
+            ``velocity``, ``acceleration``, ``jerk``, ``speed``, ``start``, ``motion``, ``drift`` or
+            ``stem``.
+        message: the reason as a sentence, which is also ``str(violation)``.
+        subject: the link, joint or object that is concerned; empty where there is none.
+        time: when it is worst [s]; None where it has no time.
+        amount: size of the violation, in ``unit``; of a velocity, acceleration or jerk its share of
+            the limit.
+    """
+
+    kind: str
+    message: str
+    subject: str = ""
+    time: float | None = None
+    amount: float | None = None
+    unit: str = ""
+
+    def __str__(self) -> str:
+        return self.message
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The judgement of a trajectory.
+
+    Attributes:
+        metrics: figures of the trajectory.
+        violations: every reason why the trajectory is not valid; empty when it is valid.
+        contacts: pairs that touch but must not.
+        notes: remarks that do not make the trajectory invalid.
+        at_start: pairs that touch but must not at the first instant, as deep as then.
+        near: the moving link that comes nearest to a static object, where it touches none and comes
+            nearer than ``JUDGE.static_margin``; the depth is the distance with the sign changed.
+    """
+
+    metrics: Metrics
+    violations: tuple[Violation, ...]
+    contacts: tuple[Overlap, ...]
+    notes: tuple[str, ...] = ()
+    at_start: tuple[Overlap, ...] = ()
+    near: Overlap | None = None
+
+    @property
+    def message(self) -> str:
+        """All violations in one line."""
+        return "; ".join(map(str, self.violations))
+
+
+def judge(
+    scene: Scene,
+    robot: Robot,
+    trajectory: Trajectory,
+    start: State | None = None,
+    *,
+    stem_side: bool = True,
+    begun: bool = False,
+) -> Judgement:
+    """Judge a trajectory against robot and scene.
+
+    Args:
+        scene: with the goal and the objects.
+        robot: the robot with the scene's tool.
+        trajectory: of the robot.
+        start: state in which it must begin; None: anywhere, at rest.
+        stem_side: true: passing a pushable on the side of its stem is a violation; false: a note.
+        begun: whether it begins among what the tool pushes; else tool and last link must not be
+            inside of that at the first instant.
+
+    Returns:
+        The judgement. The trajectory is valid if there are no violations.
+    """
+    q = trajectory.positions
+    times, fine, waypoints, complete = kinematics.refined(robot, trajectory)
+    distances, contacts, points, every = swept(scene, robot, fine, times)
+    contacts, notes = pushed_away(scene, robot, fine, contacts)
+    inside = [] if begun else entered(scene, robot, q[0], points[0], every[0])
+    contacts += inside
+    at_start = touching(scene, robot, q[0], begun=begun) if contacts else []
+    tips, axes = points[waypoints], every[waypoints]
+    rims = tips + (0.0 if robot.tool is None else robot.tool.depth) * axes
+    passed = passing(scene, tips, rims, robot.gripper_radius)
+    goal_error, axis_error, missed = _goal(scene, q[-1], tips[-1], axes[-1], trajectory.duration)
+    motion, broken = _motion(robot, trajectory, start)
+    astray = [
+        Violation(
+            "stem side",
+            f"the tool passes {n} on the side of its stem",
+            n,
+            float(trajectory.times[at]),
+            by,
+            "m",
+        )
+        for n, at, by in passed.wrong
+    ]
+    violations = [Violation("contact", str(c), c.link, c.time, c.depth, "m") for c in contacts]
+    if not complete:
+        most = kinematics.MOST_CHECKS
+        text = f"it moves too far to be checked between waypoints: {most} checks are not enough"
+        violations.append(Violation("unchecked", text))
+    violations += [*missed, *(astray if stem_side else []), *broken]
+    speed, when = among_fruits(scene, robot, trajectory, waypoints, points, every) or (None, None)
+    if too_fast(speed):
+        text = (
+            f"the tool moves at {speed:.3f} m/s among fruits (pushes are predicted for {PUSHED:g})"
+        )
+        violations.append(Violation("speed", text, "", when, speed, "m/s"))
+    notes += [] if stem_side else map(str, astray)
+    near, room = None, distances["clearance_static"]
+    if room is not None and room < JUDGE.static_margin:
+        near = nearest_static(scene, robot, fine, times)
+        if near is not None and 0.0 < -near.depth < JUDGE.static_margin:
+            notes.append(
+                f"{near.link} comes within {-1e3 * near.depth:.1f} mm of {near.other}; a "
+                f"controller needs about {1e3 * JUDGE.static_margin:g} mm"
+            )
+        else:
+            near = None
+    figures: dict[str, Any] = {**distances, **motion}
+    metrics = Metrics(
+        M_p=passed.M_p, passage=passed.passage, stem_projection=passed.stem_projection,
+        drift_shortfall=passed.drift_shortfall, stem_gap=passed.stem_gap,
+        approach_speed=speed, goal_error=goal_error, goal_axis_error=axis_error, **figures,
+    )  # fmt: skip
+    return Judgement(
+        metrics, tuple(violations), tuple(contacts), tuple(notes), tuple(at_start), near
+    )
+
+
+def paper_violations(scene: Scene, metrics: Metrics, tolerance: float = 1e-4) -> list[Violation]:
+    """Where a judged trajectory breaks the paper's constraints 1 and 2 (method §5).
+
+    Args:
+        scene: for the stems.
+        metrics: what the judge measured.
+        tolerance: largest lack of the gripper's radius as a pushable is passed [m].
+    """
+    out = []
+    for item in scene.pushables:
+        short, gap = metrics.drift_shortfall[item.id], metrics.stem_gap[item.id]
+        if short is not None and short > tolerance:
+            near = f"{short * 1e3:.1f} mm nearer than the gripper's radius"
+            text = f"the tool passes {item.id} {near}"
+            out.append(Violation("drift", text, item.id, None, short, "m"))
+        if item.stem is not None and gap is not None and gap < item.stem.radius:
+            text = f"the line from the tool to {item.id} meets its stem"
+            out.append(Violation("stem", text, item.id, None, item.stem.radius - gap, "m"))
+    return out
+
+
+def _goal(
+    scene: Scene, last: FloatArray, tip: FloatArray, axis: FloatArray, time: float
+) -> tuple[float, float | None, list[Violation]]:
+    """Position error [m] (in joints [rad]), axis error [rad] and violations at the end."""
+    if isinstance(scene.goal, JointGoal):
+        error = float(np.max(np.abs(last - scene.goal.joints)))
+        text = f"the end is {error:.4f} rad from the goal configuration"
+        missed = Violation("goal", text, "", time, error, "rad")
+        return error, None, [missed] if error > GOAL_TOLERANCE else []
+    if isinstance(scene.goal, PoseGoal):
+        position, direction = scene.goal.position, scene.goal.axis
+    else:
+        assert scene.target is not None  # the schema asks for a target or a goal
+        position = scene.target.position + scene.approach.shift
+        direction = scene.frame[2]
+    error, angle = math.dist(tip, position), _angle(axis.tolist(), direction.tolist())
+    out = []
+    if error > GOAL_TOLERANCE:
+        text = f"the tool ends {error * 1e3:.1f} mm from the goal"
+        out.append(Violation("goal", text, "", time, error, "m"))
+    if angle > AXIS_TOLERANCE:
+        text = f"the tool axis ends {np.rad2deg(angle):.1f} degrees off the approach"
+        out.append(Violation("axis", text, "", time, angle, "rad"))
+    return error, angle, out
+
+
+def _angle(a: list[float], b: list[float]) -> float:
+    """Angle between two vectors [rad], exact also where it is small."""
+    cross = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    return math.atan2(math.hypot(*cross), a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+def _motion(
+    robot: Robot, trajectory: Trajectory, start: State | None
+) -> tuple[dict[str, float], list[Violation]]:
+    """Figures of the joint trajectory, and the limits it breaks (constraint 4)."""
+    steps, found = np.diff(trajectory.positions, axis=0), extremes(trajectory)
+    names, out = robot.joint_names, []
+    beyond = np.stack([robot.lower - found.lowest, found.highest - robot.upper])
+    excess = max(float(beyond.max()), 0.0)
+    if excess > 0.0:
+        side, joint = divmod(int(np.argmax(beyond)), len(names))
+        text = f"{names[joint]} leaves its limits by {excess:.4f}"
+        when = float(found.when[side, joint])
+        out.append(Violation("limit", text, names[joint], when, excess, "rad or m"))
+    ratios = {}
+    limits = robot.velocity, robot.acceleration, robot.jerk
+    for row, (kind, limit) in enumerate(zip(RATES, limits, strict=True)):
+        shares = found.largest[row] / limit
+        joint = int(np.argmax(shares))
+        ratio = ratios[f"{kind}_ratio"] = float(shares[joint])
+        if ratio > 1.0 + ROUNDING:
+            text = f"{kind} of {names[joint]} reaches {ratio:.3f} of its limit"
+            when = float(found.when[2 + row, joint])
+            out.append(Violation(kind, text, names[joint], when, ratio, "of the limit"))
+    out += _ends(robot, trajectory, start)
+    squared = np.einsum("ti,ti->t", trajectory.accelerations, trajectory.accelerations)
+    mean = np.trapezoid(squared, trajectory.times) / trajectory.duration
+    return {
+        "limit_violation": excess,
+        "max_step": float(np.max(np.abs(steps))),
+        "path_length": float(lengths(steps).sum()),
+        "smoothness": math.sqrt(mean),
+        "duration": trajectory.duration,
+        **ratios,
+    }, out
+
+
+def _ends(robot: Robot, trajectory: Trajectory, start: State | None) -> list[Violation]:
+    """Where the trajectory does not begin in the start's state, or does not end at rest.
+
+    A jump in acceleration counts for joints whose jerk is limited.
+    """
+    begin, end = State(trajectory.positions[0]), State(trajectory.positions[-1])
+    out, names = [], robot.joint_names
+    if start is not None:
+        begin = start
+        off = float(np.max(np.abs(trajectory.positions[0] - start.q)))
+        if off > ROUNDING:
+            text = "the trajectory does not begin at the start"
+            out.append(Violation("start", text, "", 0.0, off, "rad or m"))
+    for row, verb, state in ((0, "begins", begin), (-1, "ends", end)):
+        speed = trajectory.velocities[row], state.velocity
+        gain = (np.where(np.isfinite(robot.jerk), x, 0.0) for x in
+                (trajectory.accelerations[row], state.acceleration))  # fmt: skip
+        for kind, (is_, asked) in (("velocity", speed), ("acceleration", gain)):
+            joint = int(np.argmax(np.abs(is_ - asked)))
+            amount = float(abs(is_[joint] - asked[joint]))
+            if amount > ROUNDING:
+                text = f"{names[joint]} {verb} with {kind} {is_[joint]:.4g}, not {asked[joint]:.4g}"
+                when = float(trajectory.times[row])
+                out.append(Violation("motion", text, names[joint], when, amount))
+    return out

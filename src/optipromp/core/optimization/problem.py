@@ -1,0 +1,128 @@
+"""The optimisation problem: costs and constraints over the free waypoints of a trajectory."""
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, frozen
+from optipromp.core.geometry.obstacles import Obstacles
+from optipromp.core.optimization import kernels
+from optipromp.core.optimization.costs import Cost
+from optipromp.core.optimization.costs.joints import smoothness
+from optipromp.core.optimization.evaluation import BodyPoints, Evaluation
+from optipromp.core.robots.model import Robot
+
+ANCHOR = 1e3  # weight of ∫‖δ‖² dt beside ∫‖δ̈‖² dt in the metric, so that slow bends cost too
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Obstacles by role, ready for the kernels.
+
+    Attributes:
+        static: obstacles of every body sphere.
+        dynamic: avoid objects first, then pushables; those from index ``shared`` on concern only
+            B_d (all links but the last one and the tool).
+        shared: number of avoid objects.
+    """
+
+    static: Obstacles
+    dynamic: Obstacles
+    shared: int
+
+
+@dataclass(frozen=True, eq=False)
+class Value:
+    """Objective at one trajectory.
+
+    Attributes:
+        merit: what is minimised, ``cost + scale·penalty``.
+        costs: each cost by its name, without its weight.
+        cost: the weighted sum of the costs.
+        penalty: the weighted sum of the constraints, at full stiffness.
+    """
+
+    merit: float
+    costs: dict[str, float]
+    cost: float = 0.0
+    penalty: float = 0.0
+
+
+class Problem:
+    """Minimise Σ weight·cost + penalty_scale·Σ weight·constraint over the free waypoints.
+
+    A constraint is a cost that is zero where it is kept; a solver stiffens all of them in stages.
+    The first waypoint is fixed (the start), the last one too where ``end_fixed``. Time is
+    normalised: the trajectory takes one unit of time, so that weights mean the same at any speed.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        surroundings: Surroundings,
+        costs: Sequence[Cost],
+        constraints: Sequence[Cost],
+        n_waypoints: int,
+        *,
+        cutoff: float,
+        end_fixed: bool = False,
+        body: BodyPoints | None = None,
+        evaluation: Evaluation | None = None,
+    ) -> None:
+        self.robot, self.surroundings, self.n_waypoints = robot, surroundings, n_waypoints
+        self.costs, self.constraints = tuple(costs), tuple(constraints)
+        self.cutoff = cutoff
+        self.first = 1
+        self.last = n_waypoints - 2 if end_fixed else n_waypoints - 1
+        self.dt = 1.0 / (n_waypoints - 1)
+        body = body or BodyPoints(robot)
+        self.evaluation = evaluation or Evaluation(robot, body, n_waypoints, self.dt)
+        n = robot.n_joints
+        self.matrix = np.zeros((2 * n + 1, (self.last - self.first + 1) * n))
+        self.metric = _metric(n_waypoints, n, self.last)
+
+    def evaluate(self, q: FloatArray, penalty_scale: float = 1.0) -> Value:
+        """Value at ``q`` (T, n); gradient and curvature stay in ``self.evaluation``."""
+        e = self.evaluation
+        e.move_to(q)
+        s = self.surroundings
+        e.static.measure(e, s.static, len(s.static.kind), self.cutoff)
+        e.dynamic.measure(e, s.dynamic, s.shared, self.cutoff)
+        added = [(c, c.add(e, c.weight)) for c in self.costs]
+        cost = sum((c.weight * value for c, value in added), 0.0)
+        stiffened = [(c, c.add(e, penalty_scale * c.weight)) for c in self.constraints]
+        penalty = sum((c.weight * value for c, value in stiffened), 0.0)
+        values = {c.name: value for c, value in added}
+        return Value(cost + penalty_scale * penalty, values, cost, penalty)
+
+    def gradient(self) -> FloatArray:
+        """Gradient (T, n) at the last evaluation; zero at the fixed waypoints."""
+        gradient = self.evaluation.gradient()
+        gradient[: self.first] = 0.0
+        gradient[self.last + 1 :] = 0.0
+        return gradient
+
+    def curvature(self) -> FloatArray:
+        """Gauss-Newton matrix of the free waypoints, in LAPACK's lower banded form ((2n+1), N)."""
+        e = self.evaluation
+        kernels.add_stiffness(
+            self.robot.kinematics, e.body.segment[: e.tool + 2], e.points, e.stiffness, e.origins,
+            e.axes, e.band, self.first, self.matrix,
+        )  # fmt: skip
+        return self.matrix
+
+
+@functools.lru_cache(maxsize=32)
+def _metric(n_waypoints: int, n: int, last: int) -> FloatArray:
+    """The covariant metric A of waypoints 1 … ``last``, banded like :meth:`Problem.curvature`."""
+    dt = 1.0 / (n_waypoints - 1)
+    band = np.zeros((n_waypoints, 3, n))
+    smoothness(np.zeros((n_waypoints, n)), dt, 1.0, np.zeros((n_waypoints, n)), band)
+    metric = np.zeros((2 * n + 1, last * n))
+    free = band[1 : last + 1]
+    metric[0] = free[:, 0].ravel() + ANCHOR * dt
+    metric[n, : -n or None] = free[:-1, 1].ravel()
+    metric[2 * n, : -2 * n or None] = free[:-2, 2].ravel()
+    return frozen(metric)

@@ -1,0 +1,273 @@
+"""Plans as files, and back.
+
+``plan.json`` holds everything but the curves, and the digests of the other files.
+``trajectory.csv`` and ``trajectory.npz`` hold the executable curve at a controller's rate.
+``waypoints.npz`` holds the rows that define the three curves of a plan.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, Field, FiniteFloat, ValidationError
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.documents import read_document
+from optipromp.core.errors import (
+    Code,
+    InvalidPlanError,
+    InvalidRequestError,
+    InvalidSceneError,
+    OptiPrompError,
+)
+from optipromp.core.files import (
+    is_folder,
+    json_text,
+    npz,
+    read_bytes,
+    read_npz,
+    settle,
+    write_together,
+)
+from optipromp.core.judging import Metrics, Overlap
+from optipromp.core.planning import Plan, Term
+from optipromp.core.planning.options import Strategy
+from optipromp.core.planning.result import Stage, ViaPoint
+from optipromp.core.planning.task import posed, resolve
+from optipromp.core.planning.underway import underway
+from optipromp.core.planning.verdict import verdict_of
+from optipromp.core.pushing.model import Prediction
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.io import scene_from_dict, scene_to_dict
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import State
+from optipromp.core.trajectory_files import arrays, csv, from_arrays
+
+FORMAT = 4
+PUSHED = ("pushed_points", "pushed_axes")
+FILES = ("trajectory.csv", "trajectory.npz", "waypoints.npz")
+START = "start"  # (3, n) position, velocity and acceleration
+SEARCHED = Code.TIMEOUT, Code.GOAL_IN_COLLISION, Code.GOAL_UNREACHABLE, Code.NO_PLAN
+WORSE = Code.SUCCESS, Code.HARM_PREDICTED, Code.INVALID_PLAN, Code.START_IN_COLLISION, *SEARCHED
+RATE = 1000.0  # [Hz] of the Panda's control interface
+
+
+def write_plan(plan: Plan, folder: Path, *, rate: float = RATE) -> tuple[str, ...]:
+    """Write a plan into ``folder``, all files or none.
+
+    Args:
+        plan: any plan, also one that failed.
+        folder: made if need be; files of an earlier plan are replaced.
+        rate: of the rows in ``trajectory.csv`` and ``trajectory.npz`` [Hz].
+
+    Returns:
+        The names of the files.
+
+    Raises:
+        InvalidRequestError: the folder cannot be written; a rate that is not positive.
+    """
+    curve = plan.trajectory.resample(rate)
+    files: dict[str, bytes] = {
+        "trajectory.csv": csv(curve),
+        "trajectory.npz": npz(arrays(curve)),
+        "waypoints.npz": npz(_waypoints(plan), compressed=True),
+    }
+    digests = {name: _digest(content) for name, content in files.items()}
+    document = _document(plan, folder) | {"sha256": digests}
+    files["plan.json"] = json_text(document).encode("utf-8")
+    write_together(folder, files)
+    return tuple(files)
+
+
+class _Via(BaseModel):
+    name: str
+    position: Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
+
+
+class _PlanFile(BaseModel):
+    """What ``plan.json`` must hold to be read again."""
+
+    format: Literal[4]
+    sha256: dict[str, str]
+    planner: str
+    strategy: Strategy | None
+    seed: Annotated[int, Field(ge=0)]
+    risk: Annotated[float, Field(gt=0.0, lt=1.0)]
+    status: Code
+    message: Annotated[str, Field(min_length=1)]
+    metrics: Metrics
+    terms: dict[str, Term]
+    stages: tuple[Stage, ...]
+    predicted_harm: Prediction | None
+    contacts: tuple[Overlap, ...]
+    time: dict[str, FiniteFloat]
+    first: Annotated[int, Field(ge=0)]
+    via: tuple[_Via, ...]
+    scene_file: dict[str, Any] | None
+
+
+def load_plan(path: Path | str) -> Plan:
+    """Load what :func:`write_plan` left: a folder, or the ``plan.json`` in it.
+
+    The trajectory is judged again: metrics, contacts and prediction are the judge's, whatever the
+    file says.
+
+    Raises:
+        InvalidPlanError: the file says better than the judge does.
+        InvalidRequestError: files missing, damaged, of another plan, of another format or for
+            another robot; the message names them.
+        InvalidSceneError: the scene the plan was made for cannot be used.
+    """
+    path = Path(path)
+    folder = path if is_folder(path) else path.parent
+    file = folder / "plan.json" if is_folder(path) else path
+    with suppress(OSError):  # else the digests tell
+        settle(folder)
+    content = read_document(file, InvalidRequestError, "a plan")
+    try:
+        found = _PlanFile.model_validate(content)
+        _check_digests(folder, found.sha256)
+        rows = read_npz(folder / "waypoints.npz")
+        if found.scene_file is None:
+            raise InvalidRequestError(
+                "its scene was not written: it held a shape made in memory, or the plan was made "
+                "with another robot or tool than the scene's"
+            )
+        scene = scene_from_dict(found.scene_file, base_dir=folder, source=str(path))
+        return _plan(found, scene, rows, file)
+    except (InvalidSceneError, InvalidPlanError):
+        raise
+    except OptiPrompError as error:
+        told = "" if str(folder) in error.message else f"{path}: "
+        raise InvalidRequestError(f"{told}{error.message}") from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(step) for step in first["loc"])
+        raise InvalidRequestError(
+            f"{path}: {where}: {first['msg']}; not a plan that this version wrote"
+        ) from None
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidRequestError(f"{path}: not a plan that this version wrote ({error})") from None
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _check_digests(folder: Path, digests: Mapping[str, str]) -> None:
+    """Refuse a folder that holds files of two plans, or a plan in part."""
+    if set(digests) != set(FILES):
+        raise InvalidRequestError(f"sha256: must name {', '.join(FILES)}")
+    for name, digest in digests.items():
+        if _digest(read_bytes(folder / name, InvalidRequestError)) != digest:
+            raise InvalidRequestError(
+                f"{folder / name}: is not the file that belongs to plan.json: must be of the same "
+                "plan, as it was written"
+            )
+
+
+def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -> Plan:
+    """The plan that a file describes, if the judge says no worse of it."""
+    robot, _ = posed(scene)
+    curves = [from_arrays(rows, prefix) for prefix in ("", "initial_", "followed_")]
+    curve = curves[0]
+    if any(one.joint_names != robot.joint_names for one in curves):
+        raise InvalidRequestError(
+            f"waypoints.npz has the joints {', '.join(curve.joint_names)}; {robot.name} has "
+            f"{', '.join(robot.joint_names)}"
+        )
+    if found.first >= curve.n_waypoints:
+        raise InvalidRequestError(f"first is {found.first}: must be below {curve.n_waypoints}")
+    task = resolve(scene, robot, _start(rows, robot))
+    if task.begun:
+        task = underway(task, None, None)
+    stated = Plan(
+        task=replace(task, risk=found.risk, pushed=_pushed(rows)),
+        planner=found.planner,
+        strategy=found.strategy,
+        seed=found.seed,
+        status=found.status,
+        message=found.message,
+        trajectory=curve,
+        initial=curves[1],
+        followed=curves[2],
+        prediction=found.predicted_harm,
+        metrics=found.metrics,
+        terms=found.terms,
+        stages=found.stages,
+        contacts=found.contacts,
+        time=found.time,
+        first=found.first,
+        via=tuple(ViaPoint(via.name, np.array(via.position)) for via in found.via),
+    )
+    judged = verdict_of(stated)
+    if WORSE.index(judged.status) > WORSE.index(found.status):
+        raise InvalidPlanError(
+            f"{file}: status is {found.status}; judged again it is {judged.status}: "
+            f"{judged.message}"
+        )
+    return replace(
+        stated, prediction=judged.prediction, metrics=judged.judgement.metrics,
+        contacts=judged.judgement.contacts,
+    )  # fmt: skip
+
+
+def _start(rows: Mapping[str, Any], robot: Robot) -> State | None:
+    if START not in rows:
+        return None
+    values = np.asarray(rows[START], dtype=np.float64)
+    if values.shape != (3, robot.n_joints) or not np.isfinite(values).all():
+        raise InvalidRequestError(f"{START} must be finite, of shape (3, {robot.n_joints})")
+    return State(*values)
+
+
+def _pushed(rows: Mapping[str, Any]) -> tuple[FloatArray, FloatArray] | None:
+    if PUSHED[0] not in rows:
+        return None
+    points, axes = (np.asarray(rows[name], dtype=np.float64) for name in PUSHED)
+    if (
+        points.shape != axes.shape
+        or points.shape[1:] != (3,)
+        or not np.isfinite(points + axes).all()
+    ):
+        raise InvalidRequestError(f"{' and '.join(PUSHED)} must be finite, of one shape (P, 3)")
+    return points, axes
+
+
+def _document(plan: Plan, folder: Path) -> dict[str, Any]:
+    from importlib.metadata import version
+
+    scene = None
+    with suppress(OptiPrompError):  # a mesh made in memory: the plan is still worth writing
+        if _alike(posed(plan.scene)[0], plan.robot):
+            scene = scene_to_dict(plan.scene, base_dir=folder)
+    return plan.to_dict() | {"format": FORMAT, "version": version("optipromp"), "scene_file": scene}
+
+
+def _alike(one: Robot, other: Robot) -> bool:
+    """Whether two robots have the same name, kind of tool, tool point, tool axis and spheres."""
+    return (one.name, type(one.tool)) == (other.name, type(other.tool)) and all(
+        np.array_equal(a, b)
+        for a, b in (
+            (one.tool_point, other.tool_point), (one.tool_axis, other.tool_axis),
+            (one.spheres.center, other.spheres.center), (one.spheres.radius, other.spheres.radius),
+        )
+    )  # fmt: skip
+
+
+def _state(start: State) -> FloatArray:
+    return np.array([start.q, start.velocity, start.acceleration])
+
+
+def _waypoints(plan: Plan) -> dict[str, Any]:
+    return {
+        **arrays(plan.trajectory),
+        **arrays(plan.initial, "initial_"),
+        **arrays(plan.followed, "followed_"),
+        **({} if plan.start is None else {START: _state(plan.start)}),
+        **({} if plan.task.pushed is None else dict(zip(PUSHED, plan.task.pushed, strict=True))),
+    }

@@ -1,0 +1,175 @@
+"""The planner's question: is the body free at a configuration? The judge has its own.
+
+Obstacles are those of the optimisation, so meshes and point clouds are measured in their grids,
+where they may be larger than they are by less than a cell.
+"""
+
+import functools
+from itertools import islice, pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frame_along, lengths
+from optipromp.core.compiled import inlined, inner
+from optipromp.core.geometry.distances import distance_and_gradient
+from optipromp.core.geometry.obstacles import Obstacles, appended, pack
+from optipromp.core.geometry.shapes import Capsule
+from optipromp.core.planning.parameters import TREE
+from optipromp.core.planning.task import Task
+from optipromp.core.robots.kernels import Kinematics, carried_points, chain_frames
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.scene import Scene
+
+STRIDE = 8  # of the places along an edge: the first look at it is coarse
+
+
+class Collider(NamedTuple):
+    """What a configuration is checked for; arrays as in :class:`BodyPoints` and `Surroundings`."""
+
+    kin: Kinematics
+    segment: IntArray
+    local: FloatArray
+    radius: FloatArray
+    link_start: IntArray
+    link_bound: FloatArray
+    link_distal: BoolArray
+    groups: IntArray
+    pairs: IntArray
+    slack: FloatArray
+    static: Obstacles
+    dynamic: Obstacles
+    shared: int
+    lever: FloatArray  # (n,) [m per unit] how far a joint moves any point of the body at most
+    step: float  # [m] that the body moves between two places along an edge, at most
+    # room for the kinematics of one configuration
+    origins: FloatArray
+    rotations: FloatArray
+    axes: FloatArray
+    points: FloatArray
+
+
+def collider(task: Task, shared: int) -> Collider:
+    """The arm of a task, ready for the kernels; see :class:`Surroundings` for ``shared``."""
+    robot, body, around = task.robot, task.body, task.surroundings
+    segments = robot.n_segments
+    return Collider(
+        robot.kinematics, body.segment, body.local, body.radius, body.link_start, body.link_bound,
+        body.link_distal, body.groups, body.pairs, body.slack, around.static, around.dynamic,
+        shared, levers(robot), TREE.step, np.empty((1, segments, 3)), np.empty((1, segments, 3, 3)),
+        np.empty((1, segments, 3)), np.empty((1, len(body), 3)),
+    )  # fmt: skip
+
+
+def free(task: Task, q: FloatArray, most: int | None = None) -> FloatArray:
+    """Of configurations ``q`` (m, n), the first ``most`` at which the body touches nothing.
+
+    Stems count too. The last link and the tool may touch all but static objects.
+    """
+    body = collider(task, 0)
+    body = body._replace(dynamic=appended(body.dynamic, _stems(task.scene)))
+    q = np.array(q, dtype=np.float64, order="C")  # always writable: kernels compile once
+    room = np.empty(task.robot.n_joints)
+    found = (i for i in range(len(q)) if open_edge(body, q[i], q[i], room))
+    return np.asarray(q[list(islice(found, most))])
+
+
+@functools.lru_cache(maxsize=4)
+def _stems(scene: Scene) -> Obstacles:
+    """The pieces of all stems, the target's too."""
+    capsules = []
+    for stem in (item.stem for item in scene.objects if item.stem is not None):
+        for low, high in pairwise(stem.points):
+            length = float(np.linalg.norm(high - low))
+            turn = frame_along((high - low) / length)
+            capsules.append((Capsule(stem.radius, length), 0.5 * (low + high), turn))
+    return pack(capsules)
+
+
+def levers(robot: Robot) -> FloatArray:
+    """How far a unit of each joint (n,) moves any point of the robot, at most [m]."""
+    kin, spheres = robot.kinematics, robot.spheres
+    far = np.zeros(robot.n_segments)  # of any point from the segment's origin
+    own = lengths(spheres.center) + spheres.radius
+    np.maximum.at(far, spheres.segment[spheres.segment >= 0], own[spheres.segment >= 0])
+    far[-1] = max(far[-1], float(np.linalg.norm(robot.tool_point)))
+    out = np.zeros(robot.n_joints)
+    for s in reversed(range(robot.n_segments)):
+        if s + 1 < robot.n_segments:
+            slide = 0.0
+            if kin.kind[s + 1] == 1:
+                j = kin.dof[s + 1]
+                slide = float(max(abs(robot.lower[j]), abs(robot.upper[j])))
+            far[s] = max(far[s], float(np.linalg.norm(kin.translation[s + 1])) + slide + far[s + 1])
+        lever = 1.0 if kin.kind[s] == 1 else far[s]
+        out[kin.dof[s]] += abs(kin.multiplier[s]) * lever
+    return out
+
+
+@inlined
+def blocked(body, q):  # type: ignore[no-untyped-def]
+    """Whether the body at ``q`` (n,) touches an obstacle or itself."""
+    origins, points, spheres = body.origins, body.points, body.radius.shape[0]
+    chain_frames(body.kin, q, origins[0], body.rotations[0], body.axes[0])
+    carried_points(body.segment, body.local, origins, body.rotations, points)
+    p = points[0]
+    for link in range(body.link_start.shape[0] - 1):
+        if meets(body, p, link, spheres, body.static, body.static.kind.shape[0]):
+            return True
+        last = body.shared if body.link_distal[link] else body.dynamic.kind.shape[0]
+        if meets(body, p, link, spheres, body.dynamic, last):
+            return True
+    for g in range(body.groups.shape[0]):
+        first, second = body.groups[g, 0], body.groups[g, 1]
+        if not closer(
+            p, spheres + 2 + first, spheres + 2 + second,
+            body.link_bound[first] + body.link_bound[second],
+        ):  # fmt: skip
+            continue
+        for k in range(body.groups[g, 2], body.groups[g, 3]):
+            i, j = body.pairs[k, 0], body.pairs[k, 1]
+            if closer(p, i, j, body.radius[i] + body.radius[j] - body.slack[k]):
+                return True
+    return False
+
+
+@inlined
+def closer(p, i, j, apart):  # type: ignore[no-untyped-def]
+    """Whether points i and j of ``p`` (P, 3) are nearer than ``apart``."""
+    x, y, z = p[i, 0] - p[j, 0], p[i, 1] - p[j, 1], p[i, 2] - p[j, 2]
+    return x * x + y * y + z * z < apart * apart
+
+
+@inlined
+def meets(body, p, link, spheres, obstacles, last):  # type: ignore[no-untyped-def]
+    """Whether a link meets one of the first ``last`` obstacles."""
+    c, bound = p[spheres + 2 + link], body.link_bound[link]
+    for k in range(last):
+        o, far = obstacles.position[k], obstacles.bound[k] + bound
+        x, y, z = c[0] - o[0], c[1] - o[1], c[2] - o[2]
+        if x * x + y * y + z * z >= far * far:
+            continue
+        d, _, _, _ = distance_and_gradient(obstacles, k, c[0], c[1], c[2])
+        if d >= bound:
+            continue
+        for b in range(body.link_start[link], body.link_start[link + 1]):
+            d, _, _, _ = distance_and_gradient(obstacles, k, p[b, 0], p[b, 1], p[b, 2])
+            if d < body.radius[b]:
+                return True
+    return False
+
+
+@inner
+def open_edge(body, a, b, q):  # type: ignore[no-untyped-def]
+    """Whether the edge from ``a`` to ``b`` (n,) is free, but for ``a`` itself; ``q`` is room."""
+    moved = 0.0
+    for j in range(a.shape[0]):
+        moved += body.lever[j] * abs(b[j] - a[j])
+    count = int(moved / body.step) + 1
+    for offset in range(STRIDE):
+        for i in range(count - offset, 0, -STRIDE):
+            for j in range(a.shape[0]):
+                q[j] = a[j] + (b[j] - a[j]) * i / count
+            if blocked(body, q):
+                return False
+    return True

@@ -1,0 +1,200 @@
+"""Goal configurations: found by inverse kinematics, ranked by clearance, checked to be free."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from optipromp.core import judging
+from optipromp.core.arrays import FloatArray
+from optipromp.core.budget import Budget
+from optipromp.core.judging import Judgement
+from optipromp.core.optimization.costs.obstacles import self_overlap
+from optipromp.core.optimization.evaluation import Evaluation
+from optipromp.core.planning import collision
+from optipromp.core.planning.parameters import GOAL
+from optipromp.core.planning.task import Task
+from optipromp.core.robots import ik
+from optipromp.core.robots.roll import level, rolled
+from optipromp.core.scenes.scene import JointGoal, PoseGoal
+
+
+def clearance(task: Task, q: FloatArray) -> FloatArray:
+    """Clearance (m,) of configurations ``q`` (m, n) that ranks them, at most ``GOAL.room`` [m].
+
+    It is the smallest distance to static objects, of B_d to the others, and between links.
+    """
+    e = Evaluation(task.robot, task.body, len(q), 1.0)
+    e.move_to(q)
+    around = task.surroundings
+    e.static.measure(e, around.static, len(around.static.kind), GOAL.room)
+    e.dynamic.measure(e, around.dynamic, around.shared, GOAL.room)
+    proximal = ~np.asarray(task.body.distal)
+    room = np.minimum(
+        e.static.distance.min(axis=1, initial=GOAL.room),
+        e.dynamic.distance[:, proximal].min(axis=1, initial=GOAL.room),
+    )
+    overlap = 2.0 * self_overlap(e, GOAL.self_margin)
+    apart = np.minimum(room, GOAL.self_margin - np.sqrt(overlap))
+    return np.asarray(np.where(overlap > 0.0, apart, room))
+
+
+def find(task: Task, seed: int, starts: int = GOAL.starts) -> FloatArray:
+    """Goal configurations (m, n), best first; empty where there is none.
+
+    With ``GOAL.many_starts`` starts, solutions may be closer to one another.
+    """
+    if isinstance(task.goal, JointGoal):
+        return task.goal.joints[None]
+    solutions = ik.solve(
+        task.robot,
+        task.goal.position,
+        task.goal.axis,
+        starts=starts,
+        seed=seed,
+        near=task.start[None],
+        rest=task.start,
+        distinct=0.1 if starts >= GOAL.many_starts else GOAL.distinct,
+        clearance=lambda q: clearance(task, level(task.robot, q, task.scene.frame[0])),
+    )
+    return level(task.robot, solutions.joints, task.scene.frame[0])
+
+
+def nearest(task: Task, begin: FloatArray) -> FloatArray | None:
+    """The goal configuration (1, n) on the branch of ``begin`` (n,); None where it is not free.
+
+    Inverse kinematics follows the approach line to it. The line begins as far before the camera
+    point as the camera point is before the lowest fruit.
+    """
+    if isinstance(task.goal, JointGoal):
+        return None
+    robot, approach = task.robot, task.scene.approach
+    before = task.camera - approach.camera_distance * task.scene.frame[2]
+    line, axes = np.array([before, task.goal.position]), np.array([task.goal.axis] * 2)
+    found, errors = ik.track(robot, line, axes, begin)
+    if errors.max() > GOAL.nearest_error:
+        return None
+    goal = level(robot, found[1:], task.scene.frame[0])
+    if np.minimum(goal - robot.lower, robot.upper - goal).min() < GOAL.nearest_margin:
+        return None
+    return goal if len(collision.free(task, goal)) else None
+
+
+def free(task: Task, goals: FloatArray) -> tuple[FloatArray, str]:
+    """The best goal configurations that touch nothing; where there is none, the judge's contacts of
+    the first.
+
+    A goal beside a mesh or a point cloud may touch its grid alone: then the judge finds it free.
+    """
+    kept = collision.free(task, goals, GOAL.enough)
+    if len(kept):
+        return kept, ""
+    contacts = [judging.clearances(task.scene, task.robot, goal[None])[1] for goal in goals]
+    sure = [i for i, touching in enumerate(contacts) if not touching]
+    blocked = next((touching for touching in contacts if touching), [])
+    return goals[sure[: GOAL.enough]], "; ".join(map(str, blocked))
+
+
+def choose(
+    task: Task,
+    seed: int,
+    starts: int = GOAL.starts,
+    begin: FloatArray | None = None,
+    budget: Budget | None = None,
+) -> tuple[FloatArray, bool, str]:
+    """Goal configurations to plan to, whether they are free, and why not.
+
+    Args:
+        task: scene and robot.
+        seed: of the random ``starts``.
+        starts: at first; more are tried where too few goals are free, while the ``budget`` lasts.
+        begin: (n,) where one goal configuration is enough: the one on the branch of this
+            configuration is tried first.
+        budget: of the plan.
+
+    Returns:
+        Configurations (m, n), at most ``GOAL.enough`` where they are free; whether they touch
+        nothing; and the reason where all of them touch an object or none exists.
+    """
+    only = None if begin is None else nearest(task, begin)
+    if only is not None:
+        return only, True, ""
+    goals = find(task, seed, starts)
+    kept, blocked = free(task, goals)
+    budget = Budget() if budget is None else budget
+    if (
+        len(kept) < GOAL.spare
+        and (starts >= GOAL.starts or not len(goals))
+        and isinstance(task.goal, PoseGoal)
+        and not (len(goals) and budget.spent())
+    ):
+        goals = find(task, seed, GOAL.more_starts)
+        kept, blocked = free(task, goals)
+    if not len(goals):
+        return goals, False, unreachable(task)
+    if not len(kept) and isinstance(task.goal, PoseGoal) and not budget.spent():
+        goals = find(task, seed, GOAL.many_starts)
+        kept, blocked = free(task, goals)
+        if not len(kept) and not task.scene.pushables:  # what pushes is not turned about its axis
+            turned = rolled(task.robot, goals)
+            order = np.argsort(-clearance(task, turned), kind="stable")
+            kept, _ = free(task, turned[order[: GOAL.many_starts]])
+    if len(kept):
+        return kept, True, ""
+    return (
+        goals[: GOAL.enough],
+        False,
+        f"every one of {len(goals)} configurations found at the goal touches: {blocked}",
+    )
+
+
+def further(task: Task, seed: int, known: FloatArray) -> FloatArray:
+    """Free goal configurations (m, n) unlike those ``known`` (k, n), best first.
+
+    They are found from more starts of inverse kinematics, spread over all branches and over the
+    roll of the elbow.
+    """
+    if isinstance(task.goal, JointGoal):
+        return known[:0]
+    found = find(task, seed, GOAL.spread_starts)
+    away = np.abs(found[:, None] - known).max(axis=2).min(axis=1)
+    return collision.free(task, found[away > GOAL.distinct])
+
+
+def narrow(task: Task, judgement: Judgement, goal: FloatArray) -> float:
+    """What a judged trajectory to ``goal`` (n,) lacks of the margin from static objects [m].
+
+    Only what another goal configuration may mend counts: all have the start in common, and the tool
+    at the goal. 0 where nothing is lacking.
+    """
+    if judgement.near is None or isinstance(task.goal, JointGoal):
+        return 0.0
+    margin, moving = judging.JUDGE.static_margin, task.body.segment[: task.body.tool] >= 0
+    e, around = Evaluation(task.robot, task.body, 2, 1.0), task.surroundings.static
+    e.move_to(np.array([task.start, goal]))
+    e.static.measure(e, around, len(around.kind), margin)
+    room = np.where([moving, moving & task.body.distal], e.static.distance, margin).min()
+    return max(float(room) + judgement.near.depth - GOAL.same_room, 0.0)
+
+
+def passed_over(judgement: Judgement, left: Sequence[Judgement]) -> Judgement:
+    """``judgement`` with a note where valid trajectories were ``left`` for want of the margin."""
+    nears = [one.near for one in left if one is not judgement and one.near is not None]
+    if not nears or judgement.near is not None:
+        return judgement
+    worst = max(nears, key=lambda near: near.depth)
+    note = (
+        f"other motions were left, which bring {worst.link} within {-1e3 * worst.depth:.1f} mm of "
+        f"{worst.other}"
+    )
+    return replace(judgement, notes=(*judgement.notes, note))
+
+
+def unreachable(task: Task) -> str:
+    """Why there is no goal configuration."""
+    assert isinstance(task.goal, PoseGoal)
+    away = float(np.linalg.norm(task.goal.position))
+    return (
+        f"no configuration within the joint limits has the tool at "
+        f"{np.round(task.goal.position, 4).tolist()} along its axis ({away:.3g} m from the base)"
+    )

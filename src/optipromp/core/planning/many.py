@@ -1,0 +1,113 @@
+"""``plan_many``: plans of many scenes, on all cores."""
+
+import pickle
+from collections.abc import Callable, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from optipromp.core.errors import InvalidRequestError, NoPlanError, OptiPrompError
+from optipromp.core.planning.options import PlanOptions, Strategy
+from optipromp.core.planning.plan import DEFAULTS, check_request, plan
+from optipromp.core.planning.planner import Planner
+from optipromp.core.planning.result import Plan
+from optipromp.core.planning.task import Task
+from optipromp.core.processes import cores, run_each
+from optipromp.core.promp.model import ProMP
+from optipromp.core.scenes.scene import Scene
+
+Result = Plan | OptiPrompError
+
+
+@dataclass(frozen=True, eq=False)
+class _Request:
+    """What all plans have in common."""
+
+    planner: Planner | str
+    strategy: Strategy
+    demonstrations: ProMP | str | Path | None
+    seed: int
+    options: PlanOptions | None
+
+    def result(self, scene: Scene | str | Path) -> Result:
+        try:
+            return plan(scene, **vars(self))
+        except OptiPrompError as error:
+            return error.with_traceback(None)
+
+    def bare(self, scene: Scene | str | Path) -> Result:
+        """The result without the scene that the caller has."""
+        result = self.result(scene)
+        if isinstance(result, Plan) and result.scene is scene:
+            task: Task = replace(result.task, scene=None, demonstrations=None)  # type: ignore[arg-type]
+            return replace(result, task=task)
+        return result
+
+
+def plan_many(
+    scenes: Sequence[Scene | str | Path],
+    options: PlanOptions | None = None,
+    *,
+    planner: Planner | str = "opti-promp",
+    strategy: Strategy = "joint",
+    demonstrations: ProMP | str | Path | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+    progress: Callable[[int, Result], None] | None = None,
+) -> list[Result]:
+    """Plan a reach in each of many scenes, on all cores.
+
+    Every plan equals the one that :func:`plan` makes of that scene alone. The plans are made in
+    several processes, so a script must call this under ``if __name__ == "__main__":``, and the
+    classes of your own costs (``options.costs``) must be importable.
+
+    Args:
+        scenes: scenes, names of built-in ones, or scene files.
+        options: see :class:`PlanOptions`; for every plan.
+        planner: as for :func:`plan`.
+        strategy: as for :func:`plan`.
+        demonstrations: as for :func:`plan`.
+        seed: as for :func:`plan`.
+        workers: processes that plan; None: one per core; 1: this process plans.
+        progress: called in this thread as each plan is done, with the index of its scene and the
+            result.
+
+    Returns:
+        One result per scene, in the order of ``scenes``: the plan (also a plan that failed), or the
+        error that :func:`plan` raises for that scene; ``NoPlanError`` where its process ended.
+
+    Raises:
+        InvalidRequestError: fewer than one worker; an unknown planner or strategy; options or
+            demonstrations that cannot be sent to another process; processes cannot start.
+    """
+    if workers is not None and workers < 1:
+        raise InvalidRequestError(f"workers is {workers}; it must be at least 1")
+    check_request(planner, strategy, options or DEFAULTS)
+    request = _Request(planner, strategy, demonstrations, seed, options)
+    count = min(workers or cores(), len(scenes))
+    if count > 1:
+        try:
+            pickle.dumps(request)
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise InvalidRequestError(
+                f"options or demonstrations cannot be sent to other processes ({error}); "
+                "workers=1 needs none"
+            ) from error
+    results: dict[int, Result] = {}
+
+    def done(index: int, result: Result | BrokenProcessPool) -> None:
+        scene = scenes[index]
+        if isinstance(scene, Scene) and getattr(result, "scene", scene) is None:
+            assert isinstance(result, Plan)
+            result = replace(
+                result, task=replace(result.task, scene=scene, demonstrations=demonstrations)
+            )
+        elif isinstance(result, BrokenProcessPool):
+            result = NoPlanError(str(result))
+        results[index] = result
+        if progress is not None:
+            progress(index, result)
+
+    function = request.bare if count > 1 else request.result
+    run_each(function, [(scene,) for scene in scenes], done, workers=count)
+    return [results[index] for index in range(len(scenes))]

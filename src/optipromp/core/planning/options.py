@@ -1,0 +1,275 @@
+"""The settings of plans and planners, and those of the paper's own planner (method §5)."""
+
+import functools
+import math
+import reprlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.optimization.costs import Cost
+from optipromp.core.optimization.costs.obstacles import Reduction
+from optipromp.core.optimization.costs.tool import PushForm
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.rules import DriftRule
+
+Strategy = Literal["joint", "sequential"]
+Constraints = Literal["push-model", "paper"]
+PaperDrift = Literal["paper", "lateral-plane"]
+STRATEGIES: tuple[Strategy, ...] = get_args(Strategy)
+_SHORT = reprlib.Repr()
+_SHORT.maxother = 60  # letters of a value in a refusal
+
+
+def _fits(value: object, hint: Any) -> bool:
+    """Whether a value is of the type of a setting; a whole number is a number, true is none."""
+    kind, of = get_origin(hint), get_args(hint)
+    if kind is UnionType or kind is Union:
+        return any(_fits(value, one) for one in of)
+    if kind is Literal:
+        return isinstance(value, str) and value in of
+    if kind is Mapping:
+        return isinstance(value, Mapping) and all(
+            _fits(key, of[0]) and _fits(item, of[1]) for key, item in value.items()
+        )
+    if kind is tuple:
+        return isinstance(value, tuple | list) and all(_fits(item, of[0]) for item in value)
+    if hint in (int, float):
+        if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+            return False
+        return hint is float or isinstance(value, int | np.integer)
+    return isinstance(value, hint)
+
+
+def _check_types(options: object, prefix: str) -> None:
+    """Refuse settings of a wrong type, and numbers that are not finite but for the timeout."""
+    kind: Any = type(options)
+    hints = _hints(kind)
+    for item in fields(kind):
+        value: Any = getattr(options, item.name)
+        hint = hints[item.name]
+        wanted = str(hint).replace("typing.", "") if get_origin(hint) else hint.__name__
+        _need(options, prefix, _fits(value, hint), item.name, f"of type {wanted}")
+        for number in _numbers(value):
+            if _fits(number, float):
+                endless = item.name == "timeout" and number == math.inf
+                _need(
+                    options, prefix, endless or abs(number) < _LARGEST_SETTING, item.name, "finite"
+                )
+
+
+def _numbers(value: Any) -> Iterable[Any]:
+    """The parts of a setting: of a sequence, of a mapping, or the setting itself."""
+    if isinstance(value, Mapping):
+        return value.values()
+    return value if isinstance(value, tuple | list) else (value,)
+
+
+_LARGEST_SETTING = 1e9  # of any setting, in its unit
+_LEAST = 1e-6  # [rad, m or m/s] of a step or a speed: 20,000 such steps are 0.02 rad
+_MOST_WAYPOINTS = 20_000  # the solver keeps 20 KB of each
+_hints = functools.cache(get_type_hints)
+
+
+def _need(options: object, prefix: str, ok: bool, name: str, wanted: str) -> None:
+    if not ok:
+        value = _SHORT.repr(getattr(options, name)).strip("'")
+        raise InvalidRequestError(f"{prefix}{name} is {value}; it must be {wanted}")
+
+
+@dataclass(frozen=True)
+class PaperOptions:
+    r"""Settings that the paper leaves open. Defaults are the paper's, or its authors'.
+
+    Attributes:
+        alphas: α1 … α4, the weights of F_s, F_d, F_p and F_v.
+        epsilon: ε, the safety distance of the obstacle cost [m].
+        reduction: of the obstacle cost over body points, ``max`` (the paper) or ``sum`` (CHOMP);
+            None: ``sum`` for the joint strategy, ``max`` for the sequential one.
+        push: form of F_p, ``quadratic`` (the paper) or ``reciprocal`` (the authors' runs:
+            Σ_t 1/|y_g·(fk − X_g)|); None: ``quadratic`` for the joint strategy, ``reciprocal``
+            for the sequential one.
+        push_weights: weights of the quadratic F_p along x_g, y_g and z_g.
+        drift: direction d_n of constraint 1: ``paper`` takes ±y_g, ``lateral-plane`` the direction
+            away from the lateral part of the stem.
+        drift_offset: least d_n·(fk − X_n) that constraint 1 asks for [m]; or one by the id of each
+            pushable, R_gripper for those left out; None: as the scene says (by default R_gripper).
+        corridor: tolerance of constraint 3 about the initial tool points [m]: along x_g and z_g,
+            and along z_g alone where ``drift`` is ``lateral-plane``.
+        camera_phase: t_1, the phase of the camera point in (0, 1); None: 0.5 for promp and i-promp;
+            for OptI-ProMP such that steps before and after the camera point are equally long.
+        camera_point: whether the planner promp passes the camera point; None: as the scene says
+            (by default yes).
+        via_deviation: standard deviation with which a ProMP is held to a pushable [m].
+        direction_deviation: standard deviation of I-ProMP's push direction [rad]; above 0 the
+            direction is sampled.
+        guard: of i-promp: the mouth is closed while the tool pushes. The closed rim, not the tool
+            point, is led under each neighbour and under its pushed pose.
+        trust_radii: first trust radii of the push stage of the sequential strategy [rad]. They are
+            tried in this order, and the first valid plan is kept.
+    """
+
+    alphas: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 0.0)
+    epsilon: float = 0.01
+    reduction: Reduction | None = None
+    push: PushForm | None = None
+    push_weights: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    drift: PaperDrift = "paper"
+    drift_offset: float | Mapping[str, float] | None = None
+    corridor: float = 0.002
+    camera_phase: float | None = None
+    camera_point: bool | None = None
+    via_deviation: float = 1e-3
+    direction_deviation: float = 0.0
+    guard: bool = False
+    trust_radii: tuple[float, ...] = (0.005, 0.01, 0.02, 0.05, 0.1)
+
+    def __post_init__(self) -> None:
+        need = functools.partial(_need, self, "paper.")
+        _check_types(self, "paper.")
+        need(
+            len(self.alphas) == 4 and min(self.alphas) >= 0, "alphas", "four weights, none negative"
+        )
+        need(self.epsilon > 0, "epsilon", "positive [m]")
+        need(
+            len(self.push_weights) == 3 and min(self.push_weights) >= 0,
+            "push_weights", "three weights, none negative",
+        )  # fmt: skip
+        offsets = () if self.drift_offset is None else _numbers(self.drift_offset)
+        need(all(offset >= 0 for offset in offsets), "drift_offset", "not negative [m]")
+        need(self.corridor >= 0, "corridor", "not negative [m]")
+        phase = self.camera_phase
+        need(phase is None or 0.0 < phase < 1.0, "camera_phase", "between 0 and 1")
+        need(self.via_deviation >= 0, "via_deviation", "not negative [m]")
+        need(self.direction_deviation >= 0, "direction_deviation", "not negative [rad]")
+        radii = self.trust_radii
+        need(
+            len(radii) > 0 and min(radii) > 0 and list(radii) == sorted(radii),
+            "trust_radii", "positive, from small to large [rad]",
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Timed:
+    """Settings of every motion of ours.
+
+    Attributes:
+        waypoints: number T of waypoints, 3 to 20,000; None: as many as keep every joint's step
+            below ``max_step``.
+        duration: of the trajectory [s]; None: the shortest that the limits and ``approach_speed``
+            allow.
+        approach_speed: largest speed of the tool on its path, where something is to be pushed
+            [m/s]; None: the speed of the push model. ``duration`` overrides it. Where either makes
+            the tool faster among fruits than pushes are predicted for, the plan is no success.
+        corridor: largest distance of the tool from its path, along each axis [m].
+    """
+
+    waypoints: int | None = None
+    duration: float | None = None
+    approach_speed: float | None = None
+    corridor: float = 0.002
+
+    @property
+    def timed(self) -> bool:
+        """Whether a time or a speed is asked for, so that the tool may be too fast among fruits."""
+        return self.duration is not None or self.approach_speed is not None
+
+    def __post_init__(self) -> None:
+        need = functools.partial(_need, self, "")
+        _check_types(self, "")
+        count, speed = self.waypoints, self.approach_speed
+        fits = count is None or 3 <= count <= _MOST_WAYPOINTS
+        need(fits, "waypoints", f"a whole number >= 3, at most {_MOST_WAYPOINTS}")
+        need(self.duration is None or self.duration > 0, "duration", "positive [s]")
+        need(speed is None or speed >= _LEAST, "approach_speed", f"at least {_LEAST:g} [m/s]")
+        need(self.corridor >= 0, "corridor", "not negative")
+
+
+@dataclass(frozen=True)
+class Optimised(Timed):
+    """Settings of every motion that is optimised, beside those of :class:`Timed`.
+
+    Attributes:
+        max_step: largest step of a joint between two waypoints [rad or m].
+        smoothness: weight of ½∫‖ξ̈‖² dt.
+        static_clearance: wanted between every body sphere and static objects [m].
+        avoid_clearance: wanted between the arm (B_d) and objects to avoid or push [m].
+        self_clearance: wanted between links that are not neighbours [m].
+        limit_margin: kept from the joint limits [rad or m].
+        iterations: of the optimiser, at most; None: its own schedule. With 0 the followed
+            trajectory is returned, marked as not optimised.
+        costs: costs of your own, minimised with the others.
+    """
+
+    max_step: float = 0.045
+    smoothness: float = 2e-6
+    static_clearance: float = 0.012
+    avoid_clearance: float = 0.005
+    self_clearance: float = 0.005
+    limit_margin: float = 0.01
+    iterations: int | None = None
+    costs: tuple[Cost, ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        need, steps = functools.partial(_need, self, ""), self.iterations
+        need(self.max_step >= _LEAST, "max_step", f"at least {_LEAST:g} [rad or m]")
+        for name in (
+            "smoothness", "static_clearance", "avoid_clearance", "self_clearance", "limit_margin",
+        ):  # fmt: skip
+            need(getattr(self, name) >= 0, name, "not negative")
+        need(steps is None or steps >= 0, "iterations", "a whole number >= 0")
+
+
+@dataclass(frozen=True)
+class Searched(Optimised):
+    """Settings of a motion whose tool path is searched, beside those of :class:`Optimised`.
+
+    Attributes:
+        prediction: true: where a model of the push applies, the tool path is searched in it. False:
+            ``rule`` gives the path. The plan reports the predicted harm either way.
+        rule: on which side the tool passes each neighbour, without a prediction: away from its
+            stem, along y_g (``paper``) or in the plane (``lateral-plane``), or the shorter way.
+    """
+
+    prediction: bool = True
+    rule: DriftRule = "shortest"
+
+
+@dataclass(frozen=True)
+class PlanOptions(Searched):
+    """What a plan may cost and risk; and the settings of a planner that is asked for by its name.
+
+    A planner that is given as a value has its own settings.
+
+    Attributes:
+        timeout: wall time of planning [s], without that of reading the scene's file and of
+            compiling. When it is over, the best trajectory so far is returned;
+            its status is TIMEOUT if it is not valid or nothing has been optimised yet.
+        effort: steps of work, at most: iterations, candidates and batches of samples. It ends a
+            plan as the timeout does, but at the same place on every machine. None: no limit.
+        risk: share of promised successes that may be broken, over many scenes. It sets the largest
+            predicted harm of a success; a smaller risk refuses more.
+        constraints: ``push-model``: the default planner. ``paper``: the paper's constraints 1 to 3,
+            and a plan is a success only if constraint 1 holds at every waypoint of the paper's
+            window. The strategy ``sequential`` plans with these constraints in any case; ``paper``
+            makes its success depend on constraint 1 too.
+        paper: settings of the paper's own planners; see :class:`PaperOptions`.
+    """
+
+    timeout: float = 60.0
+    effort: int | None = None
+    risk: float = PUSH.harm.risk
+    constraints: Constraints = "push-model"
+    paper: PaperOptions = field(default_factory=PaperOptions)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        need, most = functools.partial(_need, self, ""), self.effort
+        need(self.timeout > 0, "timeout", "positive [s]")
+        need(0.0 < self.risk < 1.0, "risk", "between 0 and 1")
+        need(most is None or most > 0, "effort", "a whole number > 0")

@@ -1,0 +1,312 @@
+"""``plan``, the entry point of all planners; ``plan_many``; and compiling beforehand."""
+
+import functools
+import itertools
+import math
+import subprocess
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import ThreadpoolController
+
+from optipromp.core import judging
+from optipromp.core.budget import Budget, clock
+from optipromp.core.compiled import in_cache
+from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.optimization.kernels import add_stiffness
+from optipromp.core.planning import approaches, tree
+from optipromp.core.planning.functionals import functional_values
+from optipromp.core.planning.options import PaperOptions, PlanOptions, Strategy
+from optipromp.core.planning.parameters import UNDERWAY
+from optipromp.core.planning.planner import Planner, label
+from optipromp.core.planning.planners import OptiProMP, chosen_planner
+from optipromp.core.planning.result import Failed, Harmful, Plan, Planned, Term, Terms
+from optipromp.core.planning.task import Task, resolve
+from optipromp.core.planning.timing import stopped
+from optipromp.core.planning.underway import Moving, begun, underway
+from optipromp.core.planning.verdict import Verdict, judged, predicted
+from optipromp.core.processes import cores
+from optipromp.core.promp.model import ProMP
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.io import load_scene
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import Trajectory
+
+DEFAULTS = PlanOptions()
+WARM_UP = "scenario-3"
+RETRIED = Code.HARM_PREDICTED, Code.INVALID_PLAN, Code.GOAL_IN_COLLISION, Code.GOAL_UNREACHABLE
+
+
+_threads = functools.cache(ThreadpoolController)  # knows the BLAS libraries that are loaded
+
+
+def plan(
+    scene: Scene | str | Path,
+    *,
+    robot: Robot | None = None,
+    planner: Planner | str = "opti-promp",
+    strategy: Strategy = "joint",
+    demonstrations: ProMP | str | Path | None = None,
+    seed: int = 0,
+    options: PlanOptions | None = None,
+    progress: Callable[[str], None] | None = None,
+    start_state: Moving | None = None,
+    previous: Plan | None = None,
+    at: float | None = None,
+) -> Plan:
+    """Plan a reach in a scene, from rest or from a motion that runs.
+
+    Args:
+        scene: a scene, the name of a built-in scene, or the path of a scene file.
+        robot: with its tool (:func:`optipromp.core.robots.tools.with_tool`), in place of the
+        scene's.
+        planner: a planner with its settings, such as :class:`OptiProMP`, or any object that
+            solves a task (:class:`optipromp.core.planning.planner.Planner`); or a name: ``promp``
+            conditions the primitive on start, camera point and target; ``i-promp`` also on every
+            neighbour and its pushed pose; ``opti-promp`` picks a tool path, follows it with the
+            whole arm and optimises the result; others are registered.
+        strategy: of a planner that is named opti-promp. ``joint`` solves for everything at once;
+            ``sequential`` runs the paper's stages.
+        demonstrations: a ProMP, or a file to learn one from; None: the robot's built-in
+            demonstrations.
+        seed: of everything random. The same input and seed give the same plan.
+        options: what the plan may cost and risk; and the settings of a planner that is named.
+        progress: called with a short text as each step begins.
+        start_state: that the arm is in, in place of the scene's start: a :class:`State` or (q,
+            velocity, acceleration). The plan begins in it without a jump.
+        previous: the plan that runs; its path is kept unless another is better by a margin.
+        at: the time in ``previous`` at which the new plan takes over [s]. Without ``start_state``
+            the arm is where ``previous`` has it then.
+
+    Returns:
+        The plan. A plan that fails is returned too: with its code, the best trajectory found and
+        its metrics.
+
+    Raises:
+        InvalidSceneError: a scene that cannot be used.
+        InvalidRobotError: a robot that cannot be used.
+        InvalidDemonstrationError: demonstrations that cannot be used.
+        InvalidRequestError: an argument or option outside what it may be.
+        StartInvalidError: a start outside the joint limits, or of the wrong size.
+    """
+    options = options or DEFAULTS
+    solver = check_request(planner, strategy, options, seed)
+    _compiled()  # before the plan's clock starts
+    with _threads().limit(limits=1, user_api="blas"):  # on small matrices threads only wait
+        state = begun(start_state, previous, at)
+        scene = scene if isinstance(scene, Scene) else load_scene(scene)
+        began = clock()
+        task = replace(resolve(scene, robot, state), risk=options.risk, seed=seed)
+        task = replace(task, demonstrations=demonstrations, sparing=True)
+        if state is not None:
+            task = underway(task, previous, at)
+            if task.same and previous is not None and previous.success:
+                task = replace(task, risk=max(task.risk, UNDERWAY.risk))
+        return _best_way(task, solver, options, began, progress or str)
+
+
+def _best_way(
+    task: Task, planner: Planner, options: PlanOptions, began: float, say: Callable[[str], object]
+) -> Plan:
+    """The first harmless plan: straight, or else by the other approaches that the scene allows.
+
+    Only paths that do no harm by themselves are followed with the arm. Without a harmless plan the
+    best is given, or the path of least harm is followed. What is too fast because a time or a speed
+    is asked for is too fast on any way.
+    """
+    end = began + options.timeout
+    attempt = functools.partial(_plan, planner=planner, options=options, end=end, say=say)
+    ways: Iterable[Task] = ()
+    if getattr(planner, "approaches", False) and not task.begun:
+        ways = approaches.others(task)
+    made: list[Plan] = []
+    harmful: list[Harmful] = []
+    for other in itertools.chain([task], ways):
+        if (made or harmful) and clock() > end:
+            break
+        found = attempt(other)
+        if isinstance(found, Harmful):
+            harmful.append(found)
+            continue
+        made.append(found)
+        fast = getattr(planner, "timed", False) and judging.too_fast(found.metrics.approach_speed)
+        if fast or found.status not in RETRIED:
+            break
+    if harmful and not any(one.success for one in made):
+        found = attempt(min(harmful, key=lambda one: one.harm).task)
+        assert isinstance(found, Plan)
+        made.append(found)
+    best = min(made, key=_badness)
+    return replace(best, time={**best.time, "total": clock() - began})
+
+
+def _badness(made: Plan) -> tuple[bool, float]:
+    """What ranks plans of different approaches: validity, then harm."""
+    valid = made.success or made.status == Code.HARM_PREDICTED
+    return not valid, np.inf if made.prediction is None else made.prediction.harm
+
+
+def check_request(
+    planner: Planner | str, strategy: str, options: PlanOptions, seed: int = 0
+) -> Planner:
+    """The planner of a request that can be used; see :func:`chosen_planner`.
+
+    Raises:
+        InvalidRequestError: what is wrong with it.
+    """
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InvalidRequestError(f"seed is {seed!r}; it must be a whole number >= 0")
+    if not isinstance(options, PlanOptions):
+        raise InvalidRequestError(f"options are {type(options).__name__}; they must be PlanOptions")
+    return chosen_planner(planner, strategy, options)
+
+
+def warm_up(scene: Scene | str = WARM_UP) -> None:
+    """Compile every kernel, or load it from the cache, before a plan's time counts."""
+    task = resolve(scene if isinstance(scene, Scene) else load_scene(scene))
+    with _threads().limit(limits=1, user_api="blas"):
+        made = _plan(task, planner=OptiProMP(), options=DEFAULTS, end=math.inf, say=str)
+        home = task.robot.home[None]
+        tree.way(task, home, home, np.random.default_rng(0))
+    assert isinstance(made, Plan)
+    len(made.terms)  # computed when read
+
+
+@functools.cache
+def _compiled() -> None:
+    """Compile what most plans need, once in a process, where Numba's cache has none of it.
+
+    What only some need is compiled when they do; a plan's clock stands still meanwhile.
+    """
+    if not (in_cache(add_stiffness) and in_cache(tree.shorten)):
+        warm_up()
+
+
+def compile_kernels() -> None:
+    """Fill Numba's cache.
+
+    The push model takes nearly as long to compile as all other kernels. Where there is a second
+    core, another process compiles it, while this one plans where nothing hangs.
+    """
+    scene = load_scene(WARM_UP)
+    bare = tuple(replace(o, stem=None) for o in scene.objects if o.role != "pushable")
+    other = None
+    if cores() > 1:
+        code = f"from {__name__} import compile_push_model as run; run()"
+        other = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)
+    try:
+        warm_up(replace(scene, objects=bare))
+        if other is not None:
+            other.wait()
+    finally:
+        if other is not None:
+            other.kill()  # where the wait was interrupted
+            other.wait()
+    warm_up()  # the kernels that are still missing
+
+
+def compile_push_model() -> None:
+    """Compile what predicts a push."""
+    task = resolve(load_scene(WARM_UP))
+    model = task.push_model(task.robot.home)
+    assert model is not None
+    path = model.candidates.path(model.candidates.spread(0)[0])
+    model.predict(path.points, path.points)
+
+
+def _plan(
+    task: Task, *, planner: Planner, options: PlanOptions, end: float, say: Callable[[str], object]
+) -> Plan | Harmful:
+    """One attempt: what the planner finds, or that nothing is to be done, judged."""
+    began = clock()
+    budget = Budget(end, np.inf if options.effort is None else options.effort, say)
+    stay = _stay(task)
+    touching = judging.touching(task.scene, task.robot, task.start, begun=task.begun)
+    there = task.running is None and all(task.at_goal(q) for q in stay.trajectory.positions)
+    found: Planned | Failed | Harmful = stay
+    if touching:
+        told = "at the start " + "; ".join(map(str, touching))
+        found = Failed(Code.START_IN_COLLISION, told)
+    elif not there:
+        found = planner.solve(task, budget)
+    if isinstance(found, Harmful):
+        return found
+    outcome = found if isinstance(found, Planned) else found.nearest or stay
+    start = clock()
+    prediction = outcome.prediction or predicted(task, outcome.trajectory)
+    verdict = outcome.judgement or judged(task, outcome.trajectory, stem_side=prediction is None)
+    if isinstance(found, Planned):
+        idle = getattr(planner, "iterations", None) == 0
+        status, message = _status(Verdict(verdict, prediction), outcome, idle, budget)
+    else:
+        status, message = found.code, found.message
+        if found.nearest is not None:
+            nearest = f"; the trajectory that comes nearest: {verdict.message}"
+            message += nearest + _cut(budget)
+        elif broken := [str(v) for v in verdict.violations if v.kind in ("limit", *judging.RATES)]:
+            message += "; on the way to rest " + "; ".join(broken)
+    now = clock()
+    return Plan(
+        task=task, planner=label(planner), strategy=getattr(planner, "strategy", None),
+        seed=task.seed, status=status, message=message, trajectory=outcome.trajectory,
+        initial=outcome.begin, followed=outcome.followed or outcome.begin, prediction=prediction,
+        metrics=verdict.metrics, stages=outcome.stages, contacts=verdict.contacts,
+        terms=Terms(functools.partial(_terms, task, outcome.paper or options.paper, outcome)),
+        time={**outcome.time, "check": now - start, "total": now - began},
+        first=outcome.first, via=outcome.via,
+    )  # fmt: skip
+
+
+def _status(found: Verdict, outcome: Planned, idle: bool, budget: Budget) -> tuple[Code, str]:
+    """Status and message of an outcome, from its verdict and whether the budget cut the search.
+
+    ``idle``: no optimisation was asked for.
+    """
+    late = budget.cut
+    note = "" if outcome.optimised else " (not optimised)"
+    wrong = found.judgement.message
+    if late and not outcome.optimised and not idle:
+        return (
+            Code.TIMEOUT,
+            f"{budget.ending} before any optimisation; the initial trajectory: {wrong or 'valid'}",
+        )
+    if wrong and late:
+        return Code.TIMEOUT, f"{budget.ending}; the best so far: {wrong}{note}"
+    message, comma, notes = found.message.partition("; note: ")
+    return found.status, message + note + comma + notes + _cut(budget)
+
+
+def _cut(budget: Budget) -> str:
+    """That a search was cut, and where: with more time its result may be another."""
+    return f"; note: the search was cut after {budget.used} steps" if budget.cut else ""
+
+
+def _terms(task: Task, paper: PaperOptions, outcome: Planned) -> dict[str, Term]:
+    """Each functional at the three trajectories, and over the stage that minimises it."""
+    begin = outcome.begin
+    first, second, last = (
+        functional_values(task, paper, outcome.first, made.positions, outcome.authors)
+        for made in (begin, outcome.followed or begin, outcome.trajectory)
+    )
+    out = {}
+    for name in ("static", "avoid", "push", "velocity"):
+        stage = next((s for s in outcome.stages if name in s.terms), None)
+        out[name] = Term(
+            first.get(name, 0.0), second.get(name, 0.0), last.get(name, 0.0),
+            () if stage is None else tuple(item.get(name, 0.0) for item in stage.history),
+            "" if stage is None else stage.name,
+        )  # fmt: skip
+    return out
+
+
+def _stay(task: Task) -> Planned:
+    """A trajectory that does not move; where the arm moves, one that comes to rest."""
+    if task.state.moving:
+        still = stopped(task.robot, task.state)
+    else:
+        rest, times = np.zeros((3, task.robot.n_joints)), np.array([0.0, 0.1, 0.2])
+        still = Trajectory(times, task.start + rest, rest, rest, task.robot.joint_names)
+    return Planned(still, 1, optimised=False)

@@ -1,0 +1,186 @@
+"""The planners of the core as values: ``opti-promp``, ``i-promp`` and ``promp``."""
+
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.budget import Budget, clock
+from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.planning import goals, primitive
+from optipromp.core.planning.options import (
+    STRATEGIES,
+    PaperOptions,
+    PlanOptions,
+    Searched,
+    Strategy,
+    Timed,
+)
+from optipromp.core.planning.parameters import GOAL
+from optipromp.core.planning.pick import pick
+from optipromp.core.planning.planner import Planner, factory, make, register, settings_of
+from optipromp.core.planning.primitive import learnt
+from optipromp.core.planning.result import Failed, Harmful, Planned
+from optipromp.core.planning.task import Task, pushed_aside
+
+JOINT: Strategy = "joint"
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """Goal configurations ``q`` (m, n), best first; ``reason``, in words, where none is ``free``.
+
+    ``seconds`` is what they took [s].
+    """
+
+    q: FloatArray
+    free: bool
+    reason: str
+    seconds: float
+
+    def told(self, made: Planned | Harmful) -> Planned | Failed | Harmful:
+        """What was planned to these configurations; a failure where none is free."""
+        if isinstance(made, Harmful):
+            return made
+        made = replace(made, time={"inverse kinematics": self.seconds, **made.time})
+        return made if self.free else Failed(Code.GOAL_IN_COLLISION, self.reason, made)
+
+    @property
+    def failed(self) -> Failed:
+        """That there is no such configuration."""
+        return Failed(Code.GOAL_UNREACHABLE, self.reason)
+
+
+def goal_configurations(
+    task: Task, budget: Budget, starts: int | None = None, near: FloatArray | None = None
+) -> Chosen:
+    """Goal configurations of a task: one on the branch of ``near`` (n,), where given and free.
+
+    ``starts`` is how many inverse kinematics begins from; None: fewer where time is over.
+    """
+    budget.say("inverse kinematics")
+    began = clock()
+    if starts is None:
+        starts = GOAL.few_starts if budget.spent() else GOAL.starts
+    if task.entry is not None:
+        near = task.start
+    found, free, reason = goals.choose(task, task.seed, starts, near, budget)
+    return Chosen(found, free, reason, clock() - began)
+
+
+@dataclass(frozen=True)
+class OptiProMP(Searched):
+    """Pick a tool path in the push model, follow it with the whole arm, optimise and judge."""
+
+    name: ClassVar[str] = "opti-promp"
+    strategy: ClassVar[Strategy] = "joint"
+
+    @property
+    def approaches(self) -> bool:
+        """Whether other approaches than the straight one are tried: with a prediction."""
+        return self.prediction
+
+    def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
+        """See :class:`optipromp.core.planning.planner.Planner`."""
+        promp = learnt(task, task.demonstrations)
+        chosen = goal_configurations(pushed_aside(task), budget)
+        if not len(chosen.q):
+            return chosen.failed
+        budget.say("optimising (joint)")
+        sparing = task.sparing and chosen.free
+        options = PlanOptions(**vars(self))
+        return chosen.told(pick(task, promp, options, chosen.q, budget, sparing))
+
+
+@dataclass(frozen=True)
+class ConditionedProMP(Timed):
+    """The primitive, conditioned on start, camera point and target: the planner ``promp``.
+
+    Attributes:
+        camera_phase: t_1, the phase of the camera point in (0, 1); None: 0.5.
+        camera_point: whether the camera point is passed; None: as the scene says (by default yes).
+        via_deviation: standard deviation with which the ProMP is held to a point [m].
+    """
+
+    camera_phase: float | None = None
+    camera_point: bool | None = None
+    via_deviation: float = 1e-3
+    name: ClassVar[str] = "promp"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._options()
+
+    def _options(self) -> PlanOptions:
+        """The same settings as those of a plan, checked."""
+        timed = {item.name: getattr(self, item.name) for item in fields(Timed)}
+        paper = {name: value for name, value in vars(self).items() if name not in timed}
+        return PlanOptions(**timed, paper=PaperOptions(**paper))
+
+    def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
+        """See :class:`optipromp.core.planning.planner.Planner`."""
+        promp = learnt(task, task.demonstrations)
+        chosen = goal_configurations(task, budget, GOAL.few_starts, primitive.end(promp))
+        if not len(chosen.q):
+            return chosen.failed
+        budget.say(self.name)
+        made = primitive.plan_primitive(task, promp, self._options(), chosen.q, self.name)
+        return replace(chosen, free=True).told(made)  # the judge says what is touched
+
+
+@dataclass(frozen=True)
+class IProMP(ConditionedProMP):
+    """The primitive, conditioned also on every neighbour and its pushed pose.
+
+    Attributes:
+        direction_deviation: standard deviation of the push direction [rad]; above 0 the direction
+            is sampled.
+        guard: the mouth is closed while the tool pushes. The closed rim, not the tool point, is led
+            under each neighbour and under its pushed pose.
+    """
+
+    direction_deviation: float = 0.0
+    guard: bool = False
+    name: ClassVar[str] = "i-promp"
+
+
+_OURS = {kind.name: kind for kind in (ConditionedProMP, IProMP, OptiProMP)}
+PLANNERS = tuple(_OURS)
+for _name, _kind in _OURS.items():
+    register(_name, _kind)
+
+OF_A_PLAN = "timeout", "effort", "risk"  # options of a request, whatever the planner
+
+
+def chosen_planner(planner: Planner | str, strategy: str, options: PlanOptions) -> Planner:
+    """The planner of a request: the value that is given, or that of a name with its options.
+
+    A request of the form that came before planners were values means one too: opti-promp with the
+    strategy ``sequential``, or with the constraints of the paper, is the planner ``paper``. Of the
+    options, promp, i-promp and opti-promp take those that they have.
+
+    Raises:
+        InvalidRequestError: names that do not exist, options that the planner has not, an object
+            that is no planner.
+    """
+    if strategy not in STRATEGIES:
+        raise InvalidRequestError(f"strategy is {strategy!r}; valid: {', '.join(STRATEGIES)}")
+    usual = vars(PlanOptions())
+    given = {k: v for k, v in vars(options).items() if k not in OF_A_PLAN and v != usual[k]}
+    if not isinstance(planner, str):
+        if isinstance(planner, type) or not isinstance(planner, Planner):
+            raise InvalidRequestError(
+                f"planner is {planner!r}: must be a name, or an object with solve(task, budget)"
+            )
+        if given or strategy != JOINT:
+            extra = ", ".join([*given, *(["strategy"] if strategy != JOINT else [])])
+            raise InvalidRequestError(f"{extra}: must be settings of the planner that is given")
+        return planner
+    kind = factory(planner)
+    if kind in _OURS.values():
+        of_paper = {k: v for k, v in vars(options.paper).items() if not hasattr(options, k)}
+        given |= {} if kind is OptiProMP else of_paper
+        if kind is OptiProMP and (strategy != JOINT or options.constraints == "paper"):
+            planner = "paper"
+            given |= {"strategy": strategy, "constraints": options.constraints}
+        given = {k: v for k, v in given.items() if k in settings_of(factory(planner))}
+    return make(planner, **given)

@@ -1,0 +1,277 @@
+"""Movement primitives: learnt, and conditioned on the points of ``promp`` and ``i-promp``."""
+
+import functools
+import math
+import warnings
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, frozen
+from optipromp.core.budget import clock
+from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
+from optipromp.core.planning.options import PlanOptions
+from optipromp.core.planning.parameters import FOLLOW, PRIMITIVE, WAYPOINT
+from optipromp.core.planning.result import Planned, ViaPoint
+from optipromp.core.planning.task import Task
+from optipromp.core.planning.timing import timed
+from optipromp.core.promp.basis import Basis
+from optipromp.core.promp.conditioning import conditioned_mean
+from optipromp.core.promp.demonstrations import check_limits, load_demonstrations
+from optipromp.core.promp.learning import fit
+from optipromp.core.promp.model import ProMP, is_primitive
+from optipromp.core.pushing.interactive import pushes
+from optipromp.core.pushing.rules import detection_variance
+from optipromp.core.robots import ik
+from optipromp.core.robots.library import built_in_twin
+from optipromp.core.robots.model import Robot
+from optipromp.core.robots.roll import level
+from optipromp.core.scenes.scene import PoseGoal
+
+BASIS = Basis(count=14, width=2.0, outside=1)
+PAPER_BASIS = Basis(count=5, width=4.0, outside=1)
+
+
+@functools.lru_cache(maxsize=8)
+def _prior_covariance(basis: Basis) -> FloatArray:
+    """Covariance (K, K) of smooth motions: accelerations are white, ends at rest."""
+    z = np.linspace(0.0, 1.0, 201)
+    acceleration, position = basis.evaluate(z, 2), basis.evaluate(z)
+    ends = basis.evaluate(np.array([0.0, 1.0]), 1)
+    precision = (
+        acceleration.T @ acceleration / (len(z) * PRIMITIVE.acceleration**2)
+        + position.T @ position / (len(z) * PRIMITIVE.position**2)
+        + ends.T @ ends / 0.05**2
+    )
+    try:
+        return np.asarray(np.linalg.inv(precision), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        raise InvalidDemonstrationError(
+            f"{basis.count} bases of width {basis.width:g} span no smooth motion: must be wider"
+        ) from None
+
+
+def smooth_prior(robot: Robot, basis: Basis = BASIS, about: FloatArray | None = None) -> ProMP:
+    """A ProMP of smooth motions that rest at both ends; it knows no task.
+
+    It stands in for the ProMP of an arm without demonstrations. ``about`` (n,) is its mean
+    [rad or m]; None: the robot's home.
+    """
+    mean = robot.home if about is None else about
+    return _smooth(robot.joint_names, tuple(mean.tolist()), basis)
+
+
+@functools.lru_cache(maxsize=8)
+def _smooth(joint_names: tuple[str, ...], about: tuple[float, ...], basis: Basis) -> ProMP:
+    covariance = _of_joints(len(about), _prior_covariance(basis))
+    mean = np.repeat(np.array(about)[:, None], basis.count, axis=1)
+    return ProMP(basis, mean, covariance, joint_names=joint_names)
+
+
+@functools.lru_cache(maxsize=64)
+def _tell_unlearnt(name: str, joint_names: tuple[str, ...]) -> None:
+    """Warn, once for a robot in a process."""
+    warnings.warn(
+        f"no built-in demonstrations are of the joints of robot '{name}' "
+        f"({', '.join(joint_names)}): the primitive is any smooth motion about the start; "
+        "demonstrations= or --demonstrations gives it one that was learnt",
+        stacklevel=4,
+    )
+
+
+def _of_joints(n: int, covariance: FloatArray) -> FloatArray:
+    """The covariance (nK, nK) of n joints that vary alike and alone, each by ``covariance``."""
+    joint = np.kron(np.eye(n), covariance)
+    return np.asarray(0.5 * (joint + joint.T))
+
+
+@functools.lru_cache(maxsize=8)
+def widened(promp: ProMP, joint_names: tuple[str, ...], share: float = 0.01) -> ProMP:
+    """``promp`` with ``share`` of the smooth prior's covariance added.
+
+    A ProMP of few or similar demonstrations has a sample covariance that extrapolates badly. With
+    the prior added, conditioning far from the demonstrations interpolates smoothly. It depends on
+    the joints alone, not on the tool.
+    """
+    promp = promp.for_joints(joint_names)
+    prior = _of_joints(len(joint_names), _prior_covariance(promp.basis))
+    return promp.with_weights(promp.mean, promp.covariance + share * prior)
+
+
+@functools.lru_cache(maxsize=8)
+def _built_in(name: str, basis: Basis) -> ProMP:
+    source = resources.files("optipromp.core.promp") / "data" / f"{name}.npz"
+    with resources.as_file(source) as path:
+        return fit(load_demonstrations(path), basis)
+
+
+def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis = BASIS) -> ProMP:
+    """The ProMP a plan starts from, widened by a little of the smooth prior.
+
+    Args:
+        task: the scene and its robot.
+        demonstrations: a learnt ProMP, demonstrations to learn from (``.npz`` of a ProMP or of
+            demonstrations, CSV, a folder of CSVs), or None for the built-in ones of its joints (by
+            :func:`optipromp.core.robots.library.built_in_twin`); a robot without gets the smooth
+            prior about the start, with a warning, once for a robot.
+        basis: of a ProMP that is learnt here.
+
+    Raises:
+        InvalidDemonstrationError: a file that cannot be used; joints of other names; demonstrations
+            or a ProMP's mean far beyond the joints' limits.
+        InvalidRequestError: a file of a ProMP that cannot be read.
+    """
+    robot = task.robot
+    if demonstrations is not None:
+        promp = _given(demonstrations, basis, robot)
+    elif (known := built_in_twin(robot)) is not None:
+        promp = _built_in(known, basis)
+    else:
+        promp = smooth_prior(robot, basis, task.start)
+        _tell_unlearnt(robot.name, robot.joint_names)
+    return widened(promp, robot.joint_names)
+
+
+def _given(given: object, basis: Basis, robot: Robot) -> ProMP:
+    """A ProMP as it is, one that ``optipromp learn`` saved, or one learnt of demonstrations."""
+    if not isinstance(given, ProMP | str | Path):
+        kind = type(given).__name__
+        raise InvalidRequestError(f"demonstrations are {kind}; they must be a ProMP or a path")
+    what = "the ProMP" if isinstance(given, ProMP) else str(given)
+    joints, lower, upper = robot.joint_names, robot.lower, robot.upper
+    if not isinstance(given, ProMP) and not is_primitive(Path(given)):
+        recorded = load_demonstrations(given)
+        recorded.for_joints(joints, what).check_limits(lower, upper, what)
+        return fit(recorded, basis).for_joints(joints, what)
+    promp = given if isinstance(given, ProMP) else ProMP.load(given)
+    mean = promp.for_joints(joints, what).mean_trajectory(PRIMITIVE.checked)
+    # a mean overshoots where bases are few: only one beyond by the joint's range is in other units
+    told = f"{what}, its mean at {len(mean)} phases"
+    check_limits(mean, joints, lower, upper, told, upper - lower)
+    return promp
+
+
+def via_points(
+    task: Task, positions: Sequence[FloatArray], deviation: float
+) -> tuple[FloatArray, FloatArray]:
+    """The camera point, ``positions`` and the goal as points (m, 3) of the tool [m].
+
+    Also the standard deviations (m,) with which the ProMP is held to them [m].
+    """
+    assert isinstance(task.goal, PoseGoal)
+    points = np.array([task.camera, *positions, task.goal.position])
+    deviations = np.full(len(points), deviation)
+    deviations[0], deviations[-1] = 5.0 * deviation, 0.0
+    return points, deviations
+
+
+def on_branch(task: Task, points: FloatArray, goal: FloatArray) -> FloatArray | None:
+    """Configurations (m, n) at via points, followed back from ``goal``; None: out of reach."""
+    assert isinstance(task.goal, PoseGoal)
+    axes = np.tile(task.goal.axis, (len(points) - 1, 1))
+    back, errors = ik.track(task.robot, points[-2::-1], axes, goal)
+    if len(errors) and errors.max() > FOLLOW.task_tracked:
+        return None
+    behind = level(task.robot, np.vstack([goal, back]), task.scene.frame[0], path=True)
+    return behind[::-1]
+
+
+def led_through(
+    promp: ProMP,
+    start: FloatArray,
+    phases: FloatArray,
+    values: FloatArray,
+    variances: FloatArray,
+    count: int,
+    pause: float | None = None,
+) -> FloatArray:
+    """Mean (T, n) of ``promp`` at ``count`` waypoints, conditioned on configurations.
+
+    Args:
+        promp: what is conditioned.
+        start: (n,) at phase 0, exact.
+        phases: (m,) of the configurations.
+        values: (m, n).
+        variances: (m,) [rad²] of each; 0 is exact.
+        count: waypoints.
+        pause: a phase at which the arm stands still.
+    """
+    places, spread = [(0.0, 0)], [0.0]
+    targets = [start[None], values]
+    if pause is not None:
+        places.append((pause, 1))
+        spread.append(PRIMITIVE.paused**2)
+        targets.insert(1, np.zeros((1, len(start))))
+    places += [(phase, 0) for phase in phases.tolist()]
+    spread += variances.tolist()
+    mean = conditioned_mean(promp, tuple(places), np.concatenate(targets), tuple(spread))
+    out = promp.basis.evaluate(count) @ mean.T
+    out[0], out[-1] = start, values[-1]  # a conditioned ProMP meets them up to rounding
+    return np.asarray(out)
+
+
+@functools.lru_cache(maxsize=8)
+def end(promp: ProMP) -> FloatArray:
+    """Where the mean of a ProMP ends (n,)."""
+    return frozen(promp.mean_trajectory(np.array([1.0]))[0])
+
+
+def plan_primitive(
+    task: Task,
+    promp: ProMP,
+    options: PlanOptions,
+    goals: FloatArray,
+    planner: str,
+) -> Planned:
+    """Condition the ProMP on the planner's points, on the branch nearest to the ProMP's own end.
+
+    ``promp`` passes start, camera point (unless the scene or the options leave it out) and target;
+    ``i-promp`` also each neighbour's pose and pushed pose, at evenly spaced phases. The arm pauses
+    at the camera point, to look.
+    """
+    began = clock()
+    goal = goals[int(np.argmin(np.linalg.norm(goals - end(promp), axis=1)))]
+    paper = options.paper
+    phase = paper.camera_phase or PRIMITIVE.camera_phase
+    camera = paper.camera_point
+    if camera is None:
+        camera = task.scene.options.get("camera_point", True)
+    branch: FloatArray | None = None
+    met: tuple[ViaPoint, ...] = (ViaPoint("goal", task.robot.tool_pose(goal)[0]),)
+    if isinstance(task.goal, PoseGoal) and (planner == "i-promp" or camera):
+        names, positions = ["camera"], list[FloatArray]()
+        variances: list[float] = []
+        if planner == "i-promp":
+            deviation = paper.direction_deviation
+            rng = np.random.default_rng(task.seed) if deviation > 0.0 else None
+            objects, tool = task.neighbours, task.robot.tool
+            below = 0.0 if tool is None else tool.depth
+            for push, obj in zip(
+                pushes(task.scene, objects, task.robot.gripper_radius, rng, deviation),
+                objects,
+                strict=True,
+            ):
+                names += [push.id, f"{push.id} pushed"]
+                drop = task.scene.frame[2] * (below + obj.radius if paper.guard else 0.0)
+                positions += [push.position - drop, push.pushed - drop]
+                variances += [detection_variance(obj)] * 2
+        points, deviations = via_points(task, positions, paper.via_deviation)
+        branch = on_branch(task, points, goal)
+        if branch is not None:
+            met = (*map(ViaPoint, names, points), *met)
+    count = options.waypoints or WAYPOINT.primitive
+    if branch is None:
+        last, exact = np.array([1.0]), np.zeros(1)
+        q = led_through(promp, task.start, last, goal[None], exact, count)
+    else:
+        spread = (deviations / PRIMITIVE.lever_arm) ** 2
+        spread[1:-1] += np.array(variances) / PRIMITIVE.lever_arm**2
+        phases = np.linspace(phase, 1.0, len(branch))
+        q = led_through(promp, task.start, phases, branch, spread, count, phase)
+        q[-1] = goal
+    first = math.ceil(phase * (count - 1))
+    trajectory = timed(task, options, q, first if task.neighbours else None)
+    seconds = clock() - began
+    return Planned(trajectory, first, time={planner: seconds}, via=met)

@@ -1,0 +1,267 @@
+"""The results of planning: stages of an optimisation, an outcome, a plan."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import Code
+from optipromp.core.files import plain
+from optipromp.core.judging import Judgement, Metrics, Overlap
+from optipromp.core.planning.options import PaperOptions, Strategy
+from optipromp.core.planning.task import Task
+from optipromp.core.pushing.model import Prediction, PushModel
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.shown import Shown
+from optipromp.core.trajectory import State, Trajectory
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One run of a solver.
+
+    Attributes:
+        name: ``push``, ``collision`` or ``joint``.
+        solver: its name.
+        terms: names of what it minimises.
+        history: value of every term after each iteration, the initial one first.
+        seconds: wall time.
+        message: why it stopped.
+        trust_radius: first trust radius, of a push stage of the sequential strategy [rad].
+        tried_radii: the radii tried, up to the one that was kept; all, where none was valid.
+    """
+
+    name: str
+    solver: str
+    terms: tuple[str, ...]
+    history: tuple[Mapping[str, float], ...]
+    seconds: float
+    message: str
+    trust_radius: float | None = None
+    tried_radii: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ViaPoint:
+    """A point that the primitive was conditioned on: ``name``, and ``position`` (3,) [m]."""
+
+    name: str
+    position: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """The motion that a planner found, and what was done on the way to it.
+
+    Attributes:
+        trajectory: the motion.
+        first: index of its first waypoint on the approach.
+        primitive: the conditioned ProMP that it began from; None: the trajectory itself.
+        followed: the conditioned ProMP, led along the tool path; None: ``primitive``.
+        stages: of the optimisation.
+        optimised: whether an optimisation took place, or none was needed.
+        time: by stage [s].
+        judgement: of the trajectory; None where it is not judged yet.
+        prediction: of its push; None where it is not predicted yet.
+        via: points of the tool that the primitive was conditioned on, the target last.
+        paper: settings by which the plan reports the paper's functionals; None: the request's.
+        authors: whether it reports them in the forms of the authors' sequential runs.
+    """
+
+    trajectory: Trajectory
+    first: int = 0
+    primitive: Trajectory | None = None
+    followed: Trajectory | None = None
+    stages: tuple[Stage, ...] = ()
+    optimised: bool = True
+    time: Mapping[str, float] = field(default_factory=dict)
+    judgement: Judgement | None = None
+    prediction: Prediction | None = None
+    via: tuple[ViaPoint, ...] = ()
+    paper: PaperOptions | None = None
+    authors: bool = False
+
+    @property
+    def begin(self) -> Trajectory:
+        """The trajectory that it began from."""
+        return self.primitive or self.trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Failed:
+    """That there is no plan: ``code`` and ``message`` say why.
+
+    ``nearest`` is the motion that comes nearest; None: the arm stays.
+    """
+
+    code: Code
+    message: str
+    nearest: Planned | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Harmful:
+    """All tool paths that were found do harm: none was followed with the arm.
+
+    ``task`` follows the path of the least harm.
+    """
+
+    task: Task
+
+    @property
+    def harm(self) -> float:
+        """The least harm."""
+        return math.inf if self.task.only is None else self.task.only.harm
+
+
+@dataclass(frozen=True)
+class Term:
+    """One functional of a plan, without its weight.
+
+    Attributes:
+        initial: value at the conditioned ProMP.
+        followed: value at the followed trajectory.
+        final: value at the returned trajectory.
+        history: values over the iterations of ``stage``, the initial value first.
+        stage: name of the stage that minimises it; empty where none does.
+    """
+
+    initial: float
+    followed: float
+    final: float
+    history: tuple[float, ...]
+    stage: str
+
+
+class Terms(Mapping[str, Term]):
+    """Functionals by name, computed when they are first read, because few users read them."""
+
+    def __init__(self, compute: Callable[[], dict[str, Term]]) -> None:
+        self._compute: Callable[[], dict[str, Term]] | None = compute
+        self._values: dict[str, Term] = {}
+
+    def _known(self) -> dict[str, Term]:
+        if self._compute is not None:
+            self._values, self._compute = self._compute(), None
+        return self._values
+
+    def __getitem__(self, name: str) -> Term:
+        return self._known()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._known())
+
+    def __len__(self) -> int:
+        return len(self._known())
+
+    def __repr__(self) -> str:
+        return repr(self._known())
+
+    def __reduce__(self) -> tuple[type[dict[str, Term]], tuple[dict[str, Term]]]:
+        return dict, (self._known(),)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Shown):
+    """A plan: a trajectory, its metrics, and whether it is a success.
+
+    It keeps three trajectories: ``initial`` is the conditioned ProMP, ``followed`` is the ProMP led
+    along the tool path, ``trajectory`` is the optimised one.
+
+    Attributes:
+        task: what was planned for: the scene bound to its robot, start and goal.
+        planner: ``promp``, ``i-promp``, ``opti-promp``, or what another planner is called.
+        strategy: of opti-promp: ``joint``, or the paper's ``sequential``.
+        seed: of everything random.
+        status: ``success`` only if the judge found nothing wrong and no harm is predicted.
+        message: the reasons for the status.
+        trajectory: the best one found, whatever the status.
+        initial: the conditioned ProMP.
+        followed: the ProMP led along the tool path; equal to ``initial`` where there is no path.
+        prediction: the predicted harm of the push; None where no push model applies.
+        metrics: see :class:`optipromp.core.judging.Metrics`.
+        terms: ``static``, ``avoid``, ``push``, ``velocity``; computed when first read.
+        stages: optimisation stages in the order they ran.
+        contacts: pairs that touch but must not.
+        time: ``total`` and per stage [s].
+        first: index of the first waypoint on the approach.
+        via: points of the tool that ``promp`` and ``i-promp`` conditioned the primitive on.
+    """
+
+    task: Task
+    planner: str
+    strategy: Strategy | None
+    seed: int
+    status: Code
+    message: str
+    trajectory: Trajectory
+    initial: Trajectory
+    followed: Trajectory
+    prediction: Prediction | None
+    metrics: Metrics
+    terms: Mapping[str, Term]
+    stages: tuple[Stage, ...]
+    contacts: tuple[Overlap, ...]
+    time: Mapping[str, float] = field(default_factory=dict)
+    first: int = 0
+    via: tuple[ViaPoint, ...] = ()
+
+    @property
+    def scene(self) -> Scene:
+        """What was planned for."""
+        return self.task.scene
+
+    @property
+    def robot(self) -> Robot:
+        """The scene's robot with its tool."""
+        return self.task.robot
+
+    @property
+    def risk(self) -> float:
+        """Share of promised successes that may be broken, by which the status is told."""
+        return self.task.risk
+
+    @property
+    def start(self) -> State | None:
+        """The state in which the plan begins, where that is not the scene's start at rest."""
+        return self.task.state if self.task.begun else None
+
+    @property
+    def push_model(self) -> PushModel | None:
+        """The model of the push, for where the trajectory ends; None where no model applies."""
+        return self.task.push_model(self.trajectory.positions[-1])
+
+    def _words(self) -> str:
+        strategy = f" {self.strategy}" if self.strategy else ""
+        return (
+            f"{self.scene.name}, {self.planner}{strategy}: {self.status}, "
+            f"{self.trajectory.duration:.2f} s"
+        )
+
+    @property
+    def success(self) -> bool:
+        """Whether the status is ``success``."""
+        return self.status == Code.SUCCESS
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the trajectories, as plain values for JSON."""
+        document = {
+            "scene": self.scene.name,
+            "planner": self.planner,
+            "strategy": self.strategy,
+            "seed": self.seed,
+            "risk": self.risk,
+            "status": self.status,
+            "message": self.message,
+            "metrics": self.metrics.to_dict(),
+            "terms": {name: vars(term) for name, term in self.terms.items()},
+            "stages": [vars(stage) for stage in self.stages],
+            "predicted_harm": None if self.prediction is None else vars(self.prediction),
+            "contacts": [vars(contact) for contact in self.contacts],
+            "time": self.time,
+            "first": self.first,
+            "via": [vars(via) for via in self.via],
+        }
+        return dict(plain(document))

@@ -1,0 +1,145 @@
+"""``plan_sequence``: several ripe fruits, picked one after the other."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.planning.plan import plan
+from optipromp.core.planning.result import Plan
+from optipromp.core.scenes.io import load_scene
+from optipromp.core.scenes.scene import Role, Scene
+from optipromp.core.scenes.trusses import rooted
+from optipromp.core.scenes.values import suggest
+
+HARMLESS = 0.05  # [1] harm below which plans are equally good: 1 % of them fail (docs/studies.md)
+
+
+@dataclass(frozen=True)
+class Left:
+    """A fruit that stays: its ``id``, and status and message of its last plan."""
+
+    id: str
+    status: Code
+    message: str
+
+
+@dataclass(frozen=True, eq=False)
+class PickSequence:
+    """An order of picks, and the plan of each.
+
+    Attributes:
+        scene: with all fruits.
+        targets: ids of the ripe fruits, as they were asked for.
+        picks: plan of each pick, in order; its scene has the fruits that hang then.
+        left: the ripe fruits that cannot be picked.
+    """
+
+    scene: Scene
+    targets: tuple[str, ...]
+    picks: tuple[Plan, ...]
+    left: tuple[Left, ...]
+
+    @property
+    def order(self) -> tuple[str, ...]:
+        """Ids of the fruits in the order they are picked."""
+        return tuple(_target(pick) for pick in self.picks)
+
+    @property
+    def success(self) -> bool:
+        """Whether every ripe fruit is picked."""
+        return not self.left
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the trajectories, as plain values for JSON."""
+        return {
+            "scene": self.scene.name,
+            "targets": list(self.targets),
+            "success": self.success,
+            "order": list(self.order),
+            "picks": [{"target": _target(pick), **pick.to_dict()} for pick in self.picks],
+            "left": [vars(left) for left in self.left],
+        }
+
+
+def plan_sequence(
+    scene: Scene | str | Path,
+    targets: Sequence[str],
+    *,
+    progress: Callable[[str], None] | None = None,
+    **request: Any,
+) -> PickSequence:
+    """Choose the order in which several ripe fruits are picked, and plan each pick.
+
+    Every fruit that still hangs is planned for, with the others as pushables. Of the plans that
+    succeed, the one that predicts the least harm is taken; of those whose harm is below
+    :data:`HARMLESS`, the one with the shortest motion. Its fruit and stem leave the scene, and the
+    rest is planned again. A fruit that hangs no more is never in the way, so that no order picks
+    more fruits than this one, as far as the planner knows.
+
+    Every pick starts at the scene's start: the arm lays a fruit down and comes back. What a pick
+    pushes aside is taken to hang at rest again before the next. Where other stems grow from that of
+    a picked fruit, they are held at their roots from then on.
+
+    Args:
+        scene: a scene, the name of a built-in scene, or the path of a scene file.
+        targets: ids of the ripe fruits: targets or pushables of the scene, in any order. The
+            scene's own target is a pushable where it is not among them.
+        progress: called with a short text as each plan begins.
+        request: what :func:`optipromp.core.planning.plan.plan` takes besides.
+
+    Raises:
+        InvalidRequestError: no target, one twice, or one that is no fruit of the scene.
+        OptiPrompError: what :func:`optipromp.core.planning.plan.plan` raises.
+    """
+    if not isinstance(scene, Scene):
+        scene = load_scene(scene)
+    _check(scene, targets)
+    picks = list[Plan]()
+    while True:
+        picked = [_target(pick) for pick in picks]
+        tried = []
+        for id_ in targets:
+            if id_ in picked:
+                continue
+            if progress is not None:
+                progress(f"pick {len(picks) + 1}: {id_}")
+            tried.append(plan(aimed(scene, id_, picked), **request))
+        good = [made for made in tried if made.success]
+        if not good:
+            left = tuple(Left(_target(made), made.status, made.message) for made in tried)
+            return PickSequence(scene, tuple(targets), tuple(picks), left)
+        picks.append(min(good, key=_rank))
+
+
+def aimed(scene: Scene, target: str, picked: Sequence[str] = ()) -> Scene:
+    """The scene without what is ``picked``, named after its ``target``; others are pushables."""
+    roles: dict[str, Role] = {i.id: "pushable" for i in scene.objects if i.role == "target"}
+    roles[target] = "target"
+    objects = (
+        replace(item, role=roles.get(item.id, item.role))
+        for item in scene.objects if item.id not in picked
+    )  # fmt: skip
+    return replace(scene, name=f"{scene.name}-{target}", objects=rooted(objects), goal=None)
+
+
+def _check(scene: Scene, targets: Sequence[str]) -> None:
+    if not targets or len(set(targets)) < len(targets):
+        raise InvalidRequestError(f"targets are {list(targets)}; name each once, and at least one")
+    fruits = [item.id for item in scene.objects if item.role in ("target", "pushable")]
+    for id_ in targets:
+        if id_ not in fruits:
+            raise InvalidRequestError(
+                f"target {id_!r} is no target or pushable of {scene.name}: {suggest(id_, fruits)}"
+            )
+
+
+def _rank(made: Plan) -> tuple[float, float]:
+    harm = 0.0 if made.prediction is None else made.prediction.harm
+    return max(harm, HARMLESS), made.trajectory.duration
+
+
+def _target(made: Plan) -> str:
+    assert made.scene.target is not None
+    return made.scene.target.id

@@ -1,0 +1,324 @@
+"""A task: the scene's robot with its tool, start, goal, obstacles, neighbours and push model."""
+
+import functools
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, lengths
+from optipromp.core.errors import InvalidRequestError, StartInvalidError
+from optipromp.core.judging import AXIS_TOLERANCE, GOAL_TOLERANCE
+from optipromp.core.optimization.evaluation import BodyPoints
+from optipromp.core.optimization.problem import Surroundings
+from optipromp.core.promp.model import ProMP
+from optipromp.core.pushing.model import Combined, Continued, PushModel
+from optipromp.core.pushing.packs import standing
+from optipromp.core.pushing.packs.standing import Standing, rings_of
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.path import STEP, ToolPath, along, evenly, length, turning
+from optipromp.core.pushing.rules import neighbours
+from optipromp.core.pushing.stems import hanging
+from optipromp.core.pushing.stems.cup import flange_of
+from optipromp.core.pushing.stems.hanging import Hanging
+from optipromp.core.robots.model import Robot
+from optipromp.core.robots.tools import make_tool, with_tool
+from optipromp.core.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
+from optipromp.core.trajectory import State, Trajectory
+
+LIMIT_TOLERANCE = 1e-9
+AMONG = 0.3  # [m] behind the target within which the arm may meet objects that stand
+MOST_POINTS = 50_000  # of a tool's motion: 50 m
+NEAR = 0.065  # [m] largest distance of an obstacle from a body sphere that cells list
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A scene bound to its robot.
+
+    Attributes:
+        scene: as given.
+        robot: with the scene's tool.
+        state: at the start.
+        goal: a configuration, or a pose of the tool.
+        neighbours: pushables in the way, first met first.
+        entry: (3,) where the tool is, if it has begun its approach [m].
+        passed: neighbours that lie below the rim of a tool on its approach.
+        running: the trajectory that runs already, from now on; ``kept`` is its tool path.
+        same: whether the pushables are where the plan that runs has them.
+        pushed: tool points and axes (P, 3) of the push so far, if they are the same.
+        risk: share of promised successes that may be broken.
+        seed: of everything random.
+        demonstrations: of the request: a ProMP, or a file to learn one from; None: the robot's own.
+        only: the only tool path that is to be followed; None: those that a search finds.
+        sparing: whether a planner may answer that all paths do harm, before it follows any.
+        begun: whether ``state`` is one that was given in place of the scene's start: the tool may
+            be among what it pushes.
+    """
+
+    scene: Scene
+    robot: Robot
+    state: State
+    goal: JointGoal | PoseGoal
+    neighbours: tuple[SceneObject, ...]
+    entry: FloatArray | None = None
+    passed: tuple[SceneObject, ...] = ()
+    running: Trajectory | None = None
+    kept: ToolPath | None = None
+    same: bool = False
+    pushed: tuple[FloatArray, FloatArray] | None = None
+    risk: float = PUSH.harm.risk
+    begun: bool = False
+    seed: int = 0
+    demonstrations: ProMP | str | Path | None = None
+    only: ToolPath | None = None
+    sparing: bool = False
+
+    @property
+    def start(self) -> FloatArray:
+        """Configuration (n,) at the start."""
+        return self.state.q
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What was stated; what follows from it is made anew."""
+        return {item.name: getattr(self, item.name) for item in fields(self)}
+
+    @property
+    def body(self) -> BodyPoints:
+        """The points the planning loop follows."""
+        return _body(self.robot)
+
+    @functools.cached_property
+    def surroundings(self) -> Surroundings:
+        """Obstacles by role, packed when they are first read."""
+        return _surroundings(self.scene, self.robot)
+
+    @functools.cached_property
+    def _models(self) -> dict[bytes, PushModel | None]:
+        return {}
+
+    def push_model(self, goal: FloatArray) -> PushModel | None:
+        """The push model; None where no model applies or nothing is to be pushed.
+
+        It is made once, or once for each configuration ``goal`` (n,) of the arm at the target where
+        something stands among the objects: how the arm lies there depends on ``goal``.
+        """
+        key = goal.tobytes() if _stands(self) else b""
+        if key not in self._models:
+            self._models[key] = _push_model(self, goal)
+        return self._models[key]
+
+    @functools.cached_property
+    def camera(self) -> FloatArray:
+        """Camera point (3,) [m]: before the goal and the lowest fruit; once past it, the tool."""
+        assert isinstance(self.goal, PoseGoal)
+        if self.entry is not None:
+            return self.entry
+        up = self.scene.frame[2]
+        heights = [
+            float((fruit.position - self.goal.position) @ up) - fruit.radius
+            for fruit in self.neighbours
+        ]
+        before = min([0.0, *heights]) - self.scene.approach.camera_distance
+        return np.asarray(self.goal.position + before * up)
+
+    def axes(self, share: FloatArray) -> FloatArray:
+        """Tool axes (m, 3) at shares (m,) of the tool's path."""
+        assert isinstance(self.goal, PoseGoal)
+        lead = None if self.entry is not None else self.scene.approach.lead
+        return turning(self.goal.axis, lead, share)
+
+    def at_goal(self, q: FloatArray) -> bool:
+        """Whether ``q`` (n,) is at the goal, within the judge's tolerances."""
+        if isinstance(self.goal, JointGoal):
+            return bool(np.max(np.abs(q - self.goal.joints)) < GOAL_TOLERANCE)
+        point, axis = self.robot.tool_pose(q)
+        near = np.linalg.norm(point - self.goal.position) < GOAL_TOLERANCE
+        return bool(near and axis @ self.goal.axis > np.cos(AXIS_TOLERANCE))
+
+
+def _robot_with_tool(scene: Scene) -> Robot:
+    robot = scene.load_robot()
+    if scene.tool is None:
+        return robot
+    return _equip(robot, scene.tool.kind, tuple(sorted(scene.tool.parameters.items())))
+
+
+# Both by identity: a file that has not changed gives the same robot.
+_body = functools.lru_cache(maxsize=32)(BodyPoints)
+
+
+@functools.lru_cache(maxsize=32)
+def _equip(robot: Robot, kind: str, parameters: tuple[tuple[str, Any], ...]) -> Robot:
+    return with_tool(robot, make_tool(kind, dict(parameters)))
+
+
+def posed(
+    scene: Scene, robot: Robot | None = None, state: State | None = None
+) -> tuple[Robot, State]:
+    """The scene's robot with its tool, and the state that it starts in.
+
+    Args:
+        scene: with a robot, a tool and a start.
+        robot: with its tool, in place of the scene's robot and tool.
+        state: that the arm is in, in place of the scene's start.
+
+    Raises:
+        InvalidRobotError: a robot that cannot be loaded.
+        InvalidSceneError: a tool of an unknown kind.
+        StartInvalidError: wrong joint count, or outside the joint limits.
+        InvalidRequestError: a tool that cannot be made or mounted.
+    """
+    robot = _robot_with_tool(scene) if robot is None else robot
+    start = robot.home if scene.start is None else scene.start
+    start = start if state is None else state.q
+    if start.shape != (robot.n_joints,):
+        raise StartInvalidError(
+            f"start has {start.size} values; {robot.name} has {robot.n_joints} joints: "
+            f"{', '.join(robot.joint_names)}"
+        )
+    _within_limits(robot, start, "start", StartInvalidError)
+    if state is not None and (fast := np.abs(state.velocity) > robot.velocity).any():
+        joint = int(np.argmax(fast))
+        raise StartInvalidError(
+            f"start: {robot.joint_names[joint]} moves at {state.velocity[joint]:.4g}, above its "
+            f"limit {robot.velocity[joint]:g}"
+        )
+    return robot, state or State(start)
+
+
+def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None) -> Task:
+    """The task of a scene; its arguments are those of :func:`posed`.
+
+    Raises:
+        InvalidRequestError: a goal in joints that is not a configuration of the robot.
+        OptiPrompError: what :func:`posed` raises.
+    """
+    robot, begin = posed(scene, robot, state)
+    if isinstance(scene.goal, JointGoal):
+        joints = robot.check_configuration(scene.goal.joints)
+        _within_limits(robot, joints, "goal", InvalidRequestError)
+    goal = scene.goal
+    if goal is None:
+        assert scene.aim is not None  # a scene has a target or a goal
+        goal = PoseGoal(scene.aim, scene.frame[2])
+    near = neighbours(scene, robot.gripper_radius)
+    return Task(scene, robot, begin, goal, near, begun=state is not None)
+
+
+def approached(task: Task, scene: Scene) -> Task:
+    """The task for its scene with another approach."""
+    assert scene.aim is not None
+    goal, near = PoseGoal(scene.aim, scene.frame[2]), neighbours(scene, task.robot.gripper_radius)
+    return replace(task, scene=scene, goal=goal, neighbours=near)
+
+
+def _within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> None:
+    over = np.maximum(robot.lower - q, q - robot.upper)
+    worst = int(np.argmax(over))
+    if over[worst] > LIMIT_TOLERANCE:
+        degrees = " (degrees? radians are needed)" if abs(q[worst]) > 4.0 * np.pi else ""
+        raise error(
+            f"{what}: {robot.joint_names[worst]} is {q[worst]:.4f}, outside its limits "
+            f"[{robot.lower[worst]:.4f}, {robot.upper[worst]:.4f}]{degrees}"
+        )
+
+
+@functools.lru_cache(maxsize=32)
+def reach(robot: Robot) -> float:
+    """Largest distance of any point of the robot from the base origin, in any configuration [m]."""
+    kin = robot.kinematics
+    far = float(np.linalg.norm(kin.translation, axis=1).sum())
+    slide = np.maximum(np.abs(robot.lower), np.abs(robot.upper))[kin.dof]
+    slide = np.abs(kin.multiplier) * slide + np.abs(kin.offset)
+    far += float(slide[kin.kind == 1].sum())
+    spheres = np.linalg.norm(robot.spheres.center, axis=1) + robot.spheres.radius
+    return far + max(float(spheres.max(initial=0.0)), float(np.linalg.norm(robot.tool_point)))
+
+
+@functools.lru_cache(maxsize=4)
+def _surroundings(scene: Scene, robot: Robot) -> Surroundings:
+    far = reach(robot) + 0.1
+    asked = NEAR + float(np.max(robot.spheres.radius, initial=0.0))
+
+    static, avoid, push = (
+        scene.around(np.zeros(3), far, role) for role in ("static", "avoid", "pushable")
+    )
+    return Surroundings(
+        static=scene.packed(static, reach=asked, within=far),
+        dynamic=scene.packed(np.concatenate([avoid, push]), reach=asked, within=far),
+        shared=len(avoid),
+    )
+
+
+def _push_model(task: Task, goal: FloatArray) -> PushModel | None:
+    scene, tool = task.scene, task.robot.tool
+    if tool is None or not isinstance(task.goal, PoseGoal):
+        return None
+    models: list[PushModel] = []
+    if _stands(task):
+        rings = rings_of(task.robot)
+        models.append(Standing(scene, tool, wrist(task, goal), rings=rings, risk=task.risk))
+    if hanging.applies(scene, tool, task.neighbours or task.passed):
+        radius, flange = task.robot.gripper_radius, flange_of(task.robot)
+        models.append(Hanging(scene, tool, task.neighbours, task.camera, radius, flange, task.risk))
+    if not models:
+        return None
+    model = models[0] if len(models) == 1 else Combined(*models)
+    return model if task.pushed is None else Continued(model, *task.pushed)
+
+
+def tool_motion(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Tool points (P, 3), about :data:`STEP` apart, and axes (P, 3) along configurations (T, n)."""
+    return spaced(*robot.tool_pose(q))
+
+
+def spaced(points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The same of tool points and axes (T, 3); of a longer way than any arm's, farther apart."""
+    count = max(2, min(int(np.ceil(length(points) / STEP)) + 1, MOST_POINTS))
+    axes = along(points, axes, count)
+    return evenly(points, count), axes / lengths(axes)[:, None]
+
+
+def pushed_aside(task: Task) -> Task:
+    """The task without the objects that stand: the tool pushes them aside before the arm comes."""
+    return replace(task, scene=emptied(task.scene)) if _stands(task) else task
+
+
+def _stands(task: Task) -> bool:
+    """Whether the model of what stands applies."""
+    return isinstance(task.goal, PoseGoal) and standing.applies(task.scene, task.robot.tool)
+
+
+@functools.lru_cache(maxsize=4)
+def emptied(scene: Scene) -> Scene:
+    """The scene without the pushables that stand."""
+    kept = (item for item in scene.objects if item.role != "pushable" or item.stem is not None)
+    return replace(scene, objects=tuple(kept))
+
+
+def wrist(task: Task, goal: FloatArray) -> list[FloatArray]:
+    """The links among the objects while the tool is at the target: one box (4, 2) per link.
+
+    The boxes are in the coordinates of the tool's outline, for a goal configuration (n,).
+    """
+    robot, scene = task.robot, task.scene
+    assert isinstance(task.goal, PoseGoal)
+    local = (robot.sphere_centers(goal) - task.goal.position) @ scene.frame.T
+    radius, link = np.asarray(robot.spheres.radius), np.asarray(robot.spheres.link)
+    packs = [(obj.position - task.goal.position) @ scene.frame[0] for obj in scene.pushables]
+    tall = max(obj.radius for obj in scene.pushables)
+    level_with = (local[:, 0] + radius > min(packs) - tall) & (
+        local[:, 0] - radius < max(packs) + tall
+    )
+    near = level_with & (local[:, 2] + radius > -AMONG) & (link != len(robot.link_names) - 1)
+    out = []
+    for one in np.unique(link[near]):
+        mine = near & (link == one)
+        flat = local[mine][:, [2, 1]]
+        (u0, v0), (u1, v1) = (
+            (flat - radius[mine, None]).min(axis=0), (flat + radius[mine, None]).max(axis=0)
+        )  # fmt: skip
+        out.append(np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]]))
+    return out

@@ -1,0 +1,356 @@
+r"""Timing: when a trajectory passes its waypoints, so that its curve keeps every limit.
+
+The curve is the quintic spline through the waypoints
+(:class:`optipromp.core.trajectory.Trajectory`). Within an interval its derivatives stay in the
+convex hull of their control points. Where the hull keeps the limits of velocity v, acceleration a
+and jerk j, the curve keeps them at every instant. Stretching all times by c divides the k-th
+derivative by :math:`c^k`, so the least stretch is
+
+.. math:: c = \max\left(|\dot q|/v,\; (|\ddot q|/a)^{1/2},\; (|\dddot q|/j)^{1/3}\right).
+"""
+
+import functools
+import math
+
+import numpy as np
+
+from optipromp.core.arrays import BoolArray, FloatArray, frozen, lengths
+from optipromp.core.planning.options import PlanOptions
+from optipromp.core.planning.parameters import TIMING, UNDERWAY
+from optipromp.core.planning.task import Task
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.path import STEP, along, evenly, length
+from optipromp.core.robots.model import Robot
+from optipromp.core.trajectory import State, Trajectory, control_points
+
+Slow = int | BoolArray | None
+"""Where the tool is to be slow: from a waypoint on, in some intervals (T-1,), or nowhere."""
+
+BINOMIAL = np.array([1.0, 5.0, 10.0, 10.0, 5.0, 1.0])  # of a quintic's control points
+
+
+def timed(
+    task: Task,
+    options: PlanOptions,
+    q: FloatArray,
+    slow: Slow,
+    speed: float | None = None,
+) -> Trajectory:
+    """Waypoints (T, n) as a trajectory of the duration asked for, or of the shortest possible one.
+
+    Where it is to be ``slow`` the tool stays below ``options.approach_speed``, or
+    else below ``speed`` (None: that of the model of what hangs) [m/s].
+    """
+    limit = options.approach_speed or speed or PUSH.hanging.speed
+    made = shortest(task.robot, q, None if options.duration else slow, limit)
+    if options.duration is not None:
+        made = made.slowed(options.duration / made.duration)
+    if not task.state.moving:
+        return made
+    return joined(task.robot, task.state, made, slow, options.corridor)
+
+
+def slowly(task: Task, q: FloatArray, first: int | None) -> Slow:
+    """Where the tool is to be slow on its way through waypoints (T, n).
+
+    From waypoint ``first`` on (None: nowhere), and before it in single intervals in which the tool
+    is near a pushable that hangs. It counts as the cylinder of the gripper's radius up to the rim.
+    """
+    robot, target, near = task.robot, task.scene.target, np.zeros(len(q), dtype=bool)
+    tool, hangs = robot.tool, target is not None and target.stem is not None
+    if tool is None or not hangs:
+        return first
+    points, axes = robot.tool_pose(q)
+    low, high = points.min(axis=0), points.max(axis=0)
+    for fruit in task.scene.pushables:
+        reach = fruit.radius + TIMING.among
+        far = reach + tool.reach + robot.gripper_radius
+        apart = (fruit.position + far < low) | (fruit.position - far > high)
+        if fruit.stem is None or apart.any():
+            continue
+        off = fruit.position - points
+        along = np.einsum("ti,ti->t", off, axes)
+        aside = lengths(off - along[:, None] * axes)
+        level = (along < tool.depth + reach) & (along > -tool.reach - reach)
+        near |= level & (aside < robot.gripper_radius + reach)
+    among, path = near[1:] | near[:-1], intervals(first, len(q))
+    return among | path if (among & ~path).any() else first
+
+
+def shortest(robot: Robot, q: FloatArray, slow: Slow = None, speed: float = np.inf) -> Trajectory:
+    """The trajectory through waypoints ``q`` (T, n) that ends soonest, from rest to rest.
+
+    It keeps the robot's limits of velocity, acceleration and jerk at every instant and, where it is
+    to be ``slow``, the tool's ``speed`` [m/s] in the mean of each interval.
+    Where the tool's speed decides, the waypoints are evenly spaced, unless ``slow`` names single
+    intervals. Where the joints' limits decide, the intervals near the ends are widened, and then
+    each by its own need. So are those within which the tool is faster than ``speed`` by more than
+    ``TIMING.spare``.
+    """
+    count, names = len(q), robot.joint_names
+    least = np.zeros(count - 1)
+    single, slow = isinstance(slow, np.ndarray), intervals(slow, count)
+    if slow.any():
+        points, _ = robot.tool_pose(q)
+        least[slow] = lengths(points[1:] - points[:-1])[slow] / speed
+    even = np.arange(count, dtype=np.float64)
+    dt = max(float(least.max()), TIMING.least_dt)
+    made = Trajectory.through(q, dt * even, names)
+    if not single and needs(robot, made).max() <= 1.0:
+        return _calmed(robot, made, slow, speed)
+    best = min((_within(robot, q, _ramped(count, r), least) for r in TIMING.ramps), key=_end)
+    made = best
+    for _ in range(TIMING.refinements):
+        need = _smoothed(needs(robot, made))
+        widths = np.diff(made.times) * np.clip(need**TIMING.gain, TIMING.shrink, TIMING.widen)
+        made = _within(robot, q, np.append(0.0, np.cumsum(widths)), least)
+        best = min(best, made, key=_end)
+    return _calmed(robot, best, slow, speed)
+
+
+def intervals(slow: Slow, count: int) -> BoolArray:
+    """Of ``count`` waypoints, the intervals (count-1,) in which the tool is to be slow."""
+    if isinstance(slow, np.ndarray):
+        return slow
+    return np.arange(count - 1) >= (count if slow is None else slow)
+
+
+def _calmed(robot: Robot, made: Trajectory, slow: BoolArray, speed: float) -> Trajectory:
+    """A trajectory, its intervals widened where the tool is faster within them than allowed."""
+    for _ in range(TIMING.refinements):
+        fast = tool_speeds(robot, made, slow, TIMING.parts) / speed
+        if fast.max() <= 1.0 + TIMING.spare:
+            break
+        widths = np.diff(made.times) * np.maximum(fast, 1.0)
+        made = _within(robot, made.positions, np.append(0.0, np.cumsum(widths)), widths)
+    return made
+
+
+def joined(
+    robot: Robot,
+    state: State,
+    made: Trajectory,
+    slow: Slow = None,
+    corridor: float = np.inf,
+) -> Trajectory:
+    """A trajectory that begins at rest, begun in a moving ``state`` instead.
+
+    One quintic leads from the state to a waypoint ahead, and takes the place of what was before.
+    Of the waypoints at most ``UNDERWAY.join`` ahead [s], and of the quintic's durations, those are
+    chosen with which the whole ends soonest within all limits. Where the tool is to be ``slow`` it
+    is led no faster than the trajectory leads it there, and within ``corridor`` [m] of its path.
+    Where none keeps the limits, the one that comes nearest is taken, and the judge
+    says so; of those that do, the corridor comes first. The number of waypoints stays.
+    """
+    last = max(2, int(np.searchsorted(made.times, UNDERWAY.join, side="right")))
+    rows = np.arange(1, min(last, made.n_waypoints))
+    spans = np.geomspace(UNDERWAY.quickest, UNDERWAY.slowest, UNDERWAY.durations)
+    row, h = np.repeat(rows, len(spans)), np.tile(spans, len(rows))
+    many = (len(row), 1)
+    begin = np.tile(state.q, many), np.tile(state.velocity, many), np.tile(state.acceleration, many)
+    points = control_points(h[:, None], begin, made.rows(row))
+    outside = np.maximum(robot.lower - points, points - robot.upper).max(axis=(0, 2))
+    over = np.maximum(shares(robot, points, h[:, None]) - 1.0, 0.0) + np.maximum(outside, 0.0)
+    off, ends = np.zeros(len(row)), h - made.times[row]
+    slow = intervals(slow, made.n_waypoints)
+    if slow[:last].any():
+        path, _ = robot.tool_pose(made.positions)
+        speed = max(float(tool_speeds(robot, made, slow).max()), 1e-6)
+        gone = np.append(0.0, np.cumsum(np.where(slow, lengths(np.diff(path, axis=0)), 0.0)))
+        over += np.maximum(gone[row] / h / speed - 1.0 - TIMING.spare, 0.0)
+        some = np.flatnonzero(over <= over.min())
+        row, h, ends, over = row[some], h[some], ends[some], over[some]
+        fast, off = _led(robot, points[:, some], h, path[: last + 1], slow[:last], speed)
+        over, off = over + fast, np.maximum(off - corridor, 0.0)
+    best = int(np.lexsort((ends, off, over))[0])
+    j, span, names = int(row[best]), float(h[best]), made.joint_names
+    q, velocity, acceleration = (
+        np.stack([one[0], other]) for one, other in zip(begin, made.rows(j), strict=True)
+    )
+    lead = Trajectory(np.array([0.0, span]), q, velocity, acceleration, names)
+    at = np.linspace(0.0, span, j + 1)[:-1]
+    q, velocity, acceleration = (
+        np.concatenate([new, old])
+        for new, old in zip(lead.sample(at), made.rows(slice(j, None)), strict=True)
+    )
+    times = np.append(at, made.times[j:] - made.times[j] + span)
+    return Trajectory(times, q, velocity, acceleration, names)
+
+
+def tool_speeds(robot: Robot, made: Trajectory, slow: Slow, parts: int = 1) -> FloatArray:
+    """Speed (T-1,) of the tool in each interval in which it is to be slow, else 0 [m/s].
+
+    It is the mean, or the largest of the means over so many equal ``parts`` of the interval.
+    """
+    slow = intervals(slow, made.n_waypoints)
+    if not slow.any():
+        return np.zeros(len(slow))
+    share = np.linspace(0.0, 1.0, parts + 1)
+    times = made.times[:-1][slow, None] + share * np.diff(made.times)[slow, None]
+    points, _ = robot.tool_pose(made.sample(times.ravel())[0].reshape(*times.shape, -1))
+    gone = np.sqrt(np.square(np.diff(points, axis=1)).sum(axis=2))
+    out = np.zeros(len(slow))
+    out[slow] = (gone / np.diff(times, axis=1)).max(axis=1)
+    return out
+
+
+def _led(
+    robot: Robot, points: FloatArray, h: FloatArray, path: FloatArray, slow: BoolArray, speed: float
+) -> tuple[FloatArray, FloatArray]:
+    """How long (m,) each quintic leads the tool too fast, and how far (m,) off its path [m].
+
+    Args:
+        robot: with its tool.
+        points: (6, m, n) control points of the quintics; ``h`` (m,) their durations [s].
+        path: (P, 3) of the tool at waypoints [m].
+        slow: (P-1,) the intervals that count, for what is nearest to them.
+        speed: largest of the tool [m/s]; twice the speed for a second counts as much as 1.
+    """
+    s = np.linspace(0.0, 1.0, UNDERWAY.samples + 1)[:, None]
+    power = np.arange(6)
+    blend = BINOMIAL * s**power * (1.0 - s) ** (5 - power)
+    tool, _ = robot.tool_pose(np.einsum("sk,kmn->msn", blend, points))
+    count = max(2, math.ceil(length(path) / STEP) + 1)
+    row = along(path, np.arange(len(path), dtype=np.float64)[:, None], count)[:, 0]
+    away = lengths((tool[:, :, None] - evenly(path, count)).reshape(-1, 3))
+    away = away.reshape(*tool.shape[:2], count)
+    near = np.minimum(row[away.argmin(axis=2)] + 1e-9, len(slow) - 1)
+    counts = slow[near.astype(int)]
+    off = np.where(counts, away.min(axis=2), 0.0).max(axis=1)
+    times = h[:, None] / UNDERWAY.samples
+    fast = lengths(np.diff(tool, axis=1).reshape(-1, 3)).reshape(len(h), -1) / times / speed - 1.0
+    fast = np.where(counts[:, 1:] & (fast > TIMING.spare), fast * times, 0.0).sum(axis=1)
+    return fast, off
+
+
+def stopped(robot: Robot, state: State) -> Trajectory:
+    """From a moving ``state`` to rest: the shortest of the quintics that end half-way.
+
+    At constant deceleration a joint at speed v comes to rest over a time h after v·h/2. Where no
+    quintic keeps all limits, each joint is braked as hard as it may be: it leaves the limits of
+    position by the least, and the judge says so.
+    """
+    rest = np.zeros((2, robot.n_joints))
+    rest[0] = state.velocity
+    gain = np.stack([state.acceleration, rest[1]])
+    for h in np.geomspace(UNDERWAY.quickest, UNDERWAY.slowest, UNDERWAY.durations):
+        q = np.stack([state.q, state.q + 0.5 * h * state.velocity])
+        made = Trajectory(np.array([0.0, h]), q, rest, gain, robot.joint_names)
+        points = control_points(np.array([[h]]), made.rows([0]), made.rows([1]))
+        inside = ((points >= robot.lower) & (points <= robot.upper)).all()
+        if inside and shares(robot, points, np.array([[h]])).max() <= 1.0:
+            return made
+    return _braked(robot, state)
+
+
+def _braked(robot: Robot, state: State) -> Trajectory:
+    """From a moving ``state`` to rest, each joint as soon as its acceleration and jerk allow.
+
+    The acceleration changes evenly to a peak, stays there, and goes evenly to zero. The times of
+    the three are whole ticks, of all joints alike, so that no two rows are too close.
+    """
+    v, a, least = state.velocity, state.acceleration, TIMING.least_dt
+    most = np.maximum(np.minimum(robot.acceleration, np.abs(v) / least), np.abs(a)) + 1e-9
+    jerk = np.minimum(robot.jerk, most / least)
+    sign = -np.sign(v + 0.5 * a * np.abs(a) / jerk)  # of the speed that is left without a peak
+    wanted, now = -sign * v, sign * a  # change of speed, acceleration
+    peak = np.minimum(np.sqrt(np.maximum(jerk * wanted + 0.5 * now**2, 0.0)), most)
+    tick = max(least, float(((peak + np.abs(now)) / jerk).max()) / UNDERWAY.ticks)
+    held = (wanted - (peak**2 - 0.5 * now**2) / jerk) / np.maximum(peak, 1e-9)
+    held = np.ceil(np.maximum(held, 0.0) / tick - 1e-6)
+    ticks = np.array(
+        [_phases(*one, tick) for one in zip(wanted, now, most, jerk, held, strict=True)]
+    ).T
+    peak = (wanted / tick - 0.5 * now * ticks[0]) / (0.5 * (ticks[0] + ticks[2]) + ticks[1])
+    jerks = sign * np.stack([(peak - now) / ticks[0], 0.0 * peak, -peak / ticks[2]]) / tick
+    ends = np.cumsum(ticks, axis=0)
+    times = np.append(0.0, np.unique(ends)) * tick
+    q, v, a = (np.tile(one, (len(times), 1)) for one in (state.q, v, a))
+    for begin, span, slope in zip((ends - ticks) * tick, ticks * tick, jerks, strict=True):
+        t = np.clip(times[:, None] - begin, 0.0, span)
+        q = q + t * (v + t * (a / 2.0 + t * slope / 6.0))
+        v, a = v + t * (a + t * slope / 2.0), a + t * slope
+    v[-1] = a[-1] = 0.0  # without rounding
+    return Trajectory(times, q, v, a, robot.joint_names)
+
+
+def _phases(
+    wanted: float, now: float, most: float, jerk: float, held: float, tick: float
+) -> tuple[float, float, float]:
+    """The three times of :func:`_braked` for one joint, in whole ticks and the fewest.
+
+    The speed changes by ``wanted``, with the peak held for ``held`` ticks or little more.
+    """
+    first, last = np.mgrid[1 : UNDERWAY.ticks + 3, 1 : UNDERWAY.ticks + 3] * tick
+    slack = 1.0 + 1e-9
+    for more in range(UNDERWAY.ticks):
+        peak = (wanted - 0.5 * now * first) / (0.5 * (first + last) + (held + more) * tick)
+        fits = np.abs(peak) <= np.minimum(jerk * last, most) * slack
+        fits &= np.abs(peak - now) <= jerk * first * slack
+        if fits.any():
+            break
+    row, column = np.unravel_index(np.argmin(np.where(fits, first + last, np.inf)), fits.shape)
+    return float(row + 1), held + more, float(column + 1)
+
+
+def needs(robot: Robot, made: Trajectory) -> FloatArray:
+    """The stretch (T-1,) that each interval of a trajectory needs; see the module."""
+    h = np.diff(made.times)[:, None]
+    points = control_points(h, made.rows(slice(None, -1)), made.rows(slice(1, None)))
+    return shares(robot, points, h)
+
+
+def shares(robot: Robot, points: FloatArray, h: FloatArray) -> FloatArray:
+    """The stretch (m,) that quintics with control points (6, m, n) over times ``h`` (m, 1) need."""
+    worst = np.zeros(len(h))
+    limits = robot.velocity, robot.acceleration, robot.jerk
+    for order, (factor, limit) in enumerate(zip((5.0, 20.0, 60.0), limits, strict=True), start=1):
+        points = np.diff(points, axis=0)
+        share = factor * np.abs(points).max(axis=0) / h**order / limit
+        worst = np.maximum(worst, share.max(axis=1) ** (1.0 / order))
+    return worst
+
+
+def _within(robot: Robot, q: FloatArray, times: FloatArray, least: FloatArray) -> Trajectory:
+    """``times`` (T,), stretched evenly to keep the limits and intervals of ``least`` (T-1,)."""
+    made = Trajectory.through(q, times, robot.joint_names)
+    factor = float(needs(robot, made).max())
+    widths = factor * np.diff(times)
+    if (widths < least).any():
+        times = np.append(0.0, np.cumsum(np.maximum(widths, least)))
+        made = Trajectory.through(q, times, robot.joint_names)
+        factor = max(float(needs(robot, made).max()), 1.0)
+    return made.slowed(
+        max(factor * (1.0 + 1e-9), TIMING.least_dt / float(np.diff(made.times).max()))
+    )
+
+
+def _end(made: Trajectory) -> float:
+    return made.duration
+
+
+@functools.lru_cache(maxsize=64)
+def _ramped(count: int, ramp: float) -> FloatArray:
+    """Times (T,) of evenly spaced waypoints that are passed at speed 1, but for the ends.
+
+    At either end, over the time ``ramp`` (the cruise takes 1), the speed rises from 0 by the
+    quintic step 10 x³ − 15 x⁴ + 6 x⁵.
+    """
+    gone = np.linspace(0.0, 1.0, count)
+    if ramp == 0.0:
+        return frozen(gone)
+    x = np.linspace(0.0, 1.0, 401)
+    travelled = ramp * x**4 * (2.5 - 3.0 * x + x**2)
+
+    def since(distance: FloatArray) -> FloatArray:
+        rising = ramp * np.interp(distance, travelled, x)
+        return np.where(distance < 0.5 * ramp, rising, distance + 0.5 * ramp)
+
+    return frozen(np.where(gone <= 0.5, since(gone), 1.0 + ramp - since(1.0 - gone)))
+
+
+def _smoothed(values: FloatArray) -> FloatArray:
+    """The largest of each three neighbours (m,), then their mean."""
+    p = np.pad(values, 1, mode="edge")
+    p = np.pad(np.maximum(np.maximum(p[:-2], p[1:-1]), p[2:]), 1, mode="edge")
+    return np.asarray((p[:-2] + p[1:-1] + p[2:]) / 3.0)

@@ -1,0 +1,202 @@
+"""A plan for an arm that moves already: where it joins, what lies behind it, what it keeps.
+
+The tool that stands upright between camera point and target has begun its approach. Then the new
+path begins where the tool is, and fruits below its rim are passed. The rest of a plan that runs is
+the first candidate of the new one. A new trajectory starts at rest; its beginning is replaced by
+one quintic polynomial from the arm's state to a waypoint ahead.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import compress
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, frozen, lengths
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.planning.follow import Start, Waypoints, braked
+from optipromp.core.planning.options import PlanOptions
+from optipromp.core.planning.parameters import FOLLOW, TIMING, UNDERWAY
+from optipromp.core.planning.task import Task, tool_motion
+from optipromp.core.planning.timing import slowly, timed, tool_speeds
+from optipromp.core.pushing.packs import standing
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.path import STEP, ToolPath, evenly, length
+from optipromp.core.robots import ik
+from optipromp.core.scenes.scene import JointGoal, PoseGoal
+from optipromp.core.trajectory import State, Trajectory
+
+if TYPE_CHECKING:
+    from optipromp.core.planning.result import Plan
+
+Moving = State | Sequence[FloatArray]
+
+
+def begun(start_state: Moving | None, previous: Plan | None, at: float | None) -> State | None:
+    """The state that a plan begins from: the measured one, or that of a running plan.
+
+    Raises:
+        InvalidRequestError: ``at`` without ``previous`` or the other way round, a time outside the
+            running plan, or a state that is none.
+    """
+    if (previous is None) != (at is None):
+        raise InvalidRequestError("previous and at go together: the running plan, and its time [s]")
+    if previous is not None and at is not None:
+        end = getattr(getattr(previous, "trajectory", None), "duration", None)
+        if end is None or not isinstance(at, int | float):
+            raise InvalidRequestError("previous must be a Plan, and at a time in it [s]")
+        if not 0.0 <= at <= end:
+            raise InvalidRequestError(f"at is {at:g} s; the running plan lasts from 0 to {end:g} s")
+        if start_state is None:
+            return previous.trajectory.at(at)
+    if start_state is None or isinstance(start_state, State):
+        return start_state
+    try:
+        return State(*start_state)
+    except (TypeError, ValueError) as error:
+        raise InvalidRequestError(
+            f"start_state must be a State, or (q, velocity, acceleration): {error}"
+        ) from None
+
+
+def underway(task: Task, previous: Plan | None, at: float | None) -> Task:
+    """The task of an arm that moves: what the tool has passed is dropped; see the module."""
+    if not isinstance(task.goal, PoseGoal):
+        return replace(task, running=running(previous, at))
+    up, (point, axis) = task.scene.frame[2], task.robot.tool_pose(task.start)
+    ahead = float((task.goal.position - point) @ up)
+    aside = math.dist(task.goal.position - ahead * up, point)
+    upright = float(axis @ task.goal.axis) > math.cos(np.deg2rad(UNDERWAY.upright))
+    height = float((point - task.camera) @ up)
+    if upright and height >= -UNDERWAY.before and ahead > 0.0 and aside < UNDERWAY.aside:
+        depth = 0.0 if task.robot.tool is None else task.robot.tool.depth
+        rim = float(point @ up) + depth
+        above = [float(fruit.position @ up) + fruit.radius > rim for fruit in task.neighbours]
+        left = tuple(compress(task.neighbours, above))
+        passed = tuple(compress(task.neighbours, [not is_left for is_left in above]))
+        task = replace(task, neighbours=left, passed=passed, entry=frozen(point))
+    if previous is None or at is None:
+        return task
+    task = replace(
+        task, running=running(previous, at), kept=remaining(task, previous, at),
+        same=same(task, previous),
+    )  # fmt: skip
+    return replace(task, pushed=pushed(task, previous, at))
+
+
+def running(previous: Plan | None, at: float | None) -> Trajectory | None:
+    """The rest of a running trajectory, the same curve; None where nothing is left."""
+    if previous is None or at is None:
+        return None
+    curve = previous.trajectory
+    times = np.append(at, curve.times[curve.times > at + UNDERWAY.left])
+    if len(times) < 2:
+        return None
+    while len(times) < UNDERWAY.fewest:
+        longest = int(np.argmax(np.diff(times)))
+        times = np.insert(times, longest + 1, times[longest : longest + 2].mean())
+    return Trajectory(times - at, *curve.sample(times), curve.joint_names)
+
+
+def rest(task: Task, options: PlanOptions) -> Iterator[Start]:
+    """The motion that runs, from the arm's state on, led to where the target is now.
+
+    It is the same curve where arm and target are where they were to be, and another one through
+    waypoints that are moved otherwise. It is timed anew where the tool would be too fast.
+    """
+    made, path = task.running, task.kept
+    if made is None or options.duration is not None:
+        return
+    on_curve = task.state.near(State(*made.rows(0)), UNDERWAY.exact)
+    if isinstance(task.goal, JointGoal):
+        q, last = made.positions, made.n_waypoints - 1
+        if on_curve and task.at_goal(q[-1]):
+            yield Start(q, q, Waypoints(last + 1, last), None, made)
+        return
+    if path is None:
+        return
+    robot = task.robot
+    points, _ = robot.tool_pose(made.positions)
+    first = 0
+    if task.entry is None:
+        first = int(np.argmin(np.linalg.norm(points - path.points[0], axis=1)))
+    moved = task.goal.position - points[-1]
+    if math.hypot(*moved) > FOLLOW.tracked or not on_curve:
+        gap = (1.0 - _begun(made.times / made.duration)) * (task.start - made.positions[0])
+        q = made.positions + gap
+        points, axes = robot.tool_pose(q)
+        gone = np.append(0.0, np.cumsum(lengths(np.diff(points[first:], axis=0))))
+        wanted = points[first:] + _begun(gone / max(gone[-1], 1e-9)) * moved
+        q[first:], errors = ik.each(robot, wanted, axes[first:], q[first:])
+        if errors.max() > FOLLOW.tracked:
+            return
+        q[0], wide = task.start, np.full(len(q), True)
+        wide[1] = 2.0 * made.times[1] > made.times[2] - made.times[1]  # else a step too short
+        first -= int(first > 1 and not wide[1])
+        made = Trajectory.through(q[wide], made.times[wide], made.joint_names, begin=task.state)
+    limit = options.approach_speed or path.speed
+    q = made.positions
+    slow = slowly(task, q, first)
+    if tool_speeds(robot, made, slow, TIMING.parts).max() > limit * (1.0 + TIMING.spare):
+        made = timed(task, options, q, slow, path.speed)
+    yield Start(q, q, Waypoints(len(q), first), path, made)
+
+
+def _begun(share: FloatArray) -> FloatArray:
+    """Shares (m, 1) that grow from 0 to 1 and begin gently: the reverse of braking."""
+    return np.asarray(1.0 - braked(1.0 - share))[:, None]
+
+
+def same(task: Task, previous: Plan) -> bool:
+    """Whether the pushables are where the running plan has them.
+
+    A scene that was seen anew has the fruits where they are pushed to.
+    """
+    before = {o.id: o.position for o in previous.scene.pushables}
+    return all(
+        o.id in before and math.dist(o.position, before[o.id]) < UNDERWAY.same
+        for o in task.scene.pushables
+    )
+
+
+def pushed(task: Task, previous: Plan, at: float) -> tuple[FloatArray, FloatArray] | None:
+    """The running plan's push so far; None where the fruits are not where they were."""
+    begin = float(previous.trajectory.times[previous.first])
+    if task.entry is None or not task.same or at <= begin:
+        return None
+    q, _, _ = previous.trajectory.sample(np.linspace(begin, at, UNDERWAY.rows))
+    now = tool_motion(task.robot, q)
+    if previous.task.pushed is None:
+        return now
+    points, axes = (np.concatenate(both) for both in zip(previous.task.pushed, now, strict=True))
+    return points, axes
+
+
+def remaining(task: Task, previous: Plan, at: float) -> ToolPath | None:
+    """The rest of a running plan's approach, moved with the target; None where that moved far."""
+    assert isinstance(task.goal, PoseGoal)
+    curve = previous.trajectory
+    begin = max(at, float(curve.times[previous.first]))
+    q, _, _ = curve.sample(np.linspace(begin, curve.duration, UNDERWAY.rows))
+    points, _ = task.robot.tool_pose(q)
+    moved = task.goal.position - points[-1]
+    gap = np.zeros(3) if task.entry is None else task.entry - points[0]
+    if max(math.hypot(*moved), math.hypot(*gap)) > UNDERWAY.moved:
+        return None
+    share = np.linspace(0.0, 1.0, len(points))[:, None]
+    points = points + share * moved + (1.0 - share) * gap
+    points = evenly(points, max(2, math.ceil(length(points) / STEP) + 1))
+    packs = standing.applies(task.scene, task.robot.tool)
+    return ToolPath(frozen(points), PUSH.standing.speed if packs else PUSH.hanging.speed)
+
+
+def straight(task: Task) -> ToolPath:
+    """The line from the tool to the target."""
+    assert isinstance(task.goal, PoseGoal)
+    ends = np.array([task.camera, task.goal.position])
+    points = evenly(ends, max(2, math.ceil(length(ends) / STEP) + 1))
+    return ToolPath(frozen(points), PUSH.hanging.speed)

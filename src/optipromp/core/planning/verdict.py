@@ -1,0 +1,212 @@
+"""Status and harm of a trajectory in a scene: the one place that tells them.
+
+The judge tells what the whole arm violates, the model of the push what the tool does to the fruits,
+both from the arm's first instant to its last. Whatever plans, loads, checks or reports takes
+:func:`verdict` or its parts: :func:`judged`, which needs no model, and :func:`predicted`.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from optipromp.core import judging
+from optipromp.core.arrays import FloatArray, lengths
+from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.judging import Judgement, Overlap
+from optipromp.core.planning.options import PlanOptions
+from optipromp.core.planning.result import Plan
+from optipromp.core.planning.task import MOST_POINTS, Task, resolve, spaced
+from optipromp.core.pushing.model import Prediction, PushModel
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.io import load_scene
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import Trajectory
+from optipromp.core.trajectory_files import read_trajectory
+
+BELOW = PlanOptions.corridor  # [m] under the entry's height that counts as at it
+STRUCK = 2.0  # a choice: of the largest harm of a success
+COARSE = 0.01  # [m] a tool's motion between two rows beyond which the curve between is looked at
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """The judgement of a trajectory and the prediction of its push.
+
+    Attributes:
+        judgement: metrics and violations, by the independent judge.
+        prediction: of the push; None where no model applies.
+    """
+
+    judgement: Judgement
+    prediction: Prediction | None
+
+    @property
+    def status(self) -> Code:
+        """START_IN_COLLISION or INVALID_PLAN where there are violations, else HARM_PREDICTED or
+        ``success``.
+
+        A push that is predicted to harm is so too where the tool is faster than predicted for.
+        """
+        if self.judgement.at_start:
+            return Code.START_IN_COLLISION
+        harmful = self.prediction is not None and self.prediction.harmful
+        if harmful and all(v.kind == "speed" for v in self.judgement.violations):
+            return Code.HARM_PREDICTED
+        return Code.INVALID_PLAN if self.judgement.violations else Code.SUCCESS
+
+    @property
+    def message(self) -> str:
+        """The status in words."""
+        if self.judgement.at_start:
+            return "at the start " + "; ".join(map(str, self.judgement.at_start))
+        wrong = [*map(str, self.judgement.violations)]
+        if self.status is Code.HARM_PREDICTED:
+            wrong.insert(0, str(self.prediction))
+        if wrong:
+            return "; ".join(wrong)
+        message = "reaches the target, keeps all limits, touches nothing it must not"
+        found = self.prediction
+        pushes = "" if found is None else found.pushes(self.judgement.metrics.passage)
+        notes = [*self.judgement.notes, *([pushes] if pushes else [])]
+        return "; ".join([message, *(f"note: {note}" for note in notes)])
+
+
+def judge(
+    scene: Scene | str | Path, trajectory: Trajectory | str | Path, *, robot: Robot | None = None,
+    risk: float = PlanOptions.risk,
+) -> Verdict:  # fmt: skip
+    """Judge a trajectory of any origin in a scene.
+
+    It must begin at the scene's start, if the scene states one, and begin and end at rest.
+
+    Args:
+        scene: a scene, a built-in scene's name, or a scene file.
+        trajectory: of the robot, joints in the robot's order; or a file or folder of one, see
+            :func:`optipromp.core.trajectory_files.read_trajectory`.
+        robot: with its tool, in place of the scene's.
+        risk: share of promised successes that may be broken, see :class:`PlanOptions`.
+
+    Raises:
+        InvalidRequestError: a risk that is not between 0 and 1; joints of other names or number
+            than the robot's; a file that cannot be read.
+        InvalidSceneError, InvalidRobotError, StartInvalidError: wrong input.
+    """
+    risk = PlanOptions(risk=risk).risk
+    task = resolve(scene if isinstance(scene, Scene) else load_scene(scene), robot)
+    task = replace(task, risk=risk)
+    if not isinstance(trajectory, Trajectory):
+        trajectory = read_trajectory(trajectory, task.robot.joint_names)
+    if trajectory.joint_names != task.robot.joint_names:
+        raise InvalidRequestError(
+            f"the trajectory's joints are {', '.join(trajectory.joint_names)}; "
+            f"{task.robot.name} has {', '.join(task.robot.joint_names)}"
+        )
+    return verdict(task, trajectory, anywhere=task.scene.start is None)
+
+
+def verdict_of(plan: Plan) -> Verdict:
+    """The verdict on a plan's trajectory, in its scene, from the state that it began in."""
+    return verdict(plan.task, plan.trajectory)
+
+
+def verdict(task: Task, trajectory: Trajectory, *, anywhere: bool = False) -> Verdict:
+    """The verdict on a trajectory of the task's robot.
+
+    It must begin in the task's state; with ``anywhere`` it may begin in any, at rest.
+    """
+    prediction = predicted(task, trajectory)
+    found = judged(task, trajectory, stem_side=prediction is None, anywhere=anywhere)
+    return Verdict(found, prediction)
+
+
+def judged(
+    task: Task, trajectory: Trajectory, *, stem_side: bool, anywhere: bool = False
+) -> Judgement:
+    """The judgement of a trajectory; see :func:`verdict`."""
+    state = None if anywhere else task.state
+    return judging.judge(
+        task.scene, task.robot, trajectory, state, stem_side=stem_side, begun=task.begun
+    )
+
+
+def predicted(task: Task, trajectory: Trajectory) -> Prediction | None:
+    """The prediction of what a trajectory's tool does to what it may push.
+
+    None where no model applies, and for a trajectory that does not move.
+    """
+    q = trajectory.positions
+    model = None if (q == q[0]).all() else task.push_model(q[-1])
+    return None if model is None else prediction(model, led(task, model, trajectory))
+
+
+class Led(NamedTuple):
+    """What a model is led through.
+
+    Attributes:
+        points, axes: (P, 3) of the tool.
+        struck: what the tool or the last link strikes before its approach, deepest; None: nothing.
+    """
+
+    points: FloatArray
+    axes: FloatArray
+    struck: Overlap | None
+
+
+def led(task: Task, model: PushModel, trajectory: Trajectory) -> Led:
+    """A trajectory as a model is led through it.
+
+    From the arm's first instant on; but what comes before the approach is left out where it surely
+    touches nothing. Where it strikes something, no model need be asked: the arm is faster there
+    than a model's tool.
+    """
+    q, points, axes = _followed(task.robot, trajectory)
+    first = _approach(points @ task.scene.frame[2] - model.candidates.entry)
+    struck = None
+    if first and not model.clear(*spaced(points[: first + 1], axes[: first + 1])):
+        if not (task.begun and judging.struck(task.scene, task.robot, q[:1])):  # not among fruits
+            struck = judging.struck(task.scene, task.robot, q[: first + 1])
+        first = 0
+    return Led(*spaced(points[first:], axes[first:]), struck)
+
+
+def _approach(heights: FloatArray) -> int:
+    """The row at which the tool, at ``heights`` (M,) over the entry [m], last rises from there."""
+    below = np.flatnonzero(heights <= -BELOW)
+    level = np.flatnonzero(heights <= BELOW)
+    last = below[-1] + 1 if len(below) else level[-1] if len(level) else 0
+    return min(int(last), len(heights) - 2)
+
+
+def harm_of(model: PushModel, motion: Led) -> float:
+    """The harm of a motion: twice what is allowed, where it strikes something on its way."""
+    if motion.struck is not None:
+        return STRUCK * model.threshold
+    return model.harm(motion.points, motion.axes, model.states)
+
+
+def prediction(model: PushModel, motion: Led, harm: float | None = None) -> Prediction:
+    """The prediction of a motion, ``harm`` where that is known."""
+    if motion.struck is None:
+        return model.predict(motion.points, motion.axes, harm)
+    cause = f"is struck by {motion.struck.link} before the approach"
+    return Prediction(harm_of(model, motion), model.threshold, motion.struck.other, cause, {}, 1.0)
+
+
+def _followed(robot: Robot, trajectory: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Configurations (M, n), tool points and axes (M, 3): the rows, and between rows that are far
+    apart the curve.
+    """
+    q = trajectory.positions
+    points, axes = robot.tool_pose(q)
+    parts = np.maximum(np.ceil(lengths(np.diff(points, axis=0)) / COARSE), 1.0)
+    if parts.max() == 1.0 or parts.sum() > MOST_POINTS:
+        return q, points, axes
+    row = np.repeat(np.arange(len(parts)), parts.astype(np.int64))
+    share = (np.arange(len(row)) - np.searchsorted(row, row)) / parts[row]
+    at = trajectory.times[row] + share * np.diff(trajectory.times)[row]
+    fine, _, _ = trajectory.sample(at)
+    fine[share == 0.0] = q[:-1]  # without rounding
+    fine = np.vstack([fine, q[-1:]])
+    return fine, *robot.tool_pose(fine)

@@ -1,0 +1,215 @@
+"""Work on all cores: one pool of processes, for ``plan_many`` and for studies.
+
+No heavy module is imported here, so that a process sets its number of threads before a library
+starts them. Threads cannot take the place of processes: a plan is hundreds of short kernels with
+Python between them, and two threads take as long as one.
+"""
+
+import functools
+import io
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+import warnings
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import forkserver, resource_tracker
+from multiprocessing.context import ForkServerContext, SpawnContext
+from typing import Any, NoReturn, TypeVar
+
+from optipromp.core.errors import InvalidRequestError
+
+T = TypeVar("T")
+THREADS = dict.fromkeys(
+    ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS",
+     "VECLIB_MAXIMUM_THREADS"), "1",
+)  # fmt: skip
+
+_function: Callable[..., Any]  # in a helper process: what it calls
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def in_threads(function: Callable[..., T], *columns: Iterable[Any]) -> list[T]:
+    """``function`` of each row of ``columns``, in order; for work that holds no lock of Python."""
+    with ThreadPoolExecutor(cores()) as pool:
+        return list(pool.map(function, *columns))
+
+
+def run_each(
+    function: Callable[..., Any],
+    tasks: Sequence[tuple[Any, ...]],
+    done: Callable[[int, Any], None],
+    *,
+    workers: int,
+    prepare: Callable[[], object] | None = None,
+) -> None:
+    """Call ``function(*task)`` for every task, in helper processes of one thread each.
+
+    Ctrl-C lets the tasks under way finish, hands them to ``done`` and raises KeyboardInterrupt.
+
+    Args:
+        function: can be pickled; so can what it returns.
+        tasks: the arguments of each call.
+        done: called in this thread with the index of a task and what came of it, in the order
+            they end; with BrokenProcessPool where the process of a task ended twice.
+        workers: processes; with one, or one task, everything is called in this process.
+        prepare: called once in every process before its first task.
+
+    Raises:
+        InvalidRequestError: processes cannot start.
+        pickle.PicklingError, AttributeError, TypeError: ``function`` cannot be pickled.
+        Exception: what a call raised, with the index of its task as a note.
+    """
+    if min(workers, len(tasks)) <= 1:
+        if prepare is not None and tasks:
+            prepare()
+        for index, task in enumerate(tasks):
+            done(index, function(*task))
+        return
+    settings = packed((dict(os.environ), function, prepare))
+    left: Sequence[int] = range(len(tasks))
+    while left:
+        under_way, left = _run(settings, tasks, left, done, min(workers, len(left)))
+        if under_way:
+            words = "a helper process ended early; its work is repeated"
+            warnings.warn(words, RuntimeWarning, stacklevel=3)
+        for index in under_way:  # each alone, which shows the task that ends its process
+            if _run(settings, tasks, [index], done, 1)[0]:
+                done(index, BrokenProcessPool("the process of this task ended (out of memory?)"))
+
+
+def _run(
+    settings: bytes,
+    tasks: Sequence[tuple[Any, ...]],
+    indices: Iterable[int],
+    done: Callable[[int, Any], None],
+    workers: int,
+) -> tuple[list[int], list[int]]:
+    """Run tasks in one pool; returns those under way and those left when a process ended early."""
+    queue, under_way = deque(indices), dict[Future[bytes], int]()
+
+    def deliver(future: Future[bytes]) -> None:
+        index = under_way[future]
+        try:
+            result = pickle.loads(future.result())
+        except BrokenProcessPool:
+            raise
+        except Exception as error:
+            error.add_note(f"while at task {index}")
+            raise
+        del under_way[future]
+        done(index, result)
+
+    pool = ProcessPoolExecutor(workers, _context(), initializer=_begin, initargs=(settings,))
+    try:
+        while queue or under_way:
+            while queue and len(under_way) < 2 * workers:
+                future = pool.submit(_call, packed(tasks[queue[0]]))
+                under_way[future] = queue.popleft()
+            for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+                deliver(future)
+    except BrokenProcessPool:
+        return list(under_way.values()) or [queue.popleft()], list(queue)
+    except KeyboardInterrupt:
+        pool.shutdown(cancel_futures=True)
+        for future in list(under_way):
+            if not future.cancelled() and future.exception() is None:
+                deliver(future)
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+    return [], []
+
+
+@functools.cache
+def _context() -> SpawnContext | ForkServerContext:
+    """How processes start: from a server that has loaded and compiled all, where there can be one.
+
+    It is ready when this returns, and ends with this process.
+    """
+    context: SpawnContext | ForkServerContext = multiprocessing.get_context("spawn")
+    if "forkserver" in multiprocessing.get_all_start_methods():
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(["optipromp.core.ready"])
+        resource_tracker.ensure_running()  # starting it later would let the signal through again
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            forkserver.ensure_running()  # it and what it starts hear no Ctrl-C
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    first = context.Process(target=int)
+    first.start()
+    first.join()
+    if first.exitcode:
+        raise InvalidRequestError(
+            'processes cannot start; a script must call this under `if __name__ == "__main__":`, '
+            "and workers=1 needs none"
+        )
+    return context
+
+
+def _begin(settings: bytes) -> None:
+    """In a helper process: leave Ctrl-C to the caller, end when it ends, and be ready."""
+    global _function
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_caller, daemon=True).start()
+    os.environ.update(THREADS)
+    try:
+        environment, _function, prepare = pickle.loads(settings)
+        os.environ.update(environment | THREADS)
+        if prepare is not None:
+            prepare()
+    except Exception as error:  # raised again where the caller hears of it
+        _function = functools.partial(_raise, error)
+
+
+def _raise(error: Exception, *_: Any) -> NoReturn:
+    raise error
+
+
+def _end_with_caller() -> None:
+    caller = multiprocessing.parent_process()
+    if caller is not None:
+        caller.join()
+        os._exit(1)
+
+
+def _call(task: bytes) -> bytes:
+    return packed(_function(*pickle.loads(task)))
+
+
+def packed(item: object) -> bytes:
+    """``item`` pickled; arrays that are read-only stay so."""
+    import copyreg
+
+    import numpy as np
+
+    stream = io.BytesIO()
+    pickler = pickle.Pickler(stream, protocol=pickle.HIGHEST_PROTOCOL)
+    pickler.dispatch_table = copyreg.dispatch_table | {np.ndarray: _reduced}
+    pickler.dump(item)
+    return stream.getvalue()
+
+
+def _reduced(array: Any) -> Any:
+    if array.flags.writeable:
+        return array.__reduce_ex__(pickle.HIGHEST_PROTOCOL)
+    from optipromp.core.arrays import frozen
+
+    return frozen, (array.copy(), array.dtype)

@@ -1,0 +1,137 @@
+"""What every part of the room checks, and the warnings it may give."""
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optipromp.core.arrays import FloatArray, all_finite
+from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError, OptiPrompError
+from optipromp.core.shown import is_name, no_name
+
+PHASE_TOLERANCE = 1e-9
+"""Phases this close are one phase, and may lie this far outside [0, 1] (rounding)."""
+
+
+class RegularisedWarning(UserWarning):
+    """The data did not determine the answer alone; a prior or a projection completed it."""
+
+
+def regularised(message: str) -> None:
+    """Warn the caller of a learner that its prior decided."""
+    warnings.warn(message, RegularisedWarning, stacklevel=3)
+
+
+class ConvergenceWarning(UserWarning):
+    """An iteration stopped at its limit before it settled."""
+
+
+class ConditioningWarning(UserWarning):
+    """A conditioned distribution misses a point that was asked for exactly."""
+
+
+class UnitsWarning(UserWarning):
+    """Values so large that they look like degrees or millimetres."""
+
+
+def finite_array(
+    values: ArrayLike,
+    name: str,
+    ndim: int | None = None,
+    error: type[OptiPrompError] = InvalidRequestError,
+) -> FloatArray:
+    """A float64 copy; anything but finite numbers of the right rank raises ``error``."""
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as cause:
+        raise error(f"{name}: expected numbers in a regular array ({cause})") from None
+    if ndim is not None and array.ndim != ndim:
+        raise error(f"{name}: expected {ndim} dimension(s), got shape {array.shape}")
+    if not all_finite(array):
+        index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise error(f"{name}{list(index)} is {array[index]}; every value must be finite")
+    return array
+
+
+def phase_array(phases: int | ArrayLike) -> FloatArray:
+    """Phases (T,) in [0, 1]: an integer T stands for T evenly spaced ones, a float for one."""
+    if isinstance(phases, (bool, np.bool_)):
+        raise InvalidRequestError(f"phases: expected a count or phases in [0, 1], got {phases}")
+    if isinstance(phases, (int, np.integer)):
+        if phases < 1:
+            raise InvalidRequestError(f"phases: a count must be at least 1, got {phases}")
+        return np.linspace(0.0, 1.0, int(phases))
+    try:
+        array = np.asarray(phases, dtype=np.float64)
+    except (TypeError, ValueError) as cause:
+        raise InvalidRequestError(f"phases: expected numbers ({cause})") from None
+    if array.ndim == 0:
+        array = array.reshape(1)
+    if array.ndim != 1:
+        raise InvalidRequestError(f"phases: expected shape (T,), got {array.shape}")
+    inside = (array >= -PHASE_TOLERANCE) & (array <= 1.0 + PHASE_TOLERANCE)  # False for NaN
+    if not inside.all():
+        index = int(np.argmin(inside))
+        raise InvalidRequestError(f"phases[{index}] is {array[index]}; a phase lies in [0, 1]")
+    return array
+
+
+def positive(value: float, name: str) -> float:
+    """``value`` as a float if it is finite and above zero, else ``InvalidRequestError``."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidRequestError(f"{name} must be a number above 0, got {value!r}") from None
+    if not (np.isfinite(number) and number > 0.0):
+        raise InvalidRequestError(f"{name} must be finite and above 0, got {value}")
+    return number
+
+
+def names_for(names: Sequence[str], count: int) -> tuple[str, ...]:
+    """``names`` checked against ``count``; empty means ``joint_1`` ... ``joint_n``."""
+    if isinstance(names, str):
+        raise InvalidRequestError("joint_names: expected a sequence of names, got one string")
+    result = tuple(str(name) for name in names) or tuple(f"joint_{j + 1}" for j in range(count))
+    if len(result) != count:
+        raise InvalidRequestError(f"joint_names: expected {count} names, got {len(result)}")
+    for name in result:
+        if not is_name(name):
+            raise InvalidRequestError(f"joint_names: {no_name(name)}")
+    if len(set(result)) != count:
+        twice = next(name for name in result if result.count(name) > 1)
+        raise InvalidRequestError(f"joint_names: {twice!r} appears twice")
+    return result
+
+
+def unnamed(names: Sequence[str]) -> bool:
+    """Whether these are the names that columns get which have none: ``joint_1`` ... ``joint_n``."""
+    return tuple(names) == names_for((), len(names))
+
+
+def matched(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]:
+    """For each of ``joints`` the index of the column of that name.
+
+    Args:
+        names: of the columns.
+        joints: of the robot, in its order.
+        what: whose columns they are; begins the error.
+
+    Raises:
+        InvalidDemonstrationError: the two do not hold the same names.
+    """
+    unknown = [name for name in names if name not in joints]
+    missing = [joint for joint in joints if joint not in names]
+    if not unknown and not missing:
+        return [list(names).index(joint) for joint in joints]
+    if unnamed(names):
+        fault = f"its {len(names)} joints have no names"
+    else:
+        faults = [f"the robot has no joint {', '.join(unknown)}"] if unknown else []
+        faults += [f"joint {', '.join(missing)} is missing"] if missing else []
+        fault = "; ".join(faults)
+    raise InvalidDemonstrationError(
+        f"{what}: {fault}. Name each joint of the robot once: {', '.join(joints)} (in the header "
+        "of a CSV, in joint_names of an NPZ; columns without names that are in the robot's order "
+        "get them by 'optipromp learn --robot')"
+    )

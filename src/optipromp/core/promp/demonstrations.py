@@ -1,0 +1,339 @@
+"""Demonstrations: what they are, and reading them from NPZ, CSV and folders of CSV."""
+
+import os
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optipromp.core.arrays import FloatArray, read_only
+from optipromp.core.errors import InvalidDemonstrationError
+from optipromp.core.files import is_folder, is_there, npz, read_npz, texts, write_atomically
+from optipromp.core.promp.checks import (
+    PHASE_TOLERANCE,
+    UnitsWarning,
+    finite_array,
+    matched,
+    names_for,
+)
+from optipromp.core.tables import read_table
+
+BEYOND_LIMITS = 0.05
+"""[rad or m] A demonstration may go this far beyond a joint's limits: an arm that is led by hand
+leans into its stops. The recorded reaches of a Panda stay 0.013 rad inside."""
+_LARGEST = 4.0 * np.pi
+_LARGEST_JOINT = 1e6  # [rad or m] what is learnt from larger ones overflows
+_FORMS = "Q, time, lengths; or positions (N, T, n) with an optional time (T,) or (N, T)"
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstration:
+    """One recorded movement, whole or in part.
+
+    Args:
+        times: (m,), m >= 2, strictly increasing [s or any unit].
+        positions: (m, n) joint positions [rad or m].
+        span: start and end time of the whole movement, where the recording covers only a part of
+            it (see :func:`fit_em`). By default the recording is the whole.
+
+    Raises:
+        InvalidDemonstrationError: naming the index and the value.
+    """
+
+    times: FloatArray
+    positions: FloatArray
+    span: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        error = InvalidDemonstrationError
+        times = finite_array(self.times, "times", 1, error)
+        positions = finite_array(self.positions, "positions", 2, error)
+        if positions.size and np.abs(positions).max() > _LARGEST_JOINT:
+            raise error(
+                f"positions reach {np.abs(positions).max():g}: must be at most {_LARGEST_JOINT:g}"
+            )
+        if positions.shape[0] != times.size or positions.shape[1] == 0:
+            raise error(
+                f"positions: expected shape ({times.size}, n), one row per time, "
+                f"got {positions.shape}"
+            )
+        if times.size < 2:
+            raise error(f"a demonstration needs at least 2 samples, got {times.size}")
+        steps = np.diff(times)
+        if (steps <= 0.0).any():
+            i = int(np.argmax(steps <= 0.0)) + 1
+            raise error(f"times must increase: times[{i}] = {times[i]} after {times[i - 1]}")
+        span = self.span
+        if span is not None:
+            bounds = finite_array(span, "span", 1, error)
+            if bounds.size != 2:
+                raise error(f"span: expected a start and an end time, got {bounds.tolist()}")
+            start, end = float(bounds[0]), float(bounds[1])
+            slack = PHASE_TOLERANCE * (end - start)
+            if not (start < end and start - slack <= times[0] and times[-1] <= end + slack):
+                raise error(
+                    f"span ({start}, {end}) must enclose the times {times[0]} to {times[-1]}"
+                )
+            span = (start, end)
+        object.__setattr__(self, "times", read_only(times))
+        object.__setattr__(self, "positions", read_only(positions))
+        object.__setattr__(self, "span", span)
+
+    @property
+    def phases(self) -> FloatArray:
+        """Phases (m,): 0 at the start of the movement, 1 at its end."""
+        start, end = self.span or (float(self.times[0]), float(self.times[-1]))
+        return (self.times - start) / (end - start)
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints n."""
+        return int(self.positions.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstrations(Sequence[Demonstration]):
+    """Demonstrations of one movement on the same joints; a sequence of :class:`Demonstration`.
+
+    Raises:
+        InvalidDemonstrationError: none, or a different number of joints, naming the index.
+    """
+
+    items: tuple[Demonstration, ...]
+    joint_names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        items = tuple(self.items)
+        if not items:
+            raise InvalidDemonstrationError("no demonstrations: at least one is needed")
+        n = items[0].n_joints
+        for i, item in enumerate(items):
+            if item.n_joints != n:
+                raise InvalidDemonstrationError(
+                    f"demonstration {i} has {item.n_joints} joints, the first has {n}"
+                )
+        object.__setattr__(self, "items", items)
+        object.__setattr__(self, "joint_names", names_for(self.joint_names, n))
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    @overload
+    def __getitem__(self, index: int) -> Demonstration: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Demonstration, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> Demonstration | tuple[Demonstration, ...]:
+        return self.items[index]
+
+    def __iter__(self) -> Iterator[Demonstration]:
+        return iter(self.items)
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints n."""
+        return self.items[0].n_joints
+
+    def check_limits(self, lower: FloatArray, upper: FloatArray, what: str) -> None:
+        """Refuse demonstrations beyond the joints' limits (n,), see :func:`check_limits`."""
+        for i, item in enumerate(self):
+            told = f"{what}: demonstration {i}"
+            check_limits(item.positions, self.joint_names, lower, upper, told)
+
+    def for_joints(self, joints: Sequence[str], what: str) -> "Demonstrations":
+        """The same with their columns, told by name, in the order of ``joints``.
+
+        Raises:
+            InvalidDemonstrationError: other joints; the message begins with ``what``.
+        """
+        order = matched(self.joint_names, joints, what)
+        items = (Demonstration(d.times, d.positions[:, order], d.span) for d in self)
+        return Demonstrations(tuple(items), tuple(joints))
+
+
+def check_limits(
+    positions: FloatArray, names: Sequence[str], lower: FloatArray, upper: FloatArray, what: str,
+    slack: FloatArray | float = BEYOND_LIMITS,
+) -> None:  # fmt: skip
+    """Refuse positions (T, n) that go beyond the limits (n,) of the joints of these names.
+
+    Raises:
+        InvalidDemonstrationError: by more than ``slack`` (n,); the message begins with ``what`` and
+            names the joint, the farthest position, its sample and the limits.
+    """
+    slack = np.broadcast_to(slack, lower.shape)
+    beyond = np.maximum(lower - positions, positions - upper) - slack
+    sample, joint = divmod(int(beyond.argmax()), beyond.shape[1])
+    if beyond[sample, joint] <= 0.0:
+        return
+    value = positions[sample, joint]
+    units = " (degrees or millimetres? radians and metres are needed)"
+    raise InvalidDemonstrationError(
+        f"{what}: {names[joint]} is {value:.4g} at sample {sample}: must be within its limits "
+        f"[{lower[joint]:.4f}, {upper[joint]:.4f}], or at most {slack[joint]:.4g} beyond"
+        + units
+        * bool(abs(value) > _LARGEST)
+    )
+
+
+def load_demonstrations(path: str | os.PathLike[str]) -> Demonstrations:
+    """Read demonstrations from a file or folder.
+
+    - ``.npz``: ``Q`` (M, n), ``time`` (M,), ``lengths`` (N,), all demonstrations one after
+      another; or ``positions`` (N, T, n) with an optional ``time`` (T,) or (N, T), evenly spaced
+      if absent. ``joint_names`` (n,) is optional in both.
+    - ``.csv``: a header ``time,<joint>,<joint>,...`` and one row per sample (columns
+      ``<joint>_velocity`` and ``<joint>_acceleration`` are passed over); an optional column
+      ``demo`` tells several demonstrations apart.
+    - a folder: every ``.csv`` in it, by name, all with the same joints in the same order.
+
+    Warns with :class:`UnitsWarning` if a position is beyond 4π, as degrees or millimetres are.
+
+    Raises:
+        InvalidDemonstrationError: naming the file, and the row or index where there is one.
+    """
+    path = Path(path)
+    if is_folder(path):
+        result = _read_folder(path)
+    elif not is_there(path):
+        raise InvalidDemonstrationError(f"{path} does not exist")
+    elif path.suffix.lower() == ".npz":
+        result = _read_npz(path)
+    elif path.suffix.lower() == ".csv":
+        result = _read_csv(path)
+    else:
+        raise InvalidDemonstrationError(f"{path}: expected .npz, .csv or a folder of .csv files")
+    largest = [float(np.abs(item.positions).max()) for item in result]
+    if max(largest) > _LARGEST:
+        warnings.warn(
+            f"{path}: demonstration {int(np.argmax(largest))} reaches {max(largest):.4g}; "
+            "positions are read as radians or metres",
+            UnitsWarning,
+            stacklevel=2,
+        )
+    return result
+
+
+def save_demonstrations(demonstrations: Demonstrations, path: str | os.PathLike[str]) -> None:
+    """Write demonstrations to an NPZ file that :func:`load_demonstrations` reads; atomic.
+
+    Raises:
+        InvalidDemonstrationError: one covers only a part of its movement (not stored).
+        InvalidRequestError: the file cannot be written.
+    """
+    for i, item in enumerate(demonstrations):
+        if item.span is not None and item.span != (item.times[0], item.times[-1]):
+            raise InvalidDemonstrationError(f"demonstration {i} is partial; NPZ keeps whole ones")
+    arrays = {
+        "Q": np.concatenate([item.positions for item in demonstrations]),
+        "time": np.concatenate([item.times for item in demonstrations]),
+        "lengths": np.array([item.times.size for item in demonstrations]),
+        "joint_names": np.array(demonstrations.joint_names, dtype=np.str_),
+    }
+    write_atomically(Path(path), npz(arrays))
+
+
+def _build(
+    path: Path, parts: Sequence[tuple[str, ArrayLike, ArrayLike]], names: Sequence[str]
+) -> Demonstrations:
+    """Demonstrations from (label, times, positions), errors prefixed by file and label."""
+    items = []
+    for label, times, positions in parts:
+        try:
+            items.append(Demonstration(np.asarray(times), np.asarray(positions)))
+        except InvalidDemonstrationError as cause:
+            raise InvalidDemonstrationError(f"{path}: {label}: {cause.message}") from None
+    try:
+        return Demonstrations(tuple(items), tuple(names))
+    except Exception as cause:
+        raise InvalidDemonstrationError(f"{path}: {cause}") from None
+
+
+def _numbers(data: dict[str, NDArray[np.generic]], key: str, path: Path) -> FloatArray:
+    array = data[key]
+    if array.dtype.kind not in "fiu":
+        raise InvalidDemonstrationError(f"{path}: {key} holds {array.dtype}, expected numbers")
+    return array.astype(np.float64)
+
+
+def _read_npz(path: Path) -> Demonstrations:
+    data = read_npz(path, InvalidDemonstrationError)
+    names = texts(data["joint_names"]) if "joint_names" in data else ()
+    if {"Q", "time", "lengths"} <= data.keys():
+        q, time = _numbers(data, "Q", path), _numbers(data, "time", path)
+        lengths = _numbers(data, "lengths", path)
+        if q.ndim != 2 or time.shape != q.shape[:1] or lengths.ndim != 1:
+            raise InvalidDemonstrationError(
+                f"{path}: expected Q (M, n), time (M,), lengths (N,); got {q.shape}, "
+                f"{time.shape}, {lengths.shape}"
+            )
+        if (lengths % 1.0).any() or (lengths < 0).any() or lengths.sum() != time.size:
+            raise InvalidDemonstrationError(
+                f"{path}: lengths must be whole and sum to {time.size}, the sum is {lengths.sum()}"
+            )
+        cuts = np.cumsum(lengths).astype(int)[:-1]
+        parts = zip(np.split(time, cuts), np.split(q, cuts), strict=True)
+    elif "positions" in data:
+        positions = _numbers(data, "positions", path)
+        if positions.ndim != 3:
+            raise InvalidDemonstrationError(
+                f"{path}: positions: expected shape (N, T, n), got {positions.shape}"
+            )
+        shape = positions.shape[:2]
+        time = _numbers(data, "time", path) if "time" in data else np.linspace(0, 1, shape[1])
+        if time.shape not in (shape, shape[1:]):
+            raise InvalidDemonstrationError(
+                f"{path}: time: expected shape {shape[1:]} or {shape}, got {time.shape}"
+            )
+        parts = zip(np.broadcast_to(time, shape), positions, strict=True)
+    else:
+        raise InvalidDemonstrationError(
+            f"{path} holds {', '.join(sorted(data)) or 'nothing'}; expected {_FORMS}"
+        )
+    return _build(path, [(f"demonstration {i}", t, p) for i, (t, p) in enumerate(parts)], names)
+
+
+def _read_csv(path: Path) -> Demonstrations:
+    table = read_table(path, InvalidDemonstrationError, "time,<joint>,...")
+    header = table.header
+    rates = {name + kind for name in header for kind in ("_velocity", "_acceleration")}
+    joints = [i for i, name in enumerate(header) if name not in {"time", "demo", *rates}]
+    if header.count("time") != 1 or header.count("demo") > 1 or not joints or "" in header:
+        raise InvalidDemonstrationError(
+            f"{path}, line {table.first}: expected a header time,<joint>,... with an optional "
+            f"column demo, comma-separated; got {','.join(header)!r}"
+        )
+    values = table.numbers([header.index("time"), *joints])
+    demo = header.index("demo") if "demo" in header else None
+    labels = ["" if demo is None else row[demo].strip() for row in table.rows]
+    parts: list[tuple[str, ArrayLike, ArrayLike]] = []
+    for label in dict.fromkeys(labels):
+        block = values[[other == label for other in labels]]
+        parts.append((f"demo {label}" if label else "rows", block[:, 0], block[:, 1:]))
+    return _build(path, parts, [header[i] for i in joints])
+
+
+def _read_folder(path: Path) -> Demonstrations:
+    try:
+        files = sorted(file for file in path.iterdir() if file.suffix.lower() == ".csv")
+    except OSError as error:
+        raise InvalidDemonstrationError(f"{path}: cannot be read: {error.strerror}") from None
+    if not files:
+        raise InvalidDemonstrationError(f"{path} holds no .csv file")
+    items: list[Demonstration] = []
+    names: tuple[str, ...] = ()
+    for file in files:
+        part = _read_csv(file)
+        names = names or part.joint_names
+        if part.joint_names != names:
+            raise InvalidDemonstrationError(
+                f"{file}: joints {', '.join(part.joint_names)}; {files[0].name} has "
+                f"{', '.join(names)}"
+            )
+        items.extend(part)
+    return Demonstrations(tuple(items), names)

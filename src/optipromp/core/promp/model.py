@@ -1,0 +1,301 @@
+"""The probabilistic movement primitive: a Gaussian over trajectories."""
+
+import os
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optipromp.core.arrays import FloatArray, read_only
+from optipromp.core.errors import InvalidRequestError, OptiPrompError
+from optipromp.core.files import is_file, npz, read_npz, texts, write_atomically
+from optipromp.core.promp.basis import Basis
+from optipromp.core.promp.checks import finite_array, matched, names_for, positive
+from optipromp.core.promp.gaussian import check_covariance, root
+from optipromp.core.shown import Shown
+
+PROMP_FORMAT = 1
+LARGEST_WEIGHT = 1e9  # [rad or m] of a weight; what is derived from larger ones overflows
+_KEYS = ("format", "basis", "mean", "covariance", "noise", "joint_names")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ProMP(Shown):
+    r"""A distribution over trajectories of n joints (Paraschos et al., 2013).
+
+    .. math:: y_t = \Phi_t w + \epsilon, \quad w \sim N(\mu_w, \Sigma_w), \quad
+              \epsilon \sim N(0, \mathrm{diag}(r))
+
+    The nK weights are joint-major: weight k of joint j is ``w[j * K + k]``. Values are immutable
+    (arrays are read-only); every operation returns a new one.
+
+    Args:
+        basis: the K basis functions.
+        mean: :math:`\mu_w`, (n, K) or flat (nK,), in rad or m. Kept as (n, K).
+        covariance: :math:`\Sigma_w` (nK, nK), positive semi-definite.
+        noise: variance r of an observation, one per joint (n,) or one for all; unit squared.
+        joint_names: n names; by default ``joint_1`` ... ``joint_n``.
+
+    Raises:
+        InvalidRequestError: a wrong shape, a value that is not finite, or a covariance that is
+            not symmetric positive semi-definite.
+    """
+
+    basis: Basis
+    mean: FloatArray
+    covariance: FloatArray
+    noise: FloatArray = field(default_factory=lambda: np.zeros(()))
+    joint_names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.basis, Basis):
+            raise InvalidRequestError(f"basis: expected a Basis, got {type(self.basis).__name__}")
+        count = self.basis.count
+        mean = finite_array(self.mean, "mean")
+        if mean.ndim == 1 and mean.size and mean.size % count == 0:
+            mean = mean.reshape(-1, count)
+        if mean.ndim != 2 or mean.shape[0] == 0 or mean.shape[1] != count:
+            raise InvalidRequestError(
+                f"mean: expected shape (n, {count}) or (n * {count},), got {mean.shape}"
+            )
+        n = mean.shape[0]
+        covariance = check_covariance(self.covariance, n * count, "covariance")
+        noise = finite_array(self.noise, "noise")
+        if noise.shape not in ((), (n,)) or (noise < 0.0).any():
+            raise InvalidRequestError(f"noise: expected {n} variances >= 0, got {noise.tolist()}")
+        for name, values, power in (
+            ("mean", mean, 1),
+            ("covariance", covariance, 2),
+            ("noise", noise, 2),
+        ):
+            largest, most = np.abs(values).max(), LARGEST_WEIGHT**power
+            if largest > most:
+                raise InvalidRequestError(f"{name} reaches {largest:g}: at most {most:g}")
+        object.__setattr__(self, "mean", read_only(mean))
+        object.__setattr__(self, "covariance", read_only(covariance))
+        object.__setattr__(self, "noise", read_only(np.broadcast_to(noise, (n,)).copy()))
+        object.__setattr__(self, "joint_names", names_for(self.joint_names, n))
+
+    def _words(self) -> str:
+        names = ", ".join(self.joint_names)
+        return f"of {self.n_joints} joints ({names}), {self.basis.count} bases a joint"
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints n."""
+        return int(self.mean.shape[0])
+
+    @property
+    def n_weights(self) -> int:
+        """Number of weights nK."""
+        return int(self.mean.size)
+
+    @property
+    def weights(self) -> FloatArray:
+        """Mean weights, flat (nK,), joint-major."""
+        return self.mean.reshape(-1)
+
+    @cached_property
+    def _root(self) -> FloatArray:
+        return read_only(root(self.covariance))
+
+    def mean_trajectory(self, phases: int | ArrayLike) -> FloatArray:
+        """Mean positions (T, n) at phases (T,), or at as many evenly spaced ones."""
+        return self.basis.evaluate(phases) @ self.mean.T
+
+    def trajectory(self, weights: ArrayLike, phases: int | ArrayLike) -> FloatArray:
+        """Positions (..., T, n) of given weights (..., n, K) or (nK,)."""
+        array = finite_array(weights, "weights")
+        if array.shape == (self.n_weights,):
+            array = array.reshape(self.mean.shape)
+        if array.ndim < 2 or array.shape[-2:] != self.mean.shape:
+            raise InvalidRequestError(
+                f"weights: expected (..., {self.n_joints}, {self.basis.count}), got {array.shape}"
+            )
+        result: FloatArray = self.basis.evaluate(phases) @ np.swapaxes(array, -1, -2)
+        return result
+
+    def marginals(
+        self,
+        phases: int | ArrayLike,
+        derivative: int = 0,
+        duration: float = 1.0,
+        observation_noise: bool = False,
+    ) -> tuple[FloatArray, FloatArray]:
+        r"""Mean (T, n) and covariance (T, n, n) of the joints, or of a derivative, at each phase.
+
+        :math:`N(\Phi_t \mu_w, \Phi_t \Sigma_w \Phi_t^T)`.
+
+        Args:
+            phases: (T,) in [0, 1], or a count.
+            derivative: 0 positions, 1 velocities, 2 accelerations, 3 jerks.
+            duration: [s] over which the phase runs evenly; matters to derivatives only.
+            observation_noise: add diag(r) (positions only).
+
+        Raises:
+            InvalidRequestError: a phase outside [0, 1], another derivative, duration <= 0.
+        """
+        rate = 1.0 / positive(duration, "duration") ** derivative
+        values = rate * self.basis.evaluate(phases, derivative)
+        n, count = self.mean.shape
+        pairs = (values[:, :, None] * values[:, None, :]).reshape(-1, count * count)
+        blocks = self.covariance.reshape(n, count, n, count).transpose(1, 3, 0, 2)
+        covariance = (pairs @ blocks.reshape(count * count, n * n)).reshape(-1, n, n)
+        covariance = 0.5 * (covariance + covariance.transpose(0, 2, 1))
+        diagonal = np.einsum("tjj->tj", covariance)
+        np.maximum(diagonal, 0.0, out=diagonal)
+        if observation_noise:
+            if derivative != 0:
+                raise InvalidRequestError("observation_noise: known for positions only")
+            diagonal += self.noise
+        return values @ self.mean.T, covariance
+
+    def standard_deviation(
+        self, phases: int | ArrayLike, derivative: int = 0, duration: float = 1.0
+    ) -> FloatArray:
+        """Standard deviation (T, n) of each joint, or of a derivative, at each phase."""
+        _, covariance = self.marginals(phases, derivative, duration)
+        result: FloatArray = np.sqrt(np.einsum("tjj->tj", covariance))
+        return result
+
+    def sample_weights(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """``count`` samples of the weights, (count, n, K)."""
+        if count < 0:
+            raise InvalidRequestError(f"count of samples must be at least 0, got {count}")
+        offsets = rng.standard_normal((count, self.n_weights)) @ self._root.T
+        return (self.weights + offsets).reshape(count, *self.mean.shape)
+
+    def sample(
+        self,
+        rng: np.random.Generator,
+        count: int,
+        phases: int | ArrayLike,
+        observation_noise: bool = False,
+    ) -> FloatArray:
+        """``count`` trajectories (count, T, n); smooth unless ``observation_noise`` is added."""
+        weights = self.sample_weights(rng, count)
+        result: FloatArray = self.basis.evaluate(phases) @ np.swapaxes(weights, -1, -2)
+        if observation_noise:
+            result += rng.standard_normal(result.shape) * np.sqrt(self.noise)
+        return result
+
+    def with_weights(self, mean: ArrayLike, covariance: ArrayLike) -> "ProMP":
+        """The same primitive (basis, noise, names) with another weight distribution, checked."""
+        return ProMP(
+            self.basis, np.asarray(mean), np.asarray(covariance), self.noise, self.joint_names
+        )
+
+    def for_joints(self, joints: Sequence[str], what: str = "the ProMP") -> "ProMP":
+        """The same primitive with its joints, told by name, in the order of ``joints``.
+
+        Raises:
+            InvalidDemonstrationError: other joints; the message begins with ``what``.
+        """
+        if tuple(joints) == self.joint_names:
+            return self
+        order = matched(self.joint_names, joints, what)
+        rows = np.arange(self.n_weights).reshape(self.mean.shape)[order].reshape(-1)
+        return made(
+            self.basis,
+            self.mean[order],
+            self.covariance[np.ix_(rows, rows)],
+            self.noise[order],
+            tuple(joints),
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write to an NPZ file: whole or not at all.
+
+        Raises:
+            InvalidRequestError: the file cannot be written; what was there stays.
+        """
+        basis = self.basis
+        arrays = {
+            "format": np.array(PROMP_FORMAT),
+            "basis": np.array([basis.count, basis.width, basis.outside], dtype=np.float64),
+            "mean": self.mean,
+            "covariance": self.covariance,
+            "noise": self.noise,
+            "joint_names": np.array(self.joint_names, dtype=np.str_),
+        }
+        write_atomically(Path(path), npz(arrays))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "ProMP":
+        """Read what :meth:`save` wrote.
+
+        Raises:
+            InvalidRequestError: missing, not a ProMP file, of a newer format, or damaged.
+        """
+        path = Path(path)
+        data = read_npz(path)
+        missing = [key for key in _KEYS if key not in data]
+        if missing:
+            raise InvalidRequestError(f"{path} is no ProMP file: it lacks {', '.join(missing)}")
+        version = data["format"]
+        if (
+            version.shape != ()
+            or not np.issubdtype(version.dtype, np.integer)
+            or version != PROMP_FORMAT
+        ):
+            raise InvalidRequestError(
+                f"{path}: format {version} is unknown; this reads {PROMP_FORMAT}"
+            )
+        try:
+            numbers, mean, covariance, noise = (  # of complex ones no part is dropped
+                data[key].astype(np.float64, casting="same_kind")
+                for key in ("basis", "mean", "covariance", "noise")
+            )
+            if numbers.shape != (3,) or not np.isfinite(numbers).all():
+                raise InvalidRequestError(f"basis: expected count, width, outside, got {numbers}")
+            if (numbers[[0, 2]] % 1.0).any():
+                raise InvalidRequestError(f"basis: count and outside must be whole, got {numbers}")
+            return cls(
+                Basis(int(numbers[0]), float(numbers[1]), int(numbers[2])),
+                mean,
+                covariance,
+                noise,
+                texts(data["joint_names"]),
+            )
+        except (OptiPrompError, ValueError, TypeError) as cause:
+            raise InvalidRequestError(f"{path}: {cause}") from None
+
+
+def is_primitive(path: Path) -> bool:
+    """Whether ``path`` is a file that :meth:`ProMP.save` wrote."""
+    try:
+        if not is_file(path):  # opening a pipe would wait
+            return False
+        with zipfile.ZipFile(path) as archive:
+            return {"basis.npy", "mean.npy", "covariance.npy"} <= set(archive.namelist())
+    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
+        return False
+
+
+def trusted(promp: ProMP, mean: FloatArray, covariance: FloatArray) -> ProMP:
+    """``promp`` with another weight distribution, valid by construction: no checks, no copy."""
+    mean = mean.reshape(promp.mean.shape)
+    return made(promp.basis, mean, covariance, promp.noise, promp.joint_names)
+
+
+def made(
+    basis: Basis,
+    mean: FloatArray,
+    covariance: FloatArray,
+    noise: FloatArray,
+    joint_names: tuple[str, ...],
+) -> ProMP:
+    """A ProMP of what is valid by construction: no checks, no copy."""
+    result = object.__new__(ProMP)
+    result.__dict__.update(
+        basis=basis,
+        mean=read_only(mean),
+        covariance=read_only(covariance),
+        noise=read_only(noise),
+        joint_names=joint_names,
+    )
+    return result

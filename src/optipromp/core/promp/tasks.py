@@ -1,0 +1,301 @@
+r"""The maximum a posteriori trajectory through task points, by iterated linearisation.
+
+The tool's pose depends on the weights only through the joints at the m phases of the points,
+:math:`q = (q_1 \ldots q_m) = \Phi w`, so the search runs there. Every weight vector worth
+considering is :math:`w = \mu_w + \Sigma_w\Phi^T a`; with :math:`\Sigma_q = \Phi\Sigma_w\Phi^T`
+
+.. math:: q = \mu_q + \Sigma_q a, \qquad
+          (w - \mu_w)^T\Sigma_w^{-1}(w - \mu_w) = a^T\Sigma_q a,
+
+which asks for no inverse and allows a singular :math:`\Sigma_w`. Points ask for
+:math:`g(q) = x` up to a variance R (0: exactly). With residual :math:`e = x - g(q)` and Jacobian J,
+
+.. math:: \lambda = (J\Sigma_q J^T + R)^{-1}(e + J(q - \mu_q)), \qquad a = J^T\lambda
+
+is the minimiser of the linearised problem (Gauss-Newton, or sequential quadratic programming
+where R = 0). Far from the mean the linearisation misleads, so the step towards it is cut to at
+most a radian and halved until the merit
+:math:`\tfrac12 a^T\Sigma_q a + \tfrac12\sum e^2/R + \nu\|e_{R=0}\|` falls. Where no step helps,
+Levenberg damping is added to R. Exact rows left open at the end are closed by steps of least
+change.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from optipromp.core.arrays import BoolArray, FloatArray, all_finite
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.promp.gaussian import observed
+from optipromp.core.promp.points import TaskPoint
+
+TaskMap = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray, FloatArray]]
+"""q (m, n) -> tool point (m, 3), unit tool axis (m, 3), their Jacobians (m, 3, n) each."""
+
+_LARGEST_STEP: Final = 1.0
+_HALVINGS: Final = 6
+_TRIALS: Final = 16
+_SETTLED: Final = 1e-3
+_ROUNDING: Final = 1e-12  # of a merit: at the minimum the gain of a step is this, of either sign
+_CLOSING: Final = 1e-10
+_CLOSING_STEPS: Final = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Task points as scalar rows: 3 of position, turned so that their errors are independent,
+    and 2 of the axis if any point has one.
+
+    Attributes:
+        position: (m, 3) targets [m].
+        turn: (m, 3, 3) rows are the directions of the position rows.
+        axis: (m, 3) unit targets.
+        with_axis: (m,) which points have one.
+        variance: (m, r), r = 3 or 5; 0: exact. 1 in the unused rows of points without axis.
+    """
+
+    position: FloatArray
+    turn: FloatArray
+    axis: FloatArray
+    with_axis: BoolArray
+    variance: FloatArray
+
+    @staticmethod
+    def of(points: Sequence[TaskPoint]) -> "Rows":
+        """Rows of the given points."""
+        m = len(points)
+        position, axis = np.empty((m, 3)), np.zeros((m, 3))
+        with_axis = np.array([point.axis is not None for point in points])
+        variance = np.zeros((m, 5 if with_axis.any() else 3))
+        turn = np.zeros((m, 3, 3))
+        turn[:, (0, 1, 2), (0, 1, 2)] = 1.0
+        for i, point in enumerate(points):
+            position[i] = point.position
+            if isinstance(point.covariance, np.ndarray):
+                values, vectors = np.linalg.eigh(point.covariance)
+                values[values < 1e-14 * max(float(values[-1]), 0.0)] = 0.0
+                turn[i], variance[i, :3] = vectors.T, values
+            else:
+                variance[i, :3] = point.covariance or 0.0
+            if point.axis is not None:
+                axis[i] = point.axis
+                variance[i, 3:] = point.axis_covariance or 0.0
+            else:
+                variance[i, 3:] = 1.0
+        return Rows(position, turn, axis, with_axis, variance)
+
+    def evaluate(self, task_map: TaskMap, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals (m, r) and Jacobian (m, r, n) at joints q (m, n).
+
+        Raises:
+            InvalidRequestError: the task map returns a wrong shape or a value that is not finite.
+        """
+        m, n = q.shape
+        outputs = [np.ascontiguousarray(part, dtype=np.float64) for part in task_map(q)]
+        shapes = [part.shape for part in outputs]
+        if shapes != [(m, 3), (m, 3), (m, 3, n), (m, 3, n)]:
+            raise InvalidRequestError(
+                f"task_map: expected point ({m}, 3), axis ({m}, 3) and their Jacobians "
+                f"({m}, 3, {n}), got {shapes}"
+            )
+        point, axis, point_jacobian, axis_jacobian = outputs
+        residual = (self.turn @ (self.position - point)[:, :, None])[:, :, 0]
+        jacobian = self.turn @ point_jacobian
+        if self.variance.shape[1] == 5:
+            across = _across(axis)
+            turn = _rotation(axis, self.axis, across) * self.with_axis[:, None]
+            turning = (across @ axis_jacobian) * self.with_axis[:, None, None]
+            residual = np.concatenate([residual, turn], axis=1)
+            jacobian = np.concatenate([jacobian, turning], axis=1)
+        if not (all_finite(residual) and all_finite(jacobian)):
+            raise InvalidRequestError("task_map returned a value that is not finite")
+        return residual, jacobian
+
+
+def _across(axis: FloatArray) -> FloatArray:
+    """Two unit vectors (m, 2, 3) across each unit axis (m, 3) (Duff et al., 2017)."""
+    x, y, z = axis.T
+    sign = np.copysign(1.0, z)
+    k = -1.0 / (sign + z)
+    first = 1.0 + sign * x * x * k, sign * x * y * k, -sign * x
+    second = x * y * k, sign + y * y * k, -y
+    return np.array([first, second]).transpose(2, 0, 1)
+
+
+def _rotation(axis: FloatArray, target: FloatArray, across: FloatArray) -> FloatArray:
+    """Rotation (m, 2) [rad] along the great circle from ``axis`` to ``target``, by directions."""
+    towards = (across @ target[:, :, None])[:, :, 0]
+    sine = np.sqrt((towards**2).sum(axis=1))
+    towards[sine < 1e-12] = (1.0, 0.0)  # opposite: any direction will do; alike: an angle of 0
+    angle = np.arctan2(sine, (axis * target).sum(axis=1))
+    turn: FloatArray = towards * (angle / np.where(sine < 1e-12, 1.0, sine))[:, None]
+    return turn
+
+
+def _blocks(jacobian: FloatArray) -> FloatArray:
+    """J (mr, mn) with one block (r, n) of ``jacobian`` (m, r, n) a point."""
+    m, r, n = jacobian.shape
+    rows = np.zeros((m, r, m, n))
+    rows[range(m), :, range(m)] = jacobian
+    return rows.reshape(m * r, m * n)
+
+
+class Iterate(NamedTuple):
+    """A point of the iteration."""
+
+    multipliers: FloatArray  # a (m, n)
+    offset: FloatArray  # Σ_q a = q - μ_q (m, n)
+    residual: FloatArray  # e (m, r)
+    jacobian: FloatArray  # J (m, r, n)
+
+    def merit(self, variance: FloatArray) -> tuple[float, float, float]:
+        """½ aᵀΣa + ½Σ e²/R over rows with R > 0; norm and largest of e over the others."""
+        exact = variance == 0.0
+        left = np.where(exact, self.residual, 0.0)
+        loose = (self.residual - left) ** 2 / np.where(exact, 1.0, variance)
+        cost = 0.5 * float(np.vdot(self.multipliers, self.offset) + loose.sum())
+        return cost, float(np.sqrt(np.vdot(left, left))), float(np.abs(left).max())
+
+
+class Solution(NamedTuple):
+    """Where the iteration ended."""
+
+    state: Iterate
+    iterations: int  # linearisations used
+    missed: float  # largest residual of an exact row [m, rad]
+    converged: bool  # exact rows are met, and the merit has settled
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """The task points, the arm, and the prior N(μ_q, Σ_q) of its joints at the points.
+
+    μ_q is (m, n), Σ_q (mn, mn), by point, then joint.
+    """
+
+    rows: Rows
+    task_map: TaskMap
+    mean: FloatArray
+    covariance: FloatArray
+
+    def at(self, a: FloatArray) -> Iterate:
+        """The state at multipliers a (m, n)."""
+        offset = (self.covariance @ a.reshape(-1)).reshape(a.shape)
+        return Iterate(a, offset, *self.rows.evaluate(self.task_map, self.mean + offset))
+
+    def step(self, state: Iterate, variance: FloatArray, damping: float) -> tuple[Iterate, float]:
+        """The minimiser of the linearised problem.
+
+        λ = (S + R + D)⁻¹ (e + J(q_k - μ)), a = Jᵀλ.
+
+        Args:
+            state: at q_k.
+            variance: R (m, r).
+            damping: factor of D, which is the diagonal of S = J Σ Jᵀ and 0.1 % of its mean.
+
+        Returns:
+            The minimiser, with the e that the linearisation promises and the J of ``state``; and
+            the norm of λ over exact rows.
+        """
+        _, offset, residual, jacobian = state
+        noise = variance
+        if damping > 0.0:
+            own = self.own_variance(jacobian)
+            noise = variance + damping * (own + 1e-3 * own.mean())
+        right = residual + (jacobian @ offset[:, :, None])[:, :, 0]
+        update = observed(self.covariance, _blocks(jacobian), noise.reshape(-1))
+        force = update.force(right.reshape(-1))
+        dual = force.reshape(residual.shape)
+        a = (dual[:, None, :] @ jacobian)[:, 0]
+        moved = (force @ update.cross).reshape(a.shape)
+        promised = right - (jacobian @ moved[:, :, None])[:, :, 0]
+        return Iterate(a, moved, promised, jacobian), float(np.linalg.norm(dual[variance == 0.0]))
+
+    def own_variance(self, jacobian: FloatArray) -> FloatArray:
+        """The diagonal of J Σ_q Jᵀ (m, r)."""
+        m, _, n = jacobian.shape
+        each = np.einsum("iaib->iab", self.covariance.reshape(m, n, m, n))
+        own: FloatArray = ((jacobian @ each) * jacobian).sum(axis=2)
+        return own
+
+    def between(self, state: Iterate, goal: Iterate, share: float) -> Iterate:
+        """The state at a share of the way from one to another."""
+        a = state.multipliers + share * (goal.multipliers - state.multipliers)
+        offset = state.offset + share * (goal.offset - state.offset)
+        return Iterate(a, offset, *self.rows.evaluate(self.task_map, self.mean + offset))
+
+    def solve(self, start: FloatArray, iterations: int, tolerance: float) -> Solution:
+        """Minimise from a = ``start`` (m, n), in at most so many linearisations; see the module.
+
+        ``tolerance`` [m, rad] is that of exact rows.
+        """
+        variance = self.rows.variance
+        state = self.at(start)
+        here = state.merit(variance)
+        damping, penalty, done, settled = 0.0, 0.0, 0, False
+        while done < iterations and not settled:
+            done += 1
+            for _ in range(_TRIALS):
+                step, force = self.step(state, variance, damping)
+                cost, off, _ = step.merit(variance)
+                penalty = max(1.5 * force, 0.25 * penalty)
+                gain = here[0] - cost + penalty * (here[1] - off)
+                found = self.shortened(state, step, here, penalty, gain)
+                if found is not None:
+                    break
+                damping = max(10.0 * damping, 1e-6)
+            else:
+                break
+            state, here, share = found
+            damping = 0.01 * damping if damping > 1e-7 else 0.0
+            settled = share == 1.0 and gain <= _SETTLED * (1.0 + abs(here[0]))
+        state = self.closed(state)
+        missed = state.merit(variance)[2]
+        return Solution(state, done, missed, settled and missed <= tolerance)
+
+    def shortened(
+        self, state: Iterate, goal: Iterate, here: tuple[float, ...], penalty: float, gain: float
+    ) -> tuple[Iterate, tuple[float, float, float], float] | None:
+        """The first state on the way to ``goal`` whose merit is low enough; None where none is.
+
+        The way is cut to a radian, then halved. The state's merit follows, and its share of the
+        way.
+        """
+        largest = float(np.abs(goal.offset - state.offset).max())
+        share = min(1.0, _LARGEST_STEP / largest) if largest > 0.0 else 1.0
+        ceiling = (1.0 + _ROUNDING) * (here[0] + penalty * here[1])
+        for _ in range(_HALVINGS if gain >= -_ROUNDING * (1.0 + abs(here[0])) else 0):
+            tried = self.between(state, goal, share)
+            reached = tried.merit(self.rows.variance)
+            if reached[0] + penalty * reached[1] <= ceiling - 1e-4 * share * gain:
+                return tried, reached, share
+            share *= 0.5
+        return None
+
+    def closed(self, state: Iterate) -> Iterate:
+        """Close exact rows that are left open by damped steps of least change.
+
+        The other rows do not count meanwhile.
+        """
+        exact = self.rows.variance == 0.0
+        missed = float((state.residual[exact] ** 2).sum())
+        nothing, damping = np.zeros_like(state.multipliers), 0.0
+        for _ in range(_CLOSING_STEPS):
+            if missed <= _CLOSING**2 or damping > 1e3:
+                break
+            left = Iterate(nothing, nothing, np.where(exact, state.residual, 0.0), state.jacobian)
+            own = float(self.own_variance(state.jacobian).max())
+            loose = np.where(exact, 0.0, 1e6 * (own + 1e-300))
+            step, _ = self.step(left, loose, damping)
+            largest = float(np.abs(step.offset).max())
+            share = min(1.0, 0.5 / largest) if largest > 0.0 else 1.0
+            tried = self.at(state.multipliers + share * step.multipliers)
+            reached = float((tried.residual[exact] ** 2).sum())
+            if reached < missed:
+                state, missed = tried, reached
+                damping = 0.1 * damping if damping > 1e-6 else 0.0
+            else:
+                damping = max(10.0 * damping, 1e-4)
+        return state

@@ -1,0 +1,194 @@
+"""The interface of a push model.
+
+A model predicts what the tool does to the objects that it pushes along a path, as one number: the
+*harm*. The harm is 0 where nothing is pressed, and 1 where a force reaches what a fruit or a pack
+bears. A model has several states of the scene: the perceived one, and samples within the errors of
+detection. The harm of a path is the mean over the states.
+
+Which paths are tried is not the model's affair but that of its :class:`Candidates`.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.pushing.calibration import Calibration as Calibration
+from optipromp.core.pushing.candidates import Candidates
+from optipromp.core.pushing.path import STEP, along, evenly, length
+from optipromp.core.pushing.prediction import Prediction as Prediction
+
+SLIGHT = 0.05  # [N] a choice: of a force that is not told
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """Where a motion of the tool leaves the objects that the model knows.
+
+    Attributes:
+        ids: of N objects, the target first.
+        positions: (N, 3) [m].
+        turns: (N,) about -x_g, as packs turn where they stand [rad].
+    """
+
+    ids: tuple[str, ...]
+    positions: FloatArray
+    turns: FloatArray
+
+
+class PushModel(ABC):
+    """A model of the push in one scene.
+
+    The model predicts the *harm* of a tool path: 0 where nothing is pressed, 1 where a force
+    reaches what a fruit or a pack bears. It is the mean over several sampled states of the scene.
+
+    Attributes:
+        good: harm below which the search ends.
+        threshold: largest harm of a success, for the share of promises that may be broken.
+        calibration: of the harm; None: it was never compared with what happens.
+        states: number of states of the scene; the first is the perceived one.
+        candidates: the paths that are searched for one of little harm.
+    """
+
+    good: float
+    threshold: float
+    calibration: Calibration | None = None
+    states: int
+    candidates: Candidates
+
+    def clear(self, points: FloatArray, axes: FloatArray) -> bool:
+        """Whether the tool and the last link, led through ``points`` (P, 3), surely touch nothing
+        that they could push, where it is before any push. False where the model cannot tell.
+        """
+        return False
+
+    @abstractmethod
+    def harm(
+        self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
+    ) -> float:
+        """Mean harm of a motion of the tool over the first ``states`` states.
+
+        ``points`` (P, 3) are tool points about :data:`STEP` apart, ``axes`` (P, 3) tool axes. Where
+        the harm is above ``limit``, any number above ``limit`` may be returned. One state alone
+        serves to compare candidates: a model may take longer steps there.
+        """
+
+    @abstractmethod
+    def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
+        """Id of the object that is harmed most in the worst state, and what happens to it."""
+
+    def predict(
+        self, points: FloatArray, axes: FloatArray, harm: float | None = None
+    ) -> Prediction:
+        """The harm of a motion over all states (``harm``, where it is known), and its cause."""
+        harm = self.harm(points, axes, self.states) if harm is None else harm
+        harmed = self.cause(points, axes) if harm > self.threshold else ("", "nothing is harmed")
+        pushed = {k: force for k, force in self.forces(points, axes).items() if force >= SLIGHT}
+        chance = math.nan if self.calibration is None else self.calibration.probability(harm)
+        return Prediction(harm, self.threshold, *harmed, pushed, chance)
+
+    def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
+        """Largest force on each object but the target, by id, in the perceived state [N]."""
+        return {}
+
+    @abstractmethod
+    def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
+        """Where the tool, led through points (P, 3), leaves the objects of the perceived state."""
+
+
+class _Guided(PushModel):
+    """A model whose candidates, states and thresholds are those of another, ``lead``."""
+
+    def __init__(self, lead: PushModel) -> None:
+        self.lead, self.candidates, self.states = lead, lead.candidates, lead.states
+        self.good, self.threshold, self.calibration = lead.good, lead.threshold, lead.calibration
+
+
+class Combined(_Guided):
+    """Several models of one scene. Their harms are added, each in proportion to its threshold.
+
+    Args:
+        models: the first one gives the candidates.
+    """
+
+    def __init__(self, *models: PushModel) -> None:
+        super().__init__(models[0])
+        self.models, self.states = models, max(model.states for model in models)
+
+    def clear(self, points: FloatArray, axes: FloatArray) -> bool:
+        """See :class:`PushModel`; for every model."""
+        return all(model.clear(points, axes) for model in self.models)
+
+    def harm(
+        self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
+    ) -> float:
+        """The sum, each harm in proportion to its model's threshold."""
+        total = 0.0
+        for model in self.models:
+            share = self.threshold / model.threshold
+            left = (limit - total) / share
+            total += share * model.harm(points, axes, min(states, model.states), left)
+            if total > limit:
+                break
+        return total
+
+    def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
+        """The cause of the model that predicts most harm."""
+        worst = max(
+            self.models,
+            key=lambda model: model.harm(points, axes, model.states) / model.threshold,
+        )
+        return worst.cause(points, axes)
+
+    def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
+        """See :class:`PushModel`; of all models."""
+        return {k: f for model in self.models for k, f in model.forces(points, axes).items()}
+
+    def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
+        """As each model predicts it; for an object of several models, the last one counts."""
+        found = [model.moved(points, axes) for model in self.models]
+        names = [name for one in found for name in one.ids]
+        rows = list({name: row for row, name in enumerate(names)}.values())
+        return Moved(
+            tuple(names[row] for row in rows), np.concatenate([m.positions for m in found])[rows],
+            np.concatenate([m.turns for m in found])[rows],
+        )  # fmt: skip
+
+
+class Continued(_Guided):
+    """A model of a push that has begun: the motion so far comes before every path.
+
+    Args:
+        model: of the scene as it was before the push.
+        points, axes: (P, 3) of the tool so far.
+    """
+
+    def __init__(self, model: PushModel, points: FloatArray, axes: FloatArray) -> None:
+        super().__init__(model)
+        self._points, self._axes = points, axes  # ``clear`` is never sure: what was pushed is away
+
+    def _whole(self, points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        points = np.concatenate([self._points, points])
+        count = max(2, math.ceil(length(points) / STEP) + 1)
+        axes = along(points, np.concatenate([self._axes, axes]), count)
+        return evenly(points, count), axes
+
+    def harm(
+        self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
+    ) -> float:
+        """See :class:`PushModel`; of the whole motion."""
+        return self.lead.harm(*self._whole(points, axes), states, limit)
+
+    def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
+        """See :class:`PushModel`; of the whole motion."""
+        return self.lead.cause(*self._whole(points, axes))
+
+    def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
+        """See :class:`PushModel`; of the whole motion."""
+        return self.lead.forces(*self._whole(points, axes))
+
+    def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
+        """See :class:`PushModel`; by the whole motion."""
+        return self.lead.moved(*self._whole(points, axes))

@@ -1,0 +1,169 @@
+"""The push model of objects that stand on a board.
+
+Trials in the plane of the board, in (u, v) along z_g and y_g from the target, tell whether an
+object in the way finds room at the side, and whether the target stays where it is.
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, frozen, lengths
+from optipromp.core.pushing.model import Moved, PushModel
+from optipromp.core.pushing.packs import trials
+from optipromp.core.pushing.packs.paths import PathsBetween
+from optipromp.core.pushing.packs.plane import half_height, packs, plane
+from optipromp.core.pushing.packs.quasi_static import JAMMED, Pushed, push
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.path import STEP
+from optipromp.core.robots.model import Robot
+from optipromp.core.robots.tool_protocol import Tool
+from optipromp.core.scenes.scene import Scene
+
+STANDING = PUSH.standing
+EVERY = round(PUSH.pack.step / STEP)  # points of a path in a step of the model
+
+
+class Standing(PushModel):
+    """The push model of objects that stand on a board, for one scene.
+
+    Args:
+        scene: the scene.
+        tool: with an outline.
+        behind: convex polygons (k, 2) of the wrist behind the tool, in the outline's frame [m].
+        seed: of the sampled states.
+        rings: (k, 3) the hand and the last link, see :func:`rings_of`; none: it is not known where
+            they are clear of the packs.
+        risk: share of promised successes that may be broken.
+    """
+
+    good, states = STANDING.good, 1 + STANDING.samples
+    calibration = PUSH.packs
+
+    def __init__(
+        self, scene: Scene, tool: Tool, behind: Sequence[FloatArray] = (), seed: int = 0,
+        rings: FloatArray | None = None, risk: float = PUSH.harm.risk,
+    ) -> None:  # fmt: skip
+        assert scene.target is not None
+        self.threshold = self.calibration.allowed(risk)
+        self.target, self.frame = scene.target.position, scene.frame
+        self._flat, self._rings = scene.frame[[2, 1]].T, rings
+        self.board = plane(scene, tool, behind)
+        self.bench = self.board.bench
+        self.candidates = PathsBetween(scene, self.board)
+        seen = (scene.target, *packs(scene, scene.target))
+        self.names = [obj.id for obj in seen]
+        self._seen = np.array([obj.position for obj in seen])
+        near = self.bench.objects.radius[:, None] + np.zeros(3)  # along x_g, y_g, z_g
+        near[:, 0] = [half_height(obj, self.frame) for obj in seen]
+        place, near = (
+            (self._seen - self.target) @ self.frame.T,
+            near + STANDING.sure * self.board.spread[:, None],
+        )
+        self._packs = (place - near).min(axis=0), (place + near).max(axis=0)
+        rng = np.random.default_rng(seed)
+        self._so_far = dict[int, FloatArray]()  # cost of each trial, by the number of states
+        self._places = np.tile(self.board.state, (self.states, 1, 1))
+        errors = rng.standard_normal((STANDING.samples, len(self.board.state), 2))
+        self._places[1:, :, :2] += self.board.spread[:, None] * errors
+        self._slips = PUSH.plane.friction * np.append(
+            1.0, rng.uniform(STANDING.slippery_least, STANDING.slippery_most, STANDING.samples)
+        )
+
+    def _corners(self, points: FloatArray) -> FloatArray:
+        """Every few of the points (P, 3), and the last, in (u, v)."""
+        chosen = np.concatenate([points[:-1:EVERY], points[-1:]])
+        return (chosen - self.target) @ self._flat
+
+    def harm(
+        self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
+    ) -> float:
+        """See :class:`PushModel`; the costs are those of ``packs.trials``."""
+        flat = self._corners(points)
+        so_far = self._so_far.setdefault(states, np.zeros(states))
+        tried = self._places[:states], self._slips[:states]
+        return float(trials.cost(self.bench, flat, *tried, so_far, limit))
+
+    def clear(self, points: FloatArray, axes: FloatArray) -> bool:
+        """See :class:`PushModel`; of the box that holds all packs."""
+        if self._rings is None:
+            return False
+        height, aside, radius = self._rings.T
+        lean, at = axes @ self.frame.T, (points - self.target) @ self.frame.T
+        free = np.zeros(len(points), dtype=bool)
+        for middle, along, low, high in zip(at.T, lean.T, *self._packs, strict=True):
+            across = np.sqrt(np.maximum(1.0 - along**2, 0.0))[:, None] * aside + radius
+            centers = middle[:, None] + along[:, None] * height
+            free |= (centers - across).min(axis=1) > high
+            free |= (centers + across).max(axis=1) < low
+        return bool(free.all())
+
+    def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
+        """See :class:`PushModel`."""
+        flat = self._corners(points)
+        one = [
+            trials.cost(self.bench, flat, place[None], np.array([slip]), np.zeros(1), np.inf)
+            for place, slip in zip(self._places, self._slips, strict=True)
+        ]
+        worst, bench, path = int(np.argmax(one)), self.bench, trials.stepped(flat)
+        before, end = self._places[worst], self._end(path, worst)
+        for name, (u, v, _) in zip(self.names[1:], end.state[1:], strict=True):
+            if trials.taken(bench, u, v):
+                return name, "ends between the fingers"
+        moved = np.linalg.norm(end.state[:, :2] - before[:, :2], axis=1)
+        target, farthest = self.names[0], self.names[int(np.argmax(moved))]
+        if end.jam > JAMMED:
+            return farthest, "is jammed"
+        over = int(np.argmin(end.state[:, 0]))
+        behind = float(end.state[over, 0]) - bench.edge
+        if behind < 0.0:
+            return self.names[over], "is pushed off the board"
+        room = trials.room(bench, path)
+        costs = (
+            (trials.depth_cost(bench, end.state), target,
+             f"is {1e3 * end.state[0, 0]:.0f} mm beyond the tool point at the end"),
+            (trials.motion_cost(before, end.state), target,
+             f"is pushed by {1e3 * moved[0]:.0f} mm"),
+            (trials.force_cost(end.force), farthest, f"is pushed with {end.force:.0f} N"),
+            (trials.edge_cost(bench, end.state[over, 0]), self.names[over],
+             f"ends {1e3 * behind:.0f} mm behind the front of the board"),
+            (trials.wall_cost(room), "",
+             f"the hand comes within {1e3 * max(room, 0.0):.0f} mm of a wall"),
+        )  # fmt: skip
+        _, name, cause = max(costs)
+        return name, cause
+
+    def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
+        """See :class:`PushModel`."""
+        flat = (points - self.target) @ self._flat
+        end = self._end(trials.stepped(flat), 0)
+        shift = (end.state - self._places[0])[:, :2] @ self._flat.T
+        return Moved(tuple(self.names), self._seen + shift, end.state[:, 2])
+
+    def _end(self, path: FloatArray, state: int) -> Pushed:
+        """What the hand, led along poses (T, 3), does to one of the states."""
+        return push(self.bench, path, self._places[state], float(self._slips[state]))
+
+
+def applies(scene: Scene, tool: Tool | None) -> bool:
+    """Whether the tool comes to its target on the level, and something stands in the scene."""
+    if scene.target is None or tool is None:
+        return False
+    stands = any(obj.stem is None for obj in scene.pushables)
+    _, y_g, z_g = scene.frame
+    return stands and bool(
+        max(abs(float(z_g @ scene.up)), abs(float(y_g @ scene.up)))
+        < np.sin(np.deg2rad(STANDING.tilt))
+    )
+
+
+@lru_cache(maxsize=32)
+def rings_of(robot: Robot) -> FloatArray:
+    """The body spheres (k, 3) of the last link and the tool, whatever the roll: their heights over
+    the tool point, their distances from the tool axis, their radii [m]."""
+    own = np.asarray(robot.spheres.distal)
+    center = robot.spheres.center[own] - robot.tool_point
+    height = center @ robot.tool_axis
+    aside = lengths(center - height[:, None] * robot.tool_axis)
+    return frozen(np.column_stack([height, aside, robot.spheres.radius[own]]))

@@ -1,0 +1,140 @@
+"""The tool's path: a smooth curve of the tool point from where the approach begins to the target.
+
+A path is given by corners. They are rounded by two moving averages along the arc: the result has
+a continuous curvature, so that an arm can follow it without a jump in acceleration.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, frozen
+from optipromp.core.compiled import inner, kernel
+from optipromp.core.pushing.parameters import PUSH
+
+STEP, ROUNDING = PUSH.rule.point_step, PUSH.rule.rounding
+
+
+@dataclass(frozen=True, eq=False)
+class ToolPath:
+    """A path of the tool point.
+
+    Attributes:
+        points: (P, 3) about :data:`STEP` apart, the entry first, the goal last [m].
+        speed: largest speed of the tool along it [m/s].
+        harm: predicted by the model that gave the path; 0 for a path of the rule.
+    """
+
+    points: FloatArray
+    speed: float
+    harm: float = 0.0
+
+    @cached_property
+    def length(self) -> float:
+        """Length from entry to goal [m]."""
+        return length(self.points)
+
+    def at(self, share: FloatArray) -> FloatArray:
+        """Points (m, 3) at shares (m,) of the length."""
+        along = np.linspace(0.0, 1.0, len(self.points))
+        return np.stack([np.interp(share, along, column) for column in self.points.T], axis=1)
+
+
+def turning(axis: FloatArray, lead: FloatArray | None, share: FloatArray) -> FloatArray:
+    """Tool axes (m, 3) at shares (m,) of a path: evenly from ``lead`` to ``axis`` (3,)."""
+    if lead is None:
+        return np.tile(axis, (len(share), 1))
+    axes = lead + share[:, None] * (axis - lead)
+    return np.asarray(axes / np.linalg.norm(axes, axis=1)[:, None])
+
+
+def through(
+    corners: FloatArray | Sequence[FloatArray], speed: float, harm: float = 0.0
+) -> ToolPath:
+    """The rounded path from the first to the last of ``corners`` (k, 3) [m]."""
+    return ToolPath(frozen(rounded(np.ascontiguousarray(corners), STEP, ROUNDING)), speed, harm)
+
+
+@kernel
+def rounded(corners: FloatArray, step: float, width: float) -> FloatArray:
+    """Points (P, 3) about ``step`` apart on the polyline ``corners`` (k, 3), averaged twice.
+
+    Each average is over ``width`` [m] of the arc, and less towards the ends, which stay in place.
+    """
+    total = length(corners)
+    count = max(2, math.ceil(total / step) + 1)
+    points, sums = np.empty((count, 3)), np.zeros((count + 1, 3))
+    gone, i, half = 0.0, 1, int(0.5 * width / step)
+    for m in range(3):
+        points[0, m], points[count - 1, m] = corners[0, m], corners[len(corners) - 1, m]
+    for k in range(1, len(corners)):
+        piece = _step(corners, k)
+        while i < count - 1 and i * total / (count - 1) <= gone + piece:
+            share = (i * total / (count - 1) - gone) / piece
+            for m in range(3):
+                low, high = corners[k - 1, m], corners[k, m]
+                points[i, m] = low + share * (high - low)
+            i += 1
+        gone += piece
+    for _ in range(2):
+        for i in range(count):
+            for m in range(3):
+                sums[i + 1, m] = sums[i, m] + points[i, m]
+        for i in range(count):
+            h = min(half, i, count - 1 - i)
+            for m in range(3):
+                points[i, m] = (sums[i + h + 1, m] - sums[i - h, m]) / (2 * h + 1)
+    return points
+
+
+@inner
+def length(corners: FloatArray) -> float:
+    """Length of a path through ``corners`` (k, 3) [m]."""
+    far = 0.0
+    for k in range(1, len(corners)):
+        far += _step(corners, k)
+    return far
+
+
+def evenly(corners: FloatArray, count: int) -> FloatArray:
+    """``count`` points (count, 3) along the path, evenly spaced."""
+    return along(corners, corners, count)
+
+
+@kernel
+def along(corners: FloatArray, values: FloatArray, count: int) -> FloatArray:
+    """``values`` (k, m) of the corners (k, 3), at ``count`` places evenly along the path."""
+    at, kept, last = np.zeros(len(corners)), np.zeros(len(corners), dtype=np.int64), 0
+    far = 0.0
+    for k in range(1, len(corners)):
+        step = _step(corners, k)
+        far += step
+        if step > 1e-9:  # otherwise the two corners are one
+            last += 1
+            at[last], kept[last] = far, k
+    out = np.empty((count, values.shape[1]))
+    i = 0
+    for c in range(count):
+        wanted = at[last] if c == count - 1 else c * (at[last] / (count - 1))
+        while i < last - 1 and at[i + 1] <= wanted:
+            i += 1
+        j = min(i + 1, last)
+        low, high = kept[i], kept[j]
+        for m in range(values.shape[1]):
+            if wanted >= at[j]:
+                out[c, m] = values[high, m]
+            else:
+                slope = (values[high, m] - values[low, m]) / (at[j] - at[i])
+                out[c, m] = slope * (wanted - at[i]) + values[low, m]
+    return out
+
+
+@inner
+def _step(corners: FloatArray, k: int) -> float:
+    x = corners[k, 0] - corners[k - 1, 0]
+    y = corners[k, 1] - corners[k - 1, 1]
+    z = corners[k, 2] - corners[k - 1, 2]
+    return math.sqrt(x * x + y * y + z * z)

@@ -1,0 +1,364 @@
+r"""The rules of the method: which pushables are in the way, and on which side the tool passes.
+
+Neighbours are the pushables before the target and near the approach line (method §4). The tool
+passes each on the side away from its stem (method §5, constraints 1 and 2):
+:math:`d_n\cdot(fk-X_n)\ge R_{gripper}` with a unit vector :math:`d_n` of the lateral plane. The
+paper's rule takes :math:`d_n=\pm y_g` with the sign of :math:`-y_g\cdot S_n`; the general one
+takes :math:`d_n` against the lateral part of the stem. ``shortest`` takes the direction that keeps
+the tool nearest to the approach line, among those well clear of the stem. A tool that passes a
+fruit at right angles to the lean of its stem comes no nearer to the stem than to the fruit.
+
+:func:`path_past` gives the path of such a choice: at every height the point nearest to the approach
+line that keeps its distance from each pushable whose window contains the height.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import islice, product
+from typing import Literal, get_args
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.compiled import inner, kernel
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.scene import Scene, SceneObject
+
+DriftRule = Literal["shortest", "lateral-plane", "paper"]
+Window = Literal["rim", "paper"]
+RULE = PUSH.rule
+RULE_SWEEPS, RULE_LEVEL, RULE_ALIKE = RULE.sweeps, RULE.level, RULE.alike
+RULE_UNDER, RULE_ROOM, RULE_RELEASE = RULE.under, RULE.room_to_turn, RULE.release
+
+
+def neighbours(
+    scene: Scene,
+    gripper_radius: float,
+    *,
+    search_radius: float = RULE.search_radius,
+    plane_factor: float = RULE.plane_factor,
+) -> tuple[SceneObject, ...]:
+    """Pushables before the target along z_g and near the approach line, first met first.
+
+    Args:
+        scene: with a target; a scene with a goal in its place has no neighbours.
+        gripper_radius: R_gripper [m].
+        search_radius: how far from the target a neighbour may be [m].
+        plane_factor: D_plane in gripper radii, the largest distance from the approach line.
+
+    Where the target or a pushable has a covariance, the largest distance from the approach line
+    grows by two standard deviations of their distance.
+
+    Returns:
+        The neighbours by position along z_g; ties by nearness to the target.
+    """
+    target = scene.target
+    if target is None:
+        return ()
+    x_g, y_g, z_g = scene.frame
+    found = []
+    for obj in scene.objects_at(scene.around(target.position, search_radius, "pushable")):
+        off = obj.position - target.position
+        along = float(off @ z_g)
+        aside = math.hypot(off @ x_g, off @ y_g)
+        distance = math.hypot(*off)
+        doubt = math.sqrt(detection_variance(target) + detection_variance(obj))
+        wide = plane_factor * gripper_radius + RULE.unsure * doubt
+        if along < 0.0 and distance <= search_radius and aside <= wide:
+            found.append((along, distance, obj.id, obj))
+    return tuple(obj for *_, obj in sorted(found, key=lambda f: f[:3]))
+
+
+def detection_variance(obj: SceneObject) -> float:
+    """Mean variance of an object's detected position [m²]; 0 where the scene gives none."""
+    return 0.0 if obj.covariance is None else float(np.trace(obj.covariance)) / 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """Directions in which the tool passes the neighbours of one plan.
+
+    Attributes:
+        ids: neighbours, first met first.
+        centers: (N, 3) their centres [m].
+        directions: (N, 3) unit vectors of the lateral plane.
+        windows: (N, 2) first and last height of the tool point as it passes, along z_g from the
+            centre [m].
+    """
+
+    ids: tuple[str, ...]
+    centers: FloatArray
+    directions: FloatArray
+    windows: FloatArray
+
+
+def stem_side(
+    scene: Scene, obj: SceneObject, rule: DriftRule, gripper_radius: float
+) -> FloatArray | None:
+    """Direction (3,) away from the stem of ``obj``; None where its stem decides no side."""
+    if obj.stem is None:
+        return None
+    x_g, y_g, _ = scene.frame
+    stem = obj.stem.vector
+    least = np.sin(np.deg2rad(RULE.least_inclination)) * float(np.linalg.norm(stem))
+    if rule == "paper":
+        share = float(y_g @ stem)
+        return None if abs(share) < least else np.asarray(-np.sign(share) * y_g)
+    flat = (x_g @ stem) * x_g + (y_g @ stem) * y_g
+    length = float(np.linalg.norm(flat))
+    away = None if length < least else -flat / length
+    if rule == "lateral-plane" or scene.target is None:
+        return away
+    off = scene.target.position - obj.position
+    inwards = (x_g @ off) * x_g + (y_g @ off) * y_g
+    distance = float(np.linalg.norm(inwards))
+    if distance <= max(RULE.centred * gripper_radius, 1e-6):
+        return away
+    inwards = inwards / distance
+    if away is None or length < np.sin(np.deg2rad(RULE.upright)) * float(np.linalg.norm(stem)):
+        return np.asarray(inwards)
+    return _towards(away, inwards, float(np.deg2rad(RULE.widest_turn)))
+
+
+def _towards(start: FloatArray, goal: FloatArray, most: float) -> FloatArray:
+    """The unit vector ``start`` turned towards another, ``goal``, by ``most`` [rad] at most."""
+    cosine = float(np.clip(start @ goal, -1.0, 1.0))
+    if cosine >= np.cos(most):
+        return goal
+    across = goal - cosine * start
+    length = float(np.linalg.norm(across))
+    if length < 1e-9:
+        return start
+    return np.asarray(np.cos(most) * start + np.sin(most) * across / length)
+
+
+def passing_windows(
+    scene: Scene,
+    objects: Sequence[SceneObject],
+    directions: FloatArray,
+    window: Window,
+    depth: float,
+) -> FloatArray:
+    """Heights (N, 2) of the tool point over each pushable between which its drift holds [m].
+
+    The tool passes the pushables in ``directions`` (N, 3).
+
+    The ``paper`` window is the pushable's own extent about its centre. The rim, ``depth`` [m] above
+    the tool point, decides whether a fruit ends inside the mouth. It must be aside before it
+    reaches the pushable, so the ``rim`` window begins lower by the depth. It ends where the paper's
+    window ends, with two exceptions: the rim takes in the target, or the next pushable asks for
+    another direction. Then it ends as soon as the rim is safely past the centre.
+    """
+    radii = np.array([obj.radius for obj in objects])
+    if window == "paper" or scene.target is None or not len(objects):
+        return np.stack([-radii, radii], axis=1).reshape(-1, 2)
+    up = scene.frame[2]
+    heights = np.array([obj.position for obj in objects]) @ up
+    capture = float(scene.target.position @ up) - depth - scene.target.radius
+    under = np.full(len(radii), RULE_UNDER)
+    return rim_windows(heights, radii, np.array(directions), depth, capture, under)
+
+
+@kernel
+def rim_windows(
+    heights: FloatArray, radii: FloatArray, directions: FloatArray, depth: float, capture: float,
+    under: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """The ``rim`` windows (N, 2) of pushables at ``heights`` (N,) along z_g, first met first [m].
+
+    At the height ``capture`` of the tool point the rim takes in the target. ``under`` (N,) is how
+    far below a pushable the rim must be aside of it. The other arguments are those of
+    :func:`passing_windows`.
+    """
+    count = len(heights)
+    lowest, windows = np.empty(count), np.empty((count, 2))
+    for i in range(count):
+        lowest[i] = heights[i] - depth - radii[i] - under[i]  # where the rim must be aside of it
+    for i in range(count):
+        turn = capture
+        for k in range(i + 1, count):
+            alike = 0.0
+            for m in range(3):
+                alike += directions[i, m] * directions[k, m]
+            if alike < RULE_ALIKE:
+                turn = min(turn, lowest[k])
+        released = -depth + RULE_RELEASE * radii[i]
+        windows[i, 0] = lowest[i] - heights[i]
+        windows[i, 1] = min(radii[i], max(turn - RULE_ROOM - heights[i], released))
+    return windows
+
+
+def drift_choices(
+    scene: Scene,
+    objects: Sequence[SceneObject],
+    rule: DriftRule = "lateral-plane",
+    *,
+    window: Window = "rim",
+    depth: float = 0.0,
+    gripper_radius: float = 0.0,
+) -> tuple[Drift, ...]:
+    """Every combination of sides the tool may pass ``objects`` on, at most eight.
+
+    A stem that leans decides the side. With a vertical stem, or none, both sides along y_g are
+    possible. The first choice stays nearest to the approach line. ``window`` and ``depth``: see
+    :func:`passing_windows`. ``gripper_radius`` [m]: unit of length of the rule ``shortest``.
+
+    Raises:
+        InvalidRequestError: an unknown rule or window.
+    """
+    if window not in ("rim", "paper"):
+        raise InvalidRequestError(f"window is {window!r}; use 'rim' or 'paper'")
+    if rule not in get_args(DriftRule):
+        raise InvalidRequestError(f"drift is {rule!r}; use one of {', '.join(get_args(DriftRule))}")
+    y_g = scene.frame[1]
+    centers = np.array([obj.position for obj in objects]).reshape(-1, 3)
+    options: list[list[FloatArray]] = []
+    for obj in objects:
+        side = stem_side(scene, obj, rule, gripper_radius)
+        if side is not None:
+            options.append([side])
+            continue
+        assert scene.target is not None  # objects are neighbours of a target
+        away = float(y_g @ (scene.target.position - obj.position))
+        first = 1.0 if away >= 0.0 else -1.0
+        options.append([first * y_g, -first * y_g])
+    chosen = islice(product(*options), RULE.most_choices)
+    return tuple(
+        Drift(
+            tuple(obj.id for obj in objects),
+            centers,
+            directions,
+            passing_windows(scene, objects, directions, window, depth),
+        )
+        for directions in (np.array(sides).reshape(-1, 3) for sides in chosen)
+    )
+
+
+def rule_paths(
+    scene: Scene, objects: Sequence[SceneObject], robot: Robot, camera: FloatArray,
+    rule: DriftRule = "shortest",
+) -> list[FloatArray]:  # fmt: skip
+    """Corners (k, 3) of the path from ``camera`` (3,) past neighbours, for each choice of sides."""
+    assert scene.target is not None
+    assert scene.aim is not None
+    depth = 0.0 if robot.tool is None else robot.tool.depth
+    offsets = robot.gripper_radius + PUSH.hanging.clearance * np.array([o.radius for o in objects])
+    capture = max(depth + scene.target.radius, 0.0)
+    return [
+        path_past(
+            drift.centers, drift.directions, drift.windows, offsets, np.array(scene.aim),
+            np.array(scene.frame), np.array(camera), capture,
+        )
+        for drift in drift_choices(
+            scene, objects, rule, depth=depth, gripper_radius=robot.gripper_radius
+        )
+    ]  # fmt: skip
+
+
+@kernel
+def path_past(
+    centers: FloatArray, directions: FloatArray, windows: FloatArray, offsets: FloatArray,
+    goal: FloatArray, frame: FloatArray, camera: FloatArray, capture: float,
+) -> FloatArray:  # fmt: skip
+    """Corners (k, 3) of the path from the camera point to the goal [m].
+
+    Args:
+        centers: (N, 3) of the neighbours; ``directions`` and ``windows`` as in :class:`Drift`.
+        offsets: (N,) how far the tool is to pass each of them [m].
+        goal: (3,) where the tool point ends.
+        frame: (3, 3) rows x_g, y_g, z_g.
+        camera: (3,) where the path begins.
+        capture: depth below the goal from which the path is on the approach line [m].
+    """
+    lateral, up, n = frame[:2], frame[2], len(centers)
+    heights, flat, towards = np.zeros(n), np.zeros((n, 2)), np.zeros((n, 2))
+    start, farthest = np.zeros(3), 0.0
+    for m in range(3):
+        for a in range(3):
+            start[a] += (camera[m] - goal[m]) * frame[a, m]
+        for k in range(n):
+            heights[k] += (centers[k, m] - goal[m]) * up[m]
+            for a in range(2):
+                flat[k, a] += (centers[k, m] - goal[m]) * lateral[a, m]
+                towards[k, a] += directions[k, m] * lateral[a, m]
+    for k in range(n):
+        x, y = flat[k, 0] + offsets[k] * towards[k, 0], flat[k, 1] + offsets[k] * towards[k, 1]
+        farthest = max(farthest, math.sqrt(x * x + y * y))
+    levels = np.empty(max(0, math.ceil((-capture - start[2]) / RULE_LEVEL)))
+    for i in range(len(levels)):
+        levels[i] = start[2] + i * RULE_LEVEL
+    local = np.zeros((2 * len(levels) + 3, 3))
+    for a in range(3):
+        local[0, a] = start[a]
+    count = _corners(levels, windows, heights, flat, towards, offsets, farthest, local)
+    local[count, 2] = max(start[2], -capture)
+    corners = np.empty((count + 2, 3))
+    for c in range(count + 2):
+        for m in range(3):
+            aside = local[c, 0] * lateral[0, m] + local[c, 1] * lateral[1, m]
+            corners[c, m] = goal[m] + aside + local[c, 2] * up[m]
+    return corners
+
+
+@kernel
+def _corners(levels, windows, heights, flat, directions, offsets, farthest, corners):  # type: ignore[no-untyped-def]
+    """Corners (k, 3) after the first, in place, where windows begin and end; returns their number.
+
+    ``levels`` (L,) are the candidate heights of corners. ``heights`` (N,) and ``flat`` (N, 2) are
+    the positions of the neighbours along the approach line and aside of it.
+    """
+    n = heights.shape[0]
+    inside, before = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
+    p, last, has_last, count = np.zeros(2), np.zeros(2), False, 1
+    for i in range(levels.shape[0]):
+        some, same = False, True
+        for k in range(n):
+            above = levels[i] - heights[k]
+            before[k] = inside[k]
+            inside[k] = windows[k, 0] <= above <= windows[k, 1]
+            some |= inside[k]
+            same &= inside[k] == before[k]
+        if not some:
+            has_last = False
+            continue
+        if not (has_last and same):
+            _aside(flat, directions, offsets, inside, farthest, p)
+            apart = max(abs(p[0] - last[0]), abs(p[1] - last[1]))
+            if not has_last or apart > 2e-6:  # [m]: not the same point
+                last[0], last[1] = p[0], p[1]
+                corners[count, 0], corners[count, 1], corners[count, 2] = p[0], p[1], levels[i]
+                count += 1
+                corners[count, 0], corners[count, 1] = p[0], p[1]
+                count += 1
+                has_last = True
+        corners[count - 1, 2] = levels[i]  # the last level with this point
+    return count
+
+
+@inner
+def _aside(flat, directions, offsets, active, farthest, p):  # type: ignore[no-untyped-def]
+    """``p`` (2,): the point nearest to the approach line that is aside of all ``active`` (N,).
+
+    By cyclic projection, in place. The point is at most ``farthest`` from the line: where objects
+    ask for opposite sides, their half-planes meet far away, and a compromise is taken instead.
+    """
+    p[0] = p[1] = 0.0
+    for _ in range(RULE_SWEEPS):
+        x, y = p[0], p[1]
+        for k in range(flat.shape[0]):
+            if not active[k]:
+                continue
+            dx, dy = directions[k, 0], directions[k, 1]
+            short = offsets[k] - (dx * (p[0] - flat[k, 0]) + dy * (p[1] - flat[k, 1]))
+            if short > 0.0:
+                p[0] += short * dx
+                p[1] += short * dy
+                away = math.sqrt(p[0] * p[0] + p[1] * p[1])
+                if away > farthest:
+                    p[0] *= farthest / away
+                    p[1] *= farthest / away
+        if p[0] == x and p[1] == y:
+            break

@@ -1,0 +1,157 @@
+"""The gaps of fruits and stems to a cup: to its wall, floor and neck.
+
+Points and directions are passed and returned as three numbers each, which stay in registers in a
+kernel's innermost loop.
+"""
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from optipromp.core.arrays import lengths
+from optipromp.core.compiled import inner
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.robots.model import Robot
+
+NECK_LOOKED_AT, BARELY = PUSH.swing.neck, PUSH.swing.barely
+ABOVE = 1.0  # [m] added to the gap of a piece of stem over the rim, which touches nothing
+
+
+class Mouth(NamedTuple):
+    """A cup about its axis, heights over the tool point [m]; solid where inner = -outer."""
+
+    inner: float
+    outer: float
+    base: float
+    rim: float
+    floor: float  # thickness
+    neck: float  # radius
+    flange: float = 0.0  # radius of the arm's last link, taken as round; see :func:`flange_of`
+    flange_top: float = -1.0  # height of its end
+    end: float = -1.0  # height where it and the neck end
+
+
+class MouthPose(NamedTuple):
+    """The tool point (x, y, z) [m] and the axis (u, v, w) out of the mouth."""
+
+    x: float
+    y: float
+    z: float
+    u: float
+    v: float
+    w: float
+
+
+@lru_cache(maxsize=32)
+def flange_of(robot: Robot) -> tuple[float, float, float]:
+    """The arm's last link as a round body behind the tool: its radius, and the heights of its two
+    ends over the tool point [m].
+
+    Radius and first height are medians over the directions around the tool axis: of how far the
+    link's body spheres reach from the axis, and of how far they reach along it at 0.7 of that
+    radius. The second height is that of the lowest sphere. (0, -1, -1) for a link without spheres
+    about the axis.
+    """
+    spheres = robot.spheres
+    last = np.asarray(spheres.segment) == robot.n_segments - 1
+    if robot.tool is not None:
+        last &= np.asarray(spheres.link) != len(robot.link_names) - 1
+    center, radius = spheres.center[last] - robot.tool_point, spheres.radius[last]
+    height = center @ robot.tool_axis
+    aside = center - height[:, None] * robot.tool_axis
+    if not (lengths(aside) < radius).any():
+        return 0.0, -1.0, -1.0
+    angles = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
+    across = np.linalg.svd(robot.tool_axis[None])[2][1:]  # two directions across the axis
+    toward = np.column_stack([np.cos(angles), np.sin(angles)]) @ across
+    along = toward @ aside.T  # (72, k)
+    square = radius**2 - (lengths(aside) ** 2 - along**2)
+    reach = np.where(square > 0.0, along + np.sqrt(np.maximum(square, 0.0)), 0.0).max(axis=1)
+    wide = float(np.median(reach))
+    off = np.linalg.norm(0.7 * wide * toward[:, None] - aside, axis=2)
+    top = np.where(off < radius, height + np.sqrt(np.maximum(radius**2 - off**2, 0.0)), -np.inf)
+    return wide, float(np.median(top.max(axis=1))), float((height - radius).min())
+
+
+@inner
+def _box(
+    rho: float, h: float, low: float, high: float, bottom: float, top: float
+) -> tuple[float, float, float]:
+    """Signed distance of (rho, h) to a rectangle, and its gradient."""
+    x, y = rho - 0.5 * (low + high), h - 0.5 * (bottom + top)
+    qx, qy = abs(x) - 0.5 * (high - low), abs(y) - 0.5 * (top - bottom)
+    sx, sy = math.copysign(1.0, x), math.copysign(1.0, y)
+    if qx > 0.0 and qy > 0.0:
+        d = math.sqrt(qx * qx + qy * qy)
+        return d, sx * qx / d, sy * qy / d
+    if qx > qy:
+        return qx, sx, 0.0
+    return qy, 0.0, sy
+
+
+@inner
+def cup_distance(rho: float, h: float, cup: Mouth) -> tuple[float, float, float]:
+    """Signed distance to wall, floor, neck and flange in the half-plane, with d/drho and d/dh."""
+    best, g0, g1 = _box(rho, h, cup.inner, cup.outer, cup.base, cup.rim)
+    d, e0, e1 = _box(rho, h, -cup.outer, cup.outer, cup.base, cup.base + cup.floor)
+    if d < best:
+        best, g0, g1 = d, e0, e1
+    d, e0, e1 = _box(rho, h, -cup.neck, cup.neck, cup.end, cup.base)
+    if d < best:
+        best, g0, g1 = d, e0, e1
+    if cup.flange > cup.neck:
+        d, e0, e1 = _box(rho, h, -cup.flange, cup.flange, cup.end, cup.flange_top)
+        if d < best:
+            best, g0, g1 = d, e0, e1
+    return best, g0, g1
+
+
+@inner
+def in_cup(x: float, y: float, z: float, at: MouthPose) -> tuple[float, float, float, float, float]:
+    """Height of a point over the tool point, its distance and its direction from the axis."""
+    x, y, z = x - at.x, y - at.y, z - at.z
+    h = x * at.u + y * at.v + z * at.w
+    x, y, z = x - h * at.u, y - h * at.v, z - h * at.w
+    return h, math.sqrt(x * x + y * y + z * z), x, y, z
+
+
+@inner
+def fruit_gap(
+    x: float, y: float, z: float, radius: float, at: MouthPose, cup: Mouth
+) -> tuple[float, float, float, float]:
+    """Gap of a fruit to the cup, and the direction it is pushed in."""
+    h, rho, x, y, z = in_cup(x, y, z, at)
+    d, g0, g1 = cup_distance(rho, h, cup)
+    out = g0 / rho if rho > 1e-9 else 0.0
+    return d - radius, out * x + g1 * at.u, out * y + g1 * at.v, out * z + g1 * at.w
+
+
+@inner
+def stem_gap(
+    x: float, y: float, z: float, radius: float, within: bool, at: MouthPose, cup: Mouth
+) -> tuple[float, float, float, float]:
+    """Gap of a piece of stem to wall or neck, on the side of the wall where its fruit is.
+
+    A stem may move farther in one step than a wall is thick: the distance does not tell the side.
+    A piece over the rim touches nothing: its gap is its height there and :data:`ABOVE`.
+    """
+    h, rho, x, y, z = in_cup(x, y, z, at)
+    if h > cup.rim + 1e-6 or rho < 1e-9:
+        return ABOVE + max(h - cup.rim, 0.0), 0.0, 0.0, 0.0
+    out = 1.0 / rho
+    if h < cup.base - 1e-6:
+        gap = rho - cup.neck - radius
+    elif within:
+        gap, out = cup.inner - rho - radius, -out
+    else:
+        gap = rho - cup.outer - radius
+    return gap, out * x, out * y, out * z
+
+
+@inner
+def inside(x: float, y: float, z: float, at: MouthPose, cup: Mouth) -> bool:
+    """Whether a fruit with its centre there counts as inside."""
+    h, rho, _, _, _ = in_cup(x, y, z, at)
+    return rho < cup.inner and cup.base < h < cup.rim - BARELY

@@ -1,0 +1,192 @@
+"""The push model of fruits on bending stems."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.geometry.obstacles import near
+from optipromp.core.pushing.model import Moved, PushModel
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.path import STEP
+from optipromp.core.pushing.stems.bending import Stems, balls_of
+from optipromp.core.pushing.stems.cup import Mouth
+from optipromp.core.pushing.stems.harm import BRIEFLY, Harm, score_of
+from optipromp.core.pushing.stems.paths import PathsPast
+from optipromp.core.pushing.stems.states import sampled
+from optipromp.core.pushing.stems.swinging import Led, clear, led, mean_score, steps_inside
+from optipromp.core.robots.cup_cover import NECK_RADIUS
+from optipromp.core.robots.tool_protocol import Tool
+from optipromp.core.robots.tools import WALL
+from optipromp.core.scenes.scene import Scene, SceneObject
+
+HANGING = PUSH.hanging
+NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
+
+
+def applies(scene: Scene, tool: Tool | None, neighbours: Sequence[SceneObject]) -> bool:
+    """Whether the model applies: there is a tool, and the target hangs.
+
+    It does so where nothing is in the way, too: a tool that does not come along its axis knocks the
+    target away. It does not apply to more fruits than it can try in the time of a plan.
+    """
+    target = scene.target
+    hangs = tool is not None and target is not None and target.stem is not None
+    return hangs and len(neighbours) <= HANGING.most
+
+
+class Hanging(PushModel):
+    """The push model of fruits on bending stems, for one scene.
+
+    Args:
+        scene: the scene.
+        tool: modelled as a cup with the tool's mouth, also where it has fingers. A tool that takes
+            hold of nothing is a solid cylinder, and a missed target does not count as harm.
+        neighbours: pushables in the way, first met first.
+        camera: (3,) where a path begins [m].
+        gripper_radius: R_gripper [m].
+        flange: of the arm, see :func:`optipromp.core.pushing.stems.cup.flange_of`; none by default.
+        risk: share of promised successes that may be broken.
+    """
+
+    good = PUSH.harm.good
+
+    def __init__(
+        self, scene: Scene, tool: Tool, neighbours: Sequence[SceneObject], camera: FloatArray,
+        gripper_radius: float, flange: tuple[float, float, float] = (0.0, -1.0, -1.0),
+        risk: float = PUSH.harm.risk,
+    ) -> None:  # fmt: skip
+        target = scene.target
+        assert target is not None
+        inner, outer = tool.mouth
+        inner = inner if inner > 0.0 else -outer  # solid
+        base = tool.front - tool.reach
+        self.cup = Mouth(inner, outer, base, tool.depth, WALL, NECK_RADIUS, *flange)
+        self.static, avoid = (
+            near(
+                scene.packed(scene.around(target.position, HANGING.around, role)),
+                target.position,
+                HANGING.around,
+            )
+            for role in ("static", "avoid")
+        )
+        fruits = (target, *_hanging(scene, target, neighbours))
+        detected = any(fruit.covariance is not None for fruit in fruits)
+        self.fruits, self.count = fruits, len(fruits)
+        self.calibration = PUSH.detected if detected else PUSH.known
+        self.threshold = self.calibration.allowed(risk)
+        self.searched = HANGING.screened_states if detected else HANGING.screened_known
+        self.states = HANGING.detected_states if detected else HANGING.states
+        self.stems = sampled(fruits, self.searched, self.states, tuple(scene.up.tolist()))
+        self.candidates = PathsPast(
+            scene, neighbours, self.cup, (self.static, avoid), camera, gripper_radius, self.searched
+        )
+
+    def harm(
+        self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
+    ) -> float:
+        """See :class:`PushModel`; the parts are those of :class:`Harm`."""
+        every = HANGING.screened_every if states == 1 else HANGING.every
+        told = states > self.searched
+        some = self._some(self.searched if told else 0, states)
+        return mean_score(
+            some, self.count, states, *_steps(points, axes, every), self.cup, self.static,
+            PUSH.harm.hopeless, limit, not told,
+        )  # fmt: skip
+
+    def led(self, state: int, points: FloatArray, axes: FloatArray) -> Led:
+        """What a motion of the tool does to the fruits in one state."""
+        return led(self._some(state, 1), *_steps(points, axes), self.cup, self.static)
+
+    def clear(self, points: FloatArray, axes: FloatArray) -> bool:
+        """See :class:`PushModel`; in any state."""
+        return bool(clear(self.stems, points, axes, self.cup))
+
+    def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
+        """See :class:`PushModel`.
+
+        Where fruits are swallowed, all of them are named, and not whether the target comes inside
+        too: the model does not know how many the cup holds.
+        """
+        told = range(self.searched, self.searched + min(self.states, HANGING.causes))
+        worst = max(
+            (self.led(state, points, axes) for state in told),
+            key=lambda push: score_of(*push.harm),
+        )
+        found = worst.harm
+        names = [fruit.id for fruit in self.fruits]
+        if found.inside > BRIEFLY:
+            points, axes, dt = _steps(points, axes)
+            within = steps_inside(worst.positions, points, axes, self.cup)[1:]
+            most = max(int(within.max()), 1)
+            first, *others = (
+                name for name, steps in zip(names[1:], within.tolist(), strict=True)
+                if steps * dt > BRIEFLY or steps == most
+            )  # fmt: skip
+            return first, f"and {' and '.join(others)} are swallowed" if others else "is swallowed"
+        if found.missed:
+            return names[0], "is not inside at the end"
+        on_fruit, on_stem = worst.on_fruits, worst.on_stems
+        on_fruit[0] = 0.0  # the force on the target is a part of its own
+        crushed = int(np.argmax(on_fruit))
+        parts = (
+            ("stem", int(np.argmax(on_stem)), "has its stem pressed by {:.1f} N"),
+            ("fruit", crushed, "is crushed by {:.1f} N"),
+            ("target", 0, "is pressed by {:.1f} N"),
+            ("pinched", crushed, "is pinched for {:.1f} s"),
+        )
+        alone = {
+            part: score_of(*NOTHING._replace(**{part: getattr(found, part)})) for part, *_ in parts
+        }
+        part, k, what = max(parts, key=lambda item: alone[item[0]])
+        return names[k], what.format(getattr(found, part))
+
+    def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
+        """See :class:`PushModel`."""
+        done = self.led(0, points, axes)
+        forces = zip(self.fruits[1:], done.on_fruits[1:].tolist(), strict=True)
+        return {fruit.id: force for fruit, force in forces}
+
+    def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
+        """See :class:`PushModel`."""
+        began = np.array([balls_of(fruit).center for fruit in self.fruits])
+        gone = self.led(0, points, axes).positions[-1] - began
+        before = np.array([fruit.position for fruit in self.fruits])
+        ids = tuple(fruit.id for fruit in self.fruits)
+        return Moved(ids, before + gone, np.zeros(self.count))
+
+    def _some(self, first: int, states: int) -> Stems:
+        """So many states from the ``first`` on."""
+        low, high = first * self.count, (first + states) * self.count
+        return Stems(*(values[low:high] for values in self.stems))
+
+
+def _hanging(
+    scene: Scene, target: SceneObject, neighbours: Sequence[SceneObject]
+) -> list[SceneObject]:
+    """The neighbours that hang, and the fruits that a tool on a detour may meet, by their ids.
+
+    The order is the same for all approaches to one target.
+    """
+    known = {fruit.id for fruit in neighbours}
+
+    def away(obj: SceneObject) -> float:
+        return math.dist(obj.position, target.position)
+
+    others = [
+        obj
+        for obj in scene.objects_at(scene.around(target.position, HANGING.around, "pushable"))
+        if obj.id not in known and obj.stem is not None and away(obj) < HANGING.around
+    ]
+    others = sorted(others, key=away)[: HANGING.most - len(known)]
+    hanging = [fruit for fruit in neighbours if fruit.stem is not None]
+    return sorted([*hanging, *others], key=lambda fruit: fruit.id)
+
+
+def _steps(
+    points: FloatArray, axes: FloatArray, every: int = HANGING.every
+) -> tuple[FloatArray, FloatArray, float]:
+    """Points and tool axes (T, 3) of a path in steps of the model, and the time of a step [s]."""
+    chosen = np.append(np.arange(0, len(points) - 1, every), len(points) - 1)
+    return points[chosen], axes[chosen], every * STEP / HANGING.model_speed

@@ -1,0 +1,326 @@
+"""What a cup does to fruits on stems, predicted step by step along the tool's path.
+
+At every step all fruits come to the equilibrium of their stems, their inertia and their contacts
+(:mod:`optipromp.core.pushing.stems.equilibrium`). The harm on the path is recorded.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from optipromp.core.arrays import FloatArray, IntArray
+from optipromp.core.compiled import inner, kernel
+from optipromp.core.geometry.obstacles import Obstacles
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.stems.bending import Stems
+from optipromp.core.pushing.stems.contacts import (
+    Contacts,
+    Fruits,
+    hang,
+    list_fruits,
+    list_pieces,
+    list_walls,
+    overlapping,
+)
+from optipromp.core.pushing.stems.cup import Mouth, MouthPose, in_cup, inside
+from optipromp.core.pushing.stems.deflected import LOADS, Descent, freely
+from optipromp.core.pushing.stems.equilibrium import CLOSE, CupStep, relax
+from optipromp.core.pushing.stems.harm import Harm, score_of
+
+ITERATIONS, SETTLED = PUSH.swing.iterations, PUSH.swing.settled
+KEPT_SPEED, STIRRED = PUSH.swing.kept_speed, PUSH.swing.stirred
+LASTING = PUSH.harm.lasting
+
+
+@kernel
+def push(
+    s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth, solid: Obstacles,
+    worst: float, positions: FloatArray, forces: FloatArray, stem_forces: FloatArray,
+    so_far: FloatArray,
+) -> int:  # fmt: skip
+    """Lead the cup along a path.
+
+    Args:
+        s: the N stems.
+        points: (P, 3) of the tool point; ``axes`` (P, 3) out of the mouth.
+        dt: between points [s].
+        cup: its shape.
+        solid: static objects that fruits are pressed against; stems pass through them.
+        worst: a score (:func:`optipromp.core.pushing.stems.harm.score_of`) beyond which the push
+        ends.
+        positions: (P, N, 3) out, of the fruits [m].
+        forces: (P, N) out, largest contact force on each fruit [N].
+        stem_forces: (P, N) out, of the cup on each stem [N].
+        so_far: (5,) in and out, the numbers of :class:`optipromp.core.pushing.stems.harm.Harm`.
+
+    Returns:
+        Number of points that the cup was led through.
+    """
+    count, n, dofs = len(s.root), s.shape.shape[1] - 1, 2 * LOADS
+    most = 1 + 3 * (count - 1) + len(solid.kind) + n + 3  # contacts of a fruit and its stem
+    f = Fruits(
+        s.rest.copy(), s.rest.copy(), s.rest.copy(), np.zeros(count),
+        np.zeros((count, 3)), np.zeros((count, 3)), np.ones(count, dtype=np.bool_),
+        np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.bool_), np.zeros(count),
+        np.zeros(count),
+    )  # fmt: skip
+    c = Contacts(
+        np.zeros((count, most), dtype=np.int64), np.zeros((count, most), dtype=np.int64),
+        np.zeros(count, dtype=np.int64), np.zeros((count, most), dtype=np.int64),
+        np.zeros(count, dtype=np.int64), np.zeros((count, count, 2), dtype=np.bool_),
+        np.zeros(count, dtype=np.int64), np.full((count, 3), np.inf), np.zeros(count),
+        np.zeros(count), np.zeros(count, dtype=np.int64),
+    )  # fmt: skip
+    d = Descent(
+        s.mass / (dt * dt), np.zeros((count, LOADS, LOADS)), np.zeros(dofs),
+        np.zeros((dofs, dofs)), np.zeros(dofs), np.zeros(dofs), np.zeros(count),
+        np.zeros((count, dofs)),
+    )  # fmt: skip
+    pinched, spell = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+    held, load = s.root, np.zeros((s.joint.shape[1], 3))
+    s = Stems(
+        held.copy(), s.axes, s.length, s.mass, s.radius, s.thickness, s.upper, s.above, s.shape,
+        s.stiffness, s.compliance, s.shortening, s.joint, s.rest, s.lifted,
+    )  # fmt: skip
+    overlapping(s, f.u, c.overlap)
+    list_fruits(c)
+    for i in range(count):
+        hang(s, f, i)
+        freely(s, i, d)
+    for p in range(len(points)):
+        at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
+        if p > 0 and _untouched(s, f, at, cup):
+            _note(f, p, positions)
+            continue
+        q = max(p - 1, 0)
+        x, y, z = at.x - points[q, 0], at.y - points[q, 1], at.z - points[q, 2]
+        step = CupStep(cup, at, MouthPose(x, y, z, 0.0, 0.0, 0.0), p == 0)
+        _follow_truss(s, f, held, load)
+        _advance(s, f, c, d, step, solid)
+        _note(f, p, positions)
+        _take(f, at, cup, dt, p, forces, stem_forces, spell, pinched, so_far)
+        if score_of(so_far[0], so_far[1], so_far[2], so_far[3], so_far[4], False) > worst:
+            return p + 1
+    return len(points)
+
+
+@inner
+def _follow_truss(s: Stems, f: Fruits, held: FloatArray, load: FloatArray) -> None:
+    """Stems of a truss go where the forces on the others' fruits, after the last step, bring them.
+
+    ``held`` (N, 3) are their roots before anything touches a fruit, ``load`` (N, 3) room for the
+    forces; (0, 3) where there is no truss.
+    """
+    for i in range(len(load)):
+        for k in range(3):
+            load[i, k] = 0.0
+        for a in range(LOADS):
+            f1 = f2 = 0.0
+            for b in range(LOADS):
+                f1 += s.stiffness[i, a, b] * (f.u[i, b] - s.rest[i, b])
+                f2 += s.stiffness[i, a, b] * (f.u[i, LOADS + b] - s.rest[i, LOADS + b])
+            for k in range(3):
+                load[i, k] += f1 * s.axes[i, 0, k] + f2 * s.axes[i, 1, k]
+    for i in range(len(load)):
+        for k in range(3):
+            s.root[i, k] = held[i, k]
+            for o in range(len(load)):
+                for m in range(3):
+                    s.root[i, k] += s.joint[i, o, k, m] * load[o, m]
+        hang(s, f, i)
+
+
+@inner
+def _untouched(s: Stems, f: Fruits, at: MouthPose, cup: Mouth) -> bool:
+    """Whether all fruits rest, and the rim is below all fruits and roots."""
+    for i in range(len(s.root)):
+        h, _, _, _, _ = in_cup(f.center[i, 0], f.center[i, 1], f.center[i, 2], at)
+        above, _, _, _, _ = in_cup(s.root[i, 0], s.root[i, 1], s.root[i, 2], at)
+        if not (f.resting[i] and min(h - s.radius[i], above) > cup.rim + CLOSE):
+            return False
+    return True
+
+
+@kernel
+def clear(s: Stems, points: FloatArray, axes: FloatArray, cup: Mouth) -> bool:
+    """Whether the cup, led through points (P, 3), stays away from all of N fruits at rest.
+
+    A fruit and its stem lie before the rim, behind the last link's end, or aside of both.
+    """
+    wide = max(cup.outer, cup.neck, cup.flange) + CLOSE
+    for p in range(len(points)):
+        at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
+        for i in range(len(s.root)):
+            x, y, z, far = s.root[i, 0], s.root[i, 1], s.root[i, 2], s.length[i]
+            above, _, a, b, c = in_cup(x, y, z, at)
+            x, y, z = (
+                x + far * s.axes[i, 2, 0],
+                y + far * s.axes[i, 2, 1],
+                z + far * s.axes[i, 2, 2],
+            )
+            h, _, u, v, w = in_cup(x, y, z, at)
+            thick = max(s.radius[i], s.above[i])
+            if min(h, above) - thick > cup.rim + CLOSE or max(h, above) + thick < cup.end - CLOSE:
+                continue
+            a, b, c = a - u, b - v, c - w  # across the cup's axis, from the fruit to the root
+            along = a * a + b * b + c * c
+            k = -(a * u + b * v + c * w) / along if along > 0.0 else 0.0
+            k = min(max(k, 0.0), 1.0)
+            u, v, w = u + k * a, v + k * b, w + k * c
+            if math.sqrt(u * u + v * v + w * w) < wide + thick:
+                return False
+    return True
+
+
+@inner
+def _advance(s: Stems, f: Fruits, c: Contacts, d: Descent, step: CupStep, solid: Obstacles) -> None:
+    """The fruits swing on, then come to their equilibrium with the cup where it is."""
+    for i in range(len(f.up)):
+        for k in range(3):
+            f.began[i, k] = f.center[i, k]
+        for a in range(2 * LOADS):
+            f.ahead[i, a] = f.u[i, a] + KEPT_SPEED * (f.u[i, a] - f.before[i, a])
+            f.before[i, a] = f.u[i, a]
+            d.last[i, a] = 0.0
+        f.earlier[i], d.eased[i] = f.pressed[i], 1.0
+    list_walls(s, f.center, c, solid)
+    list_pieces(s, c, step.at, step.cup)
+    stirred = np.inf
+    for _ in range(ITERATIONS):
+        look = stirred > STIRRED  # for all contacts that are close, not only those known
+        if look:
+            stirred = 0.0
+        moved, woken = relax(s, f, c, d, step, solid, look)
+        stirred += np.inf if woken else moved
+        if moved < SETTLED:
+            break
+
+
+@inner
+def _note(f: Fruits, p: int, positions: FloatArray) -> None:
+    """Where the fruits are after step p, into (P, N, 3)."""
+    for i in range(len(f.up)):
+        for k in range(3):
+            positions[p, i, k] = f.center[i, k]
+
+
+@inner
+def _take(
+    f: Fruits, at: MouthPose, cup: Mouth, dt: float, p: int, forces: FloatArray,
+    stem_forces: FloatArray, spell: IntArray, pinched: IntArray, so_far: FloatArray,
+) -> None:  # fmt: skip
+    """The harm up to step p, into ``so_far`` (5,).
+
+    ``spell`` (N,) counts the steps that each fruit has been inside without a break, ``pinched``
+    (N,) those that the cup has pressed it against a static object.
+    """
+    held = math.ceil(LASTING / dt)  # steps
+    for i in range(len(f.up)):
+        forces[p, i], stem_forces[p, i] = f.force[i], f.on_stem[i]
+        lasting = lasting_on_fruit = np.inf if p >= held - 1 else 0.0
+        for q in range(max(p - held + 1, 0), p + 1):
+            lasting = min(lasting, stem_forces[q, i])
+            lasting_on_fruit = min(lasting_on_fruit, forces[q, i])
+        so_far[0] = max(so_far[0], lasting)
+        if i == 0:
+            so_far[2] = max(so_far[2], lasting_on_fruit)
+            continue
+        so_far[1] = max(so_far[1], forces[p, i])
+        swallowed = inside(f.center[i, 0], f.center[i, 1], f.center[i, 2], at, cup)
+        spell[i] = spell[i] + 1 if swallowed else 0
+        so_far[3] = max(so_far[3], spell[i] * dt)
+        if f.firmly[i] and f.pressed[i] > 0.0:
+            pinched[i] += 1
+            so_far[4] = max(so_far[4], pinched[i] * dt)
+
+
+class Led(NamedTuple):
+    """What the cup, led along a path, does to the N fruits.
+
+    Attributes:
+        harm: its parts.
+        positions: (P, N, 3) of the fruits, after each step [m].
+        on_fruits: (N,) largest force on each fruit [N].
+        on_stems: (N,) largest lasting force on each stem: the least in a time :data:`LASTING` [N].
+    """
+
+    harm: Harm
+    positions: FloatArray
+    on_fruits: FloatArray
+    on_stems: FloatArray
+
+
+def led(
+    s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth, solid: Obstacles
+) -> Led:
+    """What the cup does, led along a path (see :func:`push`); the first fruit is the target."""
+    steps, count = len(points), len(s.root)
+    positions, so_far = np.zeros((steps, count, 3)), np.zeros(5)
+    forces, stem_forces = np.zeros((steps, count)), np.zeros((steps, count))
+    push(s, points, axes, dt, cup, solid, np.inf, positions, forces, stem_forces, so_far)
+    x, y, z = positions[-1, 0]
+    missed = cup.inner > 0.0 and not inside(x, y, z, MouthPose(*points[-1], *axes[-1]), cup)
+    stem, fruit, target, within, pinched = so_far.tolist()
+    held = sliding_window_view(stem_forces, min(math.ceil(LASTING / dt), steps), axis=0)
+    return Led(
+        Harm(stem, fruit, target, within, pinched, missed), positions, forces.max(axis=0),
+        held.min(axis=-1).max(axis=0),
+    )  # fmt: skip
+
+
+def steps_inside(
+    positions: FloatArray, points: FloatArray, axes: FloatArray, cup: Mouth
+) -> IntArray:
+    """In how many steps each fruit (N,), at ``positions`` (P, N, 3), is inside the cup."""
+    poses = [MouthPose(*point, *axis) for point, axis in zip(points, axes, strict=True)]
+    within = np.array(
+        [
+            [inside(x, y, z, at, cup) for x, y, z in places]
+            for places, at in zip(positions.tolist(), poses, strict=True)
+        ]
+    )
+    return np.asarray(within.sum(axis=0), dtype=np.int64)
+
+
+@kernel
+def mean_score(
+    s: Stems, count: int, samples: int, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth,
+    solid: Obstacles, hopeless: float, worst: float, seen: bool,
+) -> float:  # fmt: skip
+    """Mean score of a path over sampled states of the same fruits.
+
+    Args:
+        s: the stems, one state after the other, ``count`` in each.
+        count: of fruits.
+        samples: number of states.
+        points: see :func:`push`, as for the arguments up to ``solid``.
+        hopeless: largest score of one state.
+        worst: largest mean of interest; where it is exceeded, any number above it may be returned.
+        seen: whether the first state is the perceived one; where that is hopeless, it alone counts.
+    """
+    total, steps = 0.0, len(points)
+    positions, forces = np.zeros((steps, count, 3)), np.zeros((steps, count))
+    stem_forces, h = np.zeros((steps, count)), np.zeros(5)
+    p = steps - 1
+    end = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
+    for d in range(samples):
+        low, high = d * count, (d + 1) * count
+        one = Stems(
+            s.root[low:high], s.axes[low:high], s.length[low:high], s.mass[low:high],
+            s.radius[low:high], s.thickness[low:high], s.upper[low:high], s.above[low:high],
+            s.shape[low:high], s.stiffness[low:high], s.compliance[low:high],
+            s.shortening[low:high], s.joint[low:high], s.rest[low:high], s.lifted[low:high],
+        )  # fmt: skip
+        left = min(worst * samples - total, hopeless)
+        h[:], forces[:], stem_forces[:] = 0.0, 0.0, 0.0
+        done = push(one, points, axes, dt, cup, solid, left, positions, forces, stem_forces, h)
+        x, y, z = positions[p, 0, 0], positions[p, 0, 1], positions[p, 0, 2]
+        missed = done < steps or (cup.inner > 0.0 and not inside(x, y, z, end, cup))
+        total += min(score_of(h[0], h[1], h[2], h[3], h[4], missed), hopeless)
+        if seen and d == 0 and total >= hopeless:
+            return total
+        if total > worst * samples:
+            break
+    return total / samples

@@ -1,0 +1,124 @@
+"""What the description of a robot says beside its kinematics: the arm, shapes and their meshes."""
+
+import math
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidRobotError
+from optipromp.core.files import is_file
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class LinkShape:
+    """One collision or visual shape, placed in its link's frame.
+
+    ``size``: sphere (radius,), cylinder and capsule (radius, length), box (x, y, z) full sizes,
+    mesh (scale x, y, z); metres. ``xyz`` [m] and ``rpy`` [rad] place it. ``mesh`` is the file as
+    the description names it, empty for a primitive.
+    """
+
+    kind: Literal["sphere", "cylinder", "capsule", "box", "mesh"]
+    size: tuple[float, ...]
+    xyz: Vector
+    rpy: Vector
+    mesh: str = ""
+
+
+class LinkGeometry(NamedTuple):
+    """What a link's cover covers: x_segment = rotation @ x_link + translation; see Kinematics."""
+
+    link: str
+    segment: int  # -1 for the fixed base
+    rotation: FloatArray  # (3, 3)
+    translation: FloatArray  # (3,) [m]
+    shapes: tuple[LinkShape, ...]
+    urdf: Path
+    looks: tuple[LinkShape, ...] = ()  # its visual geometry
+
+
+class LeftOut(NamedTuple):
+    """Two links that are not kept apart, and why."""
+
+    link: str
+    other: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Arm:
+    """An arm of a robot: its joints lie between the links ``base`` and ``tip``, its flange.
+
+    ``tool`` names the links beyond the flange that the last body carries; ``why`` says what chose
+    the arm, and ``others`` what else could be chosen. ``groups`` has the joints of each group of
+    the SRDF that is a chain; none where no SRDF was read.
+    """
+
+    base: str
+    tip: str
+    joints: tuple[str, ...]
+    tool: tuple[str, ...]
+    why: str
+    others: tuple[str, ...] = ()
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        shown = f"{self.joints[0]} to {self.joints[-1]}" if self.joints else "none"
+        return f"tip '{self.tip}', base '{self.base}' ({len(self.joints)} joints: {shown})"
+
+
+NOT_TOLD = Arm("", "", (), (), "not told")
+"""Of a robot that no description told."""
+
+
+def rotation_of(rpy: Vector) -> FloatArray:
+    """The (3, 3) rotation Rz(yaw) Ry(pitch) Rx(roll) of URDF angles [rad]."""
+    (cr, cp, cy), (sr, sp, sy) = map(math.cos, rpy), map(math.sin, rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def mesh_name(urdf: Path, link: str, shape: LinkShape) -> str:
+    """How messages name a mesh."""
+    return f"{urdf}: link '{link}' mesh '{shape.mesh}'"
+
+
+def mesh_file(urdf: Path, link: str, shape: LinkShape) -> Path:
+    """The file that a mesh's name means, relative to the URDF's folder or the package's folder.
+
+    Raises InvalidRobotError, naming the link and the file, when there is none.
+    """
+    folder, name = urdf.resolve().parent, shape.mesh
+    if name.startswith("package://"):
+        package, _, rest = name.removeprefix("package://").partition("/")
+        candidates = [up / package / rest for up in (folder, *folder.parents)]
+        candidates += [up / rest for up in (folder, *folder.parents) if up.name == package]
+    else:
+        candidates = [folder / name.removeprefix("file://")]
+    for candidate in candidates:
+        if is_file(candidate):
+            return candidate
+    where = mesh_name(urdf, link, shape)
+    raise InvalidRobotError(f"{where}: no such file, looked for {candidates[0]}")
+
+
+def meshes_found(urdf: Path, link: str, shapes: Iterable[LinkShape]) -> list[Path]:
+    """The files of a link's meshes that can be found; of others the reader says so where needed."""
+    found = []
+    for shape in shapes:
+        if shape.kind == "mesh":
+            with suppress(InvalidRobotError):
+                found.append(mesh_file(urdf, link, shape))
+    return found

@@ -1,0 +1,65 @@
+"""Masses and torque limits of the moving segments, as the URDF states them."""
+
+import warnings
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.parameters import GRAVITY
+from optipromp.core.robots.kernels import PRISMATIC
+
+if TYPE_CHECKING:
+    from optipromp.core.robots.model import Robot
+
+
+class Dynamics(NamedTuple):
+    """What drives, and what resists, each of the S moving segments with all that it carries.
+
+    ``mass`` is 0 where the file states none, ``inertia`` where it states no tensor.
+    """
+
+    effort: FloatArray  # (S,) limit of the joint's torque or force [N m or N], may be infinite
+    mass: FloatArray  # (S,) [kg]
+    center: FloatArray  # (S, 3) of mass [m], in the segment's frame
+    inertia: FloatArray  # (S, 3, 3) about the centre of mass [kg m²], in the segment's axes
+
+
+def gravity_load(robot: "Robot", q: FloatArray, up: FloatArray) -> FloatArray:
+    """Torque or force (m, S) that holds each segment at ``q`` (m, n) [N m or N], without the tool.
+
+    ``up``: (3,) the upward vertical in the base frame. Zero where the robot states no masses.
+    """
+    origins, rotations = robot.segment_frames(q)
+    if robot.dynamics is None:
+        return np.zeros(origins.shape[:2])
+    kin, mass = robot.kinematics, robot.dynamics.mass
+    middles = origins + np.einsum("msij,sj->msi", rotations, robot.dynamics.center)
+    axes = np.einsum("msij,sj->msi", rotations, kin.axis)
+    beyond = np.cumsum(mass[::-1])[::-1]  # of each segment and all after it
+    moments = np.cumsum((mass[:, None] * middles)[:, ::-1], axis=1)[:, ::-1]
+    arms = moments - beyond[:, None] * origins
+    turning = GRAVITY * np.einsum("msi,msi->ms", axes, np.cross(arms, up))
+    sliding = GRAVITY * beyond * (axes @ up)
+    return np.asarray(np.where(kin.kind == PRISMATIC, sliding, turning))
+
+
+def warn_of_gravity(robot: "Robot", q: FloatArray, up: FloatArray, where: str) -> None:
+    """Warn, once for all joints, where gravity needs more than a joint's effort limit allows.
+
+    ``q`` (m, n): configurations; ``where``: what they are, in words.
+    """
+    if robot.dynamics is None:
+        return
+    load, effort = np.abs(gravity_load(robot, q, up)).max(axis=0), robot.dynamics.effort
+    told = []
+    for s in np.flatnonzero(load > effort):
+        unit = "N" if robot.kinematics.kind[s] == PRISMATIC else "N m"
+        joint = robot.joint_names[int(robot.kinematics.dof[s])]
+        told.append(f"{joint} needs {load[s]:.3g} {unit} (at most {effort[s]:.3g})")
+    if told:
+        warnings.warn(
+            f"{robot.name} cannot hold itself {where}: gravity asks for more than the effort "
+            f"limits of its file: {', '.join(told)}; in the simulation the arm falls",
+            stacklevel=2,
+        )

@@ -1,0 +1,167 @@
+"""Tools with two straight fingers or blades on a body; they stay open."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.geometry.shapes import Box
+from optipromp.core.robots.tool_geometry import Part, Solid
+from optipromp.core.robots.tool_protocol import LARGEST, Tool, check_length
+
+Size = tuple[float, float, float]
+
+
+class TwoFingers(Tool):
+    """The base class of grippers: two boxes, the fingers, on a box, the body.
+
+    The body stands on the flange and is centred there. Fingers stand side by side on the body.
+    """
+
+    fingers = True
+    names: tuple[str, str, str]  # of the kind, and of a finger and the body in the parameters
+    opening: float  # [m]
+    depth: float  # [m]
+    turn: float  # [rad] about flange z
+
+    def __post_init__(self) -> None:
+        kind, finger, body = self.names
+        for part in (finger, body):
+            for side in ("length", "width", "thickness"):
+                given = getattr(self, f"{part}_{side}")
+                check_length(kind, f"{part}_{side}", given, 0.0, LARGEST, open_below=True)
+        check_length(kind, "opening", self.opening, 0.0, self._body[1], open_below=True)
+        check_length(kind, "depth", self.depth, 0.0, self._finger[2])
+        turn: object = self.turn
+        if isinstance(turn, bool) or not (isinstance(turn, int | float) and math.isfinite(turn)):
+            raise InvalidRequestError(f"tool {kind}: turn is {turn!r}; it must be a number [rad]")
+
+    def _size(self, part: str, *sides: str) -> Size:
+        x, y, z = (getattr(self, f"{part}_{side}") for side in sides)
+        return x, y, z
+
+    @property
+    def _finger(self) -> Size:
+        """Size of a finger across the opening, along it, and along the tool axis [m]."""
+        return self._size(self.names[1], "width", "thickness", "length")
+
+    @property
+    def _body(self) -> Size:
+        """Size of the body, likewise [m]."""
+        return self._size(self.names[2], "thickness", "width", "length")
+
+    @property
+    def point(self) -> FloatArray:
+        """(3,) the tool point in the flange frame [m]."""
+        return np.array([0.0, 0.0, self.tip - self.depth])
+
+    @property
+    def rotation(self) -> FloatArray:
+        """(3, 3) the tool axes in the flange frame, as columns; it opens along y."""
+        c, s = math.cos(self.turn), math.sin(self.turn)
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+    @property
+    def front(self) -> float:
+        """Height of the front of the body over the flange [m]."""
+        return self._body[2]
+
+    @property
+    def tip(self) -> float:
+        """Height of the finger tips over the flange [m]."""
+        return self._body[2] + self._finger[2]
+
+    @property
+    def mouth(self) -> tuple[float, float]:
+        """Half the opening between the fingers, and half the distance of their backs [m]."""
+        half = 0.5 * self.opening
+        return half, half + self._finger[1]
+
+    def solids(self) -> tuple[Solid, ...]:
+        """The body and two fingers."""
+        half = 0.5 * self.turn
+        turned = math.cos(half), 0.0, 0.0, math.sin(half)
+        aside = 0.5 * (self.mouth[0] + self.mouth[1])
+        boxes: tuple[tuple[str, Size, float, float, Part], ...] = (
+            ("palm", self._body, 0.0, 0.5 * self._body[2], "palm"),
+            ("left finger", self._finger, aside, 0.5 * (self.front + self.tip), "finger"),
+            ("right finger", self._finger, -aside, 0.5 * (self.front + self.tip), "finger"),
+        )
+        return tuple(
+            Solid(name, Box(size), self.rotation @ [0.0, y, z], turned, part)
+            for name, size, y, z, part in boxes
+        )
+
+
+@dataclass(frozen=True)
+class FingerGripper(TwoFingers):
+    """A gripper with two parallel fingers, open. Metres.
+
+    Body and fingers are boxes. *Length* is along the tool axis, *width* of the palm and
+    *thickness* of a finger along the opening, *thickness* of the palm and *width* of a finger
+    across both. The gripper takes hold of objects whose centre is between the fingers, within
+    their width. The tool point is ``depth`` behind the finger tips.
+
+    Args:
+        opening: between the open fingers.
+        finger_length: of a finger.
+        finger_width: of a finger, across the opening.
+        finger_thickness: of a finger, along the opening.
+        palm_length: of the body, from the flange.
+        palm_width: of the body, along the opening.
+        palm_thickness: of the body, across the opening.
+        depth: how far the finger tips are beyond the tool point.
+        turn: of the gripper about flange z; at 0 it opens along flange y [rad].
+
+    Raises:
+        InvalidRequestError: a parameter out of its range, named with its value.
+    """
+
+    names = "finger_gripper", "finger", "palm"
+    opening: float
+    finger_length: float = 0.05
+    finger_width: float = 0.02
+    finger_thickness: float = 0.01
+    palm_length: float = 0.08
+    palm_width: float = 0.10
+    palm_thickness: float = 0.05
+    depth: float = 0.01
+    turn: float = 0.0
+
+
+@dataclass(frozen=True)
+class Scissor(TwoFingers):
+    """A scissor of two thin open blades on a body. Metres.
+
+    Blades and body are boxes, named and measured as the fingers and the palm of
+    :class:`FingerGripper`. The scissor takes hold of objects whose centre is between the blades,
+    within their width. To cut a stem, give the scene a goal on the stem in place of a target. The
+    simulation then reports the harm of the motion, not whether the stem is cut.
+
+    Args:
+        opening: between the open blades.
+        blade_length: of a blade.
+        blade_width: of a blade, across the opening.
+        blade_thickness: of a blade, along the opening.
+        body_length: of the body, from the flange.
+        body_width: of the body, along the opening.
+        body_thickness: of the body, across the opening.
+        depth: how far the blade tips are beyond the tool point.
+        turn: of the scissor about flange z; at 0 it opens along flange y [rad].
+
+    Raises:
+        InvalidRequestError: a parameter out of its range, named with its value.
+    """
+
+    names = "scissor", "blade", "body"
+    opening: float
+    blade_length: float = 0.05
+    blade_width: float = 0.012
+    blade_thickness: float = 0.002
+    body_length: float = 0.10
+    body_width: float = 0.06
+    body_thickness: float = 0.03
+    depth: float = 0.015
+    turn: float = 0.0

@@ -1,0 +1,323 @@
+r"""Inverse kinematics for a tool point and a tool axis; rotation about the axis stays free.
+
+Many starts run at once. Each is a damped Gauss-Newton descent on
+
+.. math:: \tfrac12\lVert p^\* - p(q)\rVert^2 + \tfrac12\ell^2\lVert a^\* - a(q)\rVert^2
+          + \tfrac12 w\lVert (q - q_c)/(q_{max}-q_{min})\rVert^2
+
+clipped to the joint limits. The last term pulls to the middle of the limits, or to the start of the
+search. It fades out over the iterations: the solution is exact and still far from the limits.
+"""
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from optipromp.core.arrays import BoolArray, FloatArray, frozen
+from optipromp.core.compiled import inner, kernel
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.robots.kernels import PRISMATIC, chain_frames, tool_rows
+from optipromp.core.robots.model import Robot
+
+AXIS_LENGTH = 0.3  # [m] lever that weighs an axis error against a position error
+POSITION_SOLVED = 1e-6  # [m]
+AXIS_SOLVED = 1e-6  # [rad]
+
+
+@dataclass(frozen=True, eq=False)
+class Solutions:
+    """Distinct solutions of one inverse-kinematics problem, best first.
+
+    Attributes:
+        joints: (m, n) configurations [rad or m].
+        margin: (m,) smallest distance to a joint limit [rad or m].
+        clearance: (m,) values of the clearance function [m]; infinite where none was given.
+    """
+
+    joints: FloatArray
+    margin: FloatArray
+    clearance: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+
+@inner
+def cholesky_solve(a, b):  # type: ignore[no-untyped-def]
+    """Solve ``a x = b`` in place, ``a`` (n, n) symmetric positive definite; x in ``b``."""
+    n = b.shape[0]
+    for i in range(n):
+        for j in range(i + 1):
+            s = a[i, j]
+            for k in range(j):
+                s -= a[i, k] * a[j, k]
+            if i == j:
+                a[i, i] = np.sqrt(max(s, 1e-14))
+            else:
+                a[i, j] = s / a[j, j]
+    for i in range(n):
+        s = b[i]
+        for k in range(i):
+            s -= a[i, k] * b[k]
+        b[i] = s / a[i, i]
+    for i in range(n - 1, -1, -1):
+        s = b[i]
+        for k in range(i + 1, n):
+            s -= a[k, i] * b[k]
+        b[i] = s / a[i, i]
+
+
+@kernel
+def apart_from_earlier(q, turning, distinct):  # type: ignore[no-untyped-def]
+    """Which of ``q`` (m, n) differ in a joint by more than ``distinct`` from all earlier ones kept.
+
+    Full turns of ``turning`` joints (n,) do not count.
+    """
+    kept = np.zeros(q.shape[0], dtype=np.bool_)
+    for i in range(q.shape[0]):
+        kept[i] = True
+        for k in range(i):
+            if not kept[k]:
+                continue
+            largest = 0.0
+            for j in range(q.shape[1]):
+                apart = abs(q[k, j] - q[i, j])
+                if turning[j]:
+                    apart = min(apart, 2.0 * np.pi - apart)
+                largest = max(largest, apart)
+            if not largest > distinct:
+                kept[i] = False
+                break
+    return kept
+
+
+@kernel
+def descend(  # type: ignore[no-untyped-def]
+    kin, tool_point, tool_axis, positions, directions, axis_weight, lower, upper, center, weight,
+    iterations, chained, q, position_error, axis_error,
+):  # fmt: skip
+    """Run every start in ``q`` (M, n) to its pose (M, 3), (M, 3), in place; errors (M,) [m, rad].
+
+    Where they are ``chained``, each but the first starts from the solution before it.
+    """
+    n_starts, n = q.shape
+    n_segments = kin.kind.shape[0]
+    origins, axes = np.empty((n_segments, 3)), np.empty((n_segments, 3))
+    rotations = np.empty((n_segments, 3, 3))
+    jp, ja = np.empty((3, n)), np.empty((3, n))
+    point, direction = np.empty(3), np.empty(3)
+    hessian, step, scale = np.empty((n, n)), np.empty(n), np.empty(n)
+    for j in range(n):
+        span = upper[j] - lower[j]
+        scale[j] = 1.0 / (span * span) if np.isfinite(span) else 0.02
+    for m in range(n_starts):
+        damping, position, axis = 1e-3, positions[m], directions[m]
+        if chained and m > 0:
+            for j in range(n):
+                q[m, j] = q[m - 1, j]
+        for iteration in range(iterations + 1):
+            chain_frames(kin, q[m], origins, rotations, axes)
+            r = rotations[n_segments - 1]
+            ep, ea = 0.0, 0.0
+            for i in range(3):
+                point[i] = origins[n_segments - 1, i]
+                direction[i] = 0.0
+                for k in range(3):
+                    point[i] += r[i, k] * tool_point[k]
+                    direction[i] += r[i, k] * tool_axis[k]
+                ep += (position[i] - point[i]) ** 2
+                ea += (axis[i] - direction[i]) ** 2
+            position_error[m] = np.sqrt(ep)
+            axis_error[m] = 2.0 * np.arcsin(min(1.0, 0.5 * np.sqrt(ea))) if axis_weight > 0 else 0.0
+            pull = weight[m] * max(0.0, 1.0 - iteration / (0.7 * iterations)) ** 2
+            if iteration == iterations or (
+                pull == 0.0 and position_error[m] < 1e-9 and axis_error[m] < 1e-8
+            ):
+                break
+            tool_rows(kin, origins, axes, point, direction, jp, ja)
+            residual = ep + axis_weight * ea
+            for i in range(n):
+                g = 0.0
+                for k in range(3):
+                    g += jp[k, i] * (position[k] - point[k])
+                    g += axis_weight * ja[k, i] * (axis[k] - direction[k])
+                g += pull * scale[i] * (center[m, i] - q[m, i])
+                step[i] = g
+                for j in range(i + 1):
+                    h = 0.0
+                    for k in range(3):
+                        h += jp[k, i] * jp[k, j] + axis_weight * ja[k, i] * ja[k, j]
+                    hessian[i, j] = h
+                hessian[i, i] += pull * scale[i] + damping * min(1.0, residual) + 1e-9
+            for i in range(n):  # a joint held at its limit takes no part in this step
+                if (q[m, i] <= lower[i] and step[i] < 0) or (q[m, i] >= upper[i] and step[i] > 0):
+                    for j in range(i):
+                        hessian[i, j] = 0.0
+                    for j in range(i + 1, n):
+                        hessian[j, i] = 0.0
+                    hessian[i, i] = 1.0
+                    step[i] = 0.0
+            cholesky_solve(hessian, step)
+            largest = 0.0
+            for i in range(n):
+                largest = max(largest, abs(step[i]))
+            shrink = min(1.0, 0.5 / largest) if largest > 0 else 1.0
+            for i in range(n):
+                q[m, i] = min(upper[i], max(lower[i], q[m, i] + shrink * step[i]))
+
+
+def each(
+    robot: Robot, positions: FloatArray, axes: FloatArray, near: FloatArray, iterations: int = 30
+) -> tuple[FloatArray, FloatArray]:
+    """The configuration nearest to each of ``near`` (m, n) with the tool at a pose of its own.
+
+    Args:
+        robot: the arm and its tool.
+        positions: (m, 3) world [m].
+        axes: (m, 3) unit.
+        near: (m, n) configurations the descents start from.
+        iterations: of each descent, at most.
+
+    Returns:
+        Configurations (m, n) and errors (m,) as of :func:`track`.
+    """
+    return _tracked(robot, positions, axes, np.array(near), iterations, False)
+
+
+def _tracked(
+    robot: Robot, positions: FloatArray, axes: FloatArray, q: FloatArray, iterations: int,
+    chained: bool,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    """Descents from ``q`` (m, n), which is changed; no pull is needed: a step is the shortest."""
+    position_error, axis_error = np.empty(len(q)), np.empty(len(q))
+    descend(
+        robot.kinematics, robot.tool_point, robot.tool_axis,
+        np.array(positions, dtype=np.float64), np.array(axes, dtype=np.float64), AXIS_LENGTH**2,
+        robot.lower.copy(), robot.upper.copy(), q, np.zeros(len(q)), iterations, chained,
+        q, position_error, axis_error,
+    )  # fmt: skip
+    return q, position_error + AXIS_LENGTH * axis_error
+
+
+def solve(
+    robot: Robot,
+    position: FloatArray,
+    axis: FloatArray | None,
+    *,
+    starts: int = 48,
+    seed: int = 0,
+    near: FloatArray | None = None,
+    clearance: Callable[[FloatArray], FloatArray] | None = None,
+    distinct: float = 0.25,
+    limit_margin: float = 0.0,
+    rest: FloatArray | None = None,
+    iterations: int = 24,
+) -> Solutions:
+    """Find distinct configurations with the tool point at ``position`` and its axis along ``axis``.
+
+    Args:
+        robot: the arm and its tool.
+        position: (3,) world [m].
+        axis: (3,) unit, world; None leaves the axis free.
+        starts: random starts, besides the home configuration and ``near``.
+        seed: of the random starts.
+        near: (m, n) further starts, whose solutions stay close to them.
+        clearance: maps (m, n) configurations to (m,) clearances [m], used to rank.
+        distinct: solutions closer than this (largest joint difference, rad) are one. Full turns of
+            a continuous joint do not count; the turn nearest to ``rest`` is returned.
+        limit_margin: keep this far from every finite joint limit [rad or m].
+        rest: (n,) values of joints that move neither the tool point nor the axis; None: the home
+            configuration. Solutions that differ only in such joints are one.
+        iterations: of each descent.
+
+    Returns:
+        The solutions, ranked by the smaller of limit margin (in 0.3 rad) and clearance (in 0.05 m).
+        Empty when there is none.
+
+    Raises:
+        InvalidRequestError: a position or axis that is not three finite numbers, or a zero axis.
+    """
+    target = np.array(position, dtype=np.float64)
+    direction = np.array([0.0, 0.0, 1.0]) if axis is None else np.array(axis, dtype=np.float64)
+    for name, value in (("position", target), ("axis", direction)):
+        if value.shape != (3,) or not np.isfinite(value).all():
+            raise InvalidRequestError(f"the goal {name} must be three finite numbers, got {value}")
+    length = float(np.linalg.norm(direction))
+    if length < 1e-9:
+        raise InvalidRequestError("the goal axis has no length")
+    n = robot.n_joints
+    lower, upper = robot.lower + limit_margin, robot.upper - limit_margin
+    finite = np.isfinite(lower) & np.isfinite(upper)
+    low, high = np.where(finite, lower, -np.pi), np.where(finite, upper, np.pi)
+    q = np.vstack([robot.home[None], low + (high - low) * _uniform(seed, (starts, n))])
+    center = np.tile(0.5 * (low + high), (len(q), 1))
+    center[1::2] = q[1::2]
+    weight = np.full(len(q), 0.3)
+    if near is not None:
+        given = np.atleast_2d(robot.check_configuration(near))
+        q, center = np.vstack([given, q]), np.vstack([given, center])
+        weight = np.concatenate([np.full(len(given), 0.05), weight])
+    q = np.ascontiguousarray(np.clip(q, low, high))
+    position_error, axis_error = np.empty(len(q)), np.empty(len(q))
+    descend(
+        robot.kinematics, robot.tool_point, robot.tool_axis, np.full((len(q), 3), target),
+        np.full((len(q), 3), direction / length), AXIS_LENGTH**2 if axis is not None else 0.0,
+        lower, upper, center, weight, iterations, False, q, position_error, axis_error,
+    )  # fmt: skip
+    good = (position_error < POSITION_SOLVED) & (axis_error < AXIS_SOLVED)
+    rested = robot.home if rest is None else rest
+    turning = _turning(robot)
+    q = _at_rest(robot, q[good], rested, axis is not None)
+    q[:, turning] -= 2.0 * np.pi * np.round((q - rested)[:, turning] / (2.0 * np.pi))
+    margin = np.min(np.minimum(q - robot.lower, robot.upper - q), axis=1, initial=np.inf)
+    room = np.full(len(q), np.inf) if clearance is None or not len(q) else clearance(q)
+    order = np.argsort(-np.minimum(margin / 0.3, room / 0.05), kind="stable")
+    kept = order[apart_from_earlier(q[order], turning, distinct)]
+    return Solutions(q[kept], margin[kept], room[kept])
+
+
+@functools.lru_cache(maxsize=32)
+def _uniform(seed: int, shape: tuple[int, int]) -> FloatArray:
+    """Samples of the uniform distribution from 0 to 1."""
+    return frozen(np.random.default_rng(seed).random(shape))
+
+
+@functools.lru_cache(maxsize=32)
+def _turning(robot: Robot) -> BoolArray:
+    """Joints (n,) whose full turn changes nothing: without limits, mimicked in whole turns."""
+    kin = robot.kinematics
+    turning = np.isinf(robot.lower) & np.isinf(robot.upper)
+    turning[kin.dof[(kin.kind == PRISMATIC) | (kin.multiplier != np.round(kin.multiplier))]] = False
+    return frozen(turning, np.bool_)
+
+
+def _at_rest(robot: Robot, q: FloatArray, rest: FloatArray, with_axis: bool) -> FloatArray:
+    """Move joints without effect on the task (a roll about the tool axis) to ``rest``."""
+    if not len(q):
+        return q
+    jp, ja = robot.tool_jacobian(q)
+    effect = np.abs(jp).max(axis=1) + (np.abs(ja).max(axis=1) if with_axis else 0.0)
+    return np.where(effect < 1e-9, rest, q)
+
+
+def track(
+    robot: Robot, positions: FloatArray, axes: FloatArray, begin: FloatArray, iterations: int = 30
+) -> tuple[FloatArray, FloatArray]:
+    """Follow task points one after another from a known configuration, staying on its branch.
+
+    Args:
+        robot: the arm and its tool.
+        positions: (m, 3) world [m], in the order they are followed.
+        axes: (m, 3) unit.
+        begin: (n,) configuration the first solution starts from.
+        iterations: of each descent.
+
+    Returns:
+        Configurations (m, n) and errors (m,) [m], of the position plus :data:`AXIS_LENGTH` times
+        that of the axis; an error above 1e-6 is a miss.
+    """
+    q = np.empty((len(positions), robot.n_joints))
+    q[:1] = begin
+    return _tracked(robot, positions, axes, q, iterations, True)

@@ -1,0 +1,38 @@
+"""The pieces and boxes of a mesh."""
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, IntArray
+
+
+def pieces(vertices: FloatArray, faces: IntArray) -> list[IntArray]:
+    """The faces of each connected piece; vertices at one place are one."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    _, merged = np.unique(vertices.round(9), axis=0, return_inverse=True)
+    joined = merged.reshape(-1)[faces]
+    rows, columns = joined[:, [0, 1]].ravel(), joined[:, [1, 2]].ravel()
+    size = int(joined.max()) + 1
+    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(size, size))
+    _, label = connected_components(graph, directed=False)
+    of_face = label[joined[:, 0]]
+    return [faces[of_face == value] for value in np.unique(of_face)]
+
+
+def box_axes(points: FloatArray) -> FloatArray:
+    """Rows: axes of the smaller of two boxes around ``points``, along the world's or the principal.
+
+    Longest side first.
+    """
+    principal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+    if len(principal) < 3:
+        principal = np.eye(3)
+    best = min((np.eye(3), principal), key=lambda axes: float(np.prod(_extent(points, axes))))
+    order = np.argsort(-_extent(points, best), kind="stable")
+    frame: FloatArray = best[order]
+    return frame
+
+
+def _extent(points: FloatArray, axes: FloatArray) -> FloatArray:
+    return np.asarray(np.ptp(points @ axes.T, axis=0) + 1e-6)

@@ -1,0 +1,172 @@
+"""The solids that a tool is made of, and what follows from them: cover, inertia, outline."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.geometry.distances import distances
+from optipromp.core.geometry.obstacles import pack
+from optipromp.core.geometry.shapes import BOX, GRID, Shape
+from optipromp.core.robots.meshes import box_axes
+from optipromp.core.robots.spheres import cover_box
+
+EXCESS = 0.004  # [m] that a sphere may reach beyond a box, as beyond a cup; a choice
+MOST = 60  # spheres of a tool: as many as the Panda has; a choice
+MOST_CORNERS = 8  # of a polygon in the push models
+Part = Literal["mouth", "neck", "palm", "finger"]
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """One convex solid of a tool, in the flange frame.
+
+    Attributes:
+        name: unique within the tool.
+        shape: convex, of finite size.
+        position: (3,) of the shape's own frame [m].
+        orientation: of the shape's own frame, a unit quaternion w, x, y, z.
+        part: kind of part, which gives its colour in pictures.
+    """
+
+    name: str
+    shape: Shape
+    position: FloatArray
+    orientation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    part: Part = "palm"
+
+    @property
+    def rotation(self) -> FloatArray:
+        """(3, 3) the flange frame from the shape's own."""
+        from scipy.spatial.transform import Rotation
+
+        w, x, y, z = self.orientation
+        return np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix())
+
+    @property
+    def corners(self) -> FloatArray:
+        """Corners (N, 3) of the solid, of a round one points of its surface [m]."""
+        return np.asarray(self.position + self.shape.mesh().vertices @ self.rotation.T)
+
+
+def cover_solids(solids: Sequence[Solid]) -> FloatArray:
+    """Spheres (k, 4) that cover solids, in the frame that these stand in [m].
+
+    Each solid is cut into cells of a grid over its box, and each cell lies in a sphere; cells that
+    a round or pointed solid does not meet are left out. With cells of half edges h, a sphere
+    reaches at most ‖h‖ - min h beyond a box, and 2 ‖h‖ beyond another solid. The cells are as fine
+    as :data:`MOST` spheres allow, or one cell per solid; never finer than a reach of
+    :data:`EXCESS` beyond a box.
+    """
+    excess = EXCESS
+    while True:
+        cover = np.concatenate([_cover(solid, excess) for solid in solids])
+        if len(cover) <= max(MOST, len(solids)):
+            return cover
+        excess *= 1.25
+
+
+def solids_inertia(solids: Sequence[Solid], mass: float) -> tuple[FloatArray, FloatArray]:
+    """Centre (3,) [m] and inertia about it (3, 3) [kg m²] of a mass that the solids share.
+
+    By the volumes of their boxes, each with the inertia of a box, m/3 (‖h‖² I - diag h²) for half
+    edges h.
+    """
+    boxes = [_box(solid) for solid in solids]
+    volume = np.array([np.prod(half) for _, half, _ in boxes])
+    share = mass * volume / volume.sum()
+    centers = np.array([center for center, _, _ in boxes])
+    middle = share @ centers / mass
+    total = np.zeros((3, 3))
+    for m, (center, half, axes) in zip(share, boxes, strict=True):
+        own = m / 3.0 * axes @ np.diag(half @ half - half**2) @ axes.T
+        away = center - middle
+        total += own + m * (away @ away * np.eye(3) - np.outer(away, away))
+    return middle, total
+
+
+def _box(solid: Solid) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Centre (3,), half edges (3,) [m] and axes (3, 3), as columns, of a box about a solid."""
+    measure = solid.shape.measure
+    center, half, axes = np.zeros(3), np.array(measure.half), np.eye(3)
+    if measure.kind == GRID:
+        vertices = solid.shape.mesh().vertices
+        axes = box_axes(vertices).T
+        local = vertices @ axes
+        low, high = local.min(axis=0), local.max(axis=0)
+        center, half = axes @ (0.5 * (low + high)), 0.5 * (high - low)
+    turned = solid.rotation
+    return solid.position + turned @ center, half, turned @ axes
+
+
+def _cover(solid: Solid, excess: float) -> FloatArray:
+    center, half, axes = _box(solid)
+    grid = cover_box(2.0 * half, excess)
+    centers = center + grid[:, :3] @ axes.T
+    if solid.shape.measure.kind != BOX:
+        own = (centers - solid.position) @ solid.rotation
+        met = _beyond(solid.shape, own) <= grid[:, 3]
+        centers, grid = centers[met], grid[met]
+    return np.column_stack([centers, grid[:, 3]])
+
+
+def _beyond(shape: Shape, points: FloatArray) -> FloatArray:
+    """Lower bound (k,) of the distance of points (k, 3) from a convex shape, in its frame [m]."""
+    if shape.measure.kind != GRID:
+        return distances(pack([(shape, np.zeros(3), np.eye(3))]), points)[0][:, 0]
+    from scipy.spatial import ConvexHull
+
+    faces = ConvexHull(shape.mesh().vertices).equations
+    return np.asarray((points @ faces[:, :3].T + faces[:, 3]).max(axis=1))
+
+
+def seen(corners: FloatArray) -> list[FloatArray]:
+    """A solid seen along x: the convex polygon of its ``corners`` (N, 3) in tool axes."""
+    return [hull(corners[:, [2, 1]].round(15))]  # corners one behind the other are one
+
+
+def swept(corners: FloatArray) -> list[FloatArray]:
+    """The volume that a solid sweeps as it turns about z, seen along x, as convex polygons."""
+    low, high, inner, outer = profile(corners)
+    sides = [(-outer, outer)] if inner == 0.0 else [(inner, outer), (-outer, -inner)]
+    parts = [rectangle(low, high, a, b) for a, b in sides]
+    if inner == 0.0:
+        x, y, u = corners.T
+        across = np.hypot(x, y)
+        whole = hull(np.column_stack([np.tile(u, 2), np.append(across, -across)]))
+        parts = [whole] if len(whole) <= MOST_CORNERS else parts
+    return parts
+
+
+def rectangle(low: float, high: float, a: float, b: float) -> FloatArray:
+    """Corners (4, 2) of a rectangle from ``low`` to ``high`` along the tool axis, and a to b."""
+    return np.array([[low, a], [high, a], [high, b], [low, b]])
+
+
+def profile(corners: FloatArray) -> tuple[float, float, float, float]:
+    """Least and most height of a convex solid along z, and its least and greatest distance from z.
+
+    Args:
+        corners: (N, 3) in tool axes [m].
+    """
+    x, y, u = corners.T
+    outer = float(np.hypot(x, y).max())
+    return float(u.min()), float(u.max()), _from_origin(hull(corners[:, :2])), outer
+
+
+def _from_origin(polygon: FloatArray) -> float:
+    """Distance of the origin from a convex polygon (k, 2), counter-clockwise; 0 within."""
+    side = np.roll(polygon, -1, axis=0) - polygon
+    if (polygon[:, 0] * side[:, 1] - polygon[:, 1] * side[:, 0] >= 0.0).all():
+        return 0.0
+    share = np.clip(-np.sum(polygon * side, axis=1) / np.sum(side**2, axis=1), 0.0, 1.0)
+    return float(np.linalg.norm(polygon + share[:, None] * side, axis=1).min())
+
+
+def hull(points: FloatArray) -> FloatArray:
+    """Convex hull (k, 2), counter-clockwise, of points (m, 2)."""
+    from scipy.spatial import ConvexHull
+
+    return np.asarray(points[ConvexHull(points).vertices])

@@ -1,0 +1,196 @@
+"""The protocol of a tool, :class:`Tool`, and what follows from a tool's solids and its mouth."""
+
+import functools
+from abc import abstractmethod
+from collections.abc import Hashable
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from optipromp.core.arrays import BoolArray, FloatArray, frozen
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.robots.tool_geometry import Solid, cover_solids, seen, solids_inertia, swept
+
+LARGEST = 5.0  # [m] a tool dimension beyond it is taken for millimetres
+
+
+@runtime_checkable
+class Tool(Protocol):
+    """A tool on the flange: the members that planners, judge, simulation and pictures use.
+
+    An object of any class with these members can be mounted
+    (:func:`optipromp.core.robots.tools.with_tool`); it must not change from then on. Lengths are
+    metres.
+
+    A class that inherits from this one is a tool by its solids and its mouth: it states ``solids``,
+    ``point``, ``front``, ``tip`` and ``mouth``. The other members follow from these. By default the
+    tool is round about the flange's z and swallows what it takes hold of; with ``fingers``
+    true it closes on it.
+
+    The *tool axes* are x, y and z: z is the tool axis and points out of the mouth; fingers open
+    along y. The *tool point* is the place of the centre of a fruit that the tool holds.
+    """
+
+    @property
+    @abstractmethod
+    def point(self) -> FloatArray:
+        """(3,) the tool point in the flange frame."""
+
+    @property
+    def rotation(self) -> FloatArray:
+        """(3, 3) the tool axes in the flange frame, as columns; by default those of the flange."""
+        return np.eye(3)
+
+    @property
+    def fingers(self) -> bool:
+        """Whether it opens along y alone; then y is kept level. False: a round tool."""
+        return False
+
+    @property
+    def reach(self) -> float:
+        """Height of the tool point over the flange's origin, along the tool axis."""
+        return float(self.point @ self.rotation[:, 2])
+
+    @property
+    @abstractmethod
+    def front(self) -> float:
+        """Height at which the mouth begins: a cup's floor, a hand's palm."""
+
+    @property
+    @abstractmethod
+    def tip(self) -> float:
+        """Height of the rim, or of the finger tips."""
+
+    @property
+    def depth(self) -> float:
+        """How far rim or finger tips are beyond the tool point: ``tip - reach``."""
+        return self.tip - self.reach
+
+    @property
+    def gripper_radius(self) -> float:
+        """R_gripper: distance of the tool axis from the centre of a fruit that it passes.
+
+        By default the outer radius of a round mouth, and half the distance of fingers.
+        """
+        return self.mouth[0] if self.fingers else self.mouth[1]
+
+    @property
+    @abstractmethod
+    def mouth(self) -> tuple[float, float]:
+        """Inner and outer radius of the mouth, or half the distance of fingers and of their backs.
+
+        An inner radius of 0: the tool takes hold of nothing. The push models treat it as solid.
+        """
+
+    def spheres(self) -> FloatArray:
+        """Spheres (k, 4) that cover the solids, in the flange frame."""
+        return _covered(self) if isinstance(self, Hashable) else cover_solids(self.solids())
+
+    def outline(self) -> tuple[FloatArray, ...]:
+        """The tool seen along its x: convex polygons (k, 2), k <= 8, counter-clockwise.
+
+        Columns: along the tool axis and along y, from the tool point. A round tool, whose
+        roll is free, gives the outline of the volume that it sweeps as it rolls.
+        """
+        found: dict[bytes, FloatArray] = {}
+        for solid in self.solids():
+            local = (solid.corners - self.point) @ self.rotation
+            parts = seen(local) if self.fingers else swept(local)
+            found |= {part.round(6).tobytes(): part for part in parts}  # alike ones count once
+        return tuple(found.values())
+
+    @abstractmethod
+    def solids(self) -> tuple[Solid, ...]:
+        """Solids that collide in the simulation and that pictures show."""
+
+    def holds(self, points: FloatArray) -> BoolArray:
+        """Whether the tool holds objects at points (R, 3), in tool axes from the tool point.
+
+        By default above ``front`` and below ``tip``: within the inner radius of a round mouth, or
+        between fingers and within their width, that of the narrowest solid of them.
+        """
+        x, y, z = points.T
+        ends = self.front - self.reach, self.tip - self.reach
+        if not self.fingers:
+            within = np.hypot(x, y) < self.mouth[0]
+            return np.asarray(within & (z < ends[1]) & (z > ends[0]))
+        fingers = [solid.corners for solid in self.solids() if solid.part == "finger"]
+        wide = [np.abs((own - self.point) @ self.rotation[:, 0]).max() for own in fingers]
+        across = (np.abs(y) < self.mouth[0]) & (np.abs(x) <= min(wide, default=np.inf))
+        return np.asarray(across & (z > ends[0]) & (z <= ends[1]))
+
+    def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
+        """Centre of a mass [kg] (3,) and inertia about it (3, 3) [kg m²], in the flange frame.
+
+        By default that of the boxes about the solids, of one density.
+        """
+        return solids_inertia(self.solids(), mass)
+
+
+@functools.lru_cache(maxsize=32)
+def _covered(tool: Tool) -> FloatArray:
+    return frozen(cover_solids(tool.solids()))
+
+
+MEMBERS = tuple(name for name in vars(Tool) if not name.startswith("_"))
+AGREE = 1e-6  # [m] largest difference of two numbers of a tool that must agree: rounding
+
+
+def check_tool(tool: Tool) -> None:
+    """Refuse an object without the members of a tool, and a tool whose numbers disagree.
+
+    Raises:
+        InvalidRequestError: naming the members, their values and what would be right.
+    """
+    name = type(tool).__name__
+    missing = [member for member in MEMBERS if not hasattr(tool, member)]
+    if missing:
+        raise InvalidRequestError(
+            f"{name} is no tool: it lacks {', '.join(missing)}; see optipromp.core.robots.Tool"
+        )
+    turn, point = np.asarray(tool.rotation), np.asarray(tool.point)
+    for member, array, shape in (("rotation", turn, (3, 3)), ("point", point, (3,))):
+        if array.shape != shape or not np.isfinite(array).all():
+            raise InvalidRequestError(
+                f"tool {name}: {member} is {array.tolist()}; it must be {shape} finite numbers"
+            )
+    if np.abs(turn.T @ turn - np.eye(3)).max() > AGREE or np.linalg.det(turn) < 0.0:
+        raise InvalidRequestError(
+            f"tool {name}: rotation is {turn.tolist()}; its columns must be right-handed unit axes"
+        )
+    inner, outer = tool.mouth
+    for member, value, wanted in (
+        ("reach", tool.reach, float(point @ turn[:, 2])),
+        ("depth", tool.depth, tool.tip - tool.reach),
+        ("mouth[0]", inner, min(max(inner, 0.0), outer)),
+        ("front", tool.front, min(tool.front, tool.tip)),
+    ):
+        if not abs(value - wanted) <= AGREE:
+            raise InvalidRequestError(
+                f"tool {name}: {member} is {value:g}; by its other numbers it must be {wanted:g}"
+            )
+
+
+def check_length(
+    tool: str, field: str, value: object, low: float, high: float, open_below: bool = False
+) -> None:
+    """Refuse a length that is no number between ``low`` and ``high`` [m].
+
+    Raises:
+        InvalidRequestError: naming the tool, the field, the value and the range.
+    """
+    number = value if isinstance(value, int | float) and not isinstance(value, bool) else np.nan
+    if number <= high and (low < number if open_below else low <= number):
+        return
+    bracket = "(" if open_below else "["
+    raise InvalidRequestError(
+        f"tool {tool}: {field} is {value!r}; it must be in {bracket}{low:g}, {high:g}] metres"
+    )
+
+
+def quaternion(rotation: FloatArray) -> FloatArray:
+    """Unit quaternion wxyz of a rotation matrix (3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(rotation).as_quat()
+    return np.array([w, x, y, z])

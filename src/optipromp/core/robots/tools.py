@@ -1,0 +1,359 @@
+"""Tools on the flange: the swallowing cup, the Franka hand, and how any tool is mounted.
+
+The boxes of the Franka hand follow the public description of it (franka_description), as remembered
+and not checked against the file: a palm 204 mm wide, 63 mm thick and 66 mm to its front, and
+fingers whose rubber tips are 17.5 mm high, 15 mm wide and 18.5 mm long, 80 mm apart when open.
+"""
+
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.arrays import BoolArray, FloatArray, frozen
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError
+from optipromp.core.geometry.shapes import Box, Cylinder
+from optipromp.core.robots.cup_cover import NECK_RADIUS, cover_cup
+from optipromp.core.robots.grippers import FingerGripper, Scissor
+from optipromp.core.robots.mesh_tool import MeshTool
+from optipromp.core.robots.model import BodySpheres, Robot
+from optipromp.core.robots.self_collision import candidate_pairs, drop_always_touching
+from optipromp.core.robots.tool_geometry import Part, Solid, rectangle
+from optipromp.core.robots.tool_protocol import (
+    LARGEST,
+    Tool,
+    check_length,
+    check_tool,
+    quaternion,
+)
+
+TOOL_LINK = "tool"
+WALL = 0.002  # [m] thickness of a cup's floor, and of its wall where no opening is given
+PALM = 0.0316, 0.02  # [m] of the Franka hand: half of its thickness, middle before the flange
+PALM_HALF = 0.102, 0.0459  # [m] half of its width, half of its length
+FINGERS = 0.0584  # [m] before the flange, where the fingers begin
+FINGER = {  # boxes of an open finger: x, y, z of the centre, three half edges [m], turn [rad]
+    "mount": (0.0, 0.0185, 0.011, 0.011, 0.0075, 0.010, 0.0),
+    "diagonal": (0.0, 0.0159, 0.02835, 0.00875, 0.0035, 0.01175, math.pi / 6.0),
+    "pad": (0.0, 0.00758, 0.04525, 0.00875, 0.0076, 0.00925, 0.0),
+}
+PADS = FINGER["pad"]
+# y, z, radius [m] in the axes of the hand, and of a finger in its own: the fewest spheres that
+# contain every point of the maker's meshes and reach at most 15 mm beyond (scripts/fit_cover.py).
+PALM_SPHERES = (
+    (-0.064, -0.004, 0.0312), (-0.08, 0.004, 0.0328), (-0.02, 0.008, 0.0423),
+    (0.028, 0.012, 0.041), (0.068, 0.016, 0.039), (-0.016, 0.036, 0.0378),
+    (-0.052, 0.04, 0.0369), (-0.076, 0.044, 0.0348), (0.024, 0.044, 0.035),
+    (0.072, 0.044, 0.035),
+)  # fmt: skip
+FINGER_SPHERES = (0.012, 0.016, 0.025), (0.008, 0.036, 0.0212)
+WALLS = 16  # flat pieces of a cup's wall
+
+
+@dataclass(frozen=True)
+class Cup(Tool):
+    """A swallowing gripper: an open cylinder on a slender neck, its axis along flange z. Metres.
+
+    The neck (radius 0.01) runs ``length`` from the flange to the cup's base; the wall of outer
+    ``radius`` rises ``height`` from there to the rim; ``opening`` is the inner diameter (default:
+    2 ``radius``, a thin wall). A swallowed fruit's centre rests ``depth`` below the rim: that is
+    the tool point, and the tool axis points out of the mouth.
+
+    Raises:
+        InvalidRequestError: a parameter out of its range, named with its value.
+    """
+
+    radius: float
+    height: float = 0.05
+    length: float = 0.10
+    depth: float = 0.02
+    opening: float | None = None
+
+    def __post_init__(self) -> None:
+        check_length("cup", "radius", self.radius, 0.0, LARGEST, open_below=True)
+        check_length("cup", "height", self.height, 0.0, LARGEST, open_below=True)
+        check_length("cup", "length", self.length, 0.0, LARGEST)
+        check_length("cup", "depth", self.depth, 0.0, self.height)
+        if self.opening is not None:
+            check_length("cup", "opening", self.opening, 0.0, 2.0 * self.radius, open_below=True)
+
+    @property
+    def point(self) -> FloatArray:
+        """(3,) the tool point in the flange frame [m]."""
+        return np.array([0.0, 0.0, self.length + self.height - self.depth])
+
+    def spheres(self) -> FloatArray:
+        """Spheres (k, 4) over neck, base, wall and rim, in the flange frame [m]."""
+        inner = self.radius if self.opening is None else self.opening / 2.0
+        return cover_cup(self.radius, inner, self.height, self.length)
+
+    @property
+    def front(self) -> float:
+        """How far before the flange the mouth begins [m]."""
+        return self.length
+
+    @property
+    def tip(self) -> float:
+        """How far before the flange the rim is [m]."""
+        return self.length + self.height
+
+    @property
+    def mouth(self) -> tuple[float, float]:
+        """Inner and outer radius of the mouth [m]."""
+        if self.opening is None:
+            return max(self.radius - WALL, 0.5 * self.radius), self.radius
+        return min(self.opening / 2.0, self.radius - 1e-4), self.radius
+
+    def outline(self) -> tuple[FloatArray, ...]:
+        """The cup cut along its axis: neck, base and walls; see :meth:`FrankaHand.outline`."""
+        (inner, outer), rim, flange = self.mouth, self.depth, -self.reach
+        base = rim - self.height
+        neck = (flange, base, -NECK_RADIUS, NECK_RADIUS)
+        floor = (base, base + WALL, -outer, outer)
+        walls = (base, rim, inner, outer), (base, rim, -outer, -inner)
+        sides = [neck, floor, *walls] if self.length > 0.0 else [floor, *walls]
+        return tuple(rectangle(*side) for side in sides)
+
+    def solids(self) -> tuple[Solid, ...]:
+        """Neck, floor and a ring of flat walls."""
+        (inner, outer), floor = self.mouth, min(WALL, self.height / 4.0)
+        wide = 2.0 * (self.radius * np.tan(np.pi / WALLS))
+        wall = outer - inner
+        middle, aside = self.length + 0.5 * self.height, inner + wall / 2.0
+        out = []
+        if self.length > 0.0:
+            neck = Cylinder(min(NECK_RADIUS, self.radius), self.length)
+            out.append(Solid("neck", neck, np.array([0.0, 0.0, self.length / 2.0]), part="neck"))
+        at = np.array([0.0, 0.0, self.length + floor / 2.0])
+        out.append(Solid("floor", Cylinder(self.radius, floor), at, part="mouth"))
+        for k in range(WALLS):
+            angle = 2.0 * np.pi * k / WALLS
+            at = np.array([aside * np.cos(angle), aside * np.sin(angle), middle])
+            turned = float(np.cos(angle / 2.0)), 0.0, 0.0, float(np.sin(angle / 2.0))
+            out.append(Solid(f"wall:{k}", Box((wall, wide, self.height)), at, turned, "mouth"))
+        return tuple(out)
+
+    def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
+        """Inertia of a tube that has all of the mass."""
+        across = 0.5 * self.radius**2 + self.height**2 / 12.0
+        middle = np.array([0.0, 0.0, self.length + 0.5 * self.height])
+        return middle, mass * np.diag([across, across, self.radius**2])
+
+
+@dataclass(frozen=True)
+class FrankaHand(Tool):
+    """The Franka hand, open. It is mounted turned by -45 degrees about flange z, as Franka does.
+
+    The tool point lies between the finger tips, 0.1034 beyond the flange. The body spheres contain
+    every point of the maker's collision meshes and reach at most 15 mm beyond them. The push models
+    and the simulation use a palm and two fingers instead, see :meth:`boxes` and :meth:`outline`.
+    """
+
+    fingers = True
+    reach: float = 0.1034
+    gripper_radius: float = 0.04  # half of the 0.08 m between the open fingers
+
+    def __post_init__(self) -> None:
+        check_length("franka_hand", "reach", self.reach, 0.0, LARGEST, open_below=True)
+        check_length(
+            "franka_hand", "gripper_radius", self.gripper_radius, 0.0, LARGEST, open_below=True
+        )
+
+    def spheres(self) -> FloatArray:
+        """Spheres (k, 4) over palm and fingers, in the flange frame [m]."""
+        left = np.array(FINGER_SPHERES) + [self.gripper_radius, FINGERS, 0.0]
+        y, z, radius = np.concatenate([PALM_SPHERES, left, left * [-1.0, 1.0, 1.0]]).T
+        return np.column_stack([np.outer(y, self.rotation[:2, 1]), z, radius])
+
+    @property
+    def point(self) -> FloatArray:
+        """(3,) the tool point in the flange frame [m]."""
+        return np.array([0.0, 0.0, self.reach])
+
+    @property
+    def rotation(self) -> FloatArray:
+        """(3, 3) columns: the hand's x (its thin side), y (along which it opens) and z axes."""
+        c = math.sqrt(0.5)
+        return np.array([[c, c, 0.0], [-c, c, 0.0], [0.0, 0.0, 1.0]])
+
+    @property
+    def mouth(self) -> tuple[float, float]:
+        """Half the opening between the fingers, and half the distance of their backs [m]."""
+        mount = FINGER["mount"]
+        return self.gripper_radius, self.gripper_radius + mount[1] + mount[4]
+
+    @property
+    def front(self) -> float:
+        """How far before the flange the palm ends [m]."""
+        return PALM[1] + PALM_HALF[1]
+
+    @property
+    def tip(self) -> float:
+        """How far before the flange the fingers end [m]."""
+        return FINGERS + PADS[2] + PADS[5]
+
+    def boxes(self) -> tuple[tuple[str, FloatArray, FloatArray, float], ...]:
+        """The open hand as boxes: name, centre (3,), half edges (3,) [m], turn about x [rad].
+
+        In the hand's axes (:attr:`rotation`) with the origin at the flange.
+        """
+        out = [("palm", np.array([0.0, 0.0, PALM[1]]), np.array([PALM[0], *PALM_HALF]), 0.0)]
+        for side, sign in (("left", 1.0), ("right", -1.0)):
+            for part, (x, y, z, a, b, c, turn) in FINGER.items():
+                center = np.array([x, sign * (self.gripper_radius + y), FINGERS + z])
+                out.append((f"{side} {part}", center, np.array([a, b, c]), sign * turn))
+        return tuple(out)
+
+    def outline(self) -> tuple[FloatArray, ...]:
+        """The open hand seen along its x: convex polygons (k, 2), counter-clockwise.
+
+        Columns: along the tool axis and along the hand's y, from the tool point [m].
+        """
+        out = []
+        low, high = (PALM[1] + np.array([-1.0, 1.0]) * PALM_HALF[1] - self.reach).tolist()
+        out.append(rectangle(low, high, -PALM_HALF[0], PALM_HALF[0]))
+        mount, pads = FINGER["mount"], PADS
+        near, far, tip = mount[2] + mount[5], pads[2] - pads[5], pads[2] + pads[5]
+        outer, inner = mount[1] + mount[4], pads[1] + pads[4]
+        base = [(0.0, 0.0), (far, 0.0), (far, inner), (near, outer), (0.0, outer)]
+        pad = [(far, 0.0), (tip, 0.0), (tip, inner), (far, inner)]
+        for sign in (1.0, -1.0):
+            for corners in (base, pad):
+                part = np.array(corners) * [1.0, sign]
+                part += [FINGERS - self.reach, sign * self.gripper_radius]
+                out.append(part if sign > 0 else part[::-1])
+        return tuple(out)
+
+    def solids(self) -> tuple[Solid, ...]:
+        """The :meth:`boxes`."""
+        turned, out = self.rotation, []
+        for name, center, half, turn in self.boxes():
+            c, s = np.cos(turn), np.sin(turn)
+            about = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+            w, x, y, z = quaternion(turned @ about).tolist()
+            a, b, c = (2.0 * half).tolist()
+            part: Part = "palm" if name == "palm" else "finger"
+            shape = Box((a, b, c))
+            out.append(Solid(f"hand:{name}", shape, turned @ center, (w, x, y, z), part))
+        return tuple(out)
+
+    def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
+        """Inertia of a palm that has all of the mass."""
+        turned, (_, middle, half, _) = self.rotation, self.boxes()[0]
+        a, b, c = (half**2).tolist()
+        own = np.diag(mass / 3.0 * np.array([b + c, a + c, a + b]))
+        return turned @ middle, turned @ own @ turned.T
+
+
+TOOLS: dict[str, type[Tool]] = {
+    "cup": Cup,
+    "franka_hand": FrankaHand,
+    "finger_gripper": FingerGripper,
+    "scissor": Scissor,
+    "mesh": MeshTool,
+}
+"""Kinds of tool by the name that scene files have for them."""
+
+
+def make_tool(kind: str, parameters: Mapping[str, Any]) -> Tool:
+    """A tool of one of the :data:`TOOLS` from its parameters.
+
+    Raises:
+        InvalidSceneError: another kind.
+        InvalidRequestError: parameters that make no tool.
+    """
+    if kind not in TOOLS:
+        raise InvalidSceneError(f"tool.kind is {kind!r}; valid are {', '.join(TOOLS)}")
+    try:
+        return TOOLS[kind](**parameters)
+    except TypeError as error:  # a parameter that the kind does not have, or lacks
+        raise InvalidRequestError(f"tool {kind}: {error}") from None
+
+
+def with_tool(robot: Robot, tool: Tool) -> Robot:
+    """``robot`` with ``tool`` on its flange, in place of any tool it carries.
+
+    The tool is a new last link, "tool": distal, at rest relative to the last link and a neighbour
+    of the one before; the spheres of other links are kept from it.
+
+    Args:
+        robot: with or without a tool.
+        tool: one of :data:`TOOLS`, or of any class with the members of :class:`Tool`.
+
+    Raises:
+        InvalidRequestError: the robot has a link of its own named "tool"; ``tool`` lacks members,
+            or its numbers contradict one another.
+    """
+    check_tool(tool)
+    bare = without_tool(robot)
+    if TOOL_LINK in bare.link_names:
+        raise InvalidRequestError(
+            f"robot '{robot.name}' has a link named '{TOOL_LINK}'; rename it to mount a tool"
+        )
+    cover = tool.spheres()
+    rotation, translation = bare.flange_rotation, bare.flange_translation
+    body, k = bare.spheres, len(cover)
+    _check_free(bare, tool)
+    spheres = BodySpheres(
+        segment=frozen([*body.segment, *[bare.n_segments - 1] * k], np.int64),
+        center=frozen(np.concatenate([body.center, cover[:, :3] @ rotation.T + translation])),
+        radius=frozen(np.concatenate([body.radius, cover[:, 3]])),
+        link=frozen([*body.link, *[len(bare.link_names)] * k], np.int64),
+        distal=frozen([*body.distal, *[True] * k], np.bool_),
+    )
+    robot = replace(
+        bare,
+        spheres=spheres,
+        link_names=(*bare.link_names, TOOL_LINK),
+        tool_point=frozen(translation + rotation @ tool.point),
+        tool_axis=frozen(rotation @ tool.rotation[:, 2]),
+        gripper_radius=float(tool.gripper_radius),
+        tool=tool,
+    )
+    pairs = candidate_pairs(robot)
+    pairs = pairs[pairs[:, 1] >= len(body.radius)]  # the arm's own are known
+    pairs = drop_always_touching(robot, pairs)
+    return replace(
+        robot,
+        self_pairs=frozen(np.concatenate([bare.self_pairs, pairs]), np.int64),
+        self_slack=frozen(np.append(bare.self_slack, np.zeros(len(pairs)))),
+    )
+
+
+def _check_free(bare: Robot, tool: Tool) -> None:
+    """Warn where a link on the last one, such as a finger, stands beside a tool's mouth."""
+    spheres = bare.spheres
+    last = spheres.link[spheres.distal].min(initial=len(bare.link_names))
+    riding = spheres.distal & (spheres.link > last)
+    along = (spheres.center - bare.flange_translation) @ bare.flange_rotation @ tool.rotation[:, 2]
+    before = np.where(riding, along - tool.front, -np.inf)  # of the spheres' middles
+    if before.max(initial=0.0) > 0.0:
+        link = bare.link_names[spheres.link[before.argmax()]]
+        warnings.warn(
+            f"link '{link}' stands beside the mouth of the tool, or before it: give the tool a "
+            "longer neck, or the robot a flange (tip) before that link",
+            stacklevel=3,
+        )
+
+
+def without_tool(robot: Robot) -> Robot:
+    """``robot`` with a bare flange: the tool point is the flange's origin."""
+    if robot.tool is None:
+        return robot
+    keep: BoolArray = robot.spheres.link != len(robot.link_names) - 1
+    own = np.all(keep[robot.self_pairs], axis=1)
+    spheres = BodySpheres(*(frozen(values[keep], values.dtype) for values in robot.spheres))
+    return replace(
+        robot,
+        spheres=spheres,  # the tool's come last, so the other indices stay
+        link_names=robot.link_names[:-1],
+        self_pairs=frozen(robot.self_pairs[own], np.int64),
+        self_slack=frozen(robot.self_slack[own]),
+        tool_point=robot.flange_translation,
+        tool_axis=frozen(robot.flange_rotation[:, 2]),
+        gripper_radius=0.0,
+        tool=None,
+    )

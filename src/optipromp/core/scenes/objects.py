@@ -1,0 +1,215 @@
+"""Objects of a scene and the stems they hang on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import InitVar, dataclass, field, replace
+from functools import cached_property
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, frozen
+from optipromp.core.errors import InvalidSceneError
+from optipromp.core.geometry.shapes import Shape
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
+from optipromp.core.scenes.values import array, named, suggest, unit
+
+Role: TypeAlias = Literal["target", "pushable", "avoid", "static"]
+ROLES: tuple[Role, ...] = get_args(Role)
+
+PHYSICAL = (
+    "mass", "density", "friction", "stem_stiffness", "stem_stiffness_spread", "abscission_force",
+)  # fmt: skip
+"""What may be told of an object in ``physical``: [kg], [kg/m³], -, EI [N m²], -, [N]."""
+
+STEM_RADIUS = 0.003
+"""Radius of a stem that says none [m]."""
+
+_LARGEST_SIGMA = 10.0  # [m]
+STEM_SLACK = 0.005  # [m] a stem begins at most this far outside its fruit, and off its parent
+
+
+@dataclass(frozen=True, eq=False)
+class Stem:
+    """The stem that a fruit hangs on.
+
+    Args:
+        points: (k, 3) in the robot's base frame [m], fruit first, root last, k >= 2.
+        radius: [m].
+        parent: id of the object whose stem this one grows from, at its root; None where the root
+            is held. Fruits on one such tree share a truss.
+
+    Raises:
+        InvalidSceneError: fewer than two points, a piece without length, a radius of 0 or less.
+    """
+
+    points: FloatArray
+    radius: float = STEM_RADIUS
+    parent: str | None = None
+
+    def __post_init__(self) -> None:
+        shape = np.shape(self.points)
+        if len(shape) != 2 or shape[1] != 3 or shape[0] < 2:
+            raise InvalidSceneError(f"stem.points has shape {shape}: must be (k, 3), k >= 2")
+        points = array("stem.points", self.points, None, 3)
+        short = np.flatnonzero(np.linalg.norm(np.diff(points, axis=0), axis=1) < 1e-9)
+        if short.size:
+            raise InvalidSceneError(
+                f"stem piece {short[0]} has no length: neighbouring points (the fruit's position "
+                "is the first) must differ"
+            )
+        if not (math.isfinite(self.radius) and self.radius > 0.0):
+            raise InvalidSceneError(f"stem.radius is {self.radius:g}: must be above 0 [m]")
+        object.__setattr__(self, "points", points)
+
+    @classmethod
+    def along(
+        cls, position: FloatArray, direction: FloatArray, length: float, radius: float = STEM_RADIUS
+    ) -> Stem:
+        """A straight stem of a ``length`` [m] from the fruit's ``position`` (3,).
+
+        ``direction`` (3,) is from the fruit to the root, of any length above 0.
+        """
+        if not (math.isfinite(length) and length > 0.0):
+            raise InvalidSceneError(f"stem.length is {length:g}: must be above 0 [m]")
+        begin = array("position", position, 3)
+        return cls(np.array([begin, begin + length * unit("stem.direction", direction)]), radius)
+
+    def transformed(self, pose: Pose) -> Stem:
+        """The same stem, stated in the frame in which its present frame has the ``pose``."""
+        return replace(self, points=pose @ self.points)
+
+    @property
+    def vector(self) -> FloatArray:
+        """(3,) the stem vector S_n of the paper: from the fruit to the next point [m]."""
+        return frozen(self.points[1] - self.points[0])
+
+    @property
+    def root(self) -> FloatArray:
+        """(3,) where the stem is held [m]."""
+        return frozen(self.points[-1])
+
+    @property
+    def length(self) -> float:
+        """Length along the stem [m]."""
+        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class SceneObject:
+    """One object of the scene.
+
+    Args:
+        id: its name, unique in the scene.
+        role: ``target``, ``pushable``, ``avoid`` or ``static``.
+        shape: in its local frame.
+        position: (3,) of the local origin, in the robot's base frame [m].
+        orientation: of the local frame: quaternion (4,) ``w, x, y, z``, or rotation matrix (3, 3).
+            It is kept as a quaternion.
+        stem: that it hangs on, if any.
+        covariance: (3, 3) covariance of the detected position [m²], if given.
+        physical: further numbers by name, one of :data:`PHYSICAL`. The simulation knows all of
+            them, the push model mass and stem_stiffness; stem_stiffness_spread is the factor by
+            which the stiffness may well be higher or lower (one standard deviation of its log).
+        sigma: in place of ``covariance``: standard deviation of each coordinate of the detected
+            position [m]. It is kept as a covariance, and the attribute reads None.
+
+    Raises:
+        InvalidSceneError: an unknown role, a fruit that is a half space, a value that is not
+            finite or of the wrong shape, a stem that starts away from its fruit.
+    """
+
+    id: str
+    role: Role
+    shape: Shape
+    position: FloatArray
+    orientation: FloatArray = field(default_factory=lambda: IDENTITY)
+    stem: Stem | None = None
+    covariance: FloatArray | None = None
+    physical: Mapping[str, float] = field(default_factory=dict)
+    sigma: InitVar[float | None] = None
+
+    def __post_init__(self, sigma: float | None) -> None:
+        named("id", self.id)
+        if self.role not in ROLES:
+            raise InvalidSceneError(f"role {self.role!r} is unknown: {suggest(self.role, ROLES)}")
+        if self.role in ("target", "pushable") and math.isinf(self.radius):
+            raise InvalidSceneError(f"a {self.role} cannot be a half_space: it has no end")
+        object.__setattr__(self, "position", array("position", self.position, 3))
+        object.__setattr__(self, "orientation", unit_quaternion(self.orientation))
+        if self.covariance is not None or sigma is not None:
+            object.__setattr__(self, "covariance", _covariance(self.covariance, sigma))
+        if self.stem is not None:
+            gap = float(np.linalg.norm(self.stem.points[0] - self.position))
+            if gap > self.shape.measure.bound + STEM_SLACK:
+                raise InvalidSceneError(
+                    f"stem.points[0] is {gap:.3g} m from the fruit's position: a stem must start "
+                    "at its fruit"
+                )
+        object.__setattr__(self, "physical", _checked(self.physical))
+
+    @cached_property
+    def rotation(self) -> FloatArray:
+        """(3, 3), local to base: the ``orientation`` as a matrix."""
+        return from_quaternion(self.orientation)
+
+    def transformed(self, pose: Pose) -> SceneObject:
+        """The same object, stated in the frame in which its present frame has the ``pose``.
+
+        Position, orientation, stem and covariance are transformed. A picker brings what its camera
+        detected into the base frame by ``detected.transformed(camera)``.
+        """
+        spread = self.covariance
+        if spread is not None:
+            spread = pose.rotation @ spread @ pose.rotation.T
+            spread = 0.5 * (spread + spread.T)
+        return replace(
+            self, position=pose @ self.position,
+            orientation=product(pose.orientation, self.orientation),
+            stem=None if self.stem is None else self.stem.transformed(pose), covariance=spread,
+        )  # fmt: skip
+
+    @property
+    def radius(self) -> float:
+        """Radius of a ball about ``position`` that holds the shape [m]; of a sphere, its own."""
+        return self.shape.measure.bound
+
+
+def _checked(physical: Mapping[str, float]) -> dict[str, float]:
+    for name, value in physical.items():
+        if name not in PHYSICAL:
+            raise InvalidSceneError(
+                f"physical property {name!r} is unknown: {suggest(name, PHYSICAL)}"
+            )
+        least = 1.0 if name == "stem_stiffness_spread" else 0.0
+        if not (math.isfinite(value) and value > least):
+            raise InvalidSceneError(f"physical.{name} is {value}: must be above {least:g}")
+    return dict(physical)
+
+
+def _covariance(values: FloatArray | None, sigma: float | None) -> FloatArray:
+    if sigma is not None:
+        if values is not None:
+            raise InvalidSceneError("covariance and sigma are given: must be one of them at most")
+        if not 0.0 <= sigma <= _LARGEST_SIGMA:
+            raise InvalidSceneError(
+                f"sigma is {sigma:g}: must be at least 0 [m] and at most {_LARGEST_SIGMA:g}"
+            )
+        return frozen(sigma**2 * np.eye(3))
+    covariance = array("covariance", values, 3, 3)
+    scale = float(np.abs(covariance).max())
+    if np.abs(covariance - covariance.T).max() > 1e-9 * scale:
+        raise InvalidSceneError("covariance is not symmetric: must equal its transpose")
+    if scale > _LARGEST_SIGMA**2:
+        raise InvalidSceneError(
+            f"covariance reaches {scale:g}: must be at most {_LARGEST_SIGMA**2:g} [m²]"
+        )
+    least = float(np.linalg.eigvalsh(covariance)[0])
+    if least < -1e-12 * scale:
+        raise InvalidSceneError(
+            f"covariance has eigenvalue {least:.3g}: must be positive semi-definite"
+        )
+    return covariance

@@ -1,0 +1,311 @@
+"""Scenes from the plain values of scene files."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError
+from optipromp.core.files import check_inside
+from optipromp.core.geometry.shapes import (
+    PRIMITIVES,
+    MeshShape,
+    PointCloudShape,
+    Shape,
+)
+from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
+from optipromp.core.robots.tools import make_tool
+from optipromp.core.scenes.rotations import IDENTITY
+from optipromp.core.scenes.scene import (
+    STEM_RADIUS,
+    Approach,
+    JointGoal,
+    Pose,
+    PoseGoal,
+    Scene,
+    SceneObject,
+    Stem,
+    ToolSpec,
+)
+from optipromp.core.scenes.schema import (
+    MeshToolModel,
+    ObjectModel,
+    PoseModel,
+    RobotModel,
+    SceneModel,
+    ShapeModel,
+    StemModel,
+    parse,
+)
+from optipromp.core.scenes.values import suggest, unit
+
+_FARTHEST = 20.0  # [m] a position beyond is taken for millimetres ...
+_BEYOND_MILLIMETRES = 5_000.0  # [m] ... except where it is too far even in millimetres
+_LARGEST_FRUIT = 1.0  # [m]
+
+
+def scene_from_dict(
+    document: Mapping[str, Any], *, base_dir: Path | None = None, source: str = "scene"
+) -> Scene:
+    """Build a scene from the plain values of a scene file.
+
+    Args:
+        document: as in a scene file.
+        base_dir: folder that relative paths start from; the working directory where None.
+        source: named in refusals.
+
+    Raises:
+        InvalidSceneError: as :func:`load_scene`.
+    """
+    model = parse(document, source)
+    scale = 1.0 if model.scale is None else model.scale
+    where = ""
+    try:
+        frames = _frames(model, scale)
+        default = frames[model.frame]
+        told = " in the base's frame" if model.base is not None or model.camera is not None else ""
+        objects: list[SceneObject] = []
+        shapes: dict[tuple[object, ...], Shape] = {}
+        for index, item in enumerate(model.objects):
+            where = f"objects[{index}]: "
+            frame = default if item.frame is None else frames[item.frame]
+            made = _object(item, scale, base_dir, shapes)
+            objects.append(made if frame.is_identity else made.transformed(frame))
+            if model.scale is None:
+                check_magnitude(objects[-1], told)
+        where = ""
+        _check_target_key(model, objects)
+        approach = _approach(model, scale, default, frames["world"])
+        goal = _goal(model, scale, default, approach)
+        if isinstance(goal, PoseGoal) and model.scale is None:
+            _check_distance("goal.position", goal.position, told, reachable=False)
+        return Scene(
+            name=model.name,
+            robot=model.robot if isinstance(model.robot, str) else model.robot.file,
+            choice=_choice(model.robot, base_dir),
+            objects=tuple(objects),
+            tool=_tool(model, scale, base_dir),
+            start=None if model.start is None else np.array(model.start),
+            approach=approach,
+            goal=goal,
+            options=_options(model, scale),
+            base_dir=base_dir,
+            base=Pose() if model.base is None else _pose(model.base, scale),
+            camera=None if model.camera is None else frames["camera"],
+        )
+    except InvalidSceneError as error:
+        raise InvalidSceneError(f"{source}: {where}{error.message}") from None
+
+
+def _inside(name: str, base_dir: Path | None) -> Path:
+    """The path of a file that the scene names."""
+    return check_inside((base_dir or Path()) / name, base_dir, InvalidSceneError)
+
+
+def _choice(given: str | RobotModel, base_dir: Path | None) -> Choice:
+    if isinstance(given, str):
+        if given not in robot_names():
+            _inside(given, base_dir)
+        return UNTRUSTED
+    for name in (given.file, *([given.srdf] if given.srdf else []), *given.package_dirs):
+        _inside(name, base_dir)
+    return Choice(
+        given.tip, given.base, given.srdf, given.hold, tuple(given.package_dirs), untrusted=True
+    )
+
+
+def _frames(model: SceneModel, scale: float) -> dict[str, Pose]:
+    """The poses in the base frame of the frames that the file may state values in."""
+    poses = {}
+    for name, given in (("base", model.base), ("camera", model.camera)):
+        try:
+            poses[name] = Pose() if given is None else _pose(given, scale)
+        except InvalidSceneError as error:
+            raise InvalidSceneError(f"{name}.{error.message}") from None
+    world = Pose() if model.base is None else poses["base"].inverse()
+    return {"base": Pose(), "world": world, "camera": world @ poses["camera"]}
+
+
+def _pose(given: PoseModel, scale: float) -> Pose:
+    return Pose(scale * np.array(given.position), _orientation(given.orientation))
+
+
+def _orientation(given: list[float] | None) -> FloatArray:
+    return IDENTITY if given is None else np.array(given)
+
+
+def _object(
+    item: ObjectModel, scale: float, base_dir: Path | None, shapes: dict[tuple[object, ...], Shape]
+) -> SceneObject:
+    """The object in the frame in which the file states it."""
+    position = scale * np.array(item.position)
+    return SceneObject(
+        id=item.id,
+        role=item.role,
+        shape=_shape(item.shape, scale, base_dir, shapes),
+        position=position,
+        orientation=_orientation(item.orientation),
+        stem=None if item.stem is None else _stem(item.stem, scale, position),
+        covariance=None if item.covariance is None else scale**2 * np.array(item.covariance),
+        physical=item.physical,
+        sigma=None if item.sigma is None else scale * item.sigma,
+    )
+
+
+def _stem(given: StemModel, scale: float, position: FloatArray) -> Stem:
+    radius = STEM_RADIUS if given.radius is None else scale * given.radius
+    if given.direction is not None and given.length is not None:
+        way = scale * given.length * unit("stem.direction", np.array(given.direction))
+        points = np.array([position, position + way])
+    elif given.root is not None:
+        points = np.array([position, scale * np.array(given.root)])
+    else:
+        points = scale * np.array(given.points)
+    return Stem(points, radius, given.parent)
+
+
+def _shape(
+    model: ShapeModel, scale: float, base_dir: Path | None, shapes: dict[tuple[object, ...], Shape]
+) -> Shape:
+    """The shape; files named twice are read once, and share their distance grid."""
+    (name,) = model.model_fields_set
+    given = getattr(model, name).model_dump()
+    if name in PRIMITIVES:
+        lengths = {key: (scale * np.array(value)).tolist() for key, value in given.items()}
+        shape: Shape = PRIMITIVES[name](**lengths)
+        return shape
+    from optipromp.core.geometry.loading import load_cloud, load_mesh
+
+    path = _inside(given["file"], base_dir)
+    radius = (scale * given["radius"],) if "radius" in given else ()
+    key = path, *radius, given["scale"]
+    if key not in shapes:
+        shapes[key] = load_cloud(*key) if radius else load_mesh(*key)
+    return shapes[key]
+
+
+def check_magnitude(item: SceneObject, told: str = "") -> None:
+    """Refuse an object that looks as if it were in millimetres; ``told``: of which frame it is."""
+    reachable = item.role != "target"
+    if math.isfinite(item.radius):
+        _check_distance("position", item.position, told, reachable=reachable)
+    if item.stem is not None:
+        _check_distance("stem.root", item.stem.root, told, reachable=reachable)
+    if isinstance(item.shape, MeshShape | PointCloudShape) and item.radius > _FARTHEST:
+        raise InvalidSceneError(
+            f"shape {item.shape.path} extends {item.radius:g} m (at most {_FARTHEST:g}): "
+            "millimetres? then write scale: 0.001 beside its file"
+        )
+    if _FARTHEST < item.radius < math.inf:  # a floor may be large
+        warnings.warn(
+            f"object {item.id!r} reaches {item.radius:g} m: millimetres? then write scale: 0.001 "
+            "at the top",
+            stacklevel=2,
+        )
+    if item.role in ("target", "pushable") and item.radius > _LARGEST_FRUIT:
+        raise InvalidSceneError(
+            f"a {item.role} of radius {item.radius:g} m is too large (at most {_LARGEST_FRUIT:g}): "
+            "millimetres? then write scale: 0.001 at the top"
+        )
+
+
+def _check_distance(name: str, position: FloatArray, told: str, *, reachable: bool) -> None:
+    """Refuse what looks like millimetres.
+
+    A target that would be out of reach even in millimetres is no mistake of units. The planner
+    reports that it is out of reach.
+    """
+    distance = math.hypot(*position)
+    if distance <= _FARTHEST or (not reachable and distance > _BEYOND_MILLIMETRES):
+        return
+    raise InvalidSceneError(
+        f"{name} {position.tolist()}{told} is {distance:g} m from the robot "
+        f"(at most {_FARTHEST:g}): millimetres? then write scale: 0.001 at the top"
+    )
+
+
+def _check_target_key(model: SceneModel, objects: list[SceneObject]) -> None:
+    if model.target is None:
+        return
+    named = next((item for item in objects if item.id == model.target), None)
+    if named is None:
+        ids = [item.id for item in objects]
+        raise InvalidSceneError(
+            f"target {model.target!r} is no object: {suggest(model.target, ids)}"
+        )
+    if named.role != "target":
+        raise InvalidSceneError(
+            f"object {named.id!r} is named as target and has role {named.role!r}: "
+            "must have one role"
+        )
+
+
+def _tool(model: SceneModel, scale: float, base_dir: Path | None) -> ToolSpec | None:
+    """The tool; it is built once to check its parameters, and the files of a mesh are read."""
+    if model.tool is None:
+        return None
+    given = model.tool.given
+    if isinstance(model.tool, MeshToolModel):
+        from optipromp.core.geometry.loading import load_mesh
+
+        files = given.pop("parts", None) or [given.pop("file")]
+        unit = given.pop("scale")
+        meshes = tuple(load_mesh(_inside(file, base_dir), unit) for file in files)
+        axis = {"tool_axis": tuple(given.pop("tool_axis"))} if "tool_axis" in given else {}
+        point = tuple(scale * value for value in given.pop("tool_point"))
+        fixed = {"meshes": meshes, "tool_point": point, **axis}
+    else:
+        fixed = {"turn": given.pop("turn")} if "turn" in given else {}
+    spec = ToolSpec(model.tool.kind, {**fixed, **{k: scale * v for k, v in given.items()}})
+    try:
+        make_tool(spec.kind, spec.parameters)
+    except InvalidRequestError as error:
+        raise InvalidSceneError(error.message) from None
+    return spec
+
+
+def _approach(model: SceneModel, scale: float, frame: Pose, world: Pose) -> Approach:
+    """The approach in the base frame; what the file leaves out is up and y of the world."""
+    given = model.approach
+    direction, lateral = (
+        world.rotation[:, axis] if values is None else frame.rotation @ np.array(values)
+        for values, axis in ((given.direction, 2), (given.lateral, 1))
+    )
+    further = {
+        name: scale * value
+        for name in ("camera_distance", "aside")
+        if (value := getattr(given, name)) is not None
+    }
+    if given.shift is not None:
+        further["shift"] = frame.rotation @ (scale * np.array(given.shift))
+    if given.lead is not None:
+        further["lead"] = frame.rotation @ np.array(given.lead)
+    return Approach(direction, lateral, cone=given.cone, **further)
+
+
+def _options(model: SceneModel, scale: float) -> dict[str, Any]:
+    """Settings of the planners that belong to the scene; lengths in metres."""
+    out, offset = model.options.model_dump(exclude_none=True), model.options.drift_offset
+    if isinstance(offset, dict):
+        out["drift_offset"] = {name: scale * one for name, one in offset.items()}
+    elif offset is not None:
+        out["drift_offset"] = scale * offset
+    return out
+
+
+def _goal(
+    model: SceneModel, scale: float, frame: Pose, approach: Approach
+) -> JointGoal | PoseGoal | None:
+    given = model.goal
+    if given is None:
+        return None
+    if given.joints is not None:
+        return JointGoal(np.array(given.joints))
+    axis = approach.direction if given.axis is None else frame.rotation @ np.array(given.axis)
+    return PoseGoal(frame @ (scale * np.array(given.position)), axis)

@@ -1,0 +1,351 @@
+"""The scene as arrays: objects with roles, stems, the approach and the goal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, IntArray, frozen, joined, lengths, read_only
+from optipromp.core.errors import InvalidSceneError
+from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, packed
+from optipromp.core.robots.library import NOTHING, Choice, load_arm
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes import trusses
+from optipromp.core.scenes.objects import ROLES, STEM_RADIUS, Role, SceneObject, Stem
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.values import array, named, suggest, unit
+from optipromp.core.shown import Shown
+
+__all__ = [
+    "ROLES", "STEM_RADIUS", "Approach", "JointGoal", "Pose", "PoseGoal", "Role", "Scene",
+    "SceneObject", "Stem", "ToolSpec",
+]  # fmt: skip
+
+WIDEST_CONE = 60.0
+"""Largest angle of an approach off its direction [degrees]."""
+
+_PARALLEL = 1e-6
+_ROUNDING = 1e-9  # [m]
+_FARTHEST_CAMERA = 20.0  # [m]
+
+
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """The direction from which the tool comes to the target.
+
+    Args:
+        direction: (3,) z_g, along which the tool approaches, in the base frame; of any length
+            above 0.
+        lateral: (3,) y_g, along which the tool drifts; made orthogonal to ``direction``.
+        camera_distance: from the camera point to the lowest fruit, along z_g [m].
+        cone: where the straight way harms, the planner may come along another axis, off the
+            ``direction`` by at most this angle [degrees]; None: as the planner chooses; 0: never.
+        aside: and the tool point may end so far beside the target's centre [m]; likewise.
+        shift: (3,) from the target's centre to where the tool point ends [m]; of a plan's scene,
+            where the planner has chosen it.
+        lead: (3,) axis of the tool where its path begins; it turns to ``direction`` on the way. Of
+            a plan's scene, where the planner has chosen it; None: ``direction``.
+    """
+
+    direction: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    lateral: FloatArray = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
+    camera_distance: float = 0.10
+    cone: float | None = None
+    aside: float | None = None
+    shift: FloatArray = field(default_factory=lambda: np.zeros(3))
+    lead: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        z = unit("approach.direction", self.direction)
+        y = unit("approach.lateral", self.lateral)
+        if np.linalg.norm(np.cross(y, z)) < _PARALLEL:
+            raise InvalidSceneError(
+                f"approach.lateral {y.tolist()} is parallel to direction {z.tolist()}: "
+                "must point across it"
+            )
+        if not 0.0 < self.camera_distance <= _FARTHEST_CAMERA:
+            raise InvalidSceneError(
+                f"approach.camera_distance is {self.camera_distance:g}: must be above 0 [m] and at "
+                f"most {_FARTHEST_CAMERA:g}"
+            )
+        if self.cone is not None and not 0.0 <= self.cone <= WIDEST_CONE:
+            raise InvalidSceneError(
+                f"approach.cone is {self.cone:g}: must be 0 to {WIDEST_CONE:g} [degrees]"
+            )
+        if self.aside is not None and not 0.0 <= self.aside < np.inf:
+            raise InvalidSceneError(f"approach.aside is {self.aside:g}: must be at least 0 [m]")
+        object.__setattr__(self, "direction", z)
+        object.__setattr__(self, "lateral", y)
+        object.__setattr__(self, "shift", array("approach.shift", self.shift, 3))
+        if self.lead is not None:
+            lead = unit("approach.lead", self.lead)
+            if lead @ z < math.cos(math.radians(WIDEST_CONE)) - 1e-9:
+                raise InvalidSceneError(
+                    f"approach.lead {lead.tolist()} is more than {WIDEST_CONE:g} degrees off the "
+                    f"direction {z.tolist()}: must be less"
+                )
+            object.__setattr__(self, "lead", lead)
+
+    @cached_property
+    def frame(self) -> FloatArray:
+        """(3, 3) rows x_g, y_g, z_g with x_g = y_g × z_g: maps vectors into F_g."""
+        z = self.direction
+        x = np.cross(self.lateral, z)
+        x /= np.linalg.norm(x)
+        return frozen([x, np.cross(z, x), z])
+
+    def transformed(self, pose: Pose) -> Approach:
+        """The same approach, stated in the frame in which its present frame has the ``pose``."""
+        turn = pose.rotation
+        return replace(
+            self, direction=turn @ self.direction, lateral=turn @ self.lateral,
+            shift=turn @ self.shift, lead=None if self.lead is None else turn @ self.lead,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class JointGoal:
+    """A goal in joint space: ``joints`` (n,) [rad or m]."""
+
+    joints: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joints", array("goal.joints", self.joints, None))
+
+
+@dataclass(frozen=True, eq=False)
+class PoseGoal:
+    """A goal for the tool, in the base frame.
+
+    Args:
+        position: (3,) of the tool point [m].
+        axis: (3,) of the tool axis; of any length above 0.
+    """
+
+    position: FloatArray
+    axis: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", array("goal.position", self.position, 3))
+        object.__setattr__(self, "axis", unit("goal.axis", self.axis))
+
+    def transformed(self, pose: Pose) -> PoseGoal:
+        """The same goal, stated in the frame in which its present frame has the ``pose``."""
+        return PoseGoal(pose @ self.position, pose.rotation @ self.axis)
+
+
+@dataclass(frozen=True)
+class ToolSpec:
+    """The tool a scene asks for: ``kind`` and those ``parameters`` of its class that it states.
+
+    Kinds are those of :data:`optipromp.core.robots.tools.TOOLS`; lengths are metres.
+    """
+
+    kind: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        hashable = {k: tuple(v) if isinstance(v, list) else v for k, v in self.parameters.items()}
+        object.__setattr__(self, "parameters", hashable)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Scene(Shown):
+    """A scene: robot, objects, and a target or goal, stated in the frame of the robot's base.
+
+    Args:
+        name: of the scene.
+        robot: built-in name, or path (relative to ``base_dir``) of a URDF or robot file.
+        objects: see :class:`SceneObject`; exactly one ``target``, or none and a ``goal``.
+        tool: None: the robot's own.
+        start: (n,) configuration; None: the robot's home.
+        approach: the target frame.
+        goal: in place of a target.
+        options: further settings of the planners.
+        base_dir: folder that relative paths start from.
+        base: pose of the robot's base in the world. It determines what is up, and what the world
+            is to those who read the scene. Nothing else depends on it.
+        choice: what is chosen of the robot's file; paths in it are relative to ``base_dir``.
+        camera: pose of the camera in the robot's base frame, if there is one. Nothing depends on
+            it; it is kept for those who read the scene.
+
+    Raises:
+        InvalidSceneError: duplicate ids, no target, two targets, target and goal together, a stem
+            that does not begin on the stem that it grows from.
+    """
+
+    name: str
+    robot: str
+    objects: tuple[SceneObject, ...]
+    tool: ToolSpec | None = None
+    start: FloatArray | None = None
+    approach: Approach = field(default_factory=Approach)
+    goal: JointGoal | PoseGoal | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+    base_dir: Path | None = None
+    base: Pose = field(default_factory=Pose)
+    camera: Pose | None = None
+    choice: Choice = NOTHING
+
+    def __post_init__(self) -> None:
+        named("name", self.name)
+        object.__setattr__(self, "objects", tuple(self.objects))
+        object.__setattr__(self, "options", dict(self.options))
+        if self.start is not None:
+            object.__setattr__(self, "start", array("start", self.start, None))
+        seen: dict[str, int] = {}
+        for index, item in enumerate(self.objects):
+            if item.id in seen:
+                raise InvalidSceneError(
+                    f"objects[{index}].id {item.id!r} is taken by objects[{seen[item.id]}]: "
+                    "ids must be unique, and an object has one role"
+                )
+            seen[item.id] = index
+        trusses.check(self.objects)
+        targets = [item.id for item in self.objects if item.role == "target"]
+        if len(targets) > 1:
+            raise InvalidSceneError(f"two targets, {targets[0]!r} and {targets[1]!r}: must be one")
+        if targets and self.goal is not None:
+            raise InvalidSceneError(f"target {targets[0]!r} and a goal: must be one or the other")
+        if not targets and self.goal is None:
+            raise InvalidSceneError(
+                "no target: one object must have role 'target' (or the scene a 'goal')"
+            )
+
+    def _words(self) -> str:
+        counts = {role: len(rows) for role, rows in self._rows.items() if len(rows)}
+        objects = ", ".join(f"{count} {role}" for role, count in counts.items())
+        return f"{self.name}: {self.robot}; {objects or 'no objects'}"
+
+    def load_robot(self) -> Robot:
+        """The robot without a tool. Raises InvalidRobotError where it cannot be loaded."""
+        return load_arm(self.robot, self.base_dir, self.choice)[0]
+
+    @cached_property
+    def _rows(self) -> Mapping[str, IntArray]:
+        codes = {role: code for code, role in enumerate(ROLES)}
+        role = np.array([codes[item.role] for item in self.objects], dtype=np.int64)
+        return {name: read_only(np.flatnonzero(role == code)) for name, code in codes.items()}
+
+    @cached_property
+    def _by_role(self) -> Mapping[str, tuple[SceneObject, ...]]:
+        return {role: self.objects_at(rows) for role, rows in self._rows.items()}
+
+    @property
+    def target(self) -> SceneObject | None:
+        """The object to reach; None where the scene has a goal instead."""
+        return next(iter(self._by_role["target"]), None)
+
+    @property
+    def aim(self) -> FloatArray | None:
+        """(3,) where the tool point ends at the target [m]; None where there is none."""
+        return None if self.target is None else self.target.position + self.approach.shift
+
+    @property
+    def pushables(self) -> tuple[SceneObject, ...]:
+        """The objects that may be pushed, in file order."""
+        return self._by_role["pushable"]
+
+    @property
+    def avoid(self) -> tuple[SceneObject, ...]:
+        """The neighbours that only the last link and the tool may brush, in file order."""
+        return self._by_role["avoid"]
+
+    @property
+    def static(self) -> tuple[SceneObject, ...]:
+        """The objects that nothing may touch, in file order."""
+        return self._by_role["static"]
+
+    @cached_property
+    def positions(self) -> FloatArray:
+        """Positions (N, 3) of the objects [m]."""
+        return joined([item.position for item in self.objects]).reshape(-1, 3)
+
+    @cached_property
+    def rotations(self) -> FloatArray:
+        """Rotations (N, 3, 3) of the objects, local to base."""
+        return joined([item.rotation for item in self.objects]).reshape(-1, 3, 3)
+
+    @cached_property
+    def _measures(self) -> Measures:
+        kind, size, bound = measures([item.shape for item in self.objects])
+        return read_only(kind), read_only(size), read_only(bound)
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Radii (N,) of balls about the positions that contain the shapes [m]."""
+        return self._measures[2]
+
+    def rows(self, role: Role) -> IntArray:
+        """Indices (K,) of the ``objects`` of a role, in ascending order."""
+        return self._rows[role]
+
+    def around(self, center: FloatArray, reach: float, role: Role) -> IntArray:
+        """Indices (K,) of the ``objects`` of a role that may be within ``reach`` [m] of a point.
+
+        By bounding balls: some objects may be farther away, none is missed.
+        """
+        rows = self._rows[role]
+        if not len(rows):
+            return rows
+        off = self.positions[rows] - center
+        return np.asarray(rows[lengths(off) - self.bounds[rows] <= reach + _ROUNDING])
+
+    def objects_at(self, rows: IntArray) -> tuple[SceneObject, ...]:
+        """The ``objects`` at indices (K,)."""
+        objects = self.objects
+        return tuple([objects[k] for k in rows.tolist()])
+
+    @property
+    def up(self) -> FloatArray:
+        """(3,) the world's upward vertical in the base frame, opposite to gravity."""
+        return frozen(self.base.rotation[2])
+
+    def transformed(self, pose: Pose) -> Scene:
+        """The same world stated in another frame, in which the present base has the ``pose``.
+
+        The robot stands at the origin of the new frame. To move the robot by ``moved``, a pose in
+        its present base frame, transform by ``moved.inverse()``. Joint values are kept.
+        """
+        goal = self.goal
+        return replace(
+            self, objects=tuple(item.transformed(pose) for item in self.objects),
+            approach=self.approach.transformed(pose),
+            goal=goal.transformed(pose) if isinstance(goal, PoseGoal) else goal,
+            base=self.base @ pose.inverse(),
+            camera=None if self.camera is None else pose @ self.camera,
+        )  # fmt: skip
+
+    @property
+    def frame(self) -> FloatArray:
+        """(3, 3) rows x_g, y_g, z_g of the target frame F_g."""
+        return self.approach.frame
+
+    def obstacles(self, *roles: Role) -> Obstacles:
+        """Objects of the given roles (all objects where none is given), packed for the kernels.
+
+        Order: that of ``objects``, whatever the order of ``roles``.
+        """
+        wanted = roles or ROLES
+        for role in wanted:
+            if role not in ROLES:
+                raise InvalidSceneError(f"role {role!r} is unknown: {suggest(role, ROLES)}")
+        return self.packed(np.sort(np.concatenate([self._rows[role] for role in wanted])))
+
+    def packed(self, rows: IntArray, *, reach: float = 0.0, within: float = 0.0) -> Obstacles:
+        """The ``objects`` at indices (K,), packed for the kernels in that order.
+
+        ``reach`` and ``within``: see :func:`optipromp.core.geometry.obstacles.pack`.
+        """
+        kind, size, bound = self._measures
+        shapes = [obj.shape for obj in self.objects_at(rows)]
+        return packed(
+            shapes, self.positions[rows], self.rotations[rows],
+            (kind[rows], size[rows], bound[rows]), reach=reach, within=within,
+        )  # fmt: skip

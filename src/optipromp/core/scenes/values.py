@@ -1,0 +1,54 @@
+"""Checks of what a scene is given, in the words of its refusals."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, frozen
+from optipromp.core.errors import InvalidSceneError
+from optipromp.core.geometry.shapes import FARTHEST
+from optipromp.core.shown import is_name, no_name
+
+
+def suggest(name: object, valid: Iterable[str]) -> str:
+    """``valid names are ...; did you mean ...?``, the second half where one comes near."""
+    names = list(valid)
+    near = difflib.get_close_matches(str(name), names, n=1)
+    question = f"; did you mean {near[0]!r}?" if near else ""
+    return f"valid are {', '.join(names)}{question}"
+
+
+def named(what: str, text: object) -> None:
+    """Refuse what can name nothing. ``what`` begins the error."""
+    if not isinstance(text, str) or not is_name(text):
+        raise InvalidSceneError(f"{what} is {no_name(str(text))}")
+
+
+def array(name: str, values: object, *shape: int | None) -> FloatArray:
+    """``values`` read-only; refused where not of the ``shape`` (None: any) or not finite."""
+    array = frozen(values)
+    fits = [want in (None, have) for want, have in zip(shape, array.shape, strict=False)]
+    if array.ndim != len(shape) or not all(fits):
+        wanted = ", ".join("n" if size is None else str(size) for size in shape)
+        wanted += "," if len(shape) == 1 else ""
+        raise InvalidSceneError(f"{name} has shape {array.shape}: must be ({wanted})")
+    usable = np.abs(array) <= FARTHEST
+    if not usable.all():
+        at = tuple(int(i) for i in np.argwhere(~usable)[0])
+        where = "".join(f"[{i}]" for i in at)
+        wanted = f"at most {FARTHEST:g}" if np.isfinite(array[at]) else "finite"
+        raise InvalidSceneError(f"{name}{where} is {array[at]}: must be {wanted}")
+    return array
+
+
+def unit(name: str, values: object) -> FloatArray:
+    """``values`` (3,) at length 1, read-only; refused where of no length."""
+    vector = array(name, values, 3)
+    length = math.hypot(*vector)
+    if not length > 0.0:
+        raise InvalidSceneError(f"{name} is {vector.tolist()}: must have a direction")
+    return frozen(vector / length)

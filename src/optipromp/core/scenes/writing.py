@@ -1,0 +1,146 @@
+"""Scenes to the plain values of scene files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.errors import InvalidSceneError
+from optipromp.core.geometry.shapes import PRIMITIVES, MeshShape, PointCloudShape, Shape
+from optipromp.core.robots.library import NOTHING
+from optipromp.core.scenes.reading import check_magnitude
+from optipromp.core.scenes.scene import STEM_RADIUS, Scene, SceneObject, ToolSpec
+
+POSE = ("position", "orientation")
+
+
+def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, Any]:
+    """The scene as plain values, as a scene file holds them.
+
+    Everything but ``base`` and ``camera`` is stated in the frame of the robot's base.
+
+    Args:
+        scene: any scene.
+        base_dir: folder that paths are written relative to; absolute where None.
+
+    Raises:
+        InvalidSceneError: a mesh or point cloud that came from no file.
+    """
+    document: dict[str, Any] = {"format": 1, "name": scene.name, "robot": _robot(scene, base_dir)}
+    if not scene.base.is_identity:
+        document |= {"base": _plain(scene.base, POSE), "frame": "base"}
+    if scene.camera is not None:
+        document["camera"] = _plain(scene.base @ scene.camera, POSE)
+    if scene.tool is not None:
+        document["tool"] = _tool_to_dict(scene.tool, base_dir)
+    if scene.start is not None:
+        document["start"] = scene.start.tolist()
+    if scene.target is not None:
+        document["target"] = scene.target.id
+    if scene.goal is not None:
+        document["goal"] = _plain(scene.goal, [item.name for item in fields(scene.goal)])
+    stated = ["direction", "lateral", "camera_distance"]
+    stated += [name for name in ("cone", "aside") if getattr(scene.approach, name) is not None]
+    stated += [name for name in ("shift", "lead") if np.any(getattr(scene.approach, name))]
+    document["approach"] = _plain(scene.approach, stated)
+    if scene.options:
+        document["options"] = dict(scene.options)
+    document["objects"] = [_object_to_dict(item, base_dir) for item in scene.objects]
+    if any(_looks_like_millimetres(item) for item in scene.objects):
+        document["scale"] = 1.0  # the size is meant: without a scale, loading would refuse it
+    return document
+
+
+def _plain(value: object, names: Sequence[str]) -> dict[str, Any]:
+    given = {name: getattr(value, name) for name in names}
+    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in given.items()}
+
+
+def _looks_like_millimetres(item: SceneObject) -> bool:
+    try:
+        check_magnitude(item)
+    except InvalidSceneError:
+        return True
+    return False
+
+
+def _robot(scene: Scene, base_dir: Path | None) -> str | dict[str, Any]:
+    def moved(path: str | Path) -> str:
+        return _relative((scene.base_dir or Path()) / path, base_dir)
+
+    is_path = Path(scene.robot).suffix != "" or len(Path(scene.robot).parts) > 1
+    robot = moved(scene.robot) if is_path else scene.robot
+    if scene.choice == NOTHING:
+        return robot
+    chosen = vars(scene.choice) | {
+        "srdf": None if scene.choice.srdf is None else moved(scene.choice.srdf),
+        "hold": dict(scene.choice.hold),
+        "package_dirs": [moved(folder) for folder in scene.choice.package_dirs],
+    }
+    del chosen["untrusted"]
+    return {"file": robot} | {name: value for name, value in chosen.items() if value}
+
+
+def _relative(path: Path, base_dir: Path | None) -> str:
+    if base_dir is None:
+        return os.path.abspath(path)  # noqa: PTH100 - resolve() would follow links
+    return Path(os.path.relpath(path.absolute(), base_dir.absolute())).as_posix()
+
+
+def _object_to_dict(item: SceneObject, base_dir: Path | None) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        "id": item.id,
+        "role": item.role,
+        "shape": _shape_to_dict(item.shape, base_dir),
+        "position": item.position.tolist(),
+    }
+    if not np.array_equal(item.rotation, np.eye(3)):
+        entry["orientation"] = item.orientation.tolist()
+    if item.stem is not None:
+        points = item.stem.points
+        if len(points) == 2 and np.array_equal(points[0], item.position):
+            entry["stem"] = {"root": points[1].tolist()}
+        else:
+            entry["stem"] = {"points": points.tolist()}
+        if item.stem.radius != STEM_RADIUS:
+            entry["stem"]["radius"] = item.stem.radius
+        if item.stem.parent is not None:
+            entry["stem"]["parent"] = item.stem.parent
+    if item.covariance is not None:
+        entry["covariance"] = item.covariance.tolist()
+    if item.physical:
+        entry["physical"] = dict(item.physical)
+    return entry
+
+
+def _shape_to_dict(shape: Shape, base_dir: Path | None) -> dict[str, Any]:
+    for name, primitive in PRIMITIVES.items():
+        if isinstance(shape, primitive):
+            sizes = [(item.name, getattr(shape, item.name)) for item in fields(shape)]
+            return {name: {k: list(v) if isinstance(v, tuple) else v for k, v in sizes}}
+    assert isinstance(shape, MeshShape | PointCloudShape)
+    if shape.path is None:
+        raise InvalidSceneError("a mesh or point cloud made in memory has no file to refer to")
+    entry: dict[str, Any] = {"file": _relative(shape.path, base_dir)}
+    if shape.scale != 1.0:
+        entry["scale"] = shape.scale
+    if isinstance(shape, MeshShape):
+        return {"mesh": entry}
+    return {"point_cloud": {**entry, "radius": shape.radius}}
+
+
+def _tool_to_dict(tool: ToolSpec, base_dir: Path | None) -> dict[str, Any]:
+    out: dict[str, Any] = {"kind": tool.kind, **tool.parameters}
+    meshes = out.pop("meshes", ())
+    out |= {name: list(value) for name, value in out.items() if isinstance(value, tuple)}
+    if meshes:
+        shapes = [_shape_to_dict(mesh, base_dir)["mesh"] for mesh in meshes]
+        files = [shape["file"] for shape in shapes]
+        out |= {"file": files[0]} if len(files) == 1 else {"parts": files}
+        out |= {"scale": meshes[0].scale} if meshes[0].scale != 1.0 else {}
+    return out

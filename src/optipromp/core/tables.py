@@ -1,0 +1,78 @@
+"""Reading tables of numbers from CSV files."""
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import OptiPrompError
+from optipromp.core.files import LARGEST_TEXT, read_bytes
+
+
+@dataclass(frozen=True)
+class Table:
+    """A CSV file: the names of its columns, and its rows as text.
+
+    Attributes:
+        path: of the file.
+        error: raised where something is wrong.
+        header: names of the columns.
+        first: number of the header's line in the file.
+        lines: number of each row's line in the file.
+        rows: as many texts as columns in each.
+    """
+
+    path: Path
+    error: type[OptiPrompError]
+    header: list[str]
+    first: int
+    lines: list[int]
+    rows: list[list[str]]
+
+    def numbers(self, columns: Sequence[int]) -> FloatArray:
+        """The numbers (rows, columns) in some columns.
+
+        Raises:
+            OptiPrompError: a value that is no finite number, by line and column.
+        """
+        out = np.empty((len(self.rows), len(columns)))
+        for k, row in enumerate(self.rows):
+            for i, column in enumerate(columns):
+                try:
+                    out[k, i] = float(row[column])
+                except ValueError:
+                    out[k, i] = np.nan
+        if not np.isfinite(out).all():
+            k, i = (int(index) for index in np.argwhere(~np.isfinite(out))[0])
+            raise self.error(
+                f"{self.path}, line {self.lines[k]}: {self.header[columns[i]]} is "
+                f"{self.rows[k][columns[i]]!r}, expected a finite number"
+            )
+        return out
+
+
+def read_table(path: Path, error: type[OptiPrompError], wanted: str) -> Table:
+    """Read a CSV file; ``wanted`` describes the header that it should have.
+
+    Raises:
+        OptiPrompError: of the type ``error``; the file cannot be read, is empty or no CSV file, or
+            a row is shorter or longer than the header; the message names file and line.
+    """
+    try:
+        text = read_bytes(path, error, LARGEST_TEXT).decode("utf-8-sig")
+        lines = io.StringIO(text, newline="")
+        found = [(n, row) for n, row in enumerate(csv.reader(lines), start=1) if row]
+    except (UnicodeDecodeError, csv.Error) as cause:
+        raise error(f"{path} is not a UTF-8 CSV file ({cause})") from None
+    if not found:
+        raise error(f"{path} is empty; expected a header {wanted}")
+    header = [name.strip() for name in found[0][1]]
+    for line, row in found[1:]:
+        if len(row) != len(header):
+            raise error(f"{path}, line {line}: {len(row)} values, the header has {len(header)}")
+    numbers, rows = [line for line, _ in found[1:]], [row for _, row in found[1:]]
+    return Table(path, error, header, found[0][0], numbers, rows)

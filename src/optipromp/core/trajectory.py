@@ -1,0 +1,266 @@
+"""Trajectories: curves of the joints in time, as a controller executes them."""
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optipromp.core.arrays import FloatArray, frozen
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.shown import Shown
+
+GREATEST = 1e9
+"""Size of a position, velocity, acceleration [rad or m, s] or time [s], at most; what is derived
+from them does not overflow."""
+
+SHORTEST_STEP = 1e-9
+"""Time between two rows, at least [s]."""
+
+Motion = tuple[FloatArray, FloatArray, FloatArray]
+"""Positions, velocities and accelerations, of one shape."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Where n joints are and how they move; at rest where nothing else is said.
+
+    Args:
+        q: (n,) [rad or m].
+        velocity: (n,) [rad/s or m/s].
+        acceleration: (n,) [rad/s² or m/s²].
+
+    Raises:
+        InvalidRequestError: arrays of different sizes, or a value that is not finite.
+    """
+
+    q: FloatArray
+    velocity: FloatArray = field(default_factory=lambda: np.empty(0))
+    acceleration: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        for what in ("q", "velocity", "acceleration"):
+            given = getattr(self, what)
+            values = frozen(given if np.size(given) else np.zeros(np.shape(self.q)))
+            if values.ndim != 1 or values.shape != np.shape(self.q):
+                raise InvalidRequestError(
+                    f"{what} of a state has shape {values.shape}; q has {np.shape(self.q)}"
+                )
+            if not (np.abs(values) <= GREATEST).all():
+                raise InvalidRequestError(
+                    f"{what} of a state is {values.tolist()}: must be finite, at most {GREATEST:g}"
+                )
+            object.__setattr__(self, what, values)
+
+    @property
+    def moving(self) -> bool:
+        """Whether it is not at rest."""
+        return bool(self.velocity.any() or self.acceleration.any())
+
+    def near(self, other: "State", most: float) -> bool:
+        """Whether no value of a joint differs by more than ``most`` from that of another state."""
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return all(float(np.abs(a - b).max()) <= most for a, b in pairs)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Shown):
+    r"""A curve of n joints in time, with continuous positions, velocities and accelerations.
+
+    It is given by T rows. Between two rows, h apart, each joint follows the one quintic polynomial
+    that meets position, velocity and acceleration of both. So does ROS 2's joint trajectory
+    controller. With s from 0 to 1 between the rows,
+
+    .. math:: q(s) = \sum_{k=0}^5 \binom{5}{k} s^k (1-s)^{5-k} b_k
+
+    where :math:`b_0 = q_0`, :math:`b_1 = q_0 + h\dot q_0/5`,
+    :math:`b_2 = q_0 + 2h\dot q_0/5 + h^2\ddot q_0/20`, and likewise from the other end.
+
+    Args:
+        times: (T,) of the rows [s]; they begin at 0 and grow.
+        positions: (T, n) [rad, or m for a prismatic joint].
+        velocities: (T, n) [rad/s or m/s].
+        accelerations: (T, n) [rad/s² or m/s²].
+        joint_names: n names.
+
+    Raises:
+        InvalidRequestError: fewer than 2 rows, arrays of different shapes, a value that is not
+            finite, times that do not begin at 0 or do not grow, or a wrong number of names.
+    """
+
+    times: FloatArray
+    positions: FloatArray
+    velocities: FloatArray
+    accelerations: FloatArray
+    joint_names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        names = tuple(self.joint_names)
+        times, shape = _times(self.times), np.shape(self.positions)
+        if len(shape) != 2 or shape[0] < 2:
+            raise InvalidRequestError(
+                f"a trajectory needs at least 2 waypoints as (T, n); got shape {shape}"
+            )
+        if shape[1] != len(names):
+            raise InvalidRequestError(f"{len(names)} joint names for {shape[1]} columns")
+        if len(times) != shape[0]:
+            raise InvalidRequestError(f"{len(times)} times for {shape[0]} waypoints")
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "joint_names", names)
+        for what in ("positions", "velocities", "accelerations"):
+            values = frozen(getattr(self, what))
+            if values.shape != shape:
+                raise InvalidRequestError(
+                    f"{what} have shape {values.shape}; positions have {shape}"
+                )
+            usable = np.abs(values) <= GREATEST
+            if not usable.all():
+                row, joint = (int(i) for i in np.argwhere(~usable)[0])
+                value = values[row, joint]
+                wrong = (
+                    f"{value:g}: must be at most {GREATEST:g}"
+                    if np.isfinite(value)
+                    else "not finite"
+                )
+                raise InvalidRequestError(
+                    f"{what}: the value at waypoint {row}, {names[joint]} is {wrong}"
+                )
+            object.__setattr__(self, what, values)
+
+    @classmethod
+    def through(
+        cls,
+        positions: FloatArray,
+        times: FloatArray | float,
+        joint_names: tuple[str, ...],
+        *,
+        begin: State | None = None,
+    ) -> "Trajectory":
+        """The smoothest curve through waypoints: a quintic spline with four derivatives.
+
+        Args:
+            positions: (T, n) waypoints.
+            times: (T,) of the waypoints [s], or the time between two [s].
+            joint_names: n names.
+            begin: how the joints move at the first waypoint; None: at rest. The end is at rest.
+
+        Raises:
+            InvalidRequestError: as :class:`Trajectory`.
+        """
+        q = np.asarray(positions, dtype=np.float64)
+        if isinstance(times, float | int):
+            if not (np.isfinite(times) and times > 0):
+                raise InvalidRequestError(f"dt is {times}; it must be positive [s]")
+            at = np.asarray(np.arange(len(q)) * float(times))
+        else:
+            at = times
+        still = np.zeros_like(q)
+        rough = cls(at, q, still, still, joint_names)  # checks the arguments
+        return cls(rough.times, q, *derivatives(q, rough.times, begin), joint_names)
+
+    def _words(self) -> str:
+        return (
+            f"of {len(self.joint_names)} joints, {len(self.times)} waypoints, {self.duration:.2f} s"
+        )
+
+    @property
+    def n_waypoints(self) -> int:
+        """T, the number of rows."""
+        return int(self.positions.shape[0])
+
+    @property
+    def duration(self) -> float:
+        """Time from the first row to the last [s]."""
+        return float(self.times[-1])
+
+    def at(self, time: float) -> State:
+        """The state at ``time`` [s]."""
+        return State(*(values[0] for values in self.sample(time)))
+
+    def rows(self, which: Any = slice(None)) -> Motion:
+        """Positions, velocities and accelerations of some rows, (m, n) each."""
+        return self.positions[which], self.velocities[which], self.accelerations[which]
+
+    def sample(self, times: ArrayLike) -> Motion:
+        """Positions, velocities and accelerations at ``times`` (M,), each (M, n).
+
+        Before its begin and after its end the curve stays where it is, with the derivatives there.
+        """
+        t = np.clip(np.atleast_1d(np.asarray(times, dtype=np.float64)), 0.0, self.duration)
+        row = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, self.n_waypoints - 2)
+        h = np.diff(self.times)[row]
+        s, out = ((t - self.times[row]) / h)[:, None], []
+        b = control_points(h[:, None], self.rows(row), self.rows(row + 1))
+        for order, factor in enumerate((1.0, 5.0, 20.0)):
+            points = list(np.diff(b, order, axis=0))
+            while len(points) > 1:  # de Casteljau's algorithm
+                points = [p + s * (q - p) for p, q in pairwise(points)]
+            out.append(np.asarray(factor * points[0] / h[:, None] ** order))
+        return out[0], out[1], out[2]
+
+    def resample(self, rate: float) -> "Trajectory":
+        """The same curve by rows at ``rate`` [Hz]; the last row is the end.
+
+        Raises:
+            InvalidRequestError: a rate that is not positive, or asks for over 10 million rows.
+        """
+        if not (np.isfinite(rate) and rate > 0):
+            raise InvalidRequestError(f"rate is {rate:g}; it must be positive [Hz]")
+        if self.duration * rate > 1e7:
+            raise InvalidRequestError(f"{rate:g} Hz over {self.duration:g} s: over 10 million rows")
+        times = np.arange(int(np.ceil(self.duration * rate - 1e-6))) / rate
+        times = np.append(times, self.duration)
+        return Trajectory(times, *self.sample(times), self.joint_names)
+
+    def slowed(self, factor: float) -> "Trajectory":
+        """The same path in ``factor`` times the time."""
+        return Trajectory(
+            self.times * factor, self.positions, self.velocities / factor,
+            self.accelerations / (factor * factor), self.joint_names,
+        )  # fmt: skip
+
+
+def _times(values: FloatArray) -> FloatArray:
+    times = frozen(values)
+    if times.ndim != 1 or not (np.abs(times) <= GREATEST).all():
+        raise InvalidRequestError(f"times must be finite, at most {GREATEST:g}, as (T,) [s]")
+    if len(times) and times[0] != 0.0:
+        raise InvalidRequestError(f"times begin at {times[0]:g}; they must begin at 0 [s]")
+    if (short := np.flatnonzero(np.diff(times) < SHORTEST_STEP)).size:
+        row = int(short[0])
+        raise InvalidRequestError(
+            f"times do not grow: {times[row]:g} s at waypoint {row}, then {times[row + 1]:g} s; "
+            f"they must by {SHORTEST_STEP:g} s"
+        )
+    return times
+
+
+def derivatives(
+    positions: FloatArray, times: FloatArray, begin: State | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Velocities and accelerations (T, n) of the quintic spline through ``positions`` (T, n).
+
+    ``begin`` says how the joints move at the first; None: at rest. At the last they are at rest.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    rest = np.zeros(positions.shape[1])
+    ends = (rest, rest) if begin is None else (begin.velocity, begin.acceleration), (rest, rest)
+    conditions = tuple(list(enumerate(end, start=1)) for end in ends)
+    spline = make_interp_spline(times, positions, k=5, bc_type=conditions)
+    out = tuple(np.asarray(spline(times, order)) for order in (1, 2))
+    for values, first, last in zip(out, *ends, strict=True):  # without the solution's rounding
+        values[0], values[-1] = first, last
+    return out[0], out[1]
+
+
+def control_points(h: FloatArray, begin: Motion, end: Motion) -> FloatArray:
+    """Bernstein coefficients (6, m, n) of m quintics; see :class:`Trajectory`.
+
+    Each leads over a time ``h`` (m, 1) [s] from ``begin`` to ``end``: position, velocity and
+    acceleration, (m, n) each.
+    """
+    (q, v, a), (r, w, b) = begin, end
+    v, w, a, b = h * v / 5.0, h * w / 5.0, h * h * a / 20.0, h * h * b / 20.0
+    return np.stack([q, q + v, q + 2.0 * v + a, r - 2.0 * w + b, r - w, r])

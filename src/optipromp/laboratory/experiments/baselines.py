@@ -1,0 +1,86 @@
+"""The planners of a study: ours, and those it is measured against."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from optipromp.core.arrays import lengths
+from optipromp.core.errors import Code
+from optipromp.core.planning import Plan, PlanOptions, plan, planner_names
+from optipromp.core.planning.planner import make
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import Trajectory
+
+STUDY_PLANNERS = (
+    "straight", "promp", "i-promp", "i-promp-guard", "drift", "paper", "obstacles", "chomp",
+    "opti-promp",
+)  # fmt: skip
+
+
+def study_planners() -> tuple[str, ...]:
+    """The names that a study may compare: ours in the order of its tables, then all others."""
+    known = planner_names()
+    ours = tuple(name for name in STUDY_PLANNERS if name in known)
+    return ours + tuple(name for name in known if name not in ours)
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """A planner's answer to a scene.
+
+    Attributes:
+        planner: which one.
+        status: ``success`` only where the independent check found nothing wrong.
+        message: why, in words.
+        trajectory: what is executed; None where the planner has none.
+        seconds: wall time of planning.
+        harm: predicted of its push; None where no model knows it.
+        guard: until when the tool's mouth is closed [s]; 0: never.
+        failure: predicted probability that the pick is not clean; None where no model tells one.
+        tilt: of the approach that the planner chose, off the scene's [degrees].
+    """
+
+    planner: str
+    status: Code
+    message: str
+    trajectory: Trajectory | None
+    seconds: float
+    harm: float | None = None
+    guard: float = 0.0
+    failure: float | None = None
+    tilt: float = 0.0
+
+
+def attempt(scene: Scene, planner: str, *, seed: int = 0, risk: float = PlanOptions.risk) -> Answer:
+    """Plan a scene with any planner that is registered.
+
+    Args:
+        scene: as the planner sees it.
+        planner: its name, one of :func:`study_planners`.
+        seed: of everything random.
+        risk: share of promised successes that may be broken, see :class:`PlanOptions`.
+
+    Raises:
+        InvalidRequestError: an unknown planner, or a risk that is not between 0 and 1.
+        InvalidSceneError, InvalidRobotError, StartInvalidError: wrong input.
+    """
+    solver = make(planner)
+    made = plan(scene, planner=solver, seed=seed, options=PlanOptions(risk=risk))
+    moves = bool(np.ptp(made.trajectory.positions, axis=0).max() > 0.0)
+    told = made.prediction
+    return Answer(
+        planner, made.status, made.message, made.trajectory if moves else None, made.time["total"],
+        None if told is None else told.harm,
+        pushed(made) if getattr(solver, "guard", False) else 0.0,
+        None if told is None or math.isnan(told.probability) else told.probability,
+        float(np.rad2deg(np.arccos(min(made.scene.frame[2] @ scene.frame[2], 1.0)))),
+    )  # fmt: skip
+
+
+def pushed(made: Plan) -> float:
+    """When the last push of an i-promp plan is done [s]; 0 where it pushes nothing."""
+    if len(made.via) < 3:  # camera, pushes, goal
+        return 0.0
+    points, _ = made.robot.tool_pose(made.trajectory.positions)
+    return float(made.trajectory.times[np.argmin(lengths(points - made.via[-2].position))])

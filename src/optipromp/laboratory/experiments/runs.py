@@ -1,0 +1,276 @@
+"""One run of a study: a generated scene, as a planner sees it, and what its plan does in it."""
+
+import functools
+import hashlib
+import time
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from optipromp.core.errors import Code, OptiPrompError
+from optipromp.core.planning import PlanOptions
+from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
+from optipromp.core.scenes.scene import Scene
+from optipromp.laboratory.experiments.baselines import Answer, attempt
+from optipromp.laboratory.experiments.variations import VARIATIONS, Variation
+from optipromp.laboratory.generate import (
+    NOISES,
+    PANDA,
+    Noise,
+    Preset,
+    generate,
+    generate_with_report,
+    noisy,
+)
+
+if TYPE_CHECKING:
+    from optipromp.laboratory.simulation import Run
+
+NO_PLAN = "no_plan"
+"""Cause of a run that was not executed because there was nothing to execute."""
+ERROR = "error"
+"""Cause of a run that broke off; its message says how."""
+
+
+Key = tuple[str, int, str, str]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One run.
+
+    Attributes:
+        preset: of the scene.
+        seed: of the scene, of its detection noise, of the planner and of the physics.
+        planner: see :func:`optipromp.laboratory.experiments.baselines.study_planners`.
+        noise_position: standard deviation of detected positions [m].
+        noise_angle: standard deviation of detected stem directions [degrees].
+        noise: name of a noise, one of :data:`optipromp.laboratory.generate.NOISES`; empty for none.
+        pushables: how many stand in the scene.
+        redraws: impossible scenes sampled before this one.
+        plan_status: code of the plan, which knows what was detected only.
+        success: what the physics says.
+        cause: why not, the first of the ``causes``; empty for a success.
+        message: in words.
+        picked: the target is in the tool.
+        swallowed: ids of other objects that are, separated by spaces.
+        unripe_force: largest force on anything that was not to be picked [N]; None: not executed.
+        target_force: largest force on the target [N].
+        static_force: largest force of arm or tool on static objects [N].
+        torn: ids of fruits that came off, separated by spaces.
+        stem_force: largest force of arm or tool on a stem [N].
+        duration: of the executed motion [s].
+        predicted_harm: of the plan's push, by the model; None where none knows it.
+        predicted_failure: the probability that the pick is not clean, by the model; likewise.
+        tilt: of the approach that the planner chose, off the scene's [degrees].
+        plan_time: wall time of planning [s].
+        simulation_time: wall time of the execution [s].
+        version: of the library, with a digest of its source.
+        variation: of the physics in which the plan was executed; empty for none.
+        causes: all that went wrong in the execution, separated by spaces.
+    """
+
+    preset: str
+    seed: int
+    planner: str
+    noise_position: float
+    noise_angle: float
+    pushables: int
+    redraws: int
+    plan_status: str
+    success: bool = False
+    cause: str = ""
+    message: str = ""
+    picked: bool | None = None
+    swallowed: str = ""
+    unripe_force: float | None = None
+    target_force: float | None = None
+    static_force: float | None = None
+    torn: str = ""
+    stem_force: float | None = None
+    duration: float | None = None
+    predicted_harm: float | None = None
+    predicted_failure: float | None = None
+    tilt: float = 0.0
+    plan_time: float = 0.0
+    simulation_time: float = 0.0
+    version: str = ""
+    variation: str = ""
+    noise: str = ""
+    causes: str = ""
+
+    @property
+    def key(self) -> Key:
+        """Preset, seed, planner and variation: no study holds two such rows."""
+        return self.preset, self.seed, self.planner, self.variation
+
+
+COLUMNS: tuple[str, ...] = tuple(field.name for field in fields(Row))
+_MAY_BE_NONE = {field.name for field in fields(Row) if "None" in str(field.type)}
+
+
+def row_from_text(texts: Mapping[str, str]) -> Row:
+    """A row from its CSV cells.
+
+    Raises:
+        ValueError, KeyError: cells that are not a row's.
+    """
+    values = {name: texts[name] for name in COLUMNS if name in texts}  # older rows have fewer
+    empty = dict.fromkeys(name for name in _MAY_BE_NONE if values.get(name) == "")
+    return _reader().validate_python(values | empty)
+
+
+@functools.cache
+def _reader() -> TypeAdapter[Row]:
+    return TypeAdapter(Row)
+
+
+@functools.lru_cache(maxsize=1)
+def source_version() -> str:
+    """The library's version and a digest of its source: rows of other code are told apart."""
+    root = Path(__file__).resolve().parents[1]
+    digest = hashlib.sha256()
+    for path in sorted(root.rglob("*.py")):
+        if path.relative_to(root).parts[0] in ("cli", "looks", "page", "reports", "viewer"):
+            continue  # they change no row
+        digest.update(path.relative_to(root).as_posix().encode())
+        digest.update(path.read_bytes())
+    try:
+        version = metadata.version("optipromp")
+    except metadata.PackageNotFoundError:  # run from its source
+        version = "source"
+    return f"{version}+{digest.hexdigest()[:10]}"
+
+
+def run_scene(
+    preset: Preset,
+    seed: int,
+    planners: Iterable[str],
+    noise: Noise | str,
+    version: str,
+    only_valid: bool = False,
+    robot: str | Path = PANDA,
+    choice: Choice = NOTHING,
+    vary: bool = False,
+    risk: float = PlanOptions.risk,
+) -> list[Row]:
+    """Run every planner on one scene.
+
+    Args:
+        preset: of the scene.
+        seed: of scene, noise, planners and physics.
+        planners: in the order they run; all see the same errors of detection.
+        noise: of the detector, or its name in :data:`NOISES`.
+        version: written into the rows.
+        only_valid: plans that the judge refuses are not executed, and count as failures.
+        robot: whose scene it is: name or path.
+        choice: of the robot's file.
+        vary: every plan is executed under all of :data:`VARIATIONS`.
+        risk: share of promised successes that may be broken.
+    """
+    scene, report = generate_with_report(preset, seed, robot, choice)
+    errors = NOISES[noise] if isinstance(noise, str) else noise
+    seen = noisy(scene, seed, errors)
+    row = functools.partial(
+        Row, preset=preset, seed=seed, noise_position=errors.position, noise_angle=errors.angle,
+        noise=noise if isinstance(noise, str) else "", pushables=len(scene.pushables),
+        redraws=report.redraws, version=version,
+    )  # fmt: skip
+    rows = []
+    for planner in planners:
+        made: Answer | None = None
+        for name, change in (VARIATIONS if vary else {"": None}).items():
+            try:
+                made = made or attempt(seen, planner, seed=seed, risk=risk)
+                values = _executed(made, scene, seed, only_valid, change)
+            except OptiPrompError as error:
+                values = {"plan_status": str(error.code), "cause": ERROR, "message": error.message}
+            except Exception as error:  # a study tells of a broken run, and goes on
+                words = f"{type(error).__name__}: {error}"
+                values = {"plan_status": ERROR, "cause": ERROR, "message": words}
+            rows.append(row(planner=planner, variation=name, **values))
+    return rows
+
+
+def again(row: Row, robot: str = PANDA, risk: float = PlanOptions.risk) -> "Run | None":
+    """A run made once more, for its picture; None where its plan is not executed.
+
+    ``robot``: whose scene it is, a name or path. ``risk``: of the study.
+
+    Raises:
+        OptiPrompError: what broke the run off.
+    """
+    scene, seen = scenes_of(row, robot)
+    made = attempt(seen, row.planner, seed=row.seed, risk=risk)
+    if made.trajectory is None:
+        return None
+    return _executed_in(made, scene, row.seed, VARIATIONS.get(row.variation))
+
+
+def scenes_of(row: Row, robot: str = PANDA) -> tuple[Scene, Scene]:
+    """The scene of a run, and the same as its planner perceived it.
+
+    The robot is one that a study's file names: see :class:`optipromp.core.robots.library.Choice`.
+    """
+    scene = generate(cast(Preset, row.preset), row.seed, robot, UNTRUSTED)
+    noise = NOISES[row.noise] if row.noise else Noise(row.noise_position, row.noise_angle)
+    return scene, noisy(scene, row.seed, noise)
+
+
+def _executed(
+    made: Answer, scene: Scene, seed: int, only_valid: bool, change: Variation | None
+) -> dict[str, Any]:
+    """What became of a plan in the true scene, as values of a row."""
+    values: dict[str, Any] = {
+        "plan_status": str(made.status), "plan_time": made.seconds, "predicted_harm": made.harm,
+        "predicted_failure": made.failure, "tilt": made.tilt,
+    }  # fmt: skip
+    refused = only_valid and made.status != Code.SUCCESS
+    if made.trajectory is None or refused:
+        return {**values, "cause": NO_PLAN, "message": made.message}
+    began = time.perf_counter()
+    outcome = _executed_in(made, scene, seed, change).outcome
+    target = scene.target
+    static = (contact.peak_force for contact in outcome.static_contacts)
+    return {
+        **values,
+        "success": outcome.success,
+        "cause": "" if outcome.cause is None else str(outcome.cause),
+        "causes": " ".join(outcome.causes),
+        "message": outcome.message,
+        "picked": outcome.picked,
+        "swallowed": " ".join(outcome.swallowed_others),
+        "unripe_force": outcome.unripe_peak_force,
+        "target_force": None if target is None else outcome.peak_force.get(target.id),
+        "static_force": max(static, default=0.0),
+        "torn": " ".join(outcome.torn),
+        "stem_force": max(outcome.stem_force.values(), default=0.0),
+        "duration": outcome.duration,
+        "simulation_time": time.perf_counter() - began,
+    }
+
+
+def _executed_in(made: Answer, scene: Scene, seed: int, change: Variation | None) -> "Run":
+    """An answer executed in the true scene, or in a variation of it."""
+    from optipromp.laboratory.simulation import SimulationParameters, simulate
+
+    assert made.trajectory is not None
+    parameters = SimulationParameters()
+    if change is not None:
+        scene, parameters = change(scene, np.random.default_rng([seed, 2]))
+    robot = replace(parameters.robot, guard_until=made.guard)
+    return simulate(made.trajectory, scene, parameters=replace(parameters, robot=robot), seed=seed)
+
+
+def warm_up(preset: Preset, planners: Iterable[str], robot: str | Path, choice: Choice) -> None:
+    """Load and compile what plans need, so that no row's time holds it."""
+    scene = generate(preset, 0, robot, choice)
+    for planner in planners:
+        with suppress(OptiPrompError):
+            attempt(scene, planner)

@@ -1,0 +1,267 @@
+"""The paper's four scenarios, its published figures and ours."""
+
+import functools
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.geometry import Box, Sphere
+from optipromp.core.planning import Plan, PlanOptions, Strategy, plan
+from optipromp.core.planning.options import PaperOptions
+from optipromp.core.scenes.io import load_scene
+from optipromp.core.scenes.scene import Scene, SceneObject
+
+if TYPE_CHECKING:
+    from optipromp.core.promp.model import ProMP
+
+
+@dataclass(frozen=True)
+class Published:
+    """What the paper reports of a scenario.
+
+    Attributes:
+        M_c: smallest distance from a body point to the core of an obstacle [m].
+        M_c_above: what the paper asks of it: the clusters' radius, the table-top's half depth [m].
+        M_p: offset at each pushable, by its id [m]; its sign must be opposite to the stem's.
+        reductions: by term.
+    """
+
+    M_c: float
+    M_c_above: float
+    M_p: Mapping[str, float]
+    reductions: Mapping[str, "PaperReduction"]
+
+
+class PaperReduction(NamedTuple):
+    """The ``factor`` that the paper's cost falls by, and the ``iterations`` that takes."""
+
+    factor: float
+    iterations: int
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run.
+
+    Attributes:
+        key: short name, also of the run's folder.
+        scene: built-in scene.
+        title: what the run shows.
+        planner: see :func:`optipromp.core.planning.plan`.
+        strategy: of opti-promp.
+        expected: how the run must end; None where either end is right.
+        published: the paper's figures, where it gives some.
+        options: settings that differ from the default.
+        start: (n,) in place of the scene's own.
+    """
+
+    key: str
+    scene: str
+    title: str
+    planner: str
+    strategy: Strategy = "joint"
+    expected: Code | None = None
+    published: Published | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+    start: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """How far one term's cost fell.
+
+    Attributes:
+        term: name of the term.
+        stage: the stage that optimises it.
+        paper: the paper's factor.
+        paper_iterations: and its iterations.
+        same: our factor after as many iterations (or fewer, where the stage ended earlier).
+        final: our factor at the end of the stage; infinite where nothing is left, NaN where there
+            was nothing to lower.
+        iterations: our iterations.
+        kept: our factor in the final plan, after the stages that follow.
+        valid: whether the judge finds nothing in that plan; a factor of another says nothing.
+    """
+
+    term: str
+    stage: str
+    paper: float
+    paper_iterations: int
+    same: float
+    final: float
+    iterations: int
+    kept: float
+    valid: bool
+
+
+@dataclass(frozen=True)
+class ScenarioRow:
+    """A case and the plan it led to."""
+
+    case: Case
+    plan: Plan
+
+    @property
+    def as_expected(self) -> bool:
+        """Whether the run ended as it must."""
+        return self.case.expected is None or self.plan.status is self.case.expected
+
+    @functools.cached_property
+    def M_c_joints(self) -> float:
+        """M_c over joint origins and tool point, as the paper's must be [m]; infinite if none."""
+        q = self.plan.trajectory.positions
+        origins, _ = self.plan.robot.segment_frames(q)
+        tips, _ = self.plan.robot.tool_pose(q)
+        points = np.concatenate([origins.reshape(-1, 3), tips])
+        scene = self.plan.scene
+        others = scene.static + scene.avoid
+        return min((float(core_distances(item, points).min()) for item in others), default=np.inf)
+
+    @property
+    def thresholds(self) -> dict[str, bool]:
+        """What the paper verifies of its Table I, of ours: by figure, whether it holds."""
+        published, metrics = self.case.published, self.plan.metrics
+        if published is None:
+            return {}
+        out = {
+            "M_c": metrics.M_c is not None and metrics.M_c > published.M_c_above,
+            "M_c_joints": self.M_c_joints > published.M_c_above,
+        }
+        for name in published.M_p:
+            offset, stem = metrics.M_p.get(name), metrics.stem_projection.get(name)
+            out[f"M_p {name}"] = offset is not None and stem is not None and offset * stem < 0.0
+        return out
+
+    @property
+    def reductions(self) -> tuple[Reduction, ...]:
+        """Cost reductions beside the paper's; empty where it gives none."""
+        if self.case.published is None:
+            return ()
+        rows = []
+        for name, (factor, iterations) in self.case.published.reductions.items():
+            term = self.plan.terms[name]
+            history = term.history or (term.initial, term.final)
+            ends = history[min(iterations, len(history) - 1)], history[-1], term.final
+            same, final, kept = (_factor(history[0], end) for end in ends)
+            rows.append(
+                Reduction(name, term.stage, factor, iterations, same, final, len(history) - 1,
+                          kept, self.plan.status in (Code.SUCCESS, Code.HARM_PREDICTED))
+            )  # fmt: skip
+        return tuple(rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The plan's document with the paper's figures beside it."""
+        paper = None
+        if (published := self.case.published) is not None:
+            factors = {name: item._asdict() for name, item in published.reductions.items()}
+            paper = vars(published) | {"reductions": factors}
+        return {
+            "case": self.case.key,
+            "title": self.case.title,
+            **self.plan.to_dict(),
+            "as_expected": self.as_expected,
+            "start": self.plan.scene.start,
+            "M_c_joints": self.M_c_joints,
+            "thresholds": self.thresholds,
+            "paper": paper,
+            "reductions": [vars(item) for item in self.reductions],
+        }
+
+
+_III = Published(
+    M_c=0.157, M_c_above=0.1, M_p={"n1": -0.01, "n2": 0.001968},
+    reductions={"push": PaperReduction(15.5, 10), "avoid": PaperReduction(9.5, 15)},
+)  # fmt: skip
+_IV = Published(
+    M_c=0.0352, M_c_above=0.03, M_p={"n1": -0.0084, "n2": 0.03379},
+    reductions={"static": PaperReduction(4.2, 3), "push": PaperReduction(2.2, 15)},
+)  # fmt: skip
+_PLAIN = {"paper": PaperOptions(camera_point=False)}
+_CAMERA = {"paper": PaperOptions(camera_point=True)}
+_FAILS, _HARMS, _SUCCEEDS = Code.INVALID_PLAN, Code.HARM_PREDICTED, Code.SUCCESS
+_OPTI = "opti-promp"
+
+CASES: tuple[Case, ...] = (
+    Case("1-plain", "scenario-1", "ProMP on start and target", "promp",
+         expected=_FAILS, options=_PLAIN),
+    Case("1-camera", "scenario-1", "ProMP also on a point below the cluster", "promp",
+         expected=_FAILS, options=_CAMERA),
+    Case("2", "scenario-2", "I-ProMP pushes", "i-promp", expected=_FAILS),
+    Case("3-joint", "scenario-3", "side clusters", _OPTI, "joint", _SUCCEEDS, _III),
+    Case("3-kept", "scenario-3", "side clusters, the paper's constraints", _OPTI, "joint", _HARMS,
+         _III, options={"constraints": "paper"}),
+    Case("3-sequential", "scenario-3", "side clusters", _OPTI, "sequential", _HARMS, _III),
+    Case("4-joint", "scenario-4", "table-top", _OPTI, "joint", _SUCCEEDS, _IV),
+    Case("4-kept", "scenario-4", "table-top, the paper's constraints", _OPTI, "joint", _HARMS,
+         _IV, options={"constraints": "paper"}),
+    Case("4-sequential", "scenario-4", "table-top", _OPTI, "sequential", _HARMS, _IV),
+    Case("4-near", "scenario-4", "table-top, from a start whose ProMP comes near it", _OPTI,
+         "sequential", None, _IV, start=(-0.21, -0.8, 0.52, -2.19, 0.08, 2.59, 1.51)),
+    *(
+        Case(key, key, f"{title}, with the hand, start and distances of the paper", _OPTI,
+             "sequential", _HARMS, published, options={"constraints": "paper"})
+        for key, title, published in (
+            ("paper-3", "side clusters", _III), ("paper-4", "table-top", _IV),
+        )
+    ),
+)  # fmt: skip
+
+
+def run_scenarios(
+    *,
+    seed: int = 0,
+    demonstrations: "str | Path | ProMP | None" = None,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[ScenarioRow, ...]:
+    """Run every case of the paper's scenarios I to IV.
+
+    Args:
+        seed: of every plan.
+        demonstrations: what the Panda's primitive (scenarios III and IV) is learnt from.
+        progress: called with a word on what is being done.
+    """
+    rows = []
+    for case in CASES:
+        if progress is not None:
+            progress(f"scenario {case.key}: {case.title}")
+        panda = case.planner == "opti-promp"
+        made = plan(
+            _scene(case), planner=case.planner, strategy=case.strategy, seed=seed,
+            demonstrations=demonstrations if panda else None,
+            options=PlanOptions(**case.options), progress=progress,
+        )  # fmt: skip
+        rows.append(ScenarioRow(case, made))
+    return tuple(rows)
+
+
+def _scene(case: Case) -> Scene:
+    scene = load_scene(case.scene)
+    return scene if case.start is None else replace(scene, start=np.array(case.start))
+
+
+def core_distances(item: SceneObject, points: FloatArray) -> FloatArray:
+    """Distances (M,) of points (M, 3) to the core of a ball or of a box.
+
+    Raises:
+        InvalidRequestError: another shape.
+    """
+    off = (points - item.position) @ item.rotation
+    if isinstance(item.shape, Box):
+        half = 0.5 * np.array(item.shape.size)
+        longest = int(np.argmax(half))
+        off[:, longest] -= np.clip(off[:, longest], -half[longest], half[longest])
+    elif not isinstance(item.shape, Sphere):
+        raise InvalidRequestError(f"{item.id}: only a ball or a box has a core here")
+    return np.asarray(np.linalg.norm(off, axis=1))
+
+
+def _factor(before: float, after: float) -> float:
+    if after > 0.0:
+        return before / after
+    return math.inf if before > 0.0 else math.nan

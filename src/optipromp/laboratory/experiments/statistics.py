@@ -1,0 +1,212 @@
+"""What the rows of a study say: rates with intervals, causes, times, forces, calibration."""
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.errors import Code
+from optipromp.laboratory.experiments.runs import Row
+
+Z95 = 1.959963984540054
+STATIC_FORCE = 0.5  # [N] a harder touch of a static object counts as contact, as in the simulation
+
+EDGES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 1.0)  # of the bins of predicted probability
+
+
+def wilson(successes: int, runs: int) -> tuple[float, float]:
+    """Wilson's score interval of a rate, 95 % (Wilson 1927); (0, 1) where there are no runs."""
+    z = Z95
+    if runs == 0:
+        return 0.0, 1.0
+    rate = successes / runs
+    middle = rate + z * z / (2 * runs)
+    half = z * math.sqrt(rate * (1.0 - rate) / runs + z * z / (4 * runs * runs))
+    scale = 1.0 + z * z / runs
+    low = 0.0 if successes == 0 else (middle - half) / scale
+    high = 1.0 if successes == runs else (middle + half) / scale
+    return low, high
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One planner on one preset.
+
+    Attributes:
+        preset: of the scenes, or the variation of the physics.
+        planner: that was run.
+        runs: how many.
+        plans: runs whose plan promised a success.
+        kept: of these, runs that succeeded, by the physics: promised and picked.
+        rate: share of all runs that are promised and picked: what a robot that heeds the status
+            picks. ``low`` and ``high`` are the ends of its 95 % interval.
+        broken_rate: share of the promises that are broken, with ``broken_low`` and ``broken_high``.
+        successes: runs that succeed where every plan is executed, although it may be refused.
+        causes: of failure, most frequent first; a run may have several.
+        static_contacts: runs in which arm or tool pressed a static object.
+        torn: runs in which a fruit came off.
+        unripe_force: median over executed runs of the largest force on what was not to be picked
+            [N]; None where nothing was executed.
+        unripe_force_90: its 90 % quantile [N].
+        plan_time: median wall time of planning [s].
+        simulation_time: median wall time of execution [s], over executed runs.
+        redraws: impossible scenes sampled before the scenes of these runs.
+    """
+
+    preset: str
+    planner: str
+    runs: int
+    plans: int
+    kept: int
+    rate: float
+    low: float
+    high: float
+    broken_rate: float
+    broken_low: float
+    broken_high: float
+    successes: int
+    causes: Mapping[str, int]
+    static_contacts: int
+    torn: int
+    unripe_force: float | None
+    unripe_force_90: float | None
+    plan_time: float
+    simulation_time: float | None
+    redraws: int
+
+    @property
+    def broken(self) -> int:
+        """Promises that were broken."""
+        return self.plans - self.kept
+
+    @property
+    def failed_by(self) -> str:
+        """The causes in words, with how often each was; a dash where nothing failed."""
+        words = (f"{count} {cause.replace('_', ' ')}" for cause, count in self.causes.items())
+        return ", ".join(words) or "–"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return asdict(self) | {"broken": self.broken}
+
+
+def summary(rows: Iterable[Row]) -> tuple[Cell, ...]:
+    """One cell for each preset and planner, in the order they first appear.
+
+    In a study of variations a cell is of a variation, over all presets.
+    """
+    groups: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        groups.setdefault((row.variation or row.preset, row.planner), []).append(row)
+    presets = {preset: i for i, preset in enumerate(dict.fromkeys(p for p, _ in groups))}
+    planners = {planner: i for i, planner in enumerate(dict.fromkeys(p for _, p in groups))}
+    keys = sorted(groups, key=lambda key: (presets[key[0]], planners[key[1]]))
+    return tuple(_cell(*key, groups[key]) for key in keys)
+
+
+def _cell(preset: str, planner: str, rows: Sequence[Row]) -> Cell:
+    plans = sum(row.plan_status == Code.SUCCESS for row in rows)
+    kept = sum(row.success and row.plan_status == Code.SUCCESS for row in rows)
+    low, high = wilson(kept, len(rows))
+    broken_low, broken_high = wilson(plans - kept, plans)
+    failed = (row for row in rows if not row.success)
+    causes = Counter(cause for row in failed for cause in row.causes.split() or [row.cause])
+    executed = [row for row in rows if row.unripe_force is not None]
+    forces = sorted(row.unripe_force for row in executed if row.unripe_force is not None)
+    seconds = [row.simulation_time for row in executed]
+    return Cell(
+        preset=preset,
+        planner=planner,
+        runs=len(rows),
+        plans=plans,
+        kept=kept,
+        rate=kept / len(rows),
+        low=low,
+        high=high,
+        broken_rate=(plans - kept) / max(plans, 1),
+        broken_low=broken_low,
+        broken_high=broken_high,
+        successes=sum(row.success for row in rows),
+        causes=dict(causes.most_common()),
+        static_contacts=sum((row.static_force or 0.0) > STATIC_FORCE for row in rows),
+        torn=sum(bool(row.torn) for row in rows),
+        unripe_force=median(forces) if forces else None,
+        unripe_force_90=forces[math.ceil(0.9 * len(forces)) - 1] if forces else None,
+        plan_time=median(row.plan_time for row in rows),
+        simulation_time=median(seconds) if seconds else None,
+        redraws=sum(row.redraws for row in rows),
+    )
+
+
+@dataclass(frozen=True)
+class Bin:
+    """Runs whose predicted probability of failure lies in one interval.
+
+    Attributes:
+        low, high: the interval [low, high).
+        runs: how many.
+        predicted: mean of their predicted probabilities.
+        failures: of them, by the physics.
+        rate: of failure, with its 95 % interval (``rate_low``, ``rate_high``).
+    """
+
+    low: float
+    high: float
+    runs: int
+    predicted: float
+    failures: int
+    rate: float
+    rate_low: float
+    rate_high: float
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Predicted probabilities of failure against outcomes.
+
+    Attributes:
+        bins: the reliability table; bins without runs are left out.
+        auc: probability that a failed run was predicted to fail more likely than one that succeeded
+            (0.5: the prediction says nothing); NaN where all ended alike.
+        successes: plans whose status was ``success``.
+        failed: of them, those that failed in the simulation.
+    """
+
+    bins: tuple[Bin, ...]
+    auc: float
+    successes: int
+    failed: int
+
+
+def calibration(rows: Iterable[Row]) -> Calibration | None:
+    """The calibration of executed runs whose failure was predicted; None where there are none."""
+    known = [row for row in rows if row.predicted_failure is not None and row.picked is not None]
+    if not known:
+        return None
+    told = np.array([row.predicted_failure for row in known], dtype=np.float64)
+    failed = np.array([not row.success for row in known])
+    bins = []
+    for low, high in itertools.pairwise(EDGES):
+        inside = (told >= low) & ((told < high) | (high == EDGES[-1]))
+        runs, failures = int(inside.sum()), int(failed[inside].sum())
+        if runs:
+            mean, rate = float(told[inside].mean()), failures / runs
+            bins.append(Bin(low, high, runs, mean, failures, rate, *wilson(failures, runs)))
+    good = [row for row in known if row.plan_status == Code.SUCCESS]
+    return Calibration(
+        tuple(bins), auc(told[failed], told[~failed]), len(good),
+        sum(not row.success for row in good),
+    )  # fmt: skip
+
+
+def auc(above: Sequence[float] | np.ndarray, below: Sequence[float] | np.ndarray) -> float:
+    """Share of pairs in which a value of ``above`` is larger than one of ``below``; ties half."""
+    if not len(above) or not len(below):
+        return float("nan")
+    one, other = np.asarray(above)[:, None], np.asarray(below)[None]
+    return float(np.mean((one > other) + 0.5 * (one == other)))

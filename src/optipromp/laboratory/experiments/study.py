@@ -1,0 +1,348 @@
+"""A study: presets × planners × seeds over the cores, resumable, one row a run.
+
+Rows are appended to ``rows.csv`` as they come, each whole, by one process; a study begun again in
+the same folder runs what is missing. ``study.json`` holds what the rows have in common.
+"""
+
+import csv
+import functools
+import io
+import json
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.files import check_folder, json_text, write_atomically
+from optipromp.core.planning import PlanOptions
+from optipromp.core.planning.planner import factory
+from optipromp.core.processes import cores, run_each
+from optipromp.core.robots.library import NOTHING, Choice
+from optipromp.core.scenes.values import suggest
+from optipromp.laboratory.experiments.baselines import STUDY_PLANNERS
+from optipromp.laboratory.experiments.runs import (
+    COLUMNS,
+    Row,
+    row_from_text,
+    run_scene,
+    source_version,
+    warm_up,
+)
+from optipromp.laboratory.experiments.variations import VARIATIONS
+from optipromp.laboratory.generate import NOISES, PANDA, PRESETS, Noise, Preset
+
+ROWS, SETTINGS, LOCK = "rows.csv", "study.json", ".lock"
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is run.
+
+    Args:
+        presets: of the scenes.
+        planners: that are compared.
+        seeds: first, and one beyond the last.
+        noise_position: standard deviation of detected positions [m].
+        noise_angle: standard deviation of detected stem directions [degrees].
+        only_valid: plans that the judge refuses are not executed, and count as failures.
+        robot: whose scenes: name or path.
+        choice: of the robot's file.
+        vary: every plan is executed under all of :data:`VARIATIONS`.
+        noise: name of one of :data:`optipromp.laboratory.generate.NOISES`, in place of the
+        deviations.
+        risk: share of promised successes that may be broken.
+
+    Raises:
+        InvalidRequestError: an unknown preset or planner, none, one twice, an empty or negative
+            range of seeds, an unknown noise, one that is negative or not finite, a name and a
+            deviation together, or a risk that is not between 0 and 1.
+    """
+
+    presets: tuple[Preset, ...] = PRESETS
+    planners: tuple[str, ...] = STUDY_PLANNERS
+    seeds: tuple[int, int] = (0, 20)
+    noise_position: float = 0.0
+    noise_angle: float = 0.0
+    only_valid: bool = False
+    robot: str | Path = PANDA
+    choice: Choice = NOTHING
+    vary: bool = False
+    noise: str = ""
+    risk: float = PlanOptions.risk
+
+    def __post_init__(self) -> None:
+        for name, given, valid in (
+            ("preset", self.presets, PRESETS),
+            ("planner", self.planners, STUDY_PLANNERS),
+        ):
+            if not given:
+                raise InvalidRequestError(f"no {name}: valid are {', '.join(valid)}")
+            for item in given:
+                if name == "planner":
+                    factory(item)  # refuses a name that is none
+                elif item not in valid:
+                    raise InvalidRequestError(f"{name} is {item!r}: {suggest(item, valid)}")
+            if len(set(given)) < len(given):
+                raise InvalidRequestError(f"a {name} is named twice: {', '.join(given)}")
+        first, end = self.seeds
+        if not 0 <= first < end:
+            raise InvalidRequestError(
+                f"seeds are {first}:{end}; the first must not be negative, the end (which is not "
+                "run) must be above it"
+            )
+        if self.noise and self.noise not in NOISES:
+            raise InvalidRequestError(f"noise is {self.noise!r}: {suggest(self.noise, NOISES)}")
+        if Noise(self.noise_position, self.noise_angle) != Noise() and self.noise:
+            raise InvalidRequestError(f"noise {self.noise} and a deviation: state one of them")
+        PlanOptions(risk=self.risk)  # refuses what is no risk
+
+    def scenes(self) -> Iterator[tuple[Preset, int]]:
+        """Preset and seed of every scene, seeds outermost: a study cut short is a smaller one."""
+        for seed in range(*self.seeds):
+            for preset in self.presets:
+                yield preset, seed
+
+    @property
+    def variations(self) -> tuple[str, ...]:
+        """Names of the variations; an empty one for none."""
+        return tuple(VARIATIONS) if self.vary else ("",)
+
+    def __len__(self) -> int:
+        scenes = len(self.presets) * (self.seeds[1] - self.seeds[0])
+        return scenes * len(self.planners) * len(self.variations)
+
+    def common(self) -> dict[str, Any]:
+        """What all rows of one folder share."""
+        return {
+            "noise_position": self.noise_position,
+            "noise_angle": self.noise_angle,
+            "only_valid": self.only_valid,
+            **({} if self.robot == PANDA else {"robot": f"{self.robot} {self.choice}"}),
+            "vary": self.vary,
+            **({"noise": self.noise} if self.noise else {}),
+            "version": source_version(),
+            "risk": self.risk,
+        }
+
+
+class RowFile:
+    """The rows of a study in its folder, which is made if need be.
+
+    A line that an interruption cut short is dropped when the file is opened.
+
+    Raises:
+        InvalidRequestError: the folder cannot be written, or holds rows of another noise, of other
+            code, a run twice, or something that is no row.
+    """
+
+    def __init__(self, folder: Path, study: Study) -> None:
+        check_folder(folder)
+        self.path = folder / ROWS
+        self._check_settings(folder / SETTINGS, study)
+        self.rows: list[Row] = self._read()
+
+    def _check_settings(self, path: Path, study: Study) -> None:
+        wanted = study.common()
+        if not self.path.exists():
+            write_atomically(path, json_text(wanted).encode())
+            return
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise InvalidRequestError(
+                f"{self.path} is there and {path.name} beside it cannot be read ({error}): choose "
+                "another folder"
+            ) from None
+        for name in dict.fromkeys((*wanted, *found)):  # what is left out has its default
+            value = wanted.get(name)
+            if found.get(name) != value:
+                raise InvalidRequestError(
+                    f"{path.parent} holds rows with {name} {found.get(name)!r}, this study has "
+                    f"{value!r}: choose another folder"
+                )
+
+    def _read(self) -> list[Row]:
+        content = self.path.read_bytes() if self.path.exists() else b""
+        whole = content[: content.rfind(b"\n") + 1]
+        if len(whole) < len(content):
+            os.truncate(self.path, len(whole))
+        if not whole:
+            self._append(",".join(COLUMNS) + "\n")
+        return _parsed(whole, self.path)
+
+    def append(self, row: Row) -> None:
+        """Add a row, whole, and have it on disk."""
+        line = io.StringIO()
+        values = {name: getattr(row, name) for name in COLUMNS}
+        values["message"] = " ".join(row.message.split())  # one line a row
+        csv.DictWriter(line, COLUMNS, lineterminator="\n").writerow(values)
+        self._append(line.getvalue())
+        self.rows.append(row)
+
+    def _append(self, text: str) -> None:
+        try:
+            with self.path.open("ab", buffering=0) as stream:
+                stream.write(text.encode("utf-8"))
+                os.fsync(stream.fileno())
+        except OSError as error:
+            raise InvalidRequestError(f"cannot write {self.path}: {error.strerror}") from error
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Keep other processes out of a folder, where the system has locks of files."""
+    try:
+        with path.open("ab") as file:
+            if find_spec("fcntl") is not None:
+                import fcntl
+
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            yield
+    except BlockingIOError:
+        raise InvalidRequestError(
+            f"another study writes into {path.parent}: wait for its end, or choose another folder"
+        ) from None
+
+
+def rows_of(folder: Path) -> list[Row]:
+    """The whole rows in a study's folder, in the order they came; none where there is no file.
+
+    Raises:
+        InvalidRequestError: the file cannot be read, holds a run twice or something that is no row.
+    """
+    path = folder / ROWS
+    try:
+        content = path.read_bytes() if path.exists() else b""
+    except OSError as error:
+        raise InvalidRequestError(f"cannot read {path}: {error.strerror}") from None
+    return _parsed(content[: content.rfind(b"\n") + 1], path)
+
+
+def _parsed(content: bytes, path: Path) -> list[Row]:
+    try:
+        table = csv.DictReader(io.StringIO(content.decode("utf-8")))
+        rows = [row_from_text(line) for line in table]
+    except (ValueError, KeyError, TypeError, AttributeError, csv.Error) as error:
+        raise InvalidRequestError(f"{path} holds something that is no row: {error}") from None
+    counts = Counter(row.key for row in rows)
+    if len(counts) < len(rows):
+        (key, count), *_ = counts.most_common(1)
+        told = ", ".join(str(part) for part in key if part != "")
+        raise InvalidRequestError(f"{path} holds {count} rows of {told}: must hold one")
+    return rows
+
+
+def settings_of(folder: Path) -> tuple[dict[str, Any], str | None]:
+    """What the rows of a study have in common, and whose scenes they are.
+
+    The robot is None where its file was read with choices.
+
+    Raises:
+        InvalidRequestError: the file is missing or damaged.
+    """
+    try:
+        settings = dict(json.loads((folder / SETTINGS).read_text(encoding="utf-8")))
+    except (OSError, ValueError) as error:
+        raise InvalidRequestError(f"{folder / SETTINGS}: {error}") from None
+    told = str(settings.get("robot", f"{PANDA} {NOTHING}"))
+    plain = told.endswith(f" {NOTHING}")
+    return settings, told.removesuffix(f" {NOTHING}") if plain else None
+
+
+def run_study(
+    study: Study,
+    folder: Path,
+    *,
+    workers: int | None = None,
+    progress: Callable[[int, int, Row | None], None] | None = None,
+) -> list[Row]:
+    """Run what the folder does not hold yet.
+
+    Ctrl-C lets the scenes under way finish, keeps their rows and raises ``KeyboardInterrupt``.
+
+    Args:
+        study: what to run.
+        folder: where rows are, and go.
+        workers: processes; None: one a core.
+        progress: called with runs done, runs in all, and the newest row (None at the beginning).
+
+    Returns:
+        The study's rows, those of earlier calls too, in the study's order.
+
+    Raises:
+        InvalidRequestError: see :class:`RowFile`; another study writes into the folder; MuJoCo is
+            missing; a worker died.
+    """
+    if workers is not None and workers < 1:
+        raise InvalidRequestError(f"workers is {workers}; it must be at least 1")
+    _need_simulation()
+    check_folder(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    with _locked(folder / LOCK):
+        return _run(study, RowFile(folder, study), workers or cores(), progress)
+
+
+def _run(
+    study: Study,
+    file: RowFile,
+    workers: int,
+    progress: Callable[[int, int, Row | None], None] | None,
+) -> list[Row]:
+    """The rows of a study in its open file."""
+    done = {row.key for row in file.rows}
+    tasks = []
+    for preset, seed in study.scenes():
+        missing = tuple(
+            p for p in study.planners
+            if any((preset, seed, p, variation) not in done for variation in study.variations)
+        )  # fmt: skip
+        if missing:
+            tasks.append((preset, seed, missing))
+    wanted = {
+        (*scene, planner, variation)
+        for scene in study.scenes() for planner in study.planners for variation in study.variations
+    }  # fmt: skip
+    finished, total = len(wanted & done), len(study)
+    if progress is not None:
+        progress(finished, total, None)
+
+    def keep(rows: Sequence[Row]) -> None:
+        nonlocal finished
+        for row in rows:
+            if row.key in done:
+                continue
+            file.append(row)
+            done.add(row.key)
+            finished += 1
+            if progress is not None:
+                progress(finished, total, row)
+
+    robot = study.robot, study.choice
+    noise = study.noise or Noise(study.noise_position, study.noise_angle)
+    common = (noise, source_version(), study.only_valid, *robot, study.vary, study.risk)
+
+    def hear(index: int, result: Sequence[Row] | BrokenProcessPool) -> None:
+        if isinstance(result, BrokenProcessPool):
+            raise InvalidRequestError(f"{result}; begin the study again to go on")
+        keep(result)
+
+    run_each(
+        run_scene, [(*task, *common) for task in tasks], hear, workers=workers,
+        prepare=functools.partial(warm_up, study.presets[0], study.planners, *robot),
+    )  # fmt: skip
+    held = {row.key: row for row in file.rows}
+    return [
+        held[(*scene, planner, variation)]
+        for scene in study.scenes() for planner in study.planners for variation in study.variations
+    ]  # fmt: skip
+
+
+def _need_simulation() -> None:
+    if find_spec("mujoco") is None:
+        raise InvalidRequestError("a study needs MuJoCo: pip install 'optipromp[sim]'")

@@ -1,0 +1,120 @@
+"""Physical variations under which the same plans are executed (``optipromp study --vary``).
+
+A variation changes what the simulation is told, never what the planner is told. Ranges are those in
+which a push model's guesses may be wrong; sources stand in
+:mod:`optipromp.laboratory.simulation.parameters`.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from optipromp.core.geometry.shapes import Sphere
+from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.trusses import rooted
+from optipromp.laboratory.simulation.parameters import SimulationParameters
+
+Variation = Callable[[Scene, np.random.Generator], tuple[Scene, SimulationParameters]]
+
+LOWER = 0.010  # [m] of every fruit below where it was seen
+OFF = 0.005  # [m] of the tool beside where it should be
+
+
+def _stiffness(p: SimulationParameters, factor: float) -> SimulationParameters:
+    """Every stem so many times as stiff, also one whose stiffness follows from its lean."""
+    stem = replace(
+        p.stem, youngs_modulus=factor * p.stem.youngs_modulus, grown_turn=p.stem.grown_turn / factor
+    )
+    return replace(p, stem=stem)
+
+
+def _friction(p: SimulationParameters, value: float) -> SimulationParameters:
+    return replace(
+        p, fruit=replace(p.fruit, friction=value), stem=replace(p.stem, friction=value),
+        robot=replace(p.robot, tool_friction=value),
+    )  # fmt: skip
+
+
+def _density(p: SimulationParameters, factor: float) -> SimulationParameters:
+    return replace(p, fruit=replace(p.fruit, density=factor * p.fruit.density))
+
+
+def _damping(p: SimulationParameters, factor: float) -> SimulationParameters:
+    stem = replace(
+        p.stem, damping_time=factor * p.stem.damping_time,
+        swing_damping=factor * p.stem.swing_damping,
+    )  # fmt: skip
+    return replace(p, stem=stem)
+
+
+def _fruits(scene: Scene, change: Callable[[SceneObject], SceneObject]) -> Scene:
+    objects = (change(item) if item.stem is not None else item for item in scene.objects)
+    return replace(scene, objects=rooted(objects))
+
+
+def _wider(scene: Scene, factor: float) -> Scene:
+    def change(item: SceneObject) -> SceneObject:
+        if not isinstance(item.shape, Sphere):
+            return item
+        return replace(item, shape=Sphere(factor * item.shape.radius))
+
+    return _fruits(scene, change)
+
+
+def _moved(scene: Scene, by: np.ndarray, roots: bool) -> Scene:
+    """The fruits elsewhere, with the roots of their stems or without."""
+
+    def change(item: SceneObject) -> SceneObject:
+        assert item.stem is not None
+        points = np.array(item.stem.points)
+        points[slice(None) if roots else slice(1)] += by
+        stem = replace(item.stem, points=points)
+        return replace(item, position=item.position + by, stem=stem)
+
+    return _fruits(scene, change)
+
+
+def _beside(scene: Scene, rng: np.random.Generator) -> Scene:
+    turn = float(rng.uniform(0.0, 2.0 * np.pi))
+    aside = np.cos(turn) * scene.frame[0] + np.sin(turn) * scene.frame[1]
+    return _moved(scene, OFF * aside, roots=True)
+
+
+def _drawn(scene: Scene, rng: np.random.Generator) -> tuple[Scene, SimulationParameters]:
+    """All of it at once, each number drawn from the range of its own rows."""
+    p = _stiffness(SimulationParameters(), float(3.0 ** rng.uniform(-1.0, 1.0)))
+    p = _friction(p, float(rng.uniform(0.2, 0.8)))
+    p = _density(p, float(rng.uniform(0.5, 1.5)))
+    p = _damping(p, float(np.exp(rng.uniform(np.log(0.2), np.log(4.0)))))
+    return _wider(scene, float(rng.uniform(0.9, 1.1))), p
+
+
+def _physics(change: Callable[[SimulationParameters], SimulationParameters]) -> Variation:
+    return lambda scene, rng: (scene, change(SimulationParameters()))
+
+
+def _world(change: Callable[[Scene, np.random.Generator], Scene]) -> Variation:
+    return lambda scene, rng: (change(scene, rng), SimulationParameters())
+
+
+VARIATIONS: dict[str, Variation] = {
+    "as assumed": _physics(lambda p: p),
+    "stems 3 times softer": _physics(lambda p: _stiffness(p, 1.0 / 3.0)),
+    "stems 3 times stiffer": _physics(lambda p: _stiffness(p, 3.0)),
+    "friction 0.2": _physics(lambda p: _friction(p, 0.2)),
+    "friction 0.8": _physics(lambda p: _friction(p, 0.8)),
+    "fruits half as heavy": _physics(lambda p: _density(p, 0.5)),
+    "fruits 1.5 times as heavy": _physics(lambda p: _density(p, 1.5)),
+    "fruits 10 % smaller": _world(lambda scene, rng: _wider(scene, 0.9)),
+    "fruits 10 % larger": _world(lambda scene, rng: _wider(scene, 1.1)),
+    "damping × 0.2": _physics(lambda p: _damping(p, 0.2)),
+    "damping × 4": _physics(lambda p: _damping(p, 4.0)),
+    "tool 5 mm off": _world(_beside),
+    "fruits 10 mm lower": _world(
+        lambda scene, rng: _moved(scene, -LOWER * np.asarray(scene.up), roots=False)
+    ),
+    "fruits turn freely": _physics(lambda p: replace(p, stem=replace(p.stem, calyx="free"))),
+    "all drawn at random": _drawn,
+}
+"""Of the second line on, one thing is other than assumed; of the last, everything."""

@@ -1,0 +1,217 @@
+"""Whether a sampled scene is possible: no two objects overlap, and an arm could reach the target.
+
+For the latter no planner is asked. Only the goal is judged, and only against static objects and the
+arm itself. A scene is not sampled again because the motion is hard, or because the arm must brush a
+neighbour.
+"""
+
+import numpy as np
+
+from optipromp.core.arrays import BoolArray, FloatArray
+from optipromp.core.geometry import distances, pack
+from optipromp.core.geometry.shapes import Capsule, Cone, Ellipsoid, Sphere
+from optipromp.core.robots import ik
+from optipromp.core.robots.cup_cover import NECK_RADIUS
+from optipromp.core.robots.model import Robot
+from optipromp.core.robots.roll import level, rolled, rolls
+from optipromp.core.robots.tool_protocol import Tool
+from optipromp.core.robots.tools import WALL, make_tool, with_tool
+from optipromp.core.scenes.scene import Scene, SceneObject
+
+SAMPLE = 0.004  # [m] between checks along a stem
+STARTS = 200  # of the inverse kinematics
+
+
+ROUND = Sphere | Capsule | Ellipsoid | Cone
+
+
+class OverlapError(Exception):
+    """A sample that failed because objects overlap; the message names them."""
+
+
+def interpenetration(scene: Scene) -> str | None:
+    """What kinds of objects interpenetrate; None where the scene is possible.
+
+    The check covers round fruits against one another and against neighbours and
+    static objects, stems against all of these but their own fruits, and neighbours against static
+    objects.
+    """
+    fruits = [item for item in scene.objects if item.role in ("target", "pushable")]
+    hanging = [item for item in fruits if isinstance(item.shape, ROUND)]
+    cores = [_core(item) for item in hanging]
+    for i, (core, radius) in enumerate(cores):
+        for beside, keep in cores[i + 1 :]:
+            if segments(core, beside) < radius + keep:
+                return "fruit in fruit"
+    if not hanging:
+        return None  # a shelf: its sampler has kept the footprints apart
+    for objects, word in ((scene.static, "static"), (scene.avoid, "neighbour")):
+        if not objects:
+            continue
+        surface = pack([(item.shape, item.position, item.rotation) for item in objects])
+        for core, radius in cores:
+            away, _ = distances(surface, _samples(core))
+            if float(away.min()) < radius:
+                return f"fruit in {word}"
+        for item in hanging:
+            if item.stem is None:
+                continue
+            along, _ = distances(surface, _samples(item.stem.points))
+            if float(along.min()) < item.stem.radius:
+                return f"stem in {word}"
+        if word == "static":
+            for cluster in scene.avoid:
+                away, _ = distances(surface, cluster.position[None])
+                if float(away.min()) < cluster.radius:
+                    return "neighbour in static"
+    for i, one in enumerate(hanging):
+        if one.stem is None:
+            continue
+        for j, other in enumerate(hanging):
+            if i == j:
+                continue
+            core, radius = cores[j]
+            if segments(one.stem.points, core) < radius + one.stem.radius:
+                return "stem in fruit"
+            if j > i and other.stem is not None and not _shared(one, other):
+                between = segments(one.stem.points, other.stem.points)
+                if between < one.stem.radius + other.stem.radius:
+                    return "stem in stem"
+    for i, one in enumerate(scene.avoid):
+        for other in scene.avoid[i + 1 :]:
+            if _apart(one, other) < 0.0:
+                return "neighbour in neighbour"
+    return None
+
+
+def _shared(one: SceneObject, other: SceneObject) -> bool:
+    """Whether two stems are of one truss: they may touch where they begin."""
+    roots = [
+        item.id if item.stem is None or item.stem.parent is None else item.stem.parent
+        for item in (one, other)
+    ]
+    return roots[0] == roots[1]
+
+
+def _core(item: SceneObject) -> tuple[FloatArray, float]:
+    """The segment (2, 3) and the radius [m] of a capsule that holds a round fruit."""
+    x, y, z = item.shape.measure.half
+    radius = max(x, y)
+    end = max(z - radius, 0.0) * item.rotation[:, 2]
+    return np.array([item.position - end, item.position + end]), radius
+
+
+def _apart(one: SceneObject, other: SceneObject) -> float:
+    return float(np.linalg.norm(one.position - other.position)) - one.radius - other.radius
+
+
+def _samples(points: FloatArray) -> FloatArray:
+    length = float(np.linalg.norm(points[1] - points[0]))
+    share = np.linspace(0.0, 1.0, max(2, int(np.ceil(length / SAMPLE)) + 1))
+    return np.asarray(points[0] + share[:, None] * (points[1] - points[0]))
+
+
+def to_segment(point: FloatArray, a: FloatArray, b: FloatArray) -> float:
+    """Distance from a point (3,) to the segment from ``a`` to ``b`` [m]."""
+    line = b - a
+    share = float(np.clip((point - a) @ line / (line @ line), 0.0, 1.0))
+    return float(np.linalg.norm(point - a - share * line))
+
+
+def segments(one: FloatArray, other: FloatArray) -> float:
+    """Distance between two segments (2, 3) [m] (Ericson, Real-Time Collision Detection, 5.1.9)."""
+    if np.array_equal(one[0], one[1]) or np.array_equal(other[0], other[1]):
+        point, line = (one[0], other) if np.array_equal(one[0], one[1]) else (other[0], one)
+        if np.array_equal(line[0], line[1]):
+            return float(np.linalg.norm(point - line[0]))
+        return to_segment(point, line[0], line[1])
+    d1, d2, r = one[1] - one[0], other[1] - other[0], one[0] - other[0]
+    a, e, f = float(d1 @ d1), float(d2 @ d2), float(d2 @ r)
+    b, c = float(d1 @ d2), float(d1 @ r)
+    denominator = a * e - b * b
+    s = min(1.0, max(0.0, (b * f - c * e) / denominator)) if denominator > 1e-15 else 0.0
+    t = (b * s + f) / e
+    if t < 0.0:
+        t, s = 0.0, min(1.0, max(0.0, -c / a))
+    elif t > 1.0:
+        t, s = 1.0, min(1.0, max(0.0, (b - c) / a))
+    return float(np.linalg.norm(r + s * d1 - t * d2))
+
+
+def equipped(scene: Scene) -> Robot:
+    """The scene's robot with the scene's tool."""
+    robot, tool = scene.load_robot(), scene.tool
+    if tool is None:
+        return robot
+    return with_tool(robot, make_tool(tool.kind, tool.parameters))
+
+
+def unsolvable(scene: Scene) -> str | None:
+    """The reason why no arm motion can end at the target; None where one may."""
+    target = scene.target
+    if target is None:
+        return None
+    static = scene.obstacles("static")
+    if len(static.kind):
+        inside, _ = distances(static, target.position[None])
+        if float(inside.min()) < 0.0:
+            return "target inside a static object"
+    robot = equipped(scene)
+    if any(_rooted_in_tool(scene, item, robot.tool) for item in scene.pushables):
+        return "stem rooted where the tool must end"
+    goals = ik.solve(robot, target.position, scene.frame[2], starts=STARTS, distinct=0.05).joints
+    if not len(goals):
+        return "target out of reach"
+    if (
+        robot.tool is not None and robot.tool.fingers and rolls(robot)
+    ):  # fingers on either side of the target
+        turned = level(robot, goals, scene.frame[0])
+    else:
+        turned = rolled(robot, goals)
+    if not free(scene, robot, turned).any():
+        return "goal always in collision"
+    return None
+
+
+def _rooted_in_tool(scene: Scene, item: SceneObject, tool: Tool | None) -> bool:
+    """Whether a cup must go through a stem's root, which does not yield; false of fingers.
+
+    It is so where the root is in the cup or its neck at the goal, or in the volume that the cup
+    sweeps on every path: once the target's lowest point is in the mouth the cup can only rise, and
+    the target leaves it little room to the side. There, a wall of at most :data:`WALL` does not
+    count.
+    """
+    target = scene.target
+    if item.stem is None or tool is None or tool.fingers or target is None:
+        return False
+    if item.stem.parent is not None:
+        return False  # it yields
+    up = scene.frame[2]
+    off = item.stem.points[-1] - target.position
+    height = float(off @ up)
+    aside = float(np.linalg.norm(off - height * up))
+    rim, base, flange = tool.depth, tool.front - tool.reach, -tool.reach
+    inner, outer = tool.mouth
+    inner = outer if outer - inner < WALL + 1e-9 else inner
+    sure = outer - max(inner - target.radius, 0.0)
+    rise = tool.depth + target.radius
+    for radius, low, high in (
+        (outer, base, rim), (NECK_RADIUS, flange, base), (sure, base - rise, rim)
+    ):  # fmt: skip
+        beyond = max(low - height, height - high, 0.0)
+        if np.hypot(max(aside - radius, 0.0), beyond) < item.stem.radius:
+            return True
+    return False
+
+
+def free(scene: Scene, robot: Robot, q: FloatArray, clearance: float = 0.0) -> BoolArray:
+    """(m,) whether ``q`` (m, n) keep ``clearance`` [m] from static objects, and from themselves."""
+    centers, radius = robot.sphere_centers(q), robot.spheres.radius
+    out = np.ones(len(q), dtype=bool)
+    static = scene.obstacles("static")
+    if len(static.kind):
+        away, _ = distances(static, centers.reshape(-1, 3))
+        nearest = away.min(axis=1).reshape(len(q), -1) - radius
+        out &= nearest.min(axis=1) >= clearance
+    out &= robot.self_gaps(q).min(axis=1, initial=0.0) >= 0.0
+    return out

@@ -1,0 +1,167 @@
+"""Random scenes: sampled, checked, and sampled again until one is possible.
+
+The number of pushables is sampled once and kept while the rest is sampled again. Otherwise crowded
+scenes, which are hard to place, would be rare. The side of the gutter is kept too, but sampled anew
+after :data:`PATIENCE` samples.
+"""
+
+import zlib
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.robots.library import NOTHING, Choice
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.scenes.values import suggest
+from optipromp.laboratory.generate import bunches, plants, shelves
+from optipromp.laboratory.generate.checks import OverlapError, interpenetration, unsolvable
+from optipromp.laboratory.generate.placing import at_robot
+
+Preset = Literal[
+    "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss",
+    "field", "shelf",
+]  # fmt: skip
+PRESETS: tuple[Preset, ...] = get_args(Preset)
+PANDA = "panda"
+PATIENCE = 1000  # samples before the side of the gutter is sampled again
+MOST_REDRAWS = 50_000
+
+Sampler = Callable[[np.random.Generator], Scene]
+
+
+@dataclass(frozen=True)
+class GenerationReport:
+    """How a scene came about.
+
+    Attributes:
+        preset: what was asked for.
+        seed: of the scene.
+        redraws: number of impossible scenes sampled before.
+        reasons: why they were impossible, and how often.
+    """
+
+    preset: Preset
+    seed: int
+    redraws: int
+    reasons: Mapping[str, int] = field(default_factory=dict)
+
+
+def generate(
+    preset: Preset, seed: int, robot: str | Path = PANDA, choice: Choice = NOTHING
+) -> Scene:
+    """The scene of a preset and a seed; see :func:`generate_with_report`."""
+    return generate_with_report(preset, seed, robot, choice)[0]
+
+
+def generate_with_report(
+    preset: Preset, seed: int, robot: str | Path = PANDA, choice: Choice = NOTHING
+) -> tuple[Scene, GenerationReport]:
+    """Sample a random scene.
+
+    Presets (lengths in metres; every number uniform in its range):
+
+    - ``cluster``: 1 to 4 pushables 0.03 to 0.15 before the target along the approach (upwards),
+      offset by up to R_gripper along each lateral direction; stems 0.10 to 0.30 long, inclined by
+      up to 25 degrees in any direction; R_gripper 0.02 to 0.03; fruits of 30 to 40 mm, the target
+      smaller where the cup asks for it.
+    - ``side-clusters``: also a neighbouring cluster on either side, 0.12 to 0.25 away.
+    - ``table-top``: a cluster, and a gutter 0.03 to 0.08 from the target's centre on any side but
+      the approach.
+    - ``mixed``: all of these at once.
+    - ``tight``: 2 to 4 pushables, each 0 to 12 mm from the target or from another pushable, surface
+      to surface, and no higher or lower than the target by more than 12 mm; otherwise as
+      ``cluster``.
+    - ``limp``: as ``cluster``, but the stems hang plumb, to 2 degrees. Nothing then implies that a
+      stem is stiffer than green tissue (:data:`optipromp.core.pushing.parameters.PUSH`).
+    - ``elongated``: as ``cluster``, but the fruits are 1.2 to 1.4 times as long as wide: capsules
+      along their stems, which begin at the upper end.
+    - ``truss``: the target and 2 to 4 pushables on one truss of 0.12 to 0.28; any is at its end.
+    - ``field``: as ``cluster``, ``tight`` or ``truss``, of all shapes, with physical numbers drawn
+      (:mod:`optipromp.laboratory.generate.plants`) that a study does not tell the planner.
+    - ``shelf``: a can behind 2 to 6 upright cans and boxes on a shelf; horizontal approach with
+      the Franka hand.
+
+    A scene is sampled again only where objects interpenetrate, or where no arm could solve it: the
+    target out of reach, inside something static, a stem rooted where the cup must pass, or every
+    goal configuration in collision.
+
+    Args:
+        preset: one of :data:`PRESETS`.
+        seed: not negative; the same seed gives the same scene.
+        robot: name or path. Any but the built-in Panda has its base placed so that it reaches the
+            scene (:mod:`optipromp.laboratory.generate.placing`): the sampled world is the same,
+            stated in the frame of that base.
+        choice: of the robot's file.
+
+    Raises:
+        InvalidRequestError: an unknown preset or a negative seed; another robot than the Panda for
+            a shelf; a robot that reaches the scenes from no place.
+        InvalidRobotError: a robot that cannot be loaded.
+    """
+    if preset not in PRESETS:
+        told = suggest(preset, PRESETS)
+        raise InvalidRequestError(f"preset is {preset!r}: {told}")
+    if seed < 0:
+        raise InvalidRequestError(f"seed is {seed}; it must not be negative")
+    other = robot != PANDA
+    if other and preset == "shelf":
+        raise InvalidRequestError(f"scenes of the preset {preset} are for the built-in panda only")
+    rng = np.random.default_rng([zlib.crc32(preset.encode()), seed])
+    reasons: Counter[str] = Counter()
+    drawn = _drawn(preset, rng)
+    sampler = _kind(preset, seed, *drawn, rng)
+    patience = PATIENCE
+    while reasons.total() < MOST_REDRAWS:
+        if patience == 0:
+            sampler, patience = _kind(preset, seed, *drawn, rng), PATIENCE
+        patience -= 1
+        try:
+            scene = sampler(rng)
+        except OverlapError as overlap:
+            reasons[str(overlap)] += 1
+            continue
+        fault = interpenetration(scene)
+        if fault is None:
+            scene = at_robot(scene, robot, choice) if other else scene
+            fault = unsolvable(scene)
+        if fault is None:
+            report = GenerationReport(preset, seed, reasons.total(), dict(sorted(reasons.items())))
+            return scene, report
+        reasons[fault] += 1
+    raise InvalidRequestError(  # cannot happen with the presets above
+        f"no possible scene of {preset} within {MOST_REDRAWS} samples: {dict(reasons)}"
+    )
+
+
+def _drawn(preset: Preset, rng: np.random.Generator) -> tuple[str, int]:
+    """Sample the number of pushables, and the kind of a field's plants."""
+    few, many = (2, 4), ("tight", "truss", "field")
+    low, most = (2, 6) if preset == "shelf" else few if preset in many else (1, 4)
+    count = int(rng.integers(low, most + 1))
+    kind = ("cluster", "tight", "truss")[int(rng.integers(3))] if preset == "field" else preset
+    return kind, count
+
+
+def _kind(preset: Preset, seed: int, kind: str, count: int, rng: np.random.Generator) -> Sampler:
+    """Sample the side of the gutter; returns the sampler of the rest."""
+    name = f"{preset}-{seed}"
+    if preset == "shelf":
+        return lambda rng: shelves.sample(name, count, rng)
+    if preset == "tight":
+        return lambda rng: bunches.tight(name, count, rng)
+    if preset == "truss":
+        return lambda rng: plants.truss(name, count, rng)
+    if preset == "field":
+        return lambda rng: plants.field(name, kind, count, rng)
+    if preset == "elongated":
+        return lambda rng: bunches.elongated(bunches.sample(name, count, False, None, rng), rng)
+    lean = bunches.PLUMB if preset == "limp" else bunches.INCLINATION
+    sides = preset in ("side-clusters", "mixed")
+    gutter = bunches.GUTTER_SIDES[int(rng.integers(len(bunches.GUTTER_SIDES)))]
+    chosen = gutter if preset in ("table-top", "mixed") else None
+    return lambda rng: bunches.sample(name, count, sides, chosen, rng, lean)

@@ -1,0 +1,21 @@
+"""The simulation: a scene as a MuJoCo world, the execution of a plan in it, and its outcome.
+
+Needs the extra ``sim``: ``pip install 'optipromp[sim]'``.
+"""
+
+from optipromp.laboratory.simulation.arm_executor import SimulatedArm as SimulatedArm
+from optipromp.laboratory.simulation.execute import Run as Run
+from optipromp.laboratory.simulation.execute import simulate as simulate
+from optipromp.laboratory.simulation.outcome import Cause as Cause
+from optipromp.laboratory.simulation.outcome import Contact as Contact
+from optipromp.laboratory.simulation.outcome import Outcome as Outcome
+from optipromp.laboratory.simulation.parameters import ControlParameters as ControlParameters
+from optipromp.laboratory.simulation.parameters import EngineParameters as EngineParameters
+from optipromp.laboratory.simulation.parameters import FruitParameters as FruitParameters
+from optipromp.laboratory.simulation.parameters import RobotParameters as RobotParameters
+from optipromp.laboratory.simulation.parameters import SimulationParameters as SimulationParameters
+from optipromp.laboratory.simulation.parameters import StemParameters as StemParameters
+from optipromp.laboratory.simulation.parameters import ThingParameters as ThingParameters
+from optipromp.laboratory.simulation.parameters import Thresholds as Thresholds
+from optipromp.laboratory.simulation.parameters import catalogue as catalogue
+from optipromp.laboratory.simulation.rollout import Rollout as Rollout

@@ -1,0 +1,151 @@
+"""The camera of a film: it looks past the arm and keeps tool and fruits in the picture."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from optipromp.core.arrays import FloatArray, IntArray
+from optipromp.laboratory.simulation.dress import SHOWN
+from optipromp.laboratory.simulation.engine import engine
+from optipromp.laboratory.simulation.execute import Run
+from optipromp.laboratory.simulation.world import World
+
+AROUND = (150.0, 210.0, 125.0, 235.0, 100.0, 260.0, 60.0, 300.0, 30.0, 330.0)  # [deg] tried in turn
+FILLED = 1.25  # times what is to be seen, in the picture
+CAPTION = 0.12  # of the height, left free for the caption
+NARROWEST = 0.40  # [m] of height in the picture
+CALM = 0.6  # [s] standard deviation over which the camera's motion is smoothed
+FALLEN = 0.2  # [m] below its first place a fruit is no longer looked at
+LOOKS = 12  # moments at which a view is tried
+
+
+@dataclass(frozen=True)
+class View:
+    """Where to look from.
+
+    Attributes:
+        azimuth: of the camera's gaze about the vertical [deg]; None: the first of several around
+            the fruits from which they and the tool are seen best.
+        elevation: below the horizon negative [deg].
+        distance: from the middle of the picture [m]; None: so that fruits and tool fill it.
+        width, height: [pixel].
+    """
+
+    azimuth: float | None = None
+    elevation: float = -10.0
+    distance: float | None = None
+    width: int = 1280
+    height: int = 720
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """The camera over time: a row for each moment asked for.
+
+    Attributes:
+        azimuth, elevation: [deg].
+        lookat: (N, 3) [m].
+        distance: (N,) [m].
+    """
+
+    azimuth: float
+    elevation: float
+    lookat: FloatArray
+    distance: FloatArray
+
+    def at(self, index: int) -> Any:
+        """MuJoCo's camera."""
+        mujoco = engine()
+        camera = mujoco.MjvCamera()
+        camera.lookat[:], camera.distance = self.lookat[index], self.distance[index]
+        camera.azimuth, camera.elevation = self.azimuth, self.elevation
+        return camera
+
+
+def shot(world: World, model: Any, run: Run, times: FloatArray, view: View) -> Shot:
+    """The camera of a run at ``times`` (N,) [s].
+
+    The tool from flange to tip, targets and pushables with their stems' lower ends, all where they
+    are then, fill the picture; the motion of the camera is smooth. It does not follow a fruit that
+    falls.
+    """
+    rows = np.maximum(np.searchsorted(run.rollout.times, times + 1e-9) - 1, 0)
+    seen = _seen(world, run, rows)
+    azimuth = view.azimuth
+    if azimuth is None:
+        azimuth = _best(world, model, run, view)
+    right, up, back = axes(azimuth, view.elevation)
+    across, along = seen @ right, seen @ up
+    low = np.stack([across.min(axis=1), along.min(axis=1)])
+    high = np.stack([across.max(axis=1), along.max(axis=1)])
+    tan = float(np.tan(0.5 * np.deg2rad(model.vis.global_.fovy)))
+    low[1] -= CAPTION * (high[1] - low[1])
+    wide = (high[0] - low[0]) * view.height / view.width
+    distance = 0.5 * np.maximum(np.maximum(high[1] - low[1], wide) * FILLED, NARROWEST) / tan
+    if view.distance is not None:
+        distance[:] = view.distance
+    middle = 0.5 * (low + high)
+    depth = (seen @ back).mean(axis=1)
+    lookat = middle[0][:, None] * right + middle[1][:, None] * up + depth[:, None] * back
+    if len(times) > 1 and times[-1] > times[0]:
+        spread = CALM / float(np.median(np.diff(times)))
+        lookat = gaussian_filter1d(lookat, spread, axis=0, mode="nearest")
+        distance = gaussian_filter1d(distance, spread, mode="nearest")
+    return Shot(azimuth, view.elevation, lookat, distance)
+
+
+def axes(azimuth: float, elevation: float) -> FloatArray:
+    """Rows right, up and back (3, 3) of MuJoCo's camera at these angles [deg]."""
+    a, e = np.deg2rad(azimuth), np.deg2rad(elevation)
+    gaze = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    up = np.array([-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e)])
+    return np.stack([np.cross(gaze, up), up, -gaze])
+
+
+def _seen(world: World, run: Run, rows: IntArray) -> FloatArray:
+    """Points (N, k, 3) that the picture is to hold at rows (N,) of the rollout."""
+    robot, rollout = world.robot, run.rollout
+    origins, rotations = robot.segment_frames(rollout.q[rows])
+    flange = origins[:, -1] + rotations[:, -1] @ robot.flange_translation
+    tip = rollout.tool_point[rows] + 0.03 * rollout.tool_axis[rows]
+    fruits = rollout.fruit_positions[rows]
+    first = np.broadcast_to(rollout.fruit_positions[0], fruits.shape)
+    up = np.asarray(world.scene.up)
+    fruits = np.where(((first - fruits) @ up > FALLEN)[..., None], first, fruits)
+    lift = 0.05 * up
+    return np.concatenate([flange[:, None], tip[:, None], fruits, first, first + lift], axis=1)
+
+
+def _best(world: World, model: Any, run: Run, view: View) -> float:
+    """The azimuth from which the fewest of tool and fruits are hidden."""
+    mujoco = engine()
+    data = mujoco.MjData(model)
+    rollout = run.rollout
+    rows = np.linspace(0, len(rollout.times) - 1, LOOKS).astype(int)
+    focus = rollout.fruit_positions[0].reshape(-1, 3).mean(axis=0) if world.shown else (
+        rollout.tool_point[-1])  # fmt: skip
+    heading = float(np.rad2deg(np.arctan2(focus[1], focus[0])))
+    groups = np.zeros(6, dtype=np.uint8)
+    groups[SHOWN] = 1
+    own = [fruit.body for fruit in world.shown]
+    tool = {model.body(f"segment:{world.robot.n_segments - 1}").id}
+    if world.robot.tool is not None:
+        tool.add(model.body("tool").id)
+    hidden = np.zeros(len(AROUND))
+    geom = np.zeros(1, dtype=np.int32)
+    for row in rows:
+        data.qpos[:] = rollout.states[row]
+        mujoco.mj_kinematics(model, data)
+        targets = [(rollout.fruit_positions[row, k], {body, *tool}) for k, body in enumerate(own)]
+        targets.append((rollout.tool_point[row], tool))
+        for k, turn in enumerate(AROUND):
+            back = axes(heading + turn, view.elevation)[2]
+            eye = focus + 1.2 * back
+            for point, mine in targets:
+                ray = point - eye
+                share = mujoco.mj_ray(model, data, eye, ray, groups, 1, -1, geom)
+                if 0.0 <= share < 1.0 and int(model.geom_bodyid[geom[0]]) not in mine:
+                    hidden[k] += 1.0
+    return heading + AROUND[int(np.argmin(hidden))]

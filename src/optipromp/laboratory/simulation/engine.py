@@ -1,0 +1,24 @@
+"""MuJoCo, imported when it is first needed."""
+
+import os
+import sys
+from typing import Any
+
+from optipromp.core.errors import InvalidRequestError
+
+
+def engine() -> Any:
+    """The ``mujoco`` module; rendering off screen through EGL unless ``MUJOCO_GL`` says otherwise.
+
+    Raises:
+        InvalidRequestError: it is not installed.
+    """
+    if sys.platform.startswith("linux"):
+        os.environ.setdefault("MUJOCO_GL", "egl")
+    try:
+        import mujoco
+    except ImportError:
+        raise InvalidRequestError(
+            "the simulation needs MuJoCo: pip install 'optipromp[sim]'"
+        ) from None
+    return mujoco

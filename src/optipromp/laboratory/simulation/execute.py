@@ -1,0 +1,102 @@
+"""``simulate``: the entry point of the simulation."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.planning import Plan
+from optipromp.core.planning.task import posed
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import Trajectory
+from optipromp.laboratory.simulation.outcome import Outcome, judge
+from optipromp.laboratory.simulation.parameters import SimulationParameters
+from optipromp.laboratory.simulation.rollout import Rollout, run
+from optipromp.laboratory.simulation.world import build
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A plan, executed.
+
+    Attributes:
+        scene: in which the plan was executed.
+        robot: with its tool.
+        parameters: of the physics.
+        seed: of everything random.
+        rollout: the records of the run.
+        outcome: the judgement of the run.
+        seconds: wall time, building the world included.
+    """
+
+    scene: Scene
+    robot: Robot
+    parameters: SimulationParameters
+    seed: int
+    rollout: Rollout
+    outcome: Outcome
+    seconds: float
+
+    @property
+    def success(self) -> bool:
+        """Whether the target alone is in the tool and nothing was harmed."""
+        return self.outcome.success
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated time over wall time."""
+        return float(self.rollout.times[-1]) / max(self.seconds, 1e-9)
+
+
+def simulate(
+    plan_or_trajectory: Plan | Trajectory,
+    scene: Scene | None = None,
+    *,
+    robot: Robot | None = None,
+    parameters: SimulationParameters | None = None,
+    seed: int = 0,
+    record_rate: float = 100.0,
+) -> Run:
+    """Execute a plan in the simulation and judge the run.
+
+    Args:
+        plan_or_trajectory: what to execute, whatever its status.
+        scene: the true scene; None: the scene of the plan. Give another scene to see the effect of
+            detection errors.
+        robot: with its tool; None: that of the plan, or of the scene of a bare trajectory.
+        parameters: physical numbers, controller, thresholds.
+        seed: of everything random. The same input and seed give the same run to the last bit.
+        record_rate: of the rollout's records [Hz].
+
+    Returns:
+        The run. The outcome of a failed run names the cause; only wrong input raises.
+
+    Raises:
+        InvalidRequestError: MuJoCo is not installed, no scene for a bare trajectory, joint names
+            that are not the robot's, a rate that is not positive.
+        InvalidSceneError: something in the scene cannot be built.
+    """
+    began = time.perf_counter()
+    parameters = parameters or SimulationParameters()
+    if isinstance(plan_or_trajectory, Plan):
+        trajectory = plan_or_trajectory.trajectory
+        scene, robot = scene or plan_or_trajectory.scene, robot or plan_or_trajectory.robot
+    else:
+        trajectory = plan_or_trajectory
+    if scene is None:
+        raise InvalidRequestError("a bare trajectory needs the scene it is to be executed in")
+    if not (np.isfinite(record_rate) and record_rate > 0):
+        raise InvalidRequestError(f"record_rate is {record_rate}; it must be above 0 [Hz]")
+    robot = robot or posed(scene)[0]
+    if trajectory.joint_names != robot.joint_names:
+        raise InvalidRequestError(
+            f"the trajectory moves {', '.join(trajectory.joint_names)}; {robot.name} has "
+            f"{', '.join(robot.joint_names)}"
+        )
+    world = build(scene, robot, parameters, seed)
+    motion = trajectory.slowed(1.0 / parameters.control.speed)
+    rollout, log = run(world, motion, record_rate)
+    outcome = judge(world, rollout, log)
+    return Run(scene, robot, parameters, seed, rollout, outcome, time.perf_counter() - began)

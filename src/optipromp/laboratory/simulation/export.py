@@ -1,0 +1,175 @@
+"""The simulation's world as a MuJoCo file (MJCF) that needs nothing of this library.
+
+What the library's own runs do in Python is stated in the file where MJCF can state it:
+
+- Joint controllers: a position servo for each joint, of the stiffness and damping that the computed
+  torque has at the start, and gravity compensation of arm and tool, as real arms have it.
+- Stems are in balance in the scene's pose. The runs apply the torques that hold them; in the file
+  each joint's spring is at rest where it gives that torque.
+
+What it lacks: stems do not tear, and the servos do not follow a motion without lag.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.rotations import product, to_quaternion
+from optipromp.core.scenes.scene import Scene
+from optipromp.laboratory.simulation.engine import engine
+from optipromp.laboratory.simulation.parameters import SimulationParameters
+from optipromp.laboratory.simulation.world import Fruit, World, build
+
+__all__ = ["START", "TOOL_POINT", "mjcf"]
+
+START = "start"
+"""Name of the keyframe with the robot at the start and the fruits as the scene has them."""
+
+TOOL_POINT = "tool_point"
+"""Name of the site at the tool point, whose z axis is the tool axis."""
+
+_FACING = np.array([0.0, 1.0, 0.0, 0.0])  # half a turn about x: MuJoCo's cameras look along -z
+
+
+def mjcf(
+    scene: Scene,
+    robot: Robot,
+    start: FloatArray,
+    parameters: SimulationParameters | None = None,
+    seed: int = 0,
+) -> str:
+    """A MuJoCo model of a scene and a robot with its tool, with actuators, as XML.
+
+    Joints and actuators have the names of the robot's joints; an actuator's control is the wanted
+    joint value. The keyframe :data:`START` holds the state to begin with. Everything is in the
+    robot's base frame; gravity follows ``scene.base``. Meshes are written into the text.
+
+    Args:
+        scene: robot and objects.
+        robot: the scene's, with its tool.
+        start: (n,) configuration of the keyframe.
+        parameters: physical numbers.
+        seed: of the fruits of real neighbouring clusters.
+
+    Raises:
+        InvalidSceneError: a shape that cannot be built.
+        InvalidRequestError: MuJoCo is not installed.
+    """
+    world = build(scene, robot, parameters, seed)
+    spec, q = world.spec, robot.check_configuration(start)
+    joints = _name_joints(spec, world)
+    _compensate_gravity(spec, robot)
+    _add_actuators(spec, world, joints, q)
+    bends = {name: bend for fruit in world.fruits for name, bend in _relax(spec, fruit)}
+    _add_marks(spec, scene, robot)
+    _add_start(spec, world, q, bends)
+    text: str = spec.to_xml()
+    return text
+
+
+def _name_joints(spec: Any, world: World) -> list[str]:
+    """Name the driven joints as the robot does, and tie those that follow them; the S names."""
+    mujoco, drives = engine(), world.drives
+    names = [f"joint:{s}" for s in range(world.robot.n_segments)]
+    for joint, first in enumerate(drives.first):
+        names[first] = world.robot.joint_names[joint]
+        spec.joint(f"joint:{first}").name = names[first]
+    for s, joint in enumerate(drives.dof):
+        leader = drives.first[joint]
+        if s != leader:
+            ratio = drives.multiplier[s] / drives.multiplier[leader]
+            shift = drives.offset[s] - ratio * drives.offset[leader]
+            tie = spec.add_equality(
+                name=f"{names[s]} follows {names[leader]}", type=mujoco.mjtEq.mjEQ_JOINT,
+                objtype=mujoco.mjtObj.mjOBJ_JOINT, name1=names[s], name2=names[leader],
+                active=True,
+            )  # fmt: skip
+            tie.data[:2] = [shift, ratio]
+    return names
+
+
+def _compensate_gravity(spec: Any, robot: Robot) -> None:
+    bodies = [f"segment:{s}" for s in range(robot.n_segments)]
+    for name in [*bodies, "tool"] if robot.tool is not None else bodies:
+        spec.body(name).gravcomp = 1.0
+
+
+def _add_actuators(spec: Any, world: World, joints: list[str], q: FloatArray) -> None:
+    """A position servo a joint: kp = ω² M_jj, kv = 2 ζ ω M_jj with the inertia M at ``q``."""
+    mujoco, data, control = engine(), world.data(q), world.parameters.control
+    count = world.model.nv
+    inertia = np.empty((count, count))
+    mujoco.mj_fullM(world.model, data, inertia)
+    for first in world.drives.first:
+        mass, torque = float(inertia[first, first]), float(world.drives.torque[first])
+        actuator = spec.add_actuator(
+            name=joints[first], target=joints[first], trntype=mujoco.mjtTrn.mjTRN_JOINT
+        )
+        actuator.set_to_position(
+            kp=control.frequency**2 * mass,
+            kv=2.0 * control.damping_ratio * control.frequency * mass,
+        )
+        if np.isfinite(torque):
+            actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+            actuator.forcerange = [-torque, torque]
+        joint = spec.joint(joints[first])
+        if joint.limited == mujoco.mjtLimited.mjLIMITED_TRUE:
+            actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
+            actuator.ctrlrange = joint.range
+
+
+def _relax(spec: Any, fruit: Fruit) -> list[tuple[str, FloatArray]]:
+    """Turn the rest pose of a stem so that its springs carry it; joints and their bends (4,).
+
+    The spring of a ball joint of stiffness k, bent by the rotation vector r, gives the torque -k r.
+    To give what holds the stem in the scene's pose, it is bent there by -torque / k: the frame at
+    rest is turned back by as much.
+    """
+    if fruit.weld < 0:
+        return []
+    built, out = fruit.built, []
+    for k, torque in enumerate(built.grown):
+        joint = spec.joint(f"bend:{built.key}:{k}")
+        bend = _quaternion(-torque / joint.stiffness[0])
+        spec.body(f"stem:{built.key}:{k}").quat = bend * [1.0, -1.0, -1.0, -1.0]
+        out.append((joint.name, bend))
+    weld = spec.equality(f"weld:{built.key}")  # where the stem's end is in its last piece
+    weld.data[3:10] = [*(built.nodes[-1] - built.nodes[-2]), *spec.body(f"fruit:{built.key}").quat]
+    return out
+
+
+def _quaternion(turn: FloatArray) -> FloatArray:
+    """Quaternion (4,) of a rotation vector (3,) [rad]."""
+    angle = float(np.linalg.norm(turn))
+    return np.append(np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * turn)
+
+
+def _add_marks(spec: Any, scene: Scene, robot: Robot) -> None:
+    """The tool point as a site, and the scene's camera."""
+    last = spec.body(f"segment:{robot.n_segments - 1}")
+    axis = robot.tool_axis
+    across = np.cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis)
+    across /= np.linalg.norm(across)
+    frame = np.column_stack([across, np.cross(axis, across), axis])
+    last.add_site(
+        name=TOOL_POINT, pos=robot.tool_point, quat=to_quaternion(frame), size=[0.003, 0.0, 0.0]
+    )
+    if scene.camera is not None:
+        spec.worldbody.add_camera(
+            name="camera", pos=scene.camera.position,
+            quat=product(scene.camera.orientation, _FACING),
+        )  # fmt: skip
+
+
+def _add_start(spec: Any, world: World, q: FloatArray, bends: dict[str, FloatArray]) -> None:
+    model = spec.compile()
+    qpos = np.array(model.qpos0)
+    values = world.drives.segments(q)
+    qpos[: len(values)] = values
+    for name, bend in bends.items():
+        at = int(model.joint(name).qposadr[0])
+        qpos[at : at + 4] = bend
+    spec.add_key(name=START, qpos=qpos.tolist(), ctrl=values[world.drives.first].tolist())
+    spec.compile()

@@ -1,0 +1,327 @@
+"""Fruits on flexible stems, and objects that stand on something."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, frozen
+from optipromp.core.geometry.shapes import Capsule, Cylinder, Sphere
+from optipromp.core.robots.tool_protocol import quaternion
+from optipromp.core.scenes.scene import SceneObject, Stem
+from optipromp.core.scenes.trusses import nearest, parents_first
+from optipromp.laboratory.simulation.engine import engine
+from optipromp.laboratory.simulation.entities import layers
+from optipromp.laboratory.simulation.parameters import SimulationParameters, StemParameters
+from optipromp.laboratory.simulation.solids import add_shape
+from optipromp.laboratory.simulation.trusses import StemChain, carried, holding
+
+RIPE = (0.80, 0.08, 0.10, 1.0)
+UNRIPE = (0.55, 0.72, 0.30, 1.0)
+STEM_COLOUR = (0.30, 0.50, 0.18, 1.0)
+CAN_GAP = 1e-3  # [m] by which the capsule in a can is shorter than the can
+UNSEEN = (0.0, 0.0, 0.0, 0.0)
+WELD_TIME = 0.004  # [s] time constant of the joint between stem and fruit
+WELD_LEVER = 0.02  # [m] weighs its angles against its positions
+WELD_IMPEDANCE = [
+    0.9999,
+    0.9999,
+    0.001,
+    0.5,
+    2.0,
+]  # stiff: at once it carries all but 1e-4 of a load
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltFruit:
+    """A fruit as it was built; what is needed to find it in the model and to hold it up.
+
+    Attributes:
+        id: of the scene's object.
+        key: of its bodies' names.
+        mass: [kg].
+        nodes: (N+1, 3) of the stem, root first; empty without one.
+        grown: (N, 3) torque at each joint that carries stem and fruit in the scene's pose [N m].
+        bare: (N, 3) the same without the fruit.
+        carried_by: (K, 3) the torques at the joints of other stems that carry the fruit, by the ids
+            of their fruits [N m].
+        abscission: pull that tears it off [N].
+        shown: whether it is one of the scene's objects (not part of a neighbouring cluster).
+    """
+
+    id: str
+    key: str
+    mass: float
+    nodes: FloatArray
+    grown: FloatArray
+    bare: FloatArray
+    abscission: float
+    shown: bool = True
+    carried_by: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    @property
+    def has_stem(self) -> bool:
+        """Whether it hangs."""
+        return len(self.nodes) > 0
+
+
+def add_fruit(
+    spec: Any,
+    obj: SceneObject,
+    parameters: SimulationParameters,
+    entity: int,
+    stem_entity: int,
+    up: FloatArray,
+    *,
+    key: str | None = None,
+    kind: str | None = None,
+    truss: Truss | None = None,
+    bow: FloatArray | None = None,
+) -> BuiltFruit:
+    """Add a target or pushable: free, and where it has a stem, welded to the end of it.
+
+    ``up`` (3,) is opposite to gravity. ``truss`` is what its stem shares with others. ``bow`` (3,)
+    is how far the middle of its stem lies off the straight line [m], see :func:`bows`.
+    """
+    mujoco = engine()
+    key = obj.id if key is None else key
+    mass = _mass(obj, parameters)
+    _add_body(spec, obj, parameters, mass, entity, key, kind)
+    if obj.stem is None:
+        none = frozen(np.zeros((0, 3)))
+        return BuiltFruit(obj.id, key, mass, none, none, none, np.inf)
+    gravity = -parameters.engine.gravity * up
+    straight = chain_of(obj, obj.stem, parameters)
+    chain = straight if bow is None else straight.bowed(bow)
+    bare, grown = _held(chain, mass, obj.position, gravity, truss)
+    stiffness = _stiffness(
+        obj, straight.nodes, _held(straight, mass, obj.position, gravity, truss)[1],
+        parameters.stem, carries=truss is not None and truss.carries is not None,
+    )  # fmt: skip
+    nodes = chain.nodes
+    grows_from = None if truss is None else truss.grows_from
+    _add_chain(spec, obj.stem, chain, stiffness, parameters, key, stem_entity, grows_from)
+    mouth = obj.rotation.T @ (nodes[-1] - obj.position)
+    weld = spec.add_equality(
+        name=f"weld:{key}", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
+        name1=f"stem:{key}:{len(nodes) - 2}", name2=f"fruit:{key}", active=True,
+        solref=[WELD_TIME, 1.0], solimp=WELD_IMPEDANCE,
+    )  # fmt: skip
+    lever = WELD_LEVER if parameters.stem.calyx == "rigid" else 0.0
+    weld.data = [*mouth, *[0.0] * 7, lever, *[0.0] * (len(weld.data) - 11)]
+    for k in range(len(nodes) - 1):
+        spec.add_exclude(bodyname1=f"fruit:{key}", bodyname2=f"stem:{key}:{k}")
+    force = obj.physical.get("abscission_force", parameters.stem.abscission_force)
+    return BuiltFruit(
+        obj.id, key, mass, frozen(nodes), frozen(grown), frozen(bare), force, kind is None,
+        {} if truss is None else truss.carried_by,
+    )  # fmt: skip
+
+
+def _held(
+    chain: StemChain, mass: float, center: FloatArray, gravity: FloatArray, truss: Truss | None
+) -> tuple[FloatArray, FloatArray]:
+    """Torques (N, 3) at the joints that hold a chain as it is [N m]: without its fruit, with it."""
+    nodes = chain.nodes
+    bare = sum(
+        (holding(nodes, middle[None], chain.masses[[k]], gravity, k)  # joint k carries pieces k, …
+         for k, middle in enumerate(chain.middles)),
+        np.zeros((len(nodes) - 1, 3)),
+    )  # fmt: skip
+    grown = bare + holding(nodes, center[None], np.array([mass]), gravity, len(nodes) - 2)
+    if truss is not None and truss.carries is not None:
+        bare, grown = bare + truss.carries, grown + truss.carries
+    return bare, grown
+
+
+def bows(objects: Sequence[SceneObject], stem: StemParameters, seed: int) -> dict[str, FloatArray]:
+    """How far the middle of each straight stem lies off its line (3,), across it, by fruit [m].
+
+    A perfectly straight stem that is pressed along its line is a strut; no stem grows so. Size and
+    direction are drawn for each. A stem of more than two points has the form that its scene gives,
+    and one that others grow from stays where they grow.
+    """
+    carrying = {item.stem.parent for item in objects if item.stem is not None}
+    out = {}
+    for k, item in enumerate(objects):
+        if item.stem is None or len(item.stem.points) > 2 or item.id in carrying:
+            continue
+        share, turn = np.random.default_rng([seed, 3, k]).random(2)
+        line = item.stem.vector
+        side = np.cross(line, np.eye(3)[int(np.argmin(np.abs(line)))])
+        side /= np.linalg.norm(side)
+        other = np.cross(line, side) / np.linalg.norm(line)
+        angle = 2.0 * np.pi * turn
+        size = stem.bow_least + share * (stem.bow_most - stem.bow_least)
+        size *= float(np.linalg.norm(line))
+        out[item.id] = size * (np.cos(angle) * side + np.sin(angle) * other)
+    return out
+
+
+def _add_body(
+    spec: Any, obj: SceneObject, parameters: SimulationParameters, mass: float, entity: int,
+    key: str, kind: str | None,
+) -> None:  # fmt: skip
+    """The free body of a fruit or object, with its shape."""
+    hangs = obj.stem is not None
+    group = parameters.fruit if hangs else parameters.thing
+    friction = obj.physical.get("friction", group.friction)
+    body = spec.worldbody.add_body(
+        name=f"fruit:{key}", pos=obj.position, quat=quaternion(obj.rotation)
+    )
+    body.add_freejoint(name=f"free:{key}")
+    look: dict[str, Any] = {
+        "rgba": RIPE if obj.role == "target" else UNRIPE,
+        "friction": [friction, 0.005, parameters.fruit.rolling_friction],
+        "condim": 3 if hangs else 6,
+        "solref": [group.contact_time, 1.0],
+        "userdata": [float(entity)],
+    }
+    shape, kind_of = obj.shape, layers("fruit" if hangs else "thing")
+    turn, at = np.eye(3), np.zeros(3)
+    if not hangs and isinstance(shape, Cylinder) and shape.length > 2.0 * shape.radius + CAN_GAP:
+        geoms = add_shape(spec, body, shape, f"fruit:{key}", turn, at, **look, **layers("foot"))
+        side = Capsule(shape.radius, shape.length - 2.0 * shape.radius - CAN_GAP)
+        look = {**look, "rgba": UNSEEN, "mass": 0.0}
+        add_shape(spec, body, side, f"fruit:{key}:side", turn, at, **look, **kind_of)
+    else:
+        geoms = add_shape(spec, body, shape, f"fruit:{key}", turn, at, **look, **kind_of)
+    for geom in geoms:
+        geom.mass = mass / len(geoms)
+
+
+@dataclass(frozen=True, eq=False)
+class Truss:
+    """What a stem shares with others.
+
+    Attributes:
+        grows_from: name of the body it grows from, and that body's joint (3,) [m]; None where its
+            root is held.
+        carries: (N, 3) torques at its joints that carry the stems and fruits that hang on it, None
+            where none do.
+        carried_by: see :class:`BuiltFruit`.
+    """
+
+    grows_from: tuple[str, FloatArray] | None
+    carries: FloatArray | None
+    carried_by: Mapping[str, FloatArray]
+
+
+def trusses_of(
+    objects: Sequence[SceneObject], parameters: SimulationParameters, up: FloatArray
+) -> dict[str, Truss]:
+    """What the stems share that grow from others or carry others, by their fruits' ids."""
+    hanging = [item for item in objects if item.stem is not None]
+    if all(item.stem is None or item.stem.parent is None for item in hanging):
+        return {}
+    chains: dict[str, StemChain] = {}
+    for item in parents_first(hanging):
+        assert item.stem is not None
+        chain = chain_of(item, item.stem, parameters)
+        if chain.parent is not None:
+            chain = chain._replace(link=nearest(chains[chain.parent].nodes, chain.nodes[0])[0])
+        chains[item.id] = chain
+    stems, fruits = carried(chains, -parameters.engine.gravity * up)
+    out = {}
+    for name, chain in chains.items():
+        held = [own[name] for own in fruits.values() if name in own]
+        grows = None
+        if chain.parent is not None:
+            joint = chains[chain.parent].nodes[chain.link]
+            grows = f"stem:{chain.parent}:{chain.link}", joint
+        if grows is not None or held:
+            carries = stems[name] + np.sum(held, axis=0) if held else None
+            out[name] = Truss(grows, carries, fruits.get(name, {}))
+    return out
+
+
+def _mass(obj: SceneObject, parameters: SimulationParameters) -> float:
+    group = parameters.thing if obj.stem is None else parameters.fruit
+    density = obj.physical.get("density", group.density)
+    return float(obj.physical.get("mass", density * obj.shape.volume))
+
+
+def chain_of(obj: SceneObject, stem: Stem, parameters: SimulationParameters) -> StemChain:
+    """The chain that stands for a stem; the piece that it grows from is not looked for."""
+    nodes, p = _nodes(obj, stem, parameters), parameters.stem
+    pieces = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
+    masses = p.density * np.pi / 4.0 * p.diameter**2 * pieces
+    return StemChain(nodes, masses, _mass(obj, parameters), obj.position, stem.parent, 0)
+
+
+def _nodes(obj: SceneObject, stem: Stem, parameters: SimulationParameters) -> FloatArray:
+    """Joints of the chain (N+1, 3): the root first, the fruit's surface last."""
+    points = np.array(stem.points)
+    first = points[1] - points[0]
+    length = float(np.linalg.norm(first))
+    if isinstance(obj.shape, Sphere) and np.linalg.norm(points[0] - obj.position) < 1e-9:
+        points[0] += first * min(obj.radius / length, 0.8)
+    points = points[::-1]
+    pieces = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    p = parameters.stem
+    wanted = pieces.sum() / p.segment_length
+    total = int(np.clip(np.ceil(wanted), p.least_segments, p.most_segments))
+    counts = np.maximum(np.round(total * pieces / pieces.sum()).astype(int), 1)
+    nodes = [points[0]]
+    for start, end, count in zip(points[:-1], points[1:], counts, strict=True):
+        nodes += [start + (end - start) * (i + 1) / count for i in range(count)]
+    return np.array(nodes)
+
+
+def _bends(pieces: FloatArray) -> FloatArray:
+    """Length of stem (N,) that each joint stands for: half of the pieces beside it.
+
+    Scaled so that the tip of a straight chain yields to a force as the beam does, S³ / 3EI.
+    """
+    bends: FloatArray = np.concatenate([[0.5 * pieces[0]], 0.5 * (pieces[:-1] + pieces[1:])])
+    to_tip = np.cumsum(pieces[::-1])[::-1]
+    scale = float(to_tip[0] ** 3 / (3.0 * (bends @ to_tip**2)))
+    return bends * scale
+
+
+def _stiffness(
+    obj: SceneObject, nodes: FloatArray, grown: FloatArray, stem: StemParameters, *, carries: bool
+) -> float:
+    r"""EI of a stem [N m²]: the object's own, or the modulus's, or what its pose implies.
+
+    A stem that holds moments :math:`M_i` at joints that stand for lengths :math:`l_i` turns by
+    :math:`\sum_i |M_i| l_i / EI` when they go; that is kept to ``stem.grown_turn``.
+    """
+    if "stem_stiffness" in obj.physical:
+        return float(obj.physical["stem_stiffness"])
+    pieces = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
+    implied = float(np.linalg.norm(grown, axis=1) @ _bends(pieces)) / max(stem.grown_turn, 1e-6)
+    thickness = stem.truss_diameter if carries else stem.diameter
+    return max(stem.bending_stiffness(thickness), implied)
+
+
+def _add_chain(
+    spec: Any, stem: Stem, chain: StemChain, stiffness: float, parameters: SimulationParameters,
+    key: str, entity: int, grows_from: tuple[str, FloatArray] | None,
+) -> None:  # fmt: skip
+    """Capsules with elastic ball joints: EI over the length that each joint stands for."""
+    mujoco = engine()
+    p, nodes, masses = parameters.stem, chain.nodes, chain.masses
+    bends = _bends(np.linalg.norm(np.diff(nodes, axis=0), axis=1))
+    body, before = spec.worldbody, np.zeros(3)
+    if grows_from is not None:
+        body, before = spec.body(grows_from[0]), grows_from[1]
+    for k, bend in enumerate(bends):
+        body = body.add_body(
+            name=f"stem:{key}:{k}", pos=nodes[k] - (before if k == 0 else nodes[k - 1])
+        )
+        joint = body.add_joint(
+            name=f"bend:{key}:{k}", type=mujoco.mjtJoint.mjJNT_BALL, armature=p.armature
+        )
+        joint.stiffness[0] = stiffness / bend
+        joint.damping[0] = p.damping_time * stiffness / bend + (p.swing_damping if k == 0 else 0.0)
+        body.add_geom(
+            name=f"stem:{key}:{k}", type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            size=[stem.radius, 0.0, 0.0], fromto=[0.0, 0.0, 0.0, *(nodes[k + 1] - nodes[k])],
+            mass=masses[k], rgba=STEM_COLOUR, friction=[p.friction, 0.005, 1e-4], condim=3,
+            solref=[parameters.fruit.contact_time, 1.0], userdata=[float(entity)],
+            **layers("stem"),
+        )  # fmt: skip

@@ -1,0 +1,100 @@
+"""Kernels of what is looked at after every step of the physics."""
+
+import math
+
+import numpy as np
+
+from optipromp.core.compiled import kernel
+
+
+@kernel
+def is_sound(warnings, positions, velocities):  # type: ignore[no-untyped-def]
+    """Whether there is no warning, and every number is one."""
+    for count in warnings:
+        if count > 0:
+            return False
+    for values in (positions, velocities):
+        for value in values:
+            if not math.isfinite(value):
+                return False
+    return True
+
+
+@kernel
+def note_pulls(pulls, limits, largest):  # type: ignore[no-untyped-def]
+    """Raise ``largest`` to ``pulls``, all (W,), in place; whether one is above its limit."""
+    beyond = False
+    for w in range(len(pulls)):
+        if pulls[w] > largest[w]:
+            largest[w] = pulls[w]
+        if pulls[w] > limits[w]:
+            beyond = True
+    return beyond
+
+
+@kernel
+def contact_forces(geoms, addresses, frames, forces, owners):  # type: ignore[no-untyped-def]
+    """Pairs of owners that touch (K, 2), the smaller first, and the force between them (K,) [N].
+
+    ``geoms`` (C, 2), ``addresses`` (C,) in ``forces``, -1 where there is none, ``frames`` (C, 9),
+    ``owners`` (G,) of the geoms, below 0 where nobody's contacts are counted. The force is the
+    length of the sum of the pair's contact forces.
+    """
+    pairs = np.empty((len(addresses), 2), np.int64)
+    sums = np.zeros((len(addresses), 3))
+    count = 0
+    for c in range(len(addresses)):
+        at, a, b, sign = addresses[c], owners[geoms[c, 0]], owners[geoms[c, 1]], 1.0
+        if a > b:
+            a, b, sign = b, a, -1.0
+        if at < 0 or a < 0:
+            continue
+        k = 0
+        while k < count and (pairs[k, 0] != a or pairs[k, 1] != b):
+            k += 1
+        if k == count:
+            pairs[k, 0], pairs[k, 1] = a, b
+            count += 1
+        for j in range(3):
+            # elliptic cones: normal, then the tangential components
+            sums[k, j] += sign * (
+                frames[c, j] * forces[at]
+                + frames[c, 3 + j] * forces[at + 1]
+                + frames[c, 6 + j] * forces[at + 2]
+            )
+    strengths = np.empty(count)
+    for k in range(count):
+        x, y, z = sums[k]
+        strengths[k] = math.sqrt(x * x + y * y + z * z)
+    return pairs[:count], strengths
+
+
+@kernel
+def log_contacts(  # type: ignore[no-untyped-def]
+    geoms, addresses, frames, forces, owners, log, step, now, timestep, threshold
+):
+    """Count the contacts at time ``now``, after step number ``step``, in ``log``, in place.
+
+    The first five are those of :func:`contact_forces`, ``log`` (E, E) is a ContactLog's.
+    """
+    pairs, strengths = contact_forces(geoms, addresses, frames, forces, owners)
+    for k in range(len(strengths)):
+        force = strengths[k]
+        if force <= 0.0:
+            continue
+        a, b = pairs[k]
+        pair = log[a, b]
+        if not pair.peak > force:
+            pair.peak = force
+        if force > pair.recent:
+            pair.recent = force
+        if math.isnan(pair.first):
+            pair.first = now
+        pair.time += timestep
+        if force > threshold:
+            spell = timestep
+            if pair.pressed == step - 1:
+                spell += pair.spell
+            pair.spell, pair.pressed = spell, step
+            pair.hard = max(pair.hard, spell)
+        log[b, a] = log[a, b]

@@ -1,0 +1,297 @@
+"""The judgement of a run, from the simulation alone."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.arrays import BoolArray, FloatArray
+from optipromp.laboratory.simulation.contacts import ContactLog
+from optipromp.laboratory.simulation.rollout import Rollout
+from optipromp.laboratory.simulation.world import World
+
+BARE = 0.02  # [m] from the tool point of an arm without a tool at which an object counts as picked
+
+
+class Cause(StrEnum):
+    """The causes of failed runs, those first that count most."""
+
+    UNSTABLE = "unstable"  # a NaN, or a warning of MuJoCo
+    STATIC_CONTACT = "static_contact"  # arm or tool pressed a static object
+    TORN = "torn"  # a fruit came off its stem
+    STEM_CAUGHT = "stem_caught"  # a stem was pressed by arm or tool
+    SWALLOWED_OTHER = "swallowed_other"  # another fruit is in the cup, or between the fingers
+    AVOID_CONTACT = "avoid_contact"  # an arm link pressed a neighbouring cluster
+    CRUSHED = "crushed"  # a fruit was pressed harder than it bears
+    LIMIT = "limit"  # a joint left its range
+    TRACKING = "tracking"  # the arm could not follow
+    NOT_PICKED = "not_picked"  # the target is not in the cup, or between the fingers
+
+
+@dataclass(frozen=True)
+class Contact:
+    """All touches of one robot link and one object, or of one fruit and one object.
+
+    Attributes:
+        link: of the robot ("tool" for the tool).
+        other: id of the scene's object.
+        peak_force: largest force, summed over the contact points of one instant [N].
+        duration: time in touch [s].
+        first: when they first touched [s].
+    """
+
+    link: str
+    other: str
+    peak_force: float
+    duration: float
+    first: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The judgement of a run.
+
+    Attributes:
+        success: the tool holds the target alone (in a cup's mouth, or between fingers) and nothing
+            was harmed; for a tool that holds nothing, only that nothing was harmed.
+        cause: a :class:`Cause` where it failed, of several the first; else None.
+        message: the causes in words.
+        picked: the target's centre is inside the tool at the end and stays there; None for a scene
+            without a target, and for a tool that holds nothing.
+        swallowed_others: other fruits whose centre is inside the tool at the end.
+        entered: other fruits whose centre was inside the tool at any time.
+        peak_force: largest force on each target and pushable, by id [N].
+        torn: fruits that came off their stems.
+        stem_caught: fruits whose stem was pressed by arm or tool beyond the thresholds.
+        stem_force: largest force of arm or tool on each stem, by the fruit's id [N].
+        stem_tension: largest pull along each stem, by the fruit's id [N].
+        static_contacts: of robot links with static objects, and of the tool.
+        avoid_contacts: of B_d with avoid objects.
+        tool_avoid_contacts: of last link and tool with avoid objects: allowed.
+        arm_fruit_contacts: of B_d with targets and pushables.
+        target_displacement: distance by which the target had moved when its centre entered the
+            tool; the largest one where it never entered [m].
+        swallowed_at: when the target's centre entered the tool for the last time [s], or None.
+        displacement: largest distance of each target and pushable from its first place, by id [m].
+        tracking_error: largest distance of the tool point from the reference [m].
+        joint_error: largest distance of a joint from the reference [rad or m].
+        limit_use: largest share of a limit: ``position`` (of the range), ``velocity``,
+            ``acceleration``, ``jerk`` (of the reference) and ``torque``.
+        overlapping: pairs of fruits, stems and objects that overlap in the scene, and so could not
+            touch.
+        parted: how far fruits that overlapped in the scene were moved apart before, by id [m].
+        duration: of the motion, without the hold at the end [s].
+        warnings: of MuJoCo, or the place of a NaN.
+        target: id of the target, None for a scene without.
+        causes: all that apply, in the order of :class:`Cause`.
+    """
+
+    success: bool
+    cause: Cause | None
+    message: str
+    picked: bool | None
+    swallowed_others: tuple[str, ...] = ()
+    entered: tuple[str, ...] = ()
+    peak_force: Mapping[str, float] = field(default_factory=dict)
+    torn: tuple[str, ...] = ()
+    stem_caught: tuple[str, ...] = ()
+    stem_force: Mapping[str, float] = field(default_factory=dict)
+    stem_tension: Mapping[str, float] = field(default_factory=dict)
+    static_contacts: tuple[Contact, ...] = ()
+    avoid_contacts: tuple[Contact, ...] = ()
+    tool_avoid_contacts: tuple[Contact, ...] = ()
+    arm_fruit_contacts: tuple[Contact, ...] = ()
+    target_displacement: float | None = None
+    swallowed_at: float | None = None
+    displacement: Mapping[str, float] = field(default_factory=dict)
+    tracking_error: float = 0.0
+    joint_error: float = 0.0
+    limit_use: Mapping[str, float] = field(default_factory=dict)
+    overlapping: tuple[tuple[str, str], ...] = ()
+    parted: Mapping[str, float] = field(default_factory=dict)
+    duration: float = 0.0
+    warnings: tuple[str, ...] = ()
+    target: str | None = None
+    causes: tuple[Cause, ...] = ()
+
+    @property
+    def unripe_peak_force(self) -> float:
+        """Largest force on a fruit or object that was not to be picked [N]."""
+        others = (force for id_, force in self.peak_force.items() if id_ != self.target)
+        return max(others, default=0.0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain values for JSON."""
+        document = asdict(self)
+        document["cause"] = None if self.cause is None else str(self.cause)
+        document["causes"] = [str(cause) for cause in self.causes]
+        document["unripe_peak_force"] = self.unripe_peak_force
+        return document
+
+
+def inside_tool(world: World, rollout: Rollout, centers: FloatArray) -> BoolArray:
+    """Whether the tool holds an object with these centres; without a tool, near the tool point.
+
+    Args:
+        world: whose tool it is.
+        rollout: where the tool was.
+        centers: (R, 3) of a fruit or object, with the rollout's records.
+
+    Returns:
+        (R,).
+    """
+    robot, away = world.robot, centers - rollout.tool_point
+    tool = robot.tool
+    if tool is None:
+        return np.asarray(np.linalg.norm(away, axis=1) < BARE)
+    _, turns = robot.segment_frames(rollout.q)
+    local = np.einsum("rij,ri->rj", turns[:, -1] @ robot.flange_rotation @ tool.rotation, away)
+    below = np.array([0.0, 0.0, world.parameters.thresholds.inside_margin])
+    return tool.holds(local) & tool.holds(local + below)
+
+
+def inside_words(world: World) -> str:
+    """Where a picked object is, in words."""
+    tool = world.robot.tool
+    if tool is None:
+        return "at the tool point"
+    return "between the fingers" if tool.fingers else "in the cup"
+
+
+def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
+    """Judge a rollout by ``world.parameters.thresholds``."""
+    limits, shown = world.parameters.thresholds, world.shown
+    target = next((fruit.id for fruit in shown if fruit.role == "target"), None)
+    entities = world.entities
+    inside = {
+        fruit.id: inside_tool(world, rollout, rollout.fruit_positions[:, i])
+        for i, fruit in enumerate(shown)
+    }
+    moved = {
+        fruit.id: np.linalg.norm(
+            rollout.fruit_positions[:, i] - rollout.fruit_positions[0, i], axis=1
+        )
+        for i, fruit in enumerate(shown)
+    }
+    contacts = list(_contacts(world, log))
+    static = tuple(c for c, _, kind in contacts if kind == "static")
+    avoid = tuple(c for c, distal, kind in contacts if kind == "avoid" and not distal)
+    brushed = tuple(c for c, distal, kind in contacts if kind == "avoid" and distal)
+    arm_fruit = tuple(
+        c for c, distal, kind in contacts if kind in ("fruit", "thing") and not distal
+    )
+    caught, stem_force = [], {}
+    robot = [i for i, e in enumerate(entities) if e.kind in ("link", "tool")]
+    peak_force = {}
+    for fruit in shown:
+        peak_force[fruit.id] = float(log.peak[fruit.entity].max())
+        if fruit.stem_entity < 0:
+            continue
+        stem_force[fruit.id] = float(log.peak[fruit.stem_entity, robot].max())
+        if log.hard[fruit.stem_entity, robot].max() > limits.stem_time:
+            caught.append(fruit.id)
+    picked = swallowed_at = None
+    displacement = None if target is None else float(moved[target].max())
+    tool = world.robot.tool
+    if target is not None and (tool is None or tool.mouth[0] > 0.0):
+        mine = inside[target]
+        late = rollout.times >= rollout.times[-1] - limits.rest_time - 1e-9
+        picked = bool(mine[late].all())
+        outside = np.flatnonzero(~mine)
+        if mine[-1]:
+            entered = int(outside[-1]) + 1 if len(outside) else 0
+            swallowed_at = float(rollout.times[entered])
+            displacement = float(moved[target][: entered + 1].max())
+    others = [fruit.id for fruit in shown if fruit.id != target]
+    facts = Outcome(
+        success=False,
+        cause=None,
+        message="",
+        picked=picked,
+        swallowed_others=tuple(id_ for id_ in others if inside[id_][-1]),
+        entered=tuple(id_ for id_ in others if inside[id_].any()),
+        peak_force=peak_force,
+        torn=tuple(rollout.torn_at),
+        stem_caught=tuple(caught),
+        stem_force=stem_force,
+        stem_tension=dict(rollout.tension),
+        static_contacts=static,
+        avoid_contacts=avoid,
+        tool_avoid_contacts=brushed,
+        arm_fruit_contacts=arm_fruit,
+        target_displacement=displacement,
+        swallowed_at=swallowed_at,
+        displacement={id_: float(values.max()) for id_, values in moved.items()},
+        tracking_error=rollout.tracking_error,
+        joint_error=rollout.joint_error,
+        limit_use=dict(rollout.limit_use),
+        overlapping=world.overlapping,
+        parted=dict(world.parted),
+        duration=rollout.motion,
+        warnings=rollout.warnings,
+        target=target,
+    )
+    failures = list(_failures(facts, world))
+    far = ", ".join(f"{id_} by {1e3 * by:.1f} mm" for id_, by in world.parted.items())
+    note = f"; fruits that overlapped were pushed apart before: {far}" if far else ""
+    if failures:
+        causes, words = zip(*failures, strict=True)
+        return replace(facts, cause=causes[0], causes=causes, message="; ".join(words) + note)
+    told = f"the target alone is {inside_words(world)}, nothing was harmed"
+    if picked is None:
+        told = "the motion was executed, nothing was harmed"
+    return replace(facts, success=True, message=told + note)
+
+
+def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
+    """Everything that went wrong, in the order of :class:`Cause`."""
+    limits = world.parameters.thresholds
+    if outcome.warnings:
+        yield Cause.UNSTABLE, "the simulation broke down: " + "; ".join(outcome.warnings)
+    hits = [c for c in outcome.static_contacts if c.peak_force > limits.static_force]
+    if hits:
+        worst = max(hits, key=lambda c: c.peak_force)
+        yield Cause.STATIC_CONTACT, f"{worst.link} presses {worst.other} with {_force(worst)}"
+    if outcome.torn:
+        yield Cause.TORN, f"torn off: {', '.join(outcome.torn)}"
+    if outcome.stem_caught:
+        forces = ", ".join(f"{i} ({outcome.stem_force[i]:.1f} N)" for i in outcome.stem_caught)
+        yield Cause.STEM_CAUGHT, f"stems pressed: {forces}"
+    if outcome.swallowed_others:
+        others = ", ".join(outcome.swallowed_others)
+        yield Cause.SWALLOWED_OTHER, f"also {inside_words(world)}: {others}"
+    hits = [c for c in outcome.avoid_contacts if c.peak_force > limits.avoid_force]
+    if hits:
+        worst = max(hits, key=lambda c: c.peak_force)
+        yield Cause.AVOID_CONTACT, f"{worst.link} presses {worst.other} with {_force(worst)}"
+    crushed = {i: f for i, f in outcome.peak_force.items() if f > limits.fruit_force}
+    if crushed:
+        words = ", ".join(f"{i} with {force:.1f} N" for i, force in crushed.items())
+        yield Cause.CRUSHED, f"pressed too hard: {words}"
+    if outcome.limit_use.get("position", 0.0) > 1.0 + 1e-3:
+        yield Cause.LIMIT, "a joint left its range"
+    if outcome.tracking_error > limits.tracking_error:
+        yield Cause.TRACKING, f"the tool was {1e3 * outcome.tracking_error:.0f} mm off its path"
+    if outcome.picked is False:
+        yield Cause.NOT_PICKED, f"the target is not {inside_words(world)}"
+
+
+def _contacts(world: World, log: ContactLog) -> Iterator[tuple[Contact, bool, str]]:
+    """Touches of robot links with anything else: contact, whether the link is distal, what kind."""
+    entities = world.entities
+    for a, link in enumerate(entities):
+        if link.kind not in ("link", "tool"):
+            continue
+        for b, other in enumerate(entities):
+            if log.peak[a, b] > 0.0:
+                contact = Contact(
+                    link.name, other.name, float(log.peak[a, b]), float(log.time[a, b]),
+                    float(log.first[a, b]),
+                )  # fmt: skip
+                yield contact, link.distal, other.kind
+
+
+def _force(contact: Contact) -> str:
+    return f"{contact.peak_force:.1f} N"

@@ -1,0 +1,258 @@
+"""Every physical number of the simulation: its unit, its default and where it comes from.
+
+The groups have the form of :mod:`optipromp.core.parameters`; :func:`catalogue` lists them. Numbers
+that the push models have too are taken from there.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.parameters import Checked, Parameter, parameter
+from optipromp.core.parameters import catalogue as listed
+from optipromp.core.pushing.parameters import PUSH
+
+
+@dataclass(frozen=True)
+class FruitParameters(Checked):
+    """Fruits: objects with role target or pushable."""
+
+    density: float = parameter(
+        PUSH.beam.fruit_density, "kg/m^3", "reported",
+        "strawberries float barely; density reported as 0.9-1.0 g/cm^3. A sphere of radius 15 mm "
+        "weighs 13 g, one of 20 mm 32 g: the 10-30 g of commercial fruit",
+    )  # fmt: skip
+    friction: float = parameter(
+        0.4, "1", "guess", "fruit skin on plastics is reported between 0.2 and 0.6"
+    )
+    rolling_friction: float = parameter(1e-4, "m", "guess", "of objects without a stem")
+    contact_time: float = parameter(
+        0.006, "s", "guess", "time constant of the contact: flesh gives about a millimetre at 10 N"
+    )
+
+
+@dataclass(frozen=True)
+class StemParameters(Checked):
+    """Stems: peduncles as chains of capsules with elastic ball joints."""
+
+    diameter: float = parameter(
+        PUSH.beam.diameter, "m", "reported",
+        "strawberry peduncles are 2-3 mm thick; of the elastic beam (what collides has the scene's "
+        "stem radius)",
+    )  # fmt: skip
+    truss_diameter: float = parameter(
+        PUSH.beam.truss_diameter, "m", "reported",
+        "the same of a stem that others grow from; strawberry inflorescence axes are 3-5 mm thick",
+    )  # fmt: skip
+    youngs_modulus: float = parameter(
+        PUSH.beam.youngs_modulus, "Pa", "guess",
+        "green herbaceous stems and peduncles are reported between some 10 and some 100 MPa",
+    )  # fmt: skip
+    density: float = parameter(1000.0, "kg/m^3", "guess", "turgid green tissue: mostly water")
+    grown_turn: float = parameter(
+        PUSH.beam.grown_turn, "rad", "guess",
+        "how far a stem turns, root to tip, once nothing hangs on it. A stem that its scene shows "
+        "off the vertical holds its fruit there; where the modulus alone would need more turn than "
+        "this to have grown in, the stem is taken to be as stiff as this turn implies",
+    )  # fmt: skip
+    damping_time: float = parameter(
+        0.06, "s", "guess",
+        "joint damping over joint stiffness (Kelvin-Voigt): swings die within about a second",
+    )  # fmt: skip
+    swing_damping: float = parameter(
+        2e-4, "N m s/rad", "guess", "of the joint at the root: leaves and neighbours brake a swing"
+    )
+    bow_least: float = parameter(
+        PUSH.beam.bow_least, "1", "guess",
+        "least bow of a straight stem, middle off its line over length; drawn evenly between this "
+        "and the next",
+    )  # fmt: skip
+    bow_most: float = parameter(PUSH.beam.bow_most, "1", "guess", "largest bow of a straight stem")
+    segment_length: float = parameter(
+        0.025, "m", "choice", "wanted length of one capsule of the chain"
+    )
+    least_segments: int = parameter(3, "1", "choice", "of the shortest stem")
+    most_segments: int = parameter(10, "1", "choice", "of the longest stem")
+    armature: float = parameter(
+        2e-6, "kg m^2", "choice",
+        "inertia added to each joint so that a step of a millisecond resolves it; the fruit on "
+        "50 mm of stem has 20 times as much",
+    )  # fmt: skip
+    friction: float = parameter(0.3, "1", "guess", "green stem on plastics")
+    abscission_force: float = parameter(
+        5.0, "N", "reported",
+        "pull along the stem that tears the fruit off; harvesting papers report a few newtons, "
+        "less for ripe fruit and for pulls across the stem",
+    )  # fmt: skip
+
+    calyx: Literal["rigid", "free"] = parameter(
+        "rigid",
+        "",
+        "choice",
+        "whether the fruit turns with the end of its stem, or freely about it",
+    )
+    truss_force: float = parameter(
+        15.0, "N", "guess",
+        "sum of the pulls of all fruits of a truss that tears it off: three times that of a fruit",
+    )  # fmt: skip
+
+    def bending_stiffness(self, diameter: float) -> float:
+        """EI of a round beam, E π d⁴ / 64 [N m²]."""
+        return self.youngs_modulus * math.pi * diameter**4 / 64.0
+
+
+@dataclass(frozen=True)
+class ThingParameters(Checked):
+    """Objects without stems (cans, boxes on a shelf), static objects, neighbouring clusters."""
+
+    density: float = parameter(
+        PUSH.plane.density,
+        "kg/m^3",
+        "guess",
+        "of pushables without a stem that state no mass: part-filled packs",
+    )
+    friction: float = parameter(
+        PUSH.plane.friction, "1", "guess", "packs on a shelf, tool on packs and shelf"
+    )
+    contact_time: float = parameter(0.004, "s", "choice", "time constant of hard contacts")
+    avoid_as: Literal["soft", "fruits"] = parameter(
+        "soft", "", "choice",
+        "a neighbouring cluster is a solid that yields (soft) or a real cluster of fruits on stems "
+        "within the scene's shape (fruits)",
+    )  # fmt: skip
+    cluster_stiffness: float = parameter(
+        200.0, "1/s^2", "guess", "of a soft cluster, per mass of what presses it"
+    )
+    cluster_fruits: int = parameter(6, "1", "guess", "fruits of a real neighbouring cluster")
+    cluster_stem: float = parameter(0.15, "m", "guess", "length of the stems of a real cluster")
+
+
+@dataclass(frozen=True)
+class RobotParameters(Checked):
+    """The arm. Its masses, inertias and torque limits are those that its URDF states."""
+
+    link_density: float = parameter(
+        800.0, "kg/m^3", "guess", "links without a stated mass: the volume of their body spheres"
+    )
+    tool_mass: float = parameter(
+        0.35, "kg", "guess", "of a tool without fingers: printed cup with its neck"
+    )
+    hand_mass: float = parameter(
+        0.73, "kg", "reported", "of a tool with fingers: the Franka hand's; not traced"
+    )
+    armature: float = parameter(
+        0.1, "kg m^2 or kg", "guess", "rotor inertia seen behind the gear, as in Panda models"
+    )
+    joint_friction: float = parameter(
+        0.2, "N m or N", "guess", "dry friction that the controller does not know of"
+    )
+    joint_damping: float = parameter(
+        0.5, "N m s/rad or N s/m", "guess", "viscous friction that the controller does not know of"
+    )
+    tool_friction: float = parameter(0.35, "1", "guess", "printed plastics")
+    guard_until: float = parameter(
+        0.0, "s", "choice", "until then a lid closes the mouth of the tool; 0: there is none"
+    )
+
+
+@dataclass(frozen=True)
+class ControlParameters(Checked):
+    """Speed of the execution and the joint controller (computed torque)."""
+
+    speed: float = parameter(
+        1.0, "1", "choice", "of the trajectory's own: at 0.5 it takes twice the time"
+    )
+    frequency: float = parameter(40.0, "rad/s", "guess", "of the closed joint loop")
+    damping_ratio: float = parameter(1.0, "1", "choice", "critically damped")
+    rate: float = parameter(1000.0, "Hz", "published", "of the Panda's control interface")
+    hold: float = parameter(0.5, "s", "choice", "standing still at the end before judging")
+
+
+@dataclass(frozen=True)
+class EngineParameters(Checked):
+    """Settings of MuJoCo."""
+
+    timestep: float = parameter(0.001, "s", "choice", "of the integrator (implicitfast)")
+    gravity: float = parameter(PUSH.beam.gravity, "m/s^2", "choice", "standard")
+    settle: float = parameter(0.0, "s", "choice", "of simulation before the motion begins")
+    iterations: int = parameter(30, "1", "choice", "most of the Newton solver a step")
+
+
+@dataclass(frozen=True)
+class Thresholds(Checked):
+    """Limits of a success; a failure names the first limit that it exceeds."""
+
+    static_force: float = parameter(
+        0.5, "N", "choice", "any harder touch of a static object fails the run"
+    )
+    avoid_force: float = parameter(
+        0.5, "N", "choice", "harder touch of a neighbouring cluster by an arm link but the last"
+    )
+    stem_force: float = parameter(
+        PUSH.harm.stem_force, "N", "choice", "a stem pressed harder by arm or tool counts as caught"
+    )
+    stem_time: float = parameter(0.05, "s", "choice", "and for longer than this")
+    fruit_force: float = parameter(
+        10.0,
+        "N",
+        "reported",
+        "harvesting papers keep the grip below about 10 N so as not to bruise",
+    )
+    inside_margin: float = parameter(
+        0.0, "m", "choice", "how far below the rim the target's centre must be"
+    )
+    tracking_error: float = parameter(
+        0.02, "m", "choice", "of the tool point; beyond it the arm was stopped by something"
+    )
+    rest_time: float = parameter(
+        0.3, "s", "choice",
+        "how long, up to the end, the target must have been in the tool without a break; it may "
+        "still swing on its stem there",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SimulationParameters:
+    """All numbers of the simulation."""
+
+    fruit: FruitParameters = field(default_factory=FruitParameters)
+    stem: StemParameters = field(default_factory=StemParameters)
+    thing: ThingParameters = field(default_factory=ThingParameters)
+    robot: RobotParameters = field(default_factory=RobotParameters)
+    control: ControlParameters = field(default_factory=ControlParameters)
+    engine: EngineParameters = field(default_factory=EngineParameters)
+    thresholds: Thresholds = field(default_factory=Thresholds)
+
+    def __post_init__(self) -> None:
+        def positive(name: str, value: float) -> None:
+            if not value > 0:
+                raise InvalidRequestError(f"{name} is {value}; it must be above 0")
+
+        positive("engine.timestep", self.engine.timestep)
+        positive("control.speed", self.control.speed)
+        positive("control.rate", self.control.rate)
+        positive("stem.segment_length", self.stem.segment_length)
+        positive("stem.least_segments", self.stem.least_segments)
+        if self.stem.most_segments < self.stem.least_segments:
+            raise InvalidRequestError(
+                f"stem.most_segments is {self.stem.most_segments}, below stem.least_segments, "
+                f"{self.stem.least_segments}"
+            )
+        if not 0.0 <= self.stem.bow_least <= self.stem.bow_most <= 0.2:
+            raise InvalidRequestError(
+                f"stem.bow_least is {self.stem.bow_least} and stem.bow_most {self.stem.bow_most}; "
+                "valid: 0 <= least <= most <= 0.2"
+            )
+        if self.stem.calyx not in ("rigid", "free"):
+            raise InvalidRequestError(f"stem.calyx is {self.stem.calyx!r}; valid: rigid, free")
+        if self.thing.avoid_as not in ("soft", "fruits"):
+            raise InvalidRequestError(
+                f"thing.avoid_as is {self.thing.avoid_as!r}; valid: soft, fruits"
+            )
+
+
+def catalogue(parameters: SimulationParameters | None = None) -> Iterator[Parameter]:
+    """Every parameter by its dotted name, with unit, kind and source."""
+    return listed(parameters or SimulationParameters())

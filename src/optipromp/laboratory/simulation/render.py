@@ -1,0 +1,178 @@
+"""Pictures and films of a run, off screen."""
+
+import io
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidRequestError
+from optipromp.laboratory.simulation.camera import View, shot
+from optipromp.laboratory.simulation.dress import dressed
+from optipromp.laboratory.simulation.engine import engine
+from optipromp.laboratory.simulation.execute import Run
+from optipromp.laboratory.simulation.world import build
+
+__all__ = ["View", "animation", "film", "frames", "moments", "png"]
+
+SMALL = 640, 360  # [pixel] of an animation
+VIVID = 45  # between the strongest and the weakest of a pixel's red, green and blue
+VIVID_WEIGHT = 40  # times that a vivid pixel counts
+LINGER = 1.5  # [s] that the last picture of a film stays, with the outcome
+DARK, PALE, GOOD, BAD = (18, 22, 26), (240, 243, 245), (120, 214, 130), (255, 138, 122)
+
+Picture = NDArray[np.uint8]  # (height, width, 3)
+
+
+def frames(
+    run: Run,
+    times: FloatArray,
+    view: View | None = None,
+    *,
+    caption: bool = False,
+    fine: bool = True,
+) -> Iterator[Picture]:
+    """Pictures of a run at ``times`` [s], each the record before it.
+
+    Args:
+        run: to be shown.
+        times: (N,) [s].
+        view: where to look from.
+        caption: whether time, largest force so far and, from the motion's end, the outcome are
+            written at the lower edge.
+        fine: whether edges are smoothed, which takes twice as long without a graphics card.
+
+    Raises:
+        InvalidRequestError: MuJoCo is not installed, or cannot draw off screen.
+    """
+    view = view or View()
+    mujoco = engine()
+    world = build(run.scene, run.robot, run.parameters, run.seed)
+    model = dressed(world)
+    model.vis.quality.offsamples = 4 if fine else 0
+    data = mujoco.MjData(model)
+    try:
+        renderer = mujoco.Renderer(model, height=view.height, width=view.width)
+    except Exception as error:  # whatever the platform's OpenGL raises
+        raise InvalidRequestError(
+            f"MuJoCo cannot draw off screen ({error}); on Linux it needs libEGL (Debian: "
+            "apt-get install libegl1), or set MUJOCO_GL"
+        ) from None
+    camera = shot(world, model, run, times, view)
+    with renderer:
+        for k, time in enumerate(times):
+            index = max(int(np.searchsorted(run.rollout.times, time + 1e-9) - 1), 0)
+            data.qpos[:] = run.rollout.states[index]
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_camlight(model, data)
+            renderer.update_scene(data, camera.at(k))
+            picture = renderer.render().copy()
+            yield _captioned(picture, run, index) if caption else picture
+
+
+def film(run: Run, view: View | None = None, *, fps: int = 25, slow: float = 1.0) -> bytes:
+    """An MP4 (H.264) of the whole run, ``slow`` times slower, with a caption.
+
+    Raises:
+        InvalidRequestError: MuJoCo or PyAV is not installed, or nothing can be drawn.
+    """
+    try:
+        import av
+    except ImportError:
+        raise InvalidRequestError("a film needs PyAV: pip install 'optipromp[sim]'") from None
+    view = view or View()
+    buffer, times = io.BytesIO(), moments(run, fps, slow)
+    last = round(LINGER * fps)
+    with av.open(buffer, mode="w", format="mp4") as container:
+        stream: Any = container.add_stream("libx264", rate=fps)
+        stream.width, stream.height, stream.pix_fmt = view.width, view.height, "yuv420p"
+        stream.options = {"crf": "22", "preset": "veryfast", "threads": "1"}
+        for k, picture in enumerate(frames(run, times, view, caption=True, fine=False)):
+            for _ in range(1 if k + 1 < len(times) else 1 + last):
+                for packet in stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")):
+                    container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+    return buffer.getvalue()
+
+
+def animation(
+    run: Run, view: View | None = None, *, fps: int = 10, slow: float = 1.0, colours: int = 224
+) -> bytes:
+    """A GIF of the whole run, by default half as wide as a film: a GIF keeps every pixel."""
+    from PIL import Image
+
+    view = view or View(width=SMALL[0], height=SMALL[1])
+    shown = frames(run, moments(run, fps, slow), view, caption=True)
+    pictures = list(shown)
+    palette = Image.fromarray(_palette(pictures)).quantize(colours)
+    few = [
+        Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
+        for picture in pictures
+    ]
+    buffer = io.BytesIO()
+    lasts = [round(1000 / fps)] * (len(few) - 1) + [round(1000 * LINGER)]
+    few[0].save(
+        buffer, format="GIF", save_all=True, append_images=few[1:], duration=lasts, loop=0,
+        optimize=True,
+    )  # fmt: skip
+    return buffer.getvalue()
+
+
+def _palette(pictures: Sequence[Picture]) -> Picture:
+    """Pixels (k, 1, 3) to choose colours from: vivid ones, of small fruits, count half."""
+    pixels = np.concatenate([picture[::2, ::2].reshape(-1, 3) for picture in pictures[::-6]])
+    vivid = pixels[np.ptp(pixels, axis=1) > VIVID]
+    times = len(pixels) // max(len(vivid), 1)
+    return np.concatenate([pixels, *[vivid] * min(times, VIVID_WEIGHT)])[:, None]
+
+
+def png(picture: Picture) -> bytes:
+    """A picture as a PNG file."""
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    Image.fromarray(picture).save(buffer, format="PNG")
+    return buffer.getvalue()
+
+
+def moments(run: Run, fps: int, slow: float = 1.0) -> FloatArray:
+    """Times of the pictures of a film (N,) [s]."""
+    end = float(run.rollout.times[-1])
+    return np.arange(0.0, end + 1e-9, 1.0 / (fps * slow))
+
+
+def _captioned(picture: Picture, run: Run, index: int) -> Picture:
+    """The picture with a line of text at its lower edge."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    height, width, _ = picture.shape
+    size = max(height // 26, 10)
+    bar = 2 * size
+    strip = np.asarray(picture[-bar:] * 0.25 + np.array(DARK) * 0.75, dtype=np.uint8)
+    image = Image.fromarray(strip)
+    pen, font = ImageDraw.Draw(image), ImageFont.load_default(size)
+    at = 0.5 * bar
+    pen.text((size, at), f"{run.rollout.times[index]:.1f} s", PALE, font, anchor="lm")
+    pen.text((5 * size, at), _force_words(run, index), PALE, font, anchor="lm")
+    if run.rollout.times[index] >= run.rollout.motion:
+        words = "picked, nothing harmed" if run.success else f"failed: {run.outcome.cause}"
+        if run.success and run.outcome.picked is None:
+            words = "nothing harmed"
+        pen.text((width - size, at), words, GOOD if run.success else BAD, font, anchor="rm")
+    picture[-bar:] = np.asarray(image)
+    return picture
+
+
+def _force_words(run: Run, index: int) -> str:
+    """The largest force so far on what is not to be picked, and on what it was."""
+    rollout = run.rollout
+    others = [k for k, name in enumerate(rollout.fruit_ids) if name != run.outcome.target]
+    if not others:
+        return ""
+    peaks = rollout.fruit_force[: index + 1, others].max(axis=0)
+    most = int(np.argmax(peaks))
+    on = f" on {rollout.fruit_ids[others[most]]}" if peaks[most] > 0.0 else ""
+    return f"largest force {peaks[most]:.2f} N{on}"

@@ -1,0 +1,108 @@
+"""Shapes of a scene as MuJoCo geoms."""
+
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidSceneError
+from optipromp.core.geometry.shapes import (
+    BOX,
+    CAPSULE,
+    CYLINDER,
+    ELLIPSOID,
+    FINE,
+    HALF_SPACE,
+    SPHERE,
+    MeshShape,
+    PointCloudShape,
+    Shape,
+    is_convex,
+)
+from optipromp.core.robots.tool_protocol import quaternion
+
+GEOMS = {  # of MuJoCo, by the kinds of shapes; their sizes are the same
+    SPHERE: "mjGEOM_SPHERE", BOX: "mjGEOM_BOX", CYLINDER: "mjGEOM_CYLINDER",
+    CAPSULE: "mjGEOM_CAPSULE", ELLIPSOID: "mjGEOM_ELLIPSOID",
+}  # fmt: skip
+MOST_PARTS = 3000  # geoms of one mesh or point cloud
+
+
+def add_shape(
+    spec: Any, body: Any, shape: Shape, name: str, rotation: FloatArray, position: FloatArray,
+    **properties: Any,
+) -> list[Any]:  # fmt: skip
+    """Add ``shape`` to ``body`` at a pose in the body's frame; returns the geoms.
+
+    ``properties`` are set on every geom. A shape without a geom of its own becomes its mesh: its
+    hull where that is nearly convex, else boxes that fill it at the resolution of its distance
+    grid. A point cloud becomes balls.
+    """
+    import mujoco
+
+    kinds = mujoco.mjtGeom
+    pose = {"pos": position, "quat": quaternion(rotation)}
+
+    def add(kind: Any, size: list[float], **further: Any) -> Any:
+        return body.add_geom(
+            type=kind,
+            size=size,
+            **{"name": name, **pose, **properties, **further},
+        )
+
+    kind, (a, b, c), *_ = shape.measure
+    if kind == HALF_SPACE:
+        return [add(kinds.mjGEOM_PLANE, [2.0, 2.0, 0.1])]
+    if kind in GEOMS:
+        return [add(getattr(kinds, GEOMS[kind]), [a, b, c])]
+    if isinstance(shape, PointCloudShape):
+        points, radius = _thinned(shape)
+        parts = [(kinds.mjGEOM_SPHERE, [radius, 0.0, 0.0], point) for point in points]
+    else:
+        mesh = shape.mesh(FINE)
+        if is_convex(mesh):
+            spec.add_mesh(
+                name=f"mesh:{name}",
+                uservert=mesh.vertices.ravel().tolist(),
+                userface=mesh.faces.ravel().astype(np.int32).tolist(),
+            )
+            return [add(kinds.mjGEOM_MESH, [0.0, 0.0, 0.0], meshname=f"mesh:{name}")]
+        parts = [(kinds.mjGEOM_BOX, list(half), middle) for middle, half in _filling(mesh)]
+    return [
+        add(part, size, name=f"{name}:{i}", pos=position + rotation @ at)
+        for i, (part, size, at) in enumerate(parts)
+    ]
+
+
+def _filling(shape: MeshShape) -> list[tuple[FloatArray, FloatArray]]:
+    """Boxes (middle, half sizes) that fill a mesh: runs of cells of its distance grid."""
+    from optipromp.core.geometry.grids import distance_grid
+
+    grid = distance_grid(shape)
+    inside = grid.values <= 0.0
+    pitch, origin = float(grid.spacing), np.asarray(grid.origin)
+    boxes: list[tuple[FloatArray, FloatArray]] = []
+    for i, j in np.argwhere(inside.any(axis=2)):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], inside[i, j].view(np.int8), [0]])))
+        for low, high in edges.reshape(-1, 2):
+            middle = origin + pitch * np.array([i, j, 0.5 * (low + high - 1)])
+            boxes.append((middle, 0.5 * pitch * np.array([1.0, 1.0, high - low])))
+    if not boxes or len(boxes) > MOST_PARTS:
+        name = shape.path or "mesh"
+        raise InvalidSceneError(
+            f"{name}: {len(boxes)} boxes fill it; the simulation takes 1 to {MOST_PARTS} "
+            "(thinner than the cells of its distance grid, or too large)"
+        )
+    return boxes
+
+
+def _thinned(shape: PointCloudShape) -> tuple[FloatArray, float]:
+    """At most :data:`MOST_PARTS` points that stand for all, and the radius that covers them."""
+    points, pitch = shape.points, shape.radius / 2.0
+    radius = shape.radius
+    while len(points) > MOST_PARTS:
+        _, first = np.unique(np.floor(shape.points / pitch), axis=0, return_index=True)
+        points = shape.points[np.sort(first)]
+        radius = shape.radius + pitch * np.sqrt(3.0) / 2.0
+        pitch *= 1.3
+    return points, radius

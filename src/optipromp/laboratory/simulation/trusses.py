@@ -1,0 +1,93 @@
+"""What the stems of a truss carry for others in the simulation."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.scenes.objects import SceneObject
+
+
+class StemChain(NamedTuple):
+    """A stem as it is built.
+
+    Attributes:
+        nodes: (N+1, 3) joints, root first [m].
+        masses: (N,) of its pieces; ``fruit`` of its fruit [kg].
+        center: (3,) of the fruit [m].
+        parent: id of the object whose stem it grows from, and ``link`` the piece of that stem.
+    """
+
+    nodes: FloatArray
+    masses: FloatArray
+    fruit: float
+    center: FloatArray
+    parent: str | None
+    link: int
+
+    @property
+    def middles(self) -> FloatArray:
+        """(N, 3) of the pieces [m]."""
+        return 0.5 * (self.nodes[:-1] + self.nodes[1:])
+
+    def bowed(self, bow: FloatArray) -> Self:
+        """The chain along half a sine wave, whose middle is off the line by ``bow`` (3,) [m]."""
+        gone = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(self.nodes, axis=0), axis=1)))
+        off = np.sin(np.pi * gone / gone[-1])
+        off[-1] = 0.0
+        return self._replace(nodes=self.nodes + off[:, None] * bow)
+
+
+def holding(
+    nodes: FloatArray, points: FloatArray, masses: FloatArray, gravity: FloatArray, last: int
+) -> FloatArray:
+    """Torques (N, 3) at the joints up to the ``last`` that carry masses at points beyond it."""
+    beyond = points[None] - nodes[: last + 1, None]
+    out = np.zeros((len(nodes) - 1, 3))
+    out[: last + 1] = -np.cross(beyond, (masses[:, None] * gravity)[None]).sum(axis=1)
+    return out
+
+
+def carried(
+    chains: Mapping[str, StemChain], gravity: FloatArray
+) -> tuple[dict[str, FloatArray], dict[str, dict[str, FloatArray]]]:
+    """Torques at the joints of stems that carry what hangs on others.
+
+    Args:
+        chains: of all stems, by their fruits' ids.
+        gravity: (3,) [m/s²].
+
+    Returns:
+        By id of the carrying stem's fruit: (N, 3) for all stems that it carries, without their
+        fruits [N m]. By id of a fruit: those that carry it, by the id of the carrying stem's.
+    """
+    stems: dict[str, FloatArray] = {}
+    fruits: dict[str, dict[str, FloatArray]] = {}
+    for name, chain in chains.items():
+        at = chain
+        while at.parent is not None:
+            below = chains[at.parent]
+            own = holding(below.nodes, chain.middles, chain.masses, gravity, at.link)
+            stems[at.parent] = stems.get(at.parent, 0.0) + own
+            fruits.setdefault(name, {})[at.parent] = holding(
+                below.nodes, chain.center[None], np.array([chain.fruit]), gravity, at.link
+            )
+            at = below
+    return stems, fruits
+
+
+def tops(objects: Sequence[SceneObject]) -> dict[str, str]:
+    """By id of each fruit on a truss: the id of the object whose stem holds all of that truss."""
+    above = {
+        item.id: item.stem.parent
+        for item in objects
+        if item.stem is not None and item.stem.parent is not None
+    }
+    out = {}
+    for name in above:
+        top = name
+        while top in above:
+            top = above[top]
+        out[name] = out[top] = top
+    return out

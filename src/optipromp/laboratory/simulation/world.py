@@ -1,0 +1,367 @@
+"""A scene and its robot as a MuJoCo model."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, IntArray, frame_along, frozen
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.geometry.shapes import Sphere
+from optipromp.core.pushing.stems.parting import shifts
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.rotations import to_quaternion
+from optipromp.core.scenes.scene import Scene, SceneObject, Stem
+from optipromp.core.scenes.trusses import parents_first, rooted
+from optipromp.laboratory.simulation.arm import Drives, add_robot, drives, link_entities
+from optipromp.laboratory.simulation.engine import engine
+from optipromp.laboratory.simulation.entities import NOBODY, Entity, layers
+from optipromp.laboratory.simulation.fruits import BuiltFruit, add_fruit, bows, trusses_of
+from optipromp.laboratory.simulation.parameters import SimulationParameters
+from optipromp.laboratory.simulation.solids import add_shape
+
+STATIC_COLOUR = (0.62, 0.60, 0.57, 1.0)
+AVOID_COLOUR = (0.35, 0.60, 0.30, 0.35)
+FLOOR = "floor"
+"""Name of the plane on which fallen fruits come to rest."""
+FLOOR_DEPTH = 0.5  # [m] of it below the base and every object: what hangs or stands is never on it
+SKY = (0.95, 0.97, 0.98), (0.72, 0.80, 0.84)
+PICTURE = 1280, 960  # largest off-screen picture
+CLUSTER_FRUIT_RADIUS = 0.015  # [m] of a real neighbouring cluster
+
+
+@dataclass(frozen=True, eq=False)
+class Fruit:
+    """Where a target or pushable is in the model.
+
+    Attributes:
+        id, role: of the scene's object.
+        built: how it was built.
+        entity, stem_entity: indices into ``World.entities``; the latter -1 without a stem.
+        body, position, spin: its body, and first indices into qpos and qvel.
+        weld: its equality, -1 without a stem.
+        dofs: of its stem's joints, in qvel.
+        last: body of the stem's last segment, -1 without a stem.
+        along: (3,) unit, in that body's frame, from the fruit up the stem.
+    """
+
+    id: str
+    role: str
+    built: BuiltFruit
+    entity: int
+    stem_entity: int
+    body: int
+    position: int
+    spin: int
+    weld: int
+    dofs: slice
+    last: int
+    along: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A compiled model, and who is who in it.
+
+    Attributes:
+        model: the ``MjModel``.
+        scene, robot, parameters: what it was made from.
+        drives: of the robot's segments; their qpos and qvel are the first S.
+        entities: what contacts are counted for.
+        geom_entity: (ngeom,) index into ``entities``.
+        fruits: targets and pushables, then the fruits of real neighbouring clusters.
+        overlapping: pairs of labels that overlap in the scene and so do not collide.
+        parted: how far fruits that overlapped were moved, by id [m].
+        spec: the ``MjSpec`` that the model was compiled from.
+    """
+
+    model: Any
+    scene: Scene
+    robot: Robot
+    parameters: SimulationParameters
+    drives: Drives
+    entities: tuple[Entity, ...]
+    geom_entity: IntArray
+    fruits: tuple[Fruit, ...]
+    overlapping: tuple[tuple[str, str], ...]
+    parted: Mapping[str, float]
+    spec: Any
+
+    @property
+    def shown(self) -> tuple[Fruit, ...]:
+        """Targets and pushables of the scene."""
+        return tuple(fruit for fruit in self.fruits if fruit.built.shown)
+
+    def data(self, q: FloatArray) -> Any:
+        """Fresh data with the robot at ``q`` (n,), at rest, stems carrying their fruits."""
+        mujoco = engine()
+        data = mujoco.MjData(self.model)
+        data.qpos[: self.robot.n_segments] = self.drives.segments(q)
+        for fruit in self.fruits:
+            data.qfrc_applied[fruit.dofs] = fruit.built.grown.ravel()
+        mujoco.mj_forward(self.model, data)
+        return data
+
+
+def build(
+    scene: Scene, robot: Robot, parameters: SimulationParameters | None = None, seed: int = 0
+) -> World:
+    """Build the world of ``scene`` with ``robot`` (with its tool) in it.
+
+    Hanging fruits that overlap in the scene are pushed apart first, and ``World.parted`` tells how
+    far. Others that overlap (a fruit and the stem of another, in the paper's own scenes) would
+    burst apart at the first step; such a pair does not collide, and ``World.overlapping`` names it.
+    The robot collides with everything.
+
+    Args:
+        scene: robot and objects.
+        robot: whose frame is the world's.
+        parameters: physical numbers.
+        seed: of the bows of stems, and of the fruits of real neighbouring clusters.
+
+    Raises:
+        InvalidSceneError: a shape that cannot be built.
+        InvalidRequestError: MuJoCo is not installed, or cannot build the scene.
+    """
+    parameters = parameters or SimulationParameters()
+    scene, parted = apart(scene)
+    draft = _Draft(scene, robot, parameters, seed)
+    model = draft.compile()
+    pairs = draft.overlapping(model)
+    if pairs:
+        for a, b in pairs:
+            draft.exclude(a, b)
+        model = draft.compile()
+    named = tuple((draft.entities[a].label, draft.entities[b].label) for a, b in pairs)
+    return draft.world(model, named, parted)
+
+
+def apart(scene: Scene) -> tuple[Scene, dict[str, float]]:
+    """The scene with hanging fruits out of one another, and how far each was moved, by id [m].
+
+    The roots of the stems stay.
+    """
+    hanging = [
+        item for item in scene.objects
+        if item.stem is not None and item.role in ("target", "pushable")
+    ]  # fmt: skip
+    by = {item.id: shift for item, shift in zip(hanging, shifts(hanging), strict=True)}
+    far = {name: float(np.linalg.norm(shift)) for name, shift in by.items()}
+    far = {name: size for name, size in far.items() if size > 0.0}
+    if not far:
+        return scene, {}
+    objects = []
+    for item in scene.objects:
+        if item.id in far and item.stem is not None:
+            points = np.array(item.stem.points)
+            points[0] += by[item.id]
+            stem = replace(item.stem, points=points)
+            item = replace(item, position=item.position + by[item.id], stem=stem)
+        objects.append(item)
+    return replace(scene, objects=rooted(objects)), far
+
+
+class _Draft:
+    """A model under construction."""
+
+    def __init__(
+        self, scene: Scene, robot: Robot, parameters: SimulationParameters, seed: int
+    ) -> None:
+        self.scene, self.robot, self.parameters = scene, robot, parameters
+        self.entities: list[Entity] = list(link_entities(robot))
+        self.fruits: list[tuple[SceneObject, BuiltFruit, int, int]] = []
+        self.spec = self._options()
+        add_robot(self.spec, robot, parameters, 0)
+        self.trusses = trusses_of(scene.objects, parameters, scene.up)
+        self.bows = bows(scene.objects, parameters.stem, seed)
+        for obj in parents_first(scene.objects):
+            if obj.role in ("target", "pushable"):
+                self._fruit(obj)
+            elif obj.role == "static":
+                self._static(obj)
+            elif parameters.thing.avoid_as == "soft":
+                self._soft(obj)
+        if parameters.thing.avoid_as == "fruits":
+            rng = np.random.default_rng(seed)
+            for obj in scene.avoid:
+                self._cluster(obj, rng)
+        self._floor()
+        self._lights()
+
+    def _options(self) -> Any:
+        mujoco = engine()
+        spec = mujoco.MjSpec()
+        spec.modelname = self.scene.name
+        spec.compiler.degree = False
+        spec.nuser_geom = 1
+        spec.memory = 64 * 1024 * 1024
+        option, p = spec.option, self.parameters.engine
+        option.timestep = p.timestep
+        option.gravity = -p.gravity * self.scene.up
+        option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+        option.iterations = int(p.iterations)
+        option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        view = getattr(spec.visual, "global")
+        view.offwidth, view.offheight = PICTURE
+        return spec
+
+    def _floor(self) -> None:
+        up = np.asarray(self.scene.up)
+        bounded = (item for item in self.scene.objects if np.isfinite(item.radius))
+        low = min((float(item.position @ up) - item.radius for item in bounded), default=0.0)
+        self.spec.worldbody.add_geom(
+            name=FLOOR, type=engine().mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0],
+            pos=(min(low, 0.0) - FLOOR_DEPTH) * up, quat=to_quaternion(frame_along(up)),
+            userdata=[float(NOBODY)], **layers("floor"),
+        )  # fmt: skip
+
+    def _lights(self) -> None:
+        mujoco, world = engine(), self.spec.worldbody
+        self.spec.add_texture(
+            name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, width=64, height=384,
+            builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT, rgb1=SKY[0], rgb2=SKY[1],
+        )  # fmt: skip
+        world.add_light(pos=[1.5, -1.5, 2.5], dir=[-0.5, 0.5, -0.8], diffuse=[0.45] * 3)
+        world.add_light(
+            pos=[-1.0, 1.5, 2.0], dir=[0.5, -0.6, -0.7], diffuse=[0.2] * 3, castshadow=False
+        )
+
+    def _entity(self, kind: Any, name: str) -> int:
+        self.entities.append(Entity(kind, name))
+        return len(self.entities) - 1
+
+    def _fruit(self, obj: SceneObject) -> None:
+        entity = self._entity("fruit" if obj.stem is not None else "thing", obj.id)
+        stem = -1 if obj.stem is None else self._entity("stem", obj.id)
+        built = add_fruit(
+            self.spec, obj, self.parameters, entity, stem, self.scene.up,
+            truss=self.trusses.get(obj.id), bow=self.bows.get(obj.id),
+        )  # fmt: skip
+        self.fruits.append((obj, built, entity, stem))
+
+    def _static(self, obj: SceneObject) -> None:
+        p = self.parameters.thing
+        body = self.spec.worldbody.add_body(name=f"static:{obj.id}")
+        add_shape(
+            self.spec, body, obj.shape, f"static:{obj.id}", obj.rotation, obj.position,
+            rgba=STATIC_COLOUR, friction=[obj.physical.get("friction", p.friction), 0.005, 1e-4],
+            solref=[p.contact_time, 1.0], condim=3,
+            userdata=[float(self._entity("static", obj.id))], **layers("static"),
+        )  # fmt: skip
+
+    def _soft(self, obj: SceneObject) -> None:
+        k = self.parameters.thing.cluster_stiffness
+        body = self.spec.worldbody.add_body(name=f"avoid:{obj.id}")
+        add_shape(
+            self.spec, body, obj.shape, f"avoid:{obj.id}", obj.rotation, obj.position,
+            rgba=AVOID_COLOUR, friction=[0.1, 0.005, 1e-4], condim=3, priority=1,
+            solref=[-k, -2.0 * np.sqrt(k)],
+            userdata=[float(self._entity("avoid", obj.id))], **layers("avoid"),
+        )  # fmt: skip
+
+    def _cluster(self, obj: SceneObject, rng: np.random.Generator) -> None:
+        """Fruits within the shape's ball, each on a vertical stem."""
+        p = self.parameters.thing
+        entity = self._entity("avoid", obj.id)
+        count = int(p.cluster_fruits)
+        reach = max(obj.radius - CLUSTER_FRUIT_RADIUS, 0.0)
+        golden = np.pi * (3.0 - np.sqrt(5.0))
+        turn = rng.uniform(0.0, 2.0 * np.pi)
+        for k in range(count):
+            z = 1.0 - 2.0 * (k + 0.5) / count
+            flat = np.sqrt(1.0 - z * z)
+            direction = np.array(
+                [flat * np.cos(turn + k * golden), flat * np.sin(turn + k * golden), z]
+            )
+            center = obj.position + reach * direction
+            root = center + (p.cluster_stem + reach * (1.0 - z)) * self.scene.up
+            fruit = SceneObject(
+                obj.id,
+                "pushable",
+                Sphere(CLUSTER_FRUIT_RADIUS),
+                center,
+                stem=Stem(np.array([center, root])),
+            )
+            built = add_fruit(
+                self.spec, fruit, self.parameters, entity, entity, self.scene.up,
+                key=f"{obj.id}:{k}", kind="avoid",
+            )  # fmt: skip
+            self.fruits.append((fruit, built, entity, entity))
+
+    def compile(self) -> Any:
+        try:
+            return self.spec.compile()
+        except ValueError as error:
+            told = " ".join(str(error).split())
+            raise InvalidRequestError(f"MuJoCo cannot build the scene: {told}") from error
+
+    def overlapping(self, model: Any) -> list[tuple[int, int]]:
+        """Pairs of entities that penetrate in the scene's pose, the robot left out."""
+        mujoco = engine()
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        who = _owners(model)
+        out = set()
+        for (g1, g2), distance in zip(data.contact.geom, data.contact.dist, strict=True):
+            a, b = sorted((int(who[g1]), int(who[g2])))
+            if distance < 0.0 and self.entities[a].kind not in ("link", "tool"):
+                standing = {self.entities[a].kind, self.entities[b].kind} == {"thing", "static"}
+                if a != b and not (standing and distance > -1e-3):  # it stands on it
+                    out.add((a, b))
+        return sorted(out)
+
+    def exclude(self, a: int, b: int) -> None:
+        for one in self._bodies(a):
+            for other in self._bodies(b):
+                self.spec.add_exclude(bodyname1=one, bodyname2=other)
+
+    def _bodies(self, entity: int) -> list[str]:
+        kind, name = self.entities[entity].kind, self.entities[entity].name
+        if kind in ("static", "avoid") and (
+            kind == "static" or self.parameters.thing.avoid_as == "soft"
+        ):
+            return [f"{kind}:{name}"]
+        out = []
+        for _, built, whole, stem in self.fruits:
+            if whole == entity:
+                out.append(f"fruit:{built.key}")
+            if stem == entity:
+                out += [f"stem:{built.key}:{k}" for k in range(len(built.nodes) - 1)]
+        return out
+
+    def world(
+        self, model: Any, overlapping: tuple[tuple[str, str], ...], parted: Mapping[str, float]
+    ) -> World:
+        return World(
+            model, self.scene, self.robot, self.parameters, drives(self.robot),
+            tuple(self.entities), frozen(_owners(model), np.int64),
+            tuple(self._located(model, *item) for item in self.fruits), overlapping,
+            parted, self.spec,
+        )  # fmt: skip
+
+    def _located(
+        self, model: Any, obj: SceneObject, built: BuiltFruit, entity: int, stem: int
+    ) -> Fruit:
+        body = model.body(f"fruit:{built.key}").id
+        free = model.joint(f"free:{built.key}")
+        weld, dofs, last, along = -1, slice(0, 0), -1, np.zeros(3)
+        if built.has_stem:
+            count = len(built.nodes) - 1
+            start = int(model.joint(f"bend:{built.key}:0").dofadr[0])
+            dofs = slice(start, start + 3 * count)
+            weld = model.equality(f"weld:{built.key}").id
+            last = model.body(f"stem:{built.key}:{count - 1}").id
+            along = built.nodes[-2] - built.nodes[-1]
+            along = along / np.linalg.norm(along)
+        return Fruit(
+            built.id, obj.role, built, entity, stem, body, int(free.qposadr[0]),
+            int(free.dofadr[0]), weld, dofs, last, frozen(along),
+        )  # fmt: skip
+
+
+def _owners(model: Any) -> IntArray:
+    owners: IntArray = np.asarray(model.geom_user)[:, 0].astype(np.int64)
+    return owners

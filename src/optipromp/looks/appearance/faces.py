@@ -1,0 +1,80 @@
+"""The faces of shapes (see :mod:`optipromp.core.geometry.faces`), and triangles that shade well."""
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, IntArray
+from optipromp.core.geometry.shapes import Shape
+
+_LARGEST_FACE = 0.04  # [m] big flat faces are cut so that a painter may sort them by depth
+_CREASE = 0.77  # cosine of 40 degrees: a sharper edge is shaded as one; a choice
+_DIGITS = 7  # of metres: corners nearer than that are one
+
+
+def shape_faces(
+    shape: Shape, position: FloatArray, rotation: FloatArray, cut: float = _LARGEST_FACE
+) -> FloatArray:
+    """Faces (F, 4, 3) of a shape placed in the world.
+
+    Args:
+        shape: the shape in its local frame.
+        position: (3,) [m].
+        rotation: (3, 3), world from local.
+        cut: flat faces are no larger [m], unless an edge has too many of them.
+    """
+    return np.asarray(shape.surface(cut) @ np.asarray(rotation).T + np.asarray(position))
+
+
+def triangles(faces: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Vertices (V, 3) and rows of them (M, 3) of faces (F, 4, 3), or of triangles (M, 3, 3).
+
+    Corners at one place are one vertex where the surface is round, so that a viewer that averages
+    normals shades it smoothly, and several vertices at an edge of more than :data:`_CREASE`.
+    Triangles of no area go.
+    """
+    corners = faces
+    if faces.shape[1] == 4:
+        corners = np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
+    place = np.round(corners, _DIGITS) + 0.0
+    normal = np.cross(place[:, 1] - place[:, 0], place[:, 2] - place[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    place, normal = place[area > 0.0], normal[area > 0.0]
+    if not len(place):
+        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+    _, at = _alike(place.reshape(-1, 3))
+    unit = np.repeat(normal / np.linalg.norm(normal, axis=1)[:, None], 3, axis=0)
+    count = np.bincount(at)
+    order = np.argsort(at, kind="stable")  # corners by place; each meets all others of its place
+    one = np.repeat(order, count[at[order]])
+    start = np.repeat((np.cumsum(count) - count)[at[order]], count[at[order]])
+    step = np.arange(len(one)) - np.repeat(np.cumsum(count[at[order]]) - count[at[order]],
+                                           count[at[order]])  # fmt: skip
+    other = order[start + step]
+    alike = np.einsum("ci,ci->c", unit[one], unit[other]) > _CREASE
+    mean = np.zeros_like(unit)
+    np.add.at(mean, one[alike], np.repeat(normal, 3, axis=0)[other[alike]])
+    mean /= np.linalg.norm(mean, axis=1)[:, None]
+    keys = np.column_stack([at, np.round(mean, 2)]) + 0.0
+    first, index = _alike(keys)
+    return place.reshape(-1, 3)[first], index.reshape(-1, 3).astype(np.int64)
+
+
+def coarser(corners: FloatArray, cell: float) -> FloatArray:
+    """Triangles (M, 3, 3) with corners moved to the mean of their cell of a grid; fewer of them."""
+    points = corners.reshape(-1, 3)
+    _, cells = _alike(np.floor(points / cell))
+    count = np.bincount(cells)
+    mean = np.stack([np.bincount(cells, column) for column in points.T], axis=1) / count[:, None]
+    a, b, c = (index := cells.reshape(-1, 3)).T
+    kept = np.sort(index[(a != b) & (b != c) & (c != a)], axis=1)
+    first, _ = _alike(kept)
+    return np.asarray(mean[index[(a != b) & (b != c) & (c != a)][np.sort(first)]])
+
+
+def _alike(rows: FloatArray | IntArray) -> tuple[IntArray, IntArray]:
+    """The first of each kind of row (k, d), and the kind (k,) of each, faster than np.unique's."""
+    order = np.lexsort(rows.T)
+    new = np.ones(len(rows), dtype=np.bool_)
+    new[1:] = (np.diff(rows[order], axis=0) != 0).any(axis=1)
+    kind = np.empty(len(rows), dtype=np.int64)
+    kind[order] = np.cumsum(new) - 1
+    return order[new], kind

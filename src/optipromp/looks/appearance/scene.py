@@ -1,0 +1,235 @@
+"""The looks of a scene: fruits with a calyx, stems, objects, and the row that the fruits hang from.
+
+The row (gutter, hangers, posts, floor) is decoration: nothing plans around it, so it is only drawn
+where the scene itself has nothing that the stems could hang from.
+"""
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, frame_along
+from optipromp.core.geometry.faces import box, revolve, sphere, tube
+from optipromp.core.geometry.shapes import MeshShape, PointCloudShape, Sphere
+from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.looks.appearance.faces import shape_faces
+from optipromp.looks.appearance.part import Part
+
+ROLES = {"target": "#d11a2a", "avoid": "#7f9a5c", "static": "#b39b7c"}
+UNRIPE = ("#a9c46a", "#c6cf86", "#8fb554", "#d3d7a0")  # of fruits on stems, in turn
+PUSHABLES = ("#6aa832", "#00897b", "#b8960c", "#2f5d1e", "#9a6b3c", "#5f7f8c")  # others, in turn
+LEAF, STEM, TRUSS = "#3f8a2e", "#4c8030", "#6f8a4a"
+GUTTER, POST, FLOOR = "#f2f3ef", "#a7adb3", "#e9ece5"
+SEE_THROUGH = 0.3  # opacity of what is to be avoided
+SEPALS = 7
+LARGE = 0.04  # [m] radius of a ball that shows its corners
+TROUGH = 0.16, 0.07, 0.55  # [m] of the gutter: width, height, length beyond the last stem
+OVER = 0.006  # [m] between the highest root and the gutter
+HANGS = 0.08  # [m] between a root and what a stem hangs from, at most
+REACHES = 0.15  # [m] of a hanger beside it, at most
+GROUND = 1.6  # [m] half the floor's side
+FLOOR_DEPTH = 0.01  # [m] of the floor
+
+
+def scene_parts(scene: Scene) -> tuple[Part, ...]:
+    """What a scene looks like, in the base frame of its robot: objects, stems, then the scenery."""
+    parts: list[Part] = []
+    for item in scene.objects:
+        parts += [part.placed(item.position, item.rotation) for part in object_parts(scene, item)]
+        if item.stem is not None:
+            parts.append(stem_part(item))
+    return (*parts, *scenery(scene))
+
+
+def object_parts(scene: Scene, item: SceneObject) -> tuple[Part, ...]:
+    """An object of a scene in its own frame, without its stem: ``role:id``, and its calyx."""
+    opacity = SEE_THROUGH if item.role == "avoid" else 1.0
+    faces = item.shape.surface()
+    if isinstance(item.shape, Sphere) and item.radius > LARGE:
+        faces = sphere(np.zeros(3), item.radius, 48)
+    name, colour = f"{item.role}:{item.id}", _colour(scene, item)
+    body = Part.of(name, faces, colour, opacity=opacity, owner=item.id)
+    if item.stem is None or isinstance(item.shape, MeshShape | PointCloudShape):
+        return (body,)
+    first = np.diff(np.asarray(item.stem.points)[:2], axis=0)[0]
+    up = item.rotation.T @ (first / np.linalg.norm(first))
+    top = item.radius if isinstance(item.shape, Sphere) else float(np.max(body.vertices @ up))
+    faces = calyx(item.radius if isinstance(item.shape, Sphere) else 0.5 * top, top)
+    return body, Part.of(f"calyx:{item.id}", faces @ frame_along(up).T, LEAF, owner=item.id)
+
+
+def stem_part(item: SceneObject) -> Part:
+    """The stem of an object, in the base frame."""
+    assert item.stem is not None
+    faces = tube(np.asarray(item.stem.points), item.stem.radius, 12)
+    return Part.of(f"stem:{item.id}", faces, STEM, owner=item.id)
+
+
+def _colour(scene: Scene, item: SceneObject) -> str:
+    if item.role != "pushable":
+        return ROLES[item.role]
+    colours = PUSHABLES if item.stem is None else UNRIPE
+    return colours[[other.id for other in scene.pushables].index(item.id) % len(colours)]
+
+
+def calyx(radius: float, top: float) -> FloatArray:
+    """Faces of sepals on a ball of a ``radius`` [m] whose pole is at the height ``top`` on z.
+
+    Each sepal is a thin leaf that follows the ball from the pole and lifts off at its tip.
+    """
+    share = np.linspace(0.0, 1.0, 6)
+    polar = 1.05 * share  # [rad] from the pole
+    lift = radius * (1.03 + 0.10 * share**3)
+    width = radius * 0.34 * np.sin(np.pi * np.minimum(0.22 + 0.78 * share, 1.0))
+    ridge = np.stack([lift * np.sin(polar), np.zeros(6), lift * np.cos(polar)], axis=1)
+    side = np.array([0.0, 1.0, 0.0]) * width[:, None]
+    drop = np.array([-1.0, 0.0, -1.0]) / np.sqrt(2.0) * 0.25 * width[:, None]
+    left, right = ridge + side + drop, ridge - side + drop
+    top_side = np.concatenate([_strip(right, ridge), _strip(ridge, left)])
+    leaf = np.concatenate([top_side, top_side[:, ::-1] - [0.0, 0.0, 0.02 * radius]])
+    out = [revolve(np.array([[0.0, 0.0], [0.16, 0.0], [0.12, 0.14], [0.0, 0.16]]) * radius, 10)
+           + [0.0, 0.0, 0.98 * radius]]  # fmt: skip
+    for k in range(SEPALS):
+        c, s = np.cos(2.0 * np.pi * k / SEPALS), np.sin(2.0 * np.pi * k / SEPALS)
+        out.append(leaf @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]).T)
+    return np.asarray(np.concatenate(out) + [0.0, 0.0, top - radius])
+
+
+def _strip(lower: FloatArray, upper: FloatArray) -> FloatArray:
+    return np.stack([lower[:-1], lower[1:], upper[1:], upper[:-1]], axis=1)
+
+
+def _row(scene: Scene, roots: FloatArray) -> FloatArray:
+    """Axes away from the robot, along the row and up, as columns (3, 3)."""
+    up = np.asarray(scene.up)
+    middle = roots.mean(axis=0) if len(roots) else scene.positions.mean(axis=0)
+    away = middle - (middle @ up) * up
+    if np.linalg.norm(away) < 1e-3:
+        away = np.eye(3)[int(np.argmin(np.abs(up)))]
+        away = away - (away @ up) * up
+    away = away / np.linalg.norm(away)
+    return np.column_stack([away, np.cross(up, away), up])
+
+
+def _solid(row: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Faces of a box between two corners in the axes of a row."""
+    return np.asarray((box(high - low) + 0.5 * (low + high)) @ row.T)
+
+
+def scenery(scene: Scene) -> tuple[Part, ...]:
+    """Floor and, where stems hang from nothing in the scene, a gutter that they hang from."""
+    if not len(scene.objects):
+        return ()
+    hanging = [
+        item.stem.root for item in scene.objects
+        if item.stem is not None and item.stem.parent is None
+        and (item.stem.root - item.position) @ scene.up > 0.0
+    ]  # fmt: skip
+    roots = np.reshape(hanging, (-1, 3))
+    holding = next(
+        (i for i in scene.static if any(box_distance(i, r) < HANGS for r in roots)), None
+    )
+    row = _row(scene, roots)
+    ground = _ground(scene)
+    parts = []
+    if ground is not None:
+        center = 0.5 * scene.positions.mean(axis=0) @ row
+        low, high = center - GROUND, center + GROUND
+        low[2], high[2] = ground - FLOOR_DEPTH, ground
+        parts.append(Part.of("floor", _solid(row, low, high), FLOOR))
+        if ground < -FLOOR_DEPTH:
+            pedestal = np.array([[-0.1, -0.1, ground], [0.1, 0.1, -0.001]])
+            parts.append(Part.of("pedestal", _solid(row, *pedestal), POST))
+    local = roots @ row
+    level = 0.0 if ground is None else ground
+    if holding is not None:
+        parts += _table(row, holding, roots, level)
+    elif len(roots) and local[:, 2].max() > 0.1:  # not under the arm's base
+        parts += _gutter(row, local, level)
+    return tuple(parts)
+
+
+def _gutter(row: FloatArray, roots: FloatArray, ground: float) -> list[Part]:
+    """An open trough over the roots (k, 3) in the row's axes, its posts, and hangers to it."""
+    width, height, beyond = TROUGH
+    low, high = roots.min(axis=0), roots.max(axis=0)
+    under = high[2] + OVER
+    half = 0.5 * max(width, high[0] - low[0] + 0.04)
+    middle, ends = 0.5 * (low[0] + high[0]), (low[1] - beyond, high[1] + beyond)
+    wall = 0.006
+    plates = [
+        ((-half, 0.0), (half, wall)), ((-half, wall), (wall - half, height)),
+        ((half - wall, wall), (half, height)), ((-half - 0.012, height - wall), (-half, height)),
+        ((half, height - wall), (half + 0.012, height)),
+        ((wall - half, 0.5 * height), (half - wall, 0.75 * height)),
+    ]  # fmt: skip
+    solids = [
+        _solid(
+            row,
+            np.array([middle + a[0], ends[0], under + a[1]]),
+            np.array([middle + b[0], ends[1], under + b[1]]),
+        )
+        for a, b in plates
+    ]
+    parts = [
+        Part.of("gutter", np.concatenate(solids[:-1]), GUTTER),
+        Part.of("soil", solids[-1], "#5b4636"),
+    ]
+    posts = []
+    for end in (ends[0] + 0.12, ends[1] - 0.12):
+        top = np.array([[middle, end, ground], [middle, end, under]]) @ row.T
+        posts.append(tube(top, 0.014, 16))
+        bar = np.array([middle, end, under - 0.012])
+        posts.append(_solid(row, bar - [half, 0.015, 0.012], bar + [half, 0.015, 0.012]))
+    parts.append(Part.of("posts", np.concatenate(posts), POST))
+    hangers = [tube(np.array([root, [*root[:2], under]]) @ row.T, 0.0015, 8) for root in roots]
+    return [*parts, Part.of("hangers", np.concatenate(hangers), TRUSS)]
+
+
+def _table(row: FloatArray, item: SceneObject, roots: FloatArray, ground: float) -> list[Part]:
+    """Two legs under an object that stems hang from, and hangers to it."""
+    local = _corners(item) @ item.rotation.T + item.position
+    low, high = (local @ row).min(axis=0), (local @ row).max(axis=0)
+    middle = 0.5 * (low[0] + high[0])
+    legs = []
+    for end in (low[1] + 0.04, high[1] - 0.04):
+        line = np.array([[middle, end, ground], [middle, end, low[2]]])
+        legs.append(tube(line @ row.T, 0.01, 16))
+    hangers = [
+        tube(np.stack([root, _nearest(item, root)]), 0.0015, 8)
+        for root in roots
+        if 0.001 < box_distance(item, root) < REACHES
+    ]
+    parts = [Part.of("legs", np.concatenate(legs), POST)]
+    if hangers:  # some root does not touch it
+        parts.append(Part.of("hangers", np.concatenate(hangers), TRUSS))
+    return parts
+
+
+def _ground(scene: Scene) -> float | None:
+    """Height of the floor: under the base, or under the lowest object; None where there is one."""
+    if any(np.isinf(item.radius) for item in scene.objects):
+        return None
+    up = np.asarray(scene.up)
+    lowest = [0.0]
+    for item in scene.objects:
+        if item.role != "avoid":
+            faces = shape_faces(item.shape, item.position, item.rotation, np.inf)
+            lowest.append(float((faces @ up).min()))
+    return min(lowest)
+
+
+def _corners(item: SceneObject) -> FloatArray:
+    return item.shape.surface().reshape(-1, 3)
+
+
+def _nearest(item: SceneObject, point: FloatArray) -> FloatArray:
+    """The point (3,) of an object's bounding box that is nearest to a point."""
+    corners, local = _corners(item), (point - item.position) @ item.rotation
+    inside = np.clip(local, corners.min(axis=0), corners.max(axis=0))
+    return np.asarray(item.rotation @ inside + item.position)
+
+
+def box_distance(item: SceneObject, point: FloatArray) -> float:
+    """Distance of a point (3,) from an object's bounding box, infinite for a half-space [m]."""
+    if np.isinf(item.radius):
+        return np.inf
+    return float(np.linalg.norm(point - _nearest(item, point)))

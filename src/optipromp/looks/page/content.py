@@ -1,0 +1,249 @@
+"""What the page shows of a plan: bundle, candidate paths, clearances, pushed objects, charts."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, IntArray, lengths
+from optipromp.core.budget import Budget, clock
+from optipromp.core.errors import OptiPrompError
+from optipromp.core.geometry import distances
+from optipromp.core.planning import Plan
+from optipromp.core.planning.parameters import FOLLOW
+from optipromp.core.planning.primitive import learnt
+from optipromp.core.promp.conditioning import condition
+from optipromp.core.promp.model import ProMP
+from optipromp.core.promp.points import JointPoint, TaskPoint
+from optipromp.core.pushing.model import Combined, PushModel
+from optipromp.core.pushing.searching import search
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.scene import PoseGoal, Scene
+from optipromp.looks.appearance.part import rgb
+from optipromp.looks.viewer.drawn import FOLLOWED, GREEN, OPTIMISED, RED, Moment, Placed, placed
+
+SAMPLES, ROWS = 24, 60  # of the bundle; choices for the eye
+CANDIDATES = 40  # shown at most
+SEARCHING = 1.0  # [s] that the search is repeated for, at most
+KEYS = 16  # moments at which the push is predicted
+WIDE = 2.0  # standard deviations that a tube or band shows
+RED_AT, GREEN_AT = 0.0, 0.05  # [m] of clearance
+CHART_ROWS = 120  # times of a chart
+JOINT_COLOURS = (
+    OPTIMISED, "#d1661a", GREEN, RED, "#7d55a8", "#8a5a44", "#c05a9c", "#6f757d",
+)  # fmt: skip
+ROLE_COLOURS = {
+    "static": "#7a5c2e", "arm to avoid": GREEN, "tool to avoid": OPTIMISED,
+    "arm to pushable": FOLLOWED,
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """Tool paths of a movement primitive: mean (T, 3), 2σ radius (T,) and samples (N, T, 3) [m]."""
+
+    mean: FloatArray
+    radius: FloatArray
+    samples: FloatArray
+
+
+def bundle(promp: ProMP, robot: Robot, middle: FloatArray | None = None) -> Bundle:
+    """The tool's paths of a primitive; about ``middle`` (T, n) instead of its mean, if given.
+
+    The radius is of the direction in which the tool's point spreads most.
+    """
+    q = promp.sample(np.random.default_rng(0), SAMPLES, ROWS)
+    tool = robot.tool_pose(q)[0]
+    mean = robot.tool_pose(promp.mean_trajectory(ROWS))[0]
+    off = tool - tool.mean(axis=0)
+    spread = np.einsum("nti,ntj->tij", off, off) / (SAMPLES - 1)
+    radius = WIDE * np.sqrt(np.maximum(np.linalg.eigvalsh(spread)[:, -1], 0.0))
+    if middle is not None:
+        rows = np.linspace(0.0, len(middle) - 1.0, ROWS)
+        points = robot.tool_pose(middle)[0]
+        mean = np.stack([np.interp(rows, np.arange(len(points)), c) for c in points.T], axis=1)
+        tool = mean + off
+    return Bundle(mean, radius, tool)
+
+
+def initial_bundle(plan: Plan, demonstrations: Any = None) -> Bundle | None:
+    """The conditioned primitive of a plan; None where nothing moves or it cannot be conditioned.
+
+    It is conditioned on the start, the goal and the points of the tool that the plan's own was:
+    its via points, or stations on its tool path.
+    """
+    q = plan.initial.positions
+    if (q == q[0]).all():
+        return None
+    phases, tool = np.linspace(0.0, 1.0, len(q)), plan.robot.tool_pose(q)[0]
+    wanted = np.linspace(plan.first, len(q) - 1, FOLLOW.stations)[1:-1].round().astype(int)
+    if plan.via:
+        wanted = np.array([int(lengths(tool - via.position).argmin()) for via in plan.via[:-1]])
+    elif np.array_equal(plan.initial.positions, plan.followed.positions):
+        wanted = wanted[:0]
+    inside = wanted[(wanted > 0) & (wanted < len(q) - 1)].tolist()
+    points = [JointPoint(0.0, q[0]), JointPoint(1.0, q[-1])] + [
+        TaskPoint(phases[row], tool[row], covariance=FOLLOW.station_deviation**2)
+        for row in dict.fromkeys(inside)
+    ]
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a point that is missed a little is no news here
+            given = condition(learnt(plan.task, demonstrations), points, plan.robot.tool_map)
+    except OptiPrompError:
+        return None
+    return bundle(given, plan.robot, q)
+
+
+def candidates(plan: Plan) -> list[tuple[FloatArray, float]]:
+    """Tool paths (P, 3) that the search of a plan tries, with their harm; the worst first.
+
+    The search is repeated with the plan's seed. Empty where no push model applies.
+    """
+    task, model = plan.task, plan.push_model
+    if model is None or not isinstance(task.goal, PoseGoal):
+        return []
+    watched = _Watched(model)
+    budget = Budget(clock() + SEARCHING)
+    found = search(watched, task.axes, np.random.default_rng(plan.seed), budget)
+    for path, good in found:
+        if path.harm <= good:
+            break
+    best = sorted(watched.seen.values(), key=lambda item: item[1])[:CANDIDATES]
+    return best[::-1]
+
+
+class _Watched(Combined):
+    """A push model that keeps the paths it is asked about, each with its last harm."""
+
+    def __init__(self, model: PushModel) -> None:
+        super().__init__(model)
+        self.seen: dict[bytes, tuple[FloatArray, float]] = {}
+
+    def harm(
+        self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
+    ) -> float:
+        value = super().harm(points, axes, states, limit)
+        self.seen[points.tobytes()] = points, value
+        return value
+
+
+def between(value: FloatArray, worst: float, best: float) -> IntArray:
+    """Colours (..., 3) from red (worst) over yellow to green (best), 0 to 255."""
+    share = np.clip((np.asarray(value) - worst) / (best - worst), 0.0, 1.0)
+    marks = np.array([rgb(RED), (240, 196, 60), rgb(GREEN)])
+    mixed = [np.interp(share, [0.0, 0.5, 1.0], column) for column in marks.T]
+    return np.stack(mixed, axis=-1).astype(np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class Clearances:
+    """Distances of the body spheres along a motion.
+
+    Attributes:
+        nearest: (T, S) of each sphere to what it must not touch [m]; infinite where nothing is.
+        series: smallest distance (T,) by pair of words [m].
+    """
+
+    nearest: FloatArray
+    series: dict[str, FloatArray]
+
+
+def clearances(scene: Scene, robot: Robot, q: FloatArray) -> Clearances:
+    """Distances of the body spheres at configurations ``q`` (T, n) to the objects as perceived."""
+    centers, radius = robot.sphere_centers(q), np.asarray(robot.spheres.radius)
+    distal = np.asarray(robot.spheres.distal, dtype=bool)
+    nearest, series = np.full(centers.shape[:2], np.inf), {}
+    for words, role, mine in (
+        ("static", "static", np.ones_like(distal)), ("arm to avoid", "avoid", ~distal),
+        ("tool to avoid", "avoid", distal), ("arm to pushable", "pushable", ~distal),
+    ):  # fmt: skip
+        rows = scene.rows(role)  # type: ignore[arg-type]
+        if not len(rows) or not mine.any():
+            continue
+        points = centers[:, mine].reshape(-1, 3)
+        found = distances(scene.packed(rows), points)[0].min(axis=1)
+        found = found.reshape(len(q), -1) - radius[mine]
+        series[words] = found.min(axis=1)
+        if words != "tool to avoid":
+            nearest[:, mine] = np.minimum(nearest[:, mine], found)
+    return Clearances(nearest, series)
+
+
+@dataclass(frozen=True, eq=False)
+class PushedPlaces:
+    """Where the objects are predicted to be: ``places`` at each of the ``times`` [s]."""
+
+    times: FloatArray
+    places: tuple[tuple[Placed, ...], ...]
+
+    def at(self, now: float) -> tuple[Placed, ...]:
+        """The places nearest in time."""
+        return self.places[int(np.abs(self.times - now).argmin())]
+
+
+def pushed(plan: Plan) -> PushedPlaces:
+    """The predicted places of the scene's objects along a plan."""
+    last = plan.trajectory.n_waypoints - 1
+    pushes = plan.push_model is not None
+    rows = np.linspace(plan.first, last, KEYS).round().astype(int) if pushes else [0]
+    rows = np.unique(np.append(0, rows))
+    times = plan.trajectory.times[rows]
+    moments = [Moment(int(row), float(t), "") for row, t in zip(rows, times, strict=True)]
+    return PushedPlaces(times, tuple(placed(plan, moment) for moment in moments))
+
+
+def passing(plan: Plan) -> list[tuple[str, FloatArray, FloatArray]]:
+    """Id of each pushable that the tool passes, its place (3,), and where the tool passes (3,)."""
+    tool = plan.robot.tool_pose(plan.trajectory.positions[plan.first :])[0]
+    up, out = plan.scene.frame[2], []
+    for item in plan.scene.pushables:
+        if plan.metrics.M_p.get(item.id) is None:
+            continue
+        point = tool[int(np.abs((tool - item.position) @ up).argmin())]
+        out.append((item.id, item.position, point - ((point - item.position) @ up) * up))
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """Curves over one axis: x (T,), and by label values (T,) with a colour."""
+
+    title: str
+    x: FloatArray
+    curves: tuple[tuple[str, FloatArray, str], ...]
+    timed: bool = True
+
+
+def charts(plan: Plan, near: Clearances, times: FloatArray) -> list[Chart]:
+    """Joints, speeds, clearances over time, and costs over the iterations."""
+    q, velocity, _ = plan.trajectory.sample(times)
+    names = plan.robot.joint_names
+    speed = np.linalg.norm(np.gradient(plan.robot.tool_pose(q)[0], times, axis=0), axis=1)
+    share = 100.0 * np.abs(velocity) / plan.robot.velocity
+    out = [
+        Chart("joints [rad or m]", times, _by_joint(names, q)),
+        Chart("joint speeds [% of limit]", times, _by_joint(names, share)),
+        Chart("tool speed [m/s]", times, (("tool", speed, JOINT_COLOURS[0]),)),
+    ]
+    if near.series:
+        curves = tuple((name, 1e3 * v, ROLE_COLOURS[name]) for name, v in near.series.items())
+        out.append(Chart("clearances [mm]", times, curves))
+    for stage in plan.stages[-1:]:
+        if len(stage.history) > 1:
+            values = {t: np.array([h.get(t, 0.0) for h in stage.history]) for t in stage.terms}
+            shown = [t for t in sorted(values, key=lambda t: -values[t].max()) if values[t].max()]
+            lines = [(t, np.log10(np.maximum(values[t], 1e-12)), JOINT_COLOURS[i])
+                     for i, t in enumerate(shown[: len(JOINT_COLOURS)])]  # fmt: skip
+            iterations = np.arange(len(stage.history), dtype=float)
+            out.append(Chart(f"costs, {stage.name} [log10, by iteration]", iterations,
+                             tuple(lines), timed=False))  # fmt: skip
+    return out
+
+
+def _by_joint(names: Sequence[str], values: FloatArray) -> tuple[tuple[str, FloatArray, str], ...]:
+    return tuple(
+        (name, values[:, j], JOINT_COLOURS[j % len(JOINT_COLOURS)]) for j, name in enumerate(names)
+    )

@@ -1,0 +1,265 @@
+"""The controls of a window: state, clock, planning, moving, layers, charts."""
+
+import functools
+import html
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.errors import InvalidRequestError, OptiPrompError
+from optipromp.core.files import file_name
+from optipromp.core.planning import STRATEGIES, planner_names
+from optipromp.core.shown import is_name
+from optipromp.looks.page import arrange
+from optipromp.looks.page.content import charts
+from optipromp.looks.page.plots import Plots
+from optipromp.looks.page.stage import LAYERS
+from optipromp.looks.page.table import table
+from optipromp.looks.page.tabs import RecordTab, ReplayTab
+from optipromp.looks.page.window import Window
+from optipromp.looks.viewer.drawn import GREEN, RED
+
+SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0}
+TIME_STEP = 0.02  # [s] of a single step
+NOTHING = "nothing"
+_PLAYING, _PAUSED = "pause", "play"
+_NUMBERS = {  # options shown: name -> (label, factor to the unit shown, least, most, step)
+    "static_clearance": ("to static [mm]", 1e3, 0.0, 60.0, 1.0),
+    "avoid_clearance": ("to avoid [mm]", 1e3, 0.0, 60.0, 1.0),
+    "corridor": ("corridor [mm]", 1e3, 0.0, 20.0, 0.5),
+    "max_step": ("largest step [rad]", 1.0, 0.005, 0.2, 0.005),
+}
+CHART_EVERY = 0.1  # [s] between two marks of the time in the charts, while it runs
+
+
+class Panel:
+    """Builds the controls of a window and keeps them in step with it."""
+
+    def __init__(self, window: Window) -> None:
+        self.window, self.gui = window, window.client.gui
+        self.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        self.gui.set_panel_label(f"OptI-ProMP: {window.scene.name}")
+        self.status = self.gui.add_html("")
+        window.say = self._say
+        self._clock()
+        self.tabs = self.gui.add_tab_group()
+        for label, build in (
+            ("Plan", self._planning), ("Move", self._moving), ("Show", self._layers),
+            ("Plots", self._charts),
+        ):  # fmt: skip
+            with self.tabs.add_tab(label):
+                build()
+        with self.tabs.add_tab("Record"):
+            self.recording = RecordTab(self)
+        with self.tabs.add_tab("Replay"):
+            ReplayTab(self)
+        window.told.append(self._refresh)
+        window.clocked.append(self._mark)
+
+    def _say(self, text: str, bad: bool) -> None:
+        words = html.escape(text).replace("  \n", "<br>")
+        first, _, rest = words.partition("**, ")
+        words = f"<b>{first.lstrip('*')}</b>, {rest}" if rest else words
+        colour = RED if bad else GREEN
+        self.status.content = (
+            f'<div class="status" style="padding:0.3em 1em;border-left:4px solid {colour};'
+            f'font-size:0.9em;line-height:1.35;max-height:9em;overflow-y:auto">{words}</div>'
+        )
+
+    def on(self, control: Any, kind: str, act: Callable[[Any], None]) -> None:
+        """Post a job with the new value when the user changes a control."""
+
+        async def changed(event: Any) -> None:
+            if event.client is not None:
+                value = event.target.value
+                self.window.post(kind, lambda: self._safely(act, value))
+
+        (getattr(control, "on_update", None) or control.on_click)(changed)
+
+    def _safely(self, act: Callable[[Any], None], value: Any) -> None:
+        try:
+            act(value)
+        except OptiPrompError as error:
+            self.window.refuse(error)
+
+    # -- the clock ------------------------------------------------------------------------------
+
+    def _clock(self) -> None:
+        window = self.window
+        self.time = self.gui.add_slider("time [s]", 0.0, 1.0, TIME_STEP, 0.0)
+        self.on(self.time, "time", self._slid)
+        self.steps = self.gui.add_button_group("", (_PAUSED, _PLAYING, "◀ step", "step ▶"))
+        self.on(self.steps, "play", self._clicked)
+        speed = self.gui.add_dropdown("speed", tuple(SPEEDS), initial_value="1")
+        self.on(speed, "speed", lambda name: setattr(window, "speed", SPEEDS[name]))
+
+    def _slid(self, value: float) -> None:
+        self.window.play(False)
+        self.window.go(value)
+
+    def _clicked(self, name: str) -> None:
+        window = self.window
+        if name in (_PLAYING, _PAUSED):
+            window.play(name == _PAUSED)
+        else:
+            window.play(False)
+            window.go(window.now + (TIME_STEP if name.startswith("step") else -TIME_STEP))
+
+    # -- planning -------------------------------------------------------------------------------
+
+    def _planning(self) -> None:
+        window, gui, now = self.window, self.gui, self.window.settings
+        self.planner = gui.add_dropdown("planner", planner_names(), initial_value=now["planner"])
+        self.on(self.planner, "planner", lambda v: self._set(planner=v))
+        strategy = gui.add_dropdown("strategy", STRATEGIES, initial_value=now["strategy"])
+        self.on(strategy, "strategy", lambda v: self._set(strategy=v))
+        self.radius = gui.add_slider("gripper radius [mm]", 20.0, 80.0, 1.0, 50.0)
+        self.on(self.radius, "radius", lambda v: window.change(
+            arrange.with_radius(window.scene, 1e-3 * v)))  # fmt: skip
+        self.sigma = gui.add_slider("detection σ [mm]", 0.0, 15.0, 0.5, 0.0)
+        self.on(self.sigma, "sigma", lambda v: window.change(
+            arrange.with_sigma(window.scene, 1e-3 * v)))  # fmt: skip
+        with gui.add_folder("options", expand_by_default=False):
+            predict = gui.add_checkbox("search in the push model", True)
+            self.on(predict, "prediction", lambda v: self._option(prediction=v))
+            duration = gui.add_number("duration [s], 0: shortest", 0.0, min=0.0, max=60.0, step=0.5)
+            self.on(duration, "duration", lambda v: self._option(duration=v or None))
+            for name, (label, factor, least, most, step) in _NUMBERS.items():
+                default = round(getattr(window.options, name) * factor, 6)
+                number = gui.add_number(label, default, min=least, max=most, step=step)
+                self.on(number, name, self._scaled(name, factor))
+        again = gui.add_button("plan again")
+        self.on(again, "again", lambda _: window.replan())
+        self.table = gui.add_html("")
+
+    def _scaled(self, name: str, factor: float) -> Callable[[float], None]:
+        return lambda value: self._option(**{name: value / factor})
+
+    def _set(self, **values: Any) -> None:
+        self.window.settings |= values
+        self.window.replan()
+
+    def _option(self, **values: Any) -> None:
+        self.window.options = replace(self.window.options, **values)
+        self.window.replan()
+
+    # -- moving and saving ----------------------------------------------------------------------
+
+    def _moving(self) -> None:
+        window, gui = self.window, self.gui
+        gui.add_markdown("Click a thing in the scene, or choose it here; then drag its handle.")
+        names = (NOTHING, *arrange.grips(window.scene))
+        self.choice = gui.add_dropdown("handle at", names, initial_value=NOTHING)
+        self.on(self.choice, "select", lambda v: window.select("" if v == NOTHING else v))
+        self.place = gui.add_vector3("place [m]", (0.0, 0.0, 0.0), step=0.001)
+        self.on(self.place, "place", self._placed)
+        reset = gui.add_button("scene as it was")
+        self.on(reset, "reset", lambda _: window.reset())
+        self.name = gui.add_text("name", window.scene.name)
+        save_scene, save_plan = gui.add_button("save scene"), gui.add_button("save plan")
+        self.on(save_scene, "save scene", lambda _: self._save_scene())
+        self.on(save_plan, "save plan", lambda _: self._save_plan())
+        self.saved = gui.add_markdown("")
+
+    def _placed(self, value: tuple[float, float, float]) -> None:
+        window = self.window
+        if window.selected is not None:
+            window.change(arrange.moved(window.scene, window.selected, np.array(value)))
+            window.select(window.selected.name)
+
+    def named(self) -> str:
+        """The name to save under, see :func:`plain_name`."""
+        return plain_name(str(self.name.value))
+
+    def _save_scene(self) -> None:
+        from optipromp.core.files import check_folder
+        from optipromp.core.scenes.io import save_scene
+
+        name = self.named()
+        check_folder(self.window.out)
+        path = self.window.out / f"{name}.yaml"
+        save_scene(replace(self.window.scene, name=name), path)
+        self.tell(f"wrote {path}")
+
+    def _save_plan(self) -> None:
+        from optipromp.core.output import write_plan
+
+        if self.window.plan is None:
+            raise InvalidRequestError("there is no plan of this scene")
+        folder = self.window.out / self.named()
+        write_plan(self.window.plan, folder)
+        self.tell(f"wrote {folder}")
+
+    def tell(self, text: str) -> None:
+        """Say what was saved."""
+        self.saved.content = text
+
+    # -- layers and charts ----------------------------------------------------------------------
+
+    def _layers(self) -> None:
+        window = self.window
+        for name in LAYERS:
+            box = self.gui.add_checkbox(name, window.stage.visible(name))
+            self.on(box, name, functools.partial(self._layer, name))
+        self.gui.add_markdown(
+            "Orange: the conditioned primitive and its tube of two standard deviations; violet: "
+            "the followed path; blue: the optimised motion. Candidates are green without "
+            "predicted harm, red where it is above what is allowed. Body spheres are red in "
+            "touch and green from 50 mm on."
+        )
+
+    def _layer(self, name: str, shown: bool) -> None:
+        window = self.window
+        window.stage.layer(name, shown)
+        if name == "pushed objects" and not shown and window.plan is not None:
+            window.stage.show(window.plan.scene, window.plan.robot)
+        window.go(window.now)
+
+    def _charts(self) -> None:
+        self.plots = Plots(self.gui)
+
+    def _refresh(self) -> None:
+        """After a plan: the table, the charts, the controls that the scene decides."""
+        window, plan = self.window, self.window.plan
+        assert plan is not None and window.near is not None  # noqa: PT018
+        self.table.content = table(plan)
+        self.gui.set_panel_label(f"OptI-ProMP: {plan.scene.name}")
+        self.planner.value = window.settings["planner"]
+        names = (NOTHING, *arrange.grips(window.scene))
+        if tuple(self.choice.options) != names:
+            self.choice.options = names
+        radius = arrange.tool_radius(window.scene)
+        self.radius.disabled = radius is None
+        if radius is not None:
+            self.radius.value = 1e3 * radius
+        self.sigma.value = 1e3 * arrange.sigma(window.scene)
+        self.plots.show(charts(plan, window.near, window.chart_times), window.now)
+
+    def _mark(self) -> None:
+        """After a change of the time: slider and charts."""
+        window = self.window
+        if window.plan is not None:
+            end = round(window.duration, 3)
+            if self.time.max != end:
+                self.time.max = end
+            self.time.value = min(round(window.now, 3), end)
+        if window.selected is None:
+            self.choice.value = NOTHING
+        else:
+            self.choice.value = window.selected.name
+            self.place.value = tuple(arrange.place(window.scene, window.selected).tolist())
+        self.plots.mark(window.now, CHART_EVERY * window.speed if window.worker.running else 0.0)
+
+
+def plain_name(text: str) -> str:
+    """A name to save under: one part of a path, within the page's folder.
+
+    Raises:
+        InvalidRequestError: it is empty, no name, too long for a file or leads elsewhere.
+    """
+    name = text.strip()
+    if not is_name(name) or name != file_name(name).strip("."):
+        raise InvalidRequestError(f"the name {name!r} is not a plain file name")
+    return name

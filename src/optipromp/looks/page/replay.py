@@ -1,0 +1,132 @@
+"""Executed plans: the arm, the objects and the contacts as they were, one or two side by side."""
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.documents import read_document
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError
+from optipromp.core.files import read_npz
+from optipromp.core.planning import Plan
+from optipromp.core.planning.task import posed
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.io import scene_from_dict
+from optipromp.core.scenes.scene import Scene
+from optipromp.looks.page.stage import PlanNodes
+
+ROLLOUTS_APART = 1.3  # [m] between two rollouts side by side
+LEAST_FORCE = 0.02  # [N] least force of a contact that is drawn
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """An executed plan.
+
+    Attributes:
+        name: shown to the user.
+        scene, robot, seed: of the world.
+        arrays: of :meth:`optipromp.laboratory.simulation.rollout.Rollout.arrays`.
+        success: whether the target alone was picked and nothing was harmed.
+        message: of the outcome.
+    """
+
+    name: str
+    scene: Scene
+    robot: Robot
+    seed: int
+    arrays: dict[str, Any]
+    success: bool
+    message: str
+
+    @property
+    def duration(self) -> float:
+        """Of the records [s]."""
+        return float(self.arrays["times"][-1])
+
+    @functools.cached_property
+    def _world(self) -> tuple[Any, Any]:
+        from optipromp.laboratory.simulation.world import build
+
+        world = build(self.scene, self.robot, seed=self.seed)
+        return world, world.data(self.robot.home)
+
+    def show(self, stage: PlanNodes, now: float) -> str:
+        """Put everything where it was at a time [s]; returns the forces then, in words."""
+        from optipromp.laboratory.simulation.engine import engine
+
+        arrays, (world, data) = self.arrays, self._world
+        row = int(np.abs(arrays["times"] - now).argmin())
+        stage.pose(arrays["q"][row])
+        data.qpos[:] = arrays["states"][row]
+        engine().mj_kinematics(world.model, data)
+        items = {item.id: item for item in self.scene.objects}
+        for fruit in world.shown:
+            at, turn = data.xpos[fruit.body], data.xmat[fruit.body].reshape(3, 3)
+            stage.put(items[fruit.id], np.array(at), turn, self._stem(fruit))
+        found = arrays["contacts"][arrays["contacts"][:, 0] == row]
+        felt = found[np.linalg.norm(found[:, 6:], axis=1) > LEAST_FORCE]
+        stage.forces(felt[:, 3:6], felt[:, 6:])
+        return self._words(felt)
+
+    def _stem(self, fruit: Any) -> FloatArray | None:
+        """The stem of a fruit (k, 3), root first, where the bodies of its pieces are now."""
+        world, data = self._world
+        if fruit.stem_entity < 0:
+            return None
+        geoms = np.flatnonzero(world.geom_entity == fruit.stem_entity)
+        turns = data.geom_xmat[geoms].reshape(-1, 3, 3)
+        half = world.model.geom_size[geoms, 1:2] * turns[:, :, 2]
+        ends = np.stack([data.geom_xpos[geoms] - half, data.geom_xpos[geoms] + half], axis=1)
+        root = fruit.built.nodes[0]
+        flipped = np.linalg.norm(ends[0, 1] - root) < np.linalg.norm(ends[0, 0] - root)
+        ends = ends[:, ::-1] if flipped else ends
+        return np.asarray(np.concatenate([ends[:, 0], ends[-1:, 1]]))
+
+    def _words(self, felt: FloatArray) -> str:
+        names = [entity.label for entity in self._world[0].entities]
+        pairs: dict[str, FloatArray] = {}
+        for row in felt:
+            key = f"{names[int(row[1])]} on {names[int(row[2])]}"
+            pairs[key] = pairs.get(key, np.zeros(3)) + row[6:]
+        return "  \n".join(f"{key}: {np.linalg.norm(force):.2f} N" for key, force in pairs.items())
+
+
+def load_replay(folder: Path) -> Replay:
+    """The replay of what ``optipromp simulate`` left in a folder.
+
+    Raises:
+        InvalidRequestError: files are missing or damaged, or do not tell the scene.
+        InvalidSceneError: the scene cannot be used.
+    """
+    outcome = read_document(folder / "outcome.json", InvalidRequestError, "an outcome")
+    arrays: dict[str, Any] = dict(read_npz(folder / "rollout.npz"))
+    try:
+        scene = scene_from_dict(outcome["scene_file"], base_dir=folder, source=str(folder))
+        robot = posed(scene)[0]
+        if arrays["contacts"].shape[1] != 9 or arrays["q"].shape[1] != robot.n_joints:
+            raise InvalidRequestError(f"{folder}: its arrays do not fit its scene")
+        return Replay(folder.name, scene, robot, int(outcome["seed"]), arrays,
+                      bool(outcome["success"]), str(outcome["message"]))  # fmt: skip
+    except InvalidSceneError:
+        raise
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise InvalidRequestError(
+            f"{folder}: not a rollout that this version wrote ({error})"
+        ) from None
+
+
+def execute(plan: Plan, name: str) -> Replay:
+    """Execute a plan in the simulation.
+
+    Raises:
+        InvalidRequestError: MuJoCo is not installed.
+    """
+    from optipromp.laboratory.simulation import simulate
+
+    run = simulate(plan, seed=plan.seed)
+    arrays = {key: np.asarray(value) for key, value in run.rollout.arrays().items()}
+    return Replay(name, run.scene, run.robot, run.seed, arrays, run.success, run.outcome.message)

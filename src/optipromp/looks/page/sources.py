@@ -1,0 +1,58 @@
+"""What the page opens: a scene, a plan, or executed plans."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.files import is_folder, is_there
+from optipromp.core.output import load_plan
+from optipromp.core.planning import Plan
+from optipromp.core.scenes.io import load_scene, scene_names
+from optipromp.core.scenes.scene import Scene
+from optipromp.laboratory.experiments.study import ROWS
+from optipromp.looks.page.replay import Replay, load_replay
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """What the page opens: a scene, its plan, and executed plans of the scene."""
+
+    scene: Scene
+    plan: Plan | None = None
+    replays: tuple[Replay, ...] = ()
+
+
+def open_source(item: str, beside: str | None = None) -> Source:
+    """The content of a scene file or name, or of a folder of a plan or of a rollout.
+
+    Args:
+        item: what is opened.
+        beside: a second folder of a rollout, replayed beside the first.
+
+    Raises:
+        InvalidRequestError: it is none of these, or damaged.
+        InvalidSceneError: a scene that cannot be used.
+    """
+    folder = Path(item)
+    replays = tuple(
+        load_replay(Path(name)) for name in (item, beside)
+        if name is not None and is_there(Path(name) / "rollout.npz")
+    )  # fmt: skip
+    if beside is not None and len(replays) < 2:
+        raise InvalidRequestError(f"{item} and {beside} are not both folders of a rollout")
+    if is_folder(folder) and item not in scene_names():
+        if is_there(folder / ROWS):
+            raise InvalidRequestError(
+                f"{item} is a study: 'optipromp report {item}' writes a page about it"
+            )
+        if is_there(folder / "plan.json"):
+            plan = load_plan(folder)
+            return Source(plan.scene, plan, replays)
+        if replays:
+            return Source(replays[0].scene, None, replays)
+        raise InvalidRequestError(
+            f"{item} holds neither a plan (plan.json) nor a rollout (rollout.npz)"
+        )
+    if folder.name == "plan.json":
+        return open_source(str(folder.parent), beside)
+    return Source(load_scene(item))

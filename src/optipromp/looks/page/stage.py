@@ -1,0 +1,190 @@
+"""The 3-D part of the page: nodes of one robot, its scene and a plan, in one browser window."""
+
+import textwrap
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.planning import Plan
+from optipromp.core.robots.model import Robot
+from optipromp.looks.appearance.part import rgb
+from optipromp.looks.page.content import GREEN_AT, RED_AT, Bundle, Clearances, between
+from optipromp.looks.viewer.drawn import PRIMITIVE, RED, Placed, motions
+from optipromp.looks.viewer.nodes import FLAT, Nodes, tube
+
+_WIDTH = {"conditioned ProMP": 4.0, "followed path": 3.0, "optimised": 5.0}  # [pixel]
+_CANDIDATE_ROWS = 24  # points of a candidate's line
+_LINE_POINTS = 60  # points of a motion's line
+_BALL_CORNERS = 10  # corners around a body sphere
+_ARROW = {"shaft_radius": 0.0025, "head_radius": 0.006, "head_length": 0.014}  # [m]
+_FORCE = 0.02  # [m/N] length of a force's arrow
+_SIDE = (32, 90, 167)
+
+PLANNED = (
+    "initial bundle", "candidate paths", "trajectories", "passing sides", "pushed objects",
+    "conditioned on",
+)  # fmt: skip
+LAYERS = (*PLANNED, "body spheres")
+
+
+class PlanNodes(Nodes):
+    """A robot, its scene and its plan in one window; nothing is shared between windows."""
+
+    def __init__(self, api: Any, root: str = "a", offset: Sequence[float] = (0.0, 0.0, 0.0)):
+        super().__init__(api, root, offset)
+        self.near: Clearances | None = None
+        self._shown: dict[str, Any] = {}
+        self._hidden = {"body spheres"}
+        self._muted = False
+
+    def clear(self) -> None:
+        """Remove every node."""
+        super().clear()
+        self._shown, self.near = {}, None
+
+    def _mount(self, robot: Robot) -> None:
+        super()._mount(robot)
+        if "body spheres" in self._shown:
+            self._shown.pop("body spheres").remove()
+
+    def pose(self, q: FloatArray) -> None:
+        """Move the arm, and its body spheres where they are shown, to ``q`` (n,)."""
+        super().pose(q)
+        if self.robot is not None and "body spheres" not in self._hidden:
+            self._balls().batched_positions = self.robot.sphere_centers(q).astype(np.float32)
+
+    def place(self, items: Iterable[Placed]) -> None:
+        """Put objects where they are at a moment."""
+        for item in items:
+            self.put(item.item, item.position, item.rotation, item.stem)
+
+    # -- what belongs to a plan -----------------------------------------------------------------
+
+    def layer(self, name: str, shown: bool) -> None:
+        """Show or hide a layer of :data:`LAYERS`."""
+        (self._hidden.discard if shown else self._hidden.add)(name)
+        if name == "body spheres" and shown and self.robot is not None:
+            self._balls()
+        self._refresh()
+
+    def mute(self, muted: bool) -> None:
+        """Hide all layers of a plan, or show again those that are not hidden."""
+        self._muted = muted
+        self._refresh()
+
+    def visible(self, name: str) -> bool:
+        """Whether a layer is shown."""
+        return name not in self._hidden and not (self._muted and name in PLANNED)
+
+    def _refresh(self) -> None:
+        for key, node in self._shown.items():
+            node.visible = self.visible(key.partition("|")[0])
+
+    def _add(self, key: str, make: Callable[..., Any], *args: Any, **options: Any) -> None:
+        name, visible = f"{self.root}/{key.replace('|', '/')}", self.visible(key.partition("|")[0])
+        self._shown[key] = make(name, *args, visible=visible, **options)
+
+    def drop(self, layer: str) -> None:
+        """Remove what a layer holds."""
+        for key in [key for key in self._shown if key.partition("|")[0] == layer]:
+            self._shown.pop(key).remove()
+
+    def trajectories(self, plan: Plan) -> None:
+        """The tool's lines of the plan's trajectories."""
+        found = {motion.name: motion for motion in motions(plan)}
+        for name in _WIDTH.keys() - found.keys():
+            if (old := self._shown.pop(f"trajectories|{name}", None)) is not None:
+                old.remove()
+        for name, motion in found.items():
+            q = motion.trajectory.positions
+            rows = np.unique(np.linspace(0, len(q) - 1, _LINE_POINTS).round().astype(int))
+            self._shown[f"trajectories|{name}"] = self.line(
+                f"trajectories/{name}", plan.robot.tool_pose(q[rows])[0], motion.colour,
+                _WIDTH[name], visible=self.visible("trajectories"),
+            )  # fmt: skip
+
+    def bundle(self, found: Bundle | None, layer: str = "initial bundle") -> None:
+        """A primitive's tube of two standard deviations, and samples of it."""
+        self.drop(layer)
+        if found is None:
+            return
+        corners, faces = tube(found.mean, found.radius)
+        self._add(f"{layer}|tube", self.api.add_mesh_simple, corners, faces, color=rgb(PRIMITIVE),
+                  opacity=0.18, side="double", **FLAT)  # fmt: skip
+        samples = np.stack([found.samples[:, :-1], found.samples[:, 1:]], axis=2)
+        self._add(f"{layer}|samples", self.api.add_line_segments,
+                  samples.reshape(-1, 2, 3).astype(np.float32), rgb(PRIMITIVE), thickness=1.0,
+                  thickness_units="screen")  # fmt: skip
+
+    def candidates(self, found: Sequence[tuple[FloatArray, float]], threshold: float) -> None:
+        """Candidate tool paths, red where the predicted harm is above the threshold."""
+        self.drop("candidate paths")
+        if not found:
+            return
+        lines, colours = [], []
+        for points, harm in found:
+            rows = np.linspace(0, len(points) - 1, _CANDIDATE_ROWS).round().astype(int)
+            lines.append(np.stack([points[rows[:-1]], points[rows[1:]]], axis=1))
+            colour = between(np.array(harm), threshold, 0.0)
+            colours.append(np.broadcast_to(colour, (len(lines[-1]), 2, 3)))
+        self._add("candidate paths|all", self.api.add_line_segments,
+                  np.concatenate(lines).astype(np.float32), np.concatenate(colours),
+                  thickness=2.0, thickness_units="screen")  # fmt: skip
+
+    def sides(self, found: Sequence[tuple[str, FloatArray, FloatArray]]) -> None:
+        """Arrows from each pushable to where the tool passes."""
+        self.drop("passing sides")
+        if found:
+            points = np.array([[begin, end] for _, begin, end in found], dtype=np.float32)
+            self._add("passing sides|all", self.api.add_arrows, points, _SIDE, **_ARROW)
+
+    def via(self, points: Sequence[tuple[str, FloatArray, str]]) -> None:
+        """The points of the tool that a primitive was conditioned on."""
+        self.drop("conditioned on")
+        for name, point, colour in points:
+            self._add(f"conditioned on|{name}", self.api.add_icosphere, radius=0.006,
+                      color=rgb(colour), position=point)  # fmt: skip
+
+    def ghosts(self, items: Iterable[Placed]) -> None:
+        """Small balls where pushed objects are predicted to be at the end."""
+        self.drop("pushed objects")
+        for item in items:
+            if item.shift > 1e-3:
+                self._add(f"pushed objects|{item.item.id}", self.api.add_label, item.label,
+                          position=item.position, font_screen_scale=0.8)  # fmt: skip
+
+    def colour(self, row: int) -> None:
+        """Colour the body spheres by their clearance in row ``row`` of :attr:`near`."""
+        if self.near is not None and "body spheres" not in self._hidden:
+            self._balls().batched_colors = between(self.near.nearest[row], RED_AT, GREEN_AT)
+
+    def _balls(self) -> Any:
+        assert self.robot is not None
+        if "body spheres" not in self._shown:
+            import trimesh
+
+            ball = trimesh.creation.uv_sphere(count=[_BALL_CORNERS, _BALL_CORNERS])
+            radius = np.asarray(self.robot.spheres.radius)
+            self._add("body spheres", self.api.add_batched_meshes_simple, ball.vertices,
+                      ball.faces, np.tile([1.0, 0.0, 0.0, 0.0], (len(radius), 1)),
+                      self.robot.sphere_centers(self.robot.home), batched_scales=radius,
+                      batched_colors=np.full((len(radius), 3), 170, np.uint8), opacity=0.45,
+                      lod="off", **FLAT)  # fmt: skip
+        return self._shown["body spheres"]
+
+    def forces(self, points: FloatArray, forces: FloatArray) -> None:
+        """Contact forces (k, 3) [N] as arrows that end at points (k, 3) [m]."""
+        self.drop("forces")
+        if len(points):
+            arrows = np.stack([points - _FORCE * forces, points], axis=1).astype(np.float32)
+            self._add("forces|all", self.api.add_arrows, arrows, rgb(RED), **_ARROW)
+
+    def say(self, text: str, at: FloatArray | None) -> None:
+        """A label at a point (3,) [m] of the scene; empty: none."""
+        self.drop("message")
+        if text and at is not None:
+            words = "\n".join(textwrap.wrap(text, 36)[:7])
+            self._add("message|text", self.api.add_label, words, position=at,
+                      anchor="bottom-right")  # fmt: skip

@@ -1,0 +1,141 @@
+"""The tabs for recording demonstrations and for replaying executed plans."""
+
+import warnings
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.files import check_folder
+from optipromp.core.planning.task import posed
+from optipromp.looks.page.content import bundle
+from optipromp.looks.page.record import Recorder
+
+if TYPE_CHECKING:
+    from optipromp.looks.page.panel import Panel
+
+LEARNT = "learnt band"
+_TELL = "Drag the tool by its handle; the joints follow. Then accept or discard, save, learn."
+
+
+class RecordTab:
+    """Controls of a recording; the window's scene gives robot and start."""
+
+    def __init__(self, panel: "Panel") -> None:
+        self.panel, self.window, gui = panel, panel.window, panel.gui
+        self.recorder: Recorder | None = None
+        self.told = gui.add_markdown(_TELL)
+        for label, act in (
+            ("start recording", self.start), ("accept", self.accept), ("discard", self.discard),
+            ("save demonstrations", self.save), ("learn and show the band", self.learn),
+            ("forget what was learnt", self.forget),
+        ):  # fmt: skip
+            panel.on(gui.add_button(label), label, _ignoring(act))
+
+    def start(self) -> None:
+        """Put the handle at the tool, the arm at the scene's start."""
+        window = self.window
+        robot, state = posed(window.scene)
+        window.replay(())
+        window.select("")
+        window.play(False)
+        known = self.recorder
+        if known is None or known.robot.joint_names != robot.joint_names:
+            self.recorder = known = Recorder(robot, state.q)
+        known.begin(state.q)
+        window.stage.show(window.scene, robot)
+        window.stage.pose(state.q)
+        window.hold(robot.tool_pose(state.q)[0], self._dragged)
+        self._tell("recording: drag the handle")
+
+    def _dragged(self, at: FloatArray, phase: str) -> None:
+        recorder = self.recorder
+        assert recorder is not None
+        reached = recorder.drag(at, self.window.since)
+        self.window.stage.pose(recorder.q)
+        words = f"{len(recorder.times)} samples" + ("" if reached else ", **out of reach**")
+        self._tell(f"recording: {words}")
+
+    def _recorder(self) -> Recorder:
+        if self.recorder is None:
+            raise InvalidRequestError("nothing is recorded yet: start recording")
+        return self.recorder
+
+    def accept(self) -> None:
+        """Keep the recording."""
+        count = self._recorder().accept()
+        self.window.release()
+        self._tell(f"{count} demonstrations; start recording the next, save or learn")
+
+    def discard(self) -> None:
+        """Forget the recording."""
+        recorder = self._recorder()
+        recorder.begin(recorder.q)
+        self.window.release()
+        self._tell(f"discarded; {len(recorder.kept)} demonstrations")
+
+    def save(self) -> None:
+        """Write the accepted ones into the page's folder."""
+        name = self.panel.named()
+        check_folder(self.window.out)
+        path = self.window.out / f"{name}-demonstrations.npz"
+        self._recorder().save(path)
+        self._tell(f"wrote {path}, for 'optipromp learn'")
+
+    def learn(self) -> None:
+        """Learn a primitive, show its band and plan with it."""
+        recorder, window = self._recorder(), self.window
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            promp = recorder.learn()
+        window.stage.bundle(bundle(promp, recorder.robot), LEARNT)
+        notes = "".join(f"  \n{one.message}" for one in said)
+        self._tell(f"learnt from {len(recorder.kept)} demonstrations; plans begin from it{notes}")
+        window.settings["demonstrations"] = promp
+        window.replan()
+
+    def forget(self) -> None:
+        """Plan from the robot's own demonstrations again."""
+        self.window.settings.pop("demonstrations", None)
+        self.window.stage.drop(LEARNT)
+        self._tell(_TELL)
+        self.window.replan()
+
+    def _tell(self, text: str) -> None:
+        self.told.content = text
+
+
+class ReplayTab:
+    """Controls of executed plans."""
+
+    def __init__(self, panel: "Panel") -> None:
+        self.window, gui = panel.window, panel.gui
+        panel.on(gui.add_button("execute this plan"), "execute", lambda _: self.window.execute())
+        self.choice = gui.add_dropdown("replay", ("none",))
+        self.second = gui.add_dropdown("beside", ("none",))
+        for control in (self.choice, self.second):
+            panel.on(control, "replay", lambda _: self.show())
+        self.forces = gui.add_markdown("")
+        self.window.clocked.append(self.follow)
+
+    def show(self) -> None:
+        """Replay what is chosen; none: the plan."""
+        known = {replay.name: replay for replay in self.window.replays}
+        names = dict.fromkeys(str(c.value) for c in (self.choice, self.second))
+        self.window.replay([known[name] for name in names if name in known])
+
+    def follow(self) -> None:
+        """Show what is replayed and the forces of the moment."""
+        names = ("none", *(replay.name for replay in self.window.replays))
+        now = [replay.name for replay, _ in self.window.replayed]
+        for control, name in zip((self.choice, self.second), [*now, "none", "none"], strict=False):
+            if tuple(control.options) != names:
+                control.options = names
+            control.value = name
+        text = self.window.forces if now else ""
+        if self.forces.content != text:
+            self.forces.content = text
+
+
+def _ignoring(act: Callable[[], None]) -> Callable[[Any], None]:
+    return lambda _: act()

@@ -1,0 +1,308 @@
+"""One browser window: its scene, its plan, its clock and its controls; nothing is shared."""
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import OptiPrompError
+from optipromp.core.planning import Plan, PlanOptions, planner_names
+from optipromp.core.planning import plan as make_plan
+from optipromp.core.scenes.scene import Scene
+from optipromp.looks.page import arrange, content
+from optipromp.looks.page.look import look
+from optipromp.looks.page.replay import ROLLOUTS_APART, Replay, execute
+from optipromp.looks.page.sources import Source
+from optipromp.looks.page.stage import PlanNodes
+from optipromp.looks.page.worker import Worker
+from optipromp.looks.viewer.drawn import conditioned_on, moment
+
+HASTE = 0.08  # [s] that a plan may take while something is dragged; of 150 ms to the screen
+_planning = threading.Lock()  # windows plan one after another: two at once gain nothing
+
+
+class Window:
+    """The state of one window and what can be done to it.
+
+    Every action is a job of the window's own thread (:attr:`worker`); the controls post them.
+
+    Args:
+        client: of viser; None of its nodes is seen by another client.
+        source: shown first; where it has no plan, one is made.
+        out: folder that the page saves into.
+    """
+
+    def __init__(self, client: Any, source: Source, out: Path) -> None:
+        self.client, self.source, self.out = client, source, out
+        self.original = self.scene = source.scene
+        self.settings: dict[str, Any] = {"planner": "opti-promp", "strategy": "joint"}
+        self.options = PlanOptions()
+        self.plan: Plan | None = None
+        self.now, self.speed = 0.0, 1.0
+        self.selected: arrange.Grip | None = None
+        self.stage = PlanNodes(client.scene)
+        self.stage.on_click = lambda name: self.post("select", lambda: self.select(name))
+        self.worker = Worker(self._tick, self._failed)
+        self.near: content.Clearances | None = None
+        self.chart_times: FloatArray = np.zeros(0)
+        self._pushed: content.PushedPlaces | None = None
+        self._gizmo: Any = None
+        self.dragging: Callable[[FloatArray, str], None] | None = None
+        self.since = 0.0  # of the drag that is answered next
+        # what the controls show; the panel sets them
+        self.say: Callable[[str, bool], None] = lambda text, bad: None
+        self.told: list[Callable[[], None]] = []  # after a plan and all that belongs to it
+        self.clocked: list[Callable[[], None]] = []  # after a change of the time
+        self.replays: list[Replay] = list(source.replays)
+        self.replayed: tuple[tuple[Replay, PlanNodes], ...] = ()
+        self.forces = ""  # of the replay, in words
+
+    def post(self, kind: str, job: Callable[[], None]) -> None:
+        """Have a job done in the window's thread."""
+        self.worker.post(kind, job)
+
+    def start(self) -> None:
+        """Show the first scene, and a plan."""
+        self.open(self.source.scene, self.source.plan)
+        if self.replays:
+            self.replay(self.replays[:2])
+
+    def open(self, scene: Scene, plan: Plan | None = None) -> None:
+        """Show another scene; a plan of it as it is, or a new one."""
+        self.original = self.scene = scene
+        self.now = 0.0
+        self.select("")
+        self.replay(())
+        look(self.client.camera, scene)
+        if plan is None:
+            self.replan()
+        else:
+            if plan.planner in planner_names():
+                self.settings["planner"] = plan.planner
+            self._show(plan, f"**{plan.status}**, as it was saved")
+            self.details()
+
+    # -- planning -------------------------------------------------------------------------------
+
+    def replan(self, *, live: bool = False, since: float | None = None) -> None:
+        """Plan the scene as it stands; ``live``: in haste, without what surrounds a plan."""
+        self.replay(())
+        began = time.perf_counter()
+        options = self.options
+        if live:
+            options = replace(options, timeout=min(HASTE, options.timeout))
+        try:
+            with _planning:
+                plan = make_plan(self.scene, options=options, **self.settings)
+        except OptiPrompError as error:
+            self.refuse(error)
+            return
+        took = 1e3 * (time.perf_counter() - began)
+        words = f"**{plan.status}**, planned in {took:.0f} ms"
+        if since is not None:
+            words += f", {1e3 * (time.perf_counter() - since):.0f} ms after the drag"
+        self._show(plan, words, haste=live)
+        if not live:
+            self.post("details", self.details)
+
+    def refuse(self, error: OptiPrompError) -> None:
+        """Say what is wrong with the scene or the request, at the thing that causes it."""
+        words = arrange.complaint(error)
+        with self.client.atomic():
+            self.stage.say(words, arrange.culprit(self.scene, error, self.selected))
+            self.say(words, True)
+
+    def _show(self, plan: Plan, words: str, *, haste: bool = False) -> None:
+        self.plan, self._pushed, self.near, self.stage.near = plan, None, None, None
+        wrong = arrange.complaint(plan)
+        with self.client.atomic():
+            self.stage.show(plan.scene, plan.robot, haste=haste)
+            self.stage.trajectories(plan)
+            self.stage.say(
+                wrong, arrange.culprit(plan.scene, plan, self.selected) if wrong else None
+            )
+            if not haste:
+                self.stage.sides(content.passing(plan))
+                self.stage.via(conditioned_on(plan))
+                if self.now == 0.0:
+                    self.now = moment(plan).time
+            self.go(self.now)
+            self.say(words + (f"  \n{wrong}" if wrong else ""), bool(wrong))
+
+    def details(self) -> None:
+        """Show what surrounds a plan: bundle, candidates, predictions, clearances."""
+        plan = self.plan
+        if plan is None:
+            return
+        self.chart_times = np.linspace(0.0, plan.trajectory.duration, content.CHART_ROWS)
+        q = plan.trajectory.sample(self.chart_times)[0]
+        self.near = content.clearances(plan.scene, plan.robot, q)
+        self._pushed = content.pushed(plan)
+        bundle = content.initial_bundle(plan, self.settings.get("demonstrations"))
+        tried = content.candidates(plan) if plan.planner == "opti-promp" else []
+        with self.client.atomic():
+            self.stage.near = self.near
+            self.stage.bundle(bundle)
+            threshold = plan.prediction.threshold if plan.prediction else 1.0
+            self.stage.candidates(tried, threshold)
+            self.stage.ghosts(self._pushed.places[-1])
+            for told in self.told:
+                told()
+            self.go(self.now)
+
+    # -- the clock ------------------------------------------------------------------------------
+
+    @property
+    def duration(self) -> float:
+        """Of what the clock runs through: a plan, or executed plans [s]."""
+        if self.replayed:
+            return max(replay.duration for replay, _ in self.replayed)
+        return 0.0 if self.plan is None else self.plan.trajectory.duration
+
+    def go(self, now: float) -> None:
+        """Show the arm and the objects at a time [s]."""
+        self.now = float(np.clip(now, 0.0, self.duration))
+        if self.replayed:
+            told = [f"**{r.name}**  \n{r.show(stage, self.now)}" for r, stage in self.replayed]
+            self.forces = "\n\n".join(told)
+        elif self.plan is not None:
+            self._place(self.plan)
+        for clocked in self.clocked:
+            clocked()
+
+    def _place(self, plan: Plan) -> None:
+        self.stage.pose(plan.trajectory.sample(np.array([self.now]))[0][0])
+        if self._pushed is not None and self.stage.visible("pushed objects"):
+            self.stage.place(self._pushed.at(self.now))
+        if self.near is not None:
+            self.stage.colour(int(np.abs(self.chart_times - self.now).argmin()))
+
+    def play(self, running: bool) -> None:
+        """Let the clock run, from the beginning where it is at the end; or stop it."""
+        if running and self.now >= self.duration:
+            self.go(0.0)
+        self.worker.running = running
+
+    def _tick(self, seconds: float) -> None:
+        with self.client.atomic():
+            self.go(self.now + self.speed * min(seconds, 0.2))
+        if self.now >= self.duration:
+            self.play(False)
+            self.go(self.now)
+
+    # -- executed plans -------------------------------------------------------------------------
+
+    def execute(self) -> None:
+        """Execute the plan in the simulation, and replay it."""
+        plan = self.plan
+        if plan is None:
+            return
+        self.say(f"executing {plan.planner} in the simulation ...", False)
+        with _planning:
+            self.replays.append(execute(plan, f"{len(self.replays) + 1}: {plan.planner}"))
+        self.replay(self.replays[-1:])
+
+    def replay(self, chosen: Sequence[Replay]) -> None:
+        """Replay executed plans, side by side where there are two; none: back to the plan."""
+        if not chosen and not self.replayed:
+            return
+        for _, stage in self.replayed:
+            stage.drop("forces")
+            if stage is not self.stage:
+                stage.clear()
+        self.replayed = ()
+        self.stage.mute(bool(chosen))
+        if chosen:
+            scene = chosen[0].scene
+            apart = -ROLLOUTS_APART * scene.frame[1]
+            look(self.client.camera, scene, apart if len(chosen) > 1 else None)
+            there = scene.base.rotation @ apart
+            stages = [self.stage, *(PlanNodes(self.client.scene, "b", there) for _ in chosen[1:])]
+            with self.client.atomic():
+                for replay, stage in zip(chosen, stages, strict=True):
+                    stage.show(replay.scene, replay.robot)
+                    stage.say(replay.message, None)
+                self.replayed = tuple(zip(chosen, stages, strict=True))
+                self.say("  \n".join(f"{r.name}: {r.message}" for r in chosen),
+                         not all(r.success for r in chosen))  # fmt: skip
+                self.go(0.0)
+        elif self.plan is not None:
+            self.stage.show(self.plan.scene, self.plan.robot)
+            self.go(self.now)
+
+    # -- moving things --------------------------------------------------------------------------
+
+    def select(self, name: str) -> None:
+        """Take hold of one of :func:`optipromp.looks.page.arrange.grips`; empty: let go."""
+        found = arrange.grips(self.scene)
+        self.selected = found.get(name)
+        self.release()
+        if self.selected is not None:
+            self.hold(arrange.place(self.scene, self.selected), self._dragged)
+        for clocked in self.clocked:
+            clocked()
+
+    def hold(self, at: FloatArray, dragged: Callable[[FloatArray, str], None]) -> None:
+        """Show a handle at a point (3,); ``dragged`` gets its place and ``update`` or ``end``."""
+        self.dragging = dragged
+        self._gizmo = self.client.scene.add_transform_controls(
+            f"{self.stage.root}/handle", scale=0.12, disable_rotations=True, depth_test=False,
+            position=at,
+        )  # fmt: skip
+
+        async def moved(event: Any) -> None:  # in order: viser awaits it
+            since, at = time.perf_counter(), np.array(event.target.position)
+            if event.phase != "start" and self.dragging is not None:
+                self.dragged(at, event.phase, since)
+
+        self._gizmo.on_update(moved)
+
+    def release(self) -> None:
+        """Remove the handle."""
+        self.dragging = None
+        if self._gizmo is not None:
+            self._gizmo.remove()
+            self._gizmo = None
+
+    def dragged(self, at: FloatArray, phase: str, since: float) -> None:
+        """The handle is at a point (3,); called from viser's thread."""
+        act = self.dragging
+        if act is None:
+            return
+        if phase == "end":
+            self.worker.drop("drag")
+        self.since = since
+        self.post("drag" if phase == "update" else "dropped", lambda: act(at, phase))
+
+    def _dragged(self, at: FloatArray, phase: str) -> None:
+        assert self.selected is not None
+        self.worker.drop("details")
+        try:
+            self.scene = arrange.moved(self.scene, self.selected, at)
+        except OptiPrompError as error:
+            self.refuse(error)
+            return
+        self.replan(live=phase == "update", since=self.since)
+
+    def reset(self) -> None:
+        """The scene as it was opened."""
+        self.scene = self.original
+        self.select("")
+        self.replan()
+
+    def change(self, scene: Scene) -> None:
+        """Another arrangement of the scene."""
+        self.scene = scene
+        self.replan()
+
+    def _failed(self, error: Exception) -> None:
+        self.say(f"error: {type(error).__name__}: {error}", True)
+
+    def close(self) -> None:
+        """End the window's thread."""
+        self.worker.stop()

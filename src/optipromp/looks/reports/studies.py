@@ -1,0 +1,181 @@
+"""The report of a study: rates with intervals, causes, prediction, and the worst cases."""
+
+import shlex
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
+from optipromp.core.planning import PlanOptions
+from optipromp.laboratory.experiments.runs import ERROR, NO_PLAN, Row, again
+from optipromp.laboratory.experiments.statistics import Calibration, Cell, calibration, summary
+from optipromp.laboratory.experiments.study import ROWS, rows_of, settings_of
+from optipromp.laboratory.experiments.study_output import study_figure
+from optipromp.laboratory.generate import PANDA
+from optipromp.laboratory.simulation import Run
+from optipromp.looks.reports.html import made_with, page, paragraph, picture, section, table
+from optipromp.looks.viewer.figures import png
+from optipromp.looks.viewer.notebook import DPI
+
+SIZE = 640, 360  # [pixel] of a worst case's picture
+WORST = 6  # cases that are shown
+SLIGHT = 0.2  # [N] below which no force is a moment to show
+
+
+def study_report(
+    folder: Path | str, *, worst: int = WORST, progress: Callable[[str], None] | None = None
+) -> bytes:
+    """One HTML file about the study in a folder that ``optipromp study`` left.
+
+    The worst runs are made again for their pictures; where nothing can be drawn off screen there
+    are none.
+
+    Args:
+        folder: of the rows.
+        worst: how many failed runs are shown.
+        progress: called with words on what is being done.
+
+    Raises:
+        InvalidRequestError: the folder holds no rows, or its settings a risk that is none.
+    """
+    folder = Path(folder)
+    rows = rows_of(folder)
+    if not rows:
+        raise InvalidRequestError(f"{folder} holds no rows of a study ({ROWS})")
+    settings, robot = settings_of(folder)
+    risk = PlanOptions(risk=settings.get("risk", PlanOptions.risk)).risk
+    cells = summary(rows)
+    kept, plans = sum(cell.kept for cell in cells), sum(cell.plans for cell in cells)
+    title = f"Study of {len(rows)} runs"
+    head = f"<h1>{title}</h1>" + paragraph(
+        f"{kept} of {len(rows)} were promised, picked the target and harmed nothing, in the "
+        f"physics simulation; {plans - kept} of {plans} promises were broken."
+    )
+    found = calibration(rows)
+    parts = [
+        head,
+        section(
+            "Success", picture(png(study_figure(cells), DPI), "Success rates and causes"),
+            table(_rates(cells), ("preset", "planner", "runs", "promised and picked",
+                                  "95 % (Wilson)", "broken promises", "95 %",
+                                  "picked if executed although refused",
+                                  "median force on unripe", "90 %", "time to plan")),
+        ),
+        section(
+            "Causes of failure",
+            table([(cell.preset, cell.planner, cell.failed_by) for cell in cells],
+                  ("preset", "planner", "failed by (a run may have several)")),
+        ),
+        *_prediction(found),
+        *_worst(rows, worst, progress, robot, risk),
+        section("Settings", table([(name, str(value)) for name, value in settings.items()])),
+        made_with(_command(rows, robot, risk), {}),
+    ]  # fmt: skip
+    return page(title, parts)
+
+
+def _rates(cells: Sequence[Cell]) -> list[tuple[str, ...]]:
+    return [
+        (c.preset, c.planner, str(c.runs), f"{c.kept} ({100 * c.rate:.1f} %)",
+         f"{100 * c.low:.0f}–{100 * c.high:.0f} %", f"{c.broken} of {c.plans}",
+         f"{100 * c.broken_low:.0f}–{100 * c.broken_high:.0f} %", str(c.successes),
+         _newton(c.unripe_force), _newton(c.unripe_force_90), f"{1e3 * c.plan_time:.0f} ms")
+        for c in cells
+    ]  # fmt: skip
+
+
+def _prediction(found: Calibration | None) -> list[str]:
+    if found is None:
+        return []
+    words = (
+        f"Of {found.successes} plans that promise success {found.failed} failed. A failed run had "
+        "a larger predicted probability than a successful one with probability "
+        f"{found.auc:.2f} (AUC)."
+    )
+    rows = [
+        (f"{100 * b.low:g} to {100 * b.high:g} %", str(b.runs), f"{100 * b.predicted:.1f} %",
+         str(b.failures), f"{100 * b.rate:.1f} %",
+         f"{100 * b.rate_low:.0f}–{100 * b.rate_high:.0f} %")
+        for b in found.bins
+    ]  # fmt: skip
+    head = "not clean, predicted", "runs", "mean", "failed", "rate", "95 %"
+    return [section("Predicted probability and what happened", paragraph(words), table(rows, head))]
+
+
+def worst_of(rows: Sequence[Row], count: int) -> list[Row]:
+    """Failed runs: those whose plan promised success first, then by force; causes in turn."""
+    failed = [row for row in rows if not row.success and row.cause != NO_PLAN]
+    failed.sort(key=lambda r: (r.plan_status != Code.SUCCESS, -(r.unripe_force or 0.0)))
+    seen: dict[str, int] = {}
+    rank = {}
+    for row in failed:
+        rank[row.key] = seen[row.cause] = seen.get(row.cause, -1) + 1
+    return sorted(failed, key=lambda row: rank[row.key])[:count]
+
+
+def _worst(
+    rows: Sequence[Row], count: int, progress: Callable[[str], None] | None, robot: str | None,
+    risk: float,
+) -> list[str]:  # fmt: skip
+    shown = []
+    for row in worst_of(rows, count):
+        name = f"{row.preset}, seed {row.seed}, {row.planner}"
+        if progress is not None:
+            progress(f"drawing {name} ...")
+        cause = row.cause.replace("_", " ")
+        caption = f"{name}: {cause}. {row.message} (plan: {row.plan_status})"
+        try:
+            run = None if row.cause == ERROR or robot is None else again(row, robot, risk)
+            shown.append(paragraph(caption) if run is None else picture(_picture(run), caption))
+        except OptiPrompError:  # nothing can be drawn off screen, or the robot's file is not there
+            shown.append(paragraph(caption))
+    if not shown:
+        return []
+    return [section("Worst cases", f'<div class="cases">{"".join(shown)}</div>')]
+
+
+def _picture(run: Run) -> bytes:
+    from optipromp.laboratory.simulation.render import View, frames
+    from optipromp.laboratory.simulation.render import png as still
+
+    view = View(width=SIZE[0], height=SIZE[1])
+    (shown,) = frames(run, np.array([worst_moment(run)]), view, caption=True)
+    return still(shown)
+
+
+def worst_moment(run: Run) -> float:
+    """When what went wrong is seen [s]: a tear, else the largest force on a fruit or stem.
+
+    The end, where there was none to speak of.
+    """
+    rollout = run.rollout
+    if rollout.torn_at:
+        return min(rollout.torn_at.values())
+    others = [k for k, name in enumerate(rollout.fruit_ids) if name != run.outcome.target]
+    force = np.concatenate([rollout.fruit_force[:, others], rollout.stem_force], axis=1)
+    if not force.size or force.max() < SLIGHT:
+        return float(rollout.times[-1])
+    return float(rollout.times[int(force.max(axis=1).argmax())])
+
+
+def _command(rows: Sequence[Row], robot: str | None, risk: float) -> str:
+    presets, planners = (
+        ",".join(dict.fromkeys(getattr(row, name) for row in rows))
+        for name in ("preset", "planner")
+    )
+    seeds = [row.seed for row in rows]
+    words = ["optipromp", "study", "--preset", presets, "--planners", planners]
+    words += ["--seeds", f"{min(seeds)}:{max(seeds) + 1}"]
+    if robot != PANDA:
+        words += ["--robot", robot or "ROBOT"]
+    for name in ("noise",) if rows[0].noise else ("noise_position", "noise_angle"):
+        if value := getattr(rows[0], name):
+            words += ["--" + name.replace("_", "-"), value if name == "noise" else f"{value:g}"]
+    if risk != PlanOptions.risk:
+        words += ["--risk", f"{risk:g}"]
+    return shlex.join([*words, "--out", "DIR"])
+
+
+def _newton(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f} N"

@@ -1,0 +1,182 @@
+"""The content of a plan's pictures: trajectories by name, one moment, and the objects then."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import isotonic_regression
+from scipy.spatial.transform import Rotation
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.planning.task import tool_motion
+from optipromp.core.scenes.scene import SceneObject
+from optipromp.core.trajectory import Trajectory
+from optipromp.looks.appearance.scene import PUSHABLES, ROLES
+
+if TYPE_CHECKING:
+    from optipromp.core.planning import Plan
+
+PRIMITIVE, FOLLOWED, OPTIMISED = "#f0a33a", "#a0449c", "#1f5fb4"
+RED, GREEN = "#c8322b", "#2f8f4e"  # wrong, right
+COLOURS = ROLES | {"avoid": "#93a1b0"}
+SAME = 1e-9  # [rad or m] below which two trajectories coincide
+STILL = 1e-3  # [m] that an object has to move to count as pushed
+BENDS = 12  # pieces of a bent stem
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A trajectory of a plan under its name; its line lies under the thinner ones."""
+
+    name: str
+    trajectory: Trajectory
+    colour: str
+    width: float
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A waypoint of the plan's trajectory, when that is [s], and what happens there."""
+
+    waypoint: int
+    time: float
+    event: str
+
+    def __str__(self) -> str:
+        return f"{self.event}, {self.time:.1f} s"
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """An object of the scene where it is at a moment.
+
+    Attributes:
+        item: as perceived.
+        position, rotation: (3,) [m] and (3, 3) at the moment.
+        stem: (k, 3) fruit first; None where there is none.
+        colour: its own, where it is to be told apart.
+    """
+
+    item: SceneObject
+    position: FloatArray
+    rotation: FloatArray
+    stem: FloatArray | None
+    colour: str
+
+    @property
+    def shift(self) -> float:
+        """How far it has been pushed [m]."""
+        return float(np.linalg.norm(self.position - self.item.position))
+
+    @property
+    def label(self) -> str:
+        """Its id, and how far it has been pushed."""
+        return self.item.id + (f", {1e3 * self.shift:.0f} mm" if self.shift > STILL else "")
+
+
+def motions(plan: "Plan") -> tuple[Motion, ...]:
+    """The plan's trajectories as they came about; of those that coincide, the first."""
+    found: list[Motion] = []
+    for name, trajectory, colour, width in (
+        ("conditioned ProMP", plan.initial, PRIMITIVE, 4.6),
+        ("followed path", plan.followed, FOLLOWED, 2.9),
+        ("optimised", plan.trajectory, OPTIMISED, 1.3),
+    ):
+        if not any(
+            np.allclose(trajectory.positions, m.trajectory.positions, rtol=0.0, atol=SAME)
+            for m in found
+        ):
+            found.append(Motion(name, trajectory, colour, width))
+    return tuple(found) if len(found) > 1 else (replace(found[0], width=2.0),)
+
+
+def moment(plan: "Plan") -> Moment:
+    """The moment at which the tool passes the last fruit in the way; without any, the end."""
+    q, hanging = plan.trajectory.positions, [t for t in plan.task.neighbours if t.stem]
+    if _still(plan):
+        return Moment(0, 0.0, "the arm stays at its start")
+    if not hanging:
+        return Moment(len(q) - 1, plan.trajectory.duration, "at the goal")
+    points, _ = plan.robot.tool_pose(q[plan.first :])
+    height = (points - hanging[-1].position) @ plan.scene.frame[2]
+    at = plan.first + int(np.argmin(np.abs(height)))
+    return Moment(at, float(plan.trajectory.times[at]), f"as the tool passes {hanging[-1].id}")
+
+
+def placed(plan: "Plan", now: Moment) -> tuple[Placed, ...]:
+    """The scene's objects; those that are pushed where they are predicted to be at a moment."""
+    moved = {} if _still(plan) else _moved(plan, now)
+    out, pushables = [], 0
+    for item in plan.scene.objects:
+        colour = COLOURS.get(item.role) or PUSHABLES[pushables % len(PUSHABLES)]
+        pushables += item.role == "pushable"
+        position, turn = moved.get(item.id, (item.position, 0.0))
+        rotation = Rotation.from_rotvec(-turn * plan.scene.frame[0]).as_matrix() @ item.rotation
+        stem = None
+        if item.stem is not None:
+            stem = bent(np.asarray(item.stem.points), position - item.position)
+        out.append(Placed(item, position, rotation, stem, colour))
+    return tuple(out)
+
+
+def tool_path(plan: "Plan") -> FloatArray:
+    """The tool path (P, 3) that was chosen and followed; empty where none was."""
+    if np.array_equal(plan.initial.positions, plan.followed.positions):
+        return np.zeros((0, 3))
+    return np.asarray(plan.robot.tool_pose(plan.followed.positions[plan.first :])[0])
+
+
+def conditioned_on(plan: "Plan") -> tuple[tuple[str, FloatArray, str], ...]:
+    """Name, tool point (3,) and colour of what the primitive was conditioned on.
+
+    In the colours of the paper's figure 3: the start yellow, the camera cyan, fruits green, the
+    target red; a fruit's pushed pose, as in its figure 5, light green.
+    """
+    if not plan.via:
+        return ()
+    start, _ = plan.robot.tool_pose(plan.trajectory.positions[0])
+    colours = {"camera": "#18c5d9", "goal": COLOURS["target"]}
+    points = [("start", np.asarray(start), "#f5d90a")]
+    for via in plan.via:
+        fruit = "#b7e36b" if via.name.endswith(" pushed") else "#2f9e44"
+        points.append((via.name, via.position, colours.get(via.name, fruit)))
+    return tuple(points)
+
+
+def spread(wanted: Sequence[float], gap: float) -> FloatArray:
+    """Heights near the ``wanted`` ones (k,), in the same order, at least ``gap`` apart."""
+    order = np.argsort(wanted, kind="stable")
+    steps = gap * np.arange(len(order))
+    out = np.empty(len(order))
+    if len(order):
+        out[order] = isotonic_regression(np.asarray(wanted)[order] - steps).x + steps
+    return out
+
+
+def bent(points: FloatArray, shift: FloatArray) -> FloatArray:
+    """A stem (k, 3), fruit first, whose fruit has moved by ``shift``: bent as a loaded cantilever.
+
+    The deflection at a share s of the length from the root is (3s² - s³) / 2 of that at the end.
+    """
+    along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    at = np.union1d(along, np.linspace(0.0, along[-1], BENDS + 1))
+    shape = np.stack([np.interp(at, along, column) for column in points.T], axis=1)
+    s = 1.0 - at / along[-1]
+    return np.asarray(shape + 0.5 * (3.0 * s**2 - s**3)[:, None] * shift)
+
+
+def _still(plan: "Plan") -> bool:
+    q = plan.trajectory.positions
+    return bool((q == q[0]).all())
+
+
+def _moved(plan: "Plan", now: Moment) -> dict[str, tuple[FloatArray, float]]:
+    q, model = plan.trajectory.positions, plan.push_model
+    if model is None or now.waypoint <= plan.first:
+        return {}
+    found = model.moved(*tool_motion(plan.robot, q[plan.first : now.waypoint + 1]))
+    return {
+        name: (place, float(turn))
+        for name, place, turn in zip(found.ids, found.positions, found.turns, strict=True)
+    }

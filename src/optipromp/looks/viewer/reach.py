@@ -1,0 +1,334 @@
+"""The picture of a reach: the arm, the tool's paths, and what is pushed, at one moment."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.geometry.faces import sphere, tube
+from optipromp.core.pushing.path import evenly, length
+from optipromp.looks.appearance.faces import shape_faces
+from optipromp.looks.appearance.scene import PUSHABLES
+from optipromp.looks.viewer import drawn
+from optipromp.looks.viewer.drawn import COLOURS, OPTIMISED, STILL, Moment, Motion, Placed
+from optipromp.looks.viewer.picture import Camera, Picture
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from optipromp.core.planning import Plan
+    from optipromp.core.robots.model import Robot
+
+ARM = "#86a5d4"
+_LINK_RADIUS = 0.042  # [m] the arm is drawn slender, so that what is behind it shows
+_NEAR = 0.35  # [m] about the target: what the close views are to show
+_TALL, _WIDE = 1.5, 0.56  # height of a close view over its width, side by side and stacked
+_PANEL = {True: 3.7, False: 4.7}  # [inch] width of a close view, side by side and stacked
+_TEXT = 8.5  # [points]
+_DOTS = 0.015  # [m] between the dots of the chosen tool path
+
+
+def reach_figure(plan: "Plan") -> "Figure":
+    """Three views of one moment of a plan: the whole arm, and the cluster along x_g and y_g.
+
+    The lines are the paths of the tool point, one a trajectory. Objects that are pushed stand where
+    they are predicted to be at that moment; dashed is where they were.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    now = drawn.moment(plan)
+    objects = drawn.placed(plan, now)
+    views = _close_views(plan)
+    pictures = [_close(camera, plan, objects, now) for camera, _ in views]
+    frames = [_frame(camera, plan, objects) for camera, _ in views]
+    across, up = np.max([np.ptp(frame, axis=0) for frame in frames], axis=0)
+    tall = up > across
+    aspect = _TALL if tall else _WIDE
+    figure = Figure(
+        figsize=(13.4, 6.9), facecolor="white",
+        layout=ConstrainedLayoutEngine(rect=(0.0, 0.08, 1.0, 0.92)),  # the legend is below
+    )  # fmt: skip
+    panels = figure.subplot_mosaic(
+        [["arm", "0", "1"]] if tall else [["arm", "0"], ["arm", "1"]],
+        width_ratios=[1.45, 1.0, 1.0] if tall else [1.0, 1.0],
+    )
+    _draw_wide(panels["arm"], plan, objects, now)
+    half = 0.5 * max(across, up / aspect) * np.array([[-1.0, -aspect], [1.0, aspect]])
+    for n, (camera, name) in enumerate(views):
+        axes, corners = panels[str(n)], frames[n].mean(axis=0) + half
+        pictures[n].draw(axes)
+        axes.set(xlim=corners[:, 0], ylim=corners[:, 1])
+        _overlay(axes, camera, plan)
+        _outlines(axes, camera, objects)
+        _labels(axes, camera, objects, _PANEL[tall])
+        axes.set_title(name, fontsize=_TEXT, color="#555555")
+    side = panels["1"]
+    _scale_bar(side)
+    figure.suptitle(title(plan, now), fontsize=11)
+    _legend(figure, plan, objects)
+    return figure
+
+
+def _close_views(plan: "Plan") -> list[tuple[Camera, str]]:
+    """Along x_g and along y_g, and what they show; the second with what is upright in the world."""
+    x_g, y_g, z_g = plan.scene.frame
+    focus = _focus(plan)
+    front = (Camera(focus, -x_g, z_g), "seen along $x_g$: $y_g$ to the right, $z_g$ up")
+    if abs(z_g[2]) >= abs(x_g[2]):
+        return [front, (Camera(focus, y_g, z_g), "seen along $y_g$: $x_g$ to the right, $z_g$ up")]
+    sign = float(np.sign(x_g[2]))
+    name = f"seen along $y_g$: $z_g$ to the right, $x_g$ {'up' if sign > 0 else 'down'}"
+    return [front, (Camera(focus, -sign * y_g, sign * x_g), name)]
+
+
+def title(plan: "Plan", now: Moment | None = None) -> str:
+    """What was planned and what came of it; then the moment, and what is predicted of the push."""
+    strategy = f", {plan.strategy}" if plan.strategy else ""
+    lines = [f"{plan.scene.name}, {plan.planner}{strategy}: {plan.status}"]
+    if now is not None:
+        lines.append(f"{now} of {plan.trajectory.duration:.1f} s")
+        if plan.prediction is not None or plan.scene.pushables:
+            lines[-1] += f"; {plan.prediction or 'the push is not predicted'}"
+    return "\n".join(lines).replace("$", r"\$")
+
+
+def _draw_wide(axes: "Axes", plan: "Plan", objects: Sequence[Placed], now: Moment) -> None:
+    focus = _focus(plan)
+    middle = 0.5 * focus
+    reach = max(0.6, float(np.linalg.norm(focus)))
+    heading = float(np.arctan2(focus[1], focus[0])) if np.hypot(*focus[:2]) > 1e-6 else 0.0
+    views = [
+        Camera.orbit(middle, heading + turn, 0.28, 3.5 * reach) for turn in (-1.0, 1.0, -2.1, 2.1)
+    ]
+    picture = Picture(min(views, key=lambda view: _hidden(view, plan, focus)))
+    for item in objects:
+        _add_object(picture, item, 0.3 if item.item.role == "avoid" else 1.0)
+    when = now.waypoint / (len(plan.trajectory.positions) - 1)
+    for motion in drawn.motions(plan)[:-1]:
+        q = motion.trajectory.positions
+        bones = _bones(plan.robot, q[round(when * (len(q) - 1))])
+        picture.add(tube(bones, 0.012, 8), motion.colour)
+    _add_arm(picture, plan.robot, plan.trajectory.positions[now.waypoint])
+    picture.draw(axes)
+    _floor(axes, picture.camera, reach)
+    _overlay(axes, picture.camera, plan, 0.6)
+
+
+def _close(camera: Camera, plan: "Plan", objects: Sequence[Placed], now: Moment) -> Picture:
+    picture = Picture(camera)
+    for item in objects:
+        before = float(camera.axes[2] @ (item.position - camera.target)) > 0.03
+        static = 0.15 if before else 1.0  # what stands before the target is cut away
+        _add_object(picture, item, {"avoid": 0.25, "static": static}.get(item.item.role, 1.0))
+    for at, alpha in {-1: 0.14, now.waypoint - len(plan.trajectory.positions): 0.34}.items():
+        picture.add(tool_faces(plan.robot, plan.trajectory.positions[at]), OPTIMISED, alpha)
+    radii = {f"{item.item.id} pushed": item.item.radius for item in objects}
+    for name, point, colour in drawn.conditioned_on(plan):
+        if name in radii:
+            picture.add(sphere(point, radii[name]), colour, 0.35)
+    return picture
+
+
+def tool_faces(robot: "Robot", q: FloatArray) -> FloatArray:
+    """Faces (F, 4, 3) of the tool at a configuration (n,); without a tool, of the last link."""
+    if robot.tool is None:
+        cover, centers = robot.spheres, robot.sphere_centers(q)
+        last = np.flatnonzero(cover.link == cover.link.max())
+        return np.concatenate([sphere(centers[k], cover.radius[k], 12) for k in last])
+    origins, rotations = robot.segment_frames(q)
+    flange = origins[-1] + rotations[-1] @ robot.flange_translation
+    turned = rotations[-1] @ robot.flange_rotation
+    return np.concatenate(
+        [
+            shape_faces(solid.shape, flange + turned @ solid.position, turned @ solid.rotation)
+            for solid in robot.tool.solids()
+        ]
+    )
+
+
+def _add_object(picture: Picture, placed: Placed, alpha: float) -> None:
+    colour = COLOURS.get(placed.item.role, placed.colour)
+    faces = shape_faces(placed.item.shape, placed.position, placed.rotation)
+    picture.add(faces, colour, alpha)
+    if placed.stem is not None and placed.item.stem is not None:
+        picture.add(tube(placed.stem, placed.item.stem.radius, 8), colour)
+
+
+def _bones(robot: "Robot", q: FloatArray) -> FloatArray:
+    """From the base through the joints to the flange (k, 3)."""
+    origins, rotations = robot.segment_frames(q)
+    corners = [np.zeros(3)]
+    for corner in (*origins, origins[-1] + rotations[-1] @ robot.flange_translation):
+        if np.linalg.norm(corner - corners[-1]) > 1e-6:
+            corners.append(corner)
+    return np.stack(corners)
+
+
+def _add_arm(picture: Picture, robot: "Robot", q: FloatArray) -> None:
+    bones = _bones(robot, q)
+    slender = min(_LINK_RADIUS, 0.12 * max(float(np.linalg.norm(bones[-1])), 0.1))
+    picture.add(tube(bones, slender), ARM)
+    for joint in bones[1:-1]:
+        picture.add(sphere(joint, 1.3 * slender), ARM)
+    picture.add(tool_faces(robot, q), ARM)
+
+
+def _focus(plan: "Plan") -> FloatArray:
+    """What the picture is about: the target, or where the tool ends."""
+    if plan.scene.target is not None:
+        return np.asarray(plan.scene.target.position, dtype=float)
+    return np.asarray(plan.robot.tool_pose(plan.trajectory.positions[-1])[0])
+
+
+def _hidden(view: Camera, plan: "Plan", focus: FloatArray) -> float:
+    """How far static objects stand before the focus, seen from the camera [m]."""
+    nearer = [
+        float(view.axes[2] @ (item.position - focus))
+        for item in plan.scene.static
+        if np.isfinite(item.radius)
+    ]
+    return sum(max(0.0, distance) for distance in nearer)
+
+
+def _frame(camera: Camera, plan: "Plan", objects: Sequence[Placed]) -> FloatArray:
+    """Two corners (2, 2) of what a close view is to show: the fruits, and the tool among them."""
+    seen = [tool_faces(plan.robot, plan.trajectory.positions[-1]).reshape(-1, 3)]
+    for item in objects:
+        if item.item.role in ("target", "pushable") and (
+            np.linalg.norm(item.item.position - camera.target) < _NEAR
+        ):
+            for at in (item.position, item.item.position):
+                seen.append(at + 1.4 * item.item.radius * np.vstack([np.eye(3), -np.eye(3)]))
+    tool, _ = plan.robot.tool_pose(plan.trajectory.positions[plan.first :])
+    points = np.array([*tool, *(point for _, point, _ in drawn.conditioned_on(plan)[1:])])
+    seen.append(points[np.linalg.norm(points - camera.target, axis=1) < _NEAR])
+    flat = camera.project(np.concatenate(seen))[:, :2]
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    margin = 0.05 * (high - low) + [0.04, 0.0]
+    return np.stack([low - margin, high + margin])
+
+
+def _floor(axes: "Axes", camera: Camera, reach: float) -> None:
+    ticks = np.arange(-4, 5) * 0.15 * max(1.0, reach)
+    for tick in ticks:
+        for ends in ([[tick, ticks[0], 0], [tick, ticks[-1], 0]],
+                     [[ticks[0], tick, 0], [ticks[-1], tick, 0]]):  # fmt: skip
+            x, y, _ = camera.project(np.array(ends)).T
+            axes.plot(x, y, color="#dfe3e8", lw=0.8, zorder=0)
+
+
+def _overlay(axes: "Axes", camera: Camera, plan: "Plan", thin: float = 1.0) -> None:
+    """The tool's path in each trajectory, the chosen one, and what the primitive passes."""
+
+    def flat(points: FloatArray) -> tuple[Any, Any]:
+        x, y, _ = camera.project(points).T
+        return x, y
+
+    for motion in drawn.motions(plan):
+        tool, _ = plan.robot.tool_pose(motion.trajectory.resample(50.0).positions)
+        width = thin * motion.width
+        axes.plot(*flat(tool), color=motion.colour, lw=width, zorder=3)
+    path = drawn.tool_path(plan)
+    if len(path) and thin == 1.0:
+        spaced = evenly(path, 2 + int(length(path) / _DOTS))
+        axes.plot(*flat(spaced), "o", color="black", ms=2.8, zorder=4)
+    points = {name: (flat(point), colour) for name, point, colour in drawn.conditioned_on(plan)}
+    for name, (at, colour) in points.items():
+        axes.plot(*at, marker="o", ms=7.5 * thin, color=colour, mec="black", mew=0.7, zorder=5)
+        if f"{name} pushed" in points:
+            axes.annotate(
+                "", points[f"{name} pushed"][0], at, zorder=5, annotation_clip=True,
+                arrowprops={"arrowstyle": "->", "color": "black", "lw": 1.1 * thin},
+            )  # fmt: skip
+
+
+def _outlines(axes: "Axes", camera: Camera, objects: Sequence[Placed]) -> None:
+    """Dashed, where what is pushed was before."""
+    from matplotlib.patches import Polygon
+
+    for placed in objects:
+        if placed.shift > STILL:
+            item = placed.item
+            faces = shape_faces(item.shape, item.position, item.rotation)
+            flat = camera.project(faces.reshape(-1, 3))[:, :2]
+            corners = flat[ConvexHull(flat).vertices]
+            axes.add_patch(
+                Polygon(corners, fill=False, ec=placed.colour, lw=1.3, ls=(0, (4, 2.5)), zorder=2.5)
+            )
+            if item.stem is not None:
+                x, y, _ = camera.project(np.asarray(item.stem.points)).T
+                axes.plot(x, y, color=placed.colour, lw=1.0, ls=(0, (4, 2.5)))
+
+
+def _labels(axes: "Axes", camera: Camera, objects: Sequence[Placed], inches: float) -> None:
+    """Names in two columns at the edges, apart from one another, each with a line to its object."""
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    middle, per_point = 0.5 * (left + right), (right - left) / (72.0 * inches)
+    columns: dict[bool, list[tuple[Placed, FloatArray]]] = {False: [], True: []}
+    for item in objects:
+        x, y, _ = camera.project(item.position)
+        if item.item.role in ("target", "pushable") and left < x < right and low < y < high:
+            columns[bool(x >= middle)].append((item, np.array([x, y])))
+    for on_right, column in columns.items():
+        heights = drawn.spread([float(at[1]) for _, at in column], 1.6 * _TEXT * per_point)
+        edge = 0.98 * right + 0.02 * left if on_right else 0.98 * left + 0.02 * right
+        for (item, at), height in zip(column, heights, strict=True):
+            axes.annotate(
+                item.label.replace("$", r"\$"), tuple(at.tolist()), (edge, height), va="center",
+                ha="right" if on_right else "left", fontsize=_TEXT, color=item.colour,
+                weight="bold", zorder=6,
+                arrowprops={"arrowstyle": "-", "color": item.colour, "lw": 0.7, "shrinkB": 3},
+                bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.8},
+            )  # fmt: skip
+
+
+def _scale_bar(axes: "Axes") -> None:
+    (_, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    x, y = right - 0.055, low + 0.015 * (high - low)
+    axes.plot([x, x + 0.05], [y, y], color="#222222", lw=2)
+    axes.text(x + 0.025, y + 0.008 * (high - low), "5 cm", ha="center", fontsize=8)
+
+
+def _legend(figure: "Figure", plan: "Plan", objects: Sequence[Placed]) -> None:
+    from matplotlib.lines import Line2D
+
+    def line(text: str, colour: str, **style: object) -> Line2D:
+        return Line2D([], [], label=text, color=colour, **style)  # type: ignore[arg-type]
+
+    paths: Sequence[Motion] = drawn.motions(plan)
+    first = [line(f"tool, {m.name}", m.colour, lw=m.width) for m in paths]
+    if len(drawn.tool_path(plan)):
+        first.append(line("chosen tool path", "black", marker="o", ls="none", ms=3.2))
+    pushed = any(item.shift > STILL for item in objects)
+    names = {
+        "target": "target", "pushable": "to push aside" + ", as predicted" * pushed,
+        "avoid": "to avoid", "static": "static",
+    }  # fmt: skip
+    roles = {item.item.role for item in objects}
+    ball = {"marker": "o", "ls": "none", "ms": 8}
+    second = [
+        line(text, COLOURS.get(role, PUSHABLES[0]), **ball)
+        for role, text in names.items()
+        if role in roles
+    ]
+    if pushed:
+        second.append(line("where it was", PUSHABLES[0], lw=1.3, ls=(0, (4, 2.5))))
+    words = {"goal": "target", "camera": "camera", "start": "start"}
+    conditioned = {
+        words.get(name, "pushed pose" if name.endswith(" pushed") else "unripe fruit"): colour
+        for name, _, colour in drawn.conditioned_on(plan)
+    }
+    point = {"marker": "o", "ls": "none", "ms": 7, "mec": "black", "mew": 0.7}
+    first += [
+        line(f"conditioned at: {text}" if i == 0 else text, colour, **point)
+        for i, (text, colour) in enumerate(conditioned.items())
+    ]
+    for place, handles in ((0.035, first), (0.0, second)):
+        figure.legend(
+            handles=handles, loc="lower center", bbox_to_anchor=(0.5, place), ncols=len(handles),
+            frameon=False, fontsize=9,
+        )  # fmt: skip
