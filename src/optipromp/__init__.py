@@ -14,6 +14,8 @@ package is fast.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from optipromp._moved import keep_former_paths
+
 if TYPE_CHECKING:
     from optipromp.core.errors import Code as Code
     from optipromp.core.errors import OptiPrompError as OptiPrompError
@@ -53,10 +55,10 @@ if TYPE_CHECKING:
     from optipromp.laboratory.simulation import simulate as simulate
 
 _HOMES = {
-    "errors": ("Code", "OptiPrompError"),
-    "judging": ("Metrics",),
-    "output": ("load_plan", "write_plan"),
-    "planning": (
+    "core.errors": ("Code", "OptiPrompError"),
+    "core.judging": ("Metrics",),
+    "core.output": ("load_plan", "write_plan"),
+    "core.planning": (
         "IProMP",
         "OptiProMP",
         "PaperOptions",
@@ -69,7 +71,7 @@ _HOMES = {
         "plan_many",
         "plan_sequence",
     ),
-    "promp": (
+    "core.promp": (
         "Basis",
         "JointPoint",
         "ProMP",
@@ -79,17 +81,20 @@ _HOMES = {
         "fit_em",
         "load_demonstrations",
     ),
-    "robots.library": ("load_robot",),
-    "robots.model": ("Robot",),
-    "robots.tools": ("Cup", "FrankaHand", "with_tool"),
-    "scenes.io": ("load_scene", "save_scene"),
-    "scenes.scene": ("Scene", "SceneObject"),
-    "simulation": ("simulate",),
-    "trajectory": ("State", "Trajectory"),
+    "core.robots.library": ("load_robot",),
+    "core.robots.model": ("Robot",),
+    "core.robots.tools": ("Cup", "FrankaHand", "with_tool"),
+    "core.scenes.io": ("load_scene", "save_scene"),
+    "core.scenes.scene": ("Scene", "SceneObject"),
+    "laboratory.simulation": ("simulate",),
+    "core.trajectory": ("State", "Trajectory"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = ["__version__", *sorted(_HOME_OF)]
+
+
+keep_former_paths()
 
 
 def __getattr__(name: str) -> Any:

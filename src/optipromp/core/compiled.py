@@ -123,13 +123,13 @@ if TYPE_CHECKING:  # as Numba types it; it declares the option ``_nrt`` nowhere
     kernel = inner = inlined = njit(error_model="numpy")
 else:
 
-    def compiler(**options):
+    def compiler(**options: Any) -> Any:
         """A decorator of kernels with further options of Numba's."""
         make = njit(
             cache=_CACHED, error_model="numpy", nogil=True, no_cfunc_wrapper=True, **options
         )
 
-        def compiled(function):
+        def compiled(function: Any) -> Any:
             dispatcher = make(function)
             if _CACHED:
                 dispatcher._cache._cache_file.__class__ = _Checked

@@ -1,7 +1,13 @@
-"""What values show of themselves in notebooks. The viewer is loaded when it is used."""
+"""Names and words as they are shown, and what values show of themselves in notebooks."""
 
-from importlib import import_module
+import html
+from importlib.metadata import entry_points
 from typing import Any
+
+from optipromp.core.errors import InvalidRequestError
+
+RENDERERS = "optipromp.renderers"
+"""Group of entry points: each a module with ``rich``, ``plot`` and ``show`` of a value."""
 
 LONGEST_NAME = 1000
 """Letters of a name, at most."""
@@ -40,7 +46,8 @@ class Shown:
         return f"<{type(self).__name__} {self._words()}>"
 
     def _repr_html_(self) -> str:
-        return str(_notebook().rich(self))
+        renderer = _renderer()
+        return html.escape(repr(self)) if renderer is None else str(renderer.rich(self))
 
     def plot(self, *args: Any) -> Any:
         """A picture: shown by a notebook; ``figure`` is matplotlib's, ``save(path)`` a PNG file.
@@ -50,7 +57,7 @@ class Shown:
         Raises:
             InvalidRequestError: there is no picture of such a value.
         """
-        return _notebook().plot(self, *args)
+        return _needed().plot(self, *args)
 
     def show(self) -> Any:
         """A 3-D view to turn and play: shown by a notebook; ``open()`` opens a browser.
@@ -60,8 +67,19 @@ class Shown:
         Raises:
             InvalidRequestError: viser is not installed, or there is no 3-D view of such a value.
         """
-        return _notebook().show(self)
+        return _needed().show(self)
 
 
-def _notebook() -> Any:
-    return import_module("optipromp.looks.viewer.notebook")
+def _renderer() -> Any:
+    """The module that draws values: the first that has joined; None where none has."""
+    return next((entry.load() for entry in entry_points(group=RENDERERS)), None)
+
+
+def _needed() -> Any:
+    renderer = _renderer()
+    if renderer is None:
+        raise InvalidRequestError(
+            "nothing that draws is installed: install optipromp as a package (pip install), "
+            "so that its parts are found"
+        )
+    return renderer

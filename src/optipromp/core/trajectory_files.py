@@ -75,8 +75,8 @@ def read_trajectory(path: str | Path, joint_names: Sequence[str]) -> Trajectory:
         told = "" if str(path) in error.message else f"{path}: "
         raise InvalidRequestError(f"{told}{error.message}") from None
     raise InvalidRequestError(
-        f"{path}: a trajectory is a .csv, an .npz or a folder of optipromp plan; bags are read by "
-        "optipromp.ros"
+        f"{path}: a trajectory is a .csv, an .npz or a folder of optipromp plan; a ROS bag is "
+        "read by optipromp validate"
     )
 
 

@@ -1,1 +1,1 @@
-"""What studies need and no plan does: the paper's planners, and others to compare with."""
+"""The laboratory: simulation, random scenes, studies, and the planners of comparisons."""

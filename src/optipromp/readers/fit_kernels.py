@@ -8,7 +8,7 @@ from optipromp.core.compiled import inner, kernel
 
 
 @inner
-def costs(points, centers, depth, out):  # type: ignore[no-untyped-def]
+def costs(points, centers, depth, out):
     """What it costs to cover points (n, 3) from ``centers`` (3, m) at ``depth`` (m,): ``out``
     (n, m) [m], in place."""
     for i in range(points.shape[0]):
@@ -19,7 +19,7 @@ def costs(points, centers, depth, out):  # type: ignore[no-untyped-def]
 
 
 @inner
-def farthest(points, centers, out):  # type: ignore[no-untyped-def]
+def farthest(points, centers, out):
     """Distance ``out`` (m,) of each of ``centers`` (3, m) from the farthest of ``points`` (n, 3)
     [m], in place."""
     out[:] = 0.0
@@ -34,7 +34,7 @@ def farthest(points, centers, out):  # type: ignore[no-untyped-def]
 
 
 @inner
-def largest(cost, rows, out):  # type: ignore[no-untyped-def]
+def largest(cost, rows, out):
     """The largest ``out`` (m,) of ``rows`` (k,) of ``cost`` (n, m), in place."""
     out[:] = -np.inf
     for i in rows:
@@ -43,7 +43,7 @@ def largest(cost, rows, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def owners(pieces, centers, radius, owner, beyond):  # type: ignore[no-untyped-def]
+def owners(pieces, centers, radius, owner, beyond):
     """The ball that all corners of a piece (n, c, 3) are the least out of: ``owner`` (n,), and by
     how much, ``beyond`` (n,) [m], in place. Balls: ``centers`` (k, 3), ``radius`` (k,)."""
     for i in range(pieces.shape[0]):
@@ -60,7 +60,7 @@ def owners(pieces, centers, radius, owner, beyond):  # type: ignore[no-untyped-d
 
 
 @kernel
-def first_of_cells(points, edge, shape, out):  # type: ignore[no-untyped-def]
+def first_of_cells(points, edge, shape, out):
     """Indices ``out`` of the first of points (n, 3) in each cell of a grid of ``shape`` (3,), in
     place. Returns how many there are."""
     seen, count = np.zeros(shape[0] * shape[1] * shape[2], np.bool_), 0

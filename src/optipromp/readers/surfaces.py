@@ -116,7 +116,7 @@ class Parts:
 
 
 @kernel
-def parts_touch(parts, frames, rows, pairs, out):  # type: ignore[no-untyped-def]
+def parts_touch(parts, frames, rows, pairs, out):
     """:func:`hulls_touch` of the parts of each pair (m, 2) at its row; see :class:`Parts`."""
     (points, counts, segment), (origins, rotations) = parts, frames
     turn, move = np.empty((2, 3, 3)), np.empty((2, 3))
@@ -141,7 +141,7 @@ def parts_touch(parts, frames, rows, pairs, out):  # type: ignore[no-untyped-def
 
 
 @inner
-def hulls_touch(one, other, rotation, translation, work):  # type: ignore[no-untyped-def]
+def hulls_touch(one, other, rotation, translation, work):
     """Whether no plane was found in TURNS turns that has points (m, 3) and (k, 3) on two sides.
 
     The second stand at ``rotation`` (3, 3), ``translation`` (3,) in the frame of the first. Of
@@ -174,7 +174,7 @@ def hulls_touch(one, other, rotation, translation, work):  # type: ignore[no-unt
 
 
 @inner
-def _nearest_of(corners, weights, gram, best, held):  # type: ignore[no-untyped-def]
+def _nearest_of(corners, weights, gram, best, held):
     """The weights of the point nearest to zero in the hull of the first ``held`` corners.
 
     Corners that it does not need are dropped, in place. Returns how many are left.
@@ -197,7 +197,7 @@ def _nearest_of(corners, weights, gram, best, held):  # type: ignore[no-untyped-
 
 
 @inner
-def _nearest_of_flat(corners, gram, best, held):  # type: ignore[no-untyped-def]
+def _nearest_of_flat(corners, gram, best, held):
     """The weights ``best`` of the point nearest to zero in the flat through corners.
 
     They solve (C Cᵀ + 1) w = 1 but for their sum; by elimination, as the matrix is positive.
@@ -223,12 +223,12 @@ def _nearest_of_flat(corners, gram, best, held):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _dot(a, b):  # type: ignore[no-untyped-def]
+def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inlined
-def _middle(points):  # type: ignore[no-untyped-def]
+def _middle(points):
     """The mean of points (m, 3), as a tuple."""
     x, y, z = 0.0, 0.0, 0.0
     for k in range(points.shape[0]):
@@ -237,7 +237,7 @@ def _middle(points):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _farthest_along(points, way):  # type: ignore[no-untyped-def]
+def _farthest_along(points, way):
     """Index of the point farthest along ``way`` (3,)."""
     best, index = -np.inf, 0
     for k in range(points.shape[0]):

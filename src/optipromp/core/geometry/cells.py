@@ -58,7 +58,7 @@ def make_cells(position: FloatArray, bound: FloatArray, reach: float, half: floa
 
 
 @kernel
-def _fill(position, bound, reach, half, edge, count, start, member, write):  # type: ignore[no-untyped-def]
+def _fill(position, bound, reach, half, edge, count, start, member, write):
     """Count the obstacles of cell i in ``start[i + 1]``, or write them from ``start[i]`` on."""
     low, high = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
     for k in range(bound.shape[0]):
@@ -90,13 +90,13 @@ def _fill(position, bound, reach, half, edge, count, start, member, write):  # t
 
 
 @kernel
-def _outside(x, low, edge):  # type: ignore[no-untyped-def]
+def _outside(x, low, edge):
     """How far x is outside of [low, low + edge], less a hair so that rounding loses nothing."""
     return max(max(low - x, x - low - edge) - 1e-9, 0.0)
 
 
 @kernel
-def cell_at(cells, x, y, z):  # type: ignore[no-untyped-def]
+def cell_at(cells, x, y, z):
     """Index of the list of a place."""
     n = cells.along
     i = math.floor((x + cells.half) * cells.inverse)

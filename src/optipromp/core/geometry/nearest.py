@@ -53,7 +53,7 @@ def _in_cells(points: FloatArray, origin: FloatArray, edge: float) -> tuple[IntA
 
 
 @kernel
-def _fill(px, py, pz, start, low, high, origin, step, near, slack, values):  # type: ignore[no-untyped-def]
+def _fill(px, py, pz, start, low, high, origin, step, near, slack, values):
     """:func:`to_nearest` of points cell by cell, whose boxes are ``low`` … ``high`` (C, 3)."""
     n0, n1, n2 = values.shape
     least, near_by = np.empty(len(low)), np.empty(len(low), dtype=np.int64)
@@ -90,7 +90,7 @@ def _fill(px, py, pz, start, low, high, origin, step, near, slack, values):  # t
 
 
 @kernel
-def _nearest(px, py, pz, start, low, high, cells, x, y, z, near, slack):  # type: ignore[no-untyped-def]
+def _nearest(px, py, pz, start, low, high, cells, x, y, z, near, slack):
     """Distance of a place to the nearest point in ``cells``, those first that are near."""
     squared = ask = np.inf
     for c in cells:
@@ -105,7 +105,7 @@ def _nearest(px, py, pz, start, low, high, cells, x, y, z, near, slack):  # type
 
 
 @kernel
-def _to_box(low, high, x, y, z):  # type: ignore[no-untyped-def]
+def _to_box(low, high, x, y, z):
     """Squared distance of a place to a box."""
     dx = max(low[0] - x, x - high[0], 0.0)
     dy = max(low[1] - y, y - high[1], 0.0)
@@ -114,7 +114,7 @@ def _to_box(low, high, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @compiler(fastmath={"nnan", "nsz"})
-def _least(px, py, pz, first, last, x, y, z, least):  # type: ignore[no-untyped-def]
+def _least(px, py, pz, first, last, x, y, z, least):
     """Least of the squared distances of a place to some points, or ``least`` where that is less."""
     for n in range(first, last):
         dx, dy, dz = px[n] - x, py[n] - y, pz[n] - z

@@ -195,7 +195,7 @@ def pushed_away(
 
 
 @inner
-def enter(objects, k, spheres, radius, distal, so_far):  # type: ignore[no-untyped-def]
+def enter(objects, k, spheres, radius, distal, so_far):
     """Lead the arm into object ``k``: how deep is it where no tool was so deep before?
 
     Args:
@@ -224,7 +224,7 @@ def enter(objects, k, spheres, radius, distal, so_far):  # type: ignore[no-untyp
 
 
 @kernel
-def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart):  # type: ignore[no-untyped-def]
+def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart):
     """Closest approaches over configurations ``q`` (M, n) by conservative advancement, in place.
 
     ``travel`` (L,) is an upper bound of the motion of each link's spheres [m]; ``farthest`` is the
@@ -318,7 +318,7 @@ def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart
 
 
 @inlined
-def _measured(  # type: ignore[no-untyped-def]
+def _measured(
     body, objects, k, link, m, turns, origins, middles, spheres, placed, closest, core, depth,
     deepest,
 ):  # fmt: skip
@@ -356,7 +356,7 @@ def _measured(  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _move(body, q, begin, before, turns, origins, middles, travel):  # type: ignore[no-untyped-def]
+def _move(body, q, begin, before, turns, origins, middles, travel):
     """Move the segments and the links' middles to ``q``; the largest step it adds to ``travel``.
 
     A turn by the angle θ moves a point at distance h from the middle by at most 2 sin(θ/2) h about
@@ -384,7 +384,7 @@ def _move(body, q, begin, before, turns, origins, middles, travel):  # type: ign
 
 
 @inlined
-def _wanted(role, closest, core):  # type: ignore[no-untyped-def]
+def _wanted(role, closest, core):
     """Distance [m] from which on objects of a role change no figure."""
     if role == STATIC:
         return max(closest[STATIC], core[0], 0.0)
@@ -394,7 +394,7 @@ def _wanted(role, closest, core):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _to_block(objects, c, middles, reach):  # type: ignore[no-untyped-def]
+def _to_block(objects, c, middles, reach):
     """Distance [m] from block ``c`` to the nearest of the balls about ``middles`` (L, 3)."""
     gap = math.inf
     for link in range(middles.shape[0]):
@@ -403,7 +403,7 @@ def _to_block(objects, c, middles, reach):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _nearest_pair(body, group, check, spheres, middles, apart):  # type: ignore[no-untyped-def]
+def _nearest_pair(body, group, check, spheres, middles, apart):
     """The distance [m] between two links; updates ``apart`` where it is the least so far."""
     second = body.groups[group, 1]
     last, skip, gap = -1, False, math.inf
@@ -429,7 +429,7 @@ def _nearest_pair(body, group, check, spheres, middles, apart):  # type: ignore[
 
 
 @inlined
-def _place_link(body, turns, origins, link, spheres):  # type: ignore[no-untyped-def]
+def _place_link(body, turns, origins, link, spheres):
     """World centres of one link's spheres, in place."""
     for b in range(body.start[link], body.start[link + 1]):
         spheres[b, 0], spheres[b, 1], spheres[b, 2] = carried(

@@ -52,7 +52,7 @@ def extremes(trajectory: Trajectory) -> Extremes:
 
 
 @kernel
-def find_extremes(c, times, values, when):  # type: ignore[no-untyped-def]
+def find_extremes(c, times, values, when):
     """Rows of :class:`Extremes` (5, n) from coefficients ``c`` (T-1, n, 6), in place.
 
     First the ends of the intervals are looked at. Then the inside of those where a derivative may
@@ -93,14 +93,14 @@ def find_extremes(c, times, values, when):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _derived(c, order, h, p):  # type: ignore[no-untyped-def]
+def _derived(c, order, h, p):
     """Coefficients ``p`` of a derivative with respect to time, in s, in place."""
     for k in range(6 - order):
         p[k] = c[k + order] * _falling(k + order, order) / h**order
 
 
 @inner
-def _noted(value, order, time, j, values, when):  # type: ignore[no-untyped-def]
+def _noted(value, order, time, j, values, when):
     """Keep a value of a derivative of joint ``j`` if it is an extreme so far."""
     if order == 0:
         if value < values[0, j]:
@@ -112,7 +112,7 @@ def _noted(value, order, time, j, values, when):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _falling(k, order):  # type: ignore[no-untyped-def]
+def _falling(k, order):
     """k (k - 1) ... over ``order`` factors."""
     out = 1.0
     for i in range(order):
@@ -121,7 +121,7 @@ def _falling(k, order):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _value(p, degree, s):  # type: ignore[no-untyped-def]
+def _value(p, degree, s):
     """The polynomial with coefficients ``p`` at s (Horner)."""
     out = p[degree]
     for k in range(degree - 1, -1, -1):
@@ -130,7 +130,7 @@ def _value(p, degree, s):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _slope(p, degree, s):  # type: ignore[no-untyped-def]
+def _slope(p, degree, s):
     """Its derivative at s."""
     out = degree * p[degree]
     for k in range(degree - 1, 0, -1):
@@ -139,7 +139,7 @@ def _slope(p, degree, s):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _roots_of_slope(p, degree, places, count, out):  # type: ignore[no-untyped-def]
+def _roots_of_slope(p, degree, places, count, out):
     """Roots in (0, 1) of the derivative of ``p``; how many.
 
     ``places`` are the ``count`` roots of the second derivative, in order: the derivative is
@@ -179,7 +179,7 @@ def along(trajectory: Trajectory, parts: IntArray) -> tuple[FloatArray, FloatArr
 
 
 @kernel
-def cut(c, times, rows, at, fine):  # type: ignore[no-untyped-def]
+def cut(c, times, rows, at, fine):
     """Times ``at`` (M,) and configurations ``fine`` (M, n), row t of ``times`` at ``rows``."""
     for t in range(c.shape[0]):
         count = rows[t + 1] - rows[t]

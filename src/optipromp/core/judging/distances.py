@@ -122,7 +122,7 @@ def neighbours(role: IntArray, position: FloatArray, bound: FloatArray) -> IntAr
 
 
 @inner
-def to_surface(kind, a, b, c, x, y, z):  # type: ignore[no-untyped-def]
+def to_surface(kind, a, b, c, x, y, z):
     """Signed distance [m] of a point, in the shape's own frame, to a shape of sizes a, b, c."""
     if kind == SPHERE:
         return sqrt(x * x + y * y + z * z) - a
@@ -144,7 +144,7 @@ def to_surface(kind, a, b, c, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _to_cone(a, b, c, rho, z):  # type: ignore[no-untyped-def]
+def _to_cone(a, b, c, rho, z):
     """Distance to the union of balls whose radius goes from c at -b evenly to a at b.
 
     The nearest ball's radius grows as fast along the axis as the distance from its centre does.
@@ -156,7 +156,7 @@ def _to_cone(a, b, c, rho, z):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _to_ellipsoid(a, b, c, x, y, z):  # type: ignore[no-untyped-def]
+def _to_ellipsoid(a, b, c, x, y, z):
     """By bisection of the multiplier of the nearest point (Eberly, Distance to an ellipsoid).
 
     It is counted from its pole, so that it keeps its digits near the shape's middle.
@@ -179,7 +179,7 @@ def _to_ellipsoid(a, b, c, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inner
-def to_core(kind, a, b, c, x, y, z):  # type: ignore[no-untyped-def]
+def to_core(kind, a, b, c, x, y, z):
     """Distance [m] of a point to the paper's core: a sphere's centre, the long axis of a bar."""
     if kind == HALF_SPACE:
         return z
@@ -196,7 +196,7 @@ def to_core(kind, a, b, c, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inner
-def inside(r, p, k, points, i):  # type: ignore[no-untyped-def]
+def inside(r, p, k, points, i):
     """World point ``i`` of ``points`` in frame ``k``: rotations ``r`` (K, 3, 3), origins ``p``."""
     x, y, z = points[i, 0] - p[k, 0], points[i, 1] - p[k, 1], points[i, 2] - p[k, 2]
     return (
@@ -207,7 +207,7 @@ def inside(r, p, k, points, i):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def apart_by(a, i, b, j):  # type: ignore[no-untyped-def]
+def apart_by(a, i, b, j):
     """Distance [m] between point ``i`` of ``a`` (A, 3) and point ``j`` of ``b`` (B, 3)."""
     x, y, z = a[i, 0] - b[j, 0], a[i, 1] - b[j, 1], a[i, 2] - b[j, 2]
     return sqrt(x * x + y * y + z * z)

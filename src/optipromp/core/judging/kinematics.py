@@ -157,7 +157,7 @@ def _fitting(parts: FloatArray) -> tuple[IntArray, bool]:
 
 
 @inner
-def turned(w, x, y, z, vx, vy, vz):  # type: ignore[no-untyped-def]
+def turned(w, x, y, z, vx, vy, vz):
     """The vector (vx, vy, vz) turned by the unit quaternion (w, x, y, z)."""
     tx, ty, tz = 2 * (y * vz - z * vy), 2 * (z * vx - x * vz), 2 * (x * vy - y * vx)
     return (
@@ -168,7 +168,7 @@ def turned(w, x, y, z, vx, vy, vz):  # type: ignore[no-untyped-def]
 
 
 @inner
-def composed(a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def]
+def composed(a, b, c, d, e, f, g, h):
     """Product of the quaternions (a, b, c, d) and (e, f, g, h)."""
     return (
         a * e - b * f - c * g - d * h,
@@ -179,7 +179,7 @@ def composed(a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def segments(body, q, turns, origins):  # type: ignore[no-untyped-def]
+def segments(body, q, turns, origins):
     """Rotations (S, 3, 3) and origins (S, 3) [m] of the segments at ``q`` (n,), in place."""
     w, x, y, z = 1.0, 0.0, 0.0, 0.0
     ox, oy, oz = 0.0, 0.0, 0.0
@@ -206,7 +206,7 @@ def segments(body, q, turns, origins):  # type: ignore[no-untyped-def]
 
 
 @inner
-def carried(turns, origins, s, local, b):  # type: ignore[no-untyped-def]
+def carried(turns, origins, s, local, b):
     """World position of point ``b`` of ``local`` (B, 3), which segment ``s`` carries (-1: none)."""
     x, y, z = local[b, 0], local[b, 1], local[b, 2]
     if s < 0:
@@ -219,7 +219,7 @@ def carried(turns, origins, s, local, b):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def place(body, q, out):  # type: ignore[no-untyped-def]
+def place(body, q, out):
     """World centres (M, B, 3) of the spheres at configurations ``q`` (M, n), in place."""
     n_segments = body.driver.shape[0]
     turns, origins = np.empty((n_segments, 3, 3)), np.empty((n_segments, 3))
@@ -231,7 +231,7 @@ def place(body, q, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def divisions(body, q, parts):  # type: ignore[no-untyped-def]
+def divisions(body, q, parts):
     """Number of ``parts`` (T-1,) of each interval, so that no sphere moves half its radius.
 
     Half-way between two checks, s apart, a sphere of radius r may have gone s² / 8r deeper.

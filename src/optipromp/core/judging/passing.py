@@ -157,7 +157,7 @@ def last_passages(
 
 
 @inner
-def _last_passages(path, places, up, waypoint, at):  # type: ignore[no-untyped-def]
+def _last_passages(path, places, up, waypoint, at):
     """:func:`last_passages` in place; what is above or below the whole path is not looked at."""
     lowest, highest = math.inf, -math.inf
     for t in range(path.shape[0]):
@@ -182,14 +182,14 @@ def _last_passages(path, places, up, waypoint, at):  # type: ignore[no-untyped-d
 
 
 @inner
-def _over(point, place, up):  # type: ignore[no-untyped-def]
+def _over(point, place, up):
     """Height of a point over a place, along ``up`` [m]."""
     x, y, z = point[0] - place[0], point[1] - place[1], point[2] - place[2]
     return x * up[0] + y * up[1] + z * up[2]
 
 
 @kernel
-def window(path, rows, waypoint, side, lateral, up, stems, least, gap):  # type: ignore[no-untyped-def]
+def window(path, rows, waypoint, side, lateral, up, stems, least, gap):
     """The paper's constraints 1 and 2 over the passing windows, in place.
 
     Args:
@@ -221,7 +221,7 @@ def window(path, rows, waypoint, side, lateral, up, stems, least, gap):  # type:
 
 
 @inner
-def between(a, b, c, d):  # type: ignore[no-untyped-def]
+def between(a, b, c, d):
     """Distance [m] between the segments from a to b and from c to d (Ericson 2005, 5.1.9)."""
     uu = vv = uv = uw = vw = s = squared = 0.0
     for i in range(3):

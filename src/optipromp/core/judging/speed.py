@@ -63,7 +63,7 @@ def too_fast(speed: float | None) -> bool:
 
 
 @kernel
-def mark(points, axes, places, reach, radius, behind, ahead, near):  # type: ignore[no-untyped-def]
+def mark(points, axes, places, reach, radius, behind, ahead, near):
     """Which tools ``near`` (M,) a fruit are, in place.
 
     Args:

@@ -19,7 +19,7 @@ from optipromp.core.robots.kernels import PRISMATIC
 
 
 @inner
-def add_along(force, stiffness, push, k, x, y, z):  # type: ignore[no-untyped-def]
+def add_along(force, stiffness, push, k, x, y, z):
     """Add ``push``·n to a point's ``force`` (3,) and ``k``·n nᵀ to its ``stiffness`` (6,)."""
     force[0] += push * x
     force[1] += push * y
@@ -33,7 +33,7 @@ def add_along(force, stiffness, push, k, x, y, z):  # type: ignore[no-untyped-de
 
 
 @kernel
-def clearance_field(  # type: ignore[no-untyped-def]
+def clearance_field(
     points, radius, link_start, link_bound, link_distal, obstacles, shared, cutoff, distance, normal
 ):
     """Distance from every body sphere's surface to the nearest obstacle, where below ``cutoff``.
@@ -69,7 +69,7 @@ def clearance_field(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def clearance_in_cells(  # type: ignore[no-untyped-def]
+def clearance_in_cells(
     points, radius, link_start, link_distal, obstacles, shared, cutoff, distance, normal
 ):
     """:func:`clearance_field` where ``obstacles`` have cells: each sphere meets those of its cell.
@@ -100,7 +100,7 @@ def clearance_in_cells(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def add_stiffness(kin, segment, points, stiffness, origins, axes, band, first, out):  # type: ignore[no-untyped-def]
+def add_stiffness(kin, segment, points, stiffness, origins, axes, band, first, out):
     r"""The banded Gauss-Newton matrix :math:`\sum_b J_b^\top C_b J_b` plus the joint-space bands.
 
     The point stiffnesses of each segment are gathered as 6×6 spatial stiffnesses about the world

@@ -107,7 +107,7 @@ def levers(robot: Robot) -> FloatArray:
 
 
 @inlined
-def blocked(body, q):  # type: ignore[no-untyped-def]
+def blocked(body, q):
     """Whether the body at ``q`` (n,) touches an obstacle or itself."""
     origins, points, spheres = body.origins, body.points, body.radius.shape[0]
     chain_frames(body.kin, q, origins[0], body.rotations[0], body.axes[0])
@@ -134,14 +134,14 @@ def blocked(body, q):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def closer(p, i, j, apart):  # type: ignore[no-untyped-def]
+def closer(p, i, j, apart):
     """Whether points i and j of ``p`` (P, 3) are nearer than ``apart``."""
     x, y, z = p[i, 0] - p[j, 0], p[i, 1] - p[j, 1], p[i, 2] - p[j, 2]
     return x * x + y * y + z * z < apart * apart
 
 
 @inlined
-def meets(body, p, link, spheres, obstacles, last):  # type: ignore[no-untyped-def]
+def meets(body, p, link, spheres, obstacles, last):
     """Whether a link meets one of the first ``last`` obstacles."""
     c, bound = p[spheres + 2 + link], body.link_bound[link]
     for k in range(last):
@@ -160,7 +160,7 @@ def meets(body, p, link, spheres, obstacles, last):  # type: ignore[no-untyped-d
 
 
 @inner
-def open_edge(body, a, b, q):  # type: ignore[no-untyped-def]
+def open_edge(body, a, b, q):
     """Whether the edge from ``a`` to ``b`` (n,) is free, but for ``a`` itself; ``q`` is room."""
     moved = 0.0
     for j in range(a.shape[0]):

@@ -99,7 +99,7 @@ def _shortened(body: Collider, corners: FloatArray, rng: np.random.Generator) ->
 
 
 @inner
-def nearest(nodes, count, q):  # type: ignore[no-untyped-def]
+def nearest(nodes, count, q):
     """Index of the node next to ``q`` (n,), and its squared distance."""
     best, least = 0, np.inf
     for i in range(count):
@@ -112,7 +112,7 @@ def nearest(nodes, count, q):  # type: ignore[no-untyped-def]
 
 
 @inner
-def extend(body, nodes, parent, count, tree, q, reach, room):  # type: ignore[no-untyped-def]
+def extend(body, nodes, parent, count, tree, q, reach, room):
     """Grow a tree towards ``q`` (n,) by ``reach``: 2: it is there, 1: nearer, 0: blocked."""
     if count[tree] >= nodes.shape[1]:
         return 0
@@ -129,7 +129,7 @@ def extend(body, nodes, parent, count, tree, q, reach, room):  # type: ignore[no
 
 
 @inner
-def grow(body, samples, nodes, parent, count, reach, room):  # type: ignore[no-untyped-def]
+def grow(body, samples, nodes, parent, count, reach, room):
     """Grow both trees by samples (s, n), the smaller one first, until they meet.
 
     ``nodes`` (2, N, n), ``parent`` (2, N) and ``count`` (2,) change in place. Returns whether they
@@ -148,7 +148,7 @@ def grow(body, samples, nodes, parent, count, reach, room):  # type: ignore[no-u
 
 
 @inner
-def shorten(body, path, count, places, along, a, b, room):  # type: ignore[no-untyped-def]
+def shorten(body, path, count, places, along, a, b, room):
     """Replace parts of a path (the first ``count`` rows) by straight lines between two places.
 
     ``places`` (p, 2) are shares of the path's length. The other arrays are room for as many rows

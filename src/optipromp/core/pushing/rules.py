@@ -304,7 +304,7 @@ def path_past(
 
 
 @kernel
-def _corners(levels, windows, heights, flat, directions, offsets, farthest, corners):  # type: ignore[no-untyped-def]
+def _corners(levels, windows, heights, flat, directions, offsets, farthest, corners):
     """Corners (k, 3) after the first, in place, where windows begin and end; returns their number.
 
     ``levels`` (L,) are the candidate heights of corners. ``heights`` (N,) and ``flat`` (N, 2) are
@@ -339,7 +339,7 @@ def _corners(levels, windows, heights, flat, directions, offsets, farthest, corn
 
 
 @inner
-def _aside(flat, directions, offsets, active, farthest, p):  # type: ignore[no-untyped-def]
+def _aside(flat, directions, offsets, active, farthest, p):
     """``p`` (2,): the point nearest to the approach line that is aside of all ``active`` (N,).
 
     By cyclic projection, in place. The point is at most ``farthest`` from the line: where objects

@@ -86,7 +86,7 @@ def _stack(radius: float, height: float, bulge: float) -> list[tuple[float, _Ban
 
 
 @inner
-def _cheapest(count, price, advance, below_rim, step, top, cost, choice, after):  # type: ignore[no-untyped-def]
+def _cheapest(count, price, advance, below_rim, step, top, cost, choice, after):
     """The least cost of the wall below each height of the programme, the band (m,) chosen there,
     and the height after it, in place. A band must be below the rim, and must advance."""
     for i in range(1, cost.shape[0]):

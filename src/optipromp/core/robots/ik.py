@@ -45,7 +45,7 @@ class Solutions:
 
 
 @inner
-def cholesky_solve(a, b):  # type: ignore[no-untyped-def]
+def cholesky_solve(a, b):
     """Solve ``a x = b`` in place, ``a`` (n, n) symmetric positive definite; x in ``b``."""
     n = b.shape[0]
     for i in range(n):
@@ -70,7 +70,7 @@ def cholesky_solve(a, b):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def apart_from_earlier(q, turning, distinct):  # type: ignore[no-untyped-def]
+def apart_from_earlier(q, turning, distinct):
     """Which of ``q`` (m, n) differ in a joint by more than ``distinct`` from all earlier ones kept.
 
     Full turns of ``turning`` joints (n,) do not count.
@@ -94,7 +94,7 @@ def apart_from_earlier(q, turning, distinct):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def descend(  # type: ignore[no-untyped-def]
+def descend(
     kin, tool_point, tool_axis, positions, directions, axis_weight, lower, upper, center, weight,
     iterations, chained, q, position_error, axis_error,
 ):  # fmt: skip

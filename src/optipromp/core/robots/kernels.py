@@ -39,7 +39,7 @@ class Kinematics(NamedTuple):
 
 
 @inner
-def chain_frames(kin, q, origins, rotations, axes):  # type: ignore[no-untyped-def]
+def chain_frames(kin, q, origins, rotations, axes):
     """Frames of every segment at one configuration.
 
     ``q`` (n,) → ``origins`` (S, 3), ``rotations`` (S, 3, 3), world joint ``axes`` (S, 3), in place.
@@ -98,14 +98,14 @@ def chain_frames(kin, q, origins, rotations, axes):  # type: ignore[no-untyped-d
 
 
 @inner
-def frames(kin, q, origins, rotations, axes):  # type: ignore[no-untyped-def]
+def frames(kin, q, origins, rotations, axes):
     """Frames of every segment at T configurations: ``q`` (T, n), outputs (T, S, …), in place."""
     for t in range(q.shape[0]):
         chain_frames(kin, q[t], origins[t], rotations[t], axes[t])
 
 
 @inner
-def carried_points(segment, local, origins, rotations, out):  # type: ignore[no-untyped-def]
+def carried_points(segment, local, origins, rotations, out):
     """World positions of points carried by segments.
 
     ``segment`` (B,), -1 for the fixed base; ``local`` (B, 3); frames at T configurations;
@@ -126,7 +126,7 @@ def carried_points(segment, local, origins, rotations, out):  # type: ignore[no-
 
 
 @inner
-def distances_between(one, other, i, j, out):  # type: ignore[no-untyped-def]
+def distances_between(one, other, i, j, out):
     """Distances ``out`` (m, P) of points ``one[:, i]`` and ``other[:, j]`` (m, P, 3), in place."""
     for t in range(one.shape[0]):
         for p in range(i.shape[0]):
@@ -137,7 +137,7 @@ def distances_between(one, other, i, j, out):  # type: ignore[no-untyped-def]
 
 
 @inner
-def tool_at(origins, rotations, tool_point, tool_axis, point, direction):  # type: ignore[no-untyped-def]
+def tool_at(origins, rotations, tool_point, tool_axis, point, direction):
     """Tool point and axis (3,) at one configuration, from the frames of its segments, in place."""
     o, r = origins[-1], rotations[-1]
     for i in range(3):
@@ -148,7 +148,7 @@ def tool_at(origins, rotations, tool_point, tool_axis, point, direction):  # typ
 
 
 @kernel
-def tool_poses(kin, q, tool_point, tool_axis, points, directions):  # type: ignore[no-untyped-def]
+def tool_poses(kin, q, tool_point, tool_axis, points, directions):
     """Tool point and axis at M configurations: ``q`` (M, n) → (M, 3), (M, 3), in place."""
     n_segments = kin.kind.shape[0]
     origins = np.empty((n_segments, 3))
@@ -160,7 +160,7 @@ def tool_poses(kin, q, tool_point, tool_axis, points, directions):  # type: igno
 
 
 @kernel
-def tool_rows(kin, origins, axes, point, direction, jp, ja):  # type: ignore[no-untyped-def]
+def tool_rows(kin, origins, axes, point, direction, jp, ja):
     """Jacobians of tool point ``jp`` (3, n) and tool axis ``ja`` (3, n) at one configuration."""
     jp[:] = 0.0
     ja[:] = 0.0
@@ -183,7 +183,7 @@ def tool_rows(kin, origins, axes, point, direction, jp, ja):  # type: ignore[no-
 
 
 @kernel
-def tool_jacobians(kin, q, tool_point, tool_axis, points, directions, jp, ja):  # type: ignore[no-untyped-def]
+def tool_jacobians(kin, q, tool_point, tool_axis, points, directions, jp, ja):
     """Tool point, axis and their Jacobians at M configurations, ``jp`` and ``ja`` (M, 3, n)."""
     n_segments = kin.kind.shape[0]
     origins = np.empty((n_segments, 3))
@@ -196,7 +196,7 @@ def tool_jacobians(kin, q, tool_point, tool_axis, points, directions, jp, ja):  
 
 
 @kernel
-def pull_back(kin, segment, points, forces, origins, axes, out):  # type: ignore[no-untyped-def]
+def pull_back(kin, segment, points, forces, origins, axes, out):
     r"""Generalised forces :math:`\sum_b J_b^\top f_b` at T configurations, added to ``out`` (T, n).
 
     ``segment`` (B,), ``points`` and ``forces`` (T, B, 3) in the world frame.

@@ -8,7 +8,7 @@ from optipromp.core.compiled import kernel
 
 
 @kernel
-def is_sound(warnings, positions, velocities):  # type: ignore[no-untyped-def]
+def is_sound(warnings, positions, velocities):
     """Whether there is no warning, and every number is one."""
     for count in warnings:
         if count > 0:
@@ -21,7 +21,7 @@ def is_sound(warnings, positions, velocities):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def note_pulls(pulls, limits, largest):  # type: ignore[no-untyped-def]
+def note_pulls(pulls, limits, largest):
     """Raise ``largest`` to ``pulls``, all (W,), in place; whether one is above its limit."""
     beyond = False
     for w in range(len(pulls)):
@@ -33,7 +33,7 @@ def note_pulls(pulls, limits, largest):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def contact_forces(geoms, addresses, frames, forces, owners):  # type: ignore[no-untyped-def]
+def contact_forces(geoms, addresses, frames, forces, owners):
     """Pairs of owners that touch (K, 2), the smaller first, and the force between them (K,) [N].
 
     ``geoms`` (C, 2), ``addresses`` (C,) in ``forces``, -1 where there is none, ``frames`` (C, 9),
@@ -70,9 +70,7 @@ def contact_forces(geoms, addresses, frames, forces, owners):  # type: ignore[no
 
 
 @kernel
-def log_contacts(  # type: ignore[no-untyped-def]
-    geoms, addresses, frames, forces, owners, log, step, now, timestep, threshold
-):
+def log_contacts(geoms, addresses, frames, forces, owners, log, step, now, timestep, threshold):
     """Count the contacts at time ``now``, after step number ``step``, in ``log``, in place.
 
     The first five are those of :func:`contact_forces`, ``log`` (E, E) is a ContactLog's.

@@ -24,7 +24,7 @@ class LimitCost(Cost):
 
 
 @inner
-def limit_penalty(q, lower, upper, scale, gradient, band):  # type: ignore[no-untyped-def]
+def limit_penalty(q, lower, upper, scale, gradient, band):
     """½ Σ (excess over the joint limits)²."""
     total = 0.0
     for t in range(q.shape[0]):
@@ -63,7 +63,7 @@ class VelocityCost(Cost):
 
 
 @inner
-def step_penalty(q, largest, scale, gradient, band):  # type: ignore[no-untyped-def]
+def step_penalty(q, largest, scale, gradient, band):
     """½ Σ max(0, |q_{t+1} − q_t| − largest)²."""
     total = 0.0
     for t in range(q.shape[0] - 1):
@@ -94,7 +94,7 @@ class SmoothnessCost(Cost):
 
 
 @inner
-def smoothness(q, dt, scale, gradient, band):  # type: ignore[no-untyped-def]
+def smoothness(q, dt, scale, gradient, band):
     """½ ∫ ‖ξ̈‖² dt, the trajectory at rest before its first and after its last waypoint."""
     n_waypoints, total, k = q.shape[0], 0.0, scale / dt**3
     for t in range(n_waypoints):

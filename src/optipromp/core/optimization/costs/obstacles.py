@@ -51,7 +51,7 @@ class ObstacleCost(Cost):
 
 
 @inner
-def chomp_cost(d, epsilon):  # type: ignore[no-untyped-def]
+def chomp_cost(d, epsilon):
     """The CHOMP cost c(D), and its derivative, with the safety distance ``epsilon``."""
     if d >= epsilon:
         return 0.0, 0.0
@@ -61,7 +61,7 @@ def chomp_cost(d, epsilon):  # type: ignore[no-untyped-def]
 
 
 @inner
-def velocity(points, before, after, b, span):  # type: ignore[no-untyped-def]
+def velocity(points, before, after, b, span):
     """Velocity of a point between two waypoints, and its length."""
     x = (points[after, b, 0] - points[before, b, 0]) / span
     y = (points[after, b, 1] - points[before, b, 1]) / span
@@ -70,7 +70,7 @@ def velocity(points, before, after, b, span):  # type: ignore[no-untyped-def]
 
 
 @inner
-def any_below(distance, limit):  # type: ignore[no-untyped-def]
+def any_below(distance, limit):
     """Whether any of the distances (B,) is below a limit; without a branch it takes a tenth."""
     count = 0
     for b in range(distance.shape[0]):
@@ -79,7 +79,7 @@ def any_below(distance, limit):  # type: ignore[no-untyped-def]
 
 
 @inner
-def obstacle_functional(  # type: ignore[no-untyped-def]
+def obstacle_functional(
     points, _tool, distance, normal, chosen, epsilon, dt, use_max, scale, force, stiffness
 ):
     r"""F = ∫ max_u c(x_u) ‖dx_u/dt‖ dt (or the sum) over the ``chosen`` (B,) u, by trapezoids.
@@ -142,9 +142,7 @@ class ClearanceCost(Cost):
 
 
 @inner
-def clearance_penalty(  # type: ignore[no-untyped-def]
-    _points, _tool, distance, normal, margin, chosen, scale, force, stiffness
-):
+def clearance_penalty(_points, _tool, distance, normal, margin, chosen, scale, force, stiffness):
     """½ Σ max(0, margin − D)² over the ``chosen`` (B,) spheres."""
     total = 0.0
     for t in range(distance.shape[0]):
@@ -185,7 +183,7 @@ def self_overlap(e: Evaluation, margin: float, scale: float = 0.0) -> FloatArray
 
 
 @inner
-def self_penalty(  # type: ignore[no-untyped-def]
+def self_penalty(
     points, radius, groups, pairs, slack, link_bound, margin, scale, force, stiffness, out
 ):
     """:func:`self_overlap`; adds to ``out`` (T,).

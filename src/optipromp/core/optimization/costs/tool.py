@@ -35,7 +35,7 @@ class GoalCost(Cost):
 
 
 @inner
-def goal_penalty(points, tool, position, to_tip, turned, scale, force, stiffness):  # type: ignore[no-untyped-def]
+def goal_penalty(points, tool, position, to_tip, turned, scale, force, stiffness):
     """½ ‖fk − position‖², and where it is ``turned`` ½ ‖tip − fk − to_tip‖², at the end."""
     t, total = points.shape[0] - 1, 0.0
     for i in range(3):
@@ -70,7 +70,7 @@ class UprightCost(Cost):
 
 
 @inner
-def axis_penalty(points, tool, lever, axis, tolerance, first, scale, force, stiffness):  # type: ignore[no-untyped-def]
+def axis_penalty(points, tool, lever, axis, tolerance, first, scale, force, stiffness):
     """½ Σ max(0, ‖a − axis‖ − tolerance)², a the tool axis; both are unit vectors."""
     total = 0.0
     for t in range(first, points.shape[0]):
@@ -139,7 +139,7 @@ class CorridorCost(Cost):
 
 
 @inner
-def corridor_penalty(  # type: ignore[no-untyped-def]
+def corridor_penalty(
     points, tool, reference, axes, tolerance, within, first, scale, force, stiffness
 ):
     """½ Σ max(0, |axis·(fk − reference)| − tolerance)² along each of ``axes`` (m, 3)."""
@@ -193,7 +193,7 @@ class PushCost(Cost):
 
 
 @inner
-def push_quadratic(points, tool, goal, frame, axis_weights, dt, first, scale, force, stiffness):  # type: ignore[no-untyped-def]
+def push_quadratic(points, tool, goal, frame, axis_weights, dt, first, scale, force, stiffness):
     """F_p = ∫_{t1}^{T} Σ_a w_a (frame_a·(fk − X_g))² dt by the trapezoid rule."""
     total, last = 0.0, points.shape[0] - 1
     for t in range(first, last + 1):
@@ -209,7 +209,7 @@ def push_quadratic(points, tool, goal, frame, axis_weights, dt, first, scale, fo
 
 
 @inner
-def push_reciprocal(points, tool, goal, lateral, softening, first, scale, force, _stiffness):  # type: ignore[no-untyped-def]
+def push_reciprocal(points, tool, goal, lateral, softening, first, scale, force, _stiffness):
     """The authors' Σ_t 1/|y_g·(fk − X_g)|, finite near zero: Σ_t (y² + softening²)^(-1/2).
 
     The last waypoint is left out: it is at the target, where the cost has no bound and no use.
