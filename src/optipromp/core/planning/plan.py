@@ -62,7 +62,7 @@ def plan(
     Args:
         scene: a scene, the name of a built-in scene, or the path of a scene file.
         robot: with its tool (:func:`optipromp.core.robots.tools.with_tool`), in place of the
-        scene's.
+            scene's.
         planner: a planner with its settings, such as :class:`OptiProMP`, or any object that
             solves a task (:class:`optipromp.core.planning.planner.Planner`); or a name: ``promp``
             conditions the primitive on start, camera point and target; ``i-promp`` also on every

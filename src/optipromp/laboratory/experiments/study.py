@@ -55,7 +55,7 @@ class Study:
         choice: of the robot's file.
         vary: every plan is executed under all of :data:`VARIATIONS`.
         noise: name of one of :data:`optipromp.laboratory.generate.NOISES`, in place of the
-        deviations.
+            deviations.
         risk: share of promised successes that may be broken.
 
     Raises:

@@ -49,7 +49,7 @@ def push(
         cup: its shape.
         solid: static objects that fruits are pressed against; stems pass through them.
         worst: a score (:func:`optipromp.core.pushing.stems.harm.score_of`) beyond which the push
-        ends.
+            ends.
         positions: (P, N, 3) out, of the fruits [m].
         forces: (P, N) out, largest contact force on each fruit [N].
         stem_forces: (P, N) out, of the cup on each stem [N].
