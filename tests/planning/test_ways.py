@@ -16,9 +16,9 @@ from optipromp.core.geometry.shapes import Cylinder
 from optipromp.core.planning import PlanOptions, collision, plan, tree, ways
 from optipromp.core.planning.parameters import TREE, WAYPOINT
 from optipromp.core.planning.task import Task, resolve
-from optipromp.core.scenes import generate as scenes
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
+from optipromp.laboratory import generate as scenes
 
 NONE = np.zeros((0, 7))
 COUNT = 8  # scenes of a family
