@@ -10,6 +10,7 @@ import shutil
 import signal
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -23,9 +24,44 @@ if sys.platform.startswith("linux"):
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+LONG = {
+    "benchmarks": "suite",
+    "cli": "folder generate_study markup plan process",
+    "execution": "executor franka trouble",
+    "experiments": "baselines study variations",
+    "geometry": "grids",
+    "looks": "looks",
+    "page": "page sources",
+    "planning": (
+        "follow goals many options paper prediction requests risk static_margin underway "
+        "verdict ways"
+    ),
+    "promp": "tasks",
+    "pushing": "cup hanging long_fruits quasi_static",
+    "reports": "browser reports",
+    "robots": (
+        "arm fit kinematics_against_pinocchio mjcf pairs panda_cover refusals spheres untrusted"
+    ),
+    "ros": "bags recordings",
+    "scenes": "generate placing trusses",
+    "simulation": "export hand physics pictures runs second_engine tools trusses",
+    ".": "kernel_cache plan_folders",
+    "viewer": "figures",
+}
+"""Test files that take more than 3 s, by folder; ``pytest -m quick`` leaves them out."""
+
 FLAGS = (
     "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
 )  # fmt: skip
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests of all files but the long ones as quick."""
+    long = {(room, f"test_{name}") for room, names in LONG.items() for name in names.split()}
+    for item in items:
+        room = item.path.parent.relative_to(Path(__file__).parent).as_posix()
+        if (room, item.path.stem) not in long and not item.get_closest_marker("slow"):
+            item.add_marker(pytest.mark.quick)
 
 
 @pytest.fixture(scope="session")
