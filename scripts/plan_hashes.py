@@ -29,7 +29,7 @@ SAME = 1e-9  # [rad, m or s] what sums in another order may change
 
 def cases() -> list[tuple[str, str, int]]:
     """Planner, scene and seed of each plan."""
-    ours = [("opti-promp", p, FIRST + k) for k in range(9) for p in PRESETS]
+    ours = [("opti-promp", p, FIRST + k) for k in range(13) for p in PRESETS]
     ours += [("opti-promp", f"{p} seen", FIRST + k) for k in range(3) for p in PRESETS]
     ours += [("opti-promp", f"{p} again", FIRST + k) for k in range(2) for p in PRESETS]
     ours += [("opti-promp", p, FIRST + k) for k in range(2) for p in furniture.FURNITURE]
