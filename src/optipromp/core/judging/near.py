@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.judging.clearance import Overlap, advance
+from optipromp.core.judging.advancement import advance
+from optipromp.core.judging.clearance import Overlap
 from optipromp.core.judging.distances import STATIC, STEM, names_of, nearest, objects_of
 from optipromp.core.judging.kinematics import body_of, centers
 from optipromp.core.robots.model import BodySpheres, Robot
@@ -18,8 +19,9 @@ def nearest_static(
 ) -> Overlap | None:
     """The moving link that comes nearest to a static object over configurations ``q`` (M, n).
 
-    Its depth is the distance with the sign changed: negative where they are apart. A fixed base is
-    left out, as no motion mends its distance. None where nothing is static or nothing moves.
+    The depth is minus the distance [m]: negative where link and object are apart. Links of a fixed
+    base do not count: no motion changes their distance. None where no object is static or no link
+    moves.
     """
     robot = _moving(robot)
     if not scene.static or not len(robot.spheres.radius):
