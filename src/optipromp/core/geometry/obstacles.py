@@ -52,6 +52,9 @@ class Obstacles(NamedTuple):
     """Lists of the obstacles near each place."""
 
 
+_EACH = Obstacles._fields[:6]  # arrays with a row for each obstacle
+
+
 def pack(
     items: Sequence[tuple[Shape, ArrayLike, ArrayLike]],
     *,
@@ -137,19 +140,15 @@ def near(obstacles: Obstacles, center: FloatArray, reach: float) -> Obstacles:
 
 def selected(obstacles: Obstacles, which: slice | BoolArray) -> Obstacles:
     """Some of the obstacles, without cells."""
-    fields = ("kind", "position", "rotation", "size", "bound", "grid")
-    kept = {name: getattr(obstacles, name)[which] for name in fields}
-    for array in kept.values():
-        array.setflags(write=False)
+    kept = {name: read_only(getattr(obstacles, name)[which]) for name in _EACH}
     return obstacles._replace(**kept, cells=no_cells())
 
 
 def appended(obstacles: Obstacles, simple: Obstacles) -> Obstacles:
     """The obstacles followed by ``simple`` ones, none of which has a grid; without cells."""
-    fields = ("kind", "position", "rotation", "size", "bound", "grid")
     both = {
         name: read_only(np.concatenate([getattr(obstacles, name), getattr(simple, name)]))
-        for name in fields
+        for name in _EACH
     }
     return obstacles._replace(**both, cells=no_cells())
 

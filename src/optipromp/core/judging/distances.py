@@ -249,9 +249,9 @@ def _to_shape(shape: Shape, points: FloatArray) -> FloatArray:
         return np.asarray(_tree(shape).query(points)[0]) - shape.radius
     mesh = shape.mesh(FINE)
     corners = mesh.vertices[mesh.faces]
-    return np.concatenate([
-        _to_triangles(corners, points[low : low + 256]) for low in range(0, len(points), 256)
-    ])  # fmt: skip
+    return np.concatenate(
+        [_to_triangles(corners, points[low : low + 256]) for low in range(0, len(points), 256)]
+    )
 
 
 @functools.lru_cache(maxsize=4)

@@ -237,11 +237,7 @@ class ProMP(Shown):
         if missing:
             raise InvalidRequestError(f"{path} is no ProMP file: it lacks {', '.join(missing)}")
         version = data["format"]
-        if (
-            version.shape != ()
-            or not np.issubdtype(version.dtype, np.integer)
-            or version != PROMP_FORMAT
-        ):
+        if version.shape or version.dtype.kind not in "iu" or version != PROMP_FORMAT:
             raise InvalidRequestError(
                 f"{path}: format {version} is unknown; this reads {PROMP_FORMAT}"
             )

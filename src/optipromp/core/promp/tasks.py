@@ -69,8 +69,7 @@ class Rows:
         position, axis = np.empty((m, 3)), np.zeros((m, 3))
         with_axis = np.array([point.axis is not None for point in points])
         variance = np.zeros((m, 5 if with_axis.any() else 3))
-        turn = np.zeros((m, 3, 3))
-        turn[:, (0, 1, 2), (0, 1, 2)] = 1.0
+        turn = np.tile(np.eye(3), (m, 1, 1))
         for i, point in enumerate(points):
             position[i] = point.position
             if isinstance(point.covariance, np.ndarray):
