@@ -142,11 +142,11 @@ def _other_shapes(
     deepest = dict[int, tuple[float, int, int]]()
     for start in range(0, len(q), CONFIGURATIONS):
         spheres = centers(robot, q[start : start + CONFIGURATIONS])
-        for n, (item, row, own) in enumerate(asked):
-            d, sphere, at = nearest(item, spheres[:, own], radius[own], closest[row])
+        for n, (item, row, chosen) in enumerate(asked):
+            d, sphere, at = nearest(item, spheres[:, chosen], radius[chosen], closest[row])
             closest[row] = min(closest[row], d)
             if row != AVOID_BY_TOOL and d < deepest.get(n, (0.0,))[0]:
-                deepest[n] = d, int(own[sphere]), start + at
+                deepest[n] = d, int(chosen[sphere]), start + at
         for item in items:
             if ROLES[item.role] != PUSHABLE and len(radius):  # the core of M_c is the surface
                 core[0] = min(core[0], nearest(item, spheres, np.zeros_like(radius), core[0])[0])
@@ -174,10 +174,10 @@ def pushed_away(
     if not met:
         return list(contacts), []
     objects, _ = objects_of(scene)
-    own = np.flatnonzero(objects.role == PUSHABLE)
+    indices = np.flatnonzero(objects.role == PUSHABLE)
     loose = {
         item.id: k
-        for k, item in zip(own.tolist(), scene.objects_at(objects.rows[own]), strict=True)
+        for k, item in zip(indices.tolist(), scene.objects_at(objects.rows[indices]), strict=True)
         if item.id in met and item.stem is None
     }
     if not loose:

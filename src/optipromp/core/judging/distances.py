@@ -46,8 +46,8 @@ class Objects(NamedTuple):
     size: FloatArray  # (K, 3) radius / half sizes / radius, half length, tip / radii [m]
     bound: FloatArray  # (K,) radius of a ball about the position that holds the object [m]
     block: IntArray  # (C + 1,) where each block begins
-    block_middle: FloatArray  # (C, 3) centre [m] and
-    block_bound: FloatArray  # (C,) radius of a ball that holds the balls of its objects [m]
+    block_middle: FloatArray  # (C, 3) centre of a ball that holds the objects' balls [m]
+    block_bound: FloatArray  # (C,) radius of this ball [m]
 
 
 @functools.lru_cache(maxsize=4)
@@ -67,9 +67,9 @@ def objects_of(scene: Scene) -> tuple[Objects, tuple[SceneObject, ...]]:
     size, bound = np.vstack([size, capsule]), np.append(bound, capsule.sum(axis=1))
     position = np.vstack([scene.positions, middle])
     rotation = np.concatenate([scene.rotations, turn])
-    own, rest = (np.flatnonzero((role >= 0) & each) for each in (kind != GRID, kind == GRID))
-    own = own[neighbours(role[own], position[own], bound[own])]
-    role, position, bound = role[own], position[own], bound[own]
+    simple, rest = (np.flatnonzero((role >= 0) & each) for each in (kind != GRID, kind == GRID))
+    simple = simple[neighbours(role[simple], position[simple], bound[simple])]
+    role, position, bound = role[simple], position[simple], bound[simple]
     place = np.arange(len(role))
     first = np.maximum.accumulate(np.where(np.diff(role, prepend=-1) != 0, place, 0))
     start = np.flatnonzero((place - first) % BLOCK == 0)
@@ -78,8 +78,8 @@ def objects_of(scene: Scene) -> tuple[Objects, tuple[SceneObject, ...]]:
     middle = 0.5 * (low + high)
     reach = lengths(position - np.repeat(middle, np.diff(ends), axis=0)) + bound
     objects = Objects(
-        rows[own], kind[own], role, position, rotation[own], size[own], bound, ends, middle,
-        np.maximum.reduceat(reach, start),
+        rows[simple], kind[simple], role, position, rotation[simple], size[simple], bound, ends,
+        middle, np.maximum.reduceat(reach, start),
     )  # fmt: skip
     return objects, scene.objects_at(rest)
 

@@ -44,15 +44,15 @@ def entered(
         q: (n,) configuration.
         point, axis: (3,) tool point [m] and tool axis at ``q``.
     """
-    own = np.flatnonzero(robot.spheres.distal)
-    if not len(own):
+    distal = np.flatnonzero(robot.spheres.distal)
+    if not len(distal):
         return []
-    spheres, radius = centers(robot, q[None])[:, own], np.asarray(robot.spheres.radius)[own]
+    spheres, radius = centers(robot, q[None])[:, distal], np.asarray(robot.spheres.radius)[distal]
     middle = spheres[0].mean(axis=0)
     reach = float((lengths(spheres[0] - middle) + radius).max())
     rows = np.concatenate([scene.rows("target"), scene.rows("pushable")])
     near = lengths(scene.positions[rows] - middle) < scene.bounds[rows] + reach
-    link, out = np.asarray(robot.spheres.link)[own], []
+    link, out = np.asarray(robot.spheres.link)[distal], []
     for item in scene.objects_at(rows[near]):
         for one in np.unique(link):
             if one == link.max() and _in_mouth(robot, item, point, axis):
@@ -68,11 +68,11 @@ def struck(scene: Scene, robot: Robot, q: FloatArray) -> Overlap | None:
 
     It is the deepest over configurations ``q`` (M, n); None where none exceeds :data:`BRUSHED`.
     """
-    own = np.flatnonzero(robot.spheres.distal)
-    if not len(own):
+    distal = np.flatnonzero(robot.spheres.distal)
+    if not len(distal):
         return None
-    spheres, radius = centers(robot, q)[:, own], np.asarray(robot.spheres.radius)[own]
-    link, found = np.asarray(robot.spheres.link)[own], list[Overlap]()
+    spheres, radius = centers(robot, q)[:, distal], np.asarray(robot.spheres.radius)[distal]
+    link, found = np.asarray(robot.spheres.link)[distal], list[Overlap]()
     rows = np.concatenate([scene.rows("target"), scene.rows("pushable")])
     for item, one in product(scene.objects_at(rows), np.unique(link)):
         name, mine = str(robot.link_names[one]), (spheres[:, link == one], radius[link == one])

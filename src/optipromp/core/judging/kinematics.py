@@ -39,12 +39,12 @@ class Body(NamedTuple):
     original: IntArray  # (B,) index of the sphere in the robot's order
     start: IntArray  # (L + 1,) where the spheres of each link begin
     distal: BoolArray  # (L,) the last link and the tool
-    middle: FloatArray  # (L, 3) centre of a ball that holds the link's spheres, and
-    reach: FloatArray  # (L,) its radius [m]
+    middle: FloatArray  # (L, 3) centre of a ball that holds the link's spheres [m]
+    reach: FloatArray  # (L,) radius of this ball [m]
     tool: FloatArray  # (2, 3) tool point and tool axis in the last segment
     groups: IntArray  # (G, 4) two links that must not touch, and their range of `pairs`
     pairs: IntArray  # (P, 2) two spheres that must not touch
-    slack: FloatArray  # (P,) permitted overlap of the two spheres [m]
+    slack: FloatArray  # (P,) permitted overlap of the two spheres, negative: required gap [m]
     levers: FloatArray  # (G, S) largest relative motion of two links per unit of a joint [m/rad]
     longest: FloatArray  # (S,) largest lever of each joint [m/rad]
 

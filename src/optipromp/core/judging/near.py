@@ -54,12 +54,7 @@ def nearest_static(
 @functools.lru_cache(maxsize=8)
 def _moving(robot: Robot) -> Robot:
     """The robot without the spheres of its fixed base, and without pairs of spheres."""
-    all_of, own = robot.spheres, np.asarray(robot.spheres.segment) >= 0
-    spheres = BodySpheres(
-        all_of.segment[own], all_of.center[own], all_of.radius[own], all_of.link[own],
-        all_of.distal[own],
-    )  # fmt: skip
-    none = np.zeros(0)
-    return replace(
-        robot, spheres=spheres, self_pairs=none.reshape(0, 2).astype(np.int64), self_slack=none
-    )
+    moving = np.asarray(robot.spheres.segment) >= 0
+    spheres = BodySpheres._make(part[moving] for part in robot.spheres)
+    pairs = np.zeros((0, 2), dtype=np.int64)
+    return replace(robot, spheres=spheres, self_pairs=pairs, self_slack=np.zeros(0))
