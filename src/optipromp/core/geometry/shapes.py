@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -45,10 +45,8 @@ class Measure(NamedTuple):
         kind: one of SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID, ELLIPSOID, CONE.
         size: by kind. sphere: r, 0, 0; box: half edges; cylinder, capsule: r, half length, 0;
             ellipsoid: radii; cone: r, half length, r of the tip; else zeros [m].
-        bound: radius [m] of a ball about the local origin that holds the shape; inf for a
-            half-space.
-        half: half edges [m] of a box about the local origin, along the local axes, that holds the
-            shape.
+        bound: radius [m] of a ball about the origin that holds the shape; inf for a half-space.
+        half: half edges [m] of a box about the origin, along the axes, that holds the shape.
         volume: [m³]; of a point cloud the volume of its bounding box; None: the mesh's volume.
     """
 
@@ -290,7 +288,7 @@ class MeshShape(Shape):
     vertices: FloatArray
     faces: IntArray
     path: Path | None = None
-    scale: float = field(default=1.0)
+    scale: float = 1.0
 
     def __post_init__(self) -> None:
         name = f"mesh {self.path}" if self.path is not None else "mesh"
@@ -328,7 +326,7 @@ class PointCloudShape(Shape):
     points: FloatArray
     radius: float
     path: Path | None = None
-    scale: float = field(default=1.0)
+    scale: float = 1.0
 
     def __post_init__(self) -> None:
         name = f"point cloud {self.path}" if self.path is not None else "point cloud"
@@ -398,5 +396,4 @@ def is_convex(mesh: MeshShape) -> bool:
     """Whether a closed mesh lacks less than the share :data:`CONVEX` of its hull's volume."""
     from scipy.spatial import ConvexHull
 
-    hull = float(ConvexHull(mesh.vertices).volume)
-    return mesh_volume(mesh) > (1.0 - CONVEX) * hull
+    return mesh_volume(mesh) > (1.0 - CONVEX) * float(ConvexHull(mesh.vertices).volume)
