@@ -1,4 +1,4 @@
-"""The broad phase: a grid of cells lists the obstacles near a place."""
+"""The broad phase: a grid of cells that lists the obstacles near a place."""
 
 import math
 from typing import NamedTuple
@@ -8,16 +8,16 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, IntArray, read_only
 from optipromp.core.compiled import kernel
 
-FEWEST = 24  # obstacles; with fewer, testing them all is as fast
-_EDGE = 0.12  # [m]
-_MOST = 40  # cells along an edge of the cube
+FEWEST = 24  # obstacles; with fewer, measuring them all is as fast
+_EDGE = 0.12  # [m] of a cell at least, about the size of a link: a choice
+_MOST = 40  # cells along an edge of the cube: 64,000 lists
 
 
 class Cells(NamedTuple):
     """A cube of cells about the origin, each with the obstacles near it, in ascending order.
 
-    An obstacle is listed where its bounding ball comes within ``reach`` of the cell. The last list,
-    that of every place outside the cube, holds all obstacles.
+    The list of a cell holds the obstacles whose bounding balls come within ``reach`` of the cell.
+    The last list is for places outside the cube and holds all obstacles.
     """
 
     reach: float  # [m] 0: there are no cells
@@ -39,9 +39,9 @@ def make_cells(position: FloatArray, bound: FloatArray, reach: float, half: floa
 
     Args:
         position: (K, 3) centres [m].
-        bound: (K,) radii [m], infinite for what is everywhere.
-        reach: how far from an obstacle it still matters [m].
-        half: of the cube's edge [m]; where nothing ever goes needs no cells.
+        bound: (K,) radii [m]; infinite for a half-space.
+        reach: largest distance at which an obstacle matters [m].
+        half: half the edge of the cube [m], which should hold all places that are looked up.
     """
     if len(bound) < FEWEST:
         return no_cells()
@@ -91,13 +91,13 @@ def _fill(position, bound, reach, half, edge, count, start, member, write):
 
 @kernel
 def _outside(x, low, edge):
-    """How far x is outside of [low, low + edge], less a hair so that rounding loses nothing."""
+    """Distance of x from [low, low + edge], less 1e-9 m so that rounding loses no obstacle."""
     return max(max(low - x, x - low - edge) - 1e-9, 0.0)
 
 
 @kernel
 def cell_at(cells, x, y, z):
-    """Index of the list of a place."""
+    """Index of the list of obstacles near a place."""
     n = cells.along
     i = math.floor((x + cells.half) * cells.inverse)
     j = math.floor((y + cells.half) * cells.inverse)

@@ -1,8 +1,8 @@
 """Signed distances and their gradients: the inner loop of every clearance in the library.
 
-Distances are Euclidean, negative inside, exact for the primitives. Gradients are finite everywhere;
-where the distance has a kink (a sphere's centre, a capsule's axis, the medial planes of a box) one
-of the limits is taken.
+Distances are Euclidean, negative inside, and exact for primitives. Gradients are finite everywhere.
+At a kink of the distance (a sphere's centre, a capsule's axis, the medial planes of a box) the
+gradient is one of the one-sided limits.
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ from optipromp.core.geometry.shapes import (
 )
 
 GRID_PADDING = 3
-"""Cells between a grid's border and the bounding box of the shape it holds, at least."""
+"""Smallest number of cells between a grid's border and the bounding box of the shape."""
 
-_NEWTON = 30  # steps to the nearest point of an ellipsoid, at most; it takes 3 to 8
-_TINY = 1e-300  # squared lengths up to here count as 0: their roots cannot be divided by safely
+_NEWTON = 30  # steps to the nearest point of an ellipsoid, at most; 3 to 8 suffice
+_TINY = 1e-300  # [m²] squared lengths up to here count as 0: below 2e-308 numbers lose digits
 
 
 @inlined
 def signed_distance(
     obstacles: Obstacles, k: int, x0: float, x1: float, x2: float, gradient: FloatArray
 ) -> float:
-    """Signed distance [m] from a world point to obstacle ``k``, its gradient written in place.
+    """Signed distance [m] from a world point to obstacle ``k``; the gradient is written in place.
 
     Args:
         obstacles: from :func:`optipromp.core.geometry.obstacles.pack`.
         k: index of the obstacle, 0 <= k < K (not checked).
         x0, x1, x2: world coordinates of the point [m].
-        gradient: (3,) receives dD/dx in the world frame; unit length for primitives.
+        gradient: (3,) dD/dx in the world frame, written in place; of unit length for primitives.
 
     Returns:
         D: above 0 outside, 0 on the surface, below 0 inside.
@@ -58,12 +58,10 @@ def signed_distance(
 def distance_and_gradient(
     obstacles: Obstacles, k: int, x0: float, x1: float, x2: float
 ) -> tuple[float, float, float, float]:
-    """:func:`signed_distance` with the gradient returned: stays in registers, for inner loops."""
+    """:func:`signed_distance` that returns the gradient, which then stays in registers."""
     kind = obstacles.kind[k]
     position = obstacles.position
-    d0 = x0 - position[k, 0]
-    d1 = x1 - position[k, 1]
-    d2 = x2 - position[k, 2]
+    d0, d1, d2 = x0 - position[k, 0], x1 - position[k, 1], x2 - position[k, 2]
     size = obstacles.size
     if kind == SPHERE:
         squared = d0 * d0 + d1 * d1 + d2 * d2
@@ -105,15 +103,9 @@ def distance_and_gradient(
 def _box(
     l0: float, l1: float, l2: float, h0: float, h1: float, h2: float
 ) -> tuple[float, float, float, float]:
-    s0 = math.copysign(1.0, l0)
-    s1 = math.copysign(1.0, l1)
-    s2 = math.copysign(1.0, l2)
-    e0 = abs(l0) - h0
-    e1 = abs(l1) - h1
-    e2 = abs(l2) - h2
-    o0 = max(e0, 0.0)
-    o1 = max(e1, 0.0)
-    o2 = max(e2, 0.0)
+    s0, s1, s2 = math.copysign(1.0, l0), math.copysign(1.0, l1), math.copysign(1.0, l2)
+    e0, e1, e2 = abs(l0) - h0, abs(l1) - h1, abs(l2) - h2
+    o0, o1, o2 = max(e0, 0.0), max(e1, 0.0), max(e2, 0.0)
     outside = o0 * o0 + o1 * o1 + o2 * o2
     if outside > _TINY:
         distance = math.sqrt(outside)
@@ -146,13 +138,11 @@ def _cylinder(
     squared = l0 * l0 + l1 * l1
     if squared > _TINY:
         rho = math.sqrt(squared)
-        u0 = l0 / rho
-        u1 = l1 / rho
+        u0, u1 = l0 / rho, l1 / rho
     else:
         rho, u0, u1 = 0.0, 1.0, 0.0
     side = math.copysign(1.0, l2)
-    radial = rho - radius
-    axial = abs(l2) - half
+    radial, axial = rho - radius, abs(l2) - half
     if radial > 0.0 and axial > 0.0:
         squared = radial * radial + axial * axial
         if squared > _TINY:
@@ -170,8 +160,8 @@ def _ellipsoid(
 ) -> tuple[float, float, float, float]:
     """The nearest point is q_i = e_i² l_i / (t + e_i²), where t is the root of Σ (q_i / e_i)² = 1.
 
-    Newton's steps on 1 / sqrt(Σ) - 1, which is concave, come to the root from below. The unknown
-    is t above its pole, ``over``, which keeps its digits.
+    Newton's steps on 1 / sqrt(Σ) - 1, which is concave, approach the root from below. The unknown
+    ``over`` is t less its pole: its digits are not lost where t is close to the pole.
     """
     least = min(e0, e1, e2)
     small = 1e-13 * least  # on a plane of symmetry the root would be the pole
@@ -199,13 +189,13 @@ def _ellipsoid(
 def _cone(
     l0: float, l1: float, l2: float, radius: float, half: float, tip: float
 ) -> tuple[float, float, float, float]:
-    """In the half-plane through the axis a cone is a disc, another one, and a line between."""
+    """A cone's section with a half-plane through its axis is two discs joined by a tangent."""
     squared = l0 * l0 + l1 * l1
     rho, u0, u1 = 0.0, 1.0, 0.0
     if squared > _TINY:
         rho = math.sqrt(squared)
         u0, u1 = l0 / rho, l1 / rho
-    height = l2 + half  # over the tip's centre
+    height = l2 + half  # above the tip's centre
     sine = (tip - radius) / (2.0 * half)
     cosine = math.sqrt(1.0 - sine * sine)
     along = cosine * height - sine * rho
@@ -223,20 +213,17 @@ def _cone(
 def _grid(
     obstacles: Obstacles, g: int, l0: float, l1: float, l2: float
 ) -> tuple[float, float, float, float]:
-    """Trilinear inside the grid; outside, the larger of two lower bounds of the distance.
+    """Trilinear interpolation in the grid; outside, the larger of two lower bounds of the distance.
 
-    With c the point of the grid's box nearest to l and v(c) the value there, every surface point s
-    satisfies (l - c)·(c - s) >= 0, so D(l) >= sqrt(|l - c|² + v(c)²). The box shrunk by
-    GRID_PADDING cells still holds the shape, so its distance is a second bound.
+    Let c be the point of the grid's box nearest to l, and v(c) the value there. Every surface point
+    s satisfies (l - c)·(c - s) >= 0, so D(l) >= sqrt(|l - c|² + v(c)²). The second bound is the
+    distance to the box shrunk by GRID_PADDING cells, which still holds the shape.
     """
     origin = obstacles.grid_origin
     spacing = obstacles.grid_spacing[g]
-    n0 = obstacles.grid_shape[g, 0]
-    n1 = obstacles.grid_shape[g, 1]
-    n2 = obstacles.grid_shape[g, 2]
-    p0 = l0 - origin[g, 0]
-    p1 = l1 - origin[g, 1]
-    p2 = l2 - origin[g, 2]
+    nodes = obstacles.grid_shape
+    n0, n1, n2 = nodes[g, 0], nodes[g, 1], nodes[g, 2]
+    p0, p1, p2 = l0 - origin[g, 0], l1 - origin[g, 1], l2 - origin[g, 2]
     c0 = min(max(p0, 0.0), (n0 - 1) * spacing)
     c1 = min(max(p1, 0.0), (n1 - 1) * spacing)
     c2 = min(max(p2, 0.0), (n2 - 1) * spacing)
@@ -244,50 +231,33 @@ def _grid(
     i0 = min(int(c0 * inverse), n0 - 2)
     i1 = min(int(c1 * inverse), n1 - 2)
     i2 = min(int(c2 * inverse), n2 - 2)
-    a0 = c0 * inverse - i0
-    a1 = c1 * inverse - i1
-    a2 = c2 * inverse - i2
+    a0, a1, a2 = c0 * inverse - i0, c1 * inverse - i1, c2 * inverse - i2
 
     values = obstacles.grid_values
     at = obstacles.grid_start[g] + (i0 * n1 + i1) * n2 + i2
-    step1 = n2
-    step0 = n1 * n2
-    v000 = values[at]
-    v001 = values[at + 1]
-    v010 = values[at + step1]
-    v011 = values[at + step1 + 1]
-    v100 = values[at + step0]
-    v101 = values[at + step0 + 1]
-    v110 = values[at + step0 + step1]
-    v111 = values[at + step0 + step1 + 1]
-    v00 = v000 + a2 * (v001 - v000)
-    v01 = v010 + a2 * (v011 - v010)
-    v10 = v100 + a2 * (v101 - v100)
-    v11 = v110 + a2 * (v111 - v110)
-    v0 = v00 + a1 * (v01 - v00)
-    v1 = v10 + a1 * (v11 - v10)
+    step1, step0 = n2, n1 * n2
+    v000, v001 = values[at], values[at + 1]
+    v010, v011 = values[at + step1], values[at + step1 + 1]
+    v100, v101 = values[at + step0], values[at + step0 + 1]
+    v110, v111 = values[at + step0 + step1], values[at + step0 + step1 + 1]
+    v00, v01 = v000 + a2 * (v001 - v000), v010 + a2 * (v011 - v010)
+    v10, v11 = v100 + a2 * (v101 - v100), v110 + a2 * (v111 - v110)
+    v0, v1 = v00 + a1 * (v01 - v00), v10 + a1 * (v11 - v10)
     value = v0 + a0 * (v1 - v0)
-    w00 = v001 - v000
-    w01 = v011 - v010
-    w10 = v101 - v100
-    w11 = v111 - v110
-    w0 = w00 + a1 * (w01 - w00)
-    w1 = w10 + a1 * (w11 - w10)
+    w00, w01 = v001 - v000, v011 - v010
+    w10, w11 = v101 - v100, v111 - v110
+    w0, w1 = w00 + a1 * (w01 - w00), w10 + a1 * (w11 - w10)
     g0 = (v1 - v0) * inverse
     g1 = ((v01 - v00) + a0 * ((v11 - v10) - (v01 - v00))) * inverse
     g2 = (w0 + a0 * (w1 - w0)) * inverse
 
-    o0 = p0 - c0
-    o1 = p1 - c1
-    o2 = p2 - c2
+    o0, o1, o2 = p0 - c0, p1 - c1, p2 - c2
     squared = o0 * o0 + o1 * o1 + o2 * o2
     if squared <= _TINY:
         return value, g0, g1, g2
     bound = math.sqrt(squared + value * value)
     pad = GRID_PADDING * spacing
-    m0 = 0.5 * (n0 - 1) * spacing
-    m1 = 0.5 * (n1 - 1) * spacing
-    m2 = 0.5 * (n2 - 1) * spacing
+    m0, m1, m2 = 0.5 * (n0 - 1) * spacing, 0.5 * (n1 - 1) * spacing, 0.5 * (n2 - 1) * spacing
     inner, b0, b1, b2 = _box(p0 - m0, p1 - m1, p2 - m2, m0 - pad, m1 - pad, m2 - pad)
     if inner >= bound:
         return inner, b0, b1, b2
@@ -298,12 +268,7 @@ def _grid(
     if o2 != 0.0:
         g2 = 0.0
     scale = 1.0 / bound
-    return (
-        bound,
-        (o0 + value * g0) * scale,
-        (o1 + value * g1) * scale,
-        (o2 + value * g2) * scale,
-    )
+    return bound, (o0 + value * g0) * scale, (o1 + value * g1) * scale, (o2 + value * g2) * scale
 
 
 @inner
@@ -328,7 +293,7 @@ def distances(obstacles: Obstacles, points: ArrayLike) -> tuple[FloatArray, Floa
         D (N, K) [m] and its gradient (N, K, 3).
 
     Raises:
-        InvalidRequestError: ``points`` has another shape or holds NaN or infinity.
+        InvalidRequestError: ``points`` has another shape or is not finite.
     """
     array = np.array(points, dtype=np.float64, order="C")
     if array.ndim != 2 or array.shape[1] != 3:

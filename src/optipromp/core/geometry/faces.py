@@ -10,7 +10,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, frame_along
 
-MOST_PIECES = 100  # that an edge is cut into: a floor of kilometres would fill the memory
+MOST_PIECES = 100  # of an edge: the faces of a floor of kilometres would fill the memory
 
 
 def sphere(center: FloatArray, radius: float, around: int = 20) -> FloatArray:
@@ -32,7 +32,7 @@ def tube(points: FloatArray, radius: float, around: int = 16) -> FloatArray:
 
 
 def revolve(profile: FloatArray, around: int) -> FloatArray:
-    """Turn a profile of (radius, height) pairs, bottom to top, about z."""
+    """Faces of a profile (k, 2) of radius and height, bottom to top, revolved about z."""
     angle = np.linspace(0.0, 2.0 * np.pi, around + 1)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     points = np.empty((len(profile), around + 1, 3))
@@ -44,7 +44,7 @@ def revolve(profile: FloatArray, around: int) -> FloatArray:
 
 
 def rectangle(width: float, depth: float, cut: float = np.inf) -> FloatArray:
-    """A rectangle in the plane z = 0, facing +z, cut into small faces."""
+    """A rectangle in the plane z = 0, facing +z, in faces with edges up to ``cut`` [m]."""
     across, along = (
         np.linspace(-0.5, 0.5, min(max(int(np.ceil(edge / cut)), 1), MOST_PIECES) + 1) * edge
         for edge in (width, depth)
@@ -56,7 +56,7 @@ def rectangle(width: float, depth: float, cut: float = np.inf) -> FloatArray:
 
 
 def box(size: FloatArray, cut: float = np.inf) -> FloatArray:
-    """Faces of a box with full edges ``size`` (3,), each no larger than ``cut`` [m]."""
+    """Faces of a box with full edges ``size`` (3,) [m], in faces with edges up to ``cut`` [m]."""
     parts = []
     for axis in range(3):
         first, second = (axis + 1) % 3, (axis + 2) % 3

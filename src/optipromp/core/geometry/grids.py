@@ -1,9 +1,9 @@
-"""Distance grids of meshes and point clouds, kept on disk under the hash of what they hold.
+"""Distance grids of meshes and point clouds, cached on disk under a hash of the shape.
 
 The distance is interpolated between nodes. Near a part thinner than a cell, the interpolated
 distance can be too large. A grid is therefore refined where samples of the surface show such an
-error, and the remaining error is subtracted. An obstacle in a grid may be larger than the true one
-by less than a cell; at the samples it is never smaller.
+error, and the remaining error is subtracted. The obstacle in the grid exceeds the shape by less
+than a cell, and contains all samples of its surface.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ CELLS = 48
 """Cells along the longest side of a mesh, before refinement."""
 
 _VERSION = 3  # part of the cache key: raise it when the same input gives other values
-_MESH_NODES = 1_500_000
-_CLOUD_NODES = 200_000
-_CLOUD_NEAR = 0.15  # [m] up to which distances to a cloud are exact at the nodes
-_CLOUD_SLACK = 0.1  # of a distance beyond
+_MESH_NODES = 1_500_000  # at most; 12 MB
+_CLOUD_NODES = 200_000  # at most; 1.6 MB
+_CLOUD_NEAR = 0.15  # [m] distance to a cloud up to which nodes are exact
+_CLOUD_SLACK = 0.1  # [-] largest relative error of longer distances
 _THIN = 0.25  # [cells] a larger error shows a part thinner than a cell
-_ACROSS = 4  # cells across the shortest side
-_SAMPLES = 4_000
-_KEPT = 32  # grids held in memory
+_ACROSS = 4  # cells across the shortest side of a mesh, at least
+_SAMPLES = 4_000  # of a mesh's surface, about
+_KEPT = 32  # grids in memory, at most
 
 _memory: dict[str, DistanceGrid] = {}
 _lock = threading.Lock()
@@ -59,10 +59,10 @@ class DistanceGrid:
 
 
 def distance_grid(shape: Shape) -> DistanceGrid:
-    """The grid of a shape: from memory, from disk, or built (and then kept in both).
+    """The grid of a shape: from memory, from disk, or built and then stored in both.
 
-    The cache folder is ``OPTIPROMP_CACHE``, else the platform's; one that cannot be written is no
-    error.
+    The cache folder is ``OPTIPROMP_CACHE``, else the platform's. A folder that cannot be written is
+    no error.
 
     Raises:
         InvalidSceneError: the mesh is degenerate.
@@ -91,9 +91,9 @@ def distance_grid(shape: Shape) -> DistanceGrid:
 def mesh_grid(mesh: MeshShape) -> DistanceGrid:
     """Signed distance grid of a closed mesh.
 
-    Distances at the nodes are exact point-triangle distances, their sign is that of the
-    generalised winding number; the mesh may have either orientation. The spacing is the longest
-    side / 48, halved while that misses something thin and the grid stays below 1.5 million nodes.
+    The nodes hold exact distances to the triangles, signed by the generalised winding number; the
+    mesh may have either orientation. The spacing is the longest side / 48, halved while the
+    grid misses a thin part and the finer grid has at most 1.5 million nodes.
 
     Raises:
         InvalidSceneError: the mesh has no area, no volume, or is not closed.
@@ -117,11 +117,11 @@ def mesh_grid(mesh: MeshShape) -> DistanceGrid:
 
 
 def cloud_grid(cloud: PointCloudShape) -> DistanceGrid:
-    """Distance grid of a point cloud: distance to the nearest point less the points' radius.
+    """Distance grid of a point cloud: the distance to the nearest point less the points' radius.
 
-    Beyond :data:`_CLOUD_NEAR` the distance may be too small by the share :data:`_CLOUD_SLACK`. All
-    points of a hollow cloud are about equally far from its middle, so an exact distance there would
-    need every point. The grid is as fine as 200,000 nodes allow, but no finer than half the radius.
+    A distance beyond :data:`_CLOUD_NEAR` may be too small by the share :data:`_CLOUD_SLACK`: an
+    exact distance in the middle of a hollow cloud would need every point. The grid is as fine as
+    200,000 nodes allow, but no finer than half the radius.
     """
     from optipromp.core.geometry.nearest import to_nearest
 
@@ -138,13 +138,13 @@ def cloud_grid(cloud: PointCloudShape) -> DistanceGrid:
 
 
 def check_closed(mesh: MeshShape) -> None:
-    """Refuse a mesh that encloses nothing.
+    """Refuse a mesh that is not a closed surface with a volume.
 
-    Closed means: along every edge as many faces run one way as the other, so that the winding
-    number is whole everywhere. Vertices at one place count as one.
+    A mesh is closed if as many faces run along every edge in one sense as in the other: then its
+    winding number is an integer everywhere. Vertices at one place count as one.
 
     Raises:
-        InvalidSceneError: naming the file and what is wrong.
+        InvalidSceneError: the message names the file and the fault.
     """
     name = f"mesh {mesh.path}" if mesh.path is not None else "mesh"
     corners = mesh.vertices[mesh.faces]
@@ -180,7 +180,7 @@ def _open_edges(faces: IntArray) -> int:
 
 
 def _surface_samples(triangles: FloatArray) -> FloatArray:
-    """Points on the triangles, none near an edge, where interpolation always errs."""
+    """Points on the triangles (S, 3), none near an edge, where interpolation always errs."""
     each = max(1, _SAMPLES // len(triangles))
     weights = np.random.default_rng(0).dirichlet((1.0, 1.0, 1.0), size=each)
     weights = 0.5 * weights + 0.5 / 3.0
@@ -191,7 +191,7 @@ def _surface_samples(triangles: FloatArray) -> FloatArray:
 def _layout(
     lower: FloatArray, upper: FloatArray, spacing: float
 ) -> tuple[FloatArray, tuple[int, int, int]]:
-    """First node and node counts of a grid that keeps GRID_PADDING cells around a box."""
+    """First node and node counts of a grid with GRID_PADDING cells around a box."""
     cells = np.ceil((upper - lower) / spacing * (1.0 - 1e-12)).astype(np.int64) + 2 * GRID_PADDING
     origin: FloatArray = 0.5 * (lower + upper) - 0.5 * spacing * cells
     n0, n1, n2 = (int(count) + 1 for count in cells)
@@ -220,7 +220,7 @@ def _key(shape: MeshShape | PointCloudShape) -> str:
 
 
 def _load(file: Path) -> DistanceGrid | None:
-    """The grid in a cache file; None where there is none, or none that can be used."""
+    """The grid in a cache file; None if the file is missing or unusable."""
     try:
         data = read_npz(file)
         values, origin, spacing = data["values"], data["origin"], float(data["spacing"])

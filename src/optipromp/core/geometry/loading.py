@@ -27,7 +27,8 @@ def load_mesh(path: Path, scale: float = 1.0) -> MeshShape:
         scale: from the file's unit to metres.
 
     Raises:
-        InvalidSceneError: missing, malformed, no area, not watertight, or trimesh not installed.
+        InvalidSceneError: the file is missing or malformed, the mesh has no area or is not closed,
+            or trimesh is not installed.
     """
     content = _content(path, "mesh", _MESH_SUFFIXES)
     loaded = _trimesh_load(path, content, "mesh")
@@ -43,16 +44,16 @@ def load_mesh(path: Path, scale: float = 1.0) -> MeshShape:
 
 
 def load_cloud(path: Path, radius: float, scale: float = 1.0) -> PointCloudShape:
-    """Load a point cloud; columns past the third (colours, normals) are left out.
+    """Load a point cloud; columns past the third (colours, normals) are ignored.
 
     Args:
         path: ``.npy`` (N, 3), ``.npz`` (key ``points``, or its only array), ``.csv`` (commas),
-            ``.xyz`` or ``.txt`` (blanks), with one line of headings at most, or ``.ply``.
+            ``.xyz`` or ``.txt`` (blanks), with at most one line of headings, or ``.ply``.
         radius: of every point [m].
         scale: from the file's unit to metres.
 
     Raises:
-        InvalidSceneError: missing, malformed or empty.
+        InvalidSceneError: the file is missing, malformed or empty.
     """
     content = _content(path, "point cloud", _CLOUD_SUFFIXES)
     suffix = path.suffix.lower()
@@ -83,7 +84,7 @@ def _content(path: Path, what: str, suffixes: tuple[str, ...]) -> bytes:
 
 
 def _trimesh_load(path: Path, content: bytes, what: str) -> Any:
-    """What trimesh makes of a file's content, so that it reads no other file."""
+    """The content of a file as a trimesh object; trimesh reads no other file."""
     try:
         import trimesh
     except ImportError:
@@ -93,7 +94,7 @@ def _trimesh_load(path: Path, content: bytes, what: str) -> Any:
     try:
         kind = path.suffix.lower()[1:]
         return trimesh.load(io.BytesIO(content), file_type=kind, skip_materials=True)
-    except Exception as error:  # malformed files make its readers fail in every way there is
+    except Exception as error:  # its readers raise anything on malformed files
         raise _unreadable(what, path, error) from None
 
 

@@ -1,7 +1,7 @@
 """Distances from the nodes of a grid to the nearest of many points.
 
-Points are grouped in cells and nodes in blocks. The cells that may hold the nearest point are found
-once for a block. A node looks only into cells that can be nearer than its nearest point so far.
+Points are grouped in cells, nodes in blocks. The cells that may hold the nearest point are found
+once per block. A node measures only cells that can be nearer than its nearest point so far.
 """
 
 import math
@@ -23,15 +23,15 @@ def to_nearest(
     near: float,
     slack: float,
 ) -> FloatArray:
-    """Distances [m] of the grid's nodes to the nearest of ``points`` (N, 3), as ``shape`` says.
+    """Distances [m] of the nodes of a grid of shape ``shape`` to the nearest of ``points``.
 
     Args:
-        points: N >= 1.
-        origin: (3,) of the grid, no larger than the points.
+        points: (N, 3), N >= 1 [m].
+        origin: (3,) first node [m], no larger than any point.
         step: between nodes [m].
         shape: nodes along x, y, z.
-        near: up to here distances are exact; those beyond are no less than this [m] and
-        slack: less by at most this share of themselves, never more.
+        near: distances up to ``near`` are exact [m].
+        slack: a longer distance d is between max(``near``, d / (1 + ``slack``)) and d.
     """
     start, ordered = _in_cells(points, origin, _CELL * step)
     low = np.minimum.reduceat(ordered, start[:-1])
@@ -43,7 +43,7 @@ def to_nearest(
 
 
 def _in_cells(points: FloatArray, origin: FloatArray, edge: float) -> tuple[IntArray, FloatArray]:
-    """Points (N, 3) cell by cell, and where each cell begins (C + 1,)."""
+    """Start (C + 1,) of each cell, and the points (N, 3) cell by cell."""
     cell = ((points - origin) / edge).astype(np.int64)
     _, n1, n2 = cell.max(axis=0) + 1
     key = (cell[:, 0] * n1 + cell[:, 1]) * n2 + cell[:, 2]
@@ -91,7 +91,7 @@ def _fill(px, py, pz, start, low, high, origin, step, near, slack, values):
 
 @kernel
 def _nearest(px, py, pz, start, low, high, cells, x, y, z, near, slack):
-    """Distance of a place to the nearest point in ``cells``, those first that are near."""
+    """Distance of a place to the nearest point in ``cells``, which are sorted by distance."""
     squared = ask = np.inf
     for c in cells:
         if _to_box(low[c], high[c], x, y, z) >= ask:
@@ -106,7 +106,7 @@ def _nearest(px, py, pz, start, low, high, cells, x, y, z, near, slack):
 
 @kernel
 def _to_box(low, high, x, y, z):
-    """Squared distance of a place to a box."""
+    """Squared distance [m²] of a place to a box."""
     dx = max(low[0] - x, x - high[0], 0.0)
     dy = max(low[1] - y, y - high[1], 0.0)
     dz = max(low[2] - z, z - high[2], 0.0)
@@ -115,7 +115,7 @@ def _to_box(low, high, x, y, z):
 
 @compiler(fastmath={"nnan", "nsz"})
 def _least(px, py, pz, first, last, x, y, z, least):
-    """Least of the squared distances of a place to some points, or ``least`` where that is less."""
+    """The smallest of ``least`` and the squared distances of a place to points first … last - 1."""
     for n in range(first, last):
         dx, dy, dz = px[n] - x, py[n] - y, pz[n] - z
         least = min(least, dx * dx + dy * dy + dz * dz)

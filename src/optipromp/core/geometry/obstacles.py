@@ -1,4 +1,4 @@
-"""Posed shapes as a struct of arrays, the form the distance kernels read."""
+"""Posed shapes as a struct of arrays for the distance kernels."""
 
 from __future__ import annotations
 
@@ -18,18 +18,16 @@ if TYPE_CHECKING:
 
 Measures: TypeAlias = tuple[IntArray, FloatArray, FloatArray]
 
-_ROTATION_TOLERANCE = 1e-6
-
 
 class Obstacles(NamedTuple):
     """K posed shapes; a point maps as ``x_world = rotation[k] @ x_local + position[k]``.
 
-    All arrays are read-only and C-contiguous. Build with :func:`pack`, so that compiled kernels
-    always meet the same array types.
+    All arrays are read-only and C-contiguous: :func:`pack` builds them, so that kernels are
+    compiled for one set of array types.
     """
 
     kind: IntArray
-    """(K,) see :class:`optipromp.core.geometry.shapes.Measure`, as ``size`` and ``bound``."""
+    """(K,) of :class:`optipromp.core.geometry.shapes.Measure`, as ``size`` and ``bound``."""
     position: FloatArray
     """(K, 3) [m]."""
     rotation: FloatArray
@@ -39,7 +37,7 @@ class Obstacles(NamedTuple):
     bound: FloatArray
     """(K,) [m] radius about ``position`` of a bounding ball; inf for a half-space."""
     grid: IntArray
-    """(K,) index into the grid arrays, -1 where the shape is none."""
+    """(K,) index into the grid arrays, -1 for a shape without a grid."""
     grid_values: FloatArray
     """(N,) [m] signed distances of all grids, flat, each in C order."""
     grid_start: IntArray
@@ -51,7 +49,10 @@ class Obstacles(NamedTuple):
     grid_spacing: FloatArray
     """(G,) [m] distance between neighbouring nodes."""
     cells: Cells
-    """Which obstacles may matter where."""
+    """Lists of the obstacles near each place."""
+
+
+_EACH = Obstacles._fields[:6]  # arrays with a row for each obstacle
 
 
 def pack(
@@ -64,18 +65,16 @@ def pack(
 
     Args:
         items: ``(shape, position (3,) [m], rotation (3, 3))``; may be empty.
-        reach: within this distance of obstacles the kernels will ask for them [m]; above 0, many
-            obstacles are sorted into cells, so that those farther away cost nothing.
-        within: coordinates of places where they will ask [m].
+        reach: largest distance at which kernels look for obstacles [m]. Above 0, many obstacles are
+            sorted into cells, so that obstacles farther away cost nothing.
+        within: largest coordinate of a place where kernels look for obstacles [m].
 
     Returns:
-        The obstacles, in the order of ``items``. Shapes without a kernel get a distance grid
-        (see :mod:`optipromp.core.geometry.grids`); items that share one shape object share its
-        grid.
+        The obstacles, in the order of ``items``. Shapes without a kernel get a distance grid (see
+        :mod:`optipromp.core.geometry.grids`), which items of one shape object share.
 
     Raises:
-        InvalidSceneError: a position or rotation is not finite or not a rotation, or a mesh is
-            degenerate.
+        InvalidSceneError: a pose is not finite, a matrix is no rotation, or a mesh is degenerate.
     """
     shapes = [shape for shape, _, _ in items]
     position = _stacked([at for _, at, _ in items], (3,))
@@ -92,7 +91,7 @@ def packed(
     reach: float = 0.0,
     within: float = 0.0,
 ) -> Obstacles:
-    """:func:`pack` of shapes whose poses (K, 3), (K, 3, 3) and measures are arrays already."""
+    """:func:`pack` for poses (K, 3), (K, 3, 3) and measures that are arrays already."""
     kind, size, bound = measured
     grid = np.full(len(shapes), -1, dtype=np.int64)
     grids: dict[int, int] = {}
@@ -123,7 +122,7 @@ def measures(shapes: Sequence[Shape]) -> Measures:
 
 
 def _stacked(arrays: Sequence[ArrayLike], shape: tuple[int, ...]) -> FloatArray:
-    """Arrays of one ``shape`` as one of (K, ...), faster than NumPy stacks many small ones."""
+    """K arrays of one ``shape``, stacked (K, ...): for small arrays faster than ``np.stack``."""
     flat = [np.asarray(array, dtype=np.float64) for array in arrays]
     if any(array.shape != shape for array in flat):
         flat = [np.broadcast_to(array, shape) for array in flat]
@@ -133,10 +132,7 @@ def _stacked(arrays: Sequence[ArrayLike], shape: tuple[int, ...]) -> FloatArray:
 
 
 def near(obstacles: Obstacles, center: FloatArray, reach: float) -> Obstacles:
-    """Those that may come within ``reach`` [m] of ``center`` (3,), by their bounding balls.
-
-    They have no cells.
-    """
+    """The obstacles whose bounding balls come within ``reach`` [m] of ``center`` (3,); no cells."""
     off = obstacles.position - center
     keep = lengths(off) - obstacles.bound <= reach
     return selected(obstacles, slice(None) if keep.all() else keep)
@@ -144,33 +140,29 @@ def near(obstacles: Obstacles, center: FloatArray, reach: float) -> Obstacles:
 
 def selected(obstacles: Obstacles, which: slice | BoolArray) -> Obstacles:
     """Some of the obstacles, without cells."""
-    fields = ("kind", "position", "rotation", "size", "bound", "grid")
-    kept = {name: getattr(obstacles, name)[which] for name in fields}
-    for array in kept.values():
-        array.setflags(write=False)
+    kept = {name: read_only(getattr(obstacles, name)[which]) for name in _EACH}
     return obstacles._replace(**kept, cells=no_cells())
 
 
 def appended(obstacles: Obstacles, simple: Obstacles) -> Obstacles:
-    """The obstacles and then others, none of which has a grid; without cells."""
-    fields = ("kind", "position", "rotation", "size", "bound", "grid")
+    """The obstacles followed by ``simple`` ones, none of which has a grid; without cells."""
     both = {
         name: read_only(np.concatenate([getattr(obstacles, name), getattr(simple, name)]))
-        for name in fields
+        for name in _EACH
     }
     return obstacles._replace(**both, cells=no_cells())
 
 
 def _check_poses(position: FloatArray, rotation: FloatArray) -> None:
     if np.isfinite(position).all() and (rotation == np.eye(3)).all():
-        return  # none, or none that is turned
+        return  # the usual case: none is turned
     for name, values in (("position", position), ("rotation", rotation)):
         bad = np.argwhere(~np.isfinite(values))
         if bad.size:
             where = "".join(f"[{i}]" for i in bad[0][1:])
             raise InvalidSceneError(f"obstacle {bad[0][0]}: {name}{where} must be finite")
     error = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    wrong = np.flatnonzero((error > _ROTATION_TOLERANCE) | (np.linalg.det(rotation) < 0.0))
+    wrong = np.flatnonzero((error > 1e-6) | (np.linalg.det(rotation) < 0.0))
     if wrong.size:
         index = wrong[0]
         raise InvalidSceneError(

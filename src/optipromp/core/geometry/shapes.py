@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,14 +19,14 @@ from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import faces
 
 FARTHEST = 1e6
-"""Size of a number of a scene, at most [m, rad]; what is derived from it does not overflow."""
+"""[m, rad] Largest number in a scene; products of larger ones overflow."""
 
 SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID, ELLIPSOID, CONE = range(8)
 
-ROUND = 28  # faces about a ball that is drawn
-FINE = 48  # points about a round shape whose mesh is measured, weighed or simulated
-MOST_POINTS = 1500  # of a point cloud that are drawn
-CONVEX = 0.02  # share of its hull's volume that a mesh may lack and still count as convex
+ROUND = 28  # faces around a drawn ball
+FINE = 48  # points around a round shape whose mesh is measured, weighed or simulated
+MOST_POINTS = 1500  # drawn of a point cloud
+CONVEX = 0.02  # [-] share of the hull's volume that a convex mesh may lack
 
 
 def _positive(shape: str, name: str, value: float) -> float:
@@ -39,16 +39,15 @@ def _positive(shape: str, name: str, value: float) -> float:
 
 
 class Measure(NamedTuple):
-    """What the distance kernels and the cells ask of a shape.
+    """Kind and sizes of a shape for distance kernels and cells.
 
     Attributes:
         kind: one of SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID, ELLIPSOID, CONE.
         size: by kind. sphere: r, 0, 0; box: half edges; cylinder, capsule: r, half length, 0;
             ellipsoid: radii; cone: r, half length, r of the tip; else zeros [m].
-        bound: radius of a ball about the local origin that holds the shape; inf for a half-space
-            [m].
-        half: half edges of a box about the local origin, along the local axes, that holds it [m].
-        volume: None where that of the mesh is taken; of a point cloud its bounding box's [m³].
+        bound: radius [m] of a ball about the origin that holds the shape; inf for a half-space.
+        half: half edges [m] of a box about the origin, along the axes, that holds the shape.
+        volume: [m³]; of a point cloud the volume of its bounding box; None: the mesh's volume.
     """
 
     kind: int
@@ -62,19 +61,19 @@ NO_SIZE = 0.0, 0.0, 0.0
 
 
 class Shape(ABC):
-    """A solid in its local frame; all that the library asks of a shape, it asks here.
+    """A solid in its local frame: the interface between shapes and the library.
 
-    A shape of one's own gives its :meth:`mesh`, and has everything else from it: a distance grid,
-    bounds, a volume, a picture, a message and a body in the simulation.
+    A shape of a user defines :meth:`mesh`. Distance grid, bounds, volume, picture, message and body
+    in the simulation follow from the mesh.
     """
 
     @abstractmethod
     def mesh(self, around: int = 24) -> MeshShape:
-        """A closed mesh of the surface; a round one is inscribed, with ``around`` points about."""
+        """A closed mesh of the surface; of a round one inscribed, with ``around`` points around."""
 
     @property
     def measure(self) -> Measure:
-        """Kernel, sizes and bounds; without a kernel of its own a shape is measured on a grid."""
+        """Kind, sizes and bounds; a shape without a kernel is measured on a grid."""
         return self._measured()
 
     @property
@@ -84,9 +83,9 @@ class Shape(ABC):
         return mesh_volume(self.mesh(FINE)) if known is None else known
 
     def surface(self, cut: float = np.inf) -> FloatArray:
-        """Faces (F, 4, 3) that show the surface [m], see :mod:`optipromp.core.geometry.faces`.
+        """Faces (F, 4, 3) of the surface [m], see :mod:`optipromp.core.geometry.faces`.
 
-        Flat ones are no larger than ``cut`` [m], unless an edge has too many of them.
+        Flat faces have edges up to ``cut`` [m], or longer ones where an edge has too many pieces.
         """
         return self._faces(cut)
 
@@ -103,7 +102,7 @@ class Shape(ABC):
 
 @dataclass(frozen=True)
 class Primitive(Shape):
-    """A shape given by sizes above 0: numbers, or three of them along x, y, z."""
+    """A shape given by sizes above 0, each a number or three numbers along x, y, z."""
 
     def __post_init__(self) -> None:
         shape = type(self).__name__.lower()
@@ -206,7 +205,7 @@ class Ellipsoid(Primitive):
         return np.asarray(faces.sphere(np.zeros(3), 1.0, ROUND) * np.array(self.radii))
 
     def mesh(self, around: int = 24) -> MeshShape:
-        """The points of the surface of evenly spread normals."""
+        """The convex hull of the surface points with evenly spread normals."""
         axes, normals = np.array(self.radii), _normals(around)
         points = axes**2 * normals / np.linalg.norm(axes * normals, axis=1)[:, None]
         return MeshShape(points, hull_faces(points))
@@ -214,12 +213,12 @@ class Ellipsoid(Primitive):
 
 @dataclass(frozen=True)
 class Cone(Primitive):
-    """A cone with round ends along local z, centred: the hull of two balls, as many berries are.
+    """A cone with round ends along local z, centred: the hull of two balls, like many berries.
 
     Args:
-        radius: of the ball at its shoulder, at +z [m].
-        tip: radius of the ball at its tip, at -z [m].
-        length: distance between the balls' centres; more than their radii differ by [m].
+        radius: of the ball at the shoulder, at +z [m].
+        tip: radius of the ball at the tip, at -z [m].
+        length: distance between the balls' centres [m], above the difference of the radii.
     """
 
     radius: float
@@ -248,7 +247,7 @@ class Cone(Primitive):
         return faces.revolve(np.concatenate(arcs), ROUND)
 
     def mesh(self, around: int = 24) -> MeshShape:
-        """The points of the surface of evenly spread normals."""
+        """The convex hull of the surface points with evenly spread normals."""
         normals, half = _normals(around), np.array([0.0, 0.0, 0.5 * self.length])
         shoulder, low = self.radius * normals + half, self.tip * normals - half
         farther = (shoulder * normals).sum(axis=1) >= (low * normals).sum(axis=1)
@@ -289,7 +288,7 @@ class MeshShape(Shape):
     vertices: FloatArray
     faces: IntArray
     path: Path | None = None
-    scale: float = field(default=1.0)
+    scale: float = 1.0
 
     def __post_init__(self) -> None:
         name = f"mesh {self.path}" if self.path is not None else "mesh"
@@ -327,7 +326,7 @@ class PointCloudShape(Shape):
     points: FloatArray
     radius: float
     path: Path | None = None
-    scale: float = field(default=1.0)
+    scale: float = 1.0
 
     def __post_init__(self) -> None:
         name = f"point cloud {self.path}" if self.path is not None else "point cloud"
@@ -343,13 +342,13 @@ class PointCloudShape(Shape):
         return Measure(GRID, NO_SIZE, bound, (x, y, z), volume)
 
     def _faces(self, cut: float) -> FloatArray:
-        """A ball at each point, or at some of too many."""
+        """A ball at each point, or at every k-th of too many points."""
         shown = self.points[:: max(1, len(self.points) // MOST_POINTS)]
         ball = faces.sphere(np.zeros(3), max(self.radius, 0.003), 6)
         return (shown[:, None, None] + ball).reshape(-1, 4, 3)
 
     def mesh(self, around: int = 24) -> MeshShape:
-        """Refused: what lies between the points is not known."""
+        """Refused: the surface between the points is unknown."""
         raise InvalidSceneError("a point cloud has no mesh")
 
 
@@ -373,7 +372,7 @@ def mesh_volume(mesh: MeshShape) -> float:
 
 
 def _normals(around: int) -> FloatArray:
-    """Unit vectors (N, 3), ``around`` of them about z at each of half as many heights."""
+    """Unit vectors (N, 3): ``around`` about z at each of half as many heights, and the poles."""
     polar, turn = np.meshgrid(
         np.linspace(0.0, np.pi, around // 2 + 1)[1:-1],
         np.linspace(0.0, 2.0 * np.pi, around, endpoint=False), indexing="ij",
@@ -394,8 +393,7 @@ def hull_faces(points: FloatArray) -> IntArray:
 
 
 def is_convex(mesh: MeshShape) -> bool:
-    """Whether a closed mesh fills its convex hull, but for the share :data:`CONVEX`."""
+    """Whether a closed mesh lacks less than the share :data:`CONVEX` of its hull's volume."""
     from scipy.spatial import ConvexHull
 
-    hull = float(ConvexHull(mesh.vertices).volume)
-    return mesh_volume(mesh) > (1.0 - CONVEX) * hull
+    return mesh_volume(mesh) > (1.0 - CONVEX) * float(ConvexHull(mesh.vertices).volume)

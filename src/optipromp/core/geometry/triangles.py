@@ -1,4 +1,4 @@
-"""Exact distances to triangles and the generalised winding number, on the nodes of a grid."""
+"""Exact distances to triangles and the generalised winding number, at the nodes of a grid."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.compiled import kernel
 
-_BLOCK = 4  # nodes along the edge of a block that shares one list of candidate triangles
-_TINY = 1e-300
+_BLOCK = 4  # nodes along an edge of a block, which shares one list of candidate triangles
+_TINY = 1e-300  # a squared length [m²] or area [m⁴] up to here counts as 0
 
 
 @kernel
@@ -18,40 +18,28 @@ def _segment_squared(
     p0: float, p1: float, p2: float, a: FloatArray, e0: float, e1: float, e2: float
 ) -> float:
     """Squared distance from p to the segment from a along e."""
-    d0 = p0 - a[0]
-    d1 = p1 - a[1]
-    d2 = p2 - a[2]
+    d0, d1, d2 = p0 - a[0], p1 - a[1], p2 - a[2]
     length = e0 * e0 + e1 * e1 + e2 * e2
     t = 0.0
     if length > _TINY:
         t = min(max((d0 * e0 + d1 * e1 + d2 * e2) / length, 0.0), 1.0)
-    d0 -= t * e0
-    d1 -= t * e1
-    d2 -= t * e2
+    d0, d1, d2 = d0 - t * e0, d1 - t * e1, d2 - t * e2
     return float(d0 * d0 + d1 * d1 + d2 * d2)
 
 
 @kernel
 def triangle_squared(p0: float, p1: float, p2: float, corners: FloatArray) -> float:
-    """Squared distance from p to the triangle with ``corners`` (3, 3), degenerate ones included.
+    """Squared distance from p to the triangle with ``corners`` (3, 3), which may be degenerate.
 
-    Over the triangle's inside it is the distance to the plane, elsewhere that to the nearest edge.
+    Where the foot of p is inside the triangle, it is the distance to the plane, else to an edge.
     """
-    a = corners[0]
-    u0 = corners[1, 0] - a[0]
-    u1 = corners[1, 1] - a[1]
-    u2 = corners[1, 2] - a[2]
-    v0 = corners[2, 0] - a[0]
-    v1 = corners[2, 1] - a[1]
-    v2 = corners[2, 2] - a[2]
-    n0 = u1 * v2 - u2 * v1
-    n1 = u2 * v0 - u0 * v2
-    n2 = u0 * v1 - u1 * v0
+    a, b, c = corners[0], corners[1], corners[2]
+    u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    v0, v1, v2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    n0, n1, n2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
     square = n0 * n0 + n1 * n1 + n2 * n2
     if square > _TINY:
-        d0 = p0 - a[0]
-        d1 = p1 - a[1]
-        d2 = p2 - a[2]
+        d0, d1, d2 = p0 - a[0], p1 - a[1], p2 - a[2]
         # barycentric coordinates of the foot of p: (d x v)·n / |n|², (u x d)·n / |n|²
         s = (
             (d1 * v2 - d2 * v1) * n0 + (d2 * v0 - d0 * v2) * n1 + (d0 * v1 - d1 * v0) * n2
@@ -64,26 +52,21 @@ def triangle_squared(p0: float, p1: float, p2: float, corners: FloatArray) -> fl
             return float(height * height / square)
     best = _segment_squared(p0, p1, p2, a, u0, u1, u2)
     best = min(best, _segment_squared(p0, p1, p2, a, v0, v1, v2))
-    return float(min(best, _segment_squared(p0, p1, p2, corners[1], v0 - u0, v1 - u1, v2 - u2)))
+    return float(min(best, _segment_squared(p0, p1, p2, b, v0 - u0, v1 - u1, v2 - u2)))
 
 
 @kernel
 def winding_number(p0: float, p1: float, p2: float, triangles: FloatArray) -> float:
-    """Generalised winding number of a triangle soup (F, 3, 3) about p: sum of solid angles / 4π.
+    """Generalised winding number of triangles (F, 3, 3) about p: the sum of solid angles over 4π.
 
-    Solid angles after van Oosterom and Strackee (1983); Jacobson et al. (2013) for the sum.
+    Solid angles after van Oosterom and Strackee (1983), their sum after Jacobson et al. (2013).
     """
     total = 0.0
     for f in range(triangles.shape[0]):
-        a0 = triangles[f, 0, 0] - p0
-        a1 = triangles[f, 0, 1] - p1
-        a2 = triangles[f, 0, 2] - p2
-        b0 = triangles[f, 1, 0] - p0
-        b1 = triangles[f, 1, 1] - p1
-        b2 = triangles[f, 1, 2] - p2
-        c0 = triangles[f, 2, 0] - p0
-        c1 = triangles[f, 2, 1] - p1
-        c2 = triangles[f, 2, 2] - p2
+        t = triangles[f]
+        a0, a1, a2 = t[0, 0] - p0, t[0, 1] - p1, t[0, 2] - p2
+        b0, b1, b2 = t[1, 0] - p0, t[1, 1] - p1, t[1, 2] - p2
+        c0, c1, c2 = t[2, 0] - p0, t[2, 1] - p1, t[2, 2] - p2
         a = math.sqrt(a0 * a0 + a1 * a1 + a2 * a2)
         b = math.sqrt(b0 * b0 + b1 * b1 + b2 * b2)
         c = math.sqrt(c0 * c0 + c1 * c1 + c2 * c2)
@@ -107,10 +90,11 @@ def _fill_distances(
     spacing: float,
     values: FloatArray,
 ) -> None:
-    """Unsigned distances, block by block; ``centers`` and ``radii`` are of balls that hold them.
+    """Unsigned distances, block by block.
 
-    With c a block's centre, rho its radius, every node's nearest triangle has a bounding ball no
-    farther from c than D(c) + 2 rho: the rest are left out for the whole block.
+    ``centers`` (F, 3) and ``radii`` (F,) [m] are of balls that hold the triangles. Let c be the
+    centre of a block of radius rho. The triangle nearest to any node of the block has a ball no
+    farther from c than D(c) + 2 rho: the other triangles are skipped.
     """
     count = triangles.shape[0]
     nearest = np.empty(count)
@@ -125,9 +109,7 @@ def _fill_distances(
                 c2 = origin[2] + (i2 + 0.5 * (_BLOCK - 1)) * spacing
                 upper = np.inf
                 for f in range(count):
-                    d0 = c0 - centers[f, 0]
-                    d1 = c1 - centers[f, 1]
-                    d2 = c2 - centers[f, 2]
+                    d0, d1, d2 = c0 - centers[f, 0], c1 - centers[f, 1], c2 - centers[f, 2]
                     away = math.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
                     nearest[f] = away - radii[f]
                     upper = min(upper, away)  # the centroid lies on the triangle
@@ -166,12 +148,11 @@ def _fill_distances(
 def _sign_distances(
     triangles: FloatArray, origin: FloatArray, spacing: float, values: FloatArray
 ) -> None:
-    """Turn distances inside negative.
+    """Make the distances of nodes inside the surface negative.
 
-    The winding number changes only across the surface: from one node to the next it stays, unless
-    both are nearer to the surface than the step (and a hundredth, so that the sign of a node on
-    the surface itself, which is arbitrary, is never carried on). Rows start outside, in the
-    padding.
+    The winding number changes only across the surface. It is equal at two neighbouring nodes unless
+    both are nearer to the surface than the step. A margin of 1 % keeps the sign of a node on the
+    surface, which is arbitrary, from being passed on. Rows start outside, in the padding.
     """
     near = 1.01 * spacing
     n0, n1, n2 = values.shape
@@ -202,7 +183,7 @@ def signed_grid(
         shape: nodes along x, y, z.
 
     Returns:
-        ``shape`` distances, negative inside: exact but for rounding.
+        Distances of shape ``shape``, negative inside, exact up to rounding.
     """
     values = np.empty(shape)
     centers = triangles.mean(axis=1)

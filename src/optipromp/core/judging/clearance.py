@@ -1,8 +1,7 @@
-"""Clearances and contacts of a robot in motion, by conservative advancement.
+"""Clearances and contacts of a robot in motion.
 
-The distance of two bodies shrinks by no more than they move. A pair that is too far apart to matter
-is therefore measured again only after the robot has moved by the excess. The figures equal those of
-measuring every pair at every configuration.
+Simple shapes are measured by conservative advancement (:mod:`.advancement`), meshes and point
+clouds at every configuration.
 """
 
 import math
@@ -12,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.compiled import inlined, inner, kernel
+from optipromp.core.compiled import inner
+from optipromp.core.judging.advancement import advance
 from optipromp.core.judging.distances import (
     AVOID,
     AVOID_BY_TOOL,
@@ -25,19 +25,26 @@ from optipromp.core.judging.distances import (
     names_of,
     nearest,
     objects_of,
-    to_core,
     to_surface,
 )
-from optipromp.core.judging.kinematics import body_of, carried, centers, segments
+from optipromp.core.judging.kinematics import body_of, centers
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
 
-CONFIGURATIONS = 4_000  # at once: 10 MB of spheres; a motion may have 200,000
+CONFIGURATIONS = 4_000  # measured together: 10 MB of sphere centres, of at most 200,000
 
 
 @dataclass(frozen=True)
 class Overlap:
-    """A link that touches what it must not: an object or another link, how deep [m], when [s]."""
+    """A forbidden contact of a link.
+
+    Args:
+        link: name of the link.
+        other: id of the object, or name of the other link.
+        role: of the object; ``"the robot itself"`` for a link.
+        depth: of penetration [m]; a negative depth is a distance.
+        time: of the largest depth [s]; None where no times are known.
+    """
 
     link: str
     other: str
@@ -54,10 +61,10 @@ def clearances(
 ) -> tuple[dict[str, float | None], list[Overlap]]:
     """Smallest distances [m] over configurations ``q`` (M, n), and forbidden contacts.
 
-    Contacts count with static objects for every sphere, with avoid objects, pushables and stems for
-    B_d (all but the last link and the tool), and between links that are not neighbours. The
-    dictionary has the keys of :class:`optipromp.core.judging.Metrics`; None where there is nothing
-    to measure.
+    Forbidden are contacts of any sphere with a static object, of B_d (all links but the last,
+    without the tool) with an avoid object, a pushable or a stem, and of two links that are not
+    neighbours. The distances have the keys of :class:`optipromp.core.judging.Metrics`; None where
+    there is nothing to measure.
     """
     distances, contacts, _, _ = swept(scene, robot, q)
     return distances, contacts
@@ -66,9 +73,10 @@ def clearances(
 def swept(
     scene: Scene, robot: Robot, q: FloatArray, times: FloatArray | None = None
 ) -> tuple[dict[str, float | None], list[Overlap], FloatArray, FloatArray]:
-    """:func:`clearances`, and tool point [m] and tool axis (M, 3) at every configuration.
+    """:func:`clearances`, then tool points (M, 3) [m] and tool axes (M, 3).
 
-    With ``times`` (M,) of the configurations [s], each contact says when it is deepest.
+    With the ``times`` (M,) of the configurations [s], each contact has the time of its largest
+    depth.
     """
     body = body_of(robot)
     objects, rest = objects_of(scene)
@@ -87,7 +95,7 @@ def swept(
 
     met = np.flatnonzero(depth < 0.0)
     met = met[np.lexsort((depth[met], objects.rows[met]))]
-    met = met[np.diff(objects.rows[met], prepend=-1) > 0]  # of a stem's pieces the deepest
+    met = met[np.diff(objects.rows[met], prepend=-1) > 0]  # of each stem the deepest piece
     contacts = [
         Overlap(name(deepest[0, k]), *other, -float(depth[k]), when(deepest[1, k]))
         for k, other in zip(met.tolist(), names_of(scene, objects.rows[met]), strict=True)
@@ -117,7 +125,7 @@ def _other_shapes(
     core: FloatArray,
     when: Callable[[float], float | None],
 ) -> list[Overlap]:
-    """Contacts with meshes and point clouds; updates ``closest`` and ``core``."""
+    """Contacts with meshes and point clouds; ``closest`` and ``core`` are updated in place."""
     radius, distal = np.array(robot.spheres.radius), np.array(robot.spheres.distal)
     sets = {
         STATIC: np.arange(len(radius)),
@@ -134,13 +142,13 @@ def _other_shapes(
     deepest = dict[int, tuple[float, int, int]]()
     for start in range(0, len(q), CONFIGURATIONS):
         spheres = centers(robot, q[start : start + CONFIGURATIONS])
-        for n, (item, row, own) in enumerate(asked):
-            d, sphere, at = nearest(item, spheres[:, own], radius[own], closest[row])
+        for n, (item, row, chosen) in enumerate(asked):
+            d, sphere, at = nearest(item, spheres[:, chosen], radius[chosen], closest[row])
             closest[row] = min(closest[row], d)
             if row != AVOID_BY_TOOL and d < deepest.get(n, (0.0,))[0]:
-                deepest[n] = d, int(own[sphere]), start + at
+                deepest[n] = d, int(chosen[sphere]), start + at
         for item in items:
-            if ROLES[item.role] != PUSHABLE and len(radius):  # such a core is the surface
+            if ROLES[item.role] != PUSHABLE and len(radius):  # the core of M_c is the surface
                 core[0] = min(core[0], nearest(item, spheres, np.zeros_like(radius), core[0])[0])
     names = [str(robot.link_names[link]) for link in robot.spheres.link]
     return [
@@ -152,20 +160,24 @@ def _other_shapes(
 def pushed_away(
     scene: Scene, robot: Robot, q: FloatArray, contacts: Sequence[Overlap]
 ) -> tuple[list[Overlap], list[str]]:
-    """Contacts without those with objects that the tool had pushed away before; a note on each.
+    """Remove contacts with pushables that the tool has pushed away before.
 
-    A pushable without a stem stays where it was pushed to. If the tool has been in its first place
-    to some depth, the object has moved by at least that depth. An arm link that enters the place
-    later, and no deeper, finds it empty. Meshes and point clouds are not treated so.
+    A pushable without a stem stays where the tool has pushed it. A tool that has entered the
+    pushable's first place has moved the pushable by at least the depth of the tool. An arm link
+    that enters the first place later, and no deeper, touches nothing. Contacts with meshes and
+    point clouds stay.
+
+    Returns:
+        The other contacts, and a note on each one removed.
     """
     met = {contact.other for contact in contacts if contact.role == "pushable"}
     if not met:
         return list(contacts), []
     objects, _ = objects_of(scene)
-    own = np.flatnonzero(objects.role == PUSHABLE)
+    indices = np.flatnonzero(objects.role == PUSHABLE)
     loose = {
         item.id: k
-        for k, item in zip(own.tolist(), scene.objects_at(objects.rows[own]), strict=True)
+        for k, item in zip(indices.tolist(), scene.objects_at(objects.rows[indices]), strict=True)
         if item.id in met and item.stem is None
     }
     if not loose:
@@ -196,15 +208,15 @@ def pushed_away(
 
 @inner
 def enter(objects, k, spheres, radius, distal, so_far):
-    """Lead the arm into object ``k``: how deep is it where no tool was so deep before?
+    """Update the largest depth of the arm in object ``k`` that the tool has not reached before.
 
     Args:
         objects: see :class:`optipromp.core.judging.distances.Objects`.
-        k: which of them.
-        spheres: (M, B, 3) centres, one configuration after the other.
-        radius, distal: (B,) of the spheres; the last link and the tool are distal.
-        so_far: (3,) in and out: the largest depth of the tool [m], the largest of the arm where no
-            tool was so deep before [m], and its sphere.
+        k: index of the object.
+        spheres: (M, B, 3) centres at successive configurations [m].
+        radius, distal: (B,) radii [m]; whether a sphere is of the last link or the tool.
+        so_far: (3,) largest depth of the tool [m]; largest depth of the arm where the tool had not
+            been so deep before [m]; index of that sphere of the arm.
     """
     size, p = objects.size[k], objects.position
     pushed, depth, deepest = so_far[0], so_far[1], so_far[2]
@@ -221,217 +233,3 @@ def enter(objects, k, spheres, radius, distal, so_far):
                 depth, deepest = d, float(b)
         pushed = reached
     so_far[0], so_far[1], so_far[2] = pushed, depth, deepest
-
-
-@kernel
-def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart):
-    """Closest approaches over configurations ``q`` (M, n) by conservative advancement, in place.
-
-    ``travel`` (L,) is an upper bound of the motion of each link's spheres [m]; ``farthest`` is the
-    sum of the largest steps of a link. A link and an object are measured again when the link's
-    travel reaches their ``wait``; an object, or a block of objects, when ``farthest`` reaches its
-    own. Two links are measured again when the joints between them have ``turned`` (S,) far enough
-    to bring them together. The order is: the first configuration, the last, then backwards. A
-    motion ends near objects, and small distances found early leave less to measure.
-
-    Args:
-        body: see :class:`optipromp.core.judging.kinematics.Body`.
-        objects: see :class:`optipromp.core.judging.distances.Objects`.
-        q: configurations.
-        points, axes: (M, 3) tool point [m] and tool axis at each of them.
-        closest: (5,) smallest distances [m]: static, avoid by B_d, avoid by the last link and tool,
-            pushable and stem by B_d.
-        core: (1,) the paper's M_c [m] over static and avoid objects.
-        depth: (K,) smallest distance [m] of the spheres that must not touch each object; exact
-            where negative.
-        deepest: (2, K) the nearest sphere, and at which configuration.
-        apart: (4,) smallest distance [m] between links that are not neighbours, the two spheres,
-            and at which configuration.
-    """
-    n_segments, n_links, n_objects = body.driver.shape[0], body.reach.shape[0], objects.kind.size
-    frames, origins = np.zeros((2, n_segments, 3, 3)), np.empty((n_segments, 3))
-    nowhere = np.zeros((n_segments, 3))
-    spheres, middles = np.empty((body.radius.shape[0], 3)), np.empty((n_links, 3))
-    placed = np.empty(n_links, dtype=np.bool_)
-    travel, farthest = np.zeros(n_links), 0.0
-    wait, wait_object = np.zeros((n_objects, n_links)), np.zeros(n_objects)
-    wait_block = np.zeros(objects.block_bound.shape[0])
-    wait_pair, wait_pairs = np.zeros(body.groups.shape[0]), 0.0
-    turned, most, levers = np.zeros(n_segments), 0.0, body.levers
-    for i in range(q.shape[0]):
-        m = -i % q.shape[0]
-        turns, before = frames[i % 2], frames[(i + 1) % 2]
-        farthest += _move(body, q[m], i == 0, before, turns, origins, middles, travel)
-        for s in range(n_segments):
-            joint, last = body.driver[s], max(i - 1, 0)
-            step = abs(body.ratio[s] * (q[m, joint] - q[-last % q.shape[0], joint]))
-            step = step * (1.0 + 1e-9) + 1e-12  # rounding
-            turned[s] += step
-            most += body.longest[s] * step
-        points[m, 0], points[m, 1], points[m, 2] = carried(
-            turns, origins, n_segments - 1, body.tool, 0
-        )
-        axes[m, 0], axes[m, 1], axes[m, 2] = carried(turns, nowhere, n_segments - 1, body.tool, 1)
-        placed[:] = False
-        for c in range(wait_block.shape[0]):
-            if farthest < wait_block[c]:
-                continue
-            role = objects.role[objects.block[c]]
-            spare = _to_block(objects, c, middles, body.reach) - _wanted(role, closest, core)
-            if spare > 0.0:
-                wait_block[c] = farthest + spare
-                continue
-            wait_block[c] = math.inf
-            for k in range(objects.block[c], objects.block[c + 1]):
-                if farthest >= wait_object[k]:
-                    least = math.inf
-                    for link in range(n_links):
-                        if role >= PUSHABLE and body.distal[link]:
-                            continue  # the tool may touch what it pushes
-                        if travel[link] >= wait[k, link]:
-                            wait[k, link] = travel[link] + _measured(
-                                body, objects, k, link, m, turns, origins, middles, spheres,
-                                placed, closest, core, depth, deepest,
-                            )  # fmt: skip
-                        least = min(least, wait[k, link] - travel[link])
-                    wait_object[k] = farthest + least
-                wait_block[c] = min(wait_block[c], wait_object[k])
-        if most < wait_pairs:
-            continue
-        wait_pairs = math.inf
-        for g in range(wait_pair.shape[0]):
-            moved = 0.0
-            for s in range(n_segments):
-                moved += levers[g, s] * turned[s]
-            if moved >= wait_pair[g]:
-                first, second = body.groups[g, 0], body.groups[g, 1]
-                gap = apart_by(middles, first, middles, second)
-                gap -= body.reach[first] + body.reach[second]
-                if gap < apart[0]:
-                    for link in (first, second):
-                        if not placed[link]:
-                            _place_link(body, turns, origins, link, spheres)
-                            placed[link] = True
-                    gap = _nearest_pair(body, g, m, spheres, middles, apart)
-                wait_pair[g] = moved + gap - apart[0]
-            wait_pairs = min(wait_pairs, most + wait_pair[g] - moved)
-
-
-@inlined
-def _measured(
-    body, objects, k, link, m, turns, origins, middles, spheres, placed, closest, core, depth,
-    deepest,
-):  # fmt: skip
-    """Distance [m] by which a link may come nearer to object ``k`` before a figure changes.
-
-    The figures (see :func:`advance`) are updated where the link is near enough to change one now.
-    """
-    role, kind, size = objects.role[k], objects.kind[k], objects.size[k]
-    row = AVOID_BY_TOOL if role == AVOID and body.distal[link] else role
-    wanted = max(closest[row], 0.0 if role >= PUSHABLE else core[0], 0.0)
-    far = apart_by(middles, link, objects.position, k) - objects.bound[k] - body.reach[link]
-    if far < wanted:
-        x, y, z = inside(objects.rotation, objects.position, k, middles, link)
-        far = max(far, to_surface(kind, size[0], size[1], size[2], x, y, z) - body.reach[link])
-    if far >= wanted:
-        return far - wanted
-    if not placed[link]:
-        _place_link(body, turns, origins, link, spheres)
-        placed[link] = True
-    gap, gap_core = math.inf, math.inf
-    for b in range(body.start[link], body.start[link + 1]):
-        x, y, z = inside(objects.rotation, objects.position, k, spheres, b)
-        d = to_surface(kind, size[0], size[1], size[2], x, y, z) - body.radius[b]
-        gap = min(gap, d)
-        if role < PUSHABLE:
-            gap_core = min(gap_core, to_core(kind, size[0], size[1], size[2], x, y, z))
-        if row != AVOID_BY_TOOL and d < depth[k]:
-            depth[k], deepest[0, k], deepest[1, k] = d, b, m
-    closest[row] = min(closest[row], gap)
-    spare = gap - max(closest[row], 0.0)
-    if role < PUSHABLE:
-        core[0] = min(core[0], gap_core)
-        spare = min(spare, gap_core - core[0])
-    return spare
-
-
-@inlined
-def _move(body, q, begin, before, turns, origins, middles, travel):
-    """Move the segments and the links' middles to ``q``; the largest step it adds to ``travel``.
-
-    A turn by the angle θ moves a point at distance h from the middle by at most 2 sin(θ/2) h about
-    it, and 2 sin(θ/2) is the Frobenius norm of the change of the rotation over √2: from ``before``
-    (S, 3, 3) to ``turns``, which with ``origins`` (S, 3) is updated.
-    """
-    segments(body, q, turns, origins)
-    largest = 0.0
-    for link in range(middles.shape[0]):
-        s, step = body.carrier[body.start[link]], 0.0
-        if s >= 0:
-            for i in range(3):
-                for j in range(3):
-                    step += (turns[s, i, j] - before[s, i, j]) ** 2
-            step = math.sqrt(0.5 * step) * body.reach[link]
-        x, y, z = carried(turns, origins, s, body.middle, link)
-        dx, dy, dz = x - middles[link, 0], y - middles[link, 1], z - middles[link, 2]
-        step += math.sqrt(dx * dx + dy * dy + dz * dz)
-        middles[link, 0], middles[link, 1], middles[link, 2] = x, y, z
-        if not begin:
-            step = step * (1.0 + 1e-9) + 1e-12  # rounding
-            travel[link] += step
-            largest = max(largest, step)
-    return largest
-
-
-@inlined
-def _wanted(role, closest, core):
-    """Distance [m] from which on objects of a role change no figure."""
-    if role == STATIC:
-        return max(closest[STATIC], core[0], 0.0)
-    if role == AVOID:
-        return max(closest[AVOID], closest[AVOID_BY_TOOL], core[0], 0.0)
-    return max(closest[role], 0.0)
-
-
-@inlined
-def _to_block(objects, c, middles, reach):
-    """Distance [m] from block ``c`` to the nearest of the balls about ``middles`` (L, 3)."""
-    gap = math.inf
-    for link in range(middles.shape[0]):
-        gap = min(gap, apart_by(objects.block_middle, c, middles, link) - reach[link])
-    return gap - objects.block_bound[c]
-
-
-@inlined
-def _nearest_pair(body, group, check, spheres, middles, apart):
-    """The distance [m] between two links; updates ``apart`` where it is the least so far."""
-    second = body.groups[group, 1]
-    last, skip, gap = -1, False, math.inf
-    for i in range(body.groups[group, 2], body.groups[group, 3]):
-        a, b = body.pairs[i, 0], body.pairs[i, 1]
-        if a != last:
-            last = a
-            far = apart_by(spheres, a, middles, second) - body.radius[a] - body.reach[second]
-            skip = far >= gap
-        if skip:
-            continue
-        x, y = spheres[a, 0] - spheres[b, 0], spheres[a, 1] - spheres[b, 1]
-        z = spheres[a, 2] - spheres[b, 2]
-        squared = x * x + y * y + z * z
-        reach = gap + body.radius[a] + body.radius[b] - body.slack[i]
-        if reach < 0.0 or squared > reach * reach * (1.0 + 1e-12):
-            continue  # no nearer, and no root needed to see it
-        d = math.sqrt(squared) - body.radius[a] - body.radius[b] + body.slack[i]
-        gap = min(gap, d)
-        if d < apart[0]:
-            apart[0], apart[1], apart[2], apart[3] = d, a, b, check
-    return gap
-
-
-@inlined
-def _place_link(body, turns, origins, link, spheres):
-    """World centres of one link's spheres, in place."""
-    for b in range(body.start[link], body.start[link + 1]):
-        spheres[b, 0], spheres[b, 1], spheres[b, 2] = carried(
-            turns, origins, body.carrier[b], body.local, b
-        )

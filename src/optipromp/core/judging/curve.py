@@ -1,9 +1,9 @@
 r"""The curve between waypoints as the judge sees it: quintic polynomials and their extremes.
 
-Between two rows of a trajectory, h apart, a joint moves by :math:`\sum_k c_k s^k`, s from 0 to 1.
-The extremes of every derivative are found exactly, not sampled: each lies at an end of the interval
-or at a root of the next derivative, and between two roots of the derivative after that there is at
-most one such root.
+Between two waypoints at an interval h [s], a joint moves along :math:`\sum_k c_k s^k`, s from 0
+to 1. The extremes of each derivative are exact, not sampled: an extreme lies at an end of the
+interval or at a root of the next derivative. That derivative has at most one root between two
+neighbouring roots of the derivative after it.
 """
 
 from typing import NamedTuple
@@ -21,7 +21,7 @@ class Extremes(NamedTuple):
     lowest: FloatArray  # (n,) positions [rad or m]
     highest: FloatArray  # (n,)
     largest: FloatArray  # (3, n) absolute velocity, acceleration, jerk
-    when: FloatArray  # (5, n) of the five rows above [s]
+    when: FloatArray  # (5, n) times of the five rows above [s]
 
 
 def coefficients(trajectory: Trajectory) -> FloatArray:
@@ -42,7 +42,7 @@ def coefficients(trajectory: Trajectory) -> FloatArray:
 
 
 def extremes(trajectory: Trajectory) -> Extremes:
-    """The extremes of a trajectory; see the module."""
+    """The extremes of a trajectory."""
     n = trajectory.positions.shape[1]
     c, times = coefficients(trajectory), np.array(trajectory.times)
     values, when = np.zeros((5, n)), np.zeros((5, n))
@@ -55,8 +55,8 @@ def extremes(trajectory: Trajectory) -> Extremes:
 def find_extremes(c, times, values, when):
     """Rows of :class:`Extremes` (5, n) from coefficients ``c`` (T-1, n, 6), in place.
 
-    First the ends of the intervals are looked at. Then the inside of those where a derivative may
-    be larger: it differs from the nearer end by at most half of its largest slope.
+    The ends of all intervals come first. Then come the insides of the intervals where a derivative
+    may be larger: it differs from its value at the nearer end by at most half its largest slope.
     """
     places, turning, p = np.empty(8), np.empty(8), np.empty(6)
     for t in range(c.shape[0]):
@@ -69,7 +69,7 @@ def find_extremes(c, times, values, when):
     for t in range(c.shape[0]):
         h = times[t + 1] - times[t]
         for j in range(c.shape[1]):
-            lowest = 4  # derivative that may be larger inside
+            lowest = 4  # order of the lowest derivative that may be larger inside
             for order in range(3, -1, -1):
                 _derived(c[t, j], order, h, p)
                 slope = 0.0
@@ -83,7 +83,7 @@ def find_extremes(c, times, values, when):
                     inside = max(abs(a), abs(b)) + 0.5 * slope > values[order + 1, j]
                 if inside:
                     lowest = order
-            count = 0  # of the places where the derivative next to come has its extremes
+            count = 0  # of places where the next derivative has its extremes
             for order in range(3, lowest - 1, -1):
                 _derived(c[t, j], order, h, p)
                 count = _roots_of_slope(p, 5 - order, places, count, turning)
@@ -94,7 +94,7 @@ def find_extremes(c, times, values, when):
 
 @inner
 def _derived(c, order, h, p):
-    """Coefficients ``p`` of a derivative with respect to time, in s, in place."""
+    """Coefficients ``p`` (6,) in s of a derivative with respect to time, in place."""
     for k in range(6 - order):
         p[k] = c[k + order] * _falling(k + order, order) / h**order
 
@@ -131,7 +131,7 @@ def _value(p, degree, s):
 
 @inner
 def _slope(p, degree, s):
-    """Its derivative at s."""
+    """Derivative at s of the polynomial with coefficients ``p``."""
     out = degree * p[degree]
     for k in range(degree - 1, 0, -1):
         out = out * s + k * p[k]
@@ -140,10 +140,10 @@ def _slope(p, degree, s):
 
 @inner
 def _roots_of_slope(p, degree, places, count, out):
-    """Roots in (0, 1) of the derivative of ``p``; how many.
+    """Write the roots in (0, 1) of the derivative of ``p`` to ``out``; return their number.
 
-    ``places`` are the ``count`` roots of the second derivative, in order: the derivative is
-    monotone between them.
+    ``places`` are the ``count`` roots of the second derivative, in ascending order: the derivative
+    is monotone between them.
     """
     found, low = 0, 0.0
     before = _slope(p, degree, 0.0)
@@ -168,7 +168,7 @@ def along(trajectory: Trajectory, parts: IntArray) -> tuple[FloatArray, FloatArr
     """The curve, each interval cut evenly in time into ``parts`` (T-1,).
 
     Returns:
-        Times (M,) [s], configurations (M, n), and which (T,) of them are the waypoints.
+        Times (M,) [s], configurations (M, n), and the indices (T,) of the waypoints among them.
     """
     rows = np.zeros(trajectory.n_waypoints, dtype=np.int64)
     np.cumsum(parts, out=rows[1:])
@@ -180,7 +180,7 @@ def along(trajectory: Trajectory, parts: IntArray) -> tuple[FloatArray, FloatArr
 
 @kernel
 def cut(c, times, rows, at, fine):
-    """Times ``at`` (M,) and configurations ``fine`` (M, n), row t of ``times`` at ``rows``."""
+    """Write times ``at`` (M,) and configurations ``fine`` (M, n); row ``rows[t]`` is waypoint t."""
     for t in range(c.shape[0]):
         count = rows[t + 1] - rows[t]
         for i in range(count):

@@ -29,16 +29,16 @@ from optipromp.core.geometry.shapes import (
 from optipromp.core.scenes.objects import Role
 from optipromp.core.scenes.scene import Scene, SceneObject
 
-STATIC, AVOID, AVOID_BY_TOOL, PUSHABLE, STEM = range(5)  # roles; rows of the smallest distances
+STATIC, AVOID, AVOID_BY_TOOL, PUSHABLE, STEM = range(5)  # roles; rows of smallest distances
 ROLES: dict[Role, int] = {"static": STATIC, "avoid": AVOID, "pushable": PUSHABLE}
 BLOCK = 4  # objects in a block; of 4, 8, 16 and 32 the fastest among 1,000 obstacles
-CELL = 0.05  # [m] objects in one such cell are neighbours; about the size of a fruit
+CELL = 0.05  # [m] edge of a cell whose objects are neighbours; about the size of a fruit
 
 
 class Objects(NamedTuple):
     """K objects of simple shape, in C blocks of near objects of one role."""
 
-    rows: IntArray  # (K,) in the scene's objects; of a piece of a stem: after them, by whose it is
+    rows: IntArray  # (K,) in the scene's N objects; of a piece of a stem: N + row of the object
     kind: IntArray  # (K,)
     role: IntArray  # (K,)
     position: FloatArray  # (K, 3) [m]
@@ -46,15 +46,15 @@ class Objects(NamedTuple):
     size: FloatArray  # (K, 3) radius / half sizes / radius, half length, tip / radii [m]
     bound: FloatArray  # (K,) radius of a ball about the position that holds the object [m]
     block: IntArray  # (C + 1,) where each block begins
-    block_middle: FloatArray  # (C, 3) centre [m] and
-    block_bound: FloatArray  # (C,) radius of a ball that holds the balls of its objects [m]
+    block_middle: FloatArray  # (C, 3) centre of a ball that holds the objects' balls [m]
+    block_bound: FloatArray  # (C,) radius of this ball [m]
 
 
 @functools.lru_cache(maxsize=4)
 def objects_of(scene: Scene) -> tuple[Objects, tuple[SceneObject, ...]]:
-    """Objects of simple shape as arrays, and the other objects; never the target.
+    """Objects of simple shape as arrays, and the meshes and point clouds; without the target.
 
-    Stems, the target's too, are capsules.
+    Stems, the target's included, are capsules.
     """
     role = np.full(len(scene.objects), -1)
     for name, code in ROLES.items():
@@ -67,9 +67,9 @@ def objects_of(scene: Scene) -> tuple[Objects, tuple[SceneObject, ...]]:
     size, bound = np.vstack([size, capsule]), np.append(bound, capsule.sum(axis=1))
     position = np.vstack([scene.positions, middle])
     rotation = np.concatenate([scene.rotations, turn])
-    own, rest = (np.flatnonzero((role >= 0) & each) for each in (kind != GRID, kind == GRID))
-    own = own[neighbours(role[own], position[own], bound[own])]
-    role, position, bound = role[own], position[own], bound[own]
+    simple, rest = (np.flatnonzero((role >= 0) & each) for each in (kind != GRID, kind == GRID))
+    simple = simple[neighbours(role[simple], position[simple], bound[simple])]
+    role, position, bound = role[simple], position[simple], bound[simple]
     place = np.arange(len(role))
     first = np.maximum.accumulate(np.where(np.diff(role, prepend=-1) != 0, place, 0))
     start = np.flatnonzero((place - first) % BLOCK == 0)
@@ -78,15 +78,18 @@ def objects_of(scene: Scene) -> tuple[Objects, tuple[SceneObject, ...]]:
     middle = 0.5 * (low + high)
     reach = lengths(position - np.repeat(middle, np.diff(ends), axis=0)) + bound
     objects = Objects(
-        rows[own], kind[own], role, position, rotation[own], size[own], bound, ends, middle,
-        np.maximum.reduceat(reach, start),
+        rows[simple], kind[simple], role, position, rotation[simple], size[simple], bound, ends,
+        middle, np.maximum.reduceat(reach, start),
     )  # fmt: skip
     return objects, scene.objects_at(rest)
 
 
 def _stems(scene: Scene) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-    """The S pieces of all stems as capsules: whose they are (S,), indices of the scene's objects;
-    middles (S, 3) [m]; rotations (S, 3, 3), local to world; radius, half length and 0 (S, 3) [m].
+    """The S pieces of all stems as capsules.
+
+    Returns:
+        Rows (S,) of the objects that hang; middles (S, 3) [m]; rotations (S, 3, 3), local to world;
+        sizes (S, 3) [m]: radius, half length and 0.
     """
     held = [(k, item.stem) for k, item in enumerate(scene.objects) if item.stem is not None]
     owner = [k for k, stem in held for _ in stem.points[1:]]
@@ -100,16 +103,16 @@ def _stems(scene: Scene) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
 
 
 def names_of(scene: Scene, rows: IntArray) -> list[tuple[str, str]]:
-    """What ``rows`` (K,) of :class:`Objects` are called, and their roles."""
+    """Names and roles of the objects in ``rows`` (K,) of :class:`Objects`."""
     count = len(scene.objects)
     items = zip(rows.tolist(), scene.objects_at(rows % max(count, 1)), strict=True)
     return [(item.id if k < count else f"the stem of {item.id}", item.role) for k, item in items]
 
 
 def neighbours(role: IntArray, position: FloatArray, bound: FloatArray) -> IntArray:
-    """An order (K,) of objects in which neighbours have one role and similar sizes, and are near.
+    """An order (K,) of objects: by role, then by size, then along a Z-order curve.
 
-    Near along a Z-order curve through cells of :data:`CELL`.
+    Sizes ``bound`` [m] are grouped by powers of two, positions by cells of :data:`CELL`.
     """
     _, exponent = np.frexp(bound)
     exponent = np.where(np.isfinite(bound), np.clip(exponent, -15, 15), 16) + 16
@@ -123,7 +126,7 @@ def neighbours(role: IntArray, position: FloatArray, bound: FloatArray) -> IntAr
 
 @inner
 def to_surface(kind, a, b, c, x, y, z):
-    """Signed distance [m] of a point, in the shape's own frame, to a shape of sizes a, b, c."""
+    """Signed distance [m] of a point in the shape's frame to a shape of sizes a, b, c."""
     if kind == SPHERE:
         return sqrt(x * x + y * y + z * z) - a
     if kind == BOX:
@@ -145,9 +148,9 @@ def to_surface(kind, a, b, c, x, y, z):
 
 @inner
 def _to_cone(a, b, c, rho, z):
-    """Distance to the union of balls whose radius goes from c at -b evenly to a at b.
+    """Distance to the union of balls whose radius changes linearly from c at -b to a at b.
 
-    The nearest ball's radius grows as fast along the axis as the distance from its centre does.
+    At the nearest ball, radius and distance from the centre grow along the axis at one rate.
     """
     growth = (a - c) / (2.0 * b)
     share = (z + b + rho * growth / sqrt(1.0 - growth * growth)) / (2.0 * b)
@@ -157,9 +160,9 @@ def _to_cone(a, b, c, rho, z):
 
 @inner
 def _to_ellipsoid(a, b, c, x, y, z):
-    """By bisection of the multiplier of the nearest point (Eberly, Distance to an ellipsoid).
+    """Distance by bisection of the nearest point's multiplier (Eberly, Distance to an ellipsoid).
 
-    It is counted from its pole, so that it keeps its digits near the shape's middle.
+    ``over`` is the multiplier less its pole: its digits are not lost near the shape's middle.
     """
     least = min(a, b, c)
     x, y, z = max(x, 1e-13 * least), max(y, 1e-13 * least), max(z, 1e-13 * least)
@@ -216,10 +219,16 @@ def apart_by(a, i, b, j):
 def nearest(
     item: SceneObject, spheres: FloatArray, radius: FloatArray, limit: float
 ) -> tuple[float, int, int]:
-    """Smallest distance [m] of moving spheres (M, B, 3) to a shape on a grid; which and where.
+    """Smallest distance of moving spheres to a mesh or a point cloud.
 
-    Exact where it is below ``limit`` or below 0; an upper bound of it elsewhere. The nearest sphere
-    follows, then the configuration.
+    Args:
+        item: the object.
+        spheres, radius: (M, B, 3) centres and (B,) radii [m].
+        limit: distances above it, and above 0, need not be exact [m].
+
+    Returns:
+        The distance [m] (an upper bound where it need not be exact), the index of the sphere, and
+        that of the configuration.
     """
     bound = item.shape.measure.bound
     local = (spheres - item.position).reshape(-1, 3) @ item.rotation
@@ -240,22 +249,22 @@ def _to_shape(shape: Shape, points: FloatArray) -> FloatArray:
         return np.asarray(_tree(shape).query(points)[0]) - shape.radius
     mesh = shape.mesh(FINE)
     corners = mesh.vertices[mesh.faces]
-    return np.concatenate([
-        _to_triangles(corners, points[low : low + 256]) for low in range(0, len(points), 256)
-    ])  # fmt: skip
+    return np.concatenate(
+        [_to_triangles(corners, points[low : low + 256]) for low in range(0, len(points), 256)]
+    )
 
 
 @functools.lru_cache(maxsize=4)
 def _tree(cloud: PointCloudShape) -> Any:
-    from scipy.spatial import cKDTree  # slow to import, and seldom needed
+    from scipy.spatial import cKDTree  # slow to import, seldom needed
 
     return cKDTree(cloud.points)
 
 
 def _to_triangles(corners: FloatArray, points: FloatArray) -> FloatArray:
-    """Distances (N,) to triangles (F, 3, 3) by projection; the sign by the solid angle they span.
+    """Signed distances (N,) [m] of points (N, 3) to a closed surface of triangles (F, 3, 3).
 
-    The solid angle of a triangle is that of Van Oosterom and Strackee (1983).
+    The sign is that of the solid angle of the surface (Van Oosterom and Strackee, 1983).
     """
     a, b, c = (corners[:, i] - points[:, None] for i in range(3))
     la, lb, lc = (np.linalg.norm(v, axis=-1) for v in (a, b, c))

@@ -1,6 +1,6 @@
-"""Where the tool or the last link is inside of what the tool may push or pick.
+"""Penetration of the tool or the last link into the target, a pushable or a stem.
 
-They may touch it on the way. No motion can begin there.
+Tool and last link may touch all of these during a motion. No motion may begin inside of one.
 """
 
 from dataclasses import replace
@@ -18,13 +18,13 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import Scene, SceneObject
 
-BRUSHED = 0.005  # [m] a choice: spheres stand out of a cup's wall by 4.5 mm
+BRUSHED = 0.005  # [m] depth that does not count: spheres stand out of a cup's wall by 4.5 mm
 
 
 def touching(scene: Scene, robot: Robot, q: FloatArray, *, begun: bool = False) -> list[Overlap]:
-    """What a motion must not touch where it begins, at ``q`` (n,).
+    """Contacts that no motion may begin with, at ``q`` (n,).
 
-    With ``begun`` it goes on with one that ran: what the tool may push, it may touch.
+    A motion that continues one that ran (``begun``) may begin inside of targets and pushables.
     """
     _, contacts, points, axes = swept(scene, robot, q[None])
     return [*contacts, *([] if begun else entered(scene, robot, q, points[0], axes[0]))]
@@ -33,27 +33,26 @@ def touching(scene: Scene, robot: Robot, q: FloatArray, *, begun: bool = False) 
 def entered(
     scene: Scene, robot: Robot, q: FloatArray, point: FloatArray, axis: FloatArray
 ) -> list[Overlap]:
-    """The target and the pushables that the tool or the last link is inside of, and how deep.
+    """Penetrations of the tool or the last link into the target or a pushable.
 
-    An object that is in the tool's mouth, or before it, is not inside of the tool; one that is
-    :data:`BRUSHED` is not inside of a link. (Of two runs that began 7 and 15 mm inside of the last
-    link's spheres, which stand out of it by up to 15 mm, both tore fruits off.)
+    An object in the tool's mouth, or before the mouth, does not touch the tool. Depths up to
+    :data:`BRUSHED` do not count.
 
     Args:
         scene: with the objects.
-        robot: with its tool.
-        q: (n,) its configuration.
-        point, axis: (3,) of the tool there.
+        robot: with the scene's tool.
+        q: (n,) configuration.
+        point, axis: (3,) tool point [m] and tool axis at ``q``.
     """
-    own = np.flatnonzero(robot.spheres.distal)
-    if not len(own):
+    distal = np.flatnonzero(robot.spheres.distal)
+    if not len(distal):
         return []
-    spheres, radius = centers(robot, q[None])[:, own], np.asarray(robot.spheres.radius)[own]
+    spheres, radius = centers(robot, q[None])[:, distal], np.asarray(robot.spheres.radius)[distal]
     middle = spheres[0].mean(axis=0)
     reach = float((lengths(spheres[0] - middle) + radius).max())
     rows = np.concatenate([scene.rows("target"), scene.rows("pushable")])
     near = lengths(scene.positions[rows] - middle) < scene.bounds[rows] + reach
-    link, out = np.asarray(robot.spheres.link)[own], []
+    link, out = np.asarray(robot.spheres.link)[distal], []
     for item in scene.objects_at(rows[near]):
         for one in np.unique(link):
             if one == link.max() and _in_mouth(robot, item, point, axis):
@@ -65,14 +64,15 @@ def entered(
 
 
 def struck(scene: Scene, robot: Robot, q: FloatArray) -> Overlap | None:
-    """The target, the pushable or the stem of one that the tool or the last link is deepest in,
-    among configurations ``q`` (M, n); None where it is in none by more than :data:`BRUSHED`.
+    """The deepest penetration of the tool or the last link into a target, a pushable or a stem.
+
+    It is the deepest over configurations ``q`` (M, n); None where none exceeds :data:`BRUSHED`.
     """
-    own = np.flatnonzero(robot.spheres.distal)
-    if not len(own):
+    distal = np.flatnonzero(robot.spheres.distal)
+    if not len(distal):
         return None
-    spheres, radius = centers(robot, q)[:, own], np.asarray(robot.spheres.radius)[own]
-    link, found = np.asarray(robot.spheres.link)[own], list[Overlap]()
+    spheres, radius = centers(robot, q)[:, distal], np.asarray(robot.spheres.radius)[distal]
+    link, found = np.asarray(robot.spheres.link)[distal], list[Overlap]()
     rows = np.concatenate([scene.rows("target"), scene.rows("pushable")])
     for item, one in product(scene.objects_at(rows), np.unique(link)):
         name, mine = str(robot.link_names[one]), (spheres[:, link == one], radius[link == one])
@@ -90,8 +90,9 @@ def struck(scene: Scene, robot: Robot, q: FloatArray) -> Overlap | None:
 
 
 def _in_mouth(robot: Robot, item: SceneObject, point: FloatArray, axis: FloatArray) -> bool:
-    """Whether an object is in the tool's mouth, or before it; a long one is taken for as thin as it
-    is.
+    """Whether an object is in the tool's mouth or before it.
+
+    The smallest half size of the object decides whether it fits.
     """
     tool = robot.tool
     if tool is None:
@@ -105,7 +106,7 @@ def _in_mouth(robot: Robot, item: SceneObject, point: FloatArray, axis: FloatArr
 
 
 def _depth(item: SceneObject, spheres: FloatArray, radius: FloatArray) -> float:
-    """How deep (M, B, 3) spheres come into an object [m]; 0 or below where they do not."""
+    """Largest depth [m] of spheres (M, B, 3) in an object; at most 0 where none touches it."""
     kind, size, bound = measures([item.shape])
     if kind[0] == GRID:
         return -nearest(item, spheres, radius, 0.0)[0]

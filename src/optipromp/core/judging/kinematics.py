@@ -18,9 +18,9 @@ from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.trajectory import Trajectory
 
 MOST_CHECKS = 200_000  # configurations of one trajectory: a choice, about 0.5 s of checking
-GRAZED = 1e-3  # [m] that a sphere may graze a point between two checks: a choice
-LARGEST_TURN = 0.2  # [rad or m] summed over the joints: a chord is shorter than its arc by < 1 %
-UNEVEN = 0.01  # [rad or m] of a part's motion that is not linear in time: a choice
+GRAZED = 1e-3  # [m] depth to which a point may enter a sphere between two checks: a choice
+LARGEST_TURN = 0.2  # [rad or m] of all joints in a part: its chord is < 1 % shorter than its arc
+UNEVEN = 0.01  # [rad or m] deviation of a part's motion from one linear in time: a choice
 
 
 class Body(NamedTuple):
@@ -34,19 +34,19 @@ class Body(NamedTuple):
     ratio: FloatArray  # (S,) value = ratio · q[driver] + offset
     offset: FloatArray  # (S,)
     carrier: IntArray  # (B,) segment that carries the sphere, -1 the base
-    local: FloatArray  # (B, 3) centre in the carrier's frame [m]
+    local: FloatArray  # (B, 3) centres in the carriers' frames [m]
     radius: FloatArray  # (B,) [m]
-    original: IntArray  # (B,) index of the sphere in the robot's own order
+    original: IntArray  # (B,) index of the sphere in the robot's order
     start: IntArray  # (L + 1,) where the spheres of each link begin
     distal: BoolArray  # (L,) the last link and the tool
-    middle: FloatArray  # (L, 3) centre of a ball that holds the link's spheres, and
-    reach: FloatArray  # (L,) its radius [m]
+    middle: FloatArray  # (L, 3) centre of a ball that holds the link's spheres [m]
+    reach: FloatArray  # (L,) radius of this ball [m]
     tool: FloatArray  # (2, 3) tool point and tool axis in the last segment
     groups: IntArray  # (G, 4) two links that must not touch, and their range of `pairs`
     pairs: IntArray  # (P, 2) two spheres that must not touch
-    slack: FloatArray  # (P,) how far they may overlap all the same [m]
-    levers: FloatArray  # (G, S) how far a group's links move about one another, by joint [m/rad]
-    longest: FloatArray  # (S,) the largest of them
+    slack: FloatArray  # (P,) permitted overlap of the two spheres, negative: required gap [m]
+    levers: FloatArray  # (G, S) largest relative motion of two links per unit of a joint [m/rad]
+    longest: FloatArray  # (S,) largest lever of each joint [m/rad]
 
 
 @functools.lru_cache(maxsize=32)
@@ -97,11 +97,11 @@ def body_of(robot: Robot) -> Body:
 
 
 def _levers(robot: Robot, local: FloatArray, carrier: int, shifts: FloatArray) -> FloatArray:
-    """Largest motion (S,) of spheres on segment ``carrier`` by unit of each joint before them.
+    """Bound (S,) of the motion of spheres on segment ``carrier`` per unit of each joint.
 
-    ``local`` (k, 3) are their centres, ``shifts`` (S,) the distances between joints. The bound is
-    the length of the chain from the joint to the spheres; a prismatic joint in between leaves it
-    infinite.
+    ``local`` (k, 3) are the centres of the spheres, ``shifts`` (S,) the distances between joints
+    [m]. The bound is the length of the chain from joint to spheres: infinite with a prismatic joint
+    in between, 0 for joints beyond the carrier.
     """
     kin, out = robot.kinematics, np.zeros(robot.n_segments)
     if carrier < 0:
@@ -117,7 +117,7 @@ def _levers(robot: Robot, local: FloatArray, carrier: int, shifts: FloatArray) -
 
 
 def centers(robot: Robot, q: FloatArray) -> FloatArray:
-    """World centres (M, B, 3) of the body spheres at ``q`` (M, n), in the robot's own order [m]."""
+    """World centres (M, B, 3) of the body spheres at ``q`` (M, n), in the robot's order [m]."""
     body = body_of(robot)
     placed = np.empty((len(q), len(body.radius), 3))
     place(body, np.array(q, dtype=np.float64, order="C"), placed)
@@ -127,17 +127,18 @@ def centers(robot: Robot, q: FloatArray) -> FloatArray:
 
 
 def refined(robot: Robot, trajectory: Trajectory) -> tuple[FloatArray, FloatArray, IntArray, bool]:
-    """The curve, refined so that no sphere moves over half its radius between checks.
+    """Checks along the curve, between which no sphere moves more than half its radius.
 
-    A sphere of more than 32 :data:`GRAZED` moves less: no point enters it deeper than that unseen.
+    A sphere of radius above 32 :data:`GRAZED` moves less, so that no point enters it deeper than
+    :data:`GRAZED` between two checks.
 
     Returns:
-        Times (M,) [s] and configurations (M, n), the waypoints among them; which (T,) of them are
-        the waypoints; and whether they are fine enough: at most :data:`MOST_CHECKS` are made.
+        Times (M,) [s] and configurations (M, n) of the checks; the indices (T,) of the waypoints
+        among them; and whether :data:`MOST_CHECKS` sufficed.
     """
     kin = robot.kinematics
     powers = np.abs(coefficients(trajectory)[:, :, 1:])
-    turns = powers.sum(axis=2)[:, kin.dof] @ np.abs(kin.multiplier)  # of the joints, at most
+    turns = powers.sum(axis=2)[:, kin.dof] @ np.abs(kin.multiplier)  # upper bounds [rad or m]
     uneven = powers[:, :, 1:].sum(axis=2).max(axis=1)
     parts = np.ceil(np.maximum(turns / LARGEST_TURN, np.sqrt(uneven / UNEVEN)))
     coarse, fits = _fitting(np.maximum(parts, 1.0))
@@ -149,7 +150,7 @@ def refined(robot: Robot, trajectory: Trajectory) -> tuple[FloatArray, FloatArra
 
 
 def _fitting(parts: FloatArray) -> tuple[IntArray, bool]:
-    """``parts`` (T-1,), fewer where they are over :data:`MOST_CHECKS`; whether all fit."""
+    """``parts`` (T-1,), reduced to :data:`MOST_CHECKS` in total; whether none was removed."""
     total = float(parts.sum())
     if total > MOST_CHECKS:
         parts = np.maximum(1, np.floor(parts * (MOST_CHECKS / total)))
@@ -232,11 +233,11 @@ def place(body, q, out):
 
 @kernel
 def divisions(body, q, parts):
-    """Number of ``parts`` (T-1,) of each interval, so that no sphere moves half its radius.
+    """Number of ``parts`` (T-1,) of each interval, so that no sphere moves over half its radius.
 
-    Half-way between two checks, s apart, a sphere of radius r may have gone s² / 8r deeper.
-    Arcs are taken for 1.1 times their chords: no interval of ``q`` (T, n) may turn a sphere by
-    much more than a radian, or be much faster at one end than at the other.
+    Half-way between two checks at distance s, a point may be s² / 8r deeper in a sphere of radius
+    r. The length of an arc is taken as 1.1 times its chord: intervals of ``q`` (T, n) must turn no
+    sphere by much more than a radian, at nearly constant speed.
     """
     placed = np.empty((q.shape[0], body.radius.shape[0], 3))
     place(body, q, placed)

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.judging.clearance import Overlap, advance
+from optipromp.core.judging.advancement import advance
+from optipromp.core.judging.clearance import Overlap
 from optipromp.core.judging.distances import STATIC, STEM, names_of, nearest, objects_of
 from optipromp.core.judging.kinematics import body_of, centers
 from optipromp.core.robots.model import BodySpheres, Robot
@@ -18,8 +19,9 @@ def nearest_static(
 ) -> Overlap | None:
     """The moving link that comes nearest to a static object over configurations ``q`` (M, n).
 
-    Its depth is the distance with the sign changed: negative where they are apart. A fixed base is
-    left out, as no motion mends its distance. None where nothing is static or nothing moves.
+    The depth is minus the distance [m]: negative where link and object are apart. Links of a fixed
+    base do not count: no motion changes their distance. None where no object is static or no link
+    moves.
     """
     robot = _moving(robot)
     if not scene.static or not len(robot.spheres.radius):
@@ -52,12 +54,7 @@ def nearest_static(
 @functools.lru_cache(maxsize=8)
 def _moving(robot: Robot) -> Robot:
     """The robot without the spheres of its fixed base, and without pairs of spheres."""
-    all_of, own = robot.spheres, np.asarray(robot.spheres.segment) >= 0
-    spheres = BodySpheres(
-        all_of.segment[own], all_of.center[own], all_of.radius[own], all_of.link[own],
-        all_of.distal[own],
-    )  # fmt: skip
-    none = np.zeros(0)
-    return replace(
-        robot, spheres=spheres, self_pairs=none.reshape(0, 2).astype(np.int64), self_slack=none
-    )
+    moving = np.asarray(robot.spheres.segment) >= 0
+    spheres = BodySpheres._make(part[moving] for part in robot.spheres)
+    pairs = np.zeros((0, 2), dtype=np.int64)
+    return replace(robot, spheres=spheres, self_pairs=pairs, self_slack=np.zeros(0))

@@ -1,7 +1,4 @@
-"""The passage of the tool past each pushable: its side, its distance, and the stem.
-
-A part of the judge: from tool points at waypoints it computes figures, without the planner's code.
-"""
+"""The passage of the tool past each pushable: side, lateral clearance, and the stem."""
 
 import functools
 import math
@@ -13,7 +10,7 @@ from optipromp.core.arrays import BoolArray, FloatArray, IntArray, joined, lengt
 from optipromp.core.compiled import inner, kernel
 from optipromp.core.scenes.scene import Scene
 
-DECIDED = np.sin(np.deg2rad(1.0))  # a choice: a stem that leans aside by less decides no side
+DECIDED = np.sin(np.deg2rad(1.0))  # [-] a choice: a stem that leans less decides no side
 
 ById = dict[str, float | None]
 Ways = dict[str, tuple[float, float] | None]
@@ -27,7 +24,7 @@ class Passing(NamedTuple):
     drift_shortfall: ById  # constraint 1: lack of the gripper's radius
     stem_gap: ById  # constraint 2: from the segment between tool and fruit to the stem's line
     passage: Ways  # components along x_g and y_g of fk − X_n there
-    wrong: list[tuple[str, int, float]]  # passed on the stem's side: id, waypoint, how far [m]
+    wrong: list[tuple[str, int, float]]  # passed on the stem's side: id, waypoint, depth [m]
 
 
 class Pushables(NamedTuple):
@@ -41,16 +38,16 @@ class Pushables(NamedTuple):
     leans: BoolArray  # (K,) whether the stem decides on which side to pass
     side: FloatArray  # (K,) s_n = −sign(y_g·S_n), 0 where the stem decides no side
     points: FloatArray  # (P, 3) of all stems [m]
-    start: IntArray  # (K + 1,) where those of each begin
-    reach: FloatArray  # (K,) a tool that passes nearer may push it [m]
-    in_the_way: BoolArray  # (K,) whether a straight approach would push it (method §4, 1)
-    under: FloatArray  # (K,) distance of its top below the target's bottom, along z_g [m]
+    start: IntArray  # (K + 1,) where the points of each stem begin
+    reach: FloatArray  # (K,) distance below which a passing tool may push the object [m]
+    in_the_way: BoolArray  # (K,) whether a straight approach would push the object (method §4, 1)
+    under: FloatArray  # (K,) distance of the top below the target's bottom, along z_g [m]
     projection: ById  # y_g·S_n [m]
 
 
 @functools.lru_cache(maxsize=4)
 def pushables_of(scene: Scene, gripper_radius: float) -> Pushables:
-    """The scene's pushables, to be passed by a gripper of that radius [m]."""
+    """The scene's pushables, as passed by a gripper of radius ``gripper_radius`` [m]."""
     items, rows = scene.pushables, scene.rows("pushable")
     places, (_, lateral, up) = scene.positions[rows], scene.frame
     count = [0 if item.stem is None else len(item.stem.points) for item in items]
@@ -84,16 +81,17 @@ def pushables_of(scene: Scene, gripper_radius: float) -> Pushables:
 def passing(scene: Scene, tips: FloatArray, rims: FloatArray, gripper_radius: float) -> Passing:
     """The passage of a tool past the pushables of a scene.
 
-    Neither the tool point nor the rim may pass a pushable on the side of its stem; the rim decides
-    where a fruit ends. Where a pushable is so close under the target that the rim takes in the
-    target while the tool point passes the pushable, the rim alone counts. Constraints 1 and 2 are
-    evaluated at the waypoints of the passing window, |z_g·(fk − X_n)| <= r_n, and at the waypoint
-    nearest the passage. They concern pushables that the tool passes within two gripper radii, or
-    that a straight approach would push.
+    Neither the tool point nor the centre of the rim may pass a pushable on the side of its stem:
+    the rim decides to which side the fruit goes. The rim alone counts for a pushable so close under
+    the target that the rim reaches the target before the tool point passes the pushable.
+
+    Constraints 1 and 2 are evaluated at the waypoints of the passing window,
+    |z_g·(fk − X_n)| <= r_n, and at the waypoint nearest the passage. They concern pushables that
+    the tool passes within two gripper radii, or that a straight approach would push.
 
     Args:
         scene: with the pushables and the frame F_g.
-        tips, rims: (T, 3) tool point and centre of the rim at the waypoints [m].
+        tips, rims: (T, 3) tool points and centres of the rim at the waypoints [m].
         gripper_radius: R_gripper [m].
     """
     objects = pushables_of(scene, gripper_radius)
@@ -137,9 +135,9 @@ def passing(scene: Scene, tips: FloatArray, rims: FloatArray, gripper_radius: fl
 
 
 def _known(ids: list[str], values: FloatArray, known: BoolArray) -> ById:
-    """Values (K,) by id, None where they are not known."""
+    """Values (K,) by id, None for those that are not ``known`` (K,)."""
     found = zip(ids, values.tolist(), known.tolist(), strict=True)
-    return {name: value if said else None for name, value, said in found}
+    return {name: value if is_known else None for name, value, is_known in found}
 
 
 def last_passages(
@@ -148,8 +146,8 @@ def last_passages(
     """The last crossings of a path (T, 3) with the level planes of ``places`` (K, 3).
 
     Returns:
-        The waypoints (K,) nearest the crossings, -1 where there is none; and the offsets (K, 3) of
-        these waypoints from the places, without their heights [m], zero where there is none.
+        The waypoint (K,) nearest each crossing, -1 where there is no crossing; and the horizontal
+        offset (K, 3) of this waypoint from the place [m], 0 where there is no crossing.
     """
     waypoint, at = np.full(len(places), -1), np.zeros((len(places), 3))
     _last_passages(np.array(path), np.array(places), np.array(up), waypoint, at)
@@ -158,7 +156,7 @@ def last_passages(
 
 @inner
 def _last_passages(path, places, up, waypoint, at):
-    """:func:`last_passages` in place; what is above or below the whole path is not looked at."""
+    """:func:`last_passages` in place; places above or below the whole path are skipped."""
     lowest, highest = math.inf, -math.inf
     for t in range(path.shape[0]):
         height = path[t, 0] * up[0] + path[t, 1] * up[1] + path[t, 2] * up[2]
@@ -183,7 +181,7 @@ def _last_passages(path, places, up, waypoint, at):
 
 @inner
 def _over(point, place, up):
-    """Height of a point over a place, along ``up`` [m]."""
+    """Component along ``up`` of the offset of a point from a place [m]."""
     x, y, z = point[0] - place[0], point[1] - place[1], point[2] - place[2]
     return x * up[0] + y * up[1] + z * up[2]
 
@@ -193,9 +191,9 @@ def window(path, rows, waypoint, side, lateral, up, stems, least, gap):
     """The paper's constraints 1 and 2 over the passing windows, in place.
 
     Args:
-        path: (T, 3) tool point at the waypoints [m].
-        rows: indices of the pushables that are evaluated.
-        waypoint: (K,) waypoint of the passage, which belongs to the window of each.
+        path: (T, 3) tool points at the waypoints [m].
+        rows: indices of the pushables to evaluate.
+        waypoint: (K,) waypoint of each passage; the window includes it.
         side: (K,) s_n.
         lateral, up: (3,) y_g and z_g.
         stems: ``places``, ``radii``, ``points`` and ``start`` of :class:`Pushables`.

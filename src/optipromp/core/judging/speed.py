@@ -1,4 +1,4 @@
-"""The tool's speed among fruits that hang: the harm of a push is predicted for a slow tool."""
+"""The speed of the tool among hanging fruits: push prediction holds for a slow tool."""
 
 import numpy as np
 
@@ -11,10 +11,10 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 
-PUSHED = 0.1  # [m/s] largest speed of the tool that the prediction of a push is for
-FASTER = 0.1  # share by which a trajectory may exceed that speed: a choice
-NEAR = 0.02  # [m] from tool to fruit: a choice, several deviations of an exactly known position
-PARTS = 8  # equal ones of the time between two checks, over which the speed is a mean: a choice
+PUSHED = 0.1  # [m/s] largest speed of the tool for which push prediction holds
+FASTER = 0.1  # [-] share by which a trajectory may exceed PUSHED: a choice
+NEAR = 0.02  # [m] tool to fruit: a choice, several standard deviations of a well-known position
+PARTS = 8  # of the time between two checks; the speed is a mean over one part: a choice
 
 
 def among_fruits(
@@ -25,20 +25,20 @@ def among_fruits(
     points: FloatArray,
     axes: FloatArray,
 ) -> tuple[float, float] | None:
-    """Largest speed of the tool among pushables that hang [m/s], and when it is reached [s].
+    """Largest speed of the tool among hanging pushables [m/s], and its time [s].
 
-    The tool counts as the cylinder of the gripper's radius from flange to rim. It is among the
-    fruits where one, in its first place, is nearer than :data:`NEAR`.
+    The tool counts as a cylinder of the gripper's radius from flange to rim. The tool is among
+    fruits where the distance to one of them, in its first place, is below :data:`NEAR`.
 
     Args:
         scene: with the fruits.
-        robot: with its tool.
+        robot: with the scene's tool.
         trajectory: of the robot.
-        rows: (T,) which of the checks are its waypoints.
+        rows: (T,) indices of the waypoints among the checks.
         points, axes: (M, 3) tool points [m] and tool axes at the checks.
 
     Returns:
-        None where the tool is never among fruits, and where no target hangs or no tool takes it.
+        None where the tool is never among fruits, no target hangs, or the robot has no tool.
     """
     target, tool = scene.target, robot.tool
     if tool is None or target is None or target.stem is None:
@@ -58,18 +58,20 @@ def among_fruits(
 
 
 def too_fast(speed: float | None) -> bool:
-    """Whether a ``speed`` among fruits [m/s] is above that which pushes are predicted for."""
+    """Whether a ``speed`` among fruits [m/s] is above that for which push prediction holds."""
     return speed is not None and speed > PUSHED * (1.0 + FASTER)
 
 
 @kernel
 def mark(points, axes, places, reach, radius, behind, ahead, near):
-    """Which tools ``near`` (M,) a fruit are, in place.
+    """Set ``near`` (M,) where the tool is near a fruit.
 
     Args:
-        points, axes: (M, 3) of the tool.
-        places: (K, 3) of the fruits, ``reach`` (K,) from each to the tool's surface [m].
-        radius: of the tool, which ends ``behind`` and ``ahead`` of its point [m].
+        points, axes: (M, 3) tool points [m] and tool axes.
+        places, reach: (K, 3) centres of the fruits; (K,) distance to the tool's surface below which
+            each is near [m].
+        radius, behind, ahead: of the tool, and its length on either side of the tool point [m].
+        near: written in place.
     """
     for m in range(len(points)):
         for k in range(len(places)):
@@ -91,7 +93,7 @@ def mark(points, axes, places, reach, radius, behind, ahead, near):
 def speeds(body: Body, times: FloatArray, q: FloatArray, asked: BoolArray) -> FloatArray:
     """Mean speeds (M-1,) of the tool point between configurations ``q`` (M, n) [m/s].
 
-    Those that are not ``asked`` for are 0.
+    Intervals that are not ``asked`` (M-1,) get 0.
     """
     count = body.driver.shape[0]
     turns, origins = np.empty((count, 3, 3)), np.empty((count, 3))

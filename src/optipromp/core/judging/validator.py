@@ -4,7 +4,7 @@ The judge has its own kinematics (:mod:`.kinematics`), distances (:mod:`.distanc
 :mod:`.clearance`) and rules for passing a pushable (:mod:`.passing`). It uses no kernel of
 ``robots``, ``geometry`` or ``optimization``. It judges the curve that is executed, between
 waypoints too (:mod:`.curve`): no body sphere moves more than half its radius from one check to the
-next, or grazes a point deeper than 1 mm in between, and the extremes of positions, velocities,
+next, or lets a point in deeper than 1 mm in between. The extremes of positions, velocities,
 accelerations and jerks are exact.
 """
 
@@ -30,13 +30,13 @@ from optipromp.core.trajectory import State, Trajectory
 
 GOAL_TOLERANCE = 1e-3  # [m], or [rad] for a goal in joints; method §5
 AXIS_TOLERANCE = np.deg2rad(2.0)  # [rad]; method §5
-ROUNDING = 1e-6  # of starts [rad, rad/s, rad/s²] and of shares of a limit, as read from files
+ROUNDING = 1e-6  # [rad, rad/s, rad/s²] of start states, [-] of shares of a limit: files round
 RATES = ("velocity", "acceleration", "jerk")
 
 
 @dataclass(frozen=True)
 class JudgeParameters(Checked):
-    """What the judge remarks on, though it makes no trajectory invalid."""
+    """Thresholds of the judge's notes, which make no trajectory invalid."""
 
     static_margin: float = parameter(
         5e-3, "m", "measured",
@@ -55,8 +55,8 @@ class Metrics:
     Attributes:
         M_c: smallest distance from a body point to the core of an obstacle [m].
         M_p: by pushable, the lateral offset y_g·(fk − X_n) of the tool as it passes [m].
-        passage: by pushable, the offsets along x_g and y_g at which the tool passes it [m]; M_p is
-            the second of them.
+        passage: by pushable, the offsets along x_g and y_g at which the tool passes [m]; the second
+            is M_p.
         stem_projection: by pushable, y_g·S_n of its stem [m].
         drift_shortfall: by pushable, lack of the gripper's radius as the tool passes on the side
             away from the stem (constraint 1) [m].
@@ -64,7 +64,7 @@ class Metrics:
             stem's line (constraint 2) [m].
         clearance_static: smallest distance of a body sphere to a static object [m].
         clearance_avoid: smallest distance of the arm (B_d) to an object to avoid [m].
-        clearance_avoid_tool: the same of last link and tool [m].
+        clearance_avoid_tool: smallest distance of last link and tool to an object to avoid [m].
         clearance_pushable: smallest distance of the arm (B_d) to a pushable in its first place [m].
         clearance_self: smallest distance between links that are not neighbours [m].
         approach_speed: largest speed of the tool among pushables that hang [m/s].
@@ -76,8 +76,8 @@ class Metrics:
         smoothness: root mean square joint acceleration [rad/s²].
         duration: of the trajectory [s].
         velocity_ratio: largest share of a velocity limit in use, at any instant.
-        acceleration_ratio: the same of the acceleration limits.
-        jerk_ratio: the same of the jerk limits.
+        acceleration_ratio: largest share of an acceleration limit.
+        jerk_ratio: largest share of a jerk limit.
     """
 
     M_c: float | None
@@ -118,10 +118,10 @@ class Violation:
             ``velocity``, ``acceleration``, ``jerk``, ``speed``, ``start``, ``motion``, ``drift`` or
             ``stem``.
         message: the reason as a sentence, which is also ``str(violation)``.
-        subject: the link, joint or object that is concerned; empty where there is none.
-        time: when it is worst [s]; None where it has no time.
-        amount: size of the violation, in ``unit``; of a velocity, acceleration or jerk its share of
-            the limit.
+        subject: the link, joint or object concerned; empty where there is none.
+        time: of the largest amount [s]; None where the violation has no time.
+        amount: size of the violation, in ``unit``; for a velocity, acceleration or jerk the share
+            of the limit.
     """
 
     kind: str
@@ -144,9 +144,9 @@ class Judgement:
         violations: every reason why the trajectory is not valid; empty when it is valid.
         contacts: pairs that touch but must not.
         notes: remarks that do not make the trajectory invalid.
-        at_start: pairs that touch but must not at the first instant, as deep as then.
-        near: the moving link that comes nearest to a static object, where it touches none and comes
-            nearer than ``JUDGE.static_margin``; the depth is the distance with the sign changed.
+        at_start: pairs that touch but must not at the first instant, with their depths then.
+        near: the moving link nearest to a static object, where it touches none and is nearer than
+            ``JUDGE.static_margin``; ``depth`` is minus the distance [m].
     """
 
     metrics: Metrics
@@ -177,10 +177,10 @@ def judge(
         scene: with the goal and the objects.
         robot: the robot with the scene's tool.
         trajectory: of the robot.
-        start: state in which it must begin; None: anywhere, at rest.
-        stem_side: true: passing a pushable on the side of its stem is a violation; false: a note.
-        begun: whether it begins among what the tool pushes; else tool and last link must not be
-            inside of that at the first instant.
+        start: state in which the trajectory must begin; None: anywhere, at rest.
+        stem_side: whether passing a pushable on the side of its stem is a violation, else a note.
+        begun: whether tool and last link may be inside of targets and pushables at the first
+            instant.
 
     Returns:
         The judgement. The trajectory is valid if there are no violations.
@@ -197,14 +197,10 @@ def judge(
     passed = passing(scene, tips, rims, robot.gripper_radius)
     goal_error, axis_error, missed = _goal(scene, q[-1], tips[-1], axes[-1], trajectory.duration)
     motion, broken = _motion(robot, trajectory, start)
+    instants = trajectory.times.tolist()
     astray = [
         Violation(
-            "stem side",
-            f"the tool passes {n} on the side of its stem",
-            n,
-            float(trajectory.times[at]),
-            by,
-            "m",
+            "stem side", f"the tool passes {n} on the side of its stem", n, instants[at], by, "m"
         )
         for n, at, by in passed.wrong
     ]
@@ -247,8 +243,8 @@ def paper_violations(scene: Scene, metrics: Metrics, tolerance: float = 1e-4) ->
 
     Args:
         scene: for the stems.
-        metrics: what the judge measured.
-        tolerance: largest lack of the gripper's radius as a pushable is passed [m].
+        metrics: of the judged trajectory.
+        tolerance: largest permitted ``drift_shortfall`` [m].
     """
     out = []
     for item in scene.pushables:
@@ -290,7 +286,7 @@ def _goal(
 
 
 def _angle(a: list[float], b: list[float]) -> float:
-    """Angle between two vectors [rad], exact also where it is small."""
+    """Angle between two vectors [rad], exact for small angles too."""
     cross = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     return math.atan2(math.hypot(*cross), a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
@@ -332,9 +328,9 @@ def _motion(
 
 
 def _ends(robot: Robot, trajectory: Trajectory, start: State | None) -> list[Violation]:
-    """Where the trajectory does not begin in the start's state, or does not end at rest.
+    """Violations where the trajectory does not begin in the start's state or not end at rest.
 
-    A jump in acceleration counts for joints whose jerk is limited.
+    A jump in acceleration counts only for joints whose jerk is limited.
     """
     begin, end = State(trajectory.positions[0]), State(trajectory.positions[-1])
     out, names = [], robot.joint_names

@@ -10,7 +10,7 @@ from optipromp.core.arrays import FloatArray, read_only
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.promp.checks import phase_array, positive
 
-MOST_BASES = 200
+MOST_BASES = 200  # the covariance of the weights of 7 joints then takes 16 MB
 
 
 @dataclass(frozen=True)
@@ -21,16 +21,16 @@ class Basis:
               b_i(z) = \exp\Big(-\frac{h}{2}\Big(\frac{z - c_i}{\Delta}\Big)^2\Big)
 
     with width :math:`h`, centres :math:`c_i = (i - o)\Delta`, :math:`o` of them outside [0, 1]
-    on each side, and :math:`\Delta = 1/(K - 2o - 1)`. They sum to one, so constants are
-    represented exactly, and are evaluated as a softmax, so no width makes them 0/0.
+    on each side, and :math:`\Delta = 1/(K - 2o - 1)`. The bases sum to one, so that constants are
+    represented exactly. They are evaluated as a softmax, which is never 0/0.
 
     Args:
         count: number of bases K, at most 200; at least 2 must lie inside [0, 1].
-        width: h > 0 [-]; larger is narrower. At a neighbour's centre b is exp(-h/2).
+        width: h > 0 [-]; a larger h makes narrower bases: at a neighbour's centre b is exp(-h/2).
         outside: bases o outside [0, 1] on each side.
 
     Raises:
-        InvalidRequestError: for values outside these.
+        InvalidRequestError: a value outside its range.
     """
 
     count: int = 5
@@ -68,16 +68,17 @@ class Basis:
         return read_only((np.arange(self.count, dtype=np.float64) - self.outside) * self.spacing)
 
     def evaluate(self, phases: int | ArrayLike, order: int = 0) -> FloatArray:
-        r"""Values Φ, or their derivative of the given order (to 3) by the phase, (T, K).
+        r"""Values Φ (T, K) of the bases, or a derivative with respect to the phase.
 
-        Phases are (T,), or a number of evenly spaced ones. Rows of Φ sum to 1, of the others to 0.
+        :math:`\phi` is the softmax of :math:`\beta(c_i z - c_i^2/2)`, :math:`\beta = h/\Delta^2`.
+        With :math:`d_i = \beta(c_i - \sum_k \phi_k c_k)`, :math:`v = \sum\phi d^2` and
+        :math:`s = \sum\phi d^3` its derivatives are :math:`\phi' = \phi d`,
+        :math:`\phi'' = \phi(d^2 - v)` and :math:`\phi''' = \phi(d^3 - 3vd - s)`.
 
-        As a softmax of :math:`\beta(c_i z - c_i^2/2)`, :math:`\beta = h/\Delta^2`, with
-        :math:`d_i = \beta(c_i - \sum_k \phi_k c_k)`, :math:`v = \sum\phi d^2`,
-        :math:`s = \sum\phi d^3`: :math:`\phi' = \phi d`, :math:`\phi'' = \phi(d^2 - v)`,
-        :math:`\phi''' = \phi(d^3 - 3vd - s)`.
-
-        At evenly spaced phases they are kept from one call to the next, and read-only.
+        Args:
+            phases: (T,) in [0, 1], or a count of evenly spaced ones, for which the result is cached
+                and read-only.
+            order: of the derivative, 0 to 3.
 
         Raises:
             InvalidRequestError: a phase outside [0, 1], or another order.

@@ -1,4 +1,4 @@
-"""What every part of the room checks, and the warnings it may give."""
+"""Checks of arguments, and the warnings of the package."""
 
 import warnings
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
 from optipromp.core.shown import is_name, no_name
 
 PHASE_TOLERANCE = 1e-9
-"""Phases this close are one phase, and may lie this far outside [0, 1] (rounding)."""
+"""[-] Phases no farther apart are one phase, and may lie so far outside [0, 1] (rounding)."""
 
 
 class RegularisedWarning(UserWarning):
@@ -19,16 +19,16 @@ class RegularisedWarning(UserWarning):
 
 
 def regularised(message: str) -> None:
-    """Warn the caller of a learner that its prior decided."""
+    """Warn the caller of a learner that the prior decided."""
     warnings.warn(message, RegularisedWarning, stacklevel=3)
 
 
 class ConvergenceWarning(UserWarning):
-    """An iteration stopped at its limit before it settled."""
+    """An iteration reached its limit before it converged."""
 
 
 class ConditioningWarning(UserWarning):
-    """A conditioned distribution misses a point that was asked for exactly."""
+    """A conditioned distribution misses an exact point."""
 
 
 class UnitsWarning(UserWarning):
@@ -63,11 +63,9 @@ def phase_array(phases: int | ArrayLike) -> FloatArray:
             raise InvalidRequestError(f"phases: a count must be at least 1, got {phases}")
         return np.linspace(0.0, 1.0, int(phases))
     try:
-        array = np.asarray(phases, dtype=np.float64)
+        array = np.atleast_1d(np.asarray(phases, dtype=np.float64))
     except (TypeError, ValueError) as cause:
         raise InvalidRequestError(f"phases: expected numbers ({cause})") from None
-    if array.ndim == 0:
-        array = array.reshape(1)
     if array.ndim != 1:
         raise InvalidRequestError(f"phases: expected shape (T,), got {array.shape}")
     inside = (array >= -PHASE_TOLERANCE) & (array <= 1.0 + PHASE_TOLERANCE)  # False for NaN
@@ -105,20 +103,20 @@ def names_for(names: Sequence[str], count: int) -> tuple[str, ...]:
 
 
 def unnamed(names: Sequence[str]) -> bool:
-    """Whether these are the names that columns get which have none: ``joint_1`` ... ``joint_n``."""
+    """Whether the names are the default ones: ``joint_1`` ... ``joint_n``."""
     return tuple(names) == names_for((), len(names))
 
 
 def matched(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]:
-    """For each of ``joints`` the index of the column of that name.
+    """Indices of the columns with the names of the ``joints``.
 
     Args:
         names: of the columns.
-        joints: of the robot, in its order.
-        what: whose columns they are; begins the error.
+        joints: names of the robot's joints, in its order.
+        what: owner of the columns; begins the error message.
 
     Raises:
-        InvalidDemonstrationError: the two do not hold the same names.
+        InvalidDemonstrationError: ``names`` and ``joints`` differ by more than their order.
     """
     unknown = [name for name in names if name not in joints]
     missing = [joint for joint in joints if joint not in names]

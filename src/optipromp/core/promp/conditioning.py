@@ -19,8 +19,8 @@ from optipromp.core.promp.points import JointPoint, Point, TaskPoint
 from optipromp.core.promp.tasks import Rows, Search, TaskMap
 
 REACH_TOLERANCE = 1e-8
-"""Exact joint points must be attainable to this [rad or m]; beyond it they contradict."""
-_RESTARTS = 24
+"""[rad or m] Exact points that cannot be met to this tolerance contradict each other."""
+_RESTARTS = 24  # samples of the prior from which a search that missed begins again: a choice
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +29,11 @@ class ConditioningReport:
 
     Attributes:
         converged: every exact point is met to the tolerance and the iteration has settled.
-        iterations: linearisations used; 0 where there are only joint points, which are linear.
-        position_error: (m,) distance of the new mean's tool point from each task point [m], in
-            the order given. Where a point has a covariance this is a compromise, not a miss.
-        axis_error: (m,) angle of its tool axis from the one asked for [rad]; 0 where none is.
-        missed: indices, among all points given, of the exact ones that are missed.
+        iterations: linearisations used; 0 without task points.
+        position_error: (m,) distance of the conditioned mean's tool point from each task point [m],
+            in the order of the argument. A point with a covariance is a compromise, not a miss.
+        axis_error: (m,) angle between tool axis and task point's axis [rad]; 0 without an axis.
+        missed: indices, among all points, of the exact points that are missed.
     """
 
     converged: bool
@@ -52,37 +52,37 @@ def condition(
     tolerance: float = 1e-6,
     initial: ArrayLike | None = None,
 ) -> ProMP:
-    r"""The ProMP given that it passes the points: a single Gaussian update.
+    r"""Condition a ProMP on points in joint space and task space, in a single Gaussian update.
 
-    The order of the points does not matter. H and R are the rows and the covariance of all points,
-    stacked, and the update is that of :class:`optipromp.core.promp.gaussian.Update`.
+    The order of the points does not matter. H and R are the stacked rows and the covariance of all
+    points in :class:`optipromp.core.promp.gaussian.Update`.
 
-    Joint points are linear, so this is exact. Task points are met by iterating the linearisation
-    of ``task_map`` to the most probable weights given all points
-    (:mod:`optipromp.core.promp.tasks`), of which :math:`\Sigma_w^+` is the Laplace approximation.
-    The prior's certainty is kept: a direction without variance stays so.
+    Joint points are linear: their update is exact. Task points are met by iterated linearisation of
+    ``task_map``, up to the most probable weights given all points
+    (:mod:`optipromp.core.promp.tasks`); :math:`\Sigma_w^+` is the Laplace approximation there. A
+    direction in which the prior has no variance has none afterwards.
 
     Args:
         promp: the prior; unchanged.
         points: any number of :class:`JointPoint` and :class:`TaskPoint`. Zero variance is exact.
         task_map: ``q (m, n) -> (point (m, 3), unit axis (m, 3), point Jacobian (m, 3, n), axis
             Jacobian (m, 3, n))``; needed for task points.
-        iterations: at most so many linearisations, > 0.
-        tolerance: within which an exact task point counts as met [m, rad].
-        initial: weights (n, K) or (nK,) at which the search begins. By default the mean; where an
-            exact point is missed from there, also 24 samples of the prior, the same in each call.
+        iterations: largest number of linearisations, > 0.
+        tolerance: largest error of an exact task point that is met [m, rad].
+        initial: weights (n, K) or (nK,) at which the search begins. By default the mean, then,
+            while an exact point is missed, up to 24 samples of the prior, the same in each call.
 
     Returns:
-        The conditioned ProMP. See :func:`condition_with_report` for how well points were met.
+        The conditioned ProMP. :func:`condition_with_report` also returns the errors of the points.
 
     Warns:
-        ConditioningWarning: an exact task point is missed: out of reach, too far from the
-            demonstrations, or too few iterations.
+        ConditioningWarning: an exact task point is missed: it is out of reach or too far from the
+            demonstrations, or the iterations were too few.
 
     Raises:
-        InvalidRequestError: exact points that contradict each other or what the ProMP is already
-            certain of; more exact points than the bases can meet; wrong shapes; task points
-            without ``task_map``.
+        InvalidRequestError: exact points that contradict each other or a value of which the prior
+            is certain; more exact points than the bases can meet; wrong shapes; task points without
+            ``task_map``.
     """
     result, report = condition_with_report(
         promp, points, task_map, iterations, tolerance=tolerance, initial=initial
@@ -107,7 +107,7 @@ def condition_with_report(
     tolerance: float = 1e-6,
     initial: ArrayLike | None = None,
 ) -> tuple[ProMP, ConditioningReport]:
-    """:func:`condition`, with a report in place of the warning. Same arguments and errors."""
+    """:func:`condition` with a report in place of the warning; same arguments and errors."""
     if isinstance(points, (JointPoint, TaskPoint)):
         points = (points,)
     joints: list[tuple[int, JointPoint]] = []
@@ -136,7 +136,7 @@ def condition_with_report(
         return promp, ConditioningReport(True, 0, nothing, nothing, ())
     if task_map is None:
         raise InvalidRequestError("task points need a task_map (the robot's forward kinematics)")
-    tasks.sort(key=lambda item: (item[1].phase, *item[1].position))  # as in any order given
+    tasks.sort(key=lambda item: (item[1].phase, *item[1].position))
     _check_conflicts(tasks)
     return _condition_tasks(promp, tasks, joints, task_map, iterations, tolerance, initial)
 
@@ -149,12 +149,12 @@ def conditioned_mean(
 ) -> FloatArray:
     """Mean weights (n, K) of :func:`condition` on joint points, for a fraction of its work.
 
-    What does not depend on the values is kept for the next call at the same places.
+    The part that does not depend on ``values`` is cached.
 
     Args:
         promp: the prior.
         places: phase and order of derivative of each of P points.
-        values: (P, n).
+        values: (P, n) joint positions or their derivatives.
         variances: of each point, the same for all joints; 0 is exact.
 
     Raises:
@@ -174,7 +174,7 @@ def conditioned_mean(
 def _update(
     promp: ProMP, places: tuple[tuple[float, int], ...], variances: tuple[float, ...]
 ) -> Update:
-    """The update by points at ``places``, which are independent of one another."""
+    """The update by independent observations at ``places``."""
     noise = np.tile(variances, promp.n_joints)
     return observed(promp.covariance, _rows(promp.basis, places, promp.n_joints), noise)
 
@@ -200,7 +200,7 @@ def _condition_joints(promp: ProMP, points: Sequence[tuple[int, JointPoint]]) ->
 
 @lru_cache(maxsize=64)
 def _rows(basis: Basis, places: tuple[tuple[float, int], ...], joints: int) -> FloatArray:
-    """H (nP, nK) of n joints at P phases, or of a derivative of each; row (j, p) is of joint j."""
+    """H (nP, nK) of n joints at P phases and orders of derivatives; rows are joint-major."""
     rows = np.zeros((joints, len(places), joints, basis.count))
     for i, (phase, order) in enumerate(places):
         rows[range(joints), i, range(joints)] = basis.evaluate([phase], order)
@@ -228,17 +228,15 @@ def _refuse(missed: FloatArray, points: Sequence[tuple[int, JointPoint]], promp:
 
 
 def _check_conflicts(points: Sequence[tuple[int, TaskPoint]]) -> None:
-    """Refuse two exact task points at one phase that differ; points come sorted by phase."""
+    """Refuse exact task points that differ at one phase; the points are sorted by phase."""
     for (i, first), (k, second) in pairwise(points):
         if second.phase - first.phase > PHASE_TOLERANCE:
             continue
         apart, what = 0.0, "positions"
         if first.exact and second.exact:
             apart = float(np.abs(first.position - second.position).max())
-        loose = bool(first.axis_covariance or second.axis_covariance)
-        if first.axis is None or second.axis is None or loose or apart > REACH_TOLERANCE:
-            pass
-        else:
+        loose = first.axis_covariance or second.axis_covariance or apart > REACH_TOLERANCE
+        if not loose and first.axis is not None and second.axis is not None:
             apart, what = float(np.abs(first.axis - second.axis).max()), "axes"
         if apart > REACH_TOLERANCE:
             raise InvalidRequestError(
@@ -256,7 +254,7 @@ def _condition_tasks(
     tolerance: float,
     initial: ArrayLike | None,
 ) -> tuple[ProMP, ConditioningReport]:
-    """The iterated update on a prior that already holds the joint points."""
+    """The iterated update by task points; ``promp`` is conditioned on the joint points already."""
     n, count = promp.mean.shape
     size, m = n * count, len(points)
     phases = np.array([point.phase for _, point in points])
@@ -318,7 +316,7 @@ def _condition_tasks(
 def _multipliers(
     promp: ProMP, weights: FloatArray, values: FloatArray, spread: FloatArray
 ) -> FloatArray:
-    """The a (c, m, n) for which q = μ_q + Σ_q a passes where weights (c, n, K) do."""
+    """The a (c, m, n) for which q = μ_q + Σ_q a equals the positions of weights (c, n, K)."""
     gap = (values @ (weights - promp.mean).transpose(0, 2, 1)).reshape(len(weights), -1)
     reference = np.full(gap.shape[1], max(float(np.diagonal(spread).max()), 1e-300))
     solved = factorise(spread, reference).solve(gap.T).T

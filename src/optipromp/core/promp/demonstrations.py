@@ -1,8 +1,8 @@
-"""Demonstrations: what they are, and reading them from NPZ, CSV and folders of CSV."""
+"""Demonstrations, and their files: NPZ, CSV and folders of CSV."""
 
 import os
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import overload
@@ -23,25 +23,25 @@ from optipromp.core.promp.checks import (
 from optipromp.core.tables import read_table
 
 BEYOND_LIMITS = 0.05
-"""[rad or m] A demonstration may go this far beyond a joint's limits: an arm that is led by hand
-leans into its stops. The recorded reaches of a Panda stay 0.013 rad inside."""
-_LARGEST = 4.0 * np.pi
-_LARGEST_JOINT = 1e6  # [rad or m] what is learnt from larger ones overflows
+"""[rad or m] Excess of a demonstration over a joint's limits that is accepted: an arm that is led
+by hand leans into its stops."""
+_LARGEST = 4.0 * np.pi  # [rad or m] larger positions look like degrees or millimetres
+_LARGEST_JOINT = 1e6  # [rad or m] larger positions overflow in learning
 _FORMS = "Q, time, lengths; or positions (N, T, n) with an optional time (T,) or (N, T)"
 
 
 @dataclass(frozen=True, eq=False)
 class Demonstration:
-    """One recorded movement, whole or in part.
+    """One recorded movement, complete or partial.
 
     Args:
         times: (m,), m >= 2, strictly increasing [s or any unit].
         positions: (m, n) joint positions [rad or m].
-        span: start and end time of the whole movement, where the recording covers only a part of
-            it (see :func:`fit_em`). By default the recording is the whole.
+        span: start and end time of the whole movement, for a partial recording (see
+            :func:`fit_em`). By default the recording is complete.
 
     Raises:
-        InvalidDemonstrationError: naming the index and the value.
+        InvalidDemonstrationError: an invalid value; the message names index and value.
     """
 
     times: FloatArray
@@ -100,7 +100,7 @@ class Demonstrations(Sequence[Demonstration]):
     """Demonstrations of one movement on the same joints; a sequence of :class:`Demonstration`.
 
     Raises:
-        InvalidDemonstrationError: none, or a different number of joints, naming the index.
+        InvalidDemonstrationError: no demonstration, or different numbers of joints.
     """
 
     items: tuple[Demonstration, ...]
@@ -131,25 +131,22 @@ class Demonstrations(Sequence[Demonstration]):
     def __getitem__(self, index: int | slice) -> Demonstration | tuple[Demonstration, ...]:
         return self.items[index]
 
-    def __iter__(self) -> Iterator[Demonstration]:
-        return iter(self.items)
-
     @property
     def n_joints(self) -> int:
         """Number of joints n."""
         return self.items[0].n_joints
 
     def check_limits(self, lower: FloatArray, upper: FloatArray, what: str) -> None:
-        """Refuse demonstrations beyond the joints' limits (n,), see :func:`check_limits`."""
+        """Refuse demonstrations beyond the limits (n,) of the joints, as :func:`check_limits`."""
         for i, item in enumerate(self):
-            told = f"{what}: demonstration {i}"
-            check_limits(item.positions, self.joint_names, lower, upper, told)
+            label = f"{what}: demonstration {i}"
+            check_limits(item.positions, self.joint_names, lower, upper, label)
 
     def for_joints(self, joints: Sequence[str], what: str) -> "Demonstrations":
-        """The same with their columns, told by name, in the order of ``joints``.
+        """The same demonstrations with the columns in the order of ``joints``.
 
         Raises:
-            InvalidDemonstrationError: other joints; the message begins with ``what``.
+            InvalidDemonstrationError: other joint names; the message begins with ``what``.
         """
         order = matched(self.joint_names, joints, what)
         items = (Demonstration(d.times, d.positions[:, order], d.span) for d in self)
@@ -160,11 +157,11 @@ def check_limits(
     positions: FloatArray, names: Sequence[str], lower: FloatArray, upper: FloatArray, what: str,
     slack: FloatArray | float = BEYOND_LIMITS,
 ) -> None:  # fmt: skip
-    """Refuse positions (T, n) that go beyond the limits (n,) of the joints of these names.
+    """Refuse positions (T, n) more than ``slack`` (n,) beyond the limits (n,) of the joints.
 
     Raises:
-        InvalidDemonstrationError: by more than ``slack`` (n,); the message begins with ``what`` and
-            names the joint, the farthest position, its sample and the limits.
+        InvalidDemonstrationError: the message begins with ``what`` and names the joint, the
+            farthest position, its sample and the limits.
     """
     slack = np.broadcast_to(slack, lower.shape)
     beyond = np.maximum(lower - positions, positions - upper) - slack
@@ -176,8 +173,7 @@ def check_limits(
     raise InvalidDemonstrationError(
         f"{what}: {names[joint]} is {value:.4g} at sample {sample}: must be within its limits "
         f"[{lower[joint]:.4f}, {upper[joint]:.4f}], or at most {slack[joint]:.4g} beyond"
-        + units
-        * bool(abs(value) > _LARGEST)
+        f"{units if abs(value) > _LARGEST else ''}"
     )
 
 
@@ -187,15 +183,16 @@ def load_demonstrations(path: str | os.PathLike[str]) -> Demonstrations:
     - ``.npz``: ``Q`` (M, n), ``time`` (M,), ``lengths`` (N,), all demonstrations one after
       another; or ``positions`` (N, T, n) with an optional ``time`` (T,) or (N, T), evenly spaced
       if absent. ``joint_names`` (n,) is optional in both.
-    - ``.csv``: a header ``time,<joint>,<joint>,...`` and one row per sample (columns
-      ``<joint>_velocity`` and ``<joint>_acceleration`` are passed over); an optional column
-      ``demo`` tells several demonstrations apart.
+    - ``.csv``: a header ``time,<joint>,<joint>,...`` and one row per sample; columns
+      ``<joint>_velocity`` and ``<joint>_acceleration`` are ignored; an optional column ``demo``
+      labels the demonstrations.
     - a folder: every ``.csv`` in it, by name, all with the same joints in the same order.
 
-    Warns with :class:`UnitsWarning` if a position is beyond 4π, as degrees or millimetres are.
+    Warns:
+        UnitsWarning: a position is beyond 4π, as degrees or millimetres are.
 
     Raises:
-        InvalidDemonstrationError: naming the file, and the row or index where there is one.
+        InvalidDemonstrationError: the message names the file, and the row or index if any.
     """
     path = Path(path)
     if is_folder(path):
@@ -223,7 +220,7 @@ def save_demonstrations(demonstrations: Demonstrations, path: str | os.PathLike[
     """Write demonstrations to an NPZ file that :func:`load_demonstrations` reads; atomic.
 
     Raises:
-        InvalidDemonstrationError: one covers only a part of its movement (not stored).
+        InvalidDemonstrationError: a demonstration is partial; the format has no span.
         InvalidRequestError: the file cannot be written.
     """
     for i, item in enumerate(demonstrations):
@@ -241,7 +238,7 @@ def save_demonstrations(demonstrations: Demonstrations, path: str | os.PathLike[
 def _build(
     path: Path, parts: Sequence[tuple[str, ArrayLike, ArrayLike]], names: Sequence[str]
 ) -> Demonstrations:
-    """Demonstrations from (label, times, positions), errors prefixed by file and label."""
+    """Demonstrations from (label, times, positions); errors name the file and the label."""
     items = []
     for label, times, positions in parts:
         try:

@@ -19,7 +19,7 @@ from optipromp.core.promp.learning import (
 )
 from optipromp.core.promp.model import ProMP
 
-TOLERANCE = 1e-3  # a choice: far below what demonstrations tell of a mean or a variance
+TOLERANCE = 1e-3  # [-] a choice: far below the standard error of a mean or a variance
 Parameters = tuple[FloatArray, FloatArray, FloatArray]  # mean, covariance, noise
 
 
@@ -32,8 +32,8 @@ def fit_em(
 ) -> ProMP:
     r"""Learn a ProMP by expectation-maximisation; demonstrations may be partial.
 
-    The weights of each demonstration are hidden. With its basis matrix :math:`\Phi_i` at whatever
-    phases it has, the E-step is their posterior :math:`N(m_i, C_i)` given
+    The weights of each demonstration are hidden. :math:`\Phi_i` is the basis matrix at the phases
+    of demonstration i. The E-step is the posterior :math:`N(m_i, C_i)` of its weights given
     :math:`\mu_w, \Sigma_w, r`; the M-step is
 
     .. math:: \mu_w = \tfrac1N\sum_i m_i, \quad
@@ -43,26 +43,25 @@ def fit_em(
     .. math:: r_j = \tfrac1M\sum_i \|y_{ij} - \Phi_i m_{ij}\|^2
               + \mathrm{tr}(\Phi_i^T\Phi_i C_{i,jj}).
 
-    What one demonstration did not show is inferred from how the others co-vary. On complete,
-    densely sampled demonstrations the result agrees with :func:`fit`, less the share of
-    :math:`\Sigma_w` there that is observation noise. :math:`\Sigma_0` is as in :func:`fit`, with
-    the diagonal of the current S/N. The iteration ends when means move by less than
-    :data:`TOLERANCE` of a standard deviation, and variances (also of the noise) by less than this
-    share of themselves.
+    The missing part of a demonstration is inferred from the covariance of the others. On complete,
+    densely sampled demonstrations the result agrees with :func:`fit`, except that :math:`\Sigma_w`
+    contains no observation noise. :math:`\Sigma_0` is as in :func:`fit`, with the diagonal of the
+    current S/N. The iteration ends when every mean changes by less than :data:`TOLERANCE` of a
+    standard deviation, and every variance and noise by less than :data:`TOLERANCE` of itself.
 
     Args:
         demonstrations: as for :func:`fit`; a partial one has :attr:`Demonstration.span`.
         basis: by default ``Basis()``.
-        iterations: at most so many, > 0.
-        joint_names: n names, in place of those of the demonstrations.
+        iterations: largest number of iterations, > 0.
+        joint_names: n names, in place of the demonstrations' names.
 
     Warns:
-        RegularisedWarning: one demonstration, identical ones, or a stretch of the phase that none
+        RegularisedWarning: one demonstration, identical ones, or phases that no demonstration
             covers.
         ConvergenceWarning: ``iterations`` were not enough.
 
     Raises:
-        InvalidDemonstrationError: none, values that are not finite, or unequal joints.
+        InvalidDemonstrationError: no demonstration, a value that is not finite, or unequal joints.
         InvalidRequestError: another argument out of range.
     """
     basis = basis or Basis()
@@ -94,19 +93,17 @@ def fit_em(
 
 
 class _Sums:
-    """What the iteration needs of the data.
+    """Sums over the samples of each demonstration.
 
-    ``gram`` (N, K, K) and ``moment`` (N, K, n) are Φᵀ Φ and Φᵀ Y of each demonstration. Those with
-    the same phases share a posterior covariance: demonstration i has number ``kind[i]``,
-    ``first`` lists one demonstration of each and ``multiplicity`` how many there are.
+    ``gram`` (N, K, K) and ``moment`` (N, K, n) are Φᵀ Φ and Φᵀ Y. Demonstrations with the same
+    phases share a posterior covariance, and so a kind: ``kind`` (N,) numbers the kinds, ``first``
+    (U,) is the first demonstration of each kind, ``multiplicity`` (U,) their number.
     """
 
     def __init__(self, samples: Samples, basis: Basis) -> None:
         self.samples, self.n, self.count = samples, samples.n_joints, basis.count
-        sizes = [phases.size for phases in samples.phases]
-        self.total = sum(sizes)
-        values = np.split(basis.evaluate(np.concatenate(samples.phases)), np.cumsum(sizes)[:-1])
-        self.values = values
+        self.total = sum(phases.size for phases in samples.phases)
+        self.values = values = samples.bases(basis)
         self.gram = np.stack([v.T @ v for v in values])
         self.moment = np.stack([v.T @ y for v, y in zip(values, samples.positions, strict=True)])
         keys: dict[bytes, int] = {}
@@ -118,7 +115,7 @@ class _Sums:
 
 
 def _gaps(data: _Sums, basis: Basis) -> Iterator[str]:
-    """What the demonstrations leave to the prior: their spread, or a stretch of the phase."""
+    """Messages about a spread or phases that the demonstrations leave to the prior."""
     demos = len(data.samples.phases)
     if demos == 1:
         yield "one demonstration says nothing about spread; the covariance is the prior's"
@@ -133,7 +130,7 @@ def _gaps(data: _Sums, basis: Basis) -> Iterator[str]:
 
 
 def _change(old: Parameters, new: Parameters) -> float:
-    """Largest change of a mean, in standard deviations, or of a variance, as a share of itself."""
+    """Largest change of a mean in standard deviations, or relative change of a variance."""
     variance = np.diagonal(old[1])
     return max(
         float((np.abs(new[0] - old[0]) / np.sqrt(variance)).max()),
@@ -143,7 +140,7 @@ def _change(old: Parameters, new: Parameters) -> float:
 
 
 def _start(data: _Sums, floor: FloatArray) -> Parameters:
-    """Mean of all samples pooled; their spread about it; a tenth of that as noise."""
+    """Mean and variance of all samples pooled; 1 % of the variance as noise."""
     gram = data.gram.sum(axis=0)
     gram.flat[:: data.count + 1] += 1e-6 * data.total
     middle = np.concatenate(data.samples.positions).mean(axis=0)

@@ -12,30 +12,29 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.promp.checks import finite_array
 
 RANK_TOLERANCE = 1e-11
-"""Directions whose share of the variance is below this count as having none."""
-_SYMMETRY_TOLERANCE = 1e-8
-_NEGATIVE_TOLERANCE = 1e-10
+"""[-] A direction with a smaller share of the variance counts as having none."""
 
 
 def check_covariance(covariance: ArrayLike, size: int, name: str) -> FloatArray:
-    """A symmetric positive semi-definite copy, or ``InvalidRequestError`` saying what is wrong.
+    """A symmetric copy (size, size) of a positive semi-definite matrix, which may be singular.
 
-    Asymmetry and negative eigenvalues of the size of rounding are let through; singular matrices
-    are allowed (a distribution conditioned exactly has one).
+    Raises:
+        InvalidRequestError: a wrong shape; an asymmetry above 1e-8 of the largest entry, or a
+            negative eigenvalue above 1e-10 of the largest one: more than rounding makes.
     """
     matrix = finite_array(covariance, name, 2)
     if matrix.shape != (size, size):
         raise InvalidRequestError(f"{name}: expected shape ({size}, {size}), got {matrix.shape}")
     scale = float(np.abs(matrix).max(initial=0.0))
     asymmetry = float(np.abs(matrix - matrix.T).max(initial=0.0))
-    if asymmetry > _SYMMETRY_TOLERANCE * scale:
+    if asymmetry > 1e-8 * scale:
         raise InvalidRequestError(f"{name} is not symmetric: entries differ by {asymmetry:.3g}")
     matrix = 0.5 * (matrix + matrix.T)
     with suppress(np.linalg.LinAlgError):
         np.linalg.cholesky(matrix)
         return matrix
     eigenvalues = np.linalg.eigvalsh(matrix)
-    if eigenvalues[0] < -_NEGATIVE_TOLERANCE * max(float(eigenvalues[-1]), 0.0):
+    if eigenvalues[0] < -1e-10 * max(float(eigenvalues[-1]), 0.0):
         raise InvalidRequestError(
             f"{name} is not positive semi-definite: smallest eigenvalue {eigenvalues[0]:.3g}, "
             f"largest {eigenvalues[-1]:.3g}"
@@ -44,7 +43,7 @@ def check_covariance(covariance: ArrayLike, size: int, name: str) -> FloatArray:
 
 
 def root(covariance: FloatArray) -> FloatArray:
-    """A factor L (d, d) with L Lᵀ = covariance, also for a singular one."""
+    """A factor L (d, d) with L Lᵀ = covariance, which may be singular."""
     try:
         return np.asarray(np.linalg.cholesky(covariance))
     except np.linalg.LinAlgError:
@@ -56,8 +55,7 @@ def root(covariance: FloatArray) -> FloatArray:
 def add_noise(matrix: FloatArray, noise: ArrayLike) -> None:
     """Add variances to the diagonals of positive semi-definite matrices (..., d, d), in place.
 
-    Where a diagonal is so large that they would be lost, as much as rounding makes of it is added:
-    the result can always be inverted.
+    At least the rounding error of the diagonal is added, so that the sum is invertible.
     """
     diagonal = np.einsum("...ii->...i", matrix)  # a view
     rounding = 10.0 * diagonal.shape[-1] * np.finfo(np.float64).eps
@@ -72,7 +70,7 @@ class Inverse:
         scale: (p,) diagonal of D, with which D S D has a unit diagonal.
         lower: (p, p) L with L Lᵀ = D S D, where S is safely definite.
         pseudo: (p, p) pseudo-inverse of D S D, where S is not.
-        null: (p, m) scaled directions without variance.
+        null: (p, m) scaled directions without variance; None where S has full rank.
     """
 
     scale: FloatArray
@@ -103,10 +101,10 @@ def factorise(matrix: FloatArray, reference: FloatArray) -> Inverse:
 
     Args:
         matrix: S, symmetric.
-        reference: (p,) upper bounds on each variance, before cancellation: a diagonal entry
-            below 1e-13 of it is rounding and counts as 0.
+        reference: (p,) upper bound of each variance before cancellation. A diagonal entry below
+            1e-13 of its bound is rounding and counts as 0.
     """
-    definite, scale, lower = _cholesky(matrix, reference, RANK_TOLERANCE)
+    definite, scale, lower = _cholesky(matrix, reference)
     if definite:
         return Inverse(scale, lower)
     diagonal = np.diagonal(matrix)
@@ -123,7 +121,7 @@ def factorise(matrix: FloatArray, reference: FloatArray) -> Inverse:
 
 @dataclass(frozen=True, eq=False)
 class Update:
-    r"""The update of a Gaussian by observations: every conditioning of a primitive is this one.
+    r"""The update of a Gaussian by observations, by which every primitive is conditioned.
 
     The prior is :math:`w \sim N(\mu, \Sigma)`, an observation :math:`y = Hw + \epsilon` with
     :math:`\epsilon \sim N(0, R)`. Then :math:`S = H\Sigma H^T + R`,
@@ -132,8 +130,9 @@ class Update:
     .. math:: \mu^+ = \mu + K(y - H\mu), \qquad
               \Sigma^+ = (I - KH)\Sigma(I - KH)^T + KRK^T
 
-    (Paraschos et al., 2013; the covariance as Bucy and Joseph, 1968, which errors of K reach only
-    squared). S may be singular where observations are exact. Made by :func:`observed`.
+    (Paraschos et al., 2013; the covariance in the form of Bucy and Joseph, 1968, in which an error
+    of K counts only squared). S may be singular where observations are exact. :func:`observed`
+    builds an update.
 
     Attributes:
         prior: Σ (d, d).
@@ -178,8 +177,7 @@ def observed(prior: FloatArray, rows: FloatArray, noise: FloatArray) -> Update:
 
     Args:
         prior: Σ.
-        rows: H (r, d). A row costs as much as its span from the first to the last entry
-            other than 0.
+        rows: H (r, d). The cost of a row grows with the span of its nonzero entries.
         noise: R (r, r), or (r,) the variances of independent observations; 0 is exact.
     """
     noise = np.diag(noise) if noise.ndim == 1 else noise
@@ -191,7 +189,7 @@ def observed(prior: FloatArray, rows: FloatArray, noise: FloatArray) -> Update:
 def _spread(
     prior: FloatArray, rows: FloatArray, noise: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """H Σ (r, d), S (r, r), and variances (r,) that those of S reach where nothing cancels."""
+    """H Σ (r, d), S (r, r), and upper bounds (r,) of the variances of S before cancellation."""
     count, size = rows.shape
     cross, reference = np.zeros((count, size)), np.empty(count)
     for r in range(count):
@@ -230,12 +228,10 @@ def _along_rows(matrix: FloatArray, rows: FloatArray) -> FloatArray:
 
 
 @kernel
-def _cholesky(
-    matrix: FloatArray, reference: FloatArray, tolerance: float
-) -> tuple[bool, FloatArray, FloatArray]:
+def _cholesky(matrix: FloatArray, reference: FloatArray) -> tuple[bool, FloatArray, FloatArray]:
     """Whether S is safely definite; if so, the scale (p,) and L (p, p) of :class:`Inverse`.
 
-    Every row must add the share ``tolerance`` of its variance to those before it.
+    Given the earlier rows, each row must keep a share of RANK_TOLERANCE of its variance.
     """
     size = matrix.shape[0]
     scale, lower = np.empty(size), np.zeros((size, size))
@@ -250,7 +246,7 @@ def _cholesky(
                 value -= lower[i, k] * lower[j, k]
             if j < i:
                 lower[i, j] = value / lower[j, j]
-            elif value > tolerance:
+            elif value > RANK_TOLERANCE:
                 lower[i, i] = np.sqrt(value)
             else:
                 return False, scale, lower
@@ -336,9 +332,7 @@ def _mean(
 def _joseph(
     prior: FloatArray, rows: FloatArray, noise: FloatArray, cross: FloatArray, gain: FloatArray
 ) -> FloatArray:
-    r"""Σ⁺ (d, d), for the gain Kᵀ (r, d), multiplied out from the left.
-
-    So no product of two (d, d) matrices is made:
+    r"""Σ⁺ (d, d), for the gain Kᵀ (r, d), without a product of two (d, d) matrices.
 
     .. math:: A = \Sigma - K (H \Sigma), \qquad \Sigma^+ = A + (K R - A H^T) K^T.
     """

@@ -1,6 +1,6 @@
-"""Learning a ProMP from complete demonstrations, and how many bases follow them well.
+"""Learning a ProMP from complete demonstrations, and choosing the number of bases.
 
-Partial ones are learnt from by EM (:mod:`optipromp.core.promp.em`).
+:mod:`optipromp.core.promp.em` learns from partial demonstrations.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -24,25 +24,25 @@ from optipromp.core.promp.demonstrations import Demonstration, Demonstrations
 from optipromp.core.promp.model import ProMP, made
 
 DemonstrationsLike = Demonstrations | Sequence[Demonstration] | Sequence[ArrayLike] | FloatArray
-"""What the learners take: demonstrations, a sequence of arrays (m_i, n), or one array (N, T, n)."""
+"""Demonstrations, a sequence of arrays (m_i, n), or one array (N, T, n)."""
 
 NOISE_FLOOR = 1e-10
-"""Smallest observation variance learnt: (1e-5 rad or m) squared."""
+"""[rad² or m²] Smallest observation variance learnt: (1e-5 rad or m) squared."""
 RIDGE = 1e-10
-"""λ [-] of :func:`fit`: weights that the samples determine move by less than rounding matters."""
+"""[-] λ of :func:`fit`, too small to move a weight that the samples determine."""
 COUNTS = range(4, 21)
-"""Numbers of bases tried. From the least with one outside on each side; at 20 the held-out
-residual of every set tried has risen again (docs/demonstrations.md)."""
+"""Numbers of bases tried: from the smallest with one outside on each side to 20, where the held-out
+residual of every tried set has risen again (docs/demonstrations.md)."""
 FOLDS = 10
 """Parts into which demonstrations are divided; ten is the usual choice (Kohavi, 1995)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Demonstrations ready to learn from.
+    """Demonstrations aligned on phase.
 
-    ``phases`` and ``positions`` hold one array per demonstration, (m_i,) and (m_i, n). If all have
-    the same phases, ``stacked`` is all positions at once, (N, T, n).
+    ``phases`` and ``positions`` hold one array (m_i,) and (m_i, n) per demonstration. ``stacked``
+    (N, T, n) holds all positions where the phases of all demonstrations are the same.
     """
 
     phases: tuple[FloatArray, ...]
@@ -58,10 +58,15 @@ class Samples:
     @property
     def extent(self) -> FloatArray:
         """Largest minus smallest position of each joint over all demonstrations, (n,)."""
-        flat = np.concatenate(self.positions)
-        high: FloatArray = flat.max(axis=0)
-        low: FloatArray = flat.min(axis=0)
-        return high - low
+        return np.asarray(np.ptp(np.concatenate(self.positions), axis=0))
+
+    def split(self, rows: FloatArray) -> list[FloatArray]:
+        """Rows (M, ...) of all samples as N arrays (m_i, ...), one per demonstration."""
+        return np.split(rows, np.cumsum([phases.size for phases in self.phases])[:-1])
+
+    def bases(self, basis: Basis) -> list[FloatArray]:
+        """Basis matrices Φ_i (m_i, K)."""
+        return self.split(basis.evaluate(np.concatenate(self.phases)))
 
 
 def fit(
@@ -73,34 +78,34 @@ def fit(
 ) -> ProMP:
     r"""Learn a ProMP from complete demonstrations, in closed form.
 
-    Each demonstration is aligned on phase and gets its weights by ridge regression, shrunk towards
-    its own mean position :math:`\bar y_i`:
+    Demonstrations are aligned on phase. The weights of each are found by ridge regression, shrunk
+    towards the mean position :math:`\bar y_i` of the demonstration:
 
     .. math:: W_i = \arg\min_W \tfrac{1}{m_i}\|Y_i - \Phi_i W\|^2 + \lambda\|W - \bar y_i\|^2
 
-    :math:`\mu_w` is their mean, and with :math:`S = \sum_i (w_i - \mu_w)(w_i - \mu_w)^T`
+    :math:`\mu_w` is the mean of the weights. With
+    :math:`S = \sum_i (w_i - \mu_w)(w_i - \mu_w)^T`
 
-    .. math:: \Sigma_w = \frac{S + \Sigma_0}{N + 1},
+    .. math:: \Sigma_w = \frac{S + \Sigma_0}{N + 1}
 
-    the mode under an inverse-Wishart prior worth one demonstration of covariance
-    :math:`\Sigma_0`, which is the diagonal of S/N, no entry below
-    (1 % of that joint's range of motion)² — 10 % for a single demonstration, which says nothing
-    about spread — so :math:`\Sigma_w` is positive definite for any number of demonstrations.
-    Demonstrations on the same phases share one factorisation.
+    is the mode under an inverse-Wishart prior worth one demonstration of covariance
+    :math:`\Sigma_0`. :math:`\Sigma_0` is the diagonal of S/N, with no entry below
+    (1 % of the joint's range of motion)², or (10 %)² for a single demonstration. So
+    :math:`\Sigma_w` is positive definite for any number of demonstrations.
 
     Args:
-        demonstrations: N of them. Bare arrays are evenly spaced in phase from 0 to 1.
+        demonstrations: N demonstrations. Arrays are evenly spaced in phase from 0 to 1.
         basis: by default ``Basis()``, the paper's.
         ridge: λ > 0 [-].
-        joint_names: n names, in place of those of the demonstrations.
+        joint_names: n names, in place of the demonstrations' names.
 
     Warns:
         RegularisedWarning: the prior decided: one demonstration, identical ones, or fewer samples
             than bases.
 
     Raises:
-        InvalidDemonstrationError: none, values that are not finite, unequal joints, or a partial
-            one (see :func:`fit_em`).
+        InvalidDemonstrationError: no demonstration, a value that is not finite, unequal joints, or
+            a partial demonstration (see :func:`fit_em`).
         InvalidRequestError: another argument out of range.
     """
     basis = basis or Basis()
@@ -142,7 +147,7 @@ def complete(samples: Samples) -> None:
 
 
 def distribution(weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean (n, K) and covariance (nK, nK) of the weights (N, n, K), as :func:`fit` has them."""
+    """Mean (n, K) and covariance (nK, nK) of :func:`fit` for weights (N, n, K)."""
     demos, _, count = weights.shape
     mean = weights.mean(axis=0)
     centred = (weights - mean).reshape(demos, -1)
@@ -153,13 +158,13 @@ def distribution(weights: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def ridge_weights(samples: Samples, basis: Basis, ridge: float = RIDGE) -> FloatArray:
-    """Weights (N, n, K) of each demonstration."""
+    """Weights (N, n, K) by ridge regression, as in :func:`fit`."""
     count = basis.count
     weights: FloatArray
     if samples.stacked is not None:
         y = samples.stacked
         demos, size, n = y.shape
-        values = _shared_bases(samples, basis)
+        values = basis.evaluate(samples.phases[0])
         gram = values.T @ values / size
         gram.flat[:: count + 1] += ridge
         middle = np.full((1, size), 1.0 / size) @ y
@@ -168,7 +173,7 @@ def ridge_weights(samples: Samples, basis: Basis, ridge: float = RIDGE) -> Float
         solved = np.linalg.solve(gram, flat).reshape(count, demos, n)
         weights = solved.transpose(1, 2, 0) + middle.transpose(0, 2, 1)
         return weights
-    pairs = list(zip(_each_bases(samples, basis), samples.positions, strict=True))
+    pairs = list(zip(samples.bases(basis), samples.positions, strict=True))
     grams = np.stack([values.T @ values / len(values) for values, _ in pairs])
     grams += ridge * np.eye(count)
     means = np.stack([y.mean(axis=0) for y in samples.positions])
@@ -178,35 +183,24 @@ def ridge_weights(samples: Samples, basis: Basis, ridge: float = RIDGE) -> Float
 
 
 def residuals_of(samples: Samples, basis: Basis, weights: FloatArray) -> FloatArray:
-    """Y_i - Φ_i W_i for weights (N, n, K), one demonstration after another (M, n)."""
+    """Residuals Y_i - Φ_i W_i (M, n) of weights (N, n, K), demonstration by demonstration."""
     if samples.stacked is not None:
-        rest = samples.stacked - _shared_bases(samples, basis) @ weights.transpose(0, 2, 1)
+        rest = samples.stacked - basis.evaluate(samples.phases[0]) @ weights.transpose(0, 2, 1)
         return rest.reshape(-1, samples.n_joints)
-    values = _each_bases(samples, basis)
-    pairs = zip(samples.positions, values, weights, strict=True)
-    return np.concatenate([y - v @ w.T for y, v, w in pairs])
-
-
-def _shared_bases(samples: Samples, basis: Basis) -> FloatArray:
-    return basis.evaluate(samples.phases[0])
-
-
-def _each_bases(samples: Samples, basis: Basis) -> list[FloatArray]:
-    ends = np.cumsum([phases.size for phases in samples.phases])[:-1]
-    return np.split(basis.evaluate(np.concatenate(samples.phases)), ends)
+    triples = zip(samples.positions, samples.bases(basis), weights, strict=True)
+    return np.concatenate([y - v @ w.T for y, v, w in triples])
 
 
 def residuals(demonstrations: DemonstrationsLike, basis: Basis) -> list[FloatArray]:
-    r"""What the bases cannot follow of each demonstration: N arrays (m_i, n) [rad or m].
+    r"""Residuals :math:`Y_i - \Phi_i W_i` of each demonstration: N arrays (m_i, n) [rad or m].
 
-    :math:`Y_i - \Phi_i W_i`, with the :math:`W_i` of :func:`fit`.
+    The weights are those of :func:`fit`.
 
     Raises:
         InvalidDemonstrationError: as :func:`fit`, but for partial demonstrations.
     """
     samples = gather(demonstrations, None)
-    ends = np.cumsum([phases.size for phases in samples.phases])[:-1]
-    return np.split(residuals_of(samples, basis, ridge_weights(samples, basis)), ends)
+    return samples.split(residuals_of(samples, basis, ridge_weights(samples, basis)))
 
 
 def held_out_residuals(
@@ -215,25 +209,24 @@ def held_out_residuals(
     width: float = Basis.width,
     progress: Callable[[int], object] | None = None,
 ) -> dict[int, float]:
-    """Cross-validation: how well a ProMP of so many bases predicts a demonstration it has not seen.
+    """Errors of predicted demonstrations for each number of bases, by 10-fold cross-validation.
 
-    The demonstrations are divided into 10 parts, demonstration i into part i mod 10 (with fewer,
-    each is a part). For each part a ProMP is learnt from the others, as :func:`fit` does, and
-    conditioned on the first and last position of each demonstration in the part: what a planner
-    knows of a motion beforehand. The residual is that demonstration less the conditioned mean. Too
-    few bases cannot follow the motion; too many follow what only those seen have in common. No
-    chance enters.
+    Demonstration i is in fold i mod 10. For each fold a ProMP is learnt from the other folds as in
+    :func:`fit`, and conditioned on the first and last position of each demonstration in the fold,
+    which a planner knows beforehand. The residual is the demonstration less the conditioned mean.
+    With too few bases the mean cannot follow the motion; with too many it follows features of the
+    other folds alone. The result is deterministic.
 
     Args:
         demonstrations: N > 1, complete.
-        counts: numbers of bases; those above the samples of the shortest demonstration are left
-            out, except the first.
+        counts: numbers of bases. Numbers above the samples of the shortest demonstration are
+            skipped, except the first.
         width: of the bases.
         progress: called with each count before it is tried.
 
     Returns:
-        The RMS over all samples and joints [rad or m] for each count. Take the smallest:
-        ``min(found, key=found.get)``.
+        The root mean square over all samples and joints [rad or m] for each count. Take the
+        smallest: ``min(found, key=found.get)``.
 
     Raises:
         InvalidDemonstrationError: fewer than two demonstrations, a partial one, or as :func:`fit`.
@@ -269,7 +262,7 @@ def gather(demonstrations: DemonstrationsLike, joint_names: Sequence[str] | None
     """Check demonstrations and align them on phase.
 
     Raises:
-        InvalidDemonstrationError: none; a value that is not finite; unequal numbers of joints.
+        InvalidDemonstrationError: no demonstration; a value that is not finite; unequal joints.
     """
     error = InvalidDemonstrationError
     if isinstance(demonstrations, Demonstration):
@@ -304,10 +297,10 @@ def gather(demonstrations: DemonstrationsLike, joint_names: Sequence[str] | None
 
 
 def _stacked(demonstrations: DemonstrationsLike) -> FloatArray | None:
-    """A copy (N, T, n) of bare arrays of finite numbers, all of one shape; None of anything else.
+    """A copy (N, T, n) of arrays of finite numbers of one shape; None for anything else.
 
     Raises:
-        InvalidDemonstrationError: one array of three dimensions with a value that is not finite.
+        InvalidDemonstrationError: an array (N, T, n) with a value that is not finite.
     """
     if isinstance(demonstrations, np.ndarray):
         if demonstrations.ndim != 3:
@@ -327,10 +320,10 @@ def _stacked(demonstrations: DemonstrationsLike) -> FloatArray | None:
 
 
 def deviation_floor(extent: FloatArray, demonstrations: int) -> FloatArray:
-    """Smallest standard deviation (n,) the default prior gives a weight of each joint.
+    """Smallest prior standard deviation (n,) of a weight of each joint [rad or m].
 
-    1 % of the joint's range of motion ``extent`` (n,), 10 % if there is but one demonstration. A
-    joint that hardly moves counts with a tenth of the largest range, at least 0.01 rad or m.
+    It is 1 % of the joint's range of motion ``extent`` (n,), or 10 % for a single demonstration.
+    The range of a joint that hardly moves is taken as a tenth of the largest range, at least 0.01.
     """
     share = 0.1 if demonstrations == 1 else 0.01
     floor: FloatArray = np.maximum(np.maximum(extent, 0.1 * extent.max()), 0.01)

@@ -19,7 +19,7 @@ from optipromp.core.promp.gaussian import check_covariance, root
 from optipromp.core.shown import Shown
 
 PROMP_FORMAT = 1
-LARGEST_WEIGHT = 1e9  # [rad or m] of a weight; what is derived from larger ones overflows
+LARGEST_WEIGHT = 1e9  # [rad or m] products of larger weights overflow
 _KEYS = ("format", "basis", "mean", "covariance", "noise", "joint_names")
 
 
@@ -30,14 +30,14 @@ class ProMP(Shown):
     .. math:: y_t = \Phi_t w + \epsilon, \quad w \sim N(\mu_w, \Sigma_w), \quad
               \epsilon \sim N(0, \mathrm{diag}(r))
 
-    The nK weights are joint-major: weight k of joint j is ``w[j * K + k]``. Values are immutable
-    (arrays are read-only); every operation returns a new one.
+    The nK weights are joint-major: weight k of joint j is ``w[j * K + k]``. A ProMP is immutable
+    (its arrays are read-only); every operation returns a new ProMP.
 
     Args:
         basis: the K basis functions.
         mean: :math:`\mu_w`, (n, K) or flat (nK,), in rad or m. Kept as (n, K).
         covariance: :math:`\Sigma_w` (nK, nK), positive semi-definite.
-        noise: variance r of an observation, one per joint (n,) or one for all; unit squared.
+        noise: variance r of an observation [rad² or m²], one per joint (n,) or one for all.
         joint_names: n names; by default ``joint_1`` ... ``joint_n``.
 
     Raises:
@@ -104,11 +104,11 @@ class ProMP(Shown):
         return read_only(root(self.covariance))
 
     def mean_trajectory(self, phases: int | ArrayLike) -> FloatArray:
-        """Mean positions (T, n) at phases (T,), or at as many evenly spaced ones."""
+        """Mean positions (T, n) at phases (T,), or at a count of evenly spaced phases."""
         return self.basis.evaluate(phases) @ self.mean.T
 
     def trajectory(self, weights: ArrayLike, phases: int | ArrayLike) -> FloatArray:
-        """Positions (..., T, n) of given weights (..., n, K) or (nK,)."""
+        """Positions (..., T, n) of weights (..., n, K) or (nK,)."""
         array = finite_array(weights, "weights")
         if array.shape == (self.n_weights,):
             array = array.reshape(self.mean.shape)
@@ -128,12 +128,12 @@ class ProMP(Shown):
     ) -> tuple[FloatArray, FloatArray]:
         r"""Mean (T, n) and covariance (T, n, n) of the joints, or of a derivative, at each phase.
 
-        :math:`N(\Phi_t \mu_w, \Phi_t \Sigma_w \Phi_t^T)`.
+        The distribution is :math:`N(\Phi_t \mu_w, \Phi_t \Sigma_w \Phi_t^T)`.
 
         Args:
             phases: (T,) in [0, 1], or a count.
             derivative: 0 positions, 1 velocities, 2 accelerations, 3 jerks.
-            duration: [s] over which the phase runs evenly; matters to derivatives only.
+            duration: [s] of the movement at constant phase rate; scales derivatives only.
             observation_noise: add diag(r) (positions only).
 
         Raises:
@@ -163,7 +163,7 @@ class ProMP(Shown):
         return result
 
     def sample_weights(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """``count`` samples of the weights, (count, n, K)."""
+        """Samples (count, n, K) of the weights."""
         if count < 0:
             raise InvalidRequestError(f"count of samples must be at least 0, got {count}")
         offsets = rng.standard_normal((count, self.n_weights)) @ self._root.T
@@ -176,7 +176,7 @@ class ProMP(Shown):
         phases: int | ArrayLike,
         observation_noise: bool = False,
     ) -> FloatArray:
-        """``count`` trajectories (count, T, n); smooth unless ``observation_noise`` is added."""
+        """Sampled trajectories (count, T, n), smooth unless ``observation_noise`` is added."""
         weights = self.sample_weights(rng, count)
         result: FloatArray = self.basis.evaluate(phases) @ np.swapaxes(weights, -1, -2)
         if observation_noise:
@@ -190,10 +190,10 @@ class ProMP(Shown):
         )
 
     def for_joints(self, joints: Sequence[str], what: str = "the ProMP") -> "ProMP":
-        """The same primitive with its joints, told by name, in the order of ``joints``.
+        """The same primitive with its joints in the order of ``joints``.
 
         Raises:
-            InvalidDemonstrationError: other joints; the message begins with ``what``.
+            InvalidDemonstrationError: other joint names; the message begins with ``what``.
         """
         if tuple(joints) == self.joint_names:
             return self
@@ -208,10 +208,10 @@ class ProMP(Shown):
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write to an NPZ file: whole or not at all.
+        """Write to an NPZ file, atomically.
 
         Raises:
-            InvalidRequestError: the file cannot be written; what was there stays.
+            InvalidRequestError: the file cannot be written; an existing file stays as it is.
         """
         basis = self.basis
         arrays = {
@@ -226,10 +226,10 @@ class ProMP(Shown):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "ProMP":
-        """Read what :meth:`save` wrote.
+        """Read a file of :meth:`save`.
 
         Raises:
-            InvalidRequestError: missing, not a ProMP file, of a newer format, or damaged.
+            InvalidRequestError: the file is missing, no ProMP file, of another format, or damaged.
         """
         path = Path(path)
         data = read_npz(path)
@@ -237,16 +237,12 @@ class ProMP(Shown):
         if missing:
             raise InvalidRequestError(f"{path} is no ProMP file: it lacks {', '.join(missing)}")
         version = data["format"]
-        if (
-            version.shape != ()
-            or not np.issubdtype(version.dtype, np.integer)
-            or version != PROMP_FORMAT
-        ):
+        if version.shape or version.dtype.kind not in "iu" or version != PROMP_FORMAT:
             raise InvalidRequestError(
                 f"{path}: format {version} is unknown; this reads {PROMP_FORMAT}"
             )
         try:
-            numbers, mean, covariance, noise = (  # of complex ones no part is dropped
+            numbers, mean, covariance, noise = (  # "same_kind" refuses complex numbers
                 data[key].astype(np.float64, casting="same_kind")
                 for key in ("basis", "mean", "covariance", "noise")
             )
@@ -277,7 +273,7 @@ def is_primitive(path: Path) -> bool:
 
 
 def trusted(promp: ProMP, mean: FloatArray, covariance: FloatArray) -> ProMP:
-    """``promp`` with another weight distribution, valid by construction: no checks, no copy."""
+    """``promp`` with another weight distribution that needs no checks and no copy."""
     mean = mean.reshape(promp.mean.shape)
     return made(promp.basis, mean, covariance, promp.noise, promp.joint_names)
 
@@ -289,7 +285,7 @@ def made(
     noise: FloatArray,
     joint_names: tuple[str, ...],
 ) -> ProMP:
-    """A ProMP of what is valid by construction: no checks, no copy."""
+    """A ProMP of values that need no checks and no copy."""
     result = object.__new__(ProMP)
     result.__dict__.update(
         basis=basis,

@@ -1,4 +1,4 @@
-"""What a ProMP is conditioned on: points in joint space and in task space."""
+"""Points in joint space and in task space that condition a ProMP."""
 
 import math
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from optipromp.core.promp.gaussian import check_covariance
 
 @dataclass(frozen=True, eq=False)
 class JointPoint:
-    """The joints at a phase: y(z) ~ N(value, covariance).
+    """The joint positions at a phase: y(z) ~ N(value, covariance).
 
     Args:
         phase: z in [0, 1].
         value: (n,) joint positions [rad or m], or their derivative with respect to the phase.
         covariance: (n, n), one variance for all joints, or None: exact.
-        derivative: 0 for positions; 1 or 2 for derivatives with respect to the phase (a velocity
-            times the duration; an acceleration times its square).
+        derivative: 0 for positions; 1 or 2 for derivatives with respect to the phase (velocity
+            times duration; acceleration times duration squared).
 
     Raises:
         InvalidRequestError: a phase outside [0, 1], a value that is not finite, a covariance that
@@ -49,16 +49,16 @@ class JointPoint:
 
 @dataclass(frozen=True, eq=False)
 class TaskPoint:
-    """The tool at a phase: its point x(z) ~ N(position, covariance), optionally its axis.
+    """The tool point at a phase, x(z) ~ N(position, covariance), and optionally the tool axis.
 
     Args:
         phase: z in [0, 1].
         position: (3,) of the tool point in the world [m].
         axis: (3,) direction of the tool axis, of any length but 0; None: free.
-        covariance: of the position [m²], (3, 3), one variance, or None: exact. Where an object's
-            detection is uncertain, its covariance goes here.
-        axis_covariance: variance of the angle between the tool axis and ``axis`` [rad²], in each
-            of the two directions it can tilt, or None: exact.
+        covariance: of the position [m²]: (3, 3), one variance, or None: exact. The covariance of a
+            detected object goes here.
+        axis_covariance: variance of the angle between the tool axis and ``axis`` [rad²] in each of
+            the two directions of tilt, or None: exact.
 
     Raises:
         InvalidRequestError: a phase outside [0, 1], a value that is not finite, an axis of length

@@ -1,28 +1,27 @@
 r"""The maximum a posteriori trajectory through task points, by iterated linearisation.
 
-The tool's pose depends on the weights only through the joints at the m phases of the points,
-:math:`q = (q_1 \ldots q_m) = \Phi w`, so the search runs there. Every weight vector worth
-considering is :math:`w = \mu_w + \Sigma_w\Phi^T a`; with :math:`\Sigma_q = \Phi\Sigma_w\Phi^T`
+The tool's pose depends on the weights only through the joint positions at the m phases of the
+points, :math:`q = (q_1 \ldots q_m) = \Phi w`. The most probable weights that give q have the form
+:math:`w = \mu_w + \Sigma_w\Phi^T a`; with :math:`\Sigma_q = \Phi\Sigma_w\Phi^T`
 
 .. math:: q = \mu_q + \Sigma_q a, \qquad
           (w - \mu_w)^T\Sigma_w^{-1}(w - \mu_w) = a^T\Sigma_q a,
 
-which asks for no inverse and allows a singular :math:`\Sigma_w`. Points ask for
-:math:`g(q) = x` up to a variance R (0: exactly). With residual :math:`e = x - g(q)` and Jacobian J,
+which needs no inverse and allows a singular :math:`\Sigma_w`. The points ask for
+:math:`g(q) = x` with variance R (0: exactly). With residual :math:`e = x - g(q)` and Jacobian J,
 
 .. math:: \lambda = (J\Sigma_q J^T + R)^{-1}(e + J(q - \mu_q)), \qquad a = J^T\lambda
 
-is the minimiser of the linearised problem (Gauss-Newton, or sequential quadratic programming
-where R = 0). Far from the mean the linearisation misleads, so the step towards it is cut to at
-most a radian and halved until the merit
-:math:`\tfrac12 a^T\Sigma_q a + \tfrac12\sum e^2/R + \nu\|e_{R=0}\|` falls. Where no step helps,
-Levenberg damping is added to R. Exact rows left open at the end are closed by steps of least
-change.
+is the minimiser of the linearised problem (Gauss-Newton; sequential quadratic programming where
+R = 0). The step to the minimiser is limited to 1 rad and halved until the merit
+:math:`\tfrac12 a^T\Sigma_q a + \tfrac12\sum e^2/R + \nu\|e_{R=0}\|` falls. Where no step lowers
+the merit, Levenberg damping is added to R. Exact rows that are not met at the end are met by steps
+of least change.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,26 +33,27 @@ from optipromp.core.promp.points import TaskPoint
 TaskMap = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray, FloatArray]]
 """q (m, n) -> tool point (m, 3), unit tool axis (m, 3), their Jacobians (m, 3, n) each."""
 
-_LARGEST_STEP: Final = 1.0
-_HALVINGS: Final = 6
-_TRIALS: Final = 16
-_SETTLED: Final = 1e-3
-_ROUNDING: Final = 1e-12  # of a merit: at the minimum the gain of a step is this, of either sign
-_CLOSING: Final = 1e-10
-_CLOSING_STEPS: Final = 60
+_HALVINGS = 6  # of a step, to 1/32: a shorter step means that damping is needed
+_TRIALS = 16  # of one step; the damping, from 1e-6 by tens, then makes the step negligible
+_SETTLED = 1e-3  # [-] relative gain of the merit at which the search ends
+_ROUNDING = 1e-12  # [-] relative error of a merit: the gain of a step at the minimum, of any sign
+_CLOSING = 1e-10  # [m, rad] norm of the residuals of exact rows that needs no further step
+_CLOSING_STEPS = 60  # at most: a choice
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Task points as scalar rows: 3 of position, turned so that their errors are independent,
-    and 2 of the axis if any point has one.
+    """Task points as r scalar rows each: 3 of the position and, if any point has an axis, 2 of it.
+
+    The rows of the position are along the principal axes of the covariance: their errors are
+    independent.
 
     Attributes:
         position: (m, 3) targets [m].
-        turn: (m, 3, 3) rows are the directions of the position rows.
+        turn: (m, 3, 3) directions of the rows of the position.
         axis: (m, 3) unit targets.
-        with_axis: (m,) which points have one.
-        variance: (m, r), r = 3 or 5; 0: exact. 1 in the unused rows of points without axis.
+        with_axis: (m,) whether a point has an axis.
+        variance: (m, r), r = 3 or 5; 0: exact; 1 in the unused rows of points without axis.
     """
 
     position: FloatArray
@@ -69,8 +69,7 @@ class Rows:
         position, axis = np.empty((m, 3)), np.zeros((m, 3))
         with_axis = np.array([point.axis is not None for point in points])
         variance = np.zeros((m, 5 if with_axis.any() else 3))
-        turn = np.zeros((m, 3, 3))
-        turn[:, (0, 1, 2), (0, 1, 2)] = 1.0
+        turn = np.tile(np.eye(3), (m, 1, 1))
         for i, point in enumerate(points):
             position[i] = point.position
             if isinstance(point.covariance, np.ndarray):
@@ -125,17 +124,17 @@ def _across(axis: FloatArray) -> FloatArray:
 
 
 def _rotation(axis: FloatArray, target: FloatArray, across: FloatArray) -> FloatArray:
-    """Rotation (m, 2) [rad] along the great circle from ``axis`` to ``target``, by directions."""
+    """Rotation (m, 2) [rad] from ``axis`` to ``target`` along a great circle, by ``across``."""
     towards = (across @ target[:, :, None])[:, :, 0]
     sine = np.sqrt((towards**2).sum(axis=1))
-    towards[sine < 1e-12] = (1.0, 0.0)  # opposite: any direction will do; alike: an angle of 0
+    towards[sine < 1e-12] = (1.0, 0.0)  # opposite: any direction serves; equal: the angle is 0
     angle = np.arctan2(sine, (axis * target).sum(axis=1))
     turn: FloatArray = towards * (angle / np.where(sine < 1e-12, 1.0, sine))[:, None]
     return turn
 
 
 def _blocks(jacobian: FloatArray) -> FloatArray:
-    """J (mr, mn) with one block (r, n) of ``jacobian`` (m, r, n) a point."""
+    """Block-diagonal J (mr, mn) of the blocks (r, n) in ``jacobian`` (m, r, n)."""
     m, r, n = jacobian.shape
     rows = np.zeros((m, r, m, n))
     rows[range(m), :, range(m)] = jacobian
@@ -151,7 +150,7 @@ class Iterate(NamedTuple):
     jacobian: FloatArray  # J (m, r, n)
 
     def merit(self, variance: FloatArray) -> tuple[float, float, float]:
-        """½ aᵀΣa + ½Σ e²/R over rows with R > 0; norm and largest of e over the others."""
+        """½ aᵀΣa + ½Σ e²/R over rows with R > 0; norm and largest |e| of exact rows."""
         exact = variance == 0.0
         left = np.where(exact, self.residual, 0.0)
         loose = (self.residual - left) ** 2 / np.where(exact, 1.0, variance)
@@ -160,7 +159,7 @@ class Iterate(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """Where the iteration ended."""
+    """End of the iteration."""
 
     state: Iterate
     iterations: int  # linearisations used
@@ -170,9 +169,9 @@ class Solution(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The task points, the arm, and the prior N(μ_q, Σ_q) of its joints at the points.
+    """The task points, the arm, and the prior N(μ_q, Σ_q) of the joints at the points.
 
-    μ_q is (m, n), Σ_q (mn, mn), by point, then joint.
+    The shapes are (m, n) for ``mean`` and (mn, mn), by point, then joint, for ``covariance``.
     """
 
     rows: Rows
@@ -196,8 +195,8 @@ class Search:
             damping: factor of D, which is the diagonal of S = J Σ Jᵀ and 0.1 % of its mean.
 
         Returns:
-            The minimiser, with the e that the linearisation promises and the J of ``state``; and
-            the norm of λ over exact rows.
+            The minimiser with the e of the linearisation and the J of ``state``; the norm of λ over
+            exact rows.
         """
         _, offset, residual, jacobian = state
         noise = variance
@@ -221,15 +220,18 @@ class Search:
         return own
 
     def between(self, state: Iterate, goal: Iterate, share: float) -> Iterate:
-        """The state at a share of the way from one to another."""
+        """The state at a ``share`` of the way from ``state`` to ``goal``."""
         a = state.multipliers + share * (goal.multipliers - state.multipliers)
         offset = state.offset + share * (goal.offset - state.offset)
         return Iterate(a, offset, *self.rows.evaluate(self.task_map, self.mean + offset))
 
     def solve(self, start: FloatArray, iterations: int, tolerance: float) -> Solution:
-        """Minimise from a = ``start`` (m, n), in at most so many linearisations; see the module.
+        """Minimise the merit from a = ``start`` (m, n).
 
-        ``tolerance`` [m, rad] is that of exact rows.
+        Args:
+            start: multipliers.
+            iterations: largest number of linearisations.
+            tolerance: largest error of an exact row that is met [m, rad].
         """
         variance = self.rows.variance
         state = self.at(start)
@@ -258,13 +260,15 @@ class Search:
     def shortened(
         self, state: Iterate, goal: Iterate, here: tuple[float, ...], penalty: float, gain: float
     ) -> tuple[Iterate, tuple[float, float, float], float] | None:
-        """The first state on the way to ``goal`` whose merit is low enough; None where none is.
+        """The first state on the way to ``goal`` with sufficient decrease of the merit.
 
-        The way is cut to a radian, then halved. The state's merit follows, and its share of the
-        way.
+        The first step is at most 1 rad long; then steps are halved.
+
+        Returns:
+            The state, its merit, and its share of the way; None where no step suffices.
         """
         largest = float(np.abs(goal.offset - state.offset).max())
-        share = min(1.0, _LARGEST_STEP / largest) if largest > 0.0 else 1.0
+        share = min(1.0, 1.0 / largest) if largest > 0.0 else 1.0
         ceiling = (1.0 + _ROUNDING) * (here[0] + penalty * here[1])
         for _ in range(_HALVINGS if gain >= -_ROUNDING * (1.0 + abs(here[0])) else 0):
             tried = self.between(state, goal, share)
@@ -275,10 +279,7 @@ class Search:
         return None
 
     def closed(self, state: Iterate) -> Iterate:
-        """Close exact rows that are left open by damped steps of least change.
-
-        The other rows do not count meanwhile.
-        """
+        """Meet the exact rows by damped steps of least change, whatever the other rows."""
         exact = self.rows.variance == 0.0
         missed = float((state.residual[exact] ** 2).sum())
         nothing, damping = np.zeros_like(state.multipliers), 0.0
