@@ -128,6 +128,14 @@ def test_a_failure_is_a_value(three: Scene) -> None:
     assert np.ptp(made.trajectory.positions, axis=0).max() == 0.0
 
 
+def test_an_answer_of_another_kind_is_refused(three: Scene) -> None:
+    class Silent:
+        def solve(self, task: Task, budget: Budget) -> None: ...
+
+    with pytest.raises(InvalidRequestError, match="planner Silent returned NoneType: solve must"):
+        plan(three, planner=Silent())  # type: ignore[arg-type]
+
+
 def test_a_registered_name_is_known(three: Scene, strangers: None) -> None:
     planner.register("mine", Line)
     same(plan(three, planner="mine"), plan(three, planner=Line()))

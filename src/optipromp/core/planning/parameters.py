@@ -82,6 +82,23 @@ class GoalParameters(Checked):
 
 
 @dataclass(frozen=True)
+class PickParameters(Checked):
+    """How many paths are followed, and how they are compared (``planning/pick.py``)."""
+
+    invalid: float = parameter(
+        2.5, "1", "choice",
+        "harm added where the trajectory is not valid; less than the harm of a swallowed fruit",
+    )  # fmt: skip
+    goals: int = parameter(3, "1", "choice", "goal configurations that a path is followed to")
+    tries: int = parameter(
+        6, "1", "choice", "paths that are followed while no valid trajectory keeps the margin"
+    )
+    few_tries: int = parameter(
+        2, "1", "choice", "paths that are followed where other approaches remain to be tried"
+    )
+
+
+@dataclass(frozen=True)
 class SolveParameters(Checked):
     """Stiffnesses, in the order of priority of method, section 5 (``planning/pick.py``)."""
 
@@ -275,6 +292,7 @@ class TimingParameters(Checked):
 WAYPOINT = WaypointParameters()
 FOLLOW = FollowParameters()
 GOAL = GoalParameters()
+PICK = PickParameters()
 SOLVE = SolveParameters()
 PRIMITIVE = PrimitiveParameters()
 PAPER = PaperParameters()

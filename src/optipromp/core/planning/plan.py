@@ -234,6 +234,11 @@ def _plan(
         found = planner.solve(task, budget)
     if isinstance(found, Harmful):
         return found
+    if not isinstance(found, Planned | Failed):
+        raise InvalidRequestError(
+            f"planner {label(planner)} returned {type(found).__name__}: "
+            "solve must return Planned, Failed or Harmful"
+        )
     outcome = found if isinstance(found, Planned) else found.nearest or stay
     start = clock()
     prediction = outcome.prediction or predicted(task, outcome.trajectory)
