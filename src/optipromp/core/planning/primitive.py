@@ -31,6 +31,7 @@ from optipromp.core.robots.roll import level
 from optipromp.core.scenes.scene import PoseGoal
 
 BASIS = Basis(count=14, width=2.0, outside=1)
+"""Of the primitives that a plan learns: a choice."""
 PAPER_BASIS = Basis(count=5, width=4.0, outside=1)
 
 
@@ -43,7 +44,7 @@ def _prior_covariance(basis: Basis) -> FloatArray:
     precision = (
         acceleration.T @ acceleration / (len(z) * PRIMITIVE.acceleration**2)
         + position.T @ position / (len(z) * PRIMITIVE.position**2)
-        + ends.T @ ends / 0.05**2
+        + ends.T @ ends / 0.05**2  # [rad per unit of phase] standard deviation of end velocities
     )
     try:
         return np.asarray(np.linalg.inv(precision), dtype=np.float64)
