@@ -122,6 +122,7 @@ class ConditionedProMP(Timed):
     camera_point: bool | None = None
     via_deviation: float = 1e-3
     name: ClassVar[str] = "promp"
+    interactive: ClassVar[bool] = False  # whether neighbours are among the points
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -140,8 +141,10 @@ class ConditionedProMP(Timed):
         if not len(chosen.q):
             return chosen.failed
         budget.say(self.name)
-        made = primitive.plan_primitive(task, promp, self._options(), chosen.q, self.name)
-        return replace(chosen, free=True).told(made)  # the judge says what is touched
+        began = clock()
+        made = primitive.plan_primitive(task, promp, self._options(), chosen.q, self.interactive)
+        made = replace(made, time={self.name: clock() - began})
+        return replace(chosen, free=True).told(made)  # the judge reports contacts at the goal
 
 
 @dataclass(frozen=True)
@@ -158,6 +161,7 @@ class IProMP(ConditionedProMP):
     direction_deviation: float = 0.0
     guard: bool = False
     name: ClassVar[str] = "i-promp"
+    interactive: ClassVar[bool] = True
 
 
 _OURS = {kind.name: kind for kind in (ConditionedProMP, IProMP, OptiProMP)}

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, frozen
-from optipromp.core.budget import clock
 from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
 from optipromp.core.planning.options import PlanOptions
 from optipromp.core.planning.parameters import FOLLOW, PRIMITIVE, WAYPOINT
@@ -88,8 +87,8 @@ def _of_joints(n: int, covariance: FloatArray) -> FloatArray:
 
 
 @functools.lru_cache(maxsize=8)
-def widened(promp: ProMP, joint_names: tuple[str, ...], share: float = 0.01) -> ProMP:
-    """``promp`` with ``share`` of the smooth prior's covariance added.
+def widened(promp: ProMP, joint_names: tuple[str, ...]) -> ProMP:
+    """``promp`` with 1 % of the smooth prior's covariance added: a choice.
 
     The sample covariance of few or similar demonstrations extrapolates badly. With the prior added,
     conditioning far from the demonstrations interpolates smoothly. The prior depends on the joints
@@ -97,7 +96,7 @@ def widened(promp: ProMP, joint_names: tuple[str, ...], share: float = 0.01) -> 
     """
     promp = promp.for_joints(joint_names)
     prior = _of_joints(len(joint_names), _prior_covariance(promp.basis))
-    return promp.with_weights(promp.mean, promp.covariance + share * prior)
+    return promp.with_weights(promp.mean, promp.covariance + 0.01 * prior)
 
 
 @functools.lru_cache(maxsize=8)
@@ -227,15 +226,14 @@ def plan_primitive(
     promp: ProMP,
     options: PlanOptions,
     goals: FloatArray,
-    planner: str,
+    interactive: bool,
 ) -> Planned:
-    """Condition the ProMP on the planner's points, to the goal nearest to the end of its mean.
+    """Condition the ProMP on tool points, to the goal (m, n) nearest to the end of its mean.
 
-    ``promp`` passes start, camera point (unless the scene or the options leave it out) and target;
-    ``i-promp`` also each neighbour's pose and pushed pose, at evenly spaced phases. The arm pauses
-    at the camera point.
+    The points are start, camera point (unless the scene or the options leave it out) and target.
+    With ``interactive`` each neighbour's pose and pushed pose are added, at evenly spaced phases.
+    The arm pauses at the camera point.
     """
-    began = clock()
     goal = goals[int(np.argmin(np.linalg.norm(goals - end(promp), axis=1)))]
     paper = options.paper
     phase = paper.camera_phase or PRIMITIVE.camera_phase
@@ -244,10 +242,10 @@ def plan_primitive(
         camera = task.scene.options.get("camera_point", True)
     branch: FloatArray | None = None
     met: tuple[ViaPoint, ...] = (ViaPoint("goal", task.robot.tool_pose(goal)[0]),)
-    if isinstance(task.goal, PoseGoal) and (planner == "i-promp" or camera):
+    if isinstance(task.goal, PoseGoal) and (interactive or camera):
         names, positions = ["camera"], list[FloatArray]()
         variances: list[float] = []
-        if planner == "i-promp":
+        if interactive:
             deviation = paper.direction_deviation
             rng = np.random.default_rng(task.seed) if deviation > 0.0 else None
             objects, tool = task.neighbours, task.robot.tool
@@ -277,5 +275,4 @@ def plan_primitive(
         q[-1] = goal
     first = math.ceil(phase * (count - 1))
     trajectory = timed(task, options, q, first if task.neighbours else None)
-    seconds = clock() - began
-    return Planned(trajectory, first, time={planner: seconds}, via=met)
+    return Planned(trajectory, first, via=met)

@@ -83,7 +83,7 @@ def shortest(robot: Robot, q: FloatArray, slow: Slow = None, speed: float = np.i
     It keeps the robot's limits of velocity, acceleration and jerk at every instant. In the ``slow``
     intervals it keeps the tool's ``speed`` [m/s] in the mean. Where the tool's speed decides, the
     intervals are equal, unless ``slow`` is a mask. Where the joints' limits decide, the intervals
-    near the ends are widened, then each interval by its :func:`needs`. At last intervals are
+    near the ends are widened, then each interval by its :func:`needs`. Finally the intervals are
     widened within which the tool exceeds ``speed`` by more than ``TIMING.spare``.
     """
     count, names = len(q), robot.joint_names
