@@ -46,9 +46,7 @@ class FollowParameters(Checked):
         "choice",
         "standard deviation of the tool point at a station; equal to the corridor of the solve",
     )
-    axis_lever: float = parameter(
-        0.3, "m", "choice", "lever that weighs the tool axis against the tool point"
-    )
+    axis_lever: float = parameter(0.3, "m", "choice", "weighs the tool axis against the tool point")
     tracked: float = parameter(1e-4, "m", "choice", "largest error of a followed tool point")
     task_tracked: float = parameter(1e-5, "m", "choice", "largest error of a followed task point")
 
@@ -129,9 +127,7 @@ class SolveParameters(Checked):
     far_damping: float = parameter(
         1e-2, "1", "choice", "first damping where a start breaks constraints"
     )
-    far_tolerance: float = parameter(
-        1e-2, "1", "choice", "relative gain that ends a stage where a start breaks constraints"
-    )
+    far_tolerance: float = parameter(1e-2, "1", "choice", "gain that ends a stage of such a start")
 
 
 @dataclass(frozen=True)
@@ -180,9 +176,7 @@ class PaperParameters(Checked):
     )
     control_points: int = parameter(18, "1", "choice", "of the spline that moves the trajectory")
     unit: float = parameter(0.01, "rad, m", "choice", "of SciPy's variables and rows")
-    barrier: float = parameter(
-        0.03, "1", "choice", "initial barrier parameter and tolerance of trust-constr"
-    )
+    barrier: float = parameter(0.03, "1", "choice", "initial barrier and tolerance of trust-constr")
     every: int = parameter(
         4, "1", "choice", "constraint 3 is set at every fourth waypoint; the spline is smooth"
     )
@@ -206,9 +200,7 @@ class UnderwayParameters(Checked):
     """A plan for an arm that moves already (``planning/underway.py``)."""
 
     upright: float = parameter(15.0, "deg", "choice", "largest lean of a tool on its approach")
-    before: float = parameter(
-        0.002, "m", "choice", "distance before the camera point at which the approach begins"
-    )
+    before: float = parameter(0.002, "m", "choice", "from the approach's begin to the camera point")
     aside: float = parameter(
         0.15, "m", "choice", "largest distance of a tool on its approach from the approach's line"
     )
@@ -265,9 +257,7 @@ class ApproachParameters(Checked):
     cone: float = parameter(
         25.0, "deg", "choice", "largest tilt to a hanging target, where the scene states none"
     )
-    aside: float = parameter(
-        0.01, "m", "choice", "distance beside the target's centre, where the scene states none"
-    )
+    aside: float = parameter(0.01, "m", "choice", "beside the target, where the scene states none")
     inner: float = parameter(0.5, "1", "choice", "share of the cone, for a second ring of tilts")
     room: float = parameter(0.002, "m", "choice", "between target and mouth at the end")
     tried: int = parameter(

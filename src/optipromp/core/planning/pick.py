@@ -37,7 +37,7 @@ from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.model import Prediction, PushModel
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import ToolPath, through
-from optipromp.core.pushing.rules import DriftRule, rule_paths
+from optipromp.core.pushing.rules import rule_paths
 from optipromp.core.pushing.searching import search
 from optipromp.core.scenes.scene import JointGoal, PoseGoal
 from optipromp.core.trajectory import Trajectory
@@ -61,7 +61,6 @@ def pick(
     began = clock()
     rng = np.random.default_rng(task.seed)
     solver = Solver(task, options, budget, task.push_model(goals[0]))
-    model = solver.model if options.prediction else None
     best: Followed | None = None
     refused: list[ToolPath] = []
     tries, most = 0, PICK.few_tries if harmless_only else PICK.tries
@@ -69,8 +68,8 @@ def pick(
     def serves(good: float) -> bool:
         return best is not None and best.score <= good
 
-    for path, good in tool_paths(task, model, rng, budget, options.rule, serves):
-        if harmless_only and model is not None and path.harm > model.threshold:
+    for path, good in tool_paths(solver, rng, serves):
+        if harmless_only and solver.searched and path.harm > solver.searched.threshold:
             refused.append(path)
             continue
         attempt = follow_path(solver, path, promp, goals, rng)
@@ -99,19 +98,15 @@ def pick(
 
 
 def tool_paths(
-    task: Task,
-    model: PushModel | None,
-    rng: np.random.Generator,
-    budget: Budget,
-    rule: DriftRule,
-    serves: Callable[[float], bool],
+    solver: Solver, rng: np.random.Generator, serves: Callable[[float], bool]
 ) -> Iterator[tuple[ToolPath, float]]:
     """Tool paths to the target, each with the harm that counts as good at that time.
 
     There is one path where the task names it, and none where nothing is in the way. Otherwise the
     path of the running plan comes first. The search in the push model gives the other paths, or
-    the ``rule`` where there is no model.
+    ``options.rule`` where there is no model.
     """
+    task, rule = solver.task, solver.options.rule
     if task.only is not None:
         yield task.only, np.inf
         return
@@ -119,8 +114,8 @@ def tool_paths(
         yield task.kept, PUSH.harm.good
     if task.entry is not None and not task.neighbours:
         yield straight(task), PUSH.harm.good
-    elif model is not None:
-        yield from search(model, task.axes, rng, budget, serves)
+    elif solver.searched is not None:
+        yield from search(solver.searched, task.axes, rng, solver.budget, serves)
     elif task.neighbours:
         for corners in rule_paths(task.scene, task.neighbours, task.robot, task.camera, rule):
             yield through(corners, PUSH.hanging.speed), 0.0
@@ -275,6 +270,7 @@ class Solver:
             (:func:`judging.judge`).
 
     Attributes:
+        searched: the push model in which tool paths are searched; None without prediction.
         without_margin: judgements of valid trajectories that lack the margin from static objects.
     """
 
@@ -282,6 +278,7 @@ class Solver:
         self, task: Task, options: PlanOptions, budget: Budget, model: PushModel | None
     ) -> None:
         self.task, self.options, self.budget, self.model = task, options, budget, model
+        self.searched = model if options.prediction else None
         self.cleared = pushed_aside(task)
         self.without_margin: list[Judgement] = []
         self._arrays: dict[int, Evaluation] = {}
