@@ -132,7 +132,14 @@ def choose(
         goals = find(task, seed, GOAL.more_starts)
         kept, blocked = free(task, goals)
     if not len(goals):
-        return goals, False, unreachable(task)
+        assert isinstance(task.goal, PoseGoal)
+        at = task.goal.position
+        return (
+            goals,
+            False,
+            f"no configuration within the joint limits has the tool at {np.round(at, 4).tolist()} "
+            f"along its axis ({np.linalg.norm(at):.3g} m from the base)",
+        )
     if not len(kept) and isinstance(task.goal, PoseGoal) and not budget.spent():
         goals = find(task, seed, GOAL.many_starts)
         kept, blocked = free(task, goals)
@@ -188,13 +195,3 @@ def passed_over(judgement: Judgement, left: Sequence[Judgement]) -> Judgement:
         f"{worst.other}"
     )
     return replace(judgement, notes=(*judgement.notes, note))
-
-
-def unreachable(task: Task) -> str:
-    """Why there is no goal configuration."""
-    assert isinstance(task.goal, PoseGoal)
-    away = float(np.linalg.norm(task.goal.position))
-    return (
-        f"no configuration within the joint limits has the tool at "
-        f"{np.round(task.goal.position, 4).tolist()} along its axis ({away:.3g} m from the base)"
-    )

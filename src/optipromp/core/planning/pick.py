@@ -1,8 +1,8 @@
 """The default planner: pick a tool path, follow it with the whole arm, optimise and judge.
 
-The optimisation of a followed path has these costs: nearness to obstacles (F_s and F_d), joint
-accelerations, and the user's own. Constraints, as stiff penalties: joint limits, clearances, the
-goal, and the tool on its path.
+The costs of the optimisation are nearness to obstacles (F_s and F_d), joint accelerations, and the
+user's costs. Its constraints, as stiff penalties, are joint limits, clearances, the goal, and the
+tool on its path.
 """
 
 from __future__ import annotations
@@ -320,7 +320,7 @@ class Solver:
 
 
 def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation) -> Problem:
-    """The problem of a start: obstacles, smoothness, limits, the user's costs, the tool path."""
+    """The optimisation problem of a start: costs and constraints as the module lists them."""
     robot, first = task.robot, start.waypoints.first
     costs: list[Cost] = [
         ObstacleCost("static", 1.0, SOLVE.safety, "sum"),
@@ -346,13 +346,13 @@ def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation
             constraints.append(LevelCost(SOLVE.wish, pair, task.scene.frame[0], first))
     return Problem(
         robot, task.surroundings, costs, constraints, start.waypoints.count,
-        cutoff=max(SOLVE.safety, options.static_clearance, options.avoid_clearance) + 1e-3,
-        end_fixed=isinstance(task.goal, JointGoal), body=task.body, evaluation=arrays,
+        cutoff=max(SOLVE.safety, options.static_clearance, options.avoid_clearance) + 1e-3,  # [m]
+        end_fixed=isinstance(task.goal, JointGoal), evaluation=arrays,
     )  # fmt: skip
 
 
 def limits_and_clearances(task: Task, options: PlanOptions, *further: Cost) -> list[Cost]:
-    """Constraints of every problem of a task: joint limits, steps, ``further`` ones, clearances."""
+    """Constraints of every problem of a task: joint limits, steps, ``further``, clearances."""
     robot, proximal = task.robot, ~np.asarray(task.body.distal)
     margin = np.minimum(options.limit_margin, 0.25 * (robot.upper - robot.lower))
     return [
@@ -367,9 +367,9 @@ def limits_and_clearances(task: Task, options: PlanOptions, *further: Cost) -> l
 
 
 def opposite(task: Task) -> tuple[int, int]:
-    """Two spheres of a tool with fingers, one on either side, which are to stand level.
+    """Two body spheres of a tool with fingers, which are to stand level.
 
-    The two that are farthest apart along the opening, and alike otherwise.
+    They are far apart along the opening of the fingers, and near each other across it.
     """
     robot = task.robot
     assert robot.tool is not None
@@ -385,7 +385,7 @@ def opposite(task: Task) -> tuple[int, int]:
 
 
 def schedule(options: PlanOptions) -> gauss_newton.GaussNewtonOptions:
-    """The solver's own schedule, or ``options.iterations`` divided over its stages."""
+    """The solver's default schedule, or ``options.iterations`` divided over its stages."""
     usual = gauss_newton.GaussNewtonOptions()
     if options.iterations is None:
         return usual

@@ -138,13 +138,6 @@ class Task:
         return bool(near and axis @ self.goal.axis > np.cos(AXIS_TOLERANCE))
 
 
-def _robot_with_tool(scene: Scene) -> Robot:
-    robot = scene.load_robot()
-    if scene.tool is None:
-        return robot
-    return _equip(robot, scene.tool.kind, tuple(sorted(scene.tool.parameters.items())))
-
-
 # Both caches compare robots by identity: an unchanged file gives the same robot object.
 _body = functools.lru_cache(maxsize=32)(BodyPoints)
 
@@ -170,7 +163,10 @@ def posed(
         StartInvalidError: wrong joint count, or outside the joint limits.
         InvalidRequestError: a tool that cannot be made or mounted.
     """
-    robot = _robot_with_tool(scene) if robot is None else robot
+    if robot is None:
+        robot, tool = scene.load_robot(), scene.tool
+        if tool is not None:
+            robot = _equip(robot, tool.kind, tuple(sorted(tool.parameters.items())))
     start = robot.home if scene.start is None else scene.start
     start = start if state is None else state.q
     if start.shape != (robot.n_joints,):

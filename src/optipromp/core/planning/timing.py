@@ -285,13 +285,8 @@ def _phases(
 ) -> tuple[float, float, float]:
     """The fewest whole ticks of the three phases of :func:`_braked` for one joint.
 
-    Args:
-        wanted: change of the speed.
-        now: acceleration at the beginning.
-        most: largest acceleration.
-        jerk: largest jerk.
-        held: least number of ticks at the peak.
-        tick: [s].
+    The speed changes by ``wanted``; the acceleration is ``now`` at first, and at its peak for
+    ``held`` ticks or little more. Limits are ``most`` (acceleration) and ``jerk``.
     """
     first, last = np.mgrid[1 : UNDERWAY.ticks + 3, 1 : UNDERWAY.ticks + 3] * tick
     slack = 1.0 + 1e-9

@@ -65,13 +65,7 @@ def begun(start_state: Moving | None, previous: Plan | None, at: float | None) -
 
 
 def underway(task: Task, previous: Plan | None, at: float | None) -> Task:
-    """The task of an arm that moves; see the module.
-
-    Args:
-        task: from the arm's state on.
-        previous: the plan that runs.
-        at: the time in ``previous`` [s].
-    """
+    """The task of an arm that moves, at time ``at`` of ``previous`` [s]; see the module."""
     if not isinstance(task.goal, PoseGoal):
         return replace(task, running=running(previous, at))
     up, (point, axis) = task.scene.frame[2], task.robot.tool_pose(task.start)
