@@ -27,6 +27,7 @@ from optipromp.core.planning import (
     planner,
 )
 from optipromp.core.planning.planners import goal_configurations
+from optipromp.core.planning.result import Harmful
 from optipromp.core.planning.task import Task
 from optipromp.core.planning.timing import shortest
 from optipromp.core.scenes import Scene
@@ -132,8 +133,14 @@ def test_an_answer_of_another_kind_is_refused(three: Scene) -> None:
     class Silent:
         def solve(self, task: Task, budget: Budget) -> None: ...
 
+    class Timid:
+        def solve(self, task: Task, budget: Budget) -> Harmful:
+            return Harmful(task)
+
     with pytest.raises(InvalidRequestError, match="planner Silent returned NoneType: solve must"):
         plan(three, planner=Silent())  # type: ignore[arg-type]
+    with pytest.raises(InvalidRequestError, match="planner Timid returned Harmful: solve must"):
+        plan(three, planner=Timid())
 
 
 def test_a_registered_name_is_known(three: Scene, strangers: None) -> None:

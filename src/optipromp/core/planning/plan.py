@@ -137,8 +137,9 @@ def _best_way(
         if fast or found.status not in RETRIED:
             break
     if harmful and not any(done.success for done in made):
-        found = attempt(min(harmful, key=lambda answer: answer.harm).task)
-        assert isinstance(found, Plan)
+        least = min(harmful, key=lambda answer: answer.harm)
+        found = attempt(replace(least.task, sparing=False))
+        assert isinstance(found, Plan)  # of a task that is not sparing
         made.append(found)
     best = min(made, key=_badness)
     return replace(best, time={**best.time, "total": clock() - began})
@@ -236,12 +237,12 @@ def _plan(
         found = Failed(Code.START_IN_COLLISION, told)
     elif not there:
         found = planner.solve(task, budget)
-    if isinstance(found, Harmful):
+    if isinstance(found, Harmful) and task.sparing:
         return found
     if not isinstance(found, Planned | Failed):
         raise InvalidRequestError(
             f"planner {label(planner)} returned {type(found).__name__}: "
-            "solve must return Planned, Failed or Harmful"
+            "solve must return Planned or Failed, or Harmful where task.sparing is true"
         )
     outcome = found if isinstance(found, Planned) else found.nearest or stay
     start = clock()
