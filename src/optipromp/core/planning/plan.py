@@ -233,8 +233,7 @@ def _plan(
     there = task.running is None and all(task.at_goal(q) for q in stay.trajectory.positions)
     found: Planned | Failed | Harmful = stay
     if touching:
-        told = "at the start " + "; ".join(map(str, touching))
-        found = Failed(Code.START_IN_COLLISION, told)
+        found = Failed(Code.START_IN_COLLISION, "at the start " + "; ".join(map(str, touching)))
     elif not there:
         found = planner.solve(task, budget)
     if isinstance(found, Harmful) and task.sparing:
@@ -247,23 +246,24 @@ def _plan(
     outcome = found if isinstance(found, Planned) else found.nearest or stay
     start = clock()
     prediction = outcome.prediction or predicted(task, outcome.trajectory)
-    verdict = outcome.judgement or judged(task, outcome.trajectory, stem_side=prediction is None)
+    judgement = outcome.judgement or judged(task, outcome.trajectory, stem_side=prediction is None)
     if isinstance(found, Planned):
         idle = getattr(planner, "iterations", None) == 0
-        status, message = _status(Verdict(verdict, prediction), outcome, idle, budget)
+        status, message = _status(Verdict(judgement, prediction), outcome, idle, budget)
     else:
         status, message = found.code, found.message
         if found.nearest is not None:
-            nearest = f"; the trajectory that comes nearest: {verdict.message}"
-            message += nearest + _cut(budget)
-        elif broken := [str(v) for v in verdict.violations if v.kind in ("limit", *judging.RATES)]:
+            message += f"; the trajectory that comes nearest: {judgement.message}{_cut(budget)}"
+        elif broken := [
+            str(v) for v in judgement.violations if v.kind in ("limit", *judging.RATES)
+        ]:
             message += "; on the way to rest " + "; ".join(broken)
     now = clock()
     return Plan(
         task=task, planner=label(planner), strategy=getattr(planner, "strategy", None),
         seed=task.seed, status=status, message=message, trajectory=outcome.trajectory,
         initial=outcome.begin, followed=outcome.followed or outcome.begin, prediction=prediction,
-        metrics=verdict.metrics, stages=outcome.stages, contacts=verdict.contacts,
+        metrics=judgement.metrics, stages=outcome.stages, contacts=judgement.contacts,
         terms=Terms(functools.partial(_terms, task, outcome.paper or options.paper, outcome)),
         time={**outcome.time, "check": now - start, "total": now - began},
         first=outcome.first, via=outcome.via,
@@ -271,23 +271,13 @@ def _plan(
 
 
 def _status(found: Verdict, outcome: Planned, idle: bool, budget: Budget) -> tuple[Code, str]:
-    """Status and message of an outcome.
-
-    Args:
-        found: verdict on the outcome's trajectory.
-        outcome: of the planner.
-        idle: whether the options ask for no optimisation.
-        budget: whether it cut the search.
-    """
-    late = budget.cut
+    """Status and message of an outcome; ``idle``: no optimisation was asked for."""
     note = "" if outcome.optimised else " (not optimised)"
     wrong = found.judgement.message
-    if late and not outcome.optimised and not idle:
-        return (
-            Code.TIMEOUT,
-            f"{budget.ending} before any optimisation; the initial trajectory: {wrong or 'valid'}",
-        )
-    if wrong and late:
+    if budget.cut and not outcome.optimised and not idle:
+        so_far = f"before any optimisation; the initial trajectory: {wrong or 'valid'}"
+        return Code.TIMEOUT, f"{budget.ending} {so_far}"
+    if budget.cut and wrong:
         return Code.TIMEOUT, f"{budget.ending}; the best so far: {wrong}{note}"
     message, comma, notes = found.message.partition("; note: ")
     return found.status, message + note + comma + notes + _cut(budget)
