@@ -28,10 +28,10 @@ GROUP = "optipromp.planners"
 class Planner(Protocol):
     """Anything that solves a task.
 
-    A planner may have further attributes. ``name`` and ``strategy`` are what its plans say of it,
-    by default its class and nothing. Where ``approaches`` is true, the other approaches that the
-    scene allows are tried too if the straight one fails. ``timed`` says that a time or a speed is
-    asked for. ``iterations`` of 0 say that no optimisation is. ``takes_strategy``, an attribute of
+    A planner may have further attributes. Its plans report ``name`` (by default the name of its
+    class) and ``strategy`` (by default none). Where ``approaches`` is true, the other approaches
+    that the scene allows are tried too if the straight one fails. ``timed`` says that a duration or
+    a speed is set, ``iterations`` of 0 that no optimisation is. ``takes_strategy``, an attribute of
     the class, says that the planner has the settings ``strategy`` and ``constraints``: it serves a
     request of opti-promp that names another strategy or other constraints than the default ones.
     """
@@ -86,7 +86,7 @@ def _load(entry: metadata.EntryPoint) -> Factory:
 
 
 def factory(name: str, what: str = "planner") -> Factory:
-    """The factory of the planner of a name; ``what`` the name is of, in the message of an error.
+    """The factory of the planner with a name; ``what`` stands for the name in an error's message.
 
     Raises:
         InvalidRequestError: an unknown name, or a package that cannot be loaded.

@@ -134,7 +134,7 @@ def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis =
 
 
 def _given(given: object, basis: Basis, robot: Robot) -> ProMP:
-    """A ProMP as it is, one that ``optipromp learn`` saved, or one learnt of demonstrations."""
+    """The ProMP that a user gives: a ProMP, the file of one, or demonstrations to learn it from."""
     if not isinstance(given, ProMP | str | Path):
         kind = type(given).__name__
         raise InvalidRequestError(f"demonstrations are {kind}; they must be a ProMP or a path")
