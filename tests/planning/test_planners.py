@@ -27,6 +27,7 @@ from optipromp.core.planning import (
     planner,
 )
 from optipromp.core.planning.planners import goal_configurations
+from optipromp.core.planning.result import Harmful
 from optipromp.core.planning.task import Task
 from optipromp.core.planning.timing import shortest
 from optipromp.core.scenes import Scene
@@ -126,6 +127,20 @@ def test_a_failure_is_a_value(three: Scene) -> None:
     made = plan(three, planner=Lost())
     assert (made.status, made.message, made.planner) == (Code.NO_PLAN, "it is too far", "Lost")
     assert np.ptp(made.trajectory.positions, axis=0).max() == 0.0
+
+
+def test_an_answer_of_another_kind_is_refused(three: Scene) -> None:
+    class Silent:
+        def solve(self, task: Task, budget: Budget) -> None: ...
+
+    class Timid:
+        def solve(self, task: Task, budget: Budget) -> Harmful:
+            return Harmful(task)
+
+    with pytest.raises(InvalidRequestError, match="planner Silent returned NoneType: solve must"):
+        plan(three, planner=Silent())  # type: ignore[arg-type]
+    with pytest.raises(InvalidRequestError, match="planner Timid returned Harmful: solve must"):
+        plan(three, planner=Timid())
 
 
 def test_a_registered_name_is_known(three: Scene, strangers: None) -> None:

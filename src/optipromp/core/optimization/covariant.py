@@ -2,8 +2,8 @@ r"""Covariant gradient descent, the update of CHOMP (Zucker et al. 2013) and of 
 
 :math:`\xi \leftarrow \xi - \gamma A^{-1} \bar\nabla F(\xi)`. A is the metric of finite differences:
 :math:`\tfrac12\xi^\top A\,\xi=\tfrac12\int\lVert\ddot\xi\rVert^2dt` over the free waypoints of a
-trajectory that rests at both ends. A step is therefore smooth, and it falls to zero, with its
-slope, at a fixed end. The step length γ is halved where F does not fall.
+trajectory that rests at both ends. A step is therefore smooth. At a fixed end the step and its
+slope are 0. The step length γ is halved where F does not fall.
 """
 
 from dataclasses import dataclass
@@ -16,19 +16,20 @@ from optipromp.core.budget import Budget
 from optipromp.core.optimization.gauss_newton import Result
 from optipromp.core.optimization.problem import ANCHOR, Problem
 
-TRIES = 20  # a choice: corrections that draw a trajectory within its limits; the rest is cut off
-BEYOND = 1e-9  # [rad or m] beyond a limit that counts as within
+TRIES = 20  # smooth corrections of a trajectory beyond its limits, before it is clipped: a choice
+BEYOND = 1e-9  # [rad or m] a joint this little beyond its limit is within it: rounding
 
 
 @dataclass(frozen=True)
 class DescentOptions:
-    """When to stop, and how far to go.
+    """Step lengths, and when to stop.
 
     Attributes:
-        iterations: at most.
+        iterations: largest number of steps.
         step: change of the joint that moves most in the first step [rad or m].
         grow: factor on γ after a step that lowered F.
-        halvings: of γ in one iteration, at most; where none lowers F, the descent has ended.
+        halvings: largest number of trials of γ in an iteration; where none lowers F, the descent
+            ends.
         tolerance: the descent ends when a step lowers F by at most this share.
     """
 
@@ -42,9 +43,9 @@ class DescentOptions:
 def descend(
     problem: Problem, q: FloatArray, options: DescentOptions, budget: Budget | None = None
 ) -> Result:
-    """Descend from ``q`` (T, n) on the problem's merit; fixed waypoints stay as they are.
+    """Descend from ``q`` (T, n) on the problem's merit; fixed waypoints do not change.
 
-    After each step the trajectory is drawn within the joint limits, smoothly, as in CHOMP.
+    After each step the trajectory is drawn within the joint limits (:func:`within_limits`).
     """
     factor = _factor(problem)
     q = within_limits(problem, factor, q)
@@ -77,10 +78,11 @@ def descend(
 
 
 def within_limits(problem: Problem, factor: FloatArray, q: FloatArray) -> FloatArray:
-    """``q`` (T, n), drawn within the joint limits by smooth changes; fixed waypoints stay.
+    """``q`` (T, n), drawn within the joint limits by smooth changes; fixed waypoints do not change.
 
-    As in CHOMP: what is beyond the limits is smoothed by :math:`A^{-1}` and scaled such that the
-    joint that is farthest beyond comes to its limit, as often as needed.
+    As in CHOMP, the excess over the limits is smoothed by :math:`A^{-1}` and scaled such that the
+    joint with the largest excess comes to its limit. This is repeated until no joint exceeds its
+    limits.
     """
     robot = problem.robot
     for _ in range(TRIES):
@@ -97,14 +99,14 @@ def within_limits(problem: Problem, factor: FloatArray, q: FloatArray) -> FloatA
 
 
 def _factor(problem: Problem) -> FloatArray:
-    """The Cholesky factor of A, banded: the solver's metric without its anchor."""
+    """The banded Cholesky factor of A: the problem's metric without its anchor."""
     metric = np.array(problem.metric)
     metric[0] -= ANCHOR * problem.dt
     return np.asarray(cholesky_banded(metric, lower=True))
 
 
 def _solved(problem: Problem, factor: FloatArray, right: FloatArray) -> FloatArray:
-    """:math:`A^{-1}` of ``right`` (T, n) over the free waypoints; 0 at the others."""
+    """:math:`A^{-1}` times ``right`` (T, n) over the free waypoints; 0 at the others."""
     free, out = slice(problem.first, problem.last + 1), np.zeros(right.shape)
     solved = cho_solve_banded((factor, True), right[free].ravel())
     out[free] = solved.reshape(-1, right.shape[1])

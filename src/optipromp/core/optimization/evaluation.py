@@ -1,4 +1,4 @@
-"""One evaluation of a trajectory: kinematics run once; then every cost adds its gradient.
+"""The evaluation of a trajectory: kinematics run once; then every cost adds its gradient.
 
 :class:`Cost` is the contract of a cost.
 """
@@ -16,7 +16,7 @@ from optipromp.core.optimization import kernels
 from optipromp.core.robots import kernels as robot_kernels
 from optipromp.core.robots.model import Robot
 
-LEVER = 0.1  # [m] from the tool point to the tip, the second point on the tool axis
+LEVER = 0.1  # [m] from the tool point to the tip, the second point on the tool axis: a choice
 
 
 class BodyPoints:
@@ -71,7 +71,11 @@ class BodyPoints:
 def _grouped_pairs(
     self_pairs: IntArray, order: IntArray, link: IntArray, links: IntArray
 ) -> tuple[IntArray, IntArray, IntArray]:
-    """Pairs renumbered to the sorted spheres and grouped by their two links; and their order."""
+    """Self-collision pairs (P, 2) of the sorted spheres, grouped by their two links.
+
+    Returns the groups (G, 4) of :func:`costs.obstacles.self_penalty`, the pairs, and the index of
+    each pair (P,) in ``self_pairs``.
+    """
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
     pairs = np.sort(place[self_pairs], axis=1)
@@ -84,15 +88,14 @@ def _grouped_pairs(
 
 
 class Evaluation:
-    """Arrays of one evaluation at T waypoints, made once and overwritten by each evaluation.
+    """Arrays of an evaluation at T waypoints, made once and overwritten by each evaluation.
 
     Costs read ``q`` (T, n), ``dt``, ``points`` (T, P, 3) in the order of :class:`BodyPoints`,
     ``tool`` (index of the tool point), and the fields ``static`` and ``dynamic``. Costs add to
-    ``force`` (T, B+2, 3), the gradient with respect to points; to ``stiffness`` (T, B+2, 6), a
-    positive semi-definite curvature at points; to ``joint_gradient`` (T, n), and to its curvature
-    ``band`` (T, 3, n). Curvature is optional: the solver's metric takes its place. ``every`` (B,)
-    chooses every body sphere, ``proximal`` (B,) those of B_d, ``distal`` (B,) those of the last
-    link and the tool.
+    ``force`` (T, B+2, 3), the gradient with respect to points, and to ``joint_gradient`` (T, n).
+    Costs may add a curvature: to ``stiffness`` (T, B+2, 6) at points, positive semi-definite, and
+    to ``band`` (T, 3, n) in the joints. Masks (B,) of the body spheres are ``every``, ``proximal``
+    (B_d), and ``distal`` (the last link and the tool).
     """
 
     def __init__(self, robot: Robot, body: BodyPoints, n_waypoints: int, dt: float) -> None:
@@ -115,7 +118,7 @@ class Evaluation:
         self.dynamic = Field(n_waypoints, spheres)
 
     def move_to(self, q: FloatArray) -> None:
-        """Run the kinematics of the trajectory ``q`` (T, n), and clear what costs add to."""
+        """Run the kinematics of the trajectory ``q`` (T, n), and :meth:`clear`."""
         self.q[:] = q
         robot_kernels.frames(self.robot.kinematics, self.q, self.origins, self.rotations, self.axes)
         robot_kernels.carried_points(
@@ -124,7 +127,7 @@ class Evaluation:
         self.clear()
 
     def clear(self) -> None:
-        """Set everything that costs add to back to zero."""
+        """Set the arrays that costs add to back to zero."""
         self.force[:] = 0.0
         self.stiffness[:] = 0.0
         self.joint_gradient[:] = 0.0
@@ -136,11 +139,11 @@ class Evaluation:
         return self.points[:, self.tool]
 
     def at_points(self, kernel: Callable[..., Any], scale: float, *settings: Any) -> float:
-        """Value of a kernel of the points, which adds ``scale`` times its gradient."""
+        """Value of a kernel of the points; the kernel adds ``scale`` times its gradient."""
         return float(kernel(self.points, self.tool, *settings, scale, self.force, self.stiffness))
 
     def in_joints(self, kernel: Callable[..., Any], scale: float, *settings: Any) -> float:
-        """Value of a kernel of the joints, which adds ``scale`` times its gradient."""
+        """Value of a kernel of the joints; the kernel adds ``scale`` times its gradient."""
         return float(kernel(self.q, *settings, scale, self.joint_gradient, self.band))
 
     def gradient(self) -> FloatArray:
@@ -156,7 +159,7 @@ class Evaluation:
 
 
 class Field:
-    """Distance from each body sphere to the nearest obstacle of a role, with its normal."""
+    """Distance (T, B) and normal (T, B, 3) from the nearest obstacle of a role to a body sphere."""
 
     def __init__(self, n_waypoints: int, n_spheres: int) -> None:
         self.distance = np.zeros((n_waypoints, n_spheres))
@@ -178,12 +181,13 @@ class Field:
 
 
 class Cost(ABC):
-    """A cost of a trajectory: a quantity to minimise, or a penalty that is zero where it is kept.
+    """A cost of a trajectory: a quantity to minimise, or the penalty of a constraint.
 
-    A subclass is a dataclass, or calls ``super().__init__(name, weight)``.
+    The penalty is 0 where the constraint holds. A subclass is a dataclass, or calls
+    ``super().__init__(name, weight)``.
 
     Attributes:
-        name: the key under which values are reported.
+        name: the key of the reported values.
         weight: factor of the cost in the objective, for a constraint its stiffness; not negative.
     """
 
@@ -198,7 +202,7 @@ class Cost(ABC):
         """Check the weight.
 
         Raises:
-            InvalidRequestError: it is negative or not a number.
+            InvalidRequestError: the weight is negative or not a number.
         """
         if not self.weight >= 0.0:
             raise InvalidRequestError(
@@ -209,7 +213,7 @@ class Cost(ABC):
     def add(self, e: Evaluation, scale: float) -> float:
         """Return the value, without weight, and add ``scale`` times its gradient to ``e``.
 
-        The gradient is with respect to joints or to points, whichever the cost depends on. A known
-        curvature is added too. ``scale`` is the weight; for a constraint, the weight times the
-        stage of the penalty.
+        The gradient is with respect to the joints or the points, whichever the cost depends on. A
+        curvature may be added too; without it, the solver's metric takes its place. ``scale`` is
+        the weight; for a constraint, the weight times the stage of the penalty.
         """

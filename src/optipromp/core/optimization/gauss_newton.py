@@ -2,11 +2,11 @@ r"""Gauss-Newton on the penalised problem, in the covariant metric.
 
 Each step solves :math:`(H + \nu A)\,\delta = -g`. H is the Gauss-Newton curvature of all costs
 and penalties; it is block-banded over the waypoints. A is the finite-difference metric of CHOMP; it
-keeps a step smooth where the costs say nothing. ν is a Levenberg-Marquardt damping. The penalties
-stiffen in a few stages.
+keeps a step smooth where the costs have no curvature. ν is a Levenberg-Marquardt damping. The
+penalties stiffen in a few stages.
 
 A start whose penalties are small beside its cost begins at the last stage: softer penalties would
-let it drift into what it already avoids.
+let the trajectory drift into obstacles that it already avoids.
 """
 
 from dataclasses import dataclass
@@ -41,20 +41,20 @@ class GaussNewtonOptions:
     kept: float = 0.3
 
     def keeps(self, value: Value) -> bool:
-        """Whether the constraints are so nearly kept that the last stage is enough."""
+        """Whether the constraints hold so nearly that the last stage is enough."""
         return value.penalty <= self.kept * value.cost
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """Where a solver stopped.
+    """The result of a solver.
 
     Attributes:
-        q: (T, n).
-        value: the objective there.
+        q: (T, n) the trajectory.
+        value: the objective at ``q``.
         history: value of each cost after each iteration, the start first.
-        iterations: steps taken.
-        message: why it stopped.
+        iterations: number of steps.
+        message: why the solver stopped.
     """
 
     q: FloatArray
@@ -75,12 +75,12 @@ def solve(
     """Descend from ``q`` (T, n) through the given penalty stages.
 
     Args:
-        problem: what to minimise.
-        q: initial trajectory; its fixed waypoints stay as they are.
+        problem: to be solved.
+        q: initial trajectory; its fixed waypoints do not change.
         options: see :class:`GaussNewtonOptions`.
         budget: asked before each iteration; the solver stops when it is spent.
         stages: which of the penalty stages to run.
-        value: of ``q`` in the first of these stages, if that is the problem's last evaluation.
+        value: of ``q`` in the first of these stages, if the problem evaluated ``q`` last.
     """
     q = np.array(q)
     n = q.shape[1]

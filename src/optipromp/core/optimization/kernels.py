@@ -1,12 +1,12 @@
 r"""Kernels of the costs: distances to obstacles, a force with stiffness, the Gauss-Newton matrix.
 
 Costs in the workspace depend on *points*: the B body spheres, the tool point, and a second point on
-the tool axis (the tip). A cost reads point positions. It adds its gradient with respect to them to
-``force`` (T, B+2, 3) and a positive semi-definite curvature to ``stiffness`` (T, B+2, 6), stored as
-xx, yy, zz, xy, xz, yz. The curvature of the tip is with respect to the vector from the tool point
-to the tip, because costs of the tool's axis depend on this vector. One pass pulls both back to the
-joints: forces by :func:`optipromp.core.robots.kernels.pull_back`, stiffnesses by
-:func:`add_stiffness`.
+the tool axis (the tip). A cost reads the positions of points. It adds its gradient with respect to
+the points to ``force`` (T, B+2, 3), and a positive semi-definite curvature to ``stiffness``
+(T, B+2, 6), stored as xx, yy, zz, xy, xz, yz. The curvature of the tip is with respect to the
+vector from the tool point to the tip, because costs of the tool's axis depend on this vector.
+:func:`optipromp.core.robots.kernels.pull_back` pulls forces back to the joints,
+:func:`add_stiffness` the stiffnesses.
 """
 
 import numpy as np
@@ -36,11 +36,12 @@ def add_along(force, stiffness, push, k, x, y, z):
 def clearance_field(
     points, radius, link_start, link_bound, link_distal, obstacles, shared, cutoff, distance, normal
 ):
-    """Distance from every body sphere's surface to the nearest obstacle, where below ``cutoff``.
+    """Distance from every body sphere's surface to the nearest obstacle, at most ``cutoff``.
 
     ``points`` (T, B+2+L, 3) holds the bounding-sphere centres of the L links after the spheres and
     the two tool points. Obstacles from index ``shared`` on concern only links that are not distal.
-    Writes ``distance`` (T, B) and the outward ``normal`` (T, B, 3), zero where beyond the cutoff.
+    Writes ``distance`` (T, B) and the outward ``normal`` (T, B, 3), 0 where the distance is the
+    cutoff.
     """
     distance[:] = cutoff
     normal[:] = 0.0
@@ -72,10 +73,10 @@ def clearance_field(
 def clearance_in_cells(
     points, radius, link_start, link_distal, obstacles, shared, cutoff, distance, normal
 ):
-    """:func:`clearance_field` where ``obstacles`` have cells: each sphere meets those of its cell.
+    """:func:`clearance_field` for ``obstacles`` with cells: a sphere meets only those of its cell.
 
-    The time hardly grows with the number of obstacles. The cells' reach must be at least ``cutoff``
-    plus the largest radius.
+    The time hardly grows with the number of obstacles. The reach of the cells must be at least
+    ``cutoff`` plus the largest radius.
     """
     cells = obstacles.cells
     distance[:] = cutoff

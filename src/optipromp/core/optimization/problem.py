@@ -14,7 +14,7 @@ from optipromp.core.optimization.costs.joints import smoothness
 from optipromp.core.optimization.evaluation import BodyPoints, Evaluation
 from optipromp.core.robots.model import Robot
 
-ANCHOR = 1e3  # weight of ∫‖δ‖² dt beside ∫‖δ̈‖² dt in the metric, so that slow bends cost too
+ANCHOR = 1e3  # [1/T⁴] weight of ∫‖δ‖² dt beside ∫‖δ̈‖² dt in the metric: a choice for slow bends
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Surroundings:
 
     Attributes:
         static: obstacles of every body sphere.
-        dynamic: avoid objects first, then pushables; those from index ``shared`` on concern only
+        dynamic: objects to avoid, then pushables. Pushables, from index ``shared`` on, concern only
             B_d (all links but the last one and the tool).
         shared: number of avoid objects.
     """
@@ -35,10 +35,10 @@ class Surroundings:
 
 @dataclass(frozen=True, eq=False)
 class Value:
-    """Objective at one trajectory.
+    """The objective at a trajectory.
 
     Attributes:
-        merit: what is minimised, ``cost + scale·penalty``.
+        merit: the minimised sum, ``cost + scale·penalty``.
         costs: each cost by its name, without its weight.
         cost: the weighted sum of the costs.
         penalty: the weighted sum of the constraints, at full stiffness.
@@ -53,9 +53,10 @@ class Value:
 class Problem:
     """Minimise Σ weight·cost + penalty_scale·Σ weight·constraint over the free waypoints.
 
-    A constraint is a cost that is zero where it is kept; a solver stiffens all of them in stages.
-    The first waypoint is fixed (the start), the last one too where ``end_fixed``. Time is
-    normalised: the trajectory takes one unit of time, so that weights mean the same at any speed.
+    A constraint is a cost that is 0 where the constraint holds; a solver stiffens all constraints
+    in stages. The first waypoint is fixed (the start), with ``end_fixed`` the last one too. The
+    trajectory takes one unit of time, so that weights mean the same at any speed. Obstacles farther
+    than ``cutoff`` [m] have no effect.
     """
 
     def __init__(
@@ -84,7 +85,7 @@ class Problem:
         self.metric = _metric(n_waypoints, n, self.last)
 
     def evaluate(self, q: FloatArray, penalty_scale: float = 1.0) -> Value:
-        """Value at ``q`` (T, n); gradient and curvature stay in ``self.evaluation``."""
+        """The objective at ``q`` (T, n); ``evaluation`` then has gradient and curvature."""
         e = self.evaluation
         e.move_to(q)
         s = self.surroundings

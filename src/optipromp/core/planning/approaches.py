@@ -1,10 +1,9 @@
-"""Other ways to come to a target than straight: tilted, or off its centre.
+"""Approaches to a target other than the straight one: tilted, or off the target's centre.
 
-A scene allows them by the cone and the distance of its approach
-(:class:`optipromp.core.scenes.scene.Approach`), or says nothing. They are tried where the straight
-way
-is refused: first those whose first candidate paths do next to no harm in the perceived state, then
-those of least harm.
+A scene may state the cone and the lateral distance of its approach
+(:class:`optipromp.core.scenes.scene.Approach`). The other approaches are tried where the straight
+one is refused. Approaches whose first candidate paths do next to no harm in the perceived state
+come first; the approaches of least harm follow.
 """
 
 from collections.abc import Iterator
@@ -19,28 +18,20 @@ from optipromp.core.pushing.model import PushModel
 from optipromp.core.scenes.scene import Scene
 
 
-def limits(scene: Scene) -> tuple[float, float]:
-    """Largest angle off the approach [rad], and distance beside the target [m], that are allowed.
-
-    Where the scene says nothing, the planner chooses.
-    """
-    cone, aside = scene.approach.cone, scene.approach.aside
-    return np.deg2rad(APPROACH.cone if cone is None else cone), (
-        APPROACH.aside if aside is None else aside
-    )
-
-
 def others(task: Task) -> Iterator[Task]:
-    """The task with the most promising of the other approaches that it allows.
+    """The task with each of the most promising approaches that its scene allows.
 
-    The cup stays round the target: a tool ends no farther beside its centre than its mouth leaves
-    room. To a target that stands the tool comes level, from a little to either side.
+    The tool ends no farther beside the target's centre than its mouth leaves room, so that the cup
+    stays round the target. To a target that stands the tool comes level, from a little to either
+    side. Where the scene states no cone or no lateral distance, ``APPROACH`` does.
     """
     scene = task.scene
-    cone, aside = limits(scene)
     tool, target = task.robot.tool, scene.target
     if tool is None or target is None:
         return
+    cone, aside = scene.approach.cone, scene.approach.aside
+    cone = np.deg2rad(APPROACH.cone if cone is None else cone)
+    aside = APPROACH.aside if aside is None else aside
     reach = min(aside, max(tool.mouth[0] - target.radius - APPROACH.room, 0.0))
     x_g, y_g, z_g = scene.frame
     around = np.arange(APPROACH.around) * 2.0 * np.pi / APPROACH.around
@@ -49,7 +40,7 @@ def others(task: Task) -> Iterator[Task]:
     if target.stem is None:
         side = np.cross(scene.up, z_g)
         level = float(np.linalg.norm(side))
-        flats = [side / level, -side / level] if level > 0.5 else []
+        flats = [side / level, -side / level] if level > 0.5 else []  # over 30° off the vertical
         shares, reach = (APPROACH.inner,), 0.0
     ways = [
         (rotation(np.cross(z_g, flat), float(share * cone)) @ z_g, np.zeros(3))
@@ -60,26 +51,26 @@ def others(task: Task) -> Iterator[Task]:
     left, best = APPROACH.tried, list[tuple[float, int, Task]]()
     for k, (way, shift) in enumerate(ways):
         approach = replace(scene.approach, direction=way, shift=shift)
-        one = approached(task, replace(scene, approach=approach))
-        model = one.push_model(task.robot.home)
+        other = approached(task, replace(scene, approach=approach))
+        model = other.push_model(task.robot.home)
         if model is None:
             continue
-        promise = _promise(one.scene, model, best[-1][0] if len(best) == left else np.inf)
-        if promise < APPROACH.promising * model.threshold:
-            yield one
+        harm = _least_harm(other.scene, model, best[-1][0] if len(best) == left else np.inf)
+        if harm < APPROACH.promising * model.threshold:
+            yield other
             left -= 1
             best = best[:left]
             if not left:
                 return
         else:
-            best = sorted([*best, (promise, k, one)])[:left]
-    yield from (one for _, _, one in best)
+            best = sorted([*best, (harm, k, other)])[:left]
+    yield from (other for _, _, other in best)
 
 
-def _promise(scene: Scene, model: PushModel, most: float) -> float:
+def _least_harm(scene: Scene, model: PushModel, most: float) -> float:
     """The least harm of the model's first candidate paths, in the perceived state.
 
-    Where it is above ``most``, any number above ``most`` may be returned.
+    A harm above ``most`` is returned as any number that is not below ``most``.
     """
     axis, least = scene.frame[2], most
     for x in model.candidates.first()[: APPROACH.candidates]:

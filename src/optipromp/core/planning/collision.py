@@ -1,7 +1,7 @@
-"""The planner's question: is the body free at a configuration? The judge has its own.
+"""The planner's check whether the body is free at a configuration; the judge has its own.
 
-Obstacles are those of the optimisation, so meshes and point clouds are measured in their grids,
-where they may be larger than they are by less than a cell.
+The obstacles are those of the optimisation. Meshes and point clouds are measured in their distance
+grids, which may enlarge them by less than a cell.
 """
 
 import functools
@@ -21,11 +21,12 @@ from optipromp.core.robots.kernels import Kinematics, carried_points, chain_fram
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 
-STRIDE = 8  # of the places along an edge: the first look at it is coarse
+STRIDE = 8
+"""[1] an edge is checked at every eighth place first, then at the places between."""
 
 
 class Collider(NamedTuple):
-    """What a configuration is checked for; arrays as in :class:`BodyPoints` and `Surroundings`."""
+    """Body and obstacles for the kernels; arrays as in :class:`BodyPoints` and `Surroundings`."""
 
     kin: Kinematics
     segment: IntArray
@@ -40,9 +41,9 @@ class Collider(NamedTuple):
     static: Obstacles
     dynamic: Obstacles
     shared: int
-    lever: FloatArray  # (n,) [m per unit] how far a joint moves any point of the body at most
-    step: float  # [m] that the body moves between two places along an edge, at most
-    # room for the kinematics of one configuration
+    lever: FloatArray  # (n,) [m per rad or m] :func:`levers`
+    step: float  # [m] largest motion of the body between two places along an edge
+    # work arrays of the kinematics of one configuration
     origins: FloatArray
     rotations: FloatArray
     axes: FloatArray
@@ -50,7 +51,7 @@ class Collider(NamedTuple):
 
 
 def collider(task: Task, shared: int) -> Collider:
-    """The arm of a task, ready for the kernels; see :class:`Surroundings` for ``shared``."""
+    """The arm and the obstacles of a task; ``shared`` as in :class:`Surroundings`."""
     robot, body, around = task.robot, task.body, task.surroundings
     segments = robot.n_segments
     return Collider(
@@ -62,9 +63,9 @@ def collider(task: Task, shared: int) -> Collider:
 
 
 def free(task: Task, q: FloatArray, most: int | None = None) -> FloatArray:
-    """Of configurations ``q`` (m, n), the first ``most`` at which the body touches nothing.
+    """The first ``most`` of configurations ``q`` (m, n) at which the body touches nothing.
 
-    Stems count too. The last link and the tool may touch all but static objects.
+    Stems count as obstacles. The last link and the tool may touch all but static objects.
     """
     body = collider(task, 0)
     body = body._replace(dynamic=appended(body.dynamic, _stems(task.scene)))
@@ -76,7 +77,7 @@ def free(task: Task, q: FloatArray, most: int | None = None) -> FloatArray:
 
 @functools.lru_cache(maxsize=4)
 def _stems(scene: Scene) -> Obstacles:
-    """The pieces of all stems, the target's too."""
+    """The pieces of all stems, including the target's."""
     capsules = []
     for stem in (item.stem for item in scene.objects if item.stem is not None):
         for low, high in pairwise(stem.points):
@@ -87,9 +88,9 @@ def _stems(scene: Scene) -> Obstacles:
 
 
 def levers(robot: Robot) -> FloatArray:
-    """How far a unit of each joint (n,) moves any point of the robot, at most [m]."""
+    """The largest motion (n,) of any point of the robot for a unit of each joint [m/rad or m/m]."""
     kin, spheres = robot.kinematics, robot.spheres
-    far = np.zeros(robot.n_segments)  # of any point from the segment's origin
+    far = np.zeros(robot.n_segments)  # largest distance of any point from the segment's origin
     own = lengths(spheres.center) + spheres.radius
     np.maximum.at(far, spheres.segment[spheres.segment >= 0], own[spheres.segment >= 0])
     far[-1] = max(far[-1], float(np.linalg.norm(robot.tool_point)))
@@ -142,7 +143,7 @@ def closer(p, i, j, apart):
 
 @inlined
 def meets(body, p, link, spheres, obstacles, last):
-    """Whether a link meets one of the first ``last`` obstacles."""
+    """Whether a link touches one of the first ``last`` obstacles."""
     c, bound = p[spheres + 2 + link], body.link_bound[link]
     for k in range(last):
         o, far = obstacles.position[k], obstacles.bound[k] + bound
@@ -161,7 +162,7 @@ def meets(body, p, link, spheres, obstacles, last):
 
 @inner
 def open_edge(body, a, b, q):
-    """Whether the edge from ``a`` to ``b`` (n,) is free, but for ``a`` itself; ``q`` is room."""
+    """Whether the edge from ``a`` to ``b`` (n,) is free, without ``a``; ``q`` (n,) changes."""
     moved = 0.0
     for j in range(a.shape[0]):
         moved += body.lever[j] * abs(b[j] - a[j])

@@ -7,8 +7,8 @@ the stations or the Jacobian of the tool there, and noise R,
 .. math:: w = \mu + \Sigma H^T (H \Sigma H^T + R)^{-1} (y - H\mu)
 
 is one Gaussian update, that of :class:`optipromp.core.promp.gaussian.Update`. It is written out
-here, because the end rows are exact to 1e-10 of S: another order of the sums moves every plan by
-1e-7 rad and turns some to another way. The update is iterated, because the Jacobian depends on the
+here to keep the order of its sums: the end rows are exact to a variance of 1e-10, and another order
+changes plans by 1e-7 rad. The update is iterated, because the Jacobian depends on the
 configuration. The arm's posture, which the path leaves free, stays as it was demonstrated. Inverse
 kinematics then removes the remaining millimetres between the tool and the path.
 """
@@ -35,19 +35,19 @@ from optipromp.core.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Waypoints:
-    """How many waypoints a trajectory has, and which is the first on the path."""
+    """The ``count`` of a trajectory's waypoints, and the index of the ``first`` on the path."""
 
     count: int
     first: int
 
     @staticmethod
     def at_phase(count: int, phase: float) -> "Waypoints":
-        """Of ``count`` waypoints, the first at or after a phase."""
+        """``count`` waypoints, of which the first at or after a phase is the first on the path."""
         return Waypoints(count, int(np.ceil(phase * (count - 1) - 1e-9)))
 
     @property
     def phase(self) -> float:
-        """Phase of the first on the path."""
+        """Phase of the first waypoint on the path."""
         return self.first / (self.count - 1)
 
     @property
@@ -58,14 +58,14 @@ class Waypoints:
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where an optimisation begins.
+    """The start of an optimisation.
 
     Attributes:
         primitive: (T, n) the conditioned ProMP.
         followed: (T, n) the conditioned ProMP, led along the path.
         waypoints: their number, and the first on the path.
         path: the tool path that is followed; None where there is none.
-        running: the motion, where it runs already; it is not optimised again.
+        running: the trajectory through ``followed``, where it runs already and is not optimised.
     """
 
     primitive: FloatArray
@@ -85,9 +85,9 @@ def starts(
 ) -> Iterator[Start]:
     """The primitive conditioned on start, path and goal, and led along the path.
 
-    One start for each of the goal configurations ``goals`` (m, n) from which the path can be
-    followed back, at ``most`` so many, the shortest motion first. Left out is where the path cannot
-    be followed exactly.
+    There is one start for each of the goal configurations ``goals`` (m, n) from which the arm can
+    follow the path back, the fewest waypoints first. At ``most`` so many goals are tried. A goal
+    from which the path cannot be followed exactly gives no start.
     """
     assert isinstance(task.goal, PoseGoal)
     share = np.linspace(1.0, 0.0, FOLLOW.stations)
@@ -108,11 +108,11 @@ def starts(
 def _waypoints(task: Task, stations: FloatArray, path: ToolPath, options: PlanOptions) -> Waypoints:
     """Waypoints such that no joint moves much over ``max_step``, before the path and on it.
 
-    The path is followed through configurations ``stations`` (S, n).
+    ``stations`` (S, n) are configurations along the path.
     """
     step = WAYPOINT.share * options.max_step
     reach = 0.0
-    if task.entry is None:  # the tool is not on its path yet
+    if task.entry is None:  # the tool is before its path
         reach = max(reach_count(stations[0] - task.start, options.max_step), WAYPOINT.fewest_reach)
     turn = float(np.abs(np.diff(stations, axis=0)).max(axis=1).sum())
     slowed = 1.0 / (1.0 - 0.5 * WAYPOINT.braking)
@@ -129,22 +129,22 @@ def _waypoints(task: Task, stations: FloatArray, path: ToolPath, options: PlanOp
 
 
 def reach_count(turns: FloatArray, max_step: float) -> float:
-    """Steps of a smooth reach that turns the joints by ``turns`` (n,): none over ``max_step``."""
+    """Steps of a smooth reach by ``turns`` (n,), such that none is over ``max_step``."""
     return WAYPOINT.peak * float(np.abs(turns).max()) / (WAYPOINT.share * max_step)
 
 
 def free_count(turns: FloatArray, max_step: float) -> int:
-    """Number of waypoints of such a reach where no path follows it."""
+    """Number of waypoints of a reach by ``turns`` (n,) that no path follows."""
     return within_limits(np.ceil(reach_count(turns, max_step)) + 1)
 
 
 def within_limits(count: float) -> int:
-    """A number of waypoints, not below the least and not above the largest."""
+    """``count``, clipped to the least and the largest number of waypoints."""
     return int(min(max(count, WAYPOINT.fewest), WAYPOINT.most))
 
 
 def braked(share: FloatArray) -> FloatArray:
-    """Share (m,) of the path that is done at shares (m,) of the approach's time.
+    """Shares (m,) of the path's length that the tool has passed at shares (m,) of its time.
 
     The speed is constant, then falls to zero with a continuous acceleration.
     """
@@ -167,7 +167,9 @@ def _follow(
     assert isinstance(task.goal, PoseGoal)
     robot, first, z = task.robot, waypoints.first, waypoints.phases
     share = np.linspace(0.0, 1.0, FOLLOW.stations)
-    phases = z[first] + (1.0 - z[first]) * _time_of(share)
+    table = np.linspace(0.0, 1.0, 401)
+    times = np.interp(share, braked(table), table)  # the inverse of braked
+    phases = z[first] + (1.0 - z[first]) * times
     poses = path.at(share), task.axes(share)
     weights = conditioned(robot, promp, task.start, goal, *poses, stations, phases)
     q = promp.basis.evaluate(waypoints.count) @ weights.T
@@ -179,7 +181,7 @@ def _follow(
         return None
     on_path[-1] = goal
     on_path = level(robot, on_path[::-1], task.scene.frame[0], path=True)[::-1]
-    if first == 0:  # the arm stands on the path, perhaps in another posture
+    if first == 0:  # the arm is on the path, perhaps in another posture
         on_path = on_path + (1.0 - z[:, None]) * (task.start - on_path[0])
         on_path, errors = ik.each(robot, points, axes, on_path)
         on_path[0], on_path[-1] = task.start, goal
@@ -189,22 +191,10 @@ def _follow(
 
 
 def _lead_in(off: FloatArray, count: int) -> FloatArray:
-    """Offsets (count, n) from zero at rest to the first of ``off`` (m, n), with its slope."""
+    """Offsets (count, n) from 0 with slope 0 to ``off[0]`` with its slope; ``off`` (m, n)."""
     u = np.arange(count)[:, None] / count
     slope = (off[1] - off[0]) * count
     return np.asarray(off[0] * u**2 * (3.0 - 2.0 * u) + slope * u**2 * (u - 1.0))
-
-
-@lru_cache(maxsize=4)
-def _braking_table() -> tuple[FloatArray, FloatArray]:
-    share = np.linspace(0.0, 1.0, 401)
-    return frozen(share), frozen(braked(share))
-
-
-def _time_of(part: FloatArray) -> FloatArray:
-    """The inverse of :func:`braked`."""
-    share, gone = _braking_table()
-    return np.interp(part, gone, share)
 
 
 def conditioned(
@@ -223,10 +213,10 @@ def conditioned(
         robot: the arm with its tool.
         promp: the prior.
         start: (n,) at phase 0; ``goal`` (n,) at phase 1; both at rest.
-        points: (S, 3) of the tool point; the last is the goal's.
-        axes: (S, 3) of the tool.
-        near: (S, n) configurations at the stations, where the iteration begins.
-        phases: (S,).
+        points: (S, 3) tool points at the stations [m]; the last is at the goal.
+        axes: (S, 3) tool axes at the stations.
+        near: (S, n) configurations at the stations, with which the iteration begins.
+        phases: (S,) of the stations.
     """
     n, stations = promp.n_joints, len(points) - 1
     values, cross, joint = _prior_at(promp, tuple(phases[:-1].tolist()))
@@ -236,7 +226,7 @@ def conditioned(
     rows[:ends, :ends] = np.eye(ends)
     wanted = np.concatenate([start, goal, np.zeros(2 * n), np.zeros(6 * stations)])
     noise = np.full(len(rows), FOLLOW.station_deviation**2)
-    noise[:ends] = 1e-10
+    noise[:ends] = 1e-10  # [rad²] nearly exact
     q = np.array(near[:-1])
     for _ in range(FOLLOW.linearisations):
         point, pointing, jp, ja = robot.tool_map(q)

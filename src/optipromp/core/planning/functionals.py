@@ -1,4 +1,4 @@
-"""The paper's functionals F_s, F_d, F_p and F_v: every plan reports them."""
+"""The paper's functionals F_s, F_d, F_p and F_v, which every plan reports."""
 
 import numpy as np
 
@@ -16,8 +16,9 @@ from optipromp.core.scenes.scene import PoseGoal
 def functionals(task: Task, options: PaperOptions, first: int, authors: bool) -> list[Cost]:
     """F_s, F_d, F_p (from waypoint ``first`` on) and F_v with their weights.
 
-    Where the options leave them open, reduction and push are those of the ``authors``' sequential
-    runs, or those of the joint strategy. There is no F_p without neighbours to push past.
+    Where the options leave the reduction and the form of F_p open, ``authors`` chooses those of the
+    authors' sequential runs, or else those of the joint strategy. Without neighbours there is no
+    F_p.
     """
     a = options.alphas
     reduction = options.reduction or ("max" if authors else "sum")
@@ -36,7 +37,7 @@ def functionals(task: Task, options: PaperOptions, first: int, authors: bool) ->
 def functional_values(
     task: Task, options: PaperOptions, first: int, q: FloatArray, authors: bool
 ) -> dict[str, float]:
-    """The functionals at one trajectory (T, n), by their names."""
+    """The values of the functionals at a trajectory ``q`` (T, n), by name."""
     terms, cutoff = functionals(task, options, first, authors), options.epsilon
     problem = Problem(
         task.robot, task.surroundings, terms, (), len(q), cutoff=cutoff, body=task.body

@@ -1,4 +1,4 @@
-"""Goal configurations: found by inverse kinematics, ranked by clearance, checked to be free."""
+"""Goal configurations: found by inverse kinematics, ranked by clearance, checked for contacts."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,9 +20,10 @@ from optipromp.core.scenes.scene import JointGoal, PoseGoal
 
 
 def clearance(task: Task, q: FloatArray) -> FloatArray:
-    """Clearance (m,) of configurations ``q`` (m, n) that ranks them, at most ``GOAL.room`` [m].
+    """Clearance (m,) of configurations ``q`` (m, n) [m], at most ``GOAL.room``.
 
-    It is the smallest distance to static objects, of B_d to the others, and between links.
+    It is the smallest distance of the body to static objects, of B_d to the other objects, and
+    between links.
     """
     e = Evaluation(task.robot, task.body, len(q), 1.0)
     e.move_to(q)
@@ -40,7 +41,7 @@ def clearance(task: Task, q: FloatArray) -> FloatArray:
 
 
 def find(task: Task, seed: int, starts: int = GOAL.starts) -> FloatArray:
-    """Goal configurations (m, n), best first; empty where there is none.
+    """Goal configurations (m, n), best first.
 
     With ``GOAL.many_starts`` starts, solutions may be closer to one another.
     """
@@ -63,8 +64,8 @@ def find(task: Task, seed: int, starts: int = GOAL.starts) -> FloatArray:
 def nearest(task: Task, begin: FloatArray) -> FloatArray | None:
     """The goal configuration (1, n) on the branch of ``begin`` (n,); None where it is not free.
 
-    Inverse kinematics follows the approach line to it. The line begins as far before the camera
-    point as the camera point is before the lowest fruit.
+    Inverse kinematics follows the approach line to the goal. The line begins before the camera
+    point, by the distance of the camera point to the lowest fruit.
     """
     if isinstance(task.goal, JointGoal):
         return None
@@ -81,10 +82,10 @@ def nearest(task: Task, begin: FloatArray) -> FloatArray | None:
 
 
 def free(task: Task, goals: FloatArray) -> tuple[FloatArray, str]:
-    """The best goal configurations that touch nothing; where there is none, the judge's contacts of
-    the first.
+    """The best goal configurations that touch nothing, and else the contacts of the first goal.
 
-    A goal beside a mesh or a point cloud may touch its grid alone: then the judge finds it free.
+    The judge decides where no goal is free to the planner: a goal beside a mesh or a point cloud
+    may touch the distance grid and not the object.
     """
     kept = collision.free(task, goals, GOAL.enough)
     if len(kept):
@@ -102,14 +103,14 @@ def choose(
     begin: FloatArray | None = None,
     budget: Budget | None = None,
 ) -> tuple[FloatArray, bool, str]:
-    """Goal configurations to plan to, whether they are free, and why not.
+    """Goal configurations to plan to.
 
     Args:
         task: scene and robot.
-        seed: of the random ``starts``.
-        starts: at first; more are tried where too few goals are free, while the ``budget`` lasts.
-        begin: (n,) where one goal configuration is enough: the one on the branch of this
-            configuration is tried first.
+        seed: of the random starts of inverse kinematics.
+        starts: their number at first; more are tried where too few goals are free, while the
+            ``budget`` lasts.
+        begin: (n,) a configuration; a free goal configuration on its branch is the only one.
         budget: of the plan.
 
     Returns:
@@ -131,11 +132,18 @@ def choose(
         goals = find(task, seed, GOAL.more_starts)
         kept, blocked = free(task, goals)
     if not len(goals):
-        return goals, False, unreachable(task)
+        assert isinstance(task.goal, PoseGoal)
+        at = task.goal.position
+        return (
+            goals,
+            False,
+            f"no configuration within the joint limits has the tool at {np.round(at, 4).tolist()} "
+            f"along its axis ({np.linalg.norm(at):.3g} m from the base)",
+        )
     if not len(kept) and isinstance(task.goal, PoseGoal) and not budget.spent():
         goals = find(task, seed, GOAL.many_starts)
         kept, blocked = free(task, goals)
-        if not len(kept) and not task.scene.pushables:  # what pushes is not turned about its axis
+        if not len(kept) and not task.scene.pushables:  # a tool that pushes is not rolled
             turned = rolled(task.robot, goals)
             order = np.argsort(-clearance(task, turned), kind="stable")
             kept, _ = free(task, turned[order[: GOAL.many_starts]])
@@ -149,10 +157,9 @@ def choose(
 
 
 def further(task: Task, seed: int, known: FloatArray) -> FloatArray:
-    """Free goal configurations (m, n) unlike those ``known`` (k, n), best first.
+    """Free goal configurations (m, n) that differ from the ``known`` ones (k, n), best first.
 
-    They are found from more starts of inverse kinematics, spread over all branches and over the
-    roll of the elbow.
+    More starts of inverse kinematics find them on all branches and rolls of the elbow.
     """
     if isinstance(task.goal, JointGoal):
         return known[:0]
@@ -162,10 +169,10 @@ def further(task: Task, seed: int, known: FloatArray) -> FloatArray:
 
 
 def narrow(task: Task, judgement: Judgement, goal: FloatArray) -> float:
-    """What a judged trajectory to ``goal`` (n,) lacks of the margin from static objects [m].
+    """The shortfall of a judged trajectory to ``goal`` (n,) from the static margin [m]; 0: none.
 
-    Only what another goal configuration may mend counts: all have the start in common, and the tool
-    at the goal. 0 where nothing is lacking.
+    Only a shortfall that another goal configuration may mend counts. The start, and the pose of the
+    tool at the goal, are the same for all goal configurations.
     """
     if judgement.near is None or isinstance(task.goal, JointGoal):
         return 0.0
@@ -178,7 +185,7 @@ def narrow(task: Task, judgement: Judgement, goal: FloatArray) -> float:
 
 
 def passed_over(judgement: Judgement, left: Sequence[Judgement]) -> Judgement:
-    """``judgement`` with a note where valid trajectories were ``left`` for want of the margin."""
+    """``judgement``, with a note on valid trajectories ``left`` for lack of the static margin."""
     nears = [one.near for one in left if one is not judgement and one.near is not None]
     if not nears or judgement.near is not None:
         return judgement
@@ -188,13 +195,3 @@ def passed_over(judgement: Judgement, left: Sequence[Judgement]) -> Judgement:
         f"{worst.other}"
     )
     return replace(judgement, notes=(*judgement.notes, note))
-
-
-def unreachable(task: Task) -> str:
-    """Why there is no goal configuration."""
-    assert isinstance(task.goal, PoseGoal)
-    away = float(np.linalg.norm(task.goal.position))
-    return (
-        f"no configuration within the joint limits has the tool at "
-        f"{np.round(task.goal.position, 4).tolist()} along its axis ({away:.3g} m from the base)"
-    )

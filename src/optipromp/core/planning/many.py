@@ -21,7 +21,7 @@ Result = Plan | OptiPrompError
 
 @dataclass(frozen=True, eq=False)
 class _Request:
-    """What all plans have in common."""
+    """The arguments of :func:`plan` that all plans have in common."""
 
     planner: Planner | str
     strategy: Strategy
@@ -36,7 +36,7 @@ class _Request:
             return error.with_traceback(None)
 
     def bare(self, scene: Scene | str | Path) -> Result:
-        """The result without the scene that the caller has."""
+        """The result without its scene, which the caller has: less to send between processes."""
         result = self.result(scene)
         if isinstance(result, Plan) and result.scene is scene:
             task: Task = replace(result.task, scene=None, demonstrations=None)  # type: ignore[arg-type]
@@ -57,13 +57,13 @@ def plan_many(
 ) -> list[Result]:
     """Plan a reach in each of many scenes, on all cores.
 
-    Every plan equals the one that :func:`plan` makes of that scene alone. The plans are made in
-    several processes, so a script must call this under ``if __name__ == "__main__":``, and the
-    classes of your own costs (``options.costs``) must be importable.
+    Every plan equals the plan that :func:`plan` makes of its scene alone. Several processes make
+    the plans, so a script must call this function under ``if __name__ == "__main__":``, and the
+    classes of its own costs (``options.costs``) must be importable.
 
     Args:
-        scenes: scenes, names of built-in ones, or scene files.
-        options: see :class:`PlanOptions`; for every plan.
+        scenes: scenes, names of built-in scenes, or scene files.
+        options: of every plan; see :class:`PlanOptions`.
         planner: as for :func:`plan`.
         strategy: as for :func:`plan`.
         demonstrations: as for :func:`plan`.
@@ -73,8 +73,8 @@ def plan_many(
             result.
 
     Returns:
-        One result per scene, in the order of ``scenes``: the plan (also a plan that failed), or the
-        error that :func:`plan` raises for that scene; ``NoPlanError`` where its process ended.
+        A result for each scene, in the order of ``scenes``: the plan (also a plan that failed), or
+        the error that :func:`plan` raises; ``NoPlanError`` where the process ended.
 
     Raises:
         InvalidRequestError: fewer than one worker; an unknown planner or strategy; options or

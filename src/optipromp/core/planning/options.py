@@ -1,4 +1,4 @@
-"""The settings of plans and planners, and those of the paper's own planner (method §5)."""
+"""The settings of plans and of planners (method §5)."""
 
 import functools
 import math
@@ -22,11 +22,11 @@ Constraints = Literal["push-model", "paper"]
 PaperDrift = Literal["paper", "lateral-plane"]
 STRATEGIES: tuple[Strategy, ...] = get_args(Strategy)
 _SHORT = reprlib.Repr()
-_SHORT.maxother = 60  # letters of a value in a refusal
+_SHORT.maxother = 60  # letters of a value in an error's message
 
 
 def _fits(value: object, hint: Any) -> bool:
-    """Whether a value is of the type of a setting; a whole number is a number, true is none."""
+    """Whether a value has the type ``hint``; a whole number is a float, a bool is no number."""
     kind, of = get_origin(hint), get_args(hint)
     if kind is UnionType or kind is Union:
         return any(_fits(value, one) for one in of)
@@ -46,7 +46,7 @@ def _fits(value: object, hint: Any) -> bool:
 
 
 def _check_types(options: object, prefix: str) -> None:
-    """Refuse settings of a wrong type, and numbers that are not finite but for the timeout."""
+    """Refuse settings of a wrong type, and infinite numbers other than the timeout."""
     kind: Any = type(options)
     hints = _hints(kind)
     for item in fields(kind):
@@ -63,15 +63,15 @@ def _check_types(options: object, prefix: str) -> None:
 
 
 def _numbers(value: Any) -> Iterable[Any]:
-    """The parts of a setting: of a sequence, of a mapping, or the setting itself."""
+    """The values of a setting that is a mapping or a sequence, or else the setting itself."""
     if isinstance(value, Mapping):
         return value.values()
     return value if isinstance(value, tuple | list) else (value,)
 
 
-_LARGEST_SETTING = 1e9  # of any setting, in its unit
-_LEAST = 1e-6  # [rad, m or m/s] of a step or a speed: 20,000 such steps are 0.02 rad
-_MOST_WAYPOINTS = 20_000  # the solver keeps 20 KB of each
+_LARGEST_SETTING = 1e9  # in the setting's unit: a choice
+_LEAST = 1e-6  # [rad, m or m/s] least step or speed: 20,000 such steps are 0.02 rad
+_MOST_WAYPOINTS = 20_000  # the solver keeps 20 KB for each waypoint
 _hints = functools.cache(get_type_hints)
 
 
@@ -83,7 +83,7 @@ def _need(options: object, prefix: str, ok: bool, name: str, wanted: str) -> Non
 
 @dataclass(frozen=True)
 class PaperOptions:
-    r"""Settings that the paper leaves open. Defaults are the paper's, or its authors'.
+    r"""Settings that the paper leaves open; the defaults are those of the paper or its authors.
 
     Attributes:
         alphas: α1 … α4, the weights of F_s, F_d, F_p and F_v.
@@ -96,8 +96,9 @@ class PaperOptions:
         push_weights: weights of the quadratic F_p along x_g, y_g and z_g.
         drift: direction d_n of constraint 1: ``paper`` takes ±y_g, ``lateral-plane`` the direction
             away from the lateral part of the stem.
-        drift_offset: least d_n·(fk − X_n) that constraint 1 asks for [m]; or one by the id of each
-            pushable, R_gripper for those left out; None: as the scene says (by default R_gripper).
+        drift_offset: least d_n·(fk − X_n) of constraint 1 [m], of all pushables or by the id of a
+            pushable (R_gripper where the id is missing); None: as the scene says (by default
+            R_gripper).
         corridor: tolerance of constraint 3 about the initial tool points [m]: along x_g and z_g,
             and along z_g alone where ``drift`` is ``lateral-plane``.
         camera_phase: t_1, the phase of the camera point in (0, 1); None: 0.5 for promp and i-promp;
@@ -155,7 +156,7 @@ class PaperOptions:
 
 @dataclass(frozen=True)
 class Timed:
-    """Settings of every motion of ours.
+    """Settings of the motion of every planner of the core.
 
     Attributes:
         waypoints: number T of waypoints, 3 to 20,000; None: as many as keep every joint's step
@@ -163,8 +164,8 @@ class Timed:
         duration: of the trajectory [s]; None: the shortest that the limits and ``approach_speed``
             allow.
         approach_speed: largest speed of the tool on its path, where something is to be pushed
-            [m/s]; None: the speed of the push model. ``duration`` overrides it. Where either makes
-            the tool faster among fruits than pushes are predicted for, the plan is no success.
+            [m/s]; None: the speed of the push model. ``duration`` overrides it. A plan whose tool
+            is faster among fruits than pushes are predicted for is no success.
         corridor: largest distance of the tool from its path, along each axis [m].
     """
 
@@ -175,7 +176,7 @@ class Timed:
 
     @property
     def timed(self) -> bool:
-        """Whether a time or a speed is asked for, so that the tool may be too fast among fruits."""
+        """Whether a duration or a speed is set, so that the tool may be too fast among fruits."""
         return self.duration is not None or self.approach_speed is not None
 
     def __post_init__(self) -> None:
@@ -199,10 +200,10 @@ class Optimised(Timed):
         static_clearance: wanted between every body sphere and static objects [m].
         avoid_clearance: wanted between the arm (B_d) and objects to avoid or push [m].
         self_clearance: wanted between links that are not neighbours [m].
-        limit_margin: kept from the joint limits [rad or m].
-        iterations: of the optimiser, at most; None: its own schedule. With 0 the followed
+        limit_margin: wanted distance of the joints from their limits [rad or m].
+        iterations: of the optimiser, at most; None: the optimiser's schedule. With 0 the followed
             trajectory is returned, marked as not optimised.
-        costs: costs of your own, minimised with the others.
+        costs: user's costs, minimised with the others.
     """
 
     max_step: float = 0.045
@@ -230,10 +231,11 @@ class Searched(Optimised):
     """Settings of a motion whose tool path is searched, beside those of :class:`Optimised`.
 
     Attributes:
-        prediction: true: where a model of the push applies, the tool path is searched in it. False:
-            ``rule`` gives the path. The plan reports the predicted harm either way.
-        rule: on which side the tool passes each neighbour, without a prediction: away from its
-            stem, along y_g (``paper``) or in the plane (``lateral-plane``), or the shorter way.
+        prediction: whether the tool path is searched in the push model, where one applies; without
+            prediction, ``rule`` gives the path. The plan reports the predicted harm in any case.
+        rule: side on which the tool passes each neighbour without a prediction: away from the stem
+            along y_g (``paper``) or in the plane (``lateral-plane``), or the shorter way
+            (``shortest``).
     """
 
     prediction: bool = True
@@ -242,22 +244,21 @@ class Searched(Optimised):
 
 @dataclass(frozen=True)
 class PlanOptions(Searched):
-    """What a plan may cost and risk; and the settings of a planner that is asked for by its name.
+    """Cost and risk that a plan may have, and the settings of a planner that is chosen by name.
 
-    A planner that is given as a value has its own settings.
+    A planner that is a value has its own settings.
 
     Attributes:
-        timeout: wall time of planning [s], without that of reading the scene's file and of
-            compiling. When it is over, the best trajectory so far is returned;
-            its status is TIMEOUT if it is not valid or nothing has been optimised yet.
-        effort: steps of work, at most: iterations, candidates and batches of samples. It ends a
-            plan as the timeout does, but at the same place on every machine. None: no limit.
+        timeout: wall time of planning [s], without reading the scene's file and compiling. After
+            it, the best trajectory so far is returned; the status is TIMEOUT if this trajectory is
+            not valid or nothing has been optimised yet.
+        effort: number of steps of work, at most: iterations, candidates and batches of samples. It
+            ends a plan as the timeout does, at the same place on every machine. None: no limit.
         risk: share of promised successes that may be broken, over many scenes. It sets the largest
-            predicted harm of a success; a smaller risk refuses more.
+            predicted harm of a success; a smaller risk refuses more plans.
         constraints: ``push-model``: the default planner. ``paper``: the paper's constraints 1 to 3,
             and a plan is a success only if constraint 1 holds at every waypoint of the paper's
-            window. The strategy ``sequential`` plans with these constraints in any case; ``paper``
-            makes its success depend on constraint 1 too.
+            window. The strategy ``sequential`` plans with constraints 1 to 3 in any case.
         paper: settings of the paper's own planners; see :class:`PaperOptions`.
     """
 

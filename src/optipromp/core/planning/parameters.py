@@ -1,4 +1,4 @@
-"""Every tuned number of planning that is no option of :class:`PlanOptions`."""
+"""The tuned numbers of planning that are no options of :class:`PlanOptions`."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from optipromp.core.parameters import Checked, parameter
 
 @dataclass(frozen=True)
 class WaypointParameters(Checked):
-    """How many waypoints a reach has, and how they are spread along it."""
+    """The number of a trajectory's waypoints, and their spacing."""
 
     fewest: int = parameter(60, "1", "choice", "least number of a trajectory")
     fewest_reach: int = parameter(25, "1", "choice", "least number before the path")
@@ -17,14 +17,14 @@ class WaypointParameters(Checked):
         1.9, "1", "choice", "ratio of largest to mean speed of a smooth reach; minimum jerk: 1.875"
     )
     share: float = parameter(
-        0.8, "1", "choice", "of the largest step of a joint that a trajectory is spread for"
+        0.8, "1", "choice", "share of ``max_step`` that sets the number of waypoints"
     )
     tool_step: float = parameter(0.005, "m", "choice", "largest step of the tool on its path")
     tool_time: float = parameter(0.17, "s", "choice", "longest time between waypoints on the path")
     braking: float = parameter(
         0.3, "1", "choice", "share of the approach's time in which the tool comes to rest"
     )
-    primitive: int = parameter(150, "1", "choice", "number of a primitive's trajectory")
+    primitive: int = parameter(150, "1", "choice", "number of the trajectory of a primitive")
 
 
 @dataclass(frozen=True)
@@ -35,15 +35,18 @@ class FollowParameters(Checked):
         8, "1", "choice", "points of the path that the primitive is conditioned on"
     )
     linearisations: int = parameter(
-        4, "1", "measured", "of the kinematics; the last one changes a joint by about 1e-3 rad"
+        4, "1", "measured", "of the kinematics; the last changes a joint by about 1e-3 rad"
     )
     posture_step: float = parameter(
-        0.5, "rad", "choice", "largest, of a joint at a station in one linearisation"
+        0.5, "rad", "choice", "largest change of a joint at a station in a linearisation"
     )
     station_deviation: float = parameter(
-        2e-3, "m", "choice", "of the tool point at a station; equal to the corridor of the solve"
+        2e-3,
+        "m",
+        "choice",
+        "standard deviation of the tool point at a station; equal to the corridor of the solve",
     )
-    axis_lever: float = parameter(0.3, "m", "choice", "weighs the tool axis against the point")
+    axis_lever: float = parameter(0.3, "m", "choice", "weighs the tool axis against the tool point")
     tracked: float = parameter(1e-4, "m", "choice", "largest error of a followed tool point")
     task_tracked: float = parameter(1e-5, "m", "choice", "largest error of a followed task point")
 
@@ -57,8 +60,8 @@ class GoalParameters(Checked):
     more_starts: int = parameter(48, "1", "choice", "where fewer than ``spare`` solutions are free")
     spread_starts: int = parameter(
         96, "1", "measured",
-        "where the paper's planner has no valid plan: the branches of the elbow's roll that lead "
-        "between side clusters are missed by half of all seeds with 24, by none of 20 with 96",
+        "where a planner finds no valid plan: with 24, half of all seeds miss the branches of the "
+        "elbow's roll between side clusters; with 96, none of 20",
     )  # fmt: skip
     many_starts: int = parameter(320, "1", "choice", "where no solution is free")
     enough: int = parameter(6, "1", "choice", "free configurations to choose among")
@@ -66,12 +69,12 @@ class GoalParameters(Checked):
         3, "1", "choice", "with fewer free configurations, more starts are tried"
     )
     distinct: float = parameter(
-        0.25, "rad", "choice", "of the joint that differs most; configurations nearer are one"
+        0.25, "rad", "choice", "least difference of a joint between two distinct configurations"
     )
     room: float = parameter(0.06, "m", "choice", "clearance beyond which more is not better")
     self_margin: float = parameter(0.01, "m", "choice", "the same between links")
     same_room: float = parameter(
-        2e-4, "m", "choice", "clearances from static objects that differ by less are one"
+        2e-4, "m", "choice", "largest difference of equal clearances from static objects"
     )
     nearest_error: float = parameter(
         1e-6, "m", "choice", "largest error of a goal found by following the approach line"
@@ -82,24 +85,43 @@ class GoalParameters(Checked):
 
 
 @dataclass(frozen=True)
-class SolveParameters(Checked):
-    """Stiffnesses, in the order of priority of method, section 5 (``planning/pick.py``)."""
+class PickParameters(Checked):
+    """How many paths are followed, and how they are compared (``planning/pick.py``)."""
 
-    must: float = parameter(1e6, "1/m^2", "choice", "joint limits, what is touched, the goal")
+    invalid: float = parameter(
+        2.5, "1", "choice",
+        "harm added where the trajectory is not valid; less than the harm of a swallowed fruit",
+    )  # fmt: skip
+    goals: int = parameter(3, "1", "choice", "goal configurations that a path is followed to")
+    tries: int = parameter(
+        6, "1", "choice", "paths that are followed while no valid trajectory keeps the margin"
+    )
+    few_tries: int = parameter(
+        2, "1", "choice", "paths that are followed where other approaches remain to be tried"
+    )
+
+
+@dataclass(frozen=True)
+class SolveParameters(Checked):
+    """Stiffnesses of constraints, in the priority of method §5 (``planning/pick.py``)."""
+
+    must: float = parameter(1e6, "1/m^2", "choice", "joint limits, contacts, the goal")
     firm: float = parameter(
         1e5, "1/m^2", "choice", "clearance from objects to avoid and between links, joint steps"
     )
-    kept: float = parameter(1e4, "1/m^2", "choice", "clearance from static objects, the path")
+    kept: float = parameter(
+        1e4, "1/m^2", "choice", "the tool path; static clearance has twice this"
+    )
     wish: float = parameter(
         1e3, "1/m^2", "choice", "the tool's clearance from objects to avoid, the level of a hand"
     )
     lean: float = parameter(1e2, "1/rad^2", "choice", "the tilt of the tool on the path")
     touch_margin: float = parameter(
-        1e-3, "m", "choice", "clearance below which contact counts as much as the goal"
+        1e-3, "m", "choice", "clearance from static objects below which ``must`` applies"
     )
     upright: float = parameter(2.0, "deg", "choice", "tilt of the tool allowed on the path")
     within: float = parameter(
-        3e-3, "1", "choice", "curvature inside the corridor, as a share of its walls'"
+        3e-3, "1", "choice", "curvature inside the corridor, as a share of the walls' curvature"
     )
     safety: float = parameter(0.01, "m", "published", "epsilon of F_s and F_d; the method")
     far_damping: float = parameter(
@@ -120,17 +142,17 @@ class PrimitiveParameters(Checked):
         0.1, "rad", "choice", "per unit of phase: standard deviation of the velocity at a pause"
     )
     lever_arm: float = parameter(
-        0.4, "m", "guess", "standard deviation of the tool point over that of the joints"
+        0.4, "m", "guess", "ratio of the standard deviations of the tool point and of the joints"
     )
-    camera_phase: float = parameter(0.5, "1", "choice", "at which the camera point is passed")
+    camera_phase: float = parameter(0.5, "1", "choice", "phase of the camera point")
     checked: int = parameter(
-        101, "1", "choice", "samples of a given primitive's mean that the joints' limits must hold"
+        101, "1", "choice", "samples of a user's ProMP's mean, checked for the joint limits"
     )
 
 
 @dataclass(frozen=True)
 class PaperParameters(Checked):
-    """The paper's sequential planner with SciPy's solvers (``planning/paper.py``)."""
+    """The planner of the paper (``laboratory/planners/paper_stages.py``)."""
 
     stiffness: float = parameter(
         1e5, "1/m^2", "measured",
@@ -140,27 +162,27 @@ class PaperParameters(Checked):
         (20, 40), "1", "measured", "in the stages of the joint strategy; decisions.md"
     )
     apart: float = parameter(
-        1e5, "1/m^2", "choice", "of self-collision in a stage, whose objective is 1 at first"
+        1e5, "1/m^2", "choice", "of self-collision in a stage; the objective is 1 at first"
     )
     wish: float = parameter(
         1e4, "1/m^2", "choice", "of the tool among objects to avoid, in a collision stage"
     )
     hold: float = parameter(
         1e6, "1/m^2", "measured",
-        "of constraints 1 to 3 in a collision stage after the push; at 1e4 the first lacks 0.2 mm",
+        "of constraints 1 to 3 in a collision stage after the push; at 1e4, 1 lacks 0.2 mm",
     )  # fmt: skip
     margin: float = parameter(
-        1e-3, "m", "choice", "added to constraint 1: penalties and barriers yield by as much"
+        1e-3, "m", "choice", "added to constraint 1, because penalties and barriers yield"
     )
     control_points: int = parameter(18, "1", "choice", "of the spline that moves the trajectory")
     unit: float = parameter(0.01, "rad, m", "choice", "of SciPy's variables and rows")
-    barrier: float = parameter(0.03, "1", "choice", "first of trust-constr, and its tolerance")
+    barrier: float = parameter(0.03, "1", "choice", "initial barrier and tolerance of trust-constr")
     every: int = parameter(
-        4, "1", "choice", "constraint 3 holds at every fourth waypoint: the spline is smooth"
+        4, "1", "choice", "constraint 3 is set at every fourth waypoint; the spline is smooth"
     )
     most: int = parameter(
         400, "1", "measured",
-        "waypoints with constraints: at 2,000 a step of trust-constr takes 1.5 s, its QR of all",
+        "waypoints with constraints; with 2,000, the QR in a step of trust-constr takes 1.5 s",
     )  # fmt: skip
     push_iterations: tuple[int, int] = parameter(
         (10, 15), "1", "published", "of scenarios III (push first) and IV (push last)"
@@ -178,73 +200,73 @@ class UnderwayParameters(Checked):
     """A plan for an arm that moves already (``planning/underway.py``)."""
 
     upright: float = parameter(15.0, "deg", "choice", "largest lean of a tool on its approach")
-    before: float = parameter(0.002, "m", "choice", "of the camera point where the approach begins")
+    before: float = parameter(0.002, "m", "choice", "from the approach's begin to the camera point")
     aside: float = parameter(
-        0.15, "m", "choice", "of the approach's line, at most, on the approach"
+        0.15, "m", "choice", "largest distance of a tool on its approach from the approach's line"
     )
     moved: float = parameter(
-        0.03, "m", "choice", "of the target; a running path is not kept beyond"
+        0.03, "m", "choice", "largest motion of the target with which a running path is kept"
     )
     risk: float = parameter(
         0.1, "1", "measured",
-        "share of broken promises for which a push goes on among fruits that did not move: its "
-        "harm, told anew on the way, varies by 0.1 to 0.5",
+        "share of broken promises with which a push goes on, among fruits that did not move: a "
+        "harm that is predicted again on the way varies by 0.1 to 0.5",
     )  # fmt: skip
-    same: float = parameter(1e-3, "m", "choice", "within which a fruit is where it was before")
-    rows: int = parameter(100, "1", "choice", "at which the rest of a running path is read")
+    same: float = parameter(1e-3, "m", "choice", "largest motion of a fruit that did not move")
+    rows: int = parameter(100, "1", "choice", "samples of the rest of a running path")
     fewest: int = parameter(4, "1", "choice", "least number of waypoints of the rest of a motion")
     exact: float = parameter(
-        1e-9, "rad, rad/s, rad/s^2", "choice", "of a joint: within it the arm is on the curve"
+        1e-9, "rad, rad/s, rad/s^2", "choice", "largest deviation of an arm on the running curve"
     )
     left: float = parameter(1e-5, "s", "choice", "shortest rest of a motion or of an interval")
-    join: float = parameter(0.5, "s", "choice", "how far ahead the new motion is joined, at most")
+    join: float = parameter(0.5, "s", "choice", "latest time at which a new motion is joined")
     quickest: float = parameter(0.01, "s", "choice", "shortest time of a join")
     slowest: float = parameter(2.0, "s", "choice", "longest time of a join")
-    durations: int = parameter(40, "1", "choice", "of a join that are tried for each waypoint")
+    durations: int = parameter(40, "1", "choice", "number tried of a join to each waypoint")
     ticks: int = parameter(100, "1", "choice", "in which a joint's acceleration comes to its peak")
-    samples: int = parameter(12, "1", "choice", "of a join, between which the tool's speed counts")
+    samples: int = parameter(12, "1", "choice", "intervals of a join for the tool's speed")
 
 
 @dataclass(frozen=True)
 class TreeParameters(Checked):
     """A way round obstacles (``planning/tree.py``)."""
 
-    samples: int = parameter(100_000, "1", "choice", "that the trees grow towards, at most")
+    samples: int = parameter(100_000, "1", "choice", "largest number that the trees grow towards")
     reach: float = parameter(1.0, "rad", "choice", "longest edge of a tree")
     step: float = parameter(0.03, "m", "choice", "of the body between two checks along an edge")
-    seeded: float = parameter(0.5, "1", "choice", "share of samples near the primitive's")
-    shown: int = parameter(4, "1", "choice", "samples of the primitive, whose waypoints count")
-    spread: float = parameter(0.2, "rad", "choice", "standard deviation of these from them")
-    shortcuts: int = parameter(100, "1", "choice", "that are tried on a way")
-    ways: int = parameter(3, "1", "choice", "of which the shortest is taken")
-    rounds: int = parameter(4, "1", "choice", "of so many ways, while no optimised one is valid")
+    seeded: float = parameter(0.5, "1", "choice", "share of samples near the primitive's waypoints")
+    shown: int = parameter(4, "1", "choice", "samples of the primitive that give these waypoints")
+    spread: float = parameter(0.2, "rad", "choice", "standard deviation about these waypoints")
+    shortcuts: int = parameter(100, "1", "choice", "number tried on a way")
+    ways: int = parameter(3, "1", "choice", "number of which the shortest is taken")
+    rounds: int = parameter(4, "1", "choice", "of ``ways`` ways, while no optimised one is valid")
     deep: float = parameter(
         0.05, "m", "measured",
-        "into an obstacle: of 163 primitives that went deeper 18 could be bent, of 86 others 72",
+        "depth in an obstacle: of 163 deeper primitives 18 could be bent, of 86 others 72",
     )  # fmt: skip
-    ramp: float = parameter(0.2, "1", "choice", "share of a way's time in which it comes to speed")
+    ramp: float = parameter(
+        0.2, "1", "choice", "share of a way's time for either ramp of its speed"
+    )
 
 
 @dataclass(frozen=True)
 class ApproachParameters(Checked):
-    """Other ways to come than straight (``planning/approaches.py``)."""
+    """Approaches other than the straight one (``planning/approaches.py``)."""
 
     around: int = parameter(6, "1", "choice", "directions about the approach")
     cone: float = parameter(
-        25.0, "deg", "choice", "off the approach to a target that hangs, where the scene tells none"
+        25.0, "deg", "choice", "largest tilt to a hanging target, where the scene states none"
     )
-    aside: float = parameter(0.01, "m", "choice", "beside the target's centre, likewise")
-    inner: float = parameter(
-        0.5, "1", "choice", "share of the cone at which there are further ones"
-    )
+    aside: float = parameter(0.01, "m", "choice", "beside the target, where the scene states none")
+    inner: float = parameter(0.5, "1", "choice", "share of the cone, for a second ring of tilts")
     room: float = parameter(0.002, "m", "choice", "between target and mouth at the end")
     tried: int = parameter(
-        3, "1", "measured", "most promising ones that are planned; with 6 2 % more succeed, later"
+        3, "1", "measured", "approaches that are planned; with 6, 2 % more succeed, but later"
     )
     candidates: int = parameter(5, "1", "choice", "first paths of a push model that are tried")
     promising: float = parameter(
         0.4, "1", "measured",
-        "share of the allowed harm, below which an approach is planned before others are looked at",
+        "share of the harm's threshold, below which an approach is planned at once",
     )  # fmt: skip
 
 
@@ -255,26 +277,29 @@ class TimingParameters(Checked):
     least_dt: float = parameter(1e-3, "s", "choice", "of a trajectory that hardly moves")
     ramps: tuple[float, ...] = parameter(
         (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.0), "1", "choice",
-        "tried: time in which a motion comes to speed, over that of its cruise",
+        "tried ratios of the time of a motion's ramp to the time of its cruise",
     )  # fmt: skip
     refinements: int = parameter(
         5, "1", "measured", "of the intervals; they make free reaches 15 % shorter, 20 no more"
     )
-    gain: float = parameter(0.5, "1", "measured", "power of an interval's need; 1 oscillates")
+    gain: float = parameter(0.5, "1", "measured", "exponent of an interval's need; 1 oscillates")
     shrink: float = parameter(0.9, "1", "choice", "least change of an interval in a refinement")
     widen: float = parameter(3.0, "1", "choice", "largest change of an interval in a refinement")
     spare: float = parameter(
         0.05, "1", "choice", "share by which the tool may exceed its speed within an interval"
     )
     among: float = parameter(
-        0.025, "m", "choice", "from tool to fruit, within which it is slow; the judge asks 0.02"
+        0.025, "m", "choice", "distance from a fruit in which the tool is slow; the judge's is 0.02"
     )
-    parts: int = parameter(4, "1", "choice", "of an interval, in which that speed is looked at")
+    parts: int = parameter(
+        4, "1", "choice", "of an interval, for which the tool's speed is checked"
+    )
 
 
 WAYPOINT = WaypointParameters()
 FOLLOW = FollowParameters()
 GOAL = GoalParameters()
+PICK = PickParameters()
 SOLVE = SolveParameters()
 PRIMITIVE = PrimitiveParameters()
 PAPER = PaperParameters()

@@ -1,8 +1,8 @@
 """The default planner: pick a tool path, follow it with the whole arm, optimise and judge.
 
-The optimisation of a followed path has these costs: nearness to obstacles (F_s and F_d), joint
-accelerations, and the user's own. Constraints, as stiff penalties: joint limits, clearances, the
-goal, and the tool on its path.
+The costs of the optimisation are nearness to obstacles (F_s and F_d), joint accelerations, and the
+user's costs. Its constraints, as stiff penalties, are joint limits, clearances, the goal, and the
+tool on its path.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from optipromp.core.planning import follow, ways
 from optipromp.core.planning.follow import Start
 from optipromp.core.planning.goals import clearance, narrow, passed_over
 from optipromp.core.planning.options import PlanOptions
-from optipromp.core.planning.parameters import SOLVE
+from optipromp.core.planning.parameters import PICK, SOLVE
 from optipromp.core.planning.result import Harmful, Planned, Stage
 from optipromp.core.planning.task import Task, pushed_aside
 from optipromp.core.planning.timing import slowly, timed
@@ -37,21 +37,15 @@ from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.model import Prediction, PushModel
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import ToolPath, through
-from optipromp.core.pushing.rules import DriftRule, rule_paths
+from optipromp.core.pushing.rules import rule_paths
 from optipromp.core.pushing.searching import search
-from optipromp.core.scenes.scene import JointGoal, PoseGoal, Scene
+from optipromp.core.scenes.scene import JointGoal, PoseGoal
 from optipromp.core.trajectory import Trajectory
-
-INVALID = 2.5  # harm added where the trajectory is not valid; less than that of a swallowed fruit
-GOALS = 3  # goal configurations that a path is followed to, at most
-FEW_TRIES = 2  # paths that are followed on one approach of several
-TRIES = 6  # paths that are followed while no trajectory is valid
-RULE_SPEED = PUSH.hanging.speed  # of the tool along a path that the rule gives
 
 
 def pick(
     task: Task, promp: ProMP, options: PlanOptions, goals: FloatArray, budget: Budget,
-    sparing: bool = False,
+    harmless_only: bool = False,
 ) -> Planned | Harmful:  # fmt: skip
     """The valid trajectory of least predicted harm; without a valid one, the best of the others.
 
@@ -61,119 +55,104 @@ def pick(
         options: see :class:`PlanOptions`.
         goals: configurations (m, n), best first.
         budget: of the plan.
-        sparing: paths that do harm by themselves are not followed.
+        harmless_only: a path whose predicted harm is above the threshold is not followed. The
+            answer is :class:`Harmful` where all paths are such.
     """
     began = clock()
     rng = np.random.default_rng(task.seed)
-    model = task.push_model(goals[0])
-    solver = Solver(pushed_aside(task), options, budget, task.scene, stem_side=model is None)
-    best: tuple[Attempt, tuple[PushModel, Led] | None, float] | None = None
-    least, tries = np.inf, 0
-    known = model if options.prediction else None
-    found: Iterable[tuple[ToolPath, float]] = (
-        [(task.only, np.inf)]
-        if task.only is not None
-        else tool_paths(task, known, rng, budget, options.rule, lambda good: least <= good)
-    )
-    spared: list[ToolPath] = []
-    for path, good in found:
-        if sparing and known is not None and path.harm > known.threshold:
-            spared.append(path)
+    solver = Solver(task, options, budget, task.push_model(goals[0]))
+    best: Followed | None = None
+    refused: list[ToolPath] = []
+    tries, most = 0, PICK.few_tries if harmless_only else PICK.tries
+
+    def serves(good: float) -> bool:
+        return best is not None and best.score <= good
+
+    for path, good in tool_paths(solver, rng, serves):
+        if harmless_only and solver.searched and path.harm > solver.searched.threshold:
+            refused.append(path)
             continue
-        begin: Iterator[Start] = follow.starts(task, path, promp, options, goals, GOALS)
-        if path is task.kept:
-            begin = chain(rest(task, options), begin)
-        attempt = first_valid(solver, begin)
+        attempt = follow_path(solver, path, promp, goals, rng)
         if attempt is None:
             continue
-        done = attempt.valid or solver.budget.spent()
-        if not done and clearance(solver.task, attempt.reach).min() < 0.0:
-            begin = ways.led_round(solver.task, attempt.start, options, rng, budget)
-            attempt = first_valid(solver, begin) or attempt
         tries += 1
-        harm, push = 0.0, None
-        if model is not None:
-            own = task.push_model(attempt.trajectory.positions[-1]) or model
-            push = own, led(task, own, attempt.trajectory)
-            harm = harm_of(*push)
-        score = harm if options.prediction else 0.0
-        if path is task.kept:  # another one must be better by as much
-            unchanged = task.same and attempt.trajectory is task.running
-            score = max(score - (model.threshold if model and unchanged else good), 0.0)
-        if attempt.narrow:  # worse than all that keep the margin, better than what does harm
-            score = max(score, 0.0 if model is None else model.threshold) + attempt.narrow
-        score += 0.0 if attempt.valid else INVALID
-        if best is None or score < least:
-            best, least = (attempt, push, harm), score
-        enough = tries >= (FEW_TRIES if sparing else TRIES) and (sparing or not best[0].roomy)
-        if least <= good or solver.budget.spent() or enough:
+        followed = scored(solver, attempt, good)
+        if best is None or followed.score < best.score:
+            best = followed
+        if best.score <= good or budget.spent():
+            break
+        if tries >= most and (harmless_only or not best.attempt.roomy):
             break
     if best is not None:
-        attempt, push, harm = best
-        attempt = replace(attempt, judgement=passed_over(attempt.judgement, solver.left))
-        told = None if push is None else prediction(*push, harm)
-        return outcome(attempt, told, clock() - began)
-    if spared:
-        least_harm = min(spared, key=lambda path: path.harm)
+        attempt = best.attempt
+        attempt = replace(attempt, judgement=passed_over(attempt.judgement, solver.without_margin))
+        push = None if best.push is None else prediction(*best.push, best.harm)
+        return outcome(attempt, push, clock() - began)
+    if refused:
+        least_harm = min(refused, key=lambda path: path.harm)
         return Harmful(replace(task, only=least_harm, sparing=False))
-    free = ways.free_starts(solver.task, options, promp, goals, rng, budget)
-    attempt = first_valid(solver, chain(rest(task, options), free))
-    assert attempt is not None  # there is at least one goal configuration
-    return outcome(attempt, None, clock() - began)
-
-
-def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> Planned:
-    """The outcome of the best attempt."""
-    start, made = attempt.start, attempt.trajectory
-    history = attempt.history
-    stage = Stage("joint", "gauss-newton", tuple(history[0]), history, seconds, attempt.message)
-    optimised = len(history) > 1 or start.running is not None  # or it was, as it began
-    primitive, followed = (
-        Trajectory.through(q, made.times, made.joint_names)
-        for q in (start.primitive, start.followed)
-    )
-    return Planned(
-        made, start.waypoints.first, primitive, followed, (stage,) if optimised else (), optimised,
-        {"joint": seconds}, attempt.judgement, prediction,
-    )  # fmt: skip
+    free = ways.free_starts(solver.cleared, options, promp, goals, rng, budget)
+    only = first_valid(solver, chain(rest(task, options), free))
+    assert only is not None  # there is at least one goal configuration
+    return outcome(only, None, clock() - began)
 
 
 def tool_paths(
-    task: Task,
-    model: PushModel | None,
-    rng: np.random.Generator,
-    budget: Budget,
-    rule: DriftRule,
-    serves: Callable[[float], bool],
+    solver: Solver, rng: np.random.Generator, serves: Callable[[float], bool]
 ) -> Iterator[tuple[ToolPath, float]]:
-    """Tool paths to the target, each with the harm that is good; none where nothing is in the way.
+    """Tool paths to the target, each with the harm that counts as good at that time.
 
-    The path that runs already comes first. Others come from the search in the push model, or from
-    the ``rule`` where there is no model.
+    There is one path where the task names it, and none where nothing is in the way. Otherwise the
+    path of the running plan comes first. The search in the push model gives the other paths, or
+    ``options.rule`` where there is no model.
     """
+    task, rule = solver.task, solver.options.rule
+    if task.only is not None:
+        yield task.only, np.inf
+        return
     if task.kept is not None:
         yield task.kept, PUSH.harm.good
     if task.entry is not None and not task.neighbours:
         yield straight(task), PUSH.harm.good
-    elif model is not None:
-        yield from search(model, task.axes, rng, budget, serves)
+    elif solver.searched is not None:
+        yield from search(solver.searched, task.axes, rng, solver.budget, serves)
     elif task.neighbours:
         for corners in rule_paths(task.scene, task.neighbours, task.robot, task.camera, rule):
-            yield through(corners, RULE_SPEED), 0.0
+            yield through(corners, PUSH.hanging.speed), 0.0
+
+
+def follow_path(
+    solver: Solver, path: ToolPath, promp: ProMP, goals: FloatArray, rng: np.random.Generator
+) -> Attempt | None:
+    """The best attempt to follow a path with the whole arm; None: the path is out of reach.
+
+    Where the arm touches something before the path, ways round obstacles are tried too.
+    """
+    task, options, budget = solver.task, solver.options, solver.budget
+    starts: Iterator[Start] = follow.starts(task, path, promp, options, goals, PICK.goals)
+    if path is task.kept:
+        starts = chain(rest(task, options), starts)
+    attempt = first_valid(solver, starts)
+    if attempt is None or attempt.valid or budget.spent():
+        return attempt
+    if clearance(solver.cleared, attempt.reach).min() < 0.0:
+        round_obstacles = ways.led_round(solver.cleared, attempt.start, options, rng, budget)
+        attempt = first_valid(solver, round_obstacles) or attempt
+    return attempt
 
 
 def first_valid(solver: Solver, starts: Iterable[Start]) -> Attempt | None:
     """The first valid attempt that keeps the margin from static objects.
 
-    Without one the best of the first ones that are valid, or before time runs out; None without
-    starts.
+    Without such an attempt: the best of those made until ``PICK.goals`` starts gave a valid one,
+    or until time ran out; None without starts.
     """
     best: Attempt | None = None
     for count, start in enumerate(starts, 1):
         attempt = solver.solve(start)
         if best is None or attempt.rank < best.rank:
             best = attempt
-        if best.roomy or solver.budget.spent() or (best.valid and count >= GOALS):
+        if best.roomy or solver.budget.spent() or (best.valid and count >= PICK.goals):
             break
     return best
 
@@ -186,37 +165,32 @@ class Attempt:
         start: of the optimisation.
         trajectory: the optimised one, with its timing.
         judgement: of the trajectory.
+        valid: whether the judge found no violation; a speed that the options ask for is none.
         merit: value of the objective.
         history: value of each cost after each iteration, the start first.
         message: why the solver stopped.
-        narrow: what it lacks of the margin from static objects, where another goal configuration
-            may have more room [m].
-        fast: whether the tool may be too fast among fruits.
+        shortfall: what the trajectory lacks of the margin from static objects, where another goal
+            configuration may have more room [m].
     """
 
     start: Start
     trajectory: Trajectory
     judgement: Judgement
+    valid: bool
     merit: float
     history: tuple[dict[str, float], ...]
     message: str
-    fast: bool
-    narrow: float = 0.0
-
-    @property
-    def valid(self) -> bool:
-        """Whether the judge found no violation, but for a speed that is asked for."""
-        return all(self.fast and v.kind == "speed" for v in self.judgement.violations)
+    shortfall: float
 
     @property
     def roomy(self) -> bool:
-        """Whether it is valid and keeps the margin from static objects."""
-        return self.valid and not self.narrow
+        """Whether the attempt is valid and keeps the margin from static objects."""
+        return self.valid and not self.shortfall
 
     @property
     def rank(self) -> tuple[bool, float]:
         """Sort key: valid before invalid; then by the margin, or by the objective."""
-        return not self.valid, self.narrow if self.valid else self.merit
+        return not self.valid, self.shortfall if self.valid else self.merit
 
     @property
     def reach(self) -> FloatArray:
@@ -224,31 +198,95 @@ class Attempt:
         return self.trajectory.positions[: self.start.waypoints.first + 1]
 
 
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """A followed tool path.
+
+    Attributes:
+        attempt: the best that follows the path.
+        push: the push model for where the attempt ends, and the motion that the model predicts;
+            None without a model.
+        harm: predicted harm of the attempt.
+        score: harm by which followed paths are compared.
+    """
+
+    attempt: Attempt
+    push: tuple[PushModel, Led] | None
+    harm: float
+    score: float
+
+
+def scored(solver: Solver, attempt: Attempt, good: float) -> Followed:
+    """The followed path of an attempt, with its predicted harm and its score.
+
+    The score is the harm with four changes. Without ``options.prediction`` it begins at 0. The
+    path of the running plan is preferred: another path must be better by ``good``, or by the
+    model's threshold where nothing changed. A trajectory without the margin from static objects is
+    worse than every harmless one that keeps the margin, and better than a harmful one. A trajectory
+    that is not valid is worse by ``PICK.invalid``.
+    """
+    task, model = solver.task, solver.model
+    harm, push = 0.0, None
+    if model is not None:
+        at_end = task.push_model(attempt.trajectory.positions[-1]) or model
+        push = at_end, led(task, at_end, attempt.trajectory)
+        harm = harm_of(*push)
+    threshold = 0.0 if model is None else model.threshold
+    score = harm if solver.options.prediction else 0.0
+    if attempt.start.path is task.kept:
+        unchanged = task.same and attempt.trajectory is task.running
+        score = max(score - (threshold if model is not None and unchanged else good), 0.0)
+    if attempt.shortfall:
+        score = max(score, threshold) + attempt.shortfall
+    if not attempt.valid:
+        score += PICK.invalid
+    return Followed(attempt, push, harm, score)
+
+
+def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> Planned:
+    """The outcome of the best attempt, of a search that took ``seconds`` [s]."""
+    start, made, history = attempt.start, attempt.trajectory, attempt.history
+    stage = Stage("joint", "gauss-newton", tuple(history[0]), history, seconds, attempt.message)
+    optimised = len(history) > 1 or start.running is not None  # a running motion was optimised
+    primitive, followed = (
+        Trajectory.through(q, made.times, made.joint_names)
+        for q in (start.primitive, start.followed)
+    )
+    return Planned(
+        made, start.waypoints.first, primitive, followed, (stage,) if optimised else (), optimised,
+        {"joint": seconds}, attempt.judgement, prediction,
+    )  # fmt: skip
+
+
 class Solver:
     """Optimises starts of one task; keeps its arrays from one start to the next.
 
-    Of valid trajectories without the margin from static objects the judgements are in ``left``.
-
     Args:
-        task: scene and robot.
+        task: to be solved. The optimisation sees it without the objects that the tool pushes aside
+            before the arm comes (``cleared``); the judge sees all.
         options: see :class:`PlanOptions`.
         budget: of the plan.
-        scene: in which the result is judged.
-        stem_side: whether passing a stem on its side is a fault; see :func:`judging.judge`.
+        model: of the push. Without a model, passing a stem on its side is a fault
+            (:func:`judging.judge`).
+
+    Attributes:
+        searched: the push model in which tool paths are searched; None without prediction.
+        without_margin: judgements of valid trajectories that lack the margin from static objects.
     """
 
     def __init__(
-        self, task: Task, options: PlanOptions, budget: Budget, scene: Scene, *, stem_side: bool
+        self, task: Task, options: PlanOptions, budget: Budget, model: PushModel | None
     ) -> None:
-        self.task, self.options, self.budget = task, options, budget
-        self.scene, self.stem_side = scene, stem_side
-        self.left: list[Judgement] = []
+        self.task, self.options, self.budget, self.model = task, options, budget, model
+        self.searched = model if options.prediction else None
+        self.cleared = pushed_aside(task)
+        self.without_margin: list[Judgement] = []
         self._arrays: dict[int, Evaluation] = {}
 
     def solve(self, start: Start) -> Attempt:
         """Optimise a start and judge the result."""
         settings = schedule(self.options)
-        task, count = self.task, start.waypoints.count
+        task, count = self.cleared, start.waypoints.count
         if count not in self._arrays:
             self._arrays[count] = Evaluation(task.robot, task.body, count, 1.0 / (count - 1))
         problem = following(task, self.options, start, self._arrays[count])
@@ -268,18 +306,21 @@ class Solver:
         self, start: Start, q: FloatArray, merit: float, history: tuple[dict[str, float], ...],
         message: str,
     ) -> Attempt:  # fmt: skip
-        task, path = self.task, start.path
-        first, speed = (None, None) if path is None else (start.waypoints.first, path.speed)
-        slow = slowly(task, q, first)
-        trajectory = start.running or timed(task, self.options, q, slow, speed)
-        verdict = judged(replace(task, scene=self.scene), trajectory, stem_side=self.stem_side)
-        short, fast = narrow(task, verdict, q[-1]), self.options.timed
-        self.left += [] if verdict.violations or not short else [verdict]
-        return Attempt(start, trajectory, verdict, merit, history, message, fast, short)
+        task, options, path = self.cleared, self.options, start.path
+        trajectory = start.running
+        if trajectory is None:
+            first, speed = (None, None) if path is None else (start.waypoints.first, path.speed)
+            trajectory = timed(task, options, q, slowly(task, q, first), speed)
+        judgement = judged(self.task, trajectory, stem_side=self.model is None)
+        shortfall = narrow(task, judgement, q[-1])
+        if shortfall and not judgement.violations:
+            self.without_margin.append(judgement)
+        valid = all(options.timed and v.kind == "speed" for v in judgement.violations)
+        return Attempt(start, trajectory, judgement, valid, merit, history, message, shortfall)
 
 
 def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation) -> Problem:
-    """The problem of a start: obstacles, smoothness, limits, the user's costs, the tool path."""
+    """The optimisation problem of a start: costs and constraints as the module lists them."""
     robot, first = task.robot, start.waypoints.first
     costs: list[Cost] = [
         ObstacleCost("static", 1.0, SOLVE.safety, "sum"),
@@ -305,13 +346,13 @@ def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation
             constraints.append(LevelCost(SOLVE.wish, pair, task.scene.frame[0], first))
     return Problem(
         robot, task.surroundings, costs, constraints, start.waypoints.count,
-        cutoff=max(SOLVE.safety, options.static_clearance, options.avoid_clearance) + 1e-3,
-        end_fixed=isinstance(task.goal, JointGoal), body=task.body, evaluation=arrays,
+        cutoff=max(SOLVE.safety, options.static_clearance, options.avoid_clearance) + 1e-3,  # [m]
+        end_fixed=isinstance(task.goal, JointGoal), evaluation=arrays,
     )  # fmt: skip
 
 
 def limits_and_clearances(task: Task, options: PlanOptions, *further: Cost) -> list[Cost]:
-    """Constraints of every problem of a task: joint limits, steps, ``further`` ones, clearances."""
+    """Constraints of every problem of a task: joint limits, steps, ``further``, clearances."""
     robot, proximal = task.robot, ~np.asarray(task.body.distal)
     margin = np.minimum(options.limit_margin, 0.25 * (robot.upper - robot.lower))
     return [
@@ -326,9 +367,9 @@ def limits_and_clearances(task: Task, options: PlanOptions, *further: Cost) -> l
 
 
 def opposite(task: Task) -> tuple[int, int]:
-    """Two spheres of a tool with fingers, one on either side, which are to stand level.
+    """Two body spheres of a tool with fingers, which are to stand level.
 
-    The two that are farthest apart along the opening, and alike otherwise.
+    They are far apart along the opening of the fingers, and near each other across it.
     """
     robot = task.robot
     assert robot.tool is not None
@@ -344,7 +385,7 @@ def opposite(task: Task) -> tuple[int, int]:
 
 
 def schedule(options: PlanOptions) -> gauss_newton.GaussNewtonOptions:
-    """The solver's own schedule, or ``options.iterations`` divided over its stages."""
+    """The solver's default schedule, or ``options.iterations`` divided over its stages."""
     usual = gauss_newton.GaussNewtonOptions()
     if options.iterations is None:
         return usual

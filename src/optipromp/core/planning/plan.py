@@ -1,4 +1,4 @@
-"""``plan``, the entry point of all planners; ``plan_many``; and compiling beforehand."""
+"""``plan``, the entry point of all planners, and compilation before the first plan."""
 
 import functools
 import itertools
@@ -38,9 +38,9 @@ from optipromp.core.trajectory import Trajectory
 DEFAULTS = PlanOptions()
 WARM_UP = "scenario-3"
 RETRIED = Code.HARM_PREDICTED, Code.INVALID_PLAN, Code.GOAL_IN_COLLISION, Code.GOAL_UNREACHABLE
+"""Statuses with which other approaches are tried."""
 
-
-_threads = functools.cache(ThreadpoolController)  # knows the BLAS libraries that are loaded
+_threads = functools.cache(ThreadpoolController)  # it finds the BLAS libraries once
 
 
 def plan(
@@ -68,34 +68,35 @@ def plan(
             conditions the primitive on start, camera point and target; ``i-promp`` also on every
             neighbour and its pushed pose; ``opti-promp`` picks a tool path, follows it with the
             whole arm and optimises the result; others are registered.
-        strategy: of a planner that is named opti-promp. ``joint`` solves for everything at once;
+        strategy: of the planner named opti-promp: ``joint`` solves for everything at once,
             ``sequential`` runs the paper's stages.
         demonstrations: a ProMP, or a file to learn one from; None: the robot's built-in
             demonstrations.
         seed: of everything random. The same input and seed give the same plan.
-        options: what the plan may cost and risk; and the settings of a planner that is named.
+        options: cost and risk that are allowed, and the settings of a planner that is named.
         progress: called with a short text as each step begins.
-        start_state: that the arm is in, in place of the scene's start: a :class:`State` or (q,
-            velocity, acceleration). The plan begins in it without a jump.
-        previous: the plan that runs; its path is kept unless another is better by a margin.
+        start_state: state of the arm, in place of the scene's start: a :class:`State` or (q,
+            velocity, acceleration). The plan begins in this state without a jump.
+        previous: the plan that runs; its path is kept unless another path is better by a margin.
         at: the time in ``previous`` at which the new plan takes over [s]. Without ``start_state``
-            the arm is where ``previous`` has it then.
+            the new plan begins in the state of ``previous`` at this time.
 
     Returns:
-        The plan. A plan that fails is returned too: with its code, the best trajectory found and
-        its metrics.
+        The plan. A plan that fails is returned too, with its code, the best trajectory and the
+        metrics of that trajectory.
 
     Raises:
         InvalidSceneError: a scene that cannot be used.
         InvalidRobotError: a robot that cannot be used.
         InvalidDemonstrationError: demonstrations that cannot be used.
-        InvalidRequestError: an argument or option outside what it may be.
+        InvalidRequestError: an argument or an option that is not allowed; a planner that returns
+            an object of another type than ``Planned``, ``Failed`` or ``Harmful``.
         StartInvalidError: a start outside the joint limits, or of the wrong size.
     """
     options = options or DEFAULTS
     solver = check_request(planner, strategy, options, seed)
     _compiled()  # before the plan's clock starts
-    with _threads().limit(limits=1, user_api="blas"):  # on small matrices threads only wait
+    with _threads().limit(limits=1, user_api="blas"):  # small matrices gain nothing from threads
         state = begun(start_state, previous, at)
         scene = scene if isinstance(scene, Scene) else load_scene(scene)
         began = clock()
@@ -111,11 +112,11 @@ def plan(
 def _best_way(
     task: Task, planner: Planner, options: PlanOptions, began: float, say: Callable[[str], object]
 ) -> Plan:
-    """The first harmless plan: straight, or else by the other approaches that the scene allows.
+    """The first harmless plan: by the straight approach, or by another that the scene allows.
 
-    Only paths that do no harm by themselves are followed with the arm. Without a harmless plan the
-    best is given, or the path of least harm is followed. What is too fast because a time or a speed
-    is asked for is too fast on any way.
+    At first the arm follows only paths that do no harm by themselves. Without a harmless plan, the
+    path of least harm is followed too, and the best of all plans is returned. Other approaches are
+    not tried where the tool is too fast because the options ask for a time or a speed.
     """
     end = began + options.timeout
     attempt = functools.partial(_plan, planner=planner, options=options, end=end, say=say)
@@ -124,10 +125,10 @@ def _best_way(
         ways = approaches.others(task)
     made: list[Plan] = []
     harmful: list[Harmful] = []
-    for other in itertools.chain([task], ways):
+    for approach in itertools.chain([task], ways):
         if (made or harmful) and clock() > end:
             break
-        found = attempt(other)
+        found = attempt(approach)
         if isinstance(found, Harmful):
             harmful.append(found)
             continue
@@ -135,16 +136,17 @@ def _best_way(
         fast = getattr(planner, "timed", False) and judging.too_fast(found.metrics.approach_speed)
         if fast or found.status not in RETRIED:
             break
-    if harmful and not any(one.success for one in made):
-        found = attempt(min(harmful, key=lambda one: one.harm).task)
-        assert isinstance(found, Plan)
+    if harmful and not any(done.success for done in made):
+        least = min(harmful, key=lambda answer: answer.harm)
+        found = attempt(replace(least.task, sparing=False))
+        assert isinstance(found, Plan)  # of a task that is not sparing
         made.append(found)
     best = min(made, key=_badness)
     return replace(best, time={**best.time, "total": clock() - began})
 
 
 def _badness(made: Plan) -> tuple[bool, float]:
-    """What ranks plans of different approaches: validity, then harm."""
+    """Sort key of the plans of different approaches: validity, then harm."""
     valid = made.success or made.status == Code.HARM_PREDICTED
     return not valid, np.inf if made.prediction is None else made.prediction.harm
 
@@ -152,10 +154,10 @@ def _badness(made: Plan) -> tuple[bool, float]:
 def check_request(
     planner: Planner | str, strategy: str, options: PlanOptions, seed: int = 0
 ) -> Planner:
-    """The planner of a request that can be used; see :func:`chosen_planner`.
+    """The planner of a request; see :func:`chosen_planner`.
 
     Raises:
-        InvalidRequestError: what is wrong with it.
+        InvalidRequestError: a part of the request that cannot be used.
     """
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise InvalidRequestError(f"seed is {seed!r}; it must be a whole number >= 0")
@@ -177,9 +179,9 @@ def warm_up(scene: Scene | str = WARM_UP) -> None:
 
 @functools.cache
 def _compiled() -> None:
-    """Compile what most plans need, once in a process, where Numba's cache has none of it.
+    """Compile the kernels of most plans, once in a process, where Numba's cache lacks them.
 
-    What only some need is compiled when they do; a plan's clock stands still meanwhile.
+    Kernels of few plans are compiled when they are called; a plan's clock stops meanwhile.
     """
     if not (in_cache(add_stiffness) and in_cache(tree.shorten)):
         warm_up()
@@ -188,8 +190,8 @@ def _compiled() -> None:
 def compile_kernels() -> None:
     """Fill Numba's cache.
 
-    The push model takes nearly as long to compile as all other kernels. Where there is a second
-    core, another process compiles it, while this one plans where nothing hangs.
+    The kernels of the push model take nearly as long to compile as all others. With a second core,
+    another process compiles them, while this process plans in a scene where nothing hangs.
     """
     scene = load_scene(WARM_UP)
     bare = tuple(replace(o, stem=None) for o in scene.objects if o.role != "pushable")
@@ -209,7 +211,7 @@ def compile_kernels() -> None:
 
 
 def compile_push_model() -> None:
-    """Compile what predicts a push."""
+    """Compile the kernels of the push model."""
     task = resolve(load_scene(WARM_UP))
     model = task.push_model(task.robot.home)
     assert model is not None
@@ -220,7 +222,10 @@ def compile_push_model() -> None:
 def _plan(
     task: Task, *, planner: Planner, options: PlanOptions, end: float, say: Callable[[str], object]
 ) -> Plan | Harmful:
-    """One attempt: what the planner finds, or that nothing is to be done, judged."""
+    """The judged plan of one approach; a planner's answer that all paths do harm as it is.
+
+    The planner is not asked where the arm touches something at the start, or rests at the goal.
+    """
     began = clock()
     budget = Budget(end, np.inf if options.effort is None else options.effort, say)
     stay = _stay(task)
@@ -228,32 +233,37 @@ def _plan(
     there = task.running is None and all(task.at_goal(q) for q in stay.trajectory.positions)
     found: Planned | Failed | Harmful = stay
     if touching:
-        told = "at the start " + "; ".join(map(str, touching))
-        found = Failed(Code.START_IN_COLLISION, told)
+        found = Failed(Code.START_IN_COLLISION, "at the start " + "; ".join(map(str, touching)))
     elif not there:
         found = planner.solve(task, budget)
-    if isinstance(found, Harmful):
+    if isinstance(found, Harmful) and task.sparing:
         return found
+    if not isinstance(found, Planned | Failed):
+        raise InvalidRequestError(
+            f"planner {label(planner)} returned {type(found).__name__}: "
+            "solve must return Planned or Failed, or Harmful where task.sparing is true"
+        )
     outcome = found if isinstance(found, Planned) else found.nearest or stay
     start = clock()
     prediction = outcome.prediction or predicted(task, outcome.trajectory)
-    verdict = outcome.judgement or judged(task, outcome.trajectory, stem_side=prediction is None)
+    judgement = outcome.judgement or judged(task, outcome.trajectory, stem_side=prediction is None)
     if isinstance(found, Planned):
         idle = getattr(planner, "iterations", None) == 0
-        status, message = _status(Verdict(verdict, prediction), outcome, idle, budget)
+        status, message = _status(Verdict(judgement, prediction), outcome, idle, budget)
     else:
         status, message = found.code, found.message
         if found.nearest is not None:
-            nearest = f"; the trajectory that comes nearest: {verdict.message}"
-            message += nearest + _cut(budget)
-        elif broken := [str(v) for v in verdict.violations if v.kind in ("limit", *judging.RATES)]:
+            message += f"; the trajectory that comes nearest: {judgement.message}{_cut(budget)}"
+        elif broken := [
+            str(v) for v in judgement.violations if v.kind in ("limit", *judging.RATES)
+        ]:
             message += "; on the way to rest " + "; ".join(broken)
     now = clock()
     return Plan(
         task=task, planner=label(planner), strategy=getattr(planner, "strategy", None),
         seed=task.seed, status=status, message=message, trajectory=outcome.trajectory,
         initial=outcome.begin, followed=outcome.followed or outcome.begin, prediction=prediction,
-        metrics=verdict.metrics, stages=outcome.stages, contacts=verdict.contacts,
+        metrics=judgement.metrics, stages=outcome.stages, contacts=judgement.contacts,
         terms=Terms(functools.partial(_terms, task, outcome.paper or options.paper, outcome)),
         time={**outcome.time, "check": now - start, "total": now - began},
         first=outcome.first, via=outcome.via,
@@ -261,26 +271,20 @@ def _plan(
 
 
 def _status(found: Verdict, outcome: Planned, idle: bool, budget: Budget) -> tuple[Code, str]:
-    """Status and message of an outcome, from its verdict and whether the budget cut the search.
-
-    ``idle``: no optimisation was asked for.
-    """
-    late = budget.cut
+    """Status and message of an outcome; ``idle``: no optimisation was asked for."""
     note = "" if outcome.optimised else " (not optimised)"
     wrong = found.judgement.message
-    if late and not outcome.optimised and not idle:
-        return (
-            Code.TIMEOUT,
-            f"{budget.ending} before any optimisation; the initial trajectory: {wrong or 'valid'}",
-        )
-    if wrong and late:
+    if budget.cut and not outcome.optimised and not idle:
+        so_far = f"before any optimisation; the initial trajectory: {wrong or 'valid'}"
+        return Code.TIMEOUT, f"{budget.ending} {so_far}"
+    if budget.cut and wrong:
         return Code.TIMEOUT, f"{budget.ending}; the best so far: {wrong}{note}"
     message, comma, notes = found.message.partition("; note: ")
     return found.status, message + note + comma + notes + _cut(budget)
 
 
 def _cut(budget: Budget) -> str:
-    """That a search was cut, and where: with more time its result may be another."""
+    """A note where the budget cut the search: with more time the result may differ."""
     return f"; note: the search was cut after {budget.used} steps" if budget.cut else ""
 
 
@@ -303,7 +307,7 @@ def _terms(task: Task, paper: PaperOptions, outcome: Planned) -> dict[str, Term]
 
 
 def _stay(task: Task) -> Planned:
-    """A trajectory that does not move; where the arm moves, one that comes to rest."""
+    """A trajectory that stays at the start; where the arm moves, a trajectory that stops it."""
     if task.state.moving:
         still = stopped(task.robot, task.state)
     else:

@@ -28,22 +28,24 @@ GROUP = "optipromp.planners"
 class Planner(Protocol):
     """Anything that solves a task.
 
-    A planner may have further attributes. ``name`` and ``strategy`` are what its plans say of it,
-    by default its class and nothing. Where ``approaches`` is true, the other approaches that the
-    scene allows are tried too if the straight one fails. ``timed`` says that a time or a speed is
-    asked for. ``iterations`` of 0 say that no optimisation is.
+    A planner may have further attributes. Its plans report ``name`` (by default the name of its
+    class) and ``strategy`` (by default none). Where ``approaches`` is true, the other approaches
+    that the scene allows are tried too if the straight one fails. ``timed`` says that a duration or
+    a speed is set, ``iterations`` of 0 that no optimisation is. ``takes_strategy``, an attribute of
+    the class, says that the planner has the settings ``strategy`` and ``constraints``: it serves a
+    request of opti-promp that names another strategy or other constraints than the default ones.
     """
 
     def solve(self, task: Task, budget: Budget) -> "Planned | Failed | Harmful":
         """The motion from ``task.state`` to the goal, or why there is none.
 
-        The answer is judged by :func:`optipromp.plan`, whatever the planner thinks of it.
+        :func:`optipromp.plan` judges the motion, whatever the planner thinks of it.
 
         Args:
             task: scene, robot, goal, neighbours and push model; with the seed of everything random
                 and the demonstrations of the request.
-            budget: to be asked, by ``budget.spent()``, before each step of the work; ``budget.say``
-                tells what begins.
+            budget: asked, by ``budget.spent()``, before each step of the work; ``budget.say`` takes
+                a short text as each part of the work begins.
         """
         ...
 
@@ -53,15 +55,15 @@ _known: dict[str, Factory] = {}
 
 
 def register(name: str, factory: Factory) -> None:
-    """Know a planner by a name, in this process.
+    """Give a planner a name, in this process; the name may replace a registered one.
 
-    ``factory`` makes it from settings; a dataclass does. A name that is known is replaced.
+    ``factory`` makes the planner from its settings, as a dataclass does.
     """
     _known[name] = factory
 
 
 def _outside() -> dict[str, metadata.EntryPoint]:
-    """The entry points whose names are not known yet."""
+    """The entry points whose names are not registered yet."""
     found = metadata.entry_points(group=GROUP)
     return {entry.name: entry for entry in found if entry.name not in _known}
 
@@ -84,10 +86,10 @@ def _load(entry: metadata.EntryPoint) -> Factory:
 
 
 def factory(name: str, what: str = "planner") -> Factory:
-    """What makes the planner of a name.
+    """The factory of the planner with a name; ``what`` stands for the name in an error's message.
 
     Raises:
-        InvalidRequestError: no such name, or one whose package cannot be loaded.
+        InvalidRequestError: an unknown name, or a package that cannot be loaded.
     """
     if name in _known:
         return _known[name]
@@ -101,7 +103,7 @@ def factory(name: str, what: str = "planner") -> Factory:
 
 
 def planners() -> dict[str, Factory]:
-    """All planners by name, ours first; what cannot be loaded is warned of and left out."""
+    """All planners by name, ours first; with a warning for each that cannot be loaded."""
     for entry in _outside().values():
         try:
             _load(entry)
@@ -117,8 +119,23 @@ def planner_names() -> tuple[str, ...]:
     return tuple(planners())
 
 
+def strategist() -> str:
+    """The name of the planner that takes a strategy and constraints; see :class:`Planner`.
+
+    Raises:
+        InvalidRequestError: no planner that can be loaded takes them.
+    """
+    for name in (*_known, *_outside()):
+        try:
+            if getattr(factory(name), "takes_strategy", False):
+                return name
+        except InvalidRequestError:  # of another package, which this request does not need
+            continue
+    raise InvalidRequestError("no planner takes a strategy and constraints; install one that does")
+
+
 def settings_of(kind: Factory) -> tuple[str, ...]:
-    """The settings of what a factory makes, where it is a dataclass."""
+    """The names of the settings of a planner whose factory is a dataclass; else none."""
     return tuple(item.name for item in fields(kind)) if is_dataclass(kind) else ()
 
 
@@ -126,7 +143,7 @@ def make(name: str, **settings: Any) -> Planner:
     """The planner of a name, with settings.
 
     Raises:
-        InvalidRequestError: no such name, or a setting that it has not.
+        InvalidRequestError: an unknown name, or a setting that the planner does not have.
     """
     kind = factory(name)
     for setting in settings:
@@ -137,5 +154,5 @@ def make(name: str, **settings: Any) -> Planner:
 
 
 def label(planner: Planner | str) -> str:
-    """What a plan says of its planner."""
+    """The name that a plan reports for its planner."""
     return planner if isinstance(planner, str) else getattr(planner, "name", type(planner).__name__)

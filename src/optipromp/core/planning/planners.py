@@ -17,7 +17,14 @@ from optipromp.core.planning.options import (
 )
 from optipromp.core.planning.parameters import GOAL
 from optipromp.core.planning.pick import pick
-from optipromp.core.planning.planner import Planner, factory, make, register, settings_of
+from optipromp.core.planning.planner import (
+    Planner,
+    factory,
+    make,
+    register,
+    settings_of,
+    strategist,
+)
 from optipromp.core.planning.primitive import learnt
 from optipromp.core.planning.result import Failed, Harmful, Planned
 from optipromp.core.planning.task import Task, pushed_aside
@@ -27,9 +34,13 @@ JOINT: Strategy = "joint"
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """Goal configurations ``q`` (m, n), best first; ``reason``, in words, where none is ``free``.
+    """Goal configurations of a task.
 
-    ``seconds`` is what they took [s].
+    Attributes:
+        q: configurations (m, n), best first.
+        free: whether the configurations touch nothing.
+        reason: why none is free, in words.
+        seconds: wall time of inverse kinematics [s].
     """
 
     q: FloatArray
@@ -38,7 +49,7 @@ class Chosen:
     seconds: float
 
     def told(self, made: Planned | Harmful) -> Planned | Failed | Harmful:
-        """What was planned to these configurations; a failure where none is free."""
+        """The answer of a planner that made ``made``: a failure where no configuration is free."""
         if isinstance(made, Harmful):
             return made
         made = replace(made, time={"inverse kinematics": self.seconds, **made.time})
@@ -46,16 +57,22 @@ class Chosen:
 
     @property
     def failed(self) -> Failed:
-        """That there is no such configuration."""
+        """The failure where there is no configuration."""
         return Failed(Code.GOAL_UNREACHABLE, self.reason)
 
 
 def goal_configurations(
     task: Task, budget: Budget, starts: int | None = None, near: FloatArray | None = None
 ) -> Chosen:
-    """Goal configurations of a task: one on the branch of ``near`` (n,), where given and free.
+    """Goal configurations of a task.
 
-    ``starts`` is how many inverse kinematics begins from; None: fewer where time is over.
+    Args:
+        task: scene and robot.
+        budget: of the plan.
+        starts: number of random starts of inverse kinematics; None: ``GOAL.starts``, or
+            ``GOAL.few_starts`` where the budget is spent.
+        near: (n,) a configuration; a free goal configuration on its branch is the only one. The
+            start takes its place where the tool has begun its approach.
     """
     budget.say("inverse kinematics")
     began = clock()
@@ -76,7 +93,7 @@ class OptiProMP(Searched):
 
     @property
     def approaches(self) -> bool:
-        """Whether other approaches than the straight one are tried: with a prediction."""
+        """Whether other approaches than the straight one are tried: only with a prediction."""
         return self.prediction
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
@@ -86,9 +103,9 @@ class OptiProMP(Searched):
         if not len(chosen.q):
             return chosen.failed
         budget.say("optimising (joint)")
-        sparing = task.sparing and chosen.free
+        harmless_only = task.sparing and chosen.free
         options = PlanOptions(**vars(self))
-        return chosen.told(pick(task, promp, options, chosen.q, budget, sparing))
+        return chosen.told(pick(task, promp, options, chosen.q, budget, harmless_only))
 
 
 @dataclass(frozen=True)
@@ -105,13 +122,14 @@ class ConditionedProMP(Timed):
     camera_point: bool | None = None
     via_deviation: float = 1e-3
     name: ClassVar[str] = "promp"
+    interactive: ClassVar[bool] = False  # whether neighbours are among the points
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._options()
 
     def _options(self) -> PlanOptions:
-        """The same settings as those of a plan, checked."""
+        """The settings as options of a plan, checked."""
         timed = {item.name: getattr(self, item.name) for item in fields(Timed)}
         paper = {name: value for name, value in vars(self).items() if name not in timed}
         return PlanOptions(**timed, paper=PaperOptions(**paper))
@@ -123,8 +141,10 @@ class ConditionedProMP(Timed):
         if not len(chosen.q):
             return chosen.failed
         budget.say(self.name)
-        made = primitive.plan_primitive(task, promp, self._options(), chosen.q, self.name)
-        return replace(chosen, free=True).told(made)  # the judge says what is touched
+        began = clock()
+        made = primitive.plan_primitive(task, promp, self._options(), chosen.q, self.interactive)
+        made = replace(made, time={self.name: clock() - began})
+        return replace(chosen, free=True).told(made)  # the judge reports contacts at the goal
 
 
 @dataclass(frozen=True)
@@ -141,6 +161,7 @@ class IProMP(ConditionedProMP):
     direction_deviation: float = 0.0
     guard: bool = False
     name: ClassVar[str] = "i-promp"
+    interactive: ClassVar[bool] = True
 
 
 _OURS = {kind.name: kind for kind in (ConditionedProMP, IProMP, OptiProMP)}
@@ -152,15 +173,15 @@ OF_A_PLAN = "timeout", "effort", "risk"  # options of a request, whatever the pl
 
 
 def chosen_planner(planner: Planner | str, strategy: str, options: PlanOptions) -> Planner:
-    """The planner of a request: the value that is given, or that of a name with its options.
+    """The planner of a request: a value as it is, or the planner of a name with its options.
 
-    A request of the form that came before planners were values means one too: opti-promp with the
-    strategy ``sequential``, or with the constraints of the paper, is the planner ``paper``. Of the
-    options, promp, i-promp and opti-promp take those that they have.
+    A request of opti-promp with the strategy ``sequential``, or with the constraints of the paper,
+    means the planner that takes a strategy (:func:`strategist`). The planners promp, i-promp and
+    opti-promp ignore options that are no settings of theirs.
 
     Raises:
-        InvalidRequestError: names that do not exist, options that the planner has not, an object
-            that is no planner.
+        InvalidRequestError: an unknown name, an option that is no setting of the planner, or an
+            object that is no planner.
     """
     if strategy not in STRATEGIES:
         raise InvalidRequestError(f"strategy is {strategy!r}; valid: {', '.join(STRATEGIES)}")
@@ -180,7 +201,7 @@ def chosen_planner(planner: Planner | str, strategy: str, options: PlanOptions) 
         of_paper = {k: v for k, v in vars(options.paper).items() if not hasattr(options, k)}
         given |= {} if kind is OptiProMP else of_paper
         if kind is OptiProMP and (strategy != JOINT or options.constraints == "paper"):
-            planner = "paper"
+            planner = strategist()
             given |= {"strategy": strategy, "constraints": options.constraints}
         given = {k: v for k, v in given.items() if k in settings_of(factory(planner))}
     return make(planner, **given)

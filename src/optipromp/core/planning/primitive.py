@@ -1,4 +1,4 @@
-"""Movement primitives: learnt, and conditioned on the points of ``promp`` and ``i-promp``."""
+"""Movement primitives: learnt, and conditioned for the planners ``promp`` and ``i-promp``."""
 
 import functools
 import math
@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, frozen
-from optipromp.core.budget import clock
 from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
 from optipromp.core.planning.options import PlanOptions
 from optipromp.core.planning.parameters import FOLLOW, PRIMITIVE, WAYPOINT
@@ -31,19 +30,20 @@ from optipromp.core.robots.roll import level
 from optipromp.core.scenes.scene import PoseGoal
 
 BASIS = Basis(count=14, width=2.0, outside=1)
+"""Of the primitives that a plan learns: a choice."""
 PAPER_BASIS = Basis(count=5, width=4.0, outside=1)
 
 
 @functools.lru_cache(maxsize=8)
 def _prior_covariance(basis: Basis) -> FloatArray:
-    """Covariance (K, K) of smooth motions: accelerations are white, ends at rest."""
+    """Covariance (K, K) of the weights of smooth motions: white acceleration, ends at rest."""
     z = np.linspace(0.0, 1.0, 201)
     acceleration, position = basis.evaluate(z, 2), basis.evaluate(z)
     ends = basis.evaluate(np.array([0.0, 1.0]), 1)
     precision = (
         acceleration.T @ acceleration / (len(z) * PRIMITIVE.acceleration**2)
         + position.T @ position / (len(z) * PRIMITIVE.position**2)
-        + ends.T @ ends / 0.05**2
+        + ends.T @ ends / 0.05**2  # [rad per unit of phase] standard deviation of end velocities
     )
     try:
         return np.asarray(np.linalg.inv(precision), dtype=np.float64)
@@ -54,10 +54,9 @@ def _prior_covariance(basis: Basis) -> FloatArray:
 
 
 def smooth_prior(robot: Robot, basis: Basis = BASIS, about: FloatArray | None = None) -> ProMP:
-    """A ProMP of smooth motions that rest at both ends; it knows no task.
+    """A ProMP of smooth motions that rest at both ends, for an arm without demonstrations.
 
-    It stands in for the ProMP of an arm without demonstrations. ``about`` (n,) is its mean
-    [rad or m]; None: the robot's home.
+    ``about`` (n,) is its mean [rad or m]; None: the robot's home.
     """
     mean = robot.home if about is None else about
     return _smooth(robot.joint_names, tuple(mean.tolist()), basis)
@@ -72,7 +71,7 @@ def _smooth(joint_names: tuple[str, ...], about: tuple[float, ...], basis: Basis
 
 @functools.lru_cache(maxsize=64)
 def _tell_unlearnt(name: str, joint_names: tuple[str, ...]) -> None:
-    """Warn, once for a robot in a process."""
+    """Warn, once for each robot in a process, that it has no demonstrations."""
     warnings.warn(
         f"no built-in demonstrations are of the joints of robot '{name}' "
         f"({', '.join(joint_names)}): the primitive is any smooth motion about the start; "
@@ -82,22 +81,22 @@ def _tell_unlearnt(name: str, joint_names: tuple[str, ...]) -> None:
 
 
 def _of_joints(n: int, covariance: FloatArray) -> FloatArray:
-    """The covariance (nK, nK) of n joints that vary alike and alone, each by ``covariance``."""
+    """The covariance (nK, nK) of n independent joints, each with ``covariance`` (K, K)."""
     joint = np.kron(np.eye(n), covariance)
     return np.asarray(0.5 * (joint + joint.T))
 
 
 @functools.lru_cache(maxsize=8)
-def widened(promp: ProMP, joint_names: tuple[str, ...], share: float = 0.01) -> ProMP:
-    """``promp`` with ``share`` of the smooth prior's covariance added.
+def widened(promp: ProMP, joint_names: tuple[str, ...]) -> ProMP:
+    """``promp`` with 1 % of the smooth prior's covariance added: a choice.
 
-    A ProMP of few or similar demonstrations has a sample covariance that extrapolates badly. With
-    the prior added, conditioning far from the demonstrations interpolates smoothly. It depends on
-    the joints alone, not on the tool.
+    The sample covariance of few or similar demonstrations extrapolates badly. With the prior added,
+    conditioning far from the demonstrations interpolates smoothly. The prior depends on the joints
+    alone, not on the tool.
     """
     promp = promp.for_joints(joint_names)
     prior = _of_joints(len(joint_names), _prior_covariance(promp.basis))
-    return promp.with_weights(promp.mean, promp.covariance + share * prior)
+    return promp.with_weights(promp.mean, promp.covariance + 0.01 * prior)
 
 
 @functools.lru_cache(maxsize=8)
@@ -108,14 +107,14 @@ def _built_in(name: str, basis: Basis) -> ProMP:
 
 
 def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis = BASIS) -> ProMP:
-    """The ProMP a plan starts from, widened by a little of the smooth prior.
+    """The ProMP of a plan, widened by a little of the smooth prior.
 
     Args:
         task: the scene and its robot.
-        demonstrations: a learnt ProMP, demonstrations to learn from (``.npz`` of a ProMP or of
-            demonstrations, CSV, a folder of CSVs), or None for the built-in ones of its joints (by
-            :func:`optipromp.core.robots.library.built_in_twin`); a robot without gets the smooth
-            prior about the start, with a warning, once for a robot.
+        demonstrations: a ProMP; a file of a ProMP or of demonstrations (``.npz``, CSV, a folder of
+            CSVs); or None: the built-in demonstrations of the robot's joints
+            (:func:`optipromp.core.robots.library.built_in_twin`). Where there are none, the smooth
+            prior about the start takes their place, with a warning.
         basis: of a ProMP that is learnt here.
 
     Raises:
@@ -135,7 +134,7 @@ def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis =
 
 
 def _given(given: object, basis: Basis, robot: Robot) -> ProMP:
-    """A ProMP as it is, one that ``optipromp learn`` saved, or one learnt of demonstrations."""
+    """The ProMP that a user gives: a ProMP, the file of one, or demonstrations to learn it from."""
     if not isinstance(given, ProMP | str | Path):
         kind = type(given).__name__
         raise InvalidRequestError(f"demonstrations are {kind}; they must be a ProMP or a path")
@@ -147,7 +146,7 @@ def _given(given: object, basis: Basis, robot: Robot) -> ProMP:
         return fit(recorded, basis).for_joints(joints, what)
     promp = given if isinstance(given, ProMP) else ProMP.load(given)
     mean = promp.for_joints(joints, what).mean_trajectory(PRIMITIVE.checked)
-    # a mean overshoots where bases are few: only one beyond by the joint's range is in other units
+    # the mean of few bases overshoots; only beyond the limits by a joint's range it has other units
     told = f"{what}, its mean at {len(mean)} phases"
     check_limits(mean, joints, lower, upper, told, upper - lower)
     return promp
@@ -156,9 +155,10 @@ def _given(given: object, basis: Basis, robot: Robot) -> ProMP:
 def via_points(
     task: Task, positions: Sequence[FloatArray], deviation: float
 ) -> tuple[FloatArray, FloatArray]:
-    """The camera point, ``positions`` and the goal as points (m, 3) of the tool [m].
+    """Tool points (m, 3) [m]: the camera point, ``positions`` and the goal.
 
-    Also the standard deviations (m,) with which the ProMP is held to them [m].
+    Also their standard deviations (m,) [m]: five times ``deviation`` at the camera point, 0 at the
+    goal.
     """
     assert isinstance(task.goal, PoseGoal)
     points = np.array([task.camera, *positions, task.goal.position])
@@ -168,7 +168,10 @@ def via_points(
 
 
 def on_branch(task: Task, points: FloatArray, goal: FloatArray) -> FloatArray | None:
-    """Configurations (m, n) at via points, followed back from ``goal``; None: out of reach."""
+    """Configurations (m, n) at tool points (m, 3), followed back from the configuration ``goal``.
+
+    None where a point is out of reach.
+    """
     assert isinstance(task.goal, PoseGoal)
     axes = np.tile(task.goal.axis, (len(points) - 1, 1))
     back, errors = ik.track(task.robot, points[-2::-1], axes, goal)
@@ -190,13 +193,13 @@ def led_through(
     """Mean (T, n) of ``promp`` at ``count`` waypoints, conditioned on configurations.
 
     Args:
-        promp: what is conditioned.
+        promp: the primitive.
         start: (n,) at phase 0, exact.
         phases: (m,) of the configurations.
-        values: (m, n).
-        variances: (m,) [rad²] of each; 0 is exact.
-        count: waypoints.
-        pause: a phase at which the arm stands still.
+        values: (m, n) the configurations.
+        variances: (m,) of the configurations [rad²]; 0 is exact.
+        count: number T of waypoints.
+        pause: a phase at which the arm stands still; None: none.
     """
     places, spread = [(0.0, 0)], [0.0]
     targets = [start[None], values]
@@ -214,7 +217,7 @@ def led_through(
 
 @functools.lru_cache(maxsize=8)
 def end(promp: ProMP) -> FloatArray:
-    """Where the mean of a ProMP ends (n,)."""
+    """The last configuration (n,) of a ProMP's mean."""
     return frozen(promp.mean_trajectory(np.array([1.0]))[0])
 
 
@@ -223,15 +226,14 @@ def plan_primitive(
     promp: ProMP,
     options: PlanOptions,
     goals: FloatArray,
-    planner: str,
+    interactive: bool,
 ) -> Planned:
-    """Condition the ProMP on the planner's points, on the branch nearest to the ProMP's own end.
+    """Condition the ProMP on tool points, to the goal (m, n) nearest to the end of its mean.
 
-    ``promp`` passes start, camera point (unless the scene or the options leave it out) and target;
-    ``i-promp`` also each neighbour's pose and pushed pose, at evenly spaced phases. The arm pauses
-    at the camera point, to look.
+    The points are start, camera point (unless the scene or the options leave it out) and target.
+    With ``interactive`` each neighbour's pose and pushed pose are added, at evenly spaced phases.
+    The arm pauses at the camera point.
     """
-    began = clock()
     goal = goals[int(np.argmin(np.linalg.norm(goals - end(promp), axis=1)))]
     paper = options.paper
     phase = paper.camera_phase or PRIMITIVE.camera_phase
@@ -240,10 +242,10 @@ def plan_primitive(
         camera = task.scene.options.get("camera_point", True)
     branch: FloatArray | None = None
     met: tuple[ViaPoint, ...] = (ViaPoint("goal", task.robot.tool_pose(goal)[0]),)
-    if isinstance(task.goal, PoseGoal) and (planner == "i-promp" or camera):
+    if isinstance(task.goal, PoseGoal) and (interactive or camera):
         names, positions = ["camera"], list[FloatArray]()
         variances: list[float] = []
-        if planner == "i-promp":
+        if interactive:
             deviation = paper.direction_deviation
             rng = np.random.default_rng(task.seed) if deviation > 0.0 else None
             objects, tool = task.neighbours, task.robot.tool
@@ -273,5 +275,4 @@ def plan_primitive(
         q[-1] = goal
     first = math.ceil(phase * (count - 1))
     trajectory = timed(task, options, q, first if task.neighbours else None)
-    seconds = clock() - began
-    return Planned(trajectory, first, time={planner: seconds}, via=met)
+    return Planned(trajectory, first, via=met)

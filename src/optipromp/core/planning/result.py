@@ -1,4 +1,4 @@
-"""The results of planning: stages of an optimisation, an outcome, a plan."""
+"""The results of planning: stages of an optimisation, a planner's answers, a plan."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -24,13 +24,13 @@ class Stage:
 
     Attributes:
         name: ``push``, ``collision`` or ``joint``.
-        solver: its name.
-        terms: names of what it minimises.
-        history: value of every term after each iteration, the initial one first.
-        seconds: wall time.
-        message: why it stopped.
+        solver: name of the solver.
+        terms: names of the minimised terms.
+        history: value of every term after each iteration, the initial value first.
+        seconds: wall time [s].
+        message: why the solver stopped.
         trust_radius: first trust radius, of a push stage of the sequential strategy [rad].
-        tried_radii: the radii tried, up to the one that was kept; all, where none was valid.
+        tried_radii: the trust radii that were tried; the last gave the plan, if any was valid.
     """
 
     name: str
@@ -53,21 +53,21 @@ class ViaPoint:
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """The motion that a planner found, and what was done on the way to it.
+    """A planner's answer: a motion.
 
     Attributes:
         trajectory: the motion.
-        first: index of its first waypoint on the approach.
-        primitive: the conditioned ProMP that it began from; None: the trajectory itself.
+        first: index of the first waypoint on the approach.
+        primitive: the conditioned ProMP; None: the trajectory itself.
         followed: the conditioned ProMP, led along the tool path; None: ``primitive``.
         stages: of the optimisation.
         optimised: whether an optimisation took place, or none was needed.
-        time: by stage [s].
-        judgement: of the trajectory; None where it is not judged yet.
-        prediction: of its push; None where it is not predicted yet.
+        time: wall time by stage [s].
+        judgement: of the trajectory; None where the planner did not ask the judge.
+        prediction: of the trajectory's push; None where the planner did not ask the push model.
         via: points of the tool that the primitive was conditioned on, the target last.
-        paper: settings by which the plan reports the paper's functionals; None: the request's.
-        authors: whether it reports them in the forms of the authors' sequential runs.
+        paper: settings of the reported functionals; None: those of the request.
+        authors: whether the functionals are reported in the forms of the authors' sequential runs.
     """
 
     trajectory: Trajectory
@@ -85,15 +85,15 @@ class Planned:
 
     @property
     def begin(self) -> Trajectory:
-        """The trajectory that it began from."""
+        """The trajectory before the optimisation."""
         return self.primitive or self.trajectory
 
 
 @dataclass(frozen=True, eq=False)
 class Failed:
-    """That there is no plan: ``code`` and ``message`` say why.
+    """A planner's answer: there is no plan, for the reason in ``code`` and ``message``.
 
-    ``nearest`` is the motion that comes nearest; None: the arm stays.
+    ``nearest`` is the motion that comes nearest to one; None: the arm stays.
     """
 
     code: Code
@@ -103,16 +103,16 @@ class Failed:
 
 @dataclass(frozen=True, eq=False)
 class Harmful:
-    """All tool paths that were found do harm: none was followed with the arm.
+    """A planner's answer: all tool paths do harm, and the arm followed none of them.
 
-    ``task`` follows the path of the least harm.
+    ``task`` is the task of the path of least harm.
     """
 
     task: Task
 
     @property
     def harm(self) -> float:
-        """The least harm."""
+        """The harm of that path."""
         return math.inf if self.task.only is None else self.task.only.harm
 
 
@@ -125,7 +125,7 @@ class Term:
         followed: value at the followed trajectory.
         final: value at the returned trajectory.
         history: values over the iterations of ``stage``, the initial value first.
-        stage: name of the stage that minimises it; empty where none does.
+        stage: name of the stage that minimises the functional; empty where none does.
     """
 
     initial: float
@@ -136,7 +136,7 @@ class Term:
 
 
 class Terms(Mapping[str, Term]):
-    """Functionals by name, computed when they are first read, because few users read them."""
+    """Functionals by name, computed when they are first read."""
 
     def __init__(self, compute: Callable[[], dict[str, Term]]) -> None:
         self._compute: Callable[[], dict[str, Term]] | None = compute
@@ -167,25 +167,22 @@ class Terms(Mapping[str, Term]):
 class Plan(Shown):
     """A plan: a trajectory, its metrics, and whether it is a success.
 
-    It keeps three trajectories: ``initial`` is the conditioned ProMP, ``followed`` is the ProMP led
-    along the tool path, ``trajectory`` is the optimised one.
-
     Attributes:
-        task: what was planned for: the scene bound to its robot, start and goal.
-        planner: ``promp``, ``i-promp``, ``opti-promp``, or what another planner is called.
+        task: the scene bound to its robot, start and goal.
+        planner: ``promp``, ``i-promp``, ``opti-promp``, or the name of another planner.
         strategy: of opti-promp: ``joint``, or the paper's ``sequential``.
         seed: of everything random.
         status: ``success`` only if the judge found nothing wrong and no harm is predicted.
         message: the reasons for the status.
-        trajectory: the best one found, whatever the status.
+        trajectory: the optimised one; the best that was found, whatever the status.
         initial: the conditioned ProMP.
         followed: the ProMP led along the tool path; equal to ``initial`` where there is no path.
-        prediction: the predicted harm of the push; None where no push model applies.
+        prediction: of the push, with its harm; None where no push model applies.
         metrics: see :class:`optipromp.core.judging.Metrics`.
-        terms: ``static``, ``avoid``, ``push``, ``velocity``; computed when first read.
+        terms: the functionals ``static``, ``avoid``, ``push`` and ``velocity``.
         stages: optimisation stages in the order they ran.
         contacts: pairs that touch but must not.
-        time: ``total`` and per stage [s].
+        time: wall time, ``total`` and per stage [s].
         first: index of the first waypoint on the approach.
         via: points of the tool that ``promp`` and ``i-promp`` conditioned the primitive on.
     """
@@ -210,7 +207,7 @@ class Plan(Shown):
 
     @property
     def scene(self) -> Scene:
-        """What was planned for."""
+        """The scene of the task."""
         return self.task.scene
 
     @property
@@ -220,17 +217,17 @@ class Plan(Shown):
 
     @property
     def risk(self) -> float:
-        """Share of promised successes that may be broken, by which the status is told."""
+        """Share of promised successes that may be broken; it decides on the status."""
         return self.task.risk
 
     @property
     def start(self) -> State | None:
-        """The state in which the plan begins, where that is not the scene's start at rest."""
+        """The state in which the plan begins; None: at rest at the scene's start."""
         return self.task.state if self.task.begun else None
 
     @property
     def push_model(self) -> PushModel | None:
-        """The model of the push, for where the trajectory ends; None where no model applies."""
+        """The push model for the trajectory's last configuration; None where no model applies."""
         return self.task.push_model(self.trajectory.positions[-1])
 
     def _words(self) -> str:

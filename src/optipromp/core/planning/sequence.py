@@ -13,12 +13,13 @@ from optipromp.core.scenes.scene import Role, Scene
 from optipromp.core.scenes.trusses import rooted
 from optipromp.core.scenes.values import suggest
 
-HARMLESS = 0.05  # [1] harm below which plans are equally good: 1 % of them fail (docs/studies.md)
+HARMLESS = 0.05
+"""[1] harm below which plans are equally good: 1 % of them fail (docs/studies.md)."""
 
 
 @dataclass(frozen=True)
 class Left:
-    """A fruit that stays: its ``id``, and status and message of its last plan."""
+    """A fruit that is not picked: its ``id``, and status and message of its last plan."""
 
     id: str
     status: Code
@@ -31,8 +32,8 @@ class PickSequence:
 
     Attributes:
         scene: with all fruits.
-        targets: ids of the ripe fruits, as they were asked for.
-        picks: plan of each pick, in order; its scene has the fruits that hang then.
+        targets: ids of the ripe fruits, in the order of the request.
+        picks: plan of each pick, in order; the scene of a plan has the fruits that still hang.
         left: the ripe fruits that cannot be picked.
     """
 
@@ -43,7 +44,7 @@ class PickSequence:
 
     @property
     def order(self) -> tuple[str, ...]:
-        """Ids of the fruits in the order they are picked."""
+        """Ids of the fruits in the order of the picks."""
         return tuple(_target(pick) for pick in self.picks)
 
     @property
@@ -72,26 +73,26 @@ def plan_sequence(
 ) -> PickSequence:
     """Choose the order in which several ripe fruits are picked, and plan each pick.
 
-    Every fruit that still hangs is planned for, with the others as pushables. Of the plans that
-    succeed, the one that predicts the least harm is taken; of those whose harm is below
-    :data:`HARMLESS`, the one with the shortest motion. Its fruit and stem leave the scene, and the
-    rest is planned again. A fruit that hangs no more is never in the way, so that no order picks
-    more fruits than this one, as far as the planner knows.
+    In each round every ripe fruit that still hangs is planned for, with the others as pushables. Of
+    the successful plans, the plan of least predicted harm is chosen; harms below :data:`HARMLESS`
+    are equal, and the shortest motion decides. The picked fruit and its stem leave the scene. A
+    picked fruit is in no other's way, so that no order picks more fruits than this one, as far as
+    the planner knows.
 
-    Every pick starts at the scene's start: the arm lays a fruit down and comes back. What a pick
-    pushes aside is taken to hang at rest again before the next. Where other stems grow from that of
-    a picked fruit, they are held at their roots from then on.
+    Every pick starts at the scene's start: the arm lays a fruit down and comes back. Pushed fruits
+    are assumed to hang at rest again before the next pick. Stems that grow from the stem of a
+    picked fruit are held at their roots from then on.
 
     Args:
         scene: a scene, the name of a built-in scene, or the path of a scene file.
         targets: ids of the ripe fruits: targets or pushables of the scene, in any order. The
             scene's own target is a pushable where it is not among them.
         progress: called with a short text as each plan begins.
-        request: what :func:`optipromp.core.planning.plan.plan` takes besides.
+        request: further arguments of :func:`optipromp.core.planning.plan.plan`.
 
     Raises:
-        InvalidRequestError: no target, one twice, or one that is no fruit of the scene.
-        OptiPrompError: what :func:`optipromp.core.planning.plan.plan` raises.
+        InvalidRequestError: no target, a target twice, or a target that is no fruit of the scene.
+        OptiPrompError: an error of :func:`optipromp.core.planning.plan.plan`.
     """
     if not isinstance(scene, Scene):
         scene = load_scene(scene)
@@ -114,7 +115,7 @@ def plan_sequence(
 
 
 def aimed(scene: Scene, target: str, picked: Sequence[str] = ()) -> Scene:
-    """The scene without what is ``picked``, named after its ``target``; others are pushables."""
+    """The scene with this ``target``, without the ``picked`` fruits; other fruits are pushables."""
     roles: dict[str, Role] = {i.id: "pushable" for i in scene.objects if i.role == "target"}
     roles[target] = "target"
     objects = (

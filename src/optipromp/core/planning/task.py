@@ -27,10 +27,10 @@ from optipromp.core.robots.tools import make_tool, with_tool
 from optipromp.core.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
 
-LIMIT_TOLERANCE = 1e-9
-AMONG = 0.3  # [m] behind the target within which the arm may meet objects that stand
-MOST_POINTS = 50_000  # of a tool's motion: 50 m
-NEAR = 0.065  # [m] largest distance of an obstacle from a body sphere that cells list
+LIMIT_TOLERANCE = 1e-9  # [rad or m] a joint this little beyond its limit is within it: rounding
+AMONG = 0.3  # [m] behind the target, within which the arm may meet objects that stand: a choice
+MOST_POINTS = 50_000  # of a tool's motion, which are 50 m at STEP: more than any arm's
+NEAR = 0.065  # [m] cells list obstacles this near to a body sphere: more than GOAL.room
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,23 +38,23 @@ class Task:
     """A scene bound to its robot.
 
     Attributes:
-        scene: as given.
+        scene: of the request.
         robot: with the scene's tool.
-        state: at the start.
+        state: of the arm at the start.
         goal: a configuration, or a pose of the tool.
-        neighbours: pushables in the way, first met first.
-        entry: (3,) where the tool is, if it has begun its approach [m].
-        passed: neighbours that lie below the rim of a tool on its approach.
-        running: the trajectory that runs already, from now on; ``kept`` is its tool path.
-        same: whether the pushables are where the plan that runs has them.
-        pushed: tool points and axes (P, 3) of the push so far, if they are the same.
+        neighbours: pushables in the way, in the order in which the tool meets them.
+        entry: (3,) tool point at the start, if the tool has begun its approach [m]; else None.
+        passed: neighbours below the rim of a tool that has begun its approach.
+        running: the rest of the trajectory that runs already; None: none runs.
+        kept: tool path of ``running``.
+        same: whether the pushables are where the running plan has them.
+        pushed: tool points and axes (P, 3) of the push so far, if ``same``.
         risk: share of promised successes that may be broken.
         seed: of everything random.
         demonstrations: of the request: a ProMP, or a file to learn one from; None: the robot's own.
-        only: the only tool path that is to be followed; None: those that a search finds.
-        sparing: whether a planner may answer that all paths do harm, before it follows any.
-        begun: whether ``state`` is one that was given in place of the scene's start: the tool may
-            be among what it pushes.
+        only: the tool path to follow; None: a search finds the paths.
+        sparing: whether the planner may answer :class:`Harmful` instead of following a path.
+        begun: whether ``state`` replaces the scene's start: the tool may be among fruits already.
     """
 
     scene: Scene
@@ -81,12 +81,12 @@ class Task:
         return self.state.q
 
     def __getstate__(self) -> dict[str, Any]:
-        """What was stated; what follows from it is made anew."""
+        """The fields; cached properties are computed anew."""
         return {item.name: getattr(self, item.name) for item in fields(self)}
 
     @property
     def body(self) -> BodyPoints:
-        """The points the planning loop follows."""
+        """The points of the robot that the planning loop follows."""
         return _body(self.robot)
 
     @functools.cached_property
@@ -101,8 +101,8 @@ class Task:
     def push_model(self, goal: FloatArray) -> PushModel | None:
         """The push model; None where no model applies or nothing is to be pushed.
 
-        It is made once, or once for each configuration ``goal`` (n,) of the arm at the target where
-        something stands among the objects: how the arm lies there depends on ``goal``.
+        It depends on the configuration ``goal`` (n,) of the arm at the target where objects stand,
+        because they may meet the arm. It is made once, or then once for each ``goal``.
         """
         key = goal.tobytes() if _stands(self) else b""
         if key not in self._models:
@@ -111,7 +111,7 @@ class Task:
 
     @functools.cached_property
     def camera(self) -> FloatArray:
-        """Camera point (3,) [m]: before the goal and the lowest fruit; once past it, the tool."""
+        """Camera point (3,) [m] before goal and lowest fruit; on the approach, ``entry``."""
         assert isinstance(self.goal, PoseGoal)
         if self.entry is not None:
             return self.entry
@@ -124,13 +124,13 @@ class Task:
         return np.asarray(self.goal.position + before * up)
 
     def axes(self, share: FloatArray) -> FloatArray:
-        """Tool axes (m, 3) at shares (m,) of the tool's path."""
+        """Tool axes (m, 3) at shares (m,) of the length of the tool path."""
         assert isinstance(self.goal, PoseGoal)
         lead = None if self.entry is not None else self.scene.approach.lead
         return turning(self.goal.axis, lead, share)
 
     def at_goal(self, q: FloatArray) -> bool:
-        """Whether ``q`` (n,) is at the goal, within the judge's tolerances."""
+        """Whether configuration ``q`` (n,) is at the goal, within the judge's tolerances."""
         if isinstance(self.goal, JointGoal):
             return bool(np.max(np.abs(q - self.goal.joints)) < GOAL_TOLERANCE)
         point, axis = self.robot.tool_pose(q)
@@ -138,14 +138,7 @@ class Task:
         return bool(near and axis @ self.goal.axis > np.cos(AXIS_TOLERANCE))
 
 
-def _robot_with_tool(scene: Scene) -> Robot:
-    robot = scene.load_robot()
-    if scene.tool is None:
-        return robot
-    return _equip(robot, scene.tool.kind, tuple(sorted(scene.tool.parameters.items())))
-
-
-# Both by identity: a file that has not changed gives the same robot.
+# Both caches compare robots by identity: an unchanged file gives the same robot object.
 _body = functools.lru_cache(maxsize=32)(BodyPoints)
 
 
@@ -157,12 +150,12 @@ def _equip(robot: Robot, kind: str, parameters: tuple[tuple[str, Any], ...]) -> 
 def posed(
     scene: Scene, robot: Robot | None = None, state: State | None = None
 ) -> tuple[Robot, State]:
-    """The scene's robot with its tool, and the state that it starts in.
+    """The scene's robot with its tool, and the state of the arm at the start.
 
     Args:
         scene: with a robot, a tool and a start.
         robot: with its tool, in place of the scene's robot and tool.
-        state: that the arm is in, in place of the scene's start.
+        state: of the arm, in place of the scene's start.
 
     Raises:
         InvalidRobotError: a robot that cannot be loaded.
@@ -170,7 +163,10 @@ def posed(
         StartInvalidError: wrong joint count, or outside the joint limits.
         InvalidRequestError: a tool that cannot be made or mounted.
     """
-    robot = _robot_with_tool(scene) if robot is None else robot
+    if robot is None:
+        robot, tool = scene.load_robot(), scene.tool
+        if tool is not None:
+            robot = _equip(robot, tool.kind, tuple(sorted(tool.parameters.items())))
     start = robot.home if scene.start is None else scene.start
     start = start if state is None else state.q
     if start.shape != (robot.n_joints,):
@@ -208,7 +204,7 @@ def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None
 
 
 def approached(task: Task, scene: Scene) -> Task:
-    """The task for its scene with another approach."""
+    """The task for ``scene``: its scene with another approach."""
     assert scene.aim is not None
     goal, near = PoseGoal(scene.aim, scene.frame[2]), neighbours(scene, task.robot.gripper_radius)
     return replace(task, scene=scene, goal=goal, neighbours=near)
@@ -270,12 +266,15 @@ def _push_model(task: Task, goal: FloatArray) -> PushModel | None:
 
 
 def tool_motion(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Tool points (P, 3), about :data:`STEP` apart, and axes (P, 3) along configurations (T, n)."""
+    """Tool points (P, 3), about :data:`STEP` apart, and tool axes (P, 3) along ``q`` (T, n)."""
     return spaced(*robot.tool_pose(q))
 
 
 def spaced(points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The same of tool points and axes (T, 3); of a longer way than any arm's, farther apart."""
+    """Tool points and axes (T, 3), resampled at P points about :data:`STEP` apart (P, 3).
+
+    P is at most ``MOST_POINTS``.
+    """
     count = max(2, min(int(np.ceil(length(points) / STEP)) + 1, MOST_POINTS))
     axes = along(points, axes, count)
     return evenly(points, count), axes / lengths(axes)[:, None]
@@ -287,7 +286,7 @@ def pushed_aside(task: Task) -> Task:
 
 
 def _stands(task: Task) -> bool:
-    """Whether the model of what stands applies."""
+    """Whether the push model of standing objects applies."""
     return isinstance(task.goal, PoseGoal) and standing.applies(task.scene, task.robot.tool)
 
 
@@ -299,9 +298,9 @@ def emptied(scene: Scene) -> Scene:
 
 
 def wrist(task: Task, goal: FloatArray) -> list[FloatArray]:
-    """The links among the objects while the tool is at the target: one box (4, 2) per link.
+    """The links among the standing objects, for a goal configuration (n,): a box (4, 2) per link.
 
-    The boxes are in the coordinates of the tool's outline, for a goal configuration (n,).
+    The boxes are in the coordinates of the tool's outline, at the target.
     """
     robot, scene = task.robot, task.scene
     assert isinstance(task.goal, PoseGoal)

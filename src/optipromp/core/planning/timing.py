@@ -1,4 +1,4 @@
-r"""Timing: when a trajectory passes its waypoints, so that its curve keeps every limit.
+r"""Timing: the times of a trajectory's waypoints, such that its curve keeps every limit.
 
 The curve is the quintic spline through the waypoints
 (:class:`optipromp.core.trajectory.Trajectory`). Within an interval its derivatives stay in the
@@ -11,6 +11,7 @@ derivative by :math:`c^k`, so the least stretch is
 
 import functools
 import math
+from operator import attrgetter
 
 import numpy as np
 
@@ -24,9 +25,7 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.trajectory import State, Trajectory, control_points
 
 Slow = int | BoolArray | None
-"""Where the tool is to be slow: from a waypoint on, in some intervals (T-1,), or nowhere."""
-
-BINOMIAL = np.array([1.0, 5.0, 10.0, 10.0, 5.0, 1.0])  # of a quintic's control points
+"""The intervals in which the tool is to be slow: from a waypoint on, by mask (T-1,), or none."""
 
 
 def timed(
@@ -36,10 +35,10 @@ def timed(
     slow: Slow,
     speed: float | None = None,
 ) -> Trajectory:
-    """Waypoints (T, n) as a trajectory of the duration asked for, or of the shortest possible one.
+    """Waypoints (T, n) as a trajectory of ``options.duration``, or of the shortest duration.
 
-    Where it is to be ``slow`` the tool stays below ``options.approach_speed``, or
-    else below ``speed`` (None: that of the model of what hangs) [m/s].
+    In the ``slow`` intervals of the shortest trajectory the tool's speed stays below
+    ``options.approach_speed``, or else below ``speed`` [m/s] (None: that of hanging fruits).
     """
     limit = options.approach_speed or speed or PUSH.hanging.speed
     made = shortest(task.robot, q, None if options.duration else slow, limit)
@@ -51,10 +50,11 @@ def timed(
 
 
 def slowly(task: Task, q: FloatArray, first: int | None) -> Slow:
-    """Where the tool is to be slow on its way through waypoints (T, n).
+    """The intervals between waypoints (T, n) in which the tool is to be slow.
 
-    From waypoint ``first`` on (None: nowhere), and before it in single intervals in which the tool
-    is near a pushable that hangs. It counts as the cylinder of the gripper's radius up to the rim.
+    All intervals from waypoint ``first`` on (None: none of these), and the intervals before it in
+    which the tool is near a hanging pushable. There the tool counts as a cylinder with the
+    gripper's radius, up to the rim.
     """
     robot, target, near = task.robot, task.scene.target, np.zeros(len(q), dtype=bool)
     tool, hangs = robot.tool, target is not None and target.stem is not None
@@ -78,14 +78,13 @@ def slowly(task: Task, q: FloatArray, first: int | None) -> Slow:
 
 
 def shortest(robot: Robot, q: FloatArray, slow: Slow = None, speed: float = np.inf) -> Trajectory:
-    """The trajectory through waypoints ``q`` (T, n) that ends soonest, from rest to rest.
+    """The shortest trajectory through waypoints ``q`` (T, n), from rest to rest.
 
-    It keeps the robot's limits of velocity, acceleration and jerk at every instant and, where it is
-    to be ``slow``, the tool's ``speed`` [m/s] in the mean of each interval.
-    Where the tool's speed decides, the waypoints are evenly spaced, unless ``slow`` names single
-    intervals. Where the joints' limits decide, the intervals near the ends are widened, and then
-    each by its own need. So are those within which the tool is faster than ``speed`` by more than
-    ``TIMING.spare``.
+    It keeps the robot's limits of velocity, acceleration and jerk at every instant. In the ``slow``
+    intervals it keeps the tool's ``speed`` [m/s] in the mean. Where the tool's speed decides, the
+    intervals are equal, unless ``slow`` is a mask. Where the joints' limits decide, the intervals
+    near the ends are widened, then each interval by its :func:`needs`. Finally the intervals are
+    widened within which the tool exceeds ``speed`` by more than ``TIMING.spare``.
     """
     count, names = len(q), robot.joint_names
     least = np.zeros(count - 1)
@@ -98,25 +97,27 @@ def shortest(robot: Robot, q: FloatArray, slow: Slow = None, speed: float = np.i
     made = Trajectory.through(q, dt * even, names)
     if not single and needs(robot, made).max() <= 1.0:
         return _calmed(robot, made, slow, speed)
-    best = min((_within(robot, q, _ramped(count, r), least) for r in TIMING.ramps), key=_end)
+    duration = attrgetter("duration")
+    ramped = (_within(robot, q, _ramped(count, ramp), least) for ramp in TIMING.ramps)
+    best = min(ramped, key=duration)
     made = best
     for _ in range(TIMING.refinements):
         need = _smoothed(needs(robot, made))
         widths = np.diff(made.times) * np.clip(need**TIMING.gain, TIMING.shrink, TIMING.widen)
         made = _within(robot, q, np.append(0.0, np.cumsum(widths)), least)
-        best = min(best, made, key=_end)
+        best = min(best, made, key=duration)
     return _calmed(robot, best, slow, speed)
 
 
 def intervals(slow: Slow, count: int) -> BoolArray:
-    """Of ``count`` waypoints, the intervals (count-1,) in which the tool is to be slow."""
+    """``slow`` as a mask (count-1,) over the intervals of ``count`` waypoints."""
     if isinstance(slow, np.ndarray):
         return slow
     return np.arange(count - 1) >= (count if slow is None else slow)
 
 
 def _calmed(robot: Robot, made: Trajectory, slow: BoolArray, speed: float) -> Trajectory:
-    """A trajectory, its intervals widened where the tool is faster within them than allowed."""
+    """A trajectory, with intervals widened in which the tool is too fast."""
     for _ in range(TIMING.refinements):
         fast = tool_speeds(robot, made, slow, TIMING.parts) / speed
         if fast.max() <= 1.0 + TIMING.spare:
@@ -133,14 +134,14 @@ def joined(
     slow: Slow = None,
     corridor: float = np.inf,
 ) -> Trajectory:
-    """A trajectory that begins at rest, begun in a moving ``state`` instead.
+    """A trajectory that begins in a moving ``state`` instead of at rest.
 
-    One quintic leads from the state to a waypoint ahead, and takes the place of what was before.
-    Of the waypoints at most ``UNDERWAY.join`` ahead [s], and of the quintic's durations, those are
-    chosen with which the whole ends soonest within all limits. Where the tool is to be ``slow`` it
-    is led no faster than the trajectory leads it there, and within ``corridor`` [m] of its path.
-    Where none keeps the limits, the one that comes nearest is taken, and the judge
-    says so; of those that do, the corridor comes first. The number of waypoints stays.
+    One quintic from the state to a waypoint ahead replaces the beginning of the trajectory
+    ``made``; the number of waypoints stays. The waypoint is at most ``UNDERWAY.join`` ahead [s].
+    Waypoint and quintic's duration are those of the earliest end within all limits. In the ``slow``
+    intervals the quintic leads the tool no faster than ``made``, and within ``corridor`` [m] of its
+    path. Among quintics that keep the limits, those within the corridor come first. Where none
+    keeps the limits, the quintic that comes nearest is chosen, and the judge reports it.
     """
     last = max(2, int(np.searchsorted(made.times, UNDERWAY.join, side="right")))
     rows = np.arange(1, min(last, made.n_waypoints))
@@ -178,9 +179,9 @@ def joined(
 
 
 def tool_speeds(robot: Robot, made: Trajectory, slow: Slow, parts: int = 1) -> FloatArray:
-    """Speed (T-1,) of the tool in each interval in which it is to be slow, else 0 [m/s].
+    """Speed (T-1,) of the tool in each slow interval, 0 in the others [m/s].
 
-    It is the mean, or the largest of the means over so many equal ``parts`` of the interval.
+    The speed of an interval is the largest of the means over its equal ``parts``.
     """
     slow = intervals(slow, made.n_waypoints)
     if not slow.any():
@@ -197,18 +198,23 @@ def tool_speeds(robot: Robot, made: Trajectory, slow: Slow, parts: int = 1) -> F
 def _led(
     robot: Robot, points: FloatArray, h: FloatArray, path: FloatArray, slow: BoolArray, speed: float
 ) -> tuple[FloatArray, FloatArray]:
-    """How long (m,) each quintic leads the tool too fast, and how far (m,) off its path [m].
+    """Excess speed (m,) and largest distance from the path (m,) [m] of the tool on each quintic.
+
+    The excess is the time integral of (speed of the tool / ``speed`` - 1) [s] where that is over
+    ``TIMING.spare``.
 
     Args:
         robot: with its tool.
-        points: (6, m, n) control points of the quintics; ``h`` (m,) their durations [s].
-        path: (P, 3) of the tool at waypoints [m].
-        slow: (P-1,) the intervals that count, for what is nearest to them.
-        speed: largest of the tool [m/s]; twice the speed for a second counts as much as 1.
+        points: (6, m, n) control points of the quintics.
+        h: (m,) durations of the quintics [s].
+        path: (P, 3) tool points at waypoints [m].
+        slow: (P-1,) the slow intervals; a sample nearest to another interval does not count.
+        speed: largest speed of the tool [m/s].
     """
     s = np.linspace(0.0, 1.0, UNDERWAY.samples + 1)[:, None]
     power = np.arange(6)
-    blend = BINOMIAL * s**power * (1.0 - s) ** (5 - power)
+    binomial = np.array([1.0, 5.0, 10.0, 10.0, 5.0, 1.0])
+    blend = binomial * s**power * (1.0 - s) ** (5 - power)
     tool, _ = robot.tool_pose(np.einsum("sk,kmn->msn", blend, points))
     count = max(2, math.ceil(length(path) / STEP) + 1)
     row = along(path, np.arange(len(path), dtype=np.float64)[:, None], count)[:, 0]
@@ -224,11 +230,11 @@ def _led(
 
 
 def stopped(robot: Robot, state: State) -> Trajectory:
-    """From a moving ``state`` to rest: the shortest of the quintics that end half-way.
+    """From a moving ``state`` to rest: the shortest quintic that keeps all limits.
 
-    At constant deceleration a joint at speed v comes to rest over a time h after v·h/2. Where no
-    quintic keeps all limits, each joint is braked as hard as it may be: it leaves the limits of
-    position by the least, and the judge says so.
+    A quintic of duration h moves a joint of speed v by v·h/2, as constant deceleration does. Where
+    no quintic keeps all limits, each joint is braked as hard as acceleration and jerk allow; it
+    exceeds the limits of position by the least, and the judge reports it.
     """
     rest = np.zeros((2, robot.n_joints))
     rest[0] = state.velocity
@@ -246,13 +252,13 @@ def stopped(robot: Robot, state: State) -> Trajectory:
 def _braked(robot: Robot, state: State) -> Trajectory:
     """From a moving ``state`` to rest, each joint as soon as its acceleration and jerk allow.
 
-    The acceleration changes evenly to a peak, stays there, and goes evenly to zero. The times of
-    the three are whole ticks, of all joints alike, so that no two rows are too close.
+    The acceleration changes evenly to a peak, stays there, and changes evenly to zero. The times of
+    these three phases are whole ticks, the same for all joints, so that no two rows are too close.
     """
     v, a, least = state.velocity, state.acceleration, TIMING.least_dt
     most = np.maximum(np.minimum(robot.acceleration, np.abs(v) / least), np.abs(a)) + 1e-9
     jerk = np.minimum(robot.jerk, most / least)
-    sign = -np.sign(v + 0.5 * a * np.abs(a) / jerk)  # of the speed that is left without a peak
+    sign = -np.sign(v + 0.5 * a * np.abs(a) / jerk)  # against the speed that is left without a peak
     wanted, now = -sign * v, sign * a  # change of speed, acceleration
     peak = np.minimum(np.sqrt(np.maximum(jerk * wanted + 0.5 * now**2, 0.0)), most)
     tick = max(least, float(((peak + np.abs(now)) / jerk).max()) / UNDERWAY.ticks)
@@ -277,9 +283,10 @@ def _braked(robot: Robot, state: State) -> Trajectory:
 def _phases(
     wanted: float, now: float, most: float, jerk: float, held: float, tick: float
 ) -> tuple[float, float, float]:
-    """The three times of :func:`_braked` for one joint, in whole ticks and the fewest.
+    """The fewest whole ticks of the three phases of :func:`_braked` for one joint.
 
-    The speed changes by ``wanted``, with the peak held for ``held`` ticks or little more.
+    The speed changes by ``wanted``; the acceleration is ``now`` at first, and at its peak for
+    ``held`` ticks or little more. Limits are ``most`` (acceleration) and ``jerk``.
     """
     first, last = np.mgrid[1 : UNDERWAY.ticks + 3, 1 : UNDERWAY.ticks + 3] * tick
     slack = 1.0 + 1e-9
@@ -294,14 +301,14 @@ def _phases(
 
 
 def needs(robot: Robot, made: Trajectory) -> FloatArray:
-    """The stretch (T-1,) that each interval of a trajectory needs; see the module."""
+    """The least stretch c (T-1,) of each interval of a trajectory; see the module."""
     h = np.diff(made.times)[:, None]
     points = control_points(h, made.rows(slice(None, -1)), made.rows(slice(1, None)))
     return shares(robot, points, h)
 
 
 def shares(robot: Robot, points: FloatArray, h: FloatArray) -> FloatArray:
-    """The stretch (m,) that quintics with control points (6, m, n) over times ``h`` (m, 1) need."""
+    """The least stretch (m,) of quintics with control points (6, m, n) and durations (m, 1) [s]."""
     worst = np.zeros(len(h))
     limits = robot.velocity, robot.acceleration, robot.jerk
     for order, (factor, limit) in enumerate(zip((5.0, 20.0, 60.0), limits, strict=True), start=1):
@@ -312,7 +319,10 @@ def shares(robot: Robot, points: FloatArray, h: FloatArray) -> FloatArray:
 
 
 def _within(robot: Robot, q: FloatArray, times: FloatArray, least: FloatArray) -> Trajectory:
-    """``times`` (T,), stretched evenly to keep the limits and intervals of ``least`` (T-1,)."""
+    """The trajectory at ``times`` (T,), stretched to keep all limits.
+
+    No interval is shorter than ``least`` (T-1,) [s].
+    """
     made = Trajectory.through(q, times, robot.joint_names)
     factor = float(needs(robot, made).max())
     widths = factor * np.diff(times)
@@ -325,16 +335,12 @@ def _within(robot: Robot, q: FloatArray, times: FloatArray, least: FloatArray) -
     )
 
 
-def _end(made: Trajectory) -> float:
-    return made.duration
-
-
 @functools.lru_cache(maxsize=64)
 def _ramped(count: int, ramp: float) -> FloatArray:
-    """Times (T,) of evenly spaced waypoints that are passed at speed 1, but for the ends.
+    """Times (T,) of evenly spaced waypoints that are passed at speed 1 between two ramps.
 
-    At either end, over the time ``ramp`` (the cruise takes 1), the speed rises from 0 by the
-    quintic step 10 x³ − 15 x⁴ + 6 x⁵.
+    Over the time ``ramp`` at either end (the cruise takes 1), the speed changes by the quintic step
+    10 x³ − 15 x⁴ + 6 x⁵.
     """
     gone = np.linspace(0.0, 1.0, count)
     if ramp == 0.0:

@@ -1,8 +1,8 @@
 """A way round obstacles: two trees of configurations that grow towards each other (RRT-Connect).
 
 One tree grows from the start, the other from all goal configurations (Kuffner and LaValle, 2000).
-Shortcuts then shorten the way. It is a start of the optimisation, which rounds its corners: along
-its edges collisions are looked for at places, not between them.
+Shortcuts then shorten the way. The way is a start of the optimisation, which rounds its corners.
+Its edges are checked for collisions at places, not between them.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ from optipromp.core.planning.parameters import TREE
 from optipromp.core.planning.task import Task
 from optipromp.core.robots.model import Robot
 
-BATCH = 500  # samples between two looks at the clock
+BATCH = 500  # samples, after which the budget is asked
 
 
 def way(
@@ -27,12 +27,12 @@ def way(
 ) -> FloatArray | None:
     """Corners (k, n) of a way from the start to one of the goals; None where none was found.
 
-    The tool pushes something aside only where there is no other way.
+    Objects to push are obstacles of the last link and the tool too, unless that leaves no way.
 
     Args:
-        task: the arm, its start and what stands around it.
+        task: the arm, its start and its obstacles.
         goals: (m, n) configurations, free.
-        seeds: (s, n) configurations that a part of the samples are drawn near; may be empty.
+        seeds: (s, n) configurations, near which a share of the samples is drawn; may be empty.
         rng: of the samples.
         budget: asked before each batch of samples.
     """
@@ -82,7 +82,7 @@ def _grown(
 
 
 def _back(nodes: FloatArray, parent: IntArray, index: int) -> FloatArray:
-    """Nodes from ``index`` back to the root of its tree."""
+    """Nodes (k, n) from ``index`` back to the root of its tree."""
     out = []
     while index >= 0:
         out.append(nodes[index])
@@ -100,7 +100,7 @@ def _shortened(body: Collider, corners: FloatArray, rng: np.random.Generator) ->
 
 @inner
 def nearest(nodes, count, q):
-    """Index of the node next to ``q`` (n,), and its squared distance."""
+    """Index of the node nearest to ``q`` (n,), and the square of its distance."""
     best, least = 0, np.inf
     for i in range(count):
         squared = 0.0
@@ -113,7 +113,7 @@ def nearest(nodes, count, q):
 
 @inner
 def extend(body, nodes, parent, count, tree, q, reach, room):
-    """Grow a tree towards ``q`` (n,) by ``reach``: 2: it is there, 1: nearer, 0: blocked."""
+    """Grow a tree towards ``q`` (n,) by ``reach`` at most: 2: at ``q``, 1: nearer, 0: blocked."""
     if count[tree] >= nodes.shape[1]:
         return 0
     near, squared = nearest(nodes[tree], count[tree], q)
@@ -132,8 +132,8 @@ def extend(body, nodes, parent, count, tree, q, reach, room):
 def grow(body, samples, nodes, parent, count, reach, room):
     """Grow both trees by samples (s, n), the smaller one first, until they meet.
 
-    ``nodes`` (2, N, n), ``parent`` (2, N) and ``count`` (2,) change in place. Returns whether they
-    met; their last nodes are then the same.
+    ``nodes`` (2, N, n), ``parent`` (2, N) and ``count`` (2,) change in place. Returns whether the
+    trees met; then their last nodes are the same. ``room`` (n,) is a work array.
     """
     for s in range(samples.shape[0]):
         one = 0 if count[0] <= count[1] else 1
@@ -151,8 +151,8 @@ def grow(body, samples, nodes, parent, count, reach, room):
 def shorten(body, path, count, places, along, a, b, room):
     """Replace parts of a path (the first ``count`` rows) by straight lines between two places.
 
-    ``places`` (p, 2) are shares of the path's length. The other arrays are room for as many rows
-    as ``path`` has, and for three configurations. Returns the number of rows that are left.
+    ``places`` (p, 2) are shares of the path's length. Work arrays are ``along``, with as many rows
+    as ``path``, and ``a``, ``b`` and ``room`` (n,). Returns the new number of rows.
     """
     n = path.shape[1]
     for k in range(places.shape[0]):

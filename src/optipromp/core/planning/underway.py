@@ -1,9 +1,10 @@
-"""A plan for an arm that moves already: where it joins, what lies behind it, what it keeps.
+"""A plan for an arm that moves already.
 
-The tool that stands upright between camera point and target has begun its approach. Then the new
-path begins where the tool is, and fruits below its rim are passed. The rest of a plan that runs is
-the first candidate of the new one. A new trajectory starts at rest; its beginning is replaced by
-one quintic polynomial from the arm's state to a waypoint ahead.
+A tool that stands upright between camera point and target has begun its approach. Then the new tool
+path begins at the tool point, and fruits below the tool's rim are passed. The rest of a running
+plan is the first candidate of the new plan. A new trajectory starts at rest; one quintic polynomial
+from the arm's state to a waypoint ahead replaces its beginning
+(:func:`optipromp.core.planning.timing.joined`).
 """
 
 from __future__ import annotations
@@ -37,11 +38,11 @@ Moving = State | Sequence[FloatArray]
 
 
 def begun(start_state: Moving | None, previous: Plan | None, at: float | None) -> State | None:
-    """The state that a plan begins from: the measured one, or that of a running plan.
+    """The state that a plan begins from: ``start_state``, or the state of ``previous`` at ``at``.
 
     Raises:
         InvalidRequestError: ``at`` without ``previous`` or the other way round, a time outside the
-            running plan, or a state that is none.
+            running plan, or an invalid state.
     """
     if (previous is None) != (at is None):
         raise InvalidRequestError("previous and at go together: the running plan, and its time [s]")
@@ -64,7 +65,7 @@ def begun(start_state: Moving | None, previous: Plan | None, at: float | None) -
 
 
 def underway(task: Task, previous: Plan | None, at: float | None) -> Task:
-    """The task of an arm that moves: what the tool has passed is dropped; see the module."""
+    """The task of an arm that moves, at time ``at`` of ``previous`` [s]; see the module."""
     if not isinstance(task.goal, PoseGoal):
         return replace(task, running=running(previous, at))
     up, (point, axis) = task.scene.frame[2], task.robot.tool_pose(task.start)
@@ -89,7 +90,7 @@ def underway(task: Task, previous: Plan | None, at: float | None) -> Task:
 
 
 def running(previous: Plan | None, at: float | None) -> Trajectory | None:
-    """The rest of a running trajectory, the same curve; None where nothing is left."""
+    """The rest of the running trajectory, with the same curve; None where nothing is left."""
     if previous is None or at is None:
         return None
     curve = previous.trajectory
@@ -103,10 +104,11 @@ def running(previous: Plan | None, at: float | None) -> Trajectory | None:
 
 
 def rest(task: Task, options: PlanOptions) -> Iterator[Start]:
-    """The motion that runs, from the arm's state on, led to where the target is now.
+    """The running motion from the arm's state on, led to the target's present position.
 
-    It is the same curve where arm and target are where they were to be, and another one through
-    waypoints that are moved otherwise. It is timed anew where the tool would be too fast.
+    The curve stays the same where the arm is on it and the target has not moved. Otherwise a new
+    curve leads through moved waypoints. It is timed anew where the tool would be too fast. There is
+    no start where the tool cannot follow the moved path, or the options ask for a duration.
     """
     made, path = task.running, task.kept
     if made is None or options.duration is not None:
@@ -135,7 +137,7 @@ def rest(task: Task, options: PlanOptions) -> Iterator[Start]:
         if errors.max() > FOLLOW.tracked:
             return
         q[0], wide = task.start, np.full(len(q), True)
-        wide[1] = 2.0 * made.times[1] > made.times[2] - made.times[1]  # else a step too short
+        wide[1] = 2.0 * made.times[1] > made.times[2] - made.times[1]  # else too short an interval
         first -= int(first > 1 and not wide[1])
         made = Trajectory.through(q[wide], made.times[wide], made.joint_names, begin=task.state)
     limit = options.approach_speed or path.speed
@@ -147,14 +149,14 @@ def rest(task: Task, options: PlanOptions) -> Iterator[Start]:
 
 
 def _begun(share: FloatArray) -> FloatArray:
-    """Shares (m, 1) that grow from 0 to 1 and begin gently: the reverse of braking."""
+    """Shares (m, 1) that grow from 0 to 1 and begin gently: :func:`braked` reversed."""
     return np.asarray(1.0 - braked(1.0 - share))[:, None]
 
 
 def same(task: Task, previous: Plan) -> bool:
-    """Whether the pushables are where the running plan has them.
+    """Whether every pushable is where the running plan's scene has it.
 
-    A scene that was seen anew has the fruits where they are pushed to.
+    A scene perceived anew has pushed fruits elsewhere.
     """
     before = {o.id: o.position for o in previous.scene.pushables}
     return all(
@@ -164,7 +166,10 @@ def same(task: Task, previous: Plan) -> bool:
 
 
 def pushed(task: Task, previous: Plan, at: float) -> tuple[FloatArray, FloatArray] | None:
-    """The running plan's push so far; None where the fruits are not where they were."""
+    """Tool points and axes (P, 3) of the running plan's push so far.
+
+    None before the approach, and where the scene was perceived anew.
+    """
     begin = float(previous.trajectory.times[previous.first])
     if task.entry is None or not task.same or at <= begin:
         return None
@@ -177,7 +182,10 @@ def pushed(task: Task, previous: Plan, at: float) -> tuple[FloatArray, FloatArra
 
 
 def remaining(task: Task, previous: Plan, at: float) -> ToolPath | None:
-    """The rest of a running plan's approach, moved with the target; None where that moved far."""
+    """The rest of a running plan's approach, moved with the target.
+
+    None where the target, or the tool from the path, is over ``UNDERWAY.moved`` away.
+    """
     assert isinstance(task.goal, PoseGoal)
     curve = previous.trajectory
     begin = max(at, float(curve.times[previous.first]))
@@ -195,7 +203,7 @@ def remaining(task: Task, previous: Plan, at: float) -> ToolPath | None:
 
 
 def straight(task: Task) -> ToolPath:
-    """The line from the tool to the target."""
+    """The straight tool path from the camera point (on the approach: the tool) to the target."""
     assert isinstance(task.goal, PoseGoal)
     ends = np.array([task.camera, task.goal.position])
     points = evenly(ends, max(2, math.ceil(length(ends) / STEP) + 1))

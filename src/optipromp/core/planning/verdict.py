@@ -1,8 +1,8 @@
-"""Status and harm of a trajectory in a scene: the one place that tells them.
+"""Status and predicted harm of a trajectory in a scene.
 
-The judge tells what the whole arm violates, the model of the push what the tool does to the fruits,
-both from the arm's first instant to its last. Whatever plans, loads, checks or reports takes
-:func:`verdict` or its parts: :func:`judged`, which needs no model, and :func:`predicted`.
+The judge finds violations of the whole arm. The push model predicts what the tool does to the
+fruits. Both look at the trajectory from its first instant to its last. Planning, loading, checking
+and reporting all call :func:`verdict`, or its parts :func:`judged` and :func:`predicted`.
 """
 
 from dataclasses import dataclass, replace
@@ -25,9 +25,10 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 from optipromp.core.trajectory_files import read_trajectory
 
-BELOW = PlanOptions.corridor  # [m] under the entry's height that counts as at it
-STRUCK = 2.0  # a choice: of the largest harm of a success
-COARSE = 0.01  # [m] a tool's motion between two rows beyond which the curve between is looked at
+BELOW = PlanOptions.corridor
+"""[m] a height this little below the entry counts as the entry's."""
+COARSE = 0.01
+"""[m] where the tool moves farther between two waypoints, the curve between them is sampled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +36,7 @@ class Verdict:
     """The judgement of a trajectory and the prediction of its push.
 
     Attributes:
-        judgement: metrics and violations, by the independent judge.
+        judgement: metrics and violations, of the independent judge.
         prediction: of the push; None where no model applies.
     """
 
@@ -44,10 +45,9 @@ class Verdict:
 
     @property
     def status(self) -> Code:
-        """START_IN_COLLISION or INVALID_PLAN where there are violations, else HARM_PREDICTED or
-        ``success``.
+        """START_IN_COLLISION or INVALID_PLAN with violations; else HARM_PREDICTED or ``success``.
 
-        A push that is predicted to harm is so too where the tool is faster than predicted for.
+        With a harmful push it is HARM_PREDICTED too where the tool's speed is the only violation.
         """
         if self.judgement.at_start:
             return Code.START_IN_COLLISION
@@ -83,8 +83,8 @@ def judge(
 
     Args:
         scene: a scene, a built-in scene's name, or a scene file.
-        trajectory: of the robot, joints in the robot's order; or a file or folder of one, see
-            :func:`optipromp.core.trajectory_files.read_trajectory`.
+        trajectory: of the robot, joints in the robot's order; or the file or folder of a
+            trajectory (:func:`optipromp.core.trajectory_files.read_trajectory`).
         robot: with its tool, in place of the scene's.
         risk: share of promised successes that may be broken, see :class:`PlanOptions`.
 
@@ -107,14 +107,14 @@ def judge(
 
 
 def verdict_of(plan: Plan) -> Verdict:
-    """The verdict on a plan's trajectory, in its scene, from the state that it began in."""
+    """The verdict on a plan's trajectory, in the plan's scene and from the plan's start."""
     return verdict(plan.task, plan.trajectory)
 
 
 def verdict(task: Task, trajectory: Trajectory, *, anywhere: bool = False) -> Verdict:
     """The verdict on a trajectory of the task's robot.
 
-    It must begin in the task's state; with ``anywhere`` it may begin in any, at rest.
+    The trajectory must begin in the task's state; with ``anywhere``, at rest in any configuration.
     """
     prediction = predicted(task, trajectory)
     found = judged(task, trajectory, stem_side=prediction is None, anywhere=anywhere)
@@ -132,7 +132,7 @@ def judged(
 
 
 def predicted(task: Task, trajectory: Trajectory) -> Prediction | None:
-    """The prediction of what a trajectory's tool does to what it may push.
+    """The prediction of a trajectory's push.
 
     None where no model applies, and for a trajectory that does not move.
     """
@@ -142,11 +142,11 @@ def predicted(task: Task, trajectory: Trajectory) -> Prediction | None:
 
 
 class Led(NamedTuple):
-    """What a model is led through.
+    """The motion of the tool whose push a model predicts.
 
     Attributes:
         points, axes: (P, 3) of the tool.
-        struck: what the tool or the last link strikes before its approach, deepest; None: nothing.
+        struck: the deepest overlap of the tool or the last link before the approach; None: none.
     """
 
     points: FloatArray
@@ -155,24 +155,26 @@ class Led(NamedTuple):
 
 
 def led(task: Task, model: PushModel, trajectory: Trajectory) -> Led:
-    """A trajectory as a model is led through it.
+    """The motion of a trajectory's tool that the model predicts.
 
-    From the arm's first instant on; but what comes before the approach is left out where it surely
-    touches nothing. Where it strikes something, no model need be asked: the arm is faster there
-    than a model's tool.
+    The motion before the approach is left out where it surely touches nothing. There the arm is
+    faster than the tool of a push model: an object that it strikes counts as harmed.
     """
     q, points, axes = _followed(task.robot, trajectory)
     first = _approach(points @ task.scene.frame[2] - model.candidates.entry)
     struck = None
     if first and not model.clear(*spaced(points[: first + 1], axes[: first + 1])):
-        if not (task.begun and judging.struck(task.scene, task.robot, q[:1])):  # not among fruits
+        if not (task.begun and judging.struck(task.scene, task.robot, q[:1])):  # begun among fruits
             struck = judging.struck(task.scene, task.robot, q[: first + 1])
         first = 0
     return Led(*spaced(points[first:], axes[first:]), struck)
 
 
 def _approach(heights: FloatArray) -> int:
-    """The row at which the tool, at ``heights`` (M,) over the entry [m], last rises from there."""
+    """The first row of the approach: the tool's last rise from the entry.
+
+    ``heights`` (M,) are those of the tool over the entry [m].
+    """
     below = np.flatnonzero(heights <= -BELOW)
     level = np.flatnonzero(heights <= BELOW)
     last = below[-1] + 1 if len(below) else level[-1] if len(level) else 0
@@ -180,14 +182,14 @@ def _approach(heights: FloatArray) -> int:
 
 
 def harm_of(model: PushModel, motion: Led) -> float:
-    """The harm of a motion: twice what is allowed, where it strikes something on its way."""
+    """The harm of a motion; where the arm strikes something before the approach, 2 thresholds."""
     if motion.struck is not None:
-        return STRUCK * model.threshold
+        return 2.0 * model.threshold
     return model.harm(motion.points, motion.axes, model.states)
 
 
 def prediction(model: PushModel, motion: Led, harm: float | None = None) -> Prediction:
-    """The prediction of a motion, ``harm`` where that is known."""
+    """The prediction of a motion; ``harm``: its harm, where that is known."""
     if motion.struck is None:
         return model.predict(motion.points, motion.axes, harm)
     cause = f"is struck by {motion.struck.link} before the approach"
@@ -195,8 +197,9 @@ def prediction(model: PushModel, motion: Led, harm: float | None = None) -> Pred
 
 
 def _followed(robot: Robot, trajectory: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Configurations (M, n), tool points and axes (M, 3): the rows, and between rows that are far
-    apart the curve.
+    """Configurations (M, n), tool points and axes (M, 3) of a trajectory's waypoints.
+
+    Samples of the curve are added between waypoints whose tool points are over ``COARSE`` apart.
     """
     q = trajectory.positions
     points, axes = robot.tool_pose(q)

@@ -1,4 +1,4 @@
-"""Starts of the optimisation that lead round obstacles, along a way that :mod:`tree` finds."""
+"""Starts of the optimisation that lead round obstacles, on a way found by :mod:`tree`."""
 
 from collections.abc import Iterator
 
@@ -26,10 +26,10 @@ def free_starts(
     rng: np.random.Generator,
     budget: Budget,
 ) -> Iterator[Start]:
-    """Starts of a reach whose tool is free on its way, to goal configurations ``goals`` (m, n).
+    """Starts of a reach without a tool path, to goal configurations ``goals`` (m, n).
 
-    First the primitive conditioned on start and goal, the nearest goal first, where it does not go
-    deep into obstacles; then ways round them; then the primitive in any case.
+    First comes the primitive conditioned on start and goal, the nearest goal first, where it does
+    not go deep into obstacles. Ways round the obstacles follow, then the deep primitives.
     """
     order = np.argsort(np.abs(goals - task.start).max(axis=1), kind="stable")
     deep = []
@@ -55,7 +55,7 @@ def free_starts(
 def led_round(
     task: Task, start: Start, options: PlanOptions, rng: np.random.Generator, budget: Budget
 ) -> Iterator[Start]:
-    """Starts that reach the beginning of the same path on ways round obstacles."""
+    """The start to the same tool path whose reach goes round obstacles, if there is a way."""
     first, last = start.waypoints.first, start.waypoints.count - 1
     corners = None
     if first:
@@ -77,15 +77,15 @@ def led_round(
 
 
 def way_count(corners: FloatArray, options: PlanOptions) -> float:
-    """Steps along a way (k, n) with none over ``max_step``."""
+    """Number of steps along a way (k, n), such that none is over ``max_step``."""
     turns = float(np.abs(np.diff(corners, axis=0)).max(axis=1).sum())
     return float(np.ceil(turns / (1.0 - TREE.ramp) / (WAYPOINT.share * options.max_step)))
 
 
 def along(corners: FloatArray, count: int, *, stop: bool = True) -> FloatArray:
-    """Waypoints (count, n) along corners (k, n), from rest, and to rest where it is to ``stop``.
+    """Waypoints (count, n) along corners (k, n), from rest, and with ``stop`` to rest.
 
-    The joint that turns most has the same speed everywhere but at the ends.
+    Between the ends, the joint that turns most on an edge has the same speed on all edges.
     """
     u = np.linspace(0.0, 1.0, count)
     done = _started(u)
@@ -97,6 +97,6 @@ def along(corners: FloatArray, count: int, *, stop: bool = True) -> FloatArray:
 
 
 def _started(u: FloatArray) -> FloatArray:
-    """Path done at times ``u`` from rest; the speed rises to 1 with a continuous acceleration."""
+    """Distance (m,) at times ``u`` (m,) from rest; the speed rises smoothly to 1."""
     x = np.minimum(u / TREE.ramp, 1.0)
     return np.asarray(TREE.ramp * (x**3 - 0.5 * x**4) + np.maximum(u - TREE.ramp, 0.0))

@@ -32,6 +32,7 @@ class Paper(Optimised):
     constraints: Constraints = "paper"
     paper: PaperOptions = field(default_factory=PaperOptions)
     name: ClassVar[str] = "opti-promp"
+    takes_strategy: ClassVar[bool] = True
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
         """See :class:`optipromp.core.planning.planner.Planner`."""

@@ -12,7 +12,7 @@ from optipromp.core.optimization.evaluation import Cost, Evaluation
 
 @dataclass(frozen=True, eq=False)
 class LimitCost(Cost):
-    """Constraint 4, positions: every waypoint is within ``lower`` and ``upper`` (n,) [rad or m]."""
+    """Constraint 4: every waypoint is between ``lower`` and ``upper`` (n,) [rad or m]."""
 
     weight: float
     lower: FloatArray
@@ -95,7 +95,7 @@ class SmoothnessCost(Cost):
 
 @inner
 def smoothness(q, dt, scale, gradient, band):
-    """½ ∫ ‖ξ̈‖² dt, the trajectory at rest before its first and after its last waypoint."""
+    """½ ∫ ‖ξ̈‖² dt; before its first and after its last waypoint the trajectory is at rest."""
     n_waypoints, total, k = q.shape[0], 0.0, scale / dt**3
     for t in range(n_waypoints):
         before, after = max(t - 1, 0), min(t + 1, n_waypoints - 1)

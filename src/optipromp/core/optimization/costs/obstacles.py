@@ -23,8 +23,11 @@ class ObstacleCost(Cost):
     over B_d and the objects to avoid and to push. ``tool avoid`` is no part of :math:`F_d`: it is
     the same integral over the last link and the tool, and the objects to avoid.
 
-    ``epsilon`` is the safety distance of c [m]. CHOMP has the sum over the body points u. Raises
-    InvalidRequestError for an epsilon that is not positive or another reduction.
+    ``epsilon`` is the safety distance of c [m]. ``reduction`` is over the body points u: ``max``
+    (the paper) or ``sum`` (CHOMP).
+
+    Raises:
+        InvalidRequestError: an epsilon that is not positive, or another reduction.
     """
 
     name: Literal["static", "avoid", "tool avoid"]
@@ -52,7 +55,7 @@ class ObstacleCost(Cost):
 
 @inner
 def chomp_cost(d, epsilon):
-    """The CHOMP cost c(D), and its derivative, with the safety distance ``epsilon``."""
+    """The CHOMP cost c(D) of a distance ``d`` and its derivative; ``epsilon``: safety distance."""
     if d >= epsilon:
         return 0.0, 0.0
     if d >= 0.0:
@@ -62,7 +65,7 @@ def chomp_cost(d, epsilon):
 
 @inner
 def velocity(points, before, after, b, span):
-    """Velocity of a point between two waypoints, and its length."""
+    """Velocity of a point between two waypoints, and the speed."""
     x = (points[after, b, 0] - points[before, b, 0]) / span
     y = (points[after, b, 1] - points[before, b, 1]) / span
     z = (points[after, b, 2] - points[before, b, 2]) / span
@@ -71,7 +74,7 @@ def velocity(points, before, after, b, span):
 
 @inner
 def any_below(distance, limit):
-    """Whether any of the distances (B,) is below a limit; without a branch it takes a tenth."""
+    """Whether any distance (B,) is below a limit; without a branch, in a tenth of the time."""
     count = 0
     for b in range(distance.shape[0]):
         count += distance[b] < limit
@@ -84,8 +87,8 @@ def obstacle_functional(
 ):
     r"""F = ∫ max_u c(x_u) ‖dx_u/dt‖ dt (or the sum) over the ``chosen`` (B,) u, by trapezoids.
 
-    The gradient is that of the discrete sum, so it agrees with finite differences at any T, and
-    tends to the functional gradient as T grows.
+    The gradient is that of the discrete sum. It agrees with finite differences at any T, and tends
+    to the functional gradient as T grows.
     """
     n_waypoints, total = distance.shape[0], 0.0
     for t in range(n_waypoints):
@@ -172,7 +175,7 @@ class SelfCost(Cost):
 def self_overlap(e: Evaluation, margin: float, scale: float = 0.0) -> FloatArray:
     """½ Σ max(0, margin − D)² of each waypoint (T,), over pairs of spheres that must keep apart.
 
-    Adds ``scale`` times its gradient.
+    Adds ``scale`` times the gradient to ``e``.
     """
     body, out = e.body, np.zeros(len(e.q))
     self_penalty(
@@ -188,8 +191,8 @@ def self_penalty(
 ):
     """:func:`self_overlap`; adds to ``out`` (T,).
 
-    ``groups`` (G, 4): two links and the range of their ``pairs`` (P, 2), so that a pair of links
-    whose bounding spheres are apart costs one test. ``slack`` (P,) is ``Robot.self_slack``.
+    A row of ``groups`` (G, 4) has two links and the range of their ``pairs`` (P, 2): links whose
+    bounding spheres are apart cost a single test. ``slack`` (P,) is ``Robot.self_slack``.
     """
     n_spheres = radius.shape[0]
     for t in range(points.shape[0]):

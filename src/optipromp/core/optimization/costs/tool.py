@@ -1,7 +1,7 @@
 """Costs of the tool point and its axis: goal, upright, level, corridor, F_p, drift.
 
 Arrays along the trajectory begin at its first waypoint; a cost applies from waypoint ``first`` on.
-The tool axis is seen in the tip, the point :data:`LEVER` along it.
+The tip is the point on the tool axis at :data:`LEVER` from the tool point.
 """
 
 import math
@@ -21,7 +21,10 @@ PushForm = Literal["quadratic", "reciprocal"]
 
 @dataclass(frozen=True, eq=False)
 class GoalCost(Cost):
-    """At T the tool point is at ``position`` (3,) and the tool axis along ``axis`` (None: free)."""
+    """At the end the tool point is at ``position`` (3,), the tool axis along ``axis``.
+
+    ``axis`` (3,) is a unit vector; None: free.
+    """
 
     weight: float
     position: FloatArray
@@ -36,7 +39,7 @@ class GoalCost(Cost):
 
 @inner
 def goal_penalty(points, tool, position, to_tip, turned, scale, force, stiffness):
-    """½ ‖fk − position‖², and where it is ``turned`` ½ ‖tip − fk − to_tip‖², at the end."""
+    """½ ‖fk − position‖² at the end; with ``turned`` also ½ ‖tip − fk − to_tip‖²."""
     t, total = points.shape[0] - 1, 0.0
     for i in range(3):
         off = points[t, tool, i] - position[i]
@@ -56,7 +59,7 @@ def goal_penalty(points, tool, position, to_tip, turned, scale, force, stiffness
 class UprightCost(Cost):
     """The tool axis is within ``tolerance`` [rad] of ``axis``, from waypoint ``first`` on.
 
-    ``axis`` (1, 3) is that of all waypoints, or (T, 3) that of each.
+    ``axis`` is (1, 3) for all waypoints, or (T, 3).
     """
 
     weight: float
@@ -71,7 +74,7 @@ class UprightCost(Cost):
 
 @inner
 def axis_penalty(points, tool, lever, axis, tolerance, first, scale, force, stiffness):
-    """½ Σ max(0, ‖a − axis‖ − tolerance)², a the tool axis; both are unit vectors."""
+    """½ Σ max(0, ‖a − axis‖ − tolerance)²; a is the tool axis. Both axes are unit vectors."""
     total = 0.0
     for t in range(first, points.shape[0]):
         k = min(t, axis.shape[0] - 1)
@@ -93,8 +96,8 @@ def axis_penalty(points, tool, lever, axis, tolerance, first, scale, force, stif
 class LevelCost(Cost):
     """Two body spheres of the tool stay level with one another: ½ Σ (normal·(x_a − x_b))².
 
-    ``pair`` are their indices in the order of the evaluation's points, ``normal`` (3,) is a unit
-    vector. The cost rolls a hand so that its fingers stand side by side.
+    ``pair`` has the indices a and b of the spheres among the evaluation's points; ``normal`` (3,)
+    is a unit vector. The cost rolls a hand so that its fingers stand side by side.
     """
 
     weight: float
@@ -119,7 +122,7 @@ class LevelCost(Cost):
 class CorridorCost(Cost):
     """Constraint 3: the tool stays within ``tolerance`` of ``reference`` (T, 3) along ``axes``.
 
-    Inside the corridor there is no force, but a curvature of ``within`` times that of its walls.
+    Inside the corridor there is no force, but a curvature of ``within`` times that of the walls.
     Without this curvature, a solver would step far through the walls.
     """
 
@@ -163,9 +166,12 @@ def corridor_penalty(
 class PushCost(Cost):
     r""":math:`F_p=\int_{t_1}^T\lVert fk(\xi_t)-X_g\rVert^2_{\mathcal F_g}dt`, or the authors' form.
 
-    ``goal`` is X_g, ``frame`` (3, 3) has x_g, y_g and z_g as its rows, ``axis_weights`` (3,) weigh
-    them in the quadratic form; the reciprocal one takes y_g alone, softened [m]. Raises
-    InvalidRequestError for another form.
+    ``goal`` is X_g; the rows of ``frame`` (3, 3) are x_g, y_g and z_g. ``axis_weights`` (3,) weigh
+    these axes in the quadratic form. The reciprocal form, that of the authors, has y_g alone;
+    ``softening`` [m] keeps it finite.
+
+    Raises:
+        InvalidRequestError: another form.
     """
 
     weight: float
@@ -210,9 +216,9 @@ def push_quadratic(points, tool, goal, frame, axis_weights, dt, first, scale, fo
 
 @inner
 def push_reciprocal(points, tool, goal, lateral, softening, first, scale, force, _stiffness):
-    """The authors' Σ_t 1/|y_g·(fk − X_g)|, finite near zero: Σ_t (y² + softening²)^(-1/2).
+    """The authors' Σ_t 1/|y_g·(fk − X_g)|, kept finite: Σ_t (y² + softening²)^(-1/2).
 
-    The last waypoint is left out: it is at the target, where the cost has no bound and no use.
+    The last waypoint is left out: at the target the cost is unbounded.
     """
     total = 0.0
     for t in range(first, points.shape[0] - 1):
