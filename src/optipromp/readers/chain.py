@@ -39,7 +39,7 @@ class Chain:
     lower: FloatArray  # (n,) limits of every joint that the independent one drives, intersected
     upper: FloatArray
     velocity: FloatArray
-    effort: FloatArray  # (S,) of the segments' own joints, infinite where the file gives none
+    effort: FloatArray  # (S,) [N m or N] of each segment's joint, infinite where the file has none
     kinematics: Kinematics
     flange: Placement
     held_joints: tuple[str, ...]  # off the chain, at rest
@@ -48,7 +48,7 @@ class Chain:
 
 @dataclass(frozen=True)
 class _Drive:
-    """value of a joint = multiplier * value of ``leader`` + offset."""
+    """The value of a joint: multiplier * value of ``leader`` + offset [rad or m]."""
 
     leader: str
     multiplier: float
@@ -61,10 +61,12 @@ def serial_chain(
     """The chain of ``model`` from link ``base`` (default: the root) to link ``tip``, the flange.
 
     Movable joints off the chain stand at their value in ``held`` [rad or m], else at zero or the
-    limit nearest to it. Frames are those of the root, whatever the base.
-    Raises InvalidRobotError when there is no movable joint on the path, when the limits of a mimic
-    joint and of its leader leave nothing in common, when a joint cannot be moved (it has no limits,
-    say), or cannot be held as asked.
+    limit nearest to zero. Frames are relative to the root, whatever the base.
+
+    Raises:
+        InvalidRobotError: the path has no movable joint; a joint cannot move (without limits, for
+            example) or be held as asked; the limits of a mimic joint and of its leader have no
+            value in common.
     """
     tree = Tree(model)
     base = model.root if base is None else base
@@ -140,6 +142,7 @@ def _check_held(
     drives: Mapping[str, _Drive],
     index: Mapping[str, int],
 ) -> None:
+    """Refuse to hold a joint of the arm, a mimic joint, or a joint outside its limits."""
     free = [
         name
         for name, joint in model.joints.items()
@@ -160,7 +163,7 @@ def _check_held(
 
 
 def _drives(model: UrdfModel) -> dict[str, _Drive]:
-    """Each movable joint as a function of one that moves by itself."""
+    """Each movable joint as a function of a joint that mimics none."""
     drives: dict[str, _Drive] = {}
     for joint in model.joints.values():
         trail = []
@@ -180,7 +183,8 @@ def _drives(model: UrdfModel) -> dict[str, _Drive]:
 def _limits(
     model: UrdfModel, index: Mapping[str, int], drives: Mapping[str, _Drive]
 ) -> tuple[list[float], list[float], list[float]]:
-    """Limits of the independent joints that keep every joint they drive within its own."""
+    """Position limits and velocity limits of the independent joints, by which every joint that they
+    drive stays within its limits."""
     lower = [model.joints[name].lower for name in index]
     upper = [model.joints[name].upper for name in index]
     velocity = [model.joints[name].velocity for name in index]
