@@ -1,7 +1,7 @@
-"""Spheres that cover a capsule, a box or a cylinder: all of it, and little more.
+"""Spheres that cover a capsule, a box or a cylinder.
 
-A cover is an array (k, 4) of centres and radii [m] in the frame of the shape. ``bulge`` is how far
-the spheres may reach beyond the shape.
+A cover is an array (k, 4) of centres and radii [m] in the frame of the shape. ``bulge`` [m] is the
+distance by which the spheres may reach beyond the shape.
 """
 
 import math
@@ -10,8 +10,8 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 
-MAX_SPHERES = 40  # per box or cylinder
-_SLACK = 1.0 + 1e-9  # against rounding, so that a point on the surface counts as covered
+MAX_SPHERES = 40  # per box or cylinder, chosen
+_SLACK = 1.0 + 1e-9  # factor of the radii, against rounding of points on the surface
 
 
 def cover_capsule(start: FloatArray, end: FloatArray, radius: float, bulge: float) -> FloatArray:
@@ -39,7 +39,8 @@ def cover_capsule(start: FloatArray, end: FloatArray, radius: float, bulge: floa
 def cover_box(size: FloatArray, bulge: float, most: int = MAX_SPHERES) -> FloatArray:
     """A grid of spheres, one around each cell, that covers a box of full sizes ``size`` (3,).
 
-    The fewest spheres that reach at most ``bulge`` beyond it; of at most ``most``, the tightest.
+    The smallest grid that reaches at most ``bulge`` beyond the box; if none of at most ``most``
+    spheres does, the tightest of them.
     """
     size = np.asarray(size, float)
     best = (math.inf, _GRIDS[0])
@@ -56,7 +57,7 @@ def cover_box(size: FloatArray, bulge: float, most: int = MAX_SPHERES) -> FloatA
 
 
 def cover_cylinder(radius: float, length: float, bulge: float) -> FloatArray:
-    """Spheres that cover a cylinder along z: a row, or for a flat one a grid."""
+    """Spheres that cover a cylinder along z: a row, or a grid if it is flat."""
     if length < 2.0 * radius:
         size = np.array([2.0 * radius, 2.0 * radius, length])
         grid = cover_box(size, bulge)
