@@ -1,6 +1,6 @@
 """The serial chain of a tree of links: fixed joints merged, mimics resolved, branches held."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -85,39 +85,11 @@ def serial_chain(
     index = {name: i for i, name in enumerate(names)}
     _check_held(model, held, drives, index)
     lower, upper, velocity = _limits(model, index, drives)
-
-    on_path = {joint.name for joint in path}
-    placements = {model.root: Placement(-1, np.eye(3), np.zeros(3))}
-    segments: list[tuple[UrdfJoint, FloatArray, FloatArray]] = []
-    still: set[str] = set()
-    for joint in tree.outward:
-        frame = placements[joint.parent]
-        rotation = frame.rotation @ rotation_of(joint.rpy)
-        translation = frame.rotation @ np.array(joint.xyz) + frame.translation
-        driver = frame.driver
-        segment = frame.segment
-        if joint.kind != "fixed":
-            drive = drives[joint.name]
-            if joint.name in on_path:
-                segments.append((joint, rotation, translation))
-                segment, rotation, translation = len(segments) - 1, np.eye(3), np.zeros(3)
-            elif drive.leader in index:
-                driver = driver or joint.name
-            else:
-                still.add(joint.name)
-                leader = model.joints[drive.leader]
-                rest = held.get(drive.leader, min(max(0.0, leader.lower), leader.upper))
-                value = drive.multiplier * rest + drive.offset
-                if joint.kind == "prismatic":
-                    translation = rotation @ (np.array(joint.axis) * value) + translation
-                else:
-                    rotation = rotation @ turned(joint.axis, value)
-        placements[joint.child] = Placement(segment, rotation, translation, driver)
-
+    segments, placements, still = _placed(tree, path, held, drives, index)
     kinematics = Kinematics(
         kind=frozen([PRISMATIC if j.kind == "prismatic" else REVOLUTE for j in movable], np.int64),
-        rotation=frozen([rotation for _, rotation, _ in segments]),
-        translation=frozen([translation for _, _, translation in segments]),
+        rotation=frozen([rotation for rotation, _ in segments]),
+        translation=frozen([translation for _, translation in segments]),
         axis=frozen([joint.axis for joint in movable]),
         dof=frozen([index[drives[joint.name].leader] for joint in movable], np.int64),
         multiplier=frozen([drives[joint.name].multiplier for joint in movable]),
@@ -134,6 +106,45 @@ def serial_chain(
         held_joints=tuple(name for name in model.joints if name in still),
         placements=MappingProxyType({name: placements[name] for name in model.links}),
     )
+
+
+def _placed(
+    tree: Tree,
+    path: Sequence[UrdfJoint],
+    held: Mapping[str, float],
+    drives: Mapping[str, _Drive],
+    index: Mapping[str, int],
+) -> tuple[list[tuple[FloatArray, FloatArray]], dict[str, Placement], set[str]]:
+    """The frame of each moving joint of ``path`` at zero, the placement of every link, and the
+    names of the joints at rest."""
+    joints, on_path = tree.model.joints, {joint.name for joint in path}
+    placements = {tree.model.root: Placement(-1, np.eye(3), np.zeros(3))}
+    segments: list[tuple[FloatArray, FloatArray]] = []
+    still: set[str] = set()
+    for joint in tree.outward:
+        frame = placements[joint.parent]
+        rotation = frame.rotation @ rotation_of(joint.rpy)
+        translation = frame.rotation @ np.array(joint.xyz) + frame.translation
+        driver = frame.driver
+        segment = frame.segment
+        if joint.kind != "fixed":
+            drive = drives[joint.name]
+            if joint.name in on_path:
+                segments.append((rotation, translation))
+                segment, rotation, translation = len(segments) - 1, np.eye(3), np.zeros(3)
+            elif drive.leader in index:
+                driver = driver or joint.name
+            else:
+                still.add(joint.name)
+                leader = joints[drive.leader]
+                rest = held.get(drive.leader, min(max(0.0, leader.lower), leader.upper))
+                value = drive.multiplier * rest + drive.offset
+                if joint.kind == "prismatic":
+                    translation = rotation @ (np.array(joint.axis) * value) + translation
+                else:
+                    rotation = rotation @ turned(joint.axis, value)
+        placements[joint.child] = Placement(segment, rotation, translation, driver)
+    return segments, placements, still
 
 
 def _check_held(

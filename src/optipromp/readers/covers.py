@@ -45,7 +45,7 @@ class Covered(NamedTuple):
 
 
 def cover_links(
-    model: UrdfModel, links: Collection[str], fixed: Collection[str] = ()
+    model: UrdfModel, links: Collection[str], fixed: Collection[str]
 ) -> dict[str, Cover]:
     """Covers of the links, in their frames, over their collision geometry or else their visual.
 

@@ -153,18 +153,15 @@ class _Fit:
         )  # of no use, or as many as may be
         self.excess, self.chosen = excess, chosen
 
-    def exchange(self) -> None:
-        """Remove each centre in turn and split another sphere, where that lowers the excess."""
+    def finished(self) -> tuple[FloatArray, float]:
+        """The cover, after each centre was removed in turn and another sphere split, where that
+        lowers the excess."""
         for center in list(self.chosen):
             if center in self.chosen and len(self.chosen) > 1:
                 rest = [other for other in self.chosen if other != center]
                 self.excess, self.chosen = min(
                     (self.excess, self.chosen), self._split(self._settled(rest)[1])
                 )
-
-    def finished(self) -> tuple[FloatArray, float]:
-        """The cover, once every centre was tried elsewhere."""
-        self.exchange()
         return self.cover()
 
     def _split(self, chosen: list[int]) -> tuple[float, list[int]]:

@@ -119,27 +119,27 @@ class _Reader:
                 f"{self.path}: {what} is {told}, beyond {LENGTH_LIMIT:g} m: millimetres?"
             )
 
-    def _own(self, body: int) -> range:
+    def _joints_of(self, body: int) -> range:
         first = int(self.model.body_jntadr[body])
         return range(first, first + int(self.model.body_jntnum[body]))
 
     def _is_object(self, body: int) -> bool:
         """Whether a body is free and carries no other joint."""
         types = self.model.jnt_type
-        if not any(types[j] == FREE for j in self._own(body)):
+        if not any(types[j] == FREE for j in self._joints_of(body)):
             return False
         inside = {body}
         for other in range(body + 1, self.model.nbody):
             if int(self.model.body_parentid[other]) in inside:
                 inside.add(other)
-        return not any(types[j] != FREE for each in inside for j in self._own(each))
+        return not any(types[j] != FREE for each in inside for j in self._joints_of(each))
 
     def _mount(self, body: int, parent: str) -> None:
         """Attach a body to its parent by its joints in order, and by a fixed joint if needed."""
         model, name = self.model, self.names[body]
         self._check_length(f"body '{name}' pos", model.body_pos[body])
         at, turn = np.array(model.body_pos[body]), _matrix(model.body_quat[body])
-        moving = [j for j in self._own(body) if model.jnt_type[j] != FREE]
+        moving = [j for j in self._joints_of(body) if model.jnt_type[j] != FREE]
         origin = np.zeros(3)  # of the present frame, in the body's frame
         for k, j in enumerate(moving):
             anchor, axis = np.array(model.jnt_pos[j]), np.array(model.jnt_axis[j])

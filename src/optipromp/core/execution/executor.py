@@ -310,7 +310,7 @@ class _Run:
         largest = float(np.abs(wanted - found).max(initial=0.0))
         return Executed(
             not self.reason, self.reason, frozen(times), frozen(wanted), frozen(found), largest
-        )  # fmt: skip
+        )
 
 
 def _measured(arm: Follower) -> State:

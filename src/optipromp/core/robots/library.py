@@ -159,7 +159,8 @@ def _built_in(name: str) -> Robot:
 class Inside:
     """The :data:`Check` of a robot that a file in ``folder`` names.
 
-    The robot's files may lie in the ``homes`` of that file, and in the folders ``more``.
+    The robot's files may lie in the ``homes`` of that file, which distinguish two checks in caches,
+    and in the folders ``more``.
     """
 
     folder: Path | None

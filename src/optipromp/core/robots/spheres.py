@@ -36,17 +36,15 @@ def cover_capsule(start: FloatArray, end: FloatArray, radius: float, bulge: floa
     return np.column_stack([centers, np.full(count, (radius + excess) * _SLACK)])
 
 
-def cover_box(size: FloatArray, bulge: float, most: int = MAX_SPHERES) -> FloatArray:
+def cover_box(size: FloatArray, bulge: float) -> FloatArray:
     """A grid of spheres, one around each cell, that covers a box of full sizes ``size`` (3,).
 
-    The smallest grid that reaches at most ``bulge`` beyond the box; if none of at most ``most``
-    spheres does, the tightest of them.
+    The smallest grid that reaches at most ``bulge`` beyond the box; if none of at most
+    :data:`MAX_SPHERES` spheres does, the tightest of them.
     """
     size = np.asarray(size, float)
     best = (math.inf, _GRIDS[0])
     for counts in _GRIDS:
-        if math.prod(counts) > most:
-            break
         half = size / (2.0 * np.array(counts))
         excess = float(np.linalg.norm(half) - half.min())
         if excess < best[0] - 1e-12:
