@@ -217,6 +217,7 @@ def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -
 
 
 def _start(rows: Mapping[str, Any], robot: Robot) -> State | None:
+    """The start of the rows of ``waypoints.npz``; None if it is the scene's."""
     if START not in rows:
         return None
     values = np.asarray(rows[START], dtype=np.float64)
@@ -226,6 +227,7 @@ def _start(rows: Mapping[str, Any], robot: Robot) -> State | None:
 
 
 def _pushed(rows: Mapping[str, Any]) -> tuple[FloatArray, FloatArray] | None:
+    """Tool points and axes (P, 3) of the rows of ``waypoints.npz``; None without them."""
     if PUSHED[0] not in rows:
         return None
     points, axes = (np.asarray(rows[name], dtype=np.float64) for name in PUSHED)

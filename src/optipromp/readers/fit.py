@@ -165,6 +165,7 @@ class _Fit:
         return self.cover()
 
     def _split(self, chosen: list[int]) -> tuple[float, list[int]]:
+        """Excess and centres after a centre joined the loosest sphere; ``chosen`` if none helps."""
         cost = self.cost[:, chosen]
         needed, owner = cost.min(axis=1), cost.argmin(axis=1)
         worst = int(needed.argmax())
@@ -179,6 +180,7 @@ class _Fit:
         return min(tried)
 
     def _settled(self, chosen: list[int]) -> tuple[float, list[int]]:
+        """Excess and centres after Lloyd's iterations from ``chosen``."""
         best = (np.inf, chosen)
         for _ in range(_ROUNDS):
             cost = self.cost[:, chosen]

@@ -137,19 +137,19 @@ def sorted_out(
         pairs = np.concatenate([*kept, drop_always_touching(robot, pairs)])
         return pairs, np.zeros(len(pairs)), ()
     sample = _Sample(robot, Parts(len(link), given), count)
-    for (a, b), own in zip(links, np.split(pairs, first[1:]), strict=True):
-        slack, share, nearest = sample.slack(own)
+    for (a, b), of_links in zip(links, np.split(pairs, first[1:]), strict=True):
+        slack, share, nearest = sample.slack(of_links)
         meet = np.isfinite(slack)
         if nearest > FAR:
             why = "never near"
         elif share > MOSTLY:
             why = f"touch at {100.0 * share:.0f} % of configurations"
         else:
-            kept.append(own[meet])
+            kept.append(of_links[meet])
             slacks.append(slack[meet])
             if meet.all():
                 continue
-            why = f"{(~meet).sum()} of {len(own)} pairs of spheres: only the covers touch"
+            why = f"{(~meet).sum()} of {len(of_links)} pairs of spheres: only the covers touch"
         out.append(LeftOut(names[a], names[b], why))
     return np.concatenate(kept), np.concatenate(slacks), tuple(out)
 
@@ -229,14 +229,14 @@ class _Sample:
         (one, reach), (other, further) = self._ball(first), self._ball(second)
         return np.flatnonzero(lengths(one - other) < FAR + reach + further)
 
-    def _ball(self, own: IntArray) -> tuple[FloatArray, float]:
-        """The middle of a ball about spheres of a link (m, 3) [m], and its radius."""
-        key = int(self.robot.spheres.link[own[0]]), len(own)
+    def _ball(self, spheres: IntArray) -> tuple[FloatArray, float]:
+        """World centres (m, 3) and radius [m] of a ball that encloses ``spheres`` of one link."""
+        key = int(self.robot.spheres.link[spheres[0]]), len(spheres)
         if key not in self.balls:
-            center, radius = self.robot.spheres.center[own], self.radius[own]
+            center, radius = self.robot.spheres.center[spheres], self.radius[spheres]
             middle = center.mean(axis=0)
             reach = float((lengths(center - middle) + radius).max())
-            self.balls[key] = self.placed(own, middle[None])[:, 0], reach
+            self.balls[key] = self.placed(spheres, middle[None])[:, 0], reach
         return self.balls[key]
 
     def _touch(self, rows: IntArray, pairs: IntArray) -> BoolArray:

@@ -170,15 +170,11 @@ class _Reader:
         value = self.numbers(mass, "value", 1, owner)[0]
         if value < 0.0:
             self.refuse(f"{owner} mass is {value:g} kg; it must not be negative", mass)
-        given = self.only(holder, "inertia", owner)
-        keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        tensor = (
-            None
-            if given is None
-            else tuple(
-                self.scale**2 * self.numbers(given, key, 1, owner, (0.0,))[0] for key in keys
-            )
-        )
+        found, tensor = self.only(holder, "inertia", owner), None
+        if found is not None:
+            keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+            values = (self.numbers(found, key, 1, owner, (0.0,))[0] for key in keys)
+            tensor = tuple(self.scale**2 * value for value in values)
         return UrdfInertial(value, *self.origin(holder, owner), tensor)
 
     def geometry(self, node: Node, owner: str) -> LinkShape:
@@ -210,9 +206,9 @@ class _Reader:
     def joint(self, node: Node) -> UrdfJoint:
         name = self.name(node)
         owner = f"joint '{name}'"
-        given = node.attributes.get("type", "")
-        kind = next((k for k in JOINT_KINDS if k == given), None)
-        if given in ("planar", "floating"):
+        stated = node.attributes.get("type", "")
+        kind = next((k for k in JOINT_KINDS if k == stated), None)
+        if stated in ("planar", "floating"):
             self.free[name], kind = node, "fixed"
         if kind is None:
             self.refuse_kind(owner, node)
@@ -227,8 +223,8 @@ class _Reader:
         limit, remark = self.only(node, "limit", owner), ""
         if kind != "fixed" and limit is not None and math.isinf(velocity):
             told = f"{owner} has the velocity limit {limit.attributes.get('velocity')}, which would"
-            given = f"{told} hold it: taken as none; give one in a robot file (velocity)"
-            remark = self.at(given, limit) if "velocity" in limit.attributes else ""
+            told += " hold it: taken as none; give one in a robot file (velocity)"
+            remark = self.at(told, limit) if "velocity" in limit.attributes else ""
         return UrdfJoint(
             name, kind, parent, child, xyz, rpy, axis, lower, upper, velocity, mimic, effort,
             fault, remark,

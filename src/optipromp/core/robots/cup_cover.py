@@ -199,6 +199,7 @@ def _rim(
 
 
 def _ring(z: float, band: _Band) -> FloatArray:
+    """The spheres (count, 4) of a band at height ``z``."""
     angle = 2.0 * math.pi * np.arange(band.count) / band.count
     out = np.empty((band.count, 4))
     out[:, 0], out[:, 1] = band.ring * np.cos(angle), band.ring * np.sin(angle)

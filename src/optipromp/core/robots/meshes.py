@@ -35,4 +35,5 @@ def box_axes(points: FloatArray) -> FloatArray:
 
 
 def _extent(points: FloatArray, axes: FloatArray) -> FloatArray:
+    """Sizes (3,) of the box of ``points`` along ``axes``; 1e-6 m larger, so that none is 0."""
     return np.asarray(np.ptp(points @ axes.T, axis=0) + 1e-6)

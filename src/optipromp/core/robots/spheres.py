@@ -75,6 +75,7 @@ def cover_cylinder(radius: float, length: float, bulge: float) -> FloatArray:
 
 
 def _grid(size: FloatArray, counts: tuple[int, int, int]) -> FloatArray:
+    """Spheres (k, 4) around the cells of a box of full sizes ``size`` (3,)."""
     cell = size / np.array(counts)
     axes = [(np.arange(n) + 0.5) * c - s / 2.0 for n, c, s in zip(counts, cell, size, strict=True)]
     centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

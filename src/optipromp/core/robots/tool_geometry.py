@@ -101,6 +101,7 @@ def _box(solid: Solid) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _cover(solid: Solid, excess: float) -> FloatArray:
+    """Spheres (k, 4) around the cells of a solid; see :func:`cover_solids`."""
     center, half, axes = _box(solid)
     grid = cover_box(2.0 * half, excess)
     centers = center + grid[:, :3] @ axes.T

@@ -192,6 +192,7 @@ def _checked(physical: Mapping[str, float]) -> dict[str, float]:
 
 
 def _covariance(values: FloatArray | None, sigma: float | None) -> FloatArray:
+    """The covariance (3, 3) [m²]: ``values``, or that of the standard deviation ``sigma`` [m]."""
     if sigma is not None:
         if values is not None:
             raise InvalidSceneError("covariance and sigma are given: must be one of them at most")

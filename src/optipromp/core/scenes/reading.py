@@ -108,15 +108,15 @@ def _inside(name: str, base_dir: Path | None) -> Path:
     return check_inside((base_dir or Path()) / name, base_dir, InvalidSceneError)
 
 
-def _choice(given: str | RobotModel, base_dir: Path | None) -> Choice:
-    if isinstance(given, str):
-        if given not in robot_names():
-            _inside(given, base_dir)
+def _choice(robot: str | RobotModel, base_dir: Path | None) -> Choice:
+    if isinstance(robot, str):
+        if robot not in robot_names():
+            _inside(robot, base_dir)
         return UNTRUSTED
-    for name in (given.file, *([given.srdf] if given.srdf else []), *given.package_dirs):
+    for name in (robot.file, *([robot.srdf] if robot.srdf else []), *robot.package_dirs):
         _inside(name, base_dir)
     return Choice(
-        given.tip, given.base, given.srdf, given.hold, tuple(given.package_dirs), untrusted=True
+        robot.tip, robot.base, robot.srdf, robot.hold, tuple(robot.package_dirs), untrusted=True
     )
 
 
@@ -132,8 +132,8 @@ def _frames(model: SceneModel, scale: float) -> dict[str, Pose]:
     return {"base": Pose(), "world": world, "camera": world @ poses["camera"]}
 
 
-def _pose(given: PoseModel, scale: float) -> Pose:
-    return Pose(scale * np.array(given.position), _orientation(given.orientation))
+def _pose(model: PoseModel, scale: float) -> Pose:
+    return Pose(scale * np.array(model.position), _orientation(model.orientation))
 
 
 def _orientation(given: list[float] | None) -> FloatArray:
@@ -158,16 +158,16 @@ def _object(
     )
 
 
-def _stem(given: StemModel, scale: float, position: FloatArray) -> Stem:
-    radius = STEM_RADIUS if given.radius is None else scale * given.radius
-    if given.direction is not None and given.length is not None:
-        way = scale * given.length * unit("stem.direction", np.array(given.direction))
+def _stem(model: StemModel, scale: float, position: FloatArray) -> Stem:
+    radius = STEM_RADIUS if model.radius is None else scale * model.radius
+    if model.direction is not None and model.length is not None:
+        way = scale * model.length * unit("stem.direction", np.array(model.direction))
         points = np.array([position, position + way])
-    elif given.root is not None:
-        points = np.array([position, scale * np.array(given.root)])
+    elif model.root is not None:
+        points = np.array([position, scale * np.array(model.root)])
     else:
-        points = scale * np.array(given.points)
-    return Stem(points, radius, given.parent)
+        points = scale * np.array(model.points)
+    return Stem(points, radius, model.parent)
 
 
 def _shape(
