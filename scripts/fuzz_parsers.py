@@ -39,7 +39,7 @@ READERS = [
     "optipromp.core.scenes.schema", "optipromp.core.scenes.objects", "optipromp.core.scenes.values",
     "optipromp.core.scenes.pose", "optipromp.core.scenes.io", "optipromp.readers.urdf",
     "optipromp.readers.urdf_tree", "optipromp.readers.xml_tree", "optipromp.readers.robot_file",
-    "optipromp.readers.srdf",
+    "optipromp.readers.srdf", "optipromp.core.robots.resolved",
 ]  # fmt: skip
 CUT = b"\n--\xff--\n"  # between the members of an archive
 SRDF = b"""<robot name="r"><group name="arm"><chain base_link="l0" tip_link="l7"/><joint name="j"/>
@@ -61,14 +61,20 @@ def seeds(target: str) -> Iterator[bytes]:
     plan = {} if target not in ("plan.json", "given.csv", "given.npz") else originals.plan_files()
     match target:
         case "robot.urdf":
-            yield from (path.read_bytes() for path in (DATA / "robots/data").glob("*.urdf"))
+            yield from (path.read_bytes() for path in (DATA / "core/robots/data").glob("*.urdf"))
             yield from (originals.chain(Random(k)).encode() for k in range(3))
         case "robot.yaml":
-            yield from (path.read_bytes() for path in (DATA / "robots/data").glob("*.yaml"))
+            yield from (path.read_bytes() for path in (DATA / "core/robots/data").glob("*.yaml"))
         case "robot.srdf":
             yield SRDF
+        case "arm.robot":
+            with np.load(DATA / "core/robots/data/scara.robot") as found:
+                arrays = {key: found[key] for key in found.files if key != "robot"}
+                yield members(packed(arrays)) + CUT.join(
+                    [b"", b"robot", str(found["robot"]).encode()]
+                )
         case "scene.yaml":
-            yield from (path.read_bytes() for path in (DATA / "scenes/data").glob("*.yaml"))
+            yield from (path.read_bytes() for path in (DATA / "core/scenes/data").glob("*.yaml"))
             yield yaml.safe_dump(originals.shapes_scene()).encode()
         case "scene.json":
             yield json.dumps(originals.shapes_scene()).encode()
@@ -98,7 +104,7 @@ def seeds(target: str) -> Iterator[bytes]:
 
 def parser(target: str, folder: Path) -> Callable[[Path], Any]:
     """What reads a file, as the library does. Imports it."""
-    from optipromp import ProMP, load_demonstrations, load_plan, load_scene
+    from optipromp import ProMP, load_demonstrations, load_plan, load_robot, load_scene
     from optipromp.core.geometry.loading import load_cloud, load_mesh
     from optipromp.core.trajectory_files import read_trajectory
     from optipromp.readers.robot_file import read_robot_file
@@ -110,9 +116,16 @@ def parser(target: str, folder: Path) -> Callable[[Path], Any]:
 
         for name, content in originals.plan_files().items():
             (folder / name).write_bytes(content)
+
+    def read_robot(path: Path) -> None:
+        robot = load_robot(path)
+        robot.self_gaps(robot.home)
+        robot.tool_map(robot.home)
+
     joints = [f"joint{k}" for k in range(1, 8)]
     readers: dict[str, Callable[[Path], Any]] = {
         "robot.urdf": read_urdf, "robot.yaml": read_robot_file, "robot.srdf": read_srdf,
+        "arm.robot": read_robot,
         "scene.yaml": load_scene, "scene.json": load_scene, "demos.csv": load_demonstrations,
         "demos.npz": load_demonstrations, "learnt.npz": ProMP.load,
         "cube.obj": load_mesh, "leaves.npy": lambda path: load_cloud(path, 0.01),
@@ -125,16 +138,22 @@ def parser(target: str, folder: Path) -> Callable[[Path], Any]:
 
 
 TARGETS = (
-    "robot.urdf", "robot.yaml", "robot.srdf", "scene.yaml", "scene.json", "demos.csv", "demos.npz",
-    "learnt.npz", "cube.obj", "leaves.npy", "leaves.csv", "given.csv", "given.npz", "plan.json",
+    "robot.urdf", "robot.yaml", "robot.srdf", "arm.robot", "scene.yaml", "scene.json", "demos.csv",
+    "demos.npz", "learnt.npz", "cube.obj", "leaves.npy", "leaves.csv", "given.csv", "given.npz",
+    "plan.json",
 )  # fmt: skip
 
 
 def archive(content: bytes) -> bytes:
-    """Members as an archive whose checksums are right."""
+    """Members as an archive whose checksums are right; UTF-8 named ``robot`` becomes an array."""
+    import numpy as np
+
     stream, parts = io.BytesIO(), content.split(CUT)
     with zipfile.ZipFile(stream, "w") as packed:
         for name, member in zip(parts[::2], parts[1::2], strict=False):
+            if name == b"robot":
+                np.save(text := io.BytesIO(), np.array(member.decode("utf-8", "replace")))
+                name, member = b"robot.npy", text.getvalue()
             packed.writestr(name.decode("utf-8", "replace")[:99].replace("\0", "") or "x", member)
     return stream.getvalue()
 
@@ -167,7 +186,7 @@ def search(target: str, seconds: int, out: Path) -> None:
     warnings.simplefilter("ignore")
 
     def once(content: bytes) -> None:
-        path.write_bytes(archive(content) if target.endswith("npz") else content)
+        path.write_bytes(archive(content) if target.endswith(("npz", "robot")) else content)
         began, what = time.process_time(), ""
         try:
             read(path)

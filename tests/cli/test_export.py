@@ -5,7 +5,7 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from optipromp import ros
+from optipromp import load_robot, ros
 from optipromp.cli.main import app
 
 
@@ -35,10 +35,12 @@ def test_a_plan_is_written_as_a_model(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["scenario-3"], "give at least one of --mjcf FILE.xml and --mcap FILE.mcap"),
+        (["scenario-3"], "give at least one of --mjcf FILE.xml, --mcap FILE.mcap, --robot"),
         (["scenario-3", "--mcap", "scene.bag"], "--mcap is 'scene.bag': its name must end in"),
         (["scenario-3", "--mjcf", "scene"], "--mjcf is 'scene': its name must end in .xml"),
         (["panda", "--mjcf", "a.xml"], "panda is a robot; export takes a scene or a plan"),
+        (["panda", "--robot", "a.robot", "--mjcf", "a.xml"], "export takes a scene or a plan"),
+        (["panda", "--robot", "a.npz"], "--robot is 'a.npz': its name must end in .robot"),
         (["nowhere", "--mjcf", "a.xml"], "no file and nothing built in is called nowhere"),
     ],
 )
@@ -68,3 +70,13 @@ def test_a_plan_becomes_a_bag_that_is_valid(tmp_path):
     scene = tmp_path / "scene.mcap"
     assert invoke("scenario-3", "--mcap", scene).exit_code == 0
     assert [item.topic for item in ros.read_bag(scene)] == ["/planning_scene"]
+
+
+def test_the_robot_of_a_scene_or_by_name_is_written_resolved(tmp_path):
+    files = {item: tmp_path / f"{item}.robot" for item in ("panda", "scenario-3")}
+    for item, file in files.items():
+        result = invoke(item, "--robot", file, "--json")
+        assert result.exit_code == 0
+        assert json.loads(result.stdout)["files"] == {"robot": str(file)}
+    assert files["panda"].read_bytes() == files["scenario-3"].read_bytes()
+    assert load_robot(files["panda"]).tool is None

@@ -39,6 +39,11 @@ LINKS = '<link name="a"/><link name="b"/>'
         (b"<?xml version='1.0' encoding='no-such'?><robot/>", ["encoding"]),
         (b"<sdf><model/></sdf>", ["<sdf>", "<robot>"]),
         (b"<robot name='r'/>", ["no <link>"]),
+        (
+            "<robot name='a\u202eb'><link name='a'/><link name='b'/><joint name='j' "
+            "type='continuous'><parent link='a'/><child link='b'/></joint></robot>".encode(),
+            ["name 'a\\u202eb' holds control characters"],
+        ),
         (b"<robot><link name='a'/></robot>", ["no movable joint", "'a'"]),
         (b"<robot><link/></robot>", ["<link> has no name"]),
         (b"<robot>\n<xacro:macro name='x'/></robot>", [":2", "xacro:macro", "expand"]),

@@ -1,4 +1,4 @@
-"""``optipromp export``: a scene or a plan in the formats of other programs."""
+"""``optipromp export``: a scene or a plan in the formats of other programs; a robot resolved."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from optipromp.cli.check import scene_or_plan
+from optipromp.cli.check import Kind, kind_of, scene_or_plan
 from optipromp.cli.command import Report, command
 from optipromp.cli.console import waiting
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
@@ -28,7 +28,8 @@ def export(
     scene_or_plan: Annotated[
         str,
         typer.Argument(
-            metavar="SCENE|PLAN_DIR", help="A scene, or a folder that 'plan --out' left."
+            metavar="SCENE|PLAN_DIR",
+            help="A scene, or a folder that 'plan --out' left; for --robot alone also a robot.",
         ),
     ],
     mjcf: Annotated[
@@ -44,6 +45,10 @@ def export(
             metavar="FILE.mcap",
             help="Write a bag of ROS 2 messages: the planning scene; of a plan, its trajectory.",
         ),
+    ] = None,
+    robot: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.robot", help="Write the robot, without a tool, resolved."),
     ] = None,
     rate: Annotated[
         float, typer.Option(metavar="HZ", help="Of the JointTrajectory's points in the bag.")
@@ -63,19 +68,21 @@ def export(
     optipromp export scenario-3 --mjcf scene.xml
     optipromp export reach --mjcf reach.xml
     optipromp export reach --mcap reach.mcap
+    optipromp export my-arm.urdf --robot my-arm.robot
     """
     wanted = [
         ("--mjcf", mjcf, ".xml", _mjcf),
         ("--mcap", mcap, ".mcap", lambda content, path: _mcap(content, path, rate, prefix)),
+        ("--robot", robot, ".robot", _robot),
     ]  # fmt: skip
     chosen = [(name, path, end, write) for name, path, end, write in wanted if path is not None]
     if not chosen:
-        names = " and ".join(f"{name} FILE{end}" for name, _, end, _ in wanted)
+        names = ", ".join(f"{name} FILE{end}" for name, _, end, _ in wanted)
         raise InvalidRequestError(f"nothing to write: give at least one of {names}")
     for name, path, end, _ in chosen:
         if path.suffix.lower() != end:
             raise InvalidRequestError(f"{name} is {str(path)!r}: its name must end in {end}")
-    content = _read(scene_or_plan)
+    content = _read(scene_or_plan, robots=all(write is _robot for *_, write in chosen))
     for _, path, _, write in chosen:
         with waiting(f"writing {path} ..."):
             write(content, path)
@@ -85,33 +92,40 @@ def export(
 
 
 class _Content(NamedTuple):
-    scene: "Scene"
     robot: "Robot"
     start: "FloatArray"
-    trajectory: "Trajectory | None"
+    scene: "Scene | None" = None  # of a robot
+    trajectory: "Trajectory | None" = None
 
 
-def _read(item: str) -> _Content:
+def _read(item: str, robots: bool) -> _Content:
+    """The content of a scene or plan; of a robot only where ``robots`` is true."""
     from optipromp.core.planning.task import posed
+    from optipromp.core.robots.library import load_robot
     from optipromp.core.scenes.scene import Scene
 
+    if robots and kind_of(item) is Kind.ROBOT:
+        bare = load_robot(item)
+        return _Content(bare, bare.home)
     found = scene_or_plan(item, "export")
     if not isinstance(found, Scene):
-        return _Content(found.scene, found.robot, found.trajectory.positions[0], found.trajectory)
+        return _Content(found.robot, found.trajectory.positions[0], found.scene, found.trajectory)
     robot, state = posed(found)
-    return _Content(found, robot, state.q, None)
+    return _Content(robot, state.q, found)
 
 
 def _mjcf(content: _Content, path: Path) -> None:
     from optipromp.core.files import write_atomically
     from optipromp.laboratory.simulation.export import mjcf
 
+    assert content.scene is not None
     write_atomically(path, mjcf(content.scene, content.robot, content.start).encode("utf-8"))
 
 
 def _mcap(content: _Content, path: Path, rate: float, prefix: str) -> None:
     from optipromp import ros
 
+    assert content.scene is not None
     items = [ros.Recorded("/planning_scene", ros.planning_scene(content.scene, prefix))]
     if content.trajectory is not None:
         points = ros.joint_trajectory(content.trajectory, rate, prefix)
@@ -119,3 +133,10 @@ def _mcap(content: _Content, path: Path, rate: float, prefix: str) -> None:
         items += [ros.Recorded("/joint_trajectory", points),
                   ros.Recorded("/display_planned_path", shown)]  # fmt: skip
     ros.write_bag(path, items)
+
+
+def _robot(content: _Content, path: Path) -> None:
+    from optipromp.core.robots.resolved import save_robot
+    from optipromp.core.robots.tools import without_tool
+
+    save_robot(without_tool(content.robot), path)

@@ -1,4 +1,4 @@
-"""Array types used everywhere."""
+"""Types of arrays, and short functions on arrays, vectors and rotations."""
 
 import math
 from collections.abc import Sequence
@@ -24,20 +24,20 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def joined(arrays: Sequence[Any]) -> FloatArray:
-    """Arrays of floats that are :func:`frozen` as one flat one, read-only.
+    """The values of float arrays, each :func:`frozen`, as one flat read-only array.
 
-    NumPy takes twice as long over many small ones.
+    ``numpy.concatenate`` takes twice as long for many small arrays.
     """
     return np.frombuffer(b"".join(arrays), dtype=np.float64)
 
 
 def all_finite(array: FloatArray) -> bool:
-    """Whether every value is finite; the sum of squares tells it in half the time."""
+    """Whether every value is finite; a finite sum of squares proves it in half the time."""
     return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
 
 
 def lengths(vectors: FloatArray) -> FloatArray:
-    """Lengths (K,) of vectors (K, n), in half the time that ``numpy.linalg.norm`` takes."""
+    """Lengths (K,) of vectors (K, n), in half the time of ``numpy.linalg.norm``."""
     return np.asarray(np.sqrt(np.einsum("ki,ki->k", vectors, vectors)))
 
 

@@ -1,4 +1,4 @@
-"""What a plan may cost: time, steps of work, and memory."""
+"""The limits of a plan's cost: time, steps of work, and memory."""
 
 import math
 import sys
@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from optipromp.core.errors import InvalidRequestError
 
 LEAST_MEMORY = 800_000_000
-"""[bytes] of address space; with less, LLVM waits without end and hears no signal."""
+"""Least address space [bytes]; with less, LLVM waits without end and ignores signals."""
 
 
 def check_memory() -> None:
-    """Refuse to begin where the process may have too little memory to compile kernels in.
+    """Refuse to begin if the process has too little memory to compile kernels.
 
     Raises:
         InvalidRequestError: the address space is limited below :data:`LEAST_MEMORY`.
@@ -38,33 +38,33 @@ _pauses = _Pauses()
 
 
 def clock() -> float:
-    """Seconds of this thread's clock: ``time.perf_counter()`` less :func:`pauses <pause>`."""
+    """This thread's time [s]: ``time.perf_counter()`` without :func:`pauses <pause>`."""
     return time.perf_counter() - _pauses.seconds
 
 
 def pause(seconds: float) -> None:
-    """Count so many seconds just past as none; a kernel was compiled in them."""
+    """Exclude the last ``seconds`` from this thread's :func:`clock`: a kernel was compiled."""
     _pauses.seconds += seconds
 
 
 @dataclass
 class Budget:
-    """What a plan may cost. It is asked once in each step of the work, and counts them.
+    """The limits of a plan's cost; :meth:`spent` counts the steps of the work.
 
     A step is an iteration of an optimiser, a candidate of a search, a batch of samples of a tree,
-    or a choice of what to try next. How many a plan takes depends on nothing but its input: steps
-    cut it at the same place on every machine. Time is over when two more steps as long as the
-    longest so far would overrun it: one, and the judgement that follows the last.
+    or a choice of what to try next. The number of steps depends on the input only, so a limit of
+    steps cuts a plan at the same place on every machine. Time runs out when two further steps as
+    long as the longest would pass the deadline: a step, and the judgement after the last step.
 
     Args:
         deadline: of :func:`clock` [s].
-        steps: how many there may be.
+        steps: the most steps.
         say: called with a short text as each part of the work begins.
     """
 
     deadline: float = math.inf
     steps: float = math.inf
-    say: Callable[[str], object] = str  # nobody hears it
+    say: Callable[[str], object] = str  # no effect
     used: int = field(default=0, init=False)
     cut: bool = field(default=False, init=False)
     longest: float = field(default=0.0, init=False)
@@ -72,11 +72,11 @@ class Budget:
 
     @property
     def ending(self) -> str:
-        """What of it ran out."""
+        """The limit that ran out, in words."""
         return "effort ran out" if self.used > self.steps else "time ran out"
 
     def spent(self) -> bool:
-        """Count a step; whether there may be no further one."""
+        """Count a step; True if there may be no further step."""
         now = clock()
         self.longest = max(self.longest, now - self.last)
         self.last, self.used = now, self.used + (not self.cut)

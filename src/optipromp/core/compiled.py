@@ -1,10 +1,11 @@
-"""How kernels are compiled: by Numba, into its cache on the disk.
+"""The compilation of kernels: by Numba, with its cache on the disk.
 
 A division by zero gives infinity, as in NumPy, and no kernel holds Python's lock.
 
-What the cache holds is run, and its index is unpickled. So it is used only in a folder that this
-user, root or the owner of the source alone can write in; and every file ends in a checksum, because
-a damaged one would end the process. Where there is no such folder, kernels are compiled in memory.
+The content of the cache is executed, and its index is unpickled. So the cache is used only in a
+folder where nobody but this user, root or the owner of the source can write. Every file ends in a
+checksum, because a damaged file would end the process. Without such a folder, kernels are compiled
+in memory.
 """
 
 import io
@@ -32,10 +33,10 @@ check_memory()
 
 
 class _Pausing(event.Listener):
-    """Stops the clock of a thread's plan while a kernel is compiled there."""
+    """Stops the clock of a thread while it compiles a kernel."""
 
     def __init__(self) -> None:
-        self._began: list[float] = []  # of kernels within kernels; Numba's lock lets one thread in
+        self._began: list[float] = []  # nested kernels; Numba's lock admits one thread
 
     def on_start(self, event: Any) -> None:
         self._began.append(time.perf_counter())
@@ -48,11 +49,11 @@ class _Pausing(event.Listener):
 
 event.register("numba:compile", _Pausing())  # type: ignore[no-untyped-call]
 
-_CHECKED = 4  # bytes of the checksum
+_CHECKED = 4  # bytes of the checksum (CRC-32)
 
 
 def _whole(path: str) -> bool:
-    """Whether a file of the cache ends in its checksum, or is not there."""
+    """Whether a file of the cache ends in its checksum, or does not exist."""
     try:
         content = Path(path).read_bytes()
     except FileNotFoundError:
@@ -61,7 +62,7 @@ def _whole(path: str) -> bool:
 
 
 class _Checked(IndexDataCacheFile):  # type: ignore[misc]
-    """Numba's cache of one function; what is damaged is missing, what cannot be written is not."""
+    """Numba's cache of one function, which ignores damaged files and failures to write."""
 
     @contextmanager
     def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
@@ -84,7 +85,7 @@ class _Checked(IndexDataCacheFile):  # type: ignore[misc]
 
 
 def is_private(folder: Path) -> bool:
-    """Whether only this user, root or the owner of this package can write in a folder."""
+    """Whether only this user, root or the owner of this package can write in ``folder``."""
     if not hasattr(os, "getuid"):
         return True
     owners = {os.getuid(), 0, Path(__file__).stat().st_uid}
@@ -98,7 +99,7 @@ def is_private(folder: Path) -> bool:
 
 
 def _may_cache() -> bool:
-    """Whether there is a folder for the cache, and it is private."""
+    """Whether there is a private folder for the cache; warns if not."""
     try:
         folder = Path(str(njit(cache=True)(_may_cache).stats.cache_path))
     except RuntimeError:  # the package's folder and the user's cannot be written
@@ -118,13 +119,13 @@ def _may_cache() -> bool:
 _CACHED = _may_cache()
 
 
-if TYPE_CHECKING:  # as Numba types it; it declares the option ``_nrt`` nowhere
+if TYPE_CHECKING:  # Numba's types do not know the option ``_nrt``
     compiler = njit
     kernel = inner = inlined = njit(error_model="numpy")
 else:
 
     def compiler(**options: Any) -> Any:
-        """A decorator of kernels with further options of Numba's."""
+        """A decorator of kernels with further options of Numba."""
         make = njit(
             cache=_CACHED, error_model="numpy", nogil=True, no_cfunc_wrapper=True, **options
         )
@@ -140,18 +141,16 @@ else:
     kernel = compiler()
     inner = compiler(_nrt=False)
     inlined = compiler(_nrt=False, forceinline=True)
-"""Decorators of a kernel: ``kernel`` may allocate arrays; the others neither do nor return one.
-
-An inner kernel takes no part in counting references to arrays. With counting, a kernel that takes
-30 arrays in named tuples spends more time on that than on its work: a push, split into such
-kernels, took 2.1 times as long. What is ``inlined`` is inserted wherever it is called.
+"""Decorators of kernels. A ``kernel`` may allocate arrays. The others neither allocate nor return
+arrays, and do not count references to them: for a kernel with 30 arrays in named tuples, counting
+would take longer than the work. An ``inlined`` kernel is inserted wherever it is called.
 """
 
 
 def in_cache(dispatcher: Any) -> bool:
-    """Whether Numba's cache has this kernel compiled, from this source and for this processor."""
+    """Whether Numba's cache has this kernel, compiled from this source for this processor."""
     if not _CACHED:
         return False
-    index = dispatcher._cache._cache_file._load_index()  # empty of another version of the source
+    index = dispatcher._cache._cache_file._load_index()  # empty if the source has changed
     processor = dispatcher.targetctx.codegen().magic_tuple()
     return any(key[1] == processor for key in index)

@@ -1,11 +1,11 @@
-"""Reading YAML and JSON text into plain values, with none of YAML 1.1's surprises.
+"""YAML and JSON files as plain values.
 
-Numbers, booleans and null read as in YAML 1.2: ``1e-3`` is a number, ``no`` and ``1:30`` are text.
-Duplicate keys, which the readers of both formats ignore, are refused; so are tags, and whatever is
-larger or nested deeper than the limits below.
+Numbers, booleans and null follow YAML 1.2: ``1e-3`` is a number, ``no`` and ``1:30`` are text.
+Duplicate keys and tags are refused, and so are files that are larger or nested deeper than the
+limits below.
 
-YAML is read from the parser's events: what PyYAML makes of them overflows the stack of the process
-where a file nests deep, and its constructors raise whatever they meet.
+YAML is read from PyYAML's events, not by its constructors: these overflow the stack of the process
+on deeply nested files, and raise exceptions of any type.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ import yaml
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.files import LARGEST_TEXT, read_bytes
 
-_MOST_VALUES = 3_000_000  # with aliases unfolded; 100,000 objects have 1.1 million
-_DEEPEST = 100  # a scene nests 6 deep
+_MOST_VALUES = 3_000_000  # with aliases unfolded, chosen: 100,000 objects have 1.1 million
+_DEEPEST = 100  # levels of nesting, chosen: a scene has 6
 _Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 _NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
@@ -46,12 +46,12 @@ def read_document(path: Path, error: type[OptiPrompError], holds: str) -> Any:
 
     Args:
         path: of the file.
-        error: raised where it cannot be read.
-        holds: what the file must hold, in words.
+        error: type of the error that is raised.
+        holds: the required content of the file, in words.
 
     Raises:
-        OptiPrompError: of the type given: the file is missing, empty, binary, truncated, malformed,
-            too large or nested too deep; the message names it, the line and what is wrong.
+        OptiPrompError: of the type ``error``: the file is missing, empty, binary, truncated,
+            malformed, too large or nested too deep; the message names the file and the line.
     """
     text = ""
     try:
@@ -106,8 +106,8 @@ def read_yaml(text: str) -> Any:
     """The plain value of one YAML document.
 
     Raises:
-        yaml.YAMLError: not YAML, or not of the subset that is read; with the line.
-        ValueError: too large, or a number too long.
+        yaml.YAMLError: no YAML, or outside the subset that is read; with the line.
+        ValueError: the text is too large, or a number too long.
     """
     reader, value, documents = _Reader(yaml.parse(text, Loader=_Parser)), None, 0
     for event in reader.events:
@@ -121,14 +121,14 @@ def read_yaml(text: str) -> Any:
 
 
 class _Reader:
-    """Builds values from a parser's events, each with the count of values in it, unfolded."""
+    """Builds values from a parser's events, each with its number of values, aliases unfolded."""
 
     def __init__(self, events: Iterator[Any]) -> None:
         self.events = events
         self.anchors: dict[str, tuple[Any, int] | None] = {}  # None: not closed yet
 
     def node(self, event: Any, depth: int) -> tuple[Any, int]:
-        """The value that begins with an event, inside of ``depth`` others."""
+        """The value that begins with ``event``, at nesting ``depth``, and its number of values."""
         if isinstance(event, yaml.AliasEvent):
             if event.anchor not in self.anchors:
                 refuse(event, f"found undefined alias {event.anchor!r}")
@@ -178,7 +178,7 @@ class _Reader:
             merged = value if isinstance(value, list) else [value]
             if not all(isinstance(other, dict) for other in merged):
                 refuse(begin, "<< must be a mapping, or a list of mappings")
-        for other in merged:  # what the mapping states itself, and what came first, stays
+        for other in merged:  # keys of the mapping itself, and of earlier ones, take precedence
             for name in other:
                 out.setdefault(name, other[name])
         return out, size
@@ -197,7 +197,7 @@ class _Reader:
 
 
 def _sum(size: int, more: int, event: Any) -> int:
-    """Refuse more values than there may be."""
+    """The sum of two numbers of values; refused above :data:`_MOST_VALUES`."""
     if size + more > _MOST_VALUES:
         refuse(event, f"values unfold to more than {_MOST_VALUES}")
     return size + more
@@ -212,5 +212,5 @@ def _resolved(text: str) -> Any:
 
 
 def refuse(event: Any, what: str) -> NoReturn:
-    """Refuse what is read, at the line of an event."""
+    """Refuse the document, at the line of ``event``."""
     raise yaml.MarkedYAMLError(problem=what, problem_mark=event.start_mark)

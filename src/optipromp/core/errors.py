@@ -8,7 +8,7 @@ from enum import StrEnum
 
 
 class Code(StrEnum):
-    """What happened, as a word a machine can compare."""
+    """The outcome of a request, as a word for programs to compare."""
 
     SUCCESS = "success"
     INVALID_ROBOT = "INVALID_ROBOT"
@@ -27,11 +27,11 @@ class Code(StrEnum):
 
 
 LONGEST_MESSAGE = 2000
-"""Letters of an error, at most: of a longer one, which holds what it was given, the middle goes."""
+"""Most letters of a message; the middle of a longer message is cut out."""
 
 
 class OptiPrompError(Exception):
-    """Root of every error raised on purpose: ``code`` is its kind, ``message`` what to do."""
+    """Root of every error raised on purpose, with its ``code`` and its ``message``."""
 
     code: Code = Code.INVALID_REQUEST
 
@@ -62,13 +62,13 @@ class InvalidDemonstrationError(OptiPrompError):
 
 
 class InvalidRequestError(OptiPrompError):
-    """An argument or option outside what it may be."""
+    """An argument or option that is not allowed."""
 
     code = Code.INVALID_REQUEST
 
 
 class InvalidPlanError(OptiPrompError):
-    """A plan's file that says better of its trajectory than the judge does."""
+    """A plan's file whose status is better than the judge's status of its trajectory."""
 
     code = Code.INVALID_PLAN
 
@@ -86,9 +86,9 @@ class NoPlanError(OptiPrompError):
 
 
 class ExecutionError(OptiPrompError):
-    """A motion that ended in trouble: of the arm's state, its controller, or what watches it.
+    """A motion that failed: reading the arm's state, its controller, or ``watch``.
 
-    ``executed`` is what was done until then (:class:`optipromp.core.execution.Executed`), or None.
+    ``executed``: the motion until then (:class:`optipromp.core.execution.Executed`), or None.
     """
 
     code = Code.EXECUTION_FAILED

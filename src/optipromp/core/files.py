@@ -18,18 +18,18 @@ from typing import Any
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 
 LARGEST_TEXT = 64_000_000
-"""[bytes] of a text file; a scene of 100,000 obstacles has 11 million, as JSON 22."""
+"""Most bytes of a text file, chosen: a scene of 100,000 obstacles has 11 million, as JSON 22."""
 
 LARGEST_ARRAYS = 256_000_000
-"""[bytes] of an archive of arrays or a mesh, unpacked."""
+"""Most bytes of an archive of arrays or a mesh, unpacked, chosen."""
 
 
 def read_bytes(path: Path, error: type[OptiPrompError], most: int = LARGEST_ARRAYS) -> bytes:
     """The content of a file of at most ``most`` bytes.
 
     Raises:
-        OptiPrompError: of the type given: there is none, it is a folder, a device or a pipe, it
-            cannot be read or is too large; the message names it and why.
+        OptiPrompError: of the type ``error``: the file does not exist, is a folder, a device or a
+            pipe, cannot be read or is too large; the message names it and the reason.
     """
     try:
         found = path.stat()
@@ -50,25 +50,23 @@ def read_bytes(path: Path, error: type[OptiPrompError], most: int = LARGEST_ARRA
 
 
 def is_file(path: Path) -> bool:
-    """Whether a path is a file; not where nobody may look, and not of a name that no file can have.
-
-    ``Path.is_file`` raises there, until Python 3.13.
-    """
+    """Whether a path is a file. False for a forbidden folder and for a name that no file can have,
+    where ``Path.is_file`` raises until Python 3.13."""
     return os.path.isfile(path)  # noqa: PTH113
 
 
 def is_folder(path: Path) -> bool:
-    """The same of a folder."""
+    """Whether a path is a folder; see :func:`is_file`."""
     return os.path.isdir(path)  # noqa: PTH112
 
 
 def is_there(path: Path) -> bool:
-    """The same of anything, a device or a pipe too."""
+    """Whether a path exists, also as a device or a pipe; see :func:`is_file`."""
     return os.path.exists(path)  # noqa: PTH110
 
 
 def file_name(text: str) -> str:
-    """``text`` as the name of a file: 60 letters at most, and none that leads elsewhere."""
+    """``text`` as the name of a file: at most 60 letters, without separators and wildcards."""
     return "".join("_" if letter in '/\\:*?"<>|' else letter for letter in text)[:60]
 
 
@@ -80,17 +78,17 @@ def is_bag(path: Path) -> bool:
 
 
 FOLDERS = "OPTIPROMP_FOLDERS"
-"""Environment variable: folders beside their own from which scenes may read files."""
+"""Environment variable: further folders from which scenes may read files."""
 
 
 ALLOW_XACRO = "OPTIPROMP_ALLOW_XACRO"
-"""Environment variable: 1 where files may name xacro files, which run code."""
+"""Environment variable: 1 if files may name xacro files, which run code."""
 
 
 def homes(folder: Path | None) -> tuple[Path, ...]:
-    """Where files may lie that a file in ``folder`` names.
+    """The folders that may hold the files which a file in ``folder`` names.
 
-    That folder, the working directory (unless it is the root), and the folders of :data:`FOLDERS`.
+    They are ``folder``, the working directory (unless it is the root), and :data:`FOLDERS`.
     """
     here = Path.cwd()
     listed = [Path(home) for home in os.environ.get(FOLDERS, "").split(os.pathsep) if home]
@@ -100,12 +98,12 @@ def homes(folder: Path | None) -> tuple[Path, ...]:
 def check_inside(
     path: Path, folder: Path | None, error: type[OptiPrompError], more: Iterable[Path] = ()
 ) -> Path:
-    """``path``, which a file in ``folder`` names, if it may; links are followed.
+    """``path``, which a file in ``folder`` names, if it lies in its :func:`homes` or in ``more``.
 
-    It may lie in the :func:`homes` of that folder, and in ``more``.
+    Links are followed.
 
     Raises:
-        OptiPrompError: of the type given: it lies elsewhere.
+        OptiPrompError: of the type ``error``: the path lies elsewhere.
     """
     try:
         real = path.resolve()
@@ -124,13 +122,13 @@ COMMITTED = ".committed"
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write ``content`` beside ``path`` and rename it into place; the folder is made if need be.
+    """Write ``content`` beside ``path`` and rename it into place; the folder is made if missing.
 
-    Whatever interrupts the writing (a full disk, Ctrl-C, a kill), ``path`` holds its old content or
-    the new. What a killed process has left beside it goes.
+    If the writing is interrupted (a full disk, Ctrl-C, a kill), ``path`` holds its old content or
+    the new. Remains of killed processes beside it are removed.
 
     Raises:
-        InvalidRequestError: the folder or the file cannot be written; the message names it and why.
+        InvalidRequestError: the folder or the file cannot be written; the message says why.
     """
     if is_there(path) and not is_file(path):
         raise InvalidRequestError(f"cannot write {path}: it is no file")
@@ -140,14 +138,14 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write several files of a folder, all of them or none; the folder is made if need be.
+    """Write several files of a folder, all of them or none; the folder is made if missing.
 
-    They are written aside, in a folder that is then renamed to :data:`COMMITTED`: from then on they
-    are the folder's. Then they are moved to their places. Where a kill interrupts that,
-    :func:`settle` goes on with it. Other files of the folder stay.
+    The files are written to a temporary folder, which is then renamed to :data:`COMMITTED`: from
+    then on they count as written. Last they are moved to their places. If that is interrupted by a
+    kill, :func:`settle` finishes it. Other files of the folder stay.
 
     Raises:
-        InvalidRequestError: the folder or a file cannot be written; the message names it and why.
+        InvalidRequestError: the folder or a file cannot be written; the message says why.
     """
     for name in files:
         if is_there(folder / name) and not is_file(folder / name):
@@ -171,10 +169,10 @@ def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
 
 
 def settle(folder: Path) -> None:
-    """Move what :func:`write_together` has committed in a folder to its place.
+    """Move the files that :func:`write_together` has committed in a folder to their places.
 
     Raises:
-        OSError: it cannot be moved.
+        OSError: a file cannot be moved.
     """
     committed = folder / COMMITTED
     while is_folder(committed) and not committed.is_symlink():
@@ -186,7 +184,7 @@ def settle(folder: Path) -> None:
 
 @contextmanager
 def _writing(path: Path) -> Iterator[None]:
-    """Tell of what cannot be written in one way."""
+    """Turn errors of writing ``path`` into InvalidRequestError."""
     try:
         yield
     except OSError as error:
@@ -197,10 +195,7 @@ def _writing(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _aside(folder: Path, name: str) -> Iterator[Path]:
-    """A path beside ``name`` for what is being written, which is gone afterwards.
-
-    Paths of processes that are no more go first.
-    """
+    """A temporary path beside ``name``, removed afterwards; remains of ended processes go first."""
     folder.mkdir(parents=True, exist_ok=True)
     if os.name == "posix":
         for left in folder.glob(f".{glob.escape(name)}.*.writing"):
@@ -215,7 +210,7 @@ def _aside(folder: Path, name: str) -> Iterator[Path]:
 
 
 def _runs(process: int) -> bool:
-    """Whether there is a process of this number."""
+    """Whether a process of this number exists."""
     try:
         os.kill(process, 0)
     except (ProcessLookupError, OverflowError):
@@ -233,7 +228,7 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def _remove(path: Path) -> None:
-    """Remove a file or a folder, if it is there and may be removed."""
+    """Remove a file or a folder, if it exists and may be removed."""
     with suppress(OSError, ValueError):
         if is_folder(path):
             shutil.rmtree(path)
@@ -242,7 +237,7 @@ def _remove(path: Path) -> None:
 
 
 def cache_folder() -> Path | None:
-    """The user's cache: ``OPTIPROMP_CACHE``, else the platform's; None where there is no home."""
+    """The user's cache: ``OPTIPROMP_CACHE``, else the platform's; None without a home folder."""
     asked = os.environ.get("OPTIPROMP_CACHE")
     if asked:
         return Path(asked)
@@ -258,10 +253,10 @@ def cache_folder() -> Path | None:
 
 
 def check_folder(folder: Path) -> None:
-    """Try that files can be written in ``folder``, which need not be there, and leave nothing.
+    """Test that files can be written in ``folder``, which need not exist; nothing is left there.
 
     Raises:
-        InvalidRequestError: they cannot; the message names the folder and why.
+        InvalidRequestError: they cannot; the message names the folder and the reason.
     """
     new = [path for path in (folder, *folder.parents) if not is_there(path)]
     try:
@@ -276,7 +271,7 @@ def check_folder(folder: Path) -> None:
         ) from error
     finally:
         for path in new:
-            with suppress(OSError, ValueError):  # not made, or another process has written there
+            with suppress(OSError, ValueError):  # not created, or another process wrote there
                 path.rmdir()
 
 
@@ -293,7 +288,7 @@ def read_npz(path: Path, error: type[OptiPrompError] = InvalidRequestError) -> d
     """All arrays of an NPZ file. Never unpickles.
 
     Raises:
-        OptiPrompError: of the type given, if the file is missing, damaged or no NPZ.
+        OptiPrompError: of the type ``error``: the file is missing, damaged or no NPZ.
     """
     import numpy as np
 
@@ -313,10 +308,10 @@ def read_npz(path: Path, error: type[OptiPrompError] = InvalidRequestError) -> d
 
 
 def _array(key: str, member: Any) -> Any:
-    """A member of an archive. Refuses what is none, and text that Python could not hold."""
+    """A member of an archive. Raises ValueError if it is no array or no Unicode text."""
     import numpy as np
 
-    if not isinstance(member, np.ndarray):  # NumPy gives its bytes
+    if not isinstance(member, np.ndarray):  # NumPy returns bytes
         raise ValueError(f"{key!r} is no array")
     if member.dtype.kind == "U":
         codes = np.frombuffer(member.tobytes(), np.dtype("u4").newbyteorder(member.dtype.byteorder))
@@ -326,7 +321,7 @@ def _array(key: str, member: Any) -> Any:
 
 
 def texts(member: Any) -> tuple[str, ...]:
-    """The texts of a member of an archive, in order; a member without dimensions holds one."""
+    """The texts of an array of texts, in order; an array without dimensions holds one."""
     import numpy as np
 
     return tuple(str(text) for text in np.atleast_1d(member))
@@ -338,7 +333,7 @@ def json_text(document: object) -> str:
 
 
 def plain(value: Any) -> Any:
-    """``value`` as JSON has it; NaN and infinities become None, arrays and tuples lists."""
+    """``value`` in JSON's types; NaN and infinities become None, arrays and tuples lists."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""Plans as files, and back.
+"""Plans to and from files.
 
 ``plan.json`` holds everything but the curves, and the digests of the other files.
 ``trajectory.csv`` and ``trajectory.npz`` hold the executable curve at a controller's rate.
@@ -60,8 +60,8 @@ def write_plan(plan: Plan, folder: Path, *, rate: float = RATE) -> tuple[str, ..
     """Write a plan into ``folder``, all files or none.
 
     Args:
-        plan: any plan, also one that failed.
-        folder: made if need be; files of an earlier plan are replaced.
+        plan: any plan, also a failed plan.
+        folder: made if missing; files of an earlier plan are replaced.
         rate: of the rows in ``trajectory.csv`` and ``trajectory.npz`` [Hz].
 
     Returns:
@@ -89,7 +89,7 @@ class _Via(BaseModel):
 
 
 class _PlanFile(BaseModel):
-    """What ``plan.json`` must hold to be read again."""
+    """The keys of ``plan.json`` that are read again."""
 
     format: Literal[4]
     sha256: dict[str, str]
@@ -111,21 +111,21 @@ class _PlanFile(BaseModel):
 
 
 def load_plan(path: Path | str) -> Plan:
-    """Load what :func:`write_plan` left: a folder, or the ``plan.json`` in it.
+    """Load a plan of :func:`write_plan`: its folder, or the ``plan.json`` in it.
 
-    The trajectory is judged again: metrics, contacts and prediction are the judge's, whatever the
-    file says.
+    The trajectory is judged again: metrics, contacts and prediction are the judge's, not the
+    file's.
 
     Raises:
-        InvalidPlanError: the file says better than the judge does.
-        InvalidRequestError: files missing, damaged, of another plan, of another format or for
+        InvalidPlanError: the status in the file is better than the judge's.
+        InvalidRequestError: files are missing, damaged, of another plan, of another format or for
             another robot; the message names them.
-        InvalidSceneError: the scene the plan was made for cannot be used.
+        InvalidSceneError: the scene of the plan cannot be used.
     """
     path = Path(path)
     folder = path if is_folder(path) else path.parent
     file = folder / "plan.json" if is_folder(path) else path
-    with suppress(OSError):  # else the digests tell
+    with suppress(OSError):  # the digests then do not agree
         settle(folder)
     content = read_document(file, InvalidRequestError, "a plan")
     try:
@@ -159,7 +159,7 @@ def _digest(content: bytes) -> str:
 
 
 def _check_digests(folder: Path, digests: Mapping[str, str]) -> None:
-    """Refuse a folder that holds files of two plans, or a plan in part."""
+    """Refuse a folder with files of two plans, or with a part of a plan."""
     if set(digests) != set(FILES):
         raise InvalidRequestError(f"sha256: must name {', '.join(FILES)}")
     for name, digest in digests.items():
@@ -171,7 +171,7 @@ def _check_digests(folder: Path, digests: Mapping[str, str]) -> None:
 
 
 def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -> Plan:
-    """The plan that a file describes, if the judge says no worse of it."""
+    """The plan of a file; refused if the judge's status is worse than the file's."""
     robot, _ = posed(scene)
     curves = [from_arrays(rows, prefix) for prefix in ("", "initial_", "followed_")]
     curve = curves[0]
@@ -217,6 +217,7 @@ def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -
 
 
 def _start(rows: Mapping[str, Any], robot: Robot) -> State | None:
+    """The start of the rows of ``waypoints.npz``; None if it is the scene's."""
     if START not in rows:
         return None
     values = np.asarray(rows[START], dtype=np.float64)
@@ -226,6 +227,7 @@ def _start(rows: Mapping[str, Any], robot: Robot) -> State | None:
 
 
 def _pushed(rows: Mapping[str, Any]) -> tuple[FloatArray, FloatArray] | None:
+    """Tool points and axes (P, 3) of the rows of ``waypoints.npz``; None without them."""
     if PUSHED[0] not in rows:
         return None
     points, axes = (np.asarray(rows[name], dtype=np.float64) for name in PUSHED)

@@ -1,14 +1,13 @@
-"""Numbers with their unit and origin: the form of every tuned number of the library.
+"""Parameters: numbers with their unit and origin.
 
-A group of them is a frozen dataclass. Each field carries ``unit``, ``source`` and ``kind`` as
+A group of parameters is a frozen dataclass. Each field has ``unit``, ``source`` and ``kind`` as
 metadata (:func:`catalogue` lists them):
 
-- ``measured``: by the people the source names, or by us where it says on what;
-- ``reported``: a size that the harvesting literature gives again and again; we did not trace it to
-  one measurement;
-- ``published``: a manufacturer's or a model author's figure, or the method's;
-- ``guess``: ours, of a plausible size; vary it before you rely on it;
-- ``choice``: of a model, a solver or a judge, not of nature.
+- ``measured``: by the people that the source names, or by us on what the source names;
+- ``reported``: a usual value of the harvesting literature, not traced to a measurement;
+- ``published``: by a manufacturer or by the author of a model or method;
+- ``guess``: our value of a plausible size; vary it before you rely on it;
+- ``choice``: a setting of a model, a solver or a judge, not a property of nature.
 """
 
 from collections.abc import Iterator
@@ -24,7 +23,7 @@ Kind = Literal["measured", "reported", "published", "guess", "choice"]
 
 
 def parameter(default: Any, unit: str, kind: Kind, source: str) -> Any:
-    """A field of a group: its default, unit, kind and where it comes from."""
+    """A dataclass field with a default, a unit, a kind and a source."""
     metadata = {"unit": unit, "kind": kind, "source": source}
     if isinstance(default, dict):
         return field(default_factory=lambda: dict(default), metadata=metadata)
@@ -33,7 +32,8 @@ def parameter(default: Any, unit: str, kind: Kind, source: str) -> Any:
 
 @dataclass(frozen=True)
 class Checked:
-    """Refuses numbers that are not finite or below zero (infinite where the unit allows)."""
+    """Base of groups whose numbers must be finite (or infinite if the unit says so) and not
+    negative."""
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -60,7 +60,7 @@ class Parameter:
 
 
 def catalogue(parameters: Any) -> Iterator[Parameter]:
-    """Every number of a dataclass of groups by its dotted name, with unit, kind and source."""
+    """The parameters of a dataclass of groups, by their dotted names."""
     for group in fields(parameters):
         branch = getattr(parameters, group.name)
         assert is_dataclass(branch)

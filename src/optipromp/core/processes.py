@@ -1,8 +1,8 @@
-"""Work on all cores: one pool of processes, for ``plan_many`` and for studies.
+"""Work on all cores: a pool of processes, for ``plan_many`` and for studies.
 
 No heavy module is imported here, so that a process sets its number of threads before a library
-starts them. Threads cannot take the place of processes: a plan is hundreds of short kernels with
-Python between them, and two threads take as long as one.
+starts threads. Threads are no alternative: a plan is hundreds of short kernels with Python between
+them, so Python's lock makes two threads as slow as one.
 """
 
 import functools
@@ -35,18 +35,18 @@ THREADS = dict.fromkeys(
      "VECLIB_MAXIMUM_THREADS"), "1",
 )  # fmt: skip
 
-_function: Callable[..., Any]  # in a helper process: what it calls
+_function: Callable[..., Any]  # of the tasks; in a helper process only
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """The number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def in_threads(function: Callable[..., T], *columns: Iterable[Any]) -> list[T]:
-    """``function`` of each row of ``columns``, in order; for work that holds no lock of Python."""
+    """``function`` of each row of ``columns``, in order; for work that releases Python's lock."""
     with ThreadPoolExecutor(cores()) as pool:
         return list(pool.map(function, *columns))
 
@@ -64,17 +64,17 @@ def run_each(
     Ctrl-C lets the tasks under way finish, hands them to ``done`` and raises KeyboardInterrupt.
 
     Args:
-        function: can be pickled; so can what it returns.
+        function: can be pickled, and so can its results.
         tasks: the arguments of each call.
-        done: called in this thread with the index of a task and what came of it, in the order
-            they end; with BrokenProcessPool where the process of a task ended twice.
-        workers: processes; with one, or one task, everything is called in this process.
+        done: called in this thread with the index and the result of each task, in the order in
+            which tasks end. The result is BrokenProcessPool if the process of a task ended twice.
+        workers: processes; with one worker or one task, everything is called in this process.
         prepare: called once in every process before its first task.
 
     Raises:
         InvalidRequestError: processes cannot start.
         pickle.PicklingError, AttributeError, TypeError: ``function`` cannot be pickled.
-        Exception: what a call raised, with the index of its task as a note.
+        Exception: raised by a call, with the index of its task as a note.
     """
     if min(workers, len(tasks)) <= 1:
         if prepare is not None and tasks:
@@ -101,7 +101,11 @@ def _run(
     done: Callable[[int, Any], None],
     workers: int,
 ) -> tuple[list[int], list[int]]:
-    """Run tasks in one pool; returns those under way and those left when a process ended early."""
+    """Run tasks in one pool.
+
+    Returns the indices of the tasks under way and of those left when a process ended early, else
+    two empty lists.
+    """
     queue, under_way = deque(indices), dict[Future[bytes], int]()
 
     def deliver(future: Future[bytes]) -> None:
@@ -139,10 +143,8 @@ def _run(
 
 @functools.cache
 def _context() -> SpawnContext | ForkServerContext:
-    """How processes start: from a server that has loaded and compiled all, where there can be one.
-
-    It is ready when this returns, and ends with this process.
-    """
+    """The way in which processes start: from a server that has loaded and compiled everything, if
+    the platform has one. The server is ready on return, and ends with this process."""
     context: SpawnContext | ForkServerContext = multiprocessing.get_context("spawn")
     if "forkserver" in multiprocessing.get_all_start_methods():
         context = multiprocessing.get_context("forkserver")
@@ -150,7 +152,7 @@ def _context() -> SpawnContext | ForkServerContext:
         resource_tracker.ensure_running()  # starting it later would let the signal through again
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            forkserver.ensure_running()  # it and what it starts hear no Ctrl-C
+            forkserver.ensure_running()  # it and its processes ignore Ctrl-C
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
     first = context.Process(target=int)
@@ -175,7 +177,7 @@ def _begin(settings: bytes) -> None:
         os.environ.update(environment | THREADS)
         if prepare is not None:
             prepare()
-    except Exception as error:  # raised again where the caller hears of it
+    except Exception as error:  # raised by the first task, which reports it to the caller
         _function = functools.partial(_raise, error)
 
 
@@ -195,7 +197,7 @@ def _call(task: bytes) -> bytes:
 
 
 def packed(item: object) -> bytes:
-    """``item`` pickled; arrays that are read-only stay so."""
+    """``item`` pickled; read-only arrays stay read-only."""
     import copyreg
 
     import numpy as np

@@ -1,4 +1,4 @@
-"""Imported to be ready to plan: by the server that helper processes come from."""
+"""Imported by the server of helper processes: loads and compiles everything that planning needs."""
 
 import contextlib
 import gc
@@ -8,9 +8,9 @@ from optipromp.core.processes import THREADS
 
 os.environ.update(THREADS)  # before anything starts threads
 
-with contextlib.suppress(Exception):  # a helper then compiles by itself, and says what is wrong
+with contextlib.suppress(Exception):  # a helper then compiles itself, and reports the error
     from optipromp.core.planning.plan import warm_up
 
     warm_up()
 
-gc.freeze()  # collecting in a helper would copy the pages that it shares with the server
+gc.freeze()  # collection in a helper would copy the pages that it shares with the server

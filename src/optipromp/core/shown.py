@@ -1,4 +1,4 @@
-"""Names and words as they are shown, and what values show of themselves in notebooks."""
+"""Names and texts as they are shown, and the display of values in notebooks."""
 
 import html
 from importlib.metadata import entry_points
@@ -7,10 +7,10 @@ from typing import Any
 from optipromp.core.errors import InvalidRequestError
 
 RENDERERS = "optipromp.renderers"
-"""Group of entry points: each a module with ``rich``, ``plot`` and ``show`` of a value."""
+"""Group of entry points: modules with functions ``rich``, ``plot`` and ``show`` of a value."""
 
 LONGEST_NAME = 1000
-"""Letters of a name, at most."""
+"""Most letters of a name."""
 
 
 def is_name(text: str) -> bool:
@@ -19,13 +19,14 @@ def is_name(text: str) -> bool:
 
 
 def no_name(text: str) -> str:
-    """What is wrong with a text that is no name, in words."""
-    told = printable(text)[:60]
-    return f"'{told}': must have 1 to {LONGEST_NAME} letters and no control characters"
+    """The words of a refusal of ``text``, which is no name."""
+    return (
+        f"'{printable(text)[:60]}': must have 1 to {LONGEST_NAME} letters and no control characters"
+    )
 
 
 def printable(text: str) -> str:
-    """``text`` with what would steer a terminal, or turn the direction of writing, escaped."""
+    """``text`` with characters escaped that control a terminal or the direction of writing."""
     if text.isprintable():
         return text
     joiners = "\u200c\u200d"  # which some scripts need
@@ -50,28 +51,28 @@ class Shown:
         return html.escape(repr(self)) if renderer is None else str(renderer.rich(self))
 
     def plot(self, *args: Any) -> Any:
-        """A picture: shown by a notebook; ``figure`` is matplotlib's, ``save(path)`` a PNG file.
+        """A picture for notebooks, with matplotlib's ``figure`` and ``save(path)`` of a PNG file.
 
-        A primitive's takes the demonstrations that it was learnt from, if there are any.
+        The picture of a primitive takes the demonstrations that it was learnt from, if any.
 
         Raises:
-            InvalidRequestError: there is no picture of such a value.
+            InvalidRequestError: a value of this type has no picture.
         """
         return _needed().plot(self, *args)
 
     def show(self) -> Any:
-        """A 3-D view to turn and play: shown by a notebook; ``open()`` opens a browser.
+        """A 3-D view for notebooks; ``open()`` opens it in a browser.
 
-        ``save(path)`` writes it as one HTML file that needs no network.
+        ``save(path)`` writes one HTML file that needs no network.
 
         Raises:
-            InvalidRequestError: viser is not installed, or there is no 3-D view of such a value.
+            InvalidRequestError: viser is not installed, or a value of this type has no 3-D view.
         """
         return _needed().show(self)
 
 
 def _renderer() -> Any:
-    """The module that draws values: the first that has joined; None where none has."""
+    """The first module of the entry points that draws values; None without one."""
     return next((entry.load() for entry in entry_points(group=RENDERERS)), None)
 
 

@@ -19,11 +19,11 @@ class Table:
 
     Attributes:
         path: of the file.
-        error: raised where something is wrong.
+        error: type of the errors that are raised.
         header: names of the columns.
-        first: number of the header's line in the file.
-        lines: number of each row's line in the file.
-        rows: as many texts as columns in each.
+        first: line number of the header.
+        lines: line number of each row.
+        rows: texts, one a column.
     """
 
     path: Path
@@ -34,10 +34,10 @@ class Table:
     rows: list[list[str]]
 
     def numbers(self, columns: Sequence[int]) -> FloatArray:
-        """The numbers (rows, columns) in some columns.
+        """The numbers (R, C) in the columns of the C indices, for all R rows.
 
         Raises:
-            OptiPrompError: a value that is no finite number, by line and column.
+            OptiPrompError: a value is no finite number; the message names line and column.
         """
         out = np.empty((len(self.rows), len(columns)))
         for k, row in enumerate(self.rows):
@@ -56,10 +56,10 @@ class Table:
 
 
 def read_table(path: Path, error: type[OptiPrompError], wanted: str) -> Table:
-    """Read a CSV file; ``wanted`` describes the header that it should have.
+    """Read a CSV file; ``wanted`` describes the expected header in messages.
 
     Raises:
-        OptiPrompError: of the type ``error``; the file cannot be read, is empty or no CSV file, or
+        OptiPrompError: of the type ``error``: the file cannot be read, is empty or no CSV file, or
             a row is shorter or longer than the header; the message names file and line.
     """
     try:

@@ -1,4 +1,4 @@
-"""Trajectories: curves of the joints in time, as a controller executes them."""
+"""Trajectories: curves of joint values over time, for controllers."""
 
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -12,11 +12,11 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.shown import Shown
 
 GREATEST = 1e9
-"""Size of a position, velocity, acceleration [rad or m, s] or time [s], at most; what is derived
-from them does not overflow."""
+"""Largest size of a position, velocity, acceleration [rad or m, s] or time [s], chosen: values
+derived from them do not overflow."""
 
 SHORTEST_STEP = 1e-9
-"""Time between two rows, at least [s]."""
+"""Least time between two rows [s], chosen."""
 
 Motion = tuple[FloatArray, FloatArray, FloatArray]
 """Positions, velocities and accelerations, of one shape."""
@@ -24,7 +24,7 @@ Motion = tuple[FloatArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where n joints are and how they move; at rest where nothing else is said.
+    """Positions, velocities and accelerations of n joints; at rest by default.
 
     Args:
         q: (n,) [rad or m].
@@ -55,11 +55,11 @@ class State:
 
     @property
     def moving(self) -> bool:
-        """Whether it is not at rest."""
+        """Whether a velocity or an acceleration is not zero."""
         return bool(self.velocity.any() or self.acceleration.any())
 
     def near(self, other: "State", most: float) -> bool:
-        """Whether no value of a joint differs by more than ``most`` from that of another state."""
+        """Whether each value of ``other`` differs by at most ``most``."""
         pairs = zip(vars(self).values(), vars(other).values(), strict=True)
         return all(float(np.abs(a - b).max()) <= most for a, b in pairs)
 
@@ -68,9 +68,9 @@ class State:
 class Trajectory(Shown):
     r"""A curve of n joints in time, with continuous positions, velocities and accelerations.
 
-    It is given by T rows. Between two rows, h apart, each joint follows the one quintic polynomial
-    that meets position, velocity and acceleration of both. So does ROS 2's joint trajectory
-    controller. With s from 0 to 1 between the rows,
+    T rows define the curve. Between two rows, a time h apart, each joint follows the quintic
+    polynomial with the positions, velocities and accelerations of both, as in ROS 2's joint
+    trajectory controller. With s from 0 to 1 between the rows,
 
     .. math:: q(s) = \sum_{k=0}^5 \binom{5}{k} s^k (1-s)^{5-k} b_k
 
@@ -185,7 +185,7 @@ class Trajectory(Shown):
     def sample(self, times: ArrayLike) -> Motion:
         """Positions, velocities and accelerations at ``times`` (M,), each (M, n).
 
-        Before its begin and after its end the curve stays where it is, with the derivatives there.
+        Before its first and after its last row the curve has the values of that row.
         """
         t = np.clip(np.atleast_1d(np.asarray(times, dtype=np.float64)), 0.0, self.duration)
         row = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, self.n_waypoints - 2)
@@ -200,10 +200,10 @@ class Trajectory(Shown):
         return out[0], out[1], out[2]
 
     def resample(self, rate: float) -> "Trajectory":
-        """The same curve by rows at ``rate`` [Hz]; the last row is the end.
+        """The same curve with rows at ``rate`` [Hz]; the last row is at the end of the curve.
 
         Raises:
-            InvalidRequestError: a rate that is not positive, or asks for over 10 million rows.
+            InvalidRequestError: the rate is not positive, or needs over 10 million rows.
         """
         if not (np.isfinite(rate) and rate > 0):
             raise InvalidRequestError(f"rate is {rate:g}; it must be positive [Hz]")
@@ -241,7 +241,8 @@ def derivatives(
 ) -> tuple[FloatArray, FloatArray]:
     """Velocities and accelerations (T, n) of the quintic spline through ``positions`` (T, n).
 
-    ``begin`` says how the joints move at the first; None: at rest. At the last they are at rest.
+    ``begin``: velocity and acceleration at the first position; None: at rest. At the last position
+    the joints are at rest.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -250,7 +251,7 @@ def derivatives(
     conditions = tuple(list(enumerate(end, start=1)) for end in ends)
     spline = make_interp_spline(times, positions, k=5, bc_type=conditions)
     out = tuple(np.asarray(spline(times, order)) for order in (1, 2))
-    for values, first, last in zip(out, *ends, strict=True):  # without the solution's rounding
+    for values, first, last in zip(out, *ends, strict=True):  # exact, without rounding
         values[0], values[-1] = first, last
     return out[0], out[1]
 
@@ -258,8 +259,8 @@ def derivatives(
 def control_points(h: FloatArray, begin: Motion, end: Motion) -> FloatArray:
     """Bernstein coefficients (6, m, n) of m quintics; see :class:`Trajectory`.
 
-    Each leads over a time ``h`` (m, 1) [s] from ``begin`` to ``end``: position, velocity and
-    acceleration, (m, n) each.
+    A quintic lasts a time ``h`` (m, 1) [s]. ``begin`` and ``end`` are positions, velocities and
+    accelerations, (m, n) each.
     """
     (q, v, a), (r, w, b) = begin, end
     v, w, a, b = h * v / 5.0, h * w / 5.0, h * h * a / 20.0, h * h * b / 20.0

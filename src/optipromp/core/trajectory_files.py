@@ -43,16 +43,15 @@ def from_arrays(rows: Mapping[str, Any], prefix: str = "") -> Trajectory:
 
 
 def read_trajectory(path: str | Path, joint_names: Sequence[str]) -> Trajectory:
-    """Read anyone's trajectory of a robot.
+    """Read a trajectory of a robot, from any source.
 
-    - ``.csv``: a column ``time`` [s], one for each joint, and, of all joints or none,
+    - ``.csv``: a column ``time`` [s], a column for each joint, and, for all joints or none,
       ``<joint>_velocity`` and ``<joint>_acceleration``.
-    - ``.npz``: ``times`` (or ``time``) (T,), ``positions`` (T, n), and where known ``velocities``
-      and ``accelerations``; ``joint_names`` (n,), without which the columns are
-      taken to be in the robot's order.
-    - a folder that ``optipromp plan --out`` left.
+    - ``.npz``: ``times`` (or ``time``) (T,), ``positions`` (T, n), optional ``velocities`` and
+      ``accelerations``; ``joint_names`` (n,), by default in the robot's order.
+    - a folder of ``optipromp plan --out``.
 
-    Columns are matched to joints by name, see :func:`columns`. See :func:`curve` for rows without
+    Columns are matched to joints by name; see :func:`columns`. See :func:`curve` for rows without
     velocities and accelerations. Times may begin anywhere and be unevenly spaced.
 
     Args:
@@ -60,8 +59,8 @@ def read_trajectory(path: str | Path, joint_names: Sequence[str]) -> Trajectory:
         joint_names: of the robot, in its order.
 
     Raises:
-        InvalidRequestError: no such file, no trajectory, joints that are missing or unknown, values
-            that are not finite, times that do not grow; the message names them.
+        InvalidRequestError: there is no such file, the file is no trajectory, joints are missing or
+            unknown, values are not finite, or times do not grow; the message names them.
     """
     path = Path(path)
     if is_folder(path):
@@ -91,8 +90,8 @@ def curve(
     Args:
         times: (T,), beginning anywhere [s].
         rows: positions, velocities and accelerations (T, n). Without velocities (None) the curve is
-            the smoothest through the positions, at rest at both ends. Without accelerations they
-            are those of the cubics through positions and velocities, the mean of both sides.
+            the smoothest through the positions, at rest at both ends. Without accelerations (None),
+            those of the cubics through positions and velocities are taken: the mean of both sides.
         names: of the n columns.
         joint_names: of the robot, in its order.
 
@@ -115,18 +114,18 @@ def curve(
 
 
 def columns(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]:
-    """Where each of ``joints`` (n) stands among ``names``; further names are left out.
+    """The index in ``names`` of each of the n ``joints``; further names are ignored.
 
-    Drivers put one prefix before all names of an arm (``fr3_joint1``). Where the joints do not
-    stand there as they are called, they are looked for behind a prefix that all of them share.
+    Drivers put a prefix before all names of an arm (``fr3_joint1``). If the joints are not among
+    the names, they are searched behind a prefix that all of them share.
 
     Args:
         names: in any order.
         joints: of the robot, in its order.
-        what: whose names they are; begins the error.
+        what: the owner of the names, which begins the error.
 
     Raises:
-        InvalidRequestError: a joint is missing; there are two arms; a name stands there twice.
+        InvalidRequestError: a joint is missing, two prefixes fit, or a name occurs twice.
     """
     names = list(names)
     if not joints:
@@ -152,7 +151,7 @@ def columns(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]
 
 
 def _of_cubics(times: FloatArray, q: FloatArray, velocity: FloatArray) -> FloatArray:
-    """Accelerations (T, n) of the cubics between points, the mean of both sides."""
+    """Accelerations (T, n) of the cubics between rows: the mean of both sides of a row."""
     h = np.diff(times)[:, None]
     chord = 6.0 * np.diff(q, axis=0) / h
     after = (chord - 4.0 * velocity[:-1] - 2.0 * velocity[1:]) / h
@@ -194,11 +193,11 @@ def _from_csv(path: Path, joint_names: Sequence[str]) -> Trajectory:
     names = [name for name in header if name != "time" and name not in rates]
     rows: list[FloatArray | None] = []
     for kind in KINDS:
-        given = [name + kind for name in names if name + kind in header]
-        if given and len(given) < len(names):
+        known = [name + kind for name in names if name + kind in header]
+        if known and len(known) < len(names):
             lacking = next(name + kind for name in names if name + kind not in header)
-            raise InvalidRequestError(f"it has {given[0]}, but not {lacking}: all joints, or none")
-        rows.append(table.numbers([header.index(name) for name in given]) if given else None)
+            raise InvalidRequestError(f"it has {known[0]}, but not {lacking}: all joints, or none")
+        rows.append(table.numbers([header.index(name) for name in known]) if known else None)
     if rows[0] is None:
         raise InvalidRequestError("it has no column of a joint")
     times = table.numbers([header.index("time")])[:, 0]

@@ -1,4 +1,4 @@
-"""Robot readers: what URDF, SRDF, xacro, MJCF and robot files say, as robots of this package.
+"""Robot readers: robots from URDF, SRDF, xacro, MJCF and robot files.
 
-The core asks for them through the entry points ``optipromp.robot_readers``, and imports none.
+The core finds them by the entry points ``optipromp.robot_readers``, and imports none of them.
 """

@@ -1,8 +1,8 @@
-"""Which joints of a robot are the arm, and which link is its flange.
+"""The arm of a robot: its joints and its flange.
 
-What is given counts first, then the groups of an SRDF, then a rule. The rule drops grippers and
-fingers, wheels, heads and sensors, holds what carries more than the arm (a torso), and takes the
-longest chain that is left. Where two are alike it asks: an error lists the candidates.
+The caller's choice precedes the groups of an SRDF, and these precede a rule. The rule drops
+grippers and fingers, wheels, heads and sensors, holds joints that carry more than the arm (a
+torso), and takes the longest remaining chain. If several are alike, an error lists them.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ from optipromp.readers.tree import (
 from optipromp.readers.urdf import UrdfJoint, UrdfModel
 
 _NO_DIGITS = str.maketrans("", "", "0123456789")
-NO_ARM = HEAD | TORSO | PALM | LEG  # words of groups that are no arm, or more than one
+NO_ARM = HEAD | TORSO | PALM | LEG  # words in the names of groups that are no arm, or several
 
 
 def choose_arm(
@@ -37,14 +37,14 @@ def choose_arm(
 
     Args:
         model: the URDF.
-        tip: the flange link; without it the SRDF or the rule chooses.
-        base: the link that the arm begins at; joints before it are held. Without it the arm begins
-            beyond what carries more than the arm, such as a torso.
-        srdf: whose groups tell arms.
+        tip: the flange link; None: the choice of the SRDF or the rule.
+        base: the link that the arm begins at; joints before it are held. None: beyond the links
+            that carry more than the arm, such as a torso.
+        srdf: groups of joints, some of which are arms.
 
     Raises:
-        InvalidRobotError: a link that does not exist, ``base`` not before ``tip``, or several arms
-            that are alike (the message lists them).
+        InvalidRobotError: a link does not exist, ``base`` is not before ``tip``, or several arms
+            are alike (the message lists them).
     """
     tree = Tree(model)
     for key, link in (("tip", tip), ("base", base)):
@@ -111,7 +111,7 @@ def _carried(tree: Tree, tip: str) -> tuple[str, ...]:
 
 
 def _other_ends(tree: Tree, arm: Arm) -> tuple[str, ...]:
-    """Links of the last body that could be the tip instead: tool frames, by name."""
+    """Descriptions of the tool frames of the last body, by name, that could be the tip instead."""
     last = [part for _, part in tree.rigid(tree.body(arm.tip))]
     return tuple(
         f"tip '{part}' (same joints)"
@@ -123,9 +123,9 @@ def _other_ends(tree: Tree, arm: Arm) -> tuple[str, ...]:
 def flange_of(tree: Tree, last: str, plain: bool = False) -> str:
     """The flange of an arm whose last joint carries the link ``last``.
 
-    A link named tool0, flange or attachment (a site of an MJCF); else a frame for a hand that is
-    not there; else, on a body that is a hand, its tool frame; else the end of what is fixed to it,
-    without sensors and (unless ``plain``) hands.
+    In this order: a link named tool0, flange or attachment (a site of an MJCF); an empty frame for
+    a hand; the tool frame of a body that is a hand; the farthest link fixed to ``last``, without
+    sensors and (unless ``plain``) hands.
     """
     sensors = frozenset(part for _, part in tree.rigid(last)[1:] if words(part) & SENSOR)
     if plain:
@@ -201,11 +201,11 @@ def _beyond(tree: Tree, base: str) -> set[str]:
 
 
 def _beginning(tree: Tree, end: UrdfJoint, usable: AbstractSet[str]) -> str:
-    """The link the arm begins at: beyond the last body that carries another arm, a leg or a head.
+    """The link where the arm begins: beyond the last body with another arm, a leg or a head.
 
-    A body that has more joints before it than beyond it begins no arm. Nor does a body with a head
-    whose joints before and beyond have one name but for digits: it is a link of the arm. A base
-    that drives is no part of an arm.
+    No arm begins at a body with more joints before it than beyond it, nor at a body with a head if
+    the joints before and beyond it differ in digits of their names only: that body is a link of the
+    arm. The joints of a driving base are no part of an arm.
     """
     path = tree.movable(end.child)
     for k in range(len(path) - 1, 0, -1):
@@ -235,7 +235,7 @@ def _of_groups(tree: Tree, srdf: Srdf) -> list[Arm]:
             found[name] = arm
     found = {k: arm for k, arm in found.items() if not words(k) & NO_ARM} or found
     arms = []
-    for name, arm in found.items():  # of nested groups the smaller, unless it is a mere part
+    for name, arm in found.items():  # of nested groups the smaller, if it has half the joints
         others = [set(other.joints) for key, other in found.items() if key != name]
         mine = set(arm.joints)
         if any(o < mine and 2 * len(o) >= len(mine) for o in others):

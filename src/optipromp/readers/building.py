@@ -1,4 +1,4 @@
-"""A robot of a description: its chain, covers and pairs, with what a robot file adds."""
+"""The robot of a description: arm, chain, covers of the links, and self-collision pairs."""
 
 import math
 from dataclasses import replace
@@ -12,6 +12,7 @@ from optipromp.core.robots.description import Arm, LeftOut, LinkGeometry
 from optipromp.core.robots.library import Choice
 from optipromp.core.robots.model import BodySpheres, Robot
 from optipromp.core.robots.resolved import MOST_JOINTS, MOST_SPHERES
+from optipromp.core.shown import printable
 from optipromp.readers.arm import choose_arm
 from optipromp.readers.chain import Chain, serial_chain
 from optipromp.readers.covers import Cover, cover_links, finer_cover, stands_on_its_plane
@@ -25,46 +26,66 @@ from optipromp.readers.urdf import UrdfModel
 def build(
     entry: RobotFile, model: UrdfModel, path: Path, choice: Choice, srdf: Path | None
 ) -> Robot:
-    """The robot of a model with what the robot file ``entry`` adds, and an SRDF.
+    """The robot of a model, with what a robot file and an SRDF add.
 
     Args:
-        entry: of a robot file, or of a bare description.
-        model: of the description.
-        path: of the robot file or of the description.
-        choice: of the caller.
-        srdf: the one given; without it one beside the description is read.
+        entry: content of the robot file; of a bare description its name and path only.
+        model: links and joints of the description.
+        path: the file that messages name: the robot file, or the bare description.
+        choice: the caller's choice of the arm; it precedes that of ``entry``.
+        srdf: the SRDF; None: the SRDF beside the description, if there is one.
 
     Raises:
-        InvalidRobotError: these do not fit together.
+        InvalidRobotError: the name holds control characters; the arm, its limits or its home
+            cannot be used; a link is unknown; a mesh cannot be read.
     """
+    if (name := printable(entry.name)) != entry.name:
+        raise InvalidRobotError(f"{path}: the robot's name '{name[:60]}' holds control characters")
     srdf = srdf or srdf_beside(model)
-    arm = _chosen(entry, model, choice, srdf)
+    tip, base = choice.tip or entry.flange, choice.base or entry.base
+    arm = choose_arm(model, tip, base, read_srdf(srdf) if srdf and tip is None else None)
     chain = serial_chain(model, arm.tip, arm.base, {**entry.hold, **choice.hold})
-    names = chain.joint_names
     if len(chain.kinematics.kind) > MOST_JOINTS:
         raise InvalidRobotError(
             f"{path}: the arm has {len(chain.kinematics.kind)} joints: must have at most "
             f"{MOST_JOINTS}; choose a base or a tip, or hold some"
         )
-    n = len(names)
-    unlimited = np.full(n, np.inf)
-    home = _per_joint(
-        path, "home", entry.home, names, np.clip(np.zeros(n), chain.lower, chain.upper)
-    )
-    outside = np.flatnonzero((home < chain.lower) | (home > chain.upper))
+    home = _home(entry, chain, path)
+    for link in (*entry.spheres, *(link for pair in entry.allow_self for link in pair)):
+        if link not in model.links:
+            shown = ", ".join(list(model.links)[:20])
+            raise InvalidRobotError(f"{path}: unknown link '{link}'; links: {shown}")
+    covers = _covers(entry, model, chain, arm.base)
+    robot = _without_pairs(entry, model, path, arm, chain, home, covers)
+    return _with_pairs(robot, entry, model, chain, covers, srdf)
+
+
+def _home(entry: RobotFile, chain: Chain, path: Path) -> FloatArray:
+    """The home (n,) of the robot file, else the configuration within the limits nearest to zero."""
+    names, lower, upper = chain.joint_names, chain.lower, chain.upper
+    home = _per_joint(path, "home", entry.home, names, np.clip(np.zeros(len(names)), lower, upper))
+    outside = np.flatnonzero((home < lower) | (home > upper))
     if len(outside):
         i = int(outside[0])
         raise InvalidRobotError(
             f"{path}: home of joint '{names[i]}' is {home[i]:g}, outside its limits "
-            f"[{chain.lower[i]:g}, {chain.upper[i]:g}]"
+            f"[{lower[i]:g}, {upper[i]:g}]"
         )
-    known = set(model.links)
-    for link in (*entry.spheres, *(link for pair in entry.allow_self for link in pair)):
-        if link not in known:
-            shown = ", ".join(list(model.links)[:20])
-            raise InvalidRobotError(f"{path}: unknown link '{link}'; links: {shown}")
-    covers = _covers(entry, model, chain, arm.base)
-    robot = Robot(
+    return home
+
+
+def _without_pairs(
+    entry: RobotFile,
+    model: UrdfModel,
+    path: Path,
+    arm: Arm,
+    chain: Chain,
+    home: FloatArray,
+    covers: dict[str, Cover],
+) -> Robot:
+    """The robot with a bare flange and no self-collision pairs."""
+    names, unlimited = chain.joint_names, np.full(len(chain.joint_names), np.inf)
+    return Robot(
         name=entry.name,
         joint_names=names,
         lower=chain.lower,
@@ -101,66 +122,80 @@ def build(
         dynamics=dynamics(model, chain),
         arm=arm,
     )
-    disabled = [] if srdf is None else disabled_pairs(srdf, model)
+
+
+def _with_pairs(
+    robot: Robot,
+    entry: RobotFile,
+    model: UrdfModel,
+    chain: Chain,
+    covers: dict[str, Cover],
+    srdf: Path | None,
+) -> Robot:
+    """The robot with its self-collision pairs; ``covers`` of loose spheres are made finer."""
+    disabled = [] if srdf is None else [(srdf.name, pair) for pair in disabled_pairs(srdf, model)]
+    left_out = [("robot file", pair) for pair in entry.allow_self] + disabled
+    known = {pair for _, pair in disabled}
+    left_out += [
+        ("slide along one direction", pair)
+        for pair in telescopes(robot)
+        if not {pair, pair[::-1]} & known
+    ]
 
     def finer(robot: Robot, loose: IntArray) -> tuple[Robot, FloatArray]:
         for index in np.unique(robot.spheres.link[loose]):
-            link, own = robot.link_names[index], np.flatnonzero(robot.spheres.link == index)
-            split = np.flatnonzero(np.isin(own, loose)).tolist()
+            link = robot.link_names[index]
+            of_link = np.flatnonzero(robot.spheres.link == index)
+            split = np.flatnonzero(np.isin(of_link, loose)).tolist()
             covers[link] = finer_cover(model, link, covers[link], split)
         spheres = _body_spheres(entry, model, chain, covers)
         return replace(robot, spheres=spheres, excess=_excess(covers)), _parts(covers, chain)
 
-    sliding = [pair for pair in telescopes(robot) if not {pair, pair[::-1]} & {*disabled}]
-    allowed = [*entry.allow_self, *disabled, *sliding]
+    allowed = [pair for _, pair in left_out]
     robot = with_self_pairs(robot, allowed, _parts(covers, chain), finer)
-    given = [LeftOut(a, b, "robot file") for a, b in entry.allow_self]
-    given += [LeftOut(a, b, srdf.name) for a, b in disabled if srdf is not None]
-    given += [LeftOut(a, b, "slide along one direction") for a, b in sliding]
-    return replace(robot, left_out=(*given, *robot.left_out))
-
-
-def _chosen(entry: RobotFile, model: UrdfModel, choice: Choice, srdf: Path | None) -> Arm:
-    tip, base = choice.tip or entry.flange, choice.base or entry.base
-    if tip is not None:
-        return choose_arm(model, tip, base)
-    return choose_arm(model, None, base, None if srdf is None else read_srdf(srdf))
+    by_choice = [LeftOut(*pair, why) for why, pair in left_out]
+    return replace(robot, left_out=(*by_choice, *robot.left_out))
 
 
 def _per_joint(
-    path: Path, key: str, given: list[float] | None, names: tuple[str, ...], default: FloatArray
+    path: Path, key: str, stated: list[float] | None, names: tuple[str, ...], default: FloatArray
 ) -> FloatArray:
-    if given is not None and len(given) != len(names):
+    """The values (n,) that the robot file states under ``key``, else ``default``."""
+    if stated is not None and len(stated) != len(names):
         raise InvalidRobotError(
-            f"{path}: {key} has {len(given)} values; the chain has {len(names)} joints "
+            f"{path}: {key} has {len(stated)} values; the chain has {len(names)} joints "
             f"({', '.join(names[:20])})"
         )
-    return frozen(default if given is None else given)
+    return frozen(default if stated is None else stated)
 
 
 def _covers(entry: RobotFile, model: UrdfModel, chain: Chain, base: str) -> dict[str, Cover]:
-    """What covers each link: the spheres that the robot file gives, or a cover of its geometry."""
+    """The cover of each link: spheres of the robot file, else spheres fitted to its geometry."""
     bare = {link: at for link, at in chain.placements.items() if link not in entry.spheres}
     still = [link for link, at in bare.items() if at.segment < 0 and link != base]
     fitted = cover_links(model, bare, still)
-    given = {link: np.array(rows, dtype=float) for link, rows in entry.spheres.items()}
-    covers = fitted | {link: Cover(rows, math.nan) for link, rows in given.items()}
+    covers = fitted | {
+        link: Cover(np.array(rows, dtype=float), math.nan) for link, rows in entry.spheres.items()
+    }
     return {link: covers[link] for link in chain.placements}
 
 
 def _excess(covers: dict[str, Cover]) -> dict[str, float]:
-    """How far each fitted cover reaches beyond its link [m]."""
-    known = {link: cover.excess for link, cover in covers.items() if len(cover.spheres)}
-    return {link: excess for link, excess in known.items() if math.isfinite(excess)}
+    """The distance [m] by which each fitted cover reaches beyond its link."""
+    return {
+        link: cover.excess
+        for link, cover in covers.items()
+        if len(cover.spheres) and math.isfinite(cover.excess)
+    }
 
 
 def _parts(covers: dict[str, Cover], chain: Chain) -> FloatArray:
     """The parts (c, 4) of all covers, in the frames of the segments; see :class:`Parts`."""
     first, out = 0, [np.zeros((0, 4))]
     for link, cover in covers.items():
-        place, own = chain.placements[link], cover.parts
-        at = own[:, :3] @ place.rotation.T + place.translation
-        out.append(np.column_stack([at, own[:, 3] + first]))
+        place = chain.placements[link]
+        points = cover.parts[:, :3] @ place.rotation.T + place.translation
+        out.append(np.column_stack([points, cover.parts[:, 3] + first]))
         first += len(cover.spheres)
     return np.concatenate(out)
 
@@ -168,6 +203,7 @@ def _parts(covers: dict[str, Cover], chain: Chain) -> FloatArray:
 def _body_spheres(
     entry: RobotFile, model: UrdfModel, chain: Chain, covers: dict[str, Cover]
 ) -> BodySpheres:
+    """The spheres of all links in the frames of their segments."""
     segment, center, radius, link = [], [np.zeros((0, 3))], [np.zeros(0)], []
     standing = stands_on_its_plane(covers, chain.placements)
     for index, (name, place) in enumerate(chain.placements.items()):

@@ -1,6 +1,6 @@
 """The serial chain of a tree of links: fixed joints merged, mimics resolved, branches held."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -39,7 +39,7 @@ class Chain:
     lower: FloatArray  # (n,) limits of every joint that the independent one drives, intersected
     upper: FloatArray
     velocity: FloatArray
-    effort: FloatArray  # (S,) of the segments' own joints, infinite where the file gives none
+    effort: FloatArray  # (S,) [N m or N] of each segment's joint, infinite where the file has none
     kinematics: Kinematics
     flange: Placement
     held_joints: tuple[str, ...]  # off the chain, at rest
@@ -48,7 +48,7 @@ class Chain:
 
 @dataclass(frozen=True)
 class _Drive:
-    """value of a joint = multiplier * value of ``leader`` + offset."""
+    """The value of a joint: multiplier * value of ``leader`` + offset [rad or m]."""
 
     leader: str
     multiplier: float
@@ -61,10 +61,12 @@ def serial_chain(
     """The chain of ``model`` from link ``base`` (default: the root) to link ``tip``, the flange.
 
     Movable joints off the chain stand at their value in ``held`` [rad or m], else at zero or the
-    limit nearest to it. Frames are those of the root, whatever the base.
-    Raises InvalidRobotError when there is no movable joint on the path, when the limits of a mimic
-    joint and of its leader leave nothing in common, when a joint cannot be moved (it has no limits,
-    say), or cannot be held as asked.
+    limit nearest to zero. Frames are relative to the root, whatever the base.
+
+    Raises:
+        InvalidRobotError: the path has no movable joint; a joint cannot move (without limits, for
+            example) or be held as asked; the limits of a mimic joint and of its leader have no
+            value in common.
     """
     tree = Tree(model)
     base = model.root if base is None else base
@@ -83,39 +85,11 @@ def serial_chain(
     index = {name: i for i, name in enumerate(names)}
     _check_held(model, held, drives, index)
     lower, upper, velocity = _limits(model, index, drives)
-
-    on_path = {joint.name for joint in path}
-    placements = {model.root: Placement(-1, np.eye(3), np.zeros(3))}
-    segments: list[tuple[UrdfJoint, FloatArray, FloatArray]] = []
-    still: set[str] = set()
-    for joint in tree.outward:
-        frame = placements[joint.parent]
-        rotation = frame.rotation @ rotation_of(joint.rpy)
-        translation = frame.rotation @ np.array(joint.xyz) + frame.translation
-        driver = frame.driver
-        segment = frame.segment
-        if joint.kind != "fixed":
-            drive = drives[joint.name]
-            if joint.name in on_path:
-                segments.append((joint, rotation, translation))
-                segment, rotation, translation = len(segments) - 1, np.eye(3), np.zeros(3)
-            elif drive.leader in index:
-                driver = driver or joint.name
-            else:
-                still.add(joint.name)
-                leader = model.joints[drive.leader]
-                rest = held.get(drive.leader, min(max(0.0, leader.lower), leader.upper))
-                value = drive.multiplier * rest + drive.offset
-                if joint.kind == "prismatic":
-                    translation = rotation @ (np.array(joint.axis) * value) + translation
-                else:
-                    rotation = rotation @ turned(joint.axis, value)
-        placements[joint.child] = Placement(segment, rotation, translation, driver)
-
+    segments, placements, still = _placed(tree, path, held, drives, index)
     kinematics = Kinematics(
         kind=frozen([PRISMATIC if j.kind == "prismatic" else REVOLUTE for j in movable], np.int64),
-        rotation=frozen([rotation for _, rotation, _ in segments]),
-        translation=frozen([translation for _, _, translation in segments]),
+        rotation=frozen([rotation for rotation, _ in segments]),
+        translation=frozen([translation for _, translation in segments]),
         axis=frozen([joint.axis for joint in movable]),
         dof=frozen([index[drives[joint.name].leader] for joint in movable], np.int64),
         multiplier=frozen([drives[joint.name].multiplier for joint in movable]),
@@ -134,12 +108,52 @@ def serial_chain(
     )
 
 
+def _placed(
+    tree: Tree,
+    path: Sequence[UrdfJoint],
+    held: Mapping[str, float],
+    drives: Mapping[str, _Drive],
+    index: Mapping[str, int],
+) -> tuple[list[tuple[FloatArray, FloatArray]], dict[str, Placement], set[str]]:
+    """The frame of each moving joint of ``path`` at zero, the placement of every link, and the
+    names of the joints at rest."""
+    joints, on_path = tree.model.joints, {joint.name for joint in path}
+    placements = {tree.model.root: Placement(-1, np.eye(3), np.zeros(3))}
+    segments: list[tuple[FloatArray, FloatArray]] = []
+    still: set[str] = set()
+    for joint in tree.outward:
+        frame = placements[joint.parent]
+        rotation = frame.rotation @ rotation_of(joint.rpy)
+        translation = frame.rotation @ np.array(joint.xyz) + frame.translation
+        driver = frame.driver
+        segment = frame.segment
+        if joint.kind != "fixed":
+            drive = drives[joint.name]
+            if joint.name in on_path:
+                segments.append((rotation, translation))
+                segment, rotation, translation = len(segments) - 1, np.eye(3), np.zeros(3)
+            elif drive.leader in index:
+                driver = driver or joint.name
+            else:
+                still.add(joint.name)
+                leader = joints[drive.leader]
+                rest = held.get(drive.leader, min(max(0.0, leader.lower), leader.upper))
+                value = drive.multiplier * rest + drive.offset
+                if joint.kind == "prismatic":
+                    translation = rotation @ (np.array(joint.axis) * value) + translation
+                else:
+                    rotation = rotation @ turned(joint.axis, value)
+        placements[joint.child] = Placement(segment, rotation, translation, driver)
+    return segments, placements, still
+
+
 def _check_held(
     model: UrdfModel,
     held: Mapping[str, float],
     drives: Mapping[str, _Drive],
     index: Mapping[str, int],
 ) -> None:
+    """Refuse to hold a joint of the arm, a mimic joint, or a joint outside its limits."""
     free = [
         name
         for name, joint in model.joints.items()
@@ -160,7 +174,7 @@ def _check_held(
 
 
 def _drives(model: UrdfModel) -> dict[str, _Drive]:
-    """Each movable joint as a function of one that moves by itself."""
+    """Each movable joint as a function of a joint that mimics none."""
     drives: dict[str, _Drive] = {}
     for joint in model.joints.values():
         trail = []
@@ -180,7 +194,8 @@ def _drives(model: UrdfModel) -> dict[str, _Drive]:
 def _limits(
     model: UrdfModel, index: Mapping[str, int], drives: Mapping[str, _Drive]
 ) -> tuple[list[float], list[float], list[float]]:
-    """Limits of the independent joints that keep every joint they drive within its own."""
+    """Position limits and velocity limits of the independent joints, by which every joint that they
+    drive stays within its limits."""
     lower = [model.joints[name].lower for name in index]
     upper = [model.joints[name].upper for name in index]
     velocity = [model.joints[name].velocity for name in index]

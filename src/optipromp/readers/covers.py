@@ -1,4 +1,4 @@
-"""Spheres that cover the links of a robot: all of their geometry, and little more."""
+"""Covers: spheres that enclose the geometry of links, and reach little beyond it."""
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -17,16 +17,17 @@ from optipromp.readers.meshes import MOST_TRIANGLES, triangles
 from optipromp.readers.surfaces import of_box, of_rod, parts
 from optipromp.readers.urdf import UrdfModel
 
-LOOSE = 0.030  # [m] chosen: excess down to which a cover grows
-FIXED = 0.060  # [m] chosen: the same of a link that does not move, but for the arm's base
-PER_MESH = 7.5  # spheres, on average over the meshes of a robot: 60 for eight links
-MOUNTED = 0.005  # [m] chosen: how far from z = 0 a base may end that stands there
+LOOSE = 0.030  # [m] chosen: excess above which the cover of a mesh gets further spheres
+FIXED = 0.060  # [m] chosen: that excess for links that do not move, except the arm's base
+PER_MESH = 7.5  # spheres, chosen: mean over the meshes of a robot, 60 for eight links
+MOUNTED = 0.005  # [m] chosen: distance of the lowest fixed point from z = 0, at most, if mounted
 
 
 class Cover(NamedTuple):
-    """Spheres (k, 4), centres and radii [m], and how far they reach beyond what they cover [m].
+    """Spheres (k, 4), centres and radii [m], and their excess: the largest distance [m] by which
+    they reach beyond the geometry.
 
-    ``parts`` (c, 4): see :mod:`optipromp.readers.surfaces`; empty of spheres that were given.
+    ``parts`` (c, 4): see :mod:`optipromp.readers.surfaces`; empty for spheres of a robot file.
     """
 
     spheres: FloatArray
@@ -35,7 +36,7 @@ class Cover(NamedTuple):
 
 
 class Covered(NamedTuple):
-    """What a cover depends on: the kind and sizes of a shape, its mesh, and whether it is fixed."""
+    """The key of a cover: kind and size of a shape, its mesh, and whether its link is fixed."""
 
     kind: str
     size: tuple[float, ...]
@@ -44,13 +45,14 @@ class Covered(NamedTuple):
 
 
 def cover_links(
-    model: UrdfModel, links: Collection[str], fixed: Collection[str] = ()
+    model: UrdfModel, links: Collection[str], fixed: Collection[str]
 ) -> dict[str, Cover]:
-    """Covers of links over their collision geometry (visual where it has none), in their frames.
+    """Covers of the links, in their frames, over their collision geometry or else their visual.
 
-    Those of links that are ``fixed`` are coarser.
+    Covers of ``fixed`` links are coarser.
 
-    Raises InvalidRobotError for a mesh that is missing, malformed or degenerate.
+    Raises:
+        InvalidRobotError: a mesh is missing, malformed or degenerate.
     """
     shapes = {link: model.links[link].collisions or model.links[link].visuals for link in links}
     over = _cover_shapes(model, [(link, one) for link in links for one in shapes[link]], fixed)
@@ -74,10 +76,9 @@ def cover_links(
 def _cover_shapes(
     model: UrdfModel, shapes: Sequence[tuple[str, LinkShape]], fixed: Collection[str]
 ) -> dict[tuple[str, LinkShape], Cover]:
-    """The cover of each shape, given with its link, in the shape's frame.
+    """The cover of each shape of a link, in the shape's frame; alike shapes are covered once.
 
-    The spheres of meshes are shared out among all of them, so that they reach about equally far
-    beyond them.
+    The number of spheres is shared among all meshes, so that their covers have about equal excess.
     """
     first, key_of = dict[Covered, tuple[str, LinkShape]](), {}
     for link, shape in shapes:
@@ -89,6 +90,7 @@ def _cover_shapes(
 
 
 def _made(model: UrdfModel, shapes: Mapping[Covered, tuple[str, LinkShape]]) -> list[Cover]:
+    """The cover of each shape, in the order of ``shapes``."""
     solids, count = list[FloatArray](), 0
     for link, shape in shapes.values():
         solids.append(_surface(model, link, shape))
@@ -121,7 +123,7 @@ def _check_fineness(where: str, surface: FloatArray, count: int) -> None:
 
 
 def finer_cover(model: UrdfModel, link: str, cover: Cover, split: Collection[int]) -> Cover:
-    """The cover of a link with the spheres ``split``, by their indices, in halves."""
+    """The cover of a link with its spheres of indices ``split`` halved."""
     surface = np.concatenate(
         [
             _surface(model, link, shape) @ rotation_of(shape.rpy).T + np.array(shape.xyz)
@@ -133,7 +135,7 @@ def finer_cover(model: UrdfModel, link: str, cover: Cover, split: Collection[int
 
 
 def _surface(model: UrdfModel, link: str, shape: LinkShape) -> FloatArray:
-    """The triangles (f, 3, 3) of a shape, in its frame."""
+    """The triangles (f, 3, 3) [m] of a shape, in its frame."""
     if shape.kind == "mesh":
         return triangles(model.path, link, shape)
     if shape.kind == "box":
@@ -145,9 +147,9 @@ def _surface(model: UrdfModel, link: str, shape: LinkShape) -> FloatArray:
 
 
 def stands_on_its_plane(covers: Mapping[str, Cover], places: Mapping[str, Placement]) -> bool:
-    """Whether the fixed links end at z = 0 of the root, where the robot is mounted.
+    """Whether the lowest point of the fixed links is at z = 0 of the root, within MOUNTED.
 
-    Their covers are then raised, so that what the robot stands on does not count as touched.
+    Their covers are then raised: a table that the robot stands on does not count as touched.
     """
     fixed = [
         (covers[name].parts[:, :3], place) for name, place in places.items() if place.segment < 0
@@ -161,9 +163,10 @@ def stands_on_its_plane(covers: Mapping[str, Cover], places: Mapping[str, Placem
 
 
 def _cover(shape: LinkShape, bulge: float) -> tuple[FloatArray, float]:
-    """The spheres of a primitive, and their excess: that of the centres' depths in it.
+    """The spheres (k, 4) of a primitive, and their excess [m]: radius minus depth of the centre.
 
-    It may reach ``bulge`` beyond it, or its :func:`allowance`, whichever is more.
+    The spheres may reach beyond the primitive by ``bulge`` [m] or its :func:`allowance`, whichever
+    is larger.
     """
     if shape.kind == "sphere":
         radius = shape.size[0]
@@ -184,10 +187,11 @@ def _cover(shape: LinkShape, bulge: float) -> tuple[FloatArray, float]:
 
 
 def allowance(half_width: float) -> float:
-    """Bulge of a cover of URDF geometry [m]: the larger of 0.01 and 0.2 half widths."""
+    """The distance [m] by which a cover may exceed a primitive: 0.01 m or 0.2 half widths."""
     return max(0.01, 0.2 * half_width)
 
 
 def _placed(cover: FloatArray, shape: LinkShape) -> FloatArray:
+    """Rows (k, 4) of a cover, moved from the shape's frame to the link's."""
     centers = cover[:, :3] @ rotation_of(shape.rpy).T + np.array(shape.xyz)
     return np.column_stack([centers, cover[:, 3:]])

@@ -8,12 +8,12 @@ it. So to cover a point p from a centre c costs the excess
 and k spheres of the least excess are a k-centre problem with this distance. It is solved as Lloyd
 solves k means: each point goes to the centre that covers it with the least excess, each centre
 moves to the candidate that covers its points with the least. The covers grow by one sphere at a
-time, where the excess is largest, over all meshes together; so they end with about one excess.
+time, where the excess over all meshes is largest; so all covers end with about the same excess.
 
-A solid is what a voxel grid says: the surface, and what it encloses along two of three axes. So a
-mesh need not be closed. The whole surface is covered: its triangles are cut until one centre covers
-all corners with the least excess, or no side is over half a voxel; a sphere holds all of
-its triangles.
+The solid is a voxel grid: the voxels of the surface, and those that the surface encloses along two
+of three axes. So a mesh need not be closed. The whole surface is covered: its triangles are cut
+until one centre covers all corners with the least excess, or no side is over half a voxel. A sphere
+encloses all of its triangles.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -27,32 +27,37 @@ from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.core.processes import in_threads
 from optipromp.readers.fit_kernels import costs, farthest, first_of_cells, largest, owners
 
-VOXEL = 0.003  # [m] of the grid, for parts of up to 0.4 m
-TIGHT = 0.008  # [m] of excess at which a cover gets no further sphere
-MOST_SPHERES = 40  # of a cover that reaches more than its ``loose``
-_FINE, _COARSE = 40, 160  # voxels along the longest side: at least, at most
-_VOXELS = 300_000
-_STEP = 0.7  # [voxels] between the points of a surface
+VOXEL = 0.003  # [m] chosen: edge of the voxels, for meshes of 0.12 to 0.48 m
+TIGHT = 0.008  # [m] chosen: excess at which a cover gets no further sphere
+MOST_SPHERES = 40  # of a cover, chosen
+_FINE, _COARSE = 40, 160  # voxels along the longest side, chosen: at least, at most
+_VOXELS = 300_000  # of a mesh's box, chosen: at most about so many
+_STEP = 0.7  # [voxels] chosen: distance of the points of a surface
 MOST_SAMPLES = 10_000_000  # points of a surface, chosen: they take 8 s; a stock robot has 2 million
-_AT_ONCE = 300_000  # points of a surface
-_FINE_STEP = 0.5  # [voxels] longest side of a triangle between two spheres
-_POINTS, _CENTERS = 1_200, 2_500  # of a mesh while its cover grows; all points count at the end
-_SHARES = (0.6, 0.85)  # of the excess, that the half of a split may have
-_ROUNDS = 12  # of Lloyd's, at most
-_SLACK = 1.0 + 1e-9  # against rounding
-_SLENDER, _SLICE = 4.0, 2.0  # chosen: longest sides over heights: what is thin, and its slices
-_FOOT = 1e-9  # of a side, that the point below the third corner keeps from its ends
+_AT_ONCE = 300_000  # points of a surface in one array, chosen: 7 MB
+_FINE_STEP = 0.5  # [voxels] chosen: longest side of a triangle that two spheres share
+_POINTS, _CENTERS = 1_200, 2_500  # chosen: points and candidates while a cover grows; at most
+_SHARES = (0.6, 0.85)  # chosen: excess that a split aims at, over that before
+_ROUNDS = 12  # iterations of Lloyd's algorithm, chosen: at most
+_SLACK = 1.0 + 1e-9  # factor of the radii, against rounding
+_SLENDER, _SLICE = 4.0, 2.0  # chosen: longest side over height, of a thin triangle and its slices
+_FOOT = 1e-9  # of a side: least distance of the foot of the height from its ends
 
 
 def fit_covers(
     meshes: Sequence[FloatArray], spheres: float, loose: Sequence[float]
 ) -> list[tuple[FloatArray, float]]:
-    """Covers of meshes, each given by its triangles (f, 3, 3) [m].
+    """Covers of meshes by spheres.
 
-    A cover is its spheres (k, 4), centres and radii, and how far they reach beyond the mesh at
-    most, within about a voxel [m]. ``spheres`` is how many a mesh gets on average: fewer where all
-    covers reach at most :data:`TIGHT`, more for those that reach more than ``loose`` of each mesh
-    [m].
+    Args:
+        meshes: triangles (f, 3, 3) [m] of each mesh.
+        spheres: mean number of spheres of a mesh; fewer if all covers have an excess of at most
+            :data:`TIGHT`, more for a cover whose excess is above its ``loose``.
+        loose: excess of each mesh [m].
+
+    Returns:
+        For each mesh its spheres (k, 4), centres and radii, and their excess: the largest distance
+        [m] by which they reach beyond the mesh, within about a voxel.
     """
     fits = in_threads(_Fit, meshes, loose)
     while growing := [fit for fit in fits if not fit.done and fit.excess > TIGHT]:
@@ -67,9 +72,10 @@ def fit_covers(
 def finer(
     triangles: FloatArray, spheres: FloatArray, split: Collection[int]
 ) -> tuple[FloatArray, float]:
-    """A cover of a mesh (f, 3, 3) as of :func:`fit_covers`, from one (k, 4), some spheres halved.
+    """The cover ``spheres`` (k, 4) of a mesh (f, 3, 3), with those of indices ``split`` halved.
 
-    Each of ``split`` is cut across the axis of its points that gives the least excess.
+    Each is cut across that principal axis of its points that gives the least excess. Returns the
+    spheres and their excess [m]; see :func:`fit_covers`.
     """
     fit = _Fit(triangles, 0.0)
     chosen: list[int] = cdist(spheres[:, :3], fit.centers).argmin(axis=1).tolist()
@@ -95,7 +101,7 @@ def finer(
 
 
 class _Fit:
-    """A cover while it grows: ``chosen`` indices of candidate centres, and their ``excess``."""
+    """A growing cover: ``chosen`` indices of candidate centres, and their ``excess`` [m]."""
 
     def __init__(self, triangles: FloatArray, loose: float) -> None:
         self.loose, self.low = loose, triangles.min(axis=(0, 1))
@@ -144,24 +150,22 @@ class _Fit:
         self.done = len(chosen) in (
             len(self.chosen),
             MOST_SPHERES,
-        )  # the first: no centre does better
+        )  # of no use, or as many as may be
         self.excess, self.chosen = excess, chosen
 
-    def exchange(self) -> None:
-        """Take each centre out in turn and split another; keep what is better."""
+    def finished(self) -> tuple[FloatArray, float]:
+        """The cover, after each centre was removed in turn and another sphere split, where that
+        lowers the excess."""
         for center in list(self.chosen):
             if center in self.chosen and len(self.chosen) > 1:
                 rest = [other for other in self.chosen if other != center]
                 self.excess, self.chosen = min(
                     (self.excess, self.chosen), self._split(self._settled(rest)[1])
                 )
-
-    def finished(self) -> tuple[FloatArray, float]:
-        """The cover, once every centre was tried elsewhere."""
-        self.exchange()
         return self.cover()
 
     def _split(self, chosen: list[int]) -> tuple[float, list[int]]:
+        """Excess and centres after a centre joined the loosest sphere; ``chosen`` if none helps."""
         cost = self.cost[:, chosen]
         needed, owner = cost.min(axis=1), cost.argmin(axis=1)
         worst = int(needed.argmax())
@@ -176,6 +180,7 @@ class _Fit:
         return min(tried)
 
     def _settled(self, chosen: list[int]) -> tuple[float, list[int]]:
+        """Excess and centres after Lloyd's iterations from ``chosen``."""
         best = (np.inf, chosen)
         for _ in range(_ROUNDS):
             cost = self.cost[:, chosen]
@@ -187,7 +192,7 @@ class _Fit:
         return best
 
     def _center(self, points: IntArray) -> int:
-        """The candidate that covers these of the few points with the least excess."""
+        """The candidate that covers ``points`` (indices into ``few``) with the least excess."""
         key = points.tobytes()
         if key not in self.known:  # most sets of points come again and again
             largest(self.cost, points, most := np.empty(self.cost.shape[1], np.float32))
@@ -238,12 +243,12 @@ def voxel(triangles: FloatArray) -> float:
 
 
 def count_samples(triangles: FloatArray) -> int:
-    """How many points stand for the surface of a mesh (f, 3, 3), at most."""
+    """The number of points, at most, that sample the surface of a mesh (f, 3, 3)."""
     return int(samples(triangles, _STEP * voxel(triangles)).sum())
 
 
 def samples(triangles: FloatArray, step: float) -> IntArray:
-    """How many points (f,) :func:`spread` puts on each triangle (f, 3, 3), at most."""
+    """The number (f,) of points, at most, that :func:`spread` puts on each triangle (f, 3, 3)."""
     length = np.linalg.norm(triangles[:, [1, 2, 0]] - triangles, axis=2).max(axis=1)
     a, b, c = (triangles[:, k] for k in range(3))
     height = np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(length, 1e-12)
@@ -274,7 +279,7 @@ def spread(triangles: FloatArray, step: float) -> FloatArray:
 
 
 def _counted(count: IntArray) -> tuple[IntArray, FloatArray]:
-    """Each index as often as ``count`` (k,) says, and shares from 0 to 1 that rise along it."""
+    """Index k repeated ``count[k]`` times, and for each repetition a share rising from 0 to 1."""
     index = np.repeat(np.arange(len(count)), count)
     turn = np.arange(len(index)) - (np.cumsum(count) - count)[index]
     return index, turn / np.maximum(count[index] - 1, 1)
@@ -283,10 +288,10 @@ def _counted(count: IntArray) -> tuple[IntArray, FloatArray]:
 def shared_out(
     triangles: FloatArray, centers: FloatArray, radius: FloatArray, step: float
 ) -> tuple[FloatArray, IntArray]:
-    """A surface (f, 3, 3) in pieces (m, 3, 3), and which of k balls each belongs to (m,).
+    """A surface (f, 3, 3) cut into pieces (m, 3, 3), and the index (m,) of the ball of each.
 
-    A piece belongs to the ball that its corners are the least out of. It is cut until all of them
-    are the least out of the same ball, or no side is over ``step`` [m].
+    A piece belongs to the ball beyond which its corners reach the least. It is cut until that is
+    the same ball for each of its corners, or no side is over ``step`` [m].
     """
 
     def whole(pieces: FloatArray) -> BoolArray:
@@ -321,11 +326,11 @@ def _columns(points: FloatArray) -> FloatArray:
 def cut(
     triangles: FloatArray, step: float, whole: Callable[[FloatArray], BoolArray] | None = None
 ) -> FloatArray:
-    """The same surface (c, 3, 3) as triangles (f, 3, 3) with no side over ``step`` [m].
+    """The surface of triangles (f, 3, 3) as triangles (c, 3, 3) with no side over ``step`` [m].
 
-    The longest side is halved until it is short, or until ``whole`` says of triangles that they may
-    stay (m,). A triangle over :data:`_SLENDER` times as long as high is cut across instead: its
-    halves are as thin, so there would be the square of as many.
+    The longest side is halved until it is short, or until ``whole`` (m,) of the triangles is true.
+    A triangle over :data:`_SLENDER` times as long as high is cut across instead: its halves would
+    be as thin, and their number would grow with the square of the length.
     """
     done = []
     while len(triangles):
@@ -349,9 +354,10 @@ def cut(
 
 
 def _across(a: FloatArray, b: FloatArray, c: FloatArray, count: IntArray) -> FloatArray:
-    """Triangles (m, 3, 3), the side from ``a`` to ``b`` (f, 3) cut in ``count`` (f,) of at least 2.
+    """Triangles abc (f, 3, 3) cut into (m, 3, 3), side ab in ``count`` (f,) parts, 2 or more.
 
-    Each of its points is joined to the one above it on the other two sides; one is that below c.
+    Each point of that side is joined to the point above it on the other two sides. One point is the
+    foot of the height through ``c``.
     """
     along = b - a
     foot = ((c - a) * along).sum(axis=1) / np.square(along).sum(axis=1)
@@ -382,7 +388,7 @@ def enclosed(touched: BoolArray) -> BoolArray:
 
 
 def _thinned(points: FloatArray | IntArray, edge: float, most: float = np.inf) -> IntArray:
-    """Indices of the first point in each cell of a grid; ``edge`` grows until ``most`` are left."""
+    """Indices of the first point in each cell of a grid; ``edge`` grows until at most ``most``."""
     points = points.astype(np.float64)
     end = points.max(axis=0)
     while True:

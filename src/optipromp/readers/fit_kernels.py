@@ -9,8 +9,8 @@ from optipromp.core.compiled import inner, kernel
 
 @inner
 def costs(points, centers, depth, out):
-    """What it costs to cover points (n, 3) from ``centers`` (3, m) at ``depth`` (m,): ``out``
-    (n, m) [m], in place."""
+    """The excess ``out`` (n, m) [m] of covering points (n, 3) from ``centers`` (3, m) at ``depth``
+    (m,), in place; see :mod:`optipromp.readers.fit`."""
     for i in range(points.shape[0]):
         a, b, c = points[i, 0], points[i, 1], points[i, 2]
         for j in range(depth.shape[0]):
@@ -20,8 +20,8 @@ def costs(points, centers, depth, out):
 
 @inner
 def farthest(points, centers, out):
-    """Distance ``out`` (m,) of each of ``centers`` (3, m) from the farthest of ``points`` (n, 3)
-    [m], in place."""
+    """Distance ``out`` (m,) [m] of each centre (3, m) from its farthest point of ``points`` (n, 3),
+    in place."""
     out[:] = 0.0
     for i in range(points.shape[0]):
         a, b, c = points[i, 0], points[i, 1], points[i, 2]
@@ -35,7 +35,7 @@ def farthest(points, centers, out):
 
 @inner
 def largest(cost, rows, out):
-    """The largest ``out`` (m,) of ``rows`` (k,) of ``cost`` (n, m), in place."""
+    """The maximum ``out`` (m,) over ``rows`` (k,) of ``cost`` (n, m), in place."""
     out[:] = -np.inf
     for i in rows:
         for j in range(out.shape[0]):
@@ -44,8 +44,8 @@ def largest(cost, rows, out):
 
 @kernel
 def owners(pieces, centers, radius, owner, beyond):
-    """The ball that all corners of a piece (n, c, 3) are the least out of: ``owner`` (n,), and by
-    how much, ``beyond`` (n,) [m], in place. Balls: ``centers`` (k, 3), ``radius`` (k,)."""
+    """The ball beyond which the corners of each piece (n, c, 3) reach the least: index ``owner``
+    (n,) and distance ``beyond`` (n,) [m], in place. Balls: ``centers`` (k, 3), ``radius`` (k,)."""
     for i in range(pieces.shape[0]):
         beyond[i] = np.inf
         for k in range(centers.shape[0]):
@@ -61,8 +61,8 @@ def owners(pieces, centers, radius, owner, beyond):
 
 @kernel
 def first_of_cells(points, edge, shape, out):
-    """Indices ``out`` of the first of points (n, 3) in each cell of a grid of ``shape`` (3,), in
-    place. Returns how many there are."""
+    """Indices ``out`` of the first point of points (n, 3) in each cell of a grid of ``shape`` (3,),
+    in place. Returns the number of cells that hold points."""
     seen, count = np.zeros(shape[0] * shape[1] * shape[2], np.bool_), 0
     for i in range(points.shape[0]):
         code = 0

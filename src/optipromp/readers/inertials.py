@@ -1,4 +1,4 @@
-"""Masses and torque limits of the moving segments, added up from those of the links."""
+"""Masses and torque limits of the moving segments, summed over their links."""
 
 import numpy as np
 

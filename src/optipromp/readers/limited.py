@@ -1,4 +1,4 @@
-"""Programs that a file could make endless or fatal, run apart: in a process with limits."""
+"""Readers that a file could make endless or crash, run in a process of their own with limits."""
 
 import json
 import os
@@ -16,12 +16,12 @@ from optipromp.core.files import is_there, read_bytes
 from optipromp.core.parameters import parameter
 from optipromp.core.processes import THREADS
 
-SHOWN = 500  # letters of an error
+SHOWN = 500  # letters of an error that are shown, chosen
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a program that reads a robot description may use."""
+    """Limits of a process that reads a robot description."""
 
     time: float = parameter(60.0, "s", "choice", "an arm takes 1 s")
     memory: float = parameter(4e9, "bytes", "choice", "of addresses; MuJoCo and an arm take 0.2e9")
@@ -34,20 +34,21 @@ LIMITS = Limits()
 def run_limited(
     program: str, path: Path, given: Mapping[str, Any], limits: Limits = LIMITS
 ) -> bytes:
-    """What a program of :mod:`optipromp.readers.programs` makes of a file, in its own process.
+    """The output of a function of :mod:`optipromp.readers.programs`, run in a process of its own.
 
-    The program reads JSON from standard input: ``given``, and the keys ``program``, ``path``
-    (absolute), ``out`` (the file to write), ``memory`` and ``output`` [bytes]. An error it prints
-    to standard error, and ends with 3.
+    The process reads JSON from standard input: ``given``, and the keys ``program``, ``path``
+    (absolute), ``out`` (the file to write), ``memory`` and ``output`` [bytes]. If it refuses the
+    file, it prints why to standard error and exits with 3.
 
     Args:
-        program: name of its function.
+        program: name of the function.
         path: of the robot description.
-        given: what else the program is told.
+        given: further arguments of the function.
         limits: of the process.
 
     Raises:
-        InvalidRobotError: the program said what is wrong, ended early or reached a limit.
+        InvalidRobotError: the function refused the file, or the process ended early or reached a
+            limit.
     """
     with tempfile.TemporaryDirectory(prefix="optipromp-") as folder:
         out = Path(folder) / "out"

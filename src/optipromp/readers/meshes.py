@@ -13,13 +13,13 @@ from optipromp.core.files import read_bytes
 from optipromp.core.robots.description import LinkShape, mesh_file, mesh_name
 from optipromp.readers.urdf import LENGTH_LIMIT, UrdfModel
 
-LARGEST_MESH = 64_000_000  # [bytes] of a file of one; of 1,000,000 triangles an STL has 50 million
-MOST_TRIANGLES = 1_000_000  # of all meshes of a robot, chosen: they take 0.7 GB
+LARGEST_MESH = 64_000_000  # [bytes] of a mesh file, chosen: an STL of MOST_TRIANGLES has 50 million
+MOST_TRIANGLES = 1_000_000  # of all meshes of a robot, chosen: they take 0.7 GB of memory
 SUFFIXES = (".stl", ".obj", ".ply", ".dae", ".off", ".glb")
 
 
 def mesh_files(model: UrdfModel, links: Collection[str]) -> list[Path]:
-    """The files of the meshes by which links are covered. Raises as :func:`mesh_file`."""
+    """The mesh files of the shapes that cover ``links``. Raises as :func:`mesh_file`."""
     found = [
         mesh_file(model.path, link, shape)
         for link in links
@@ -68,10 +68,10 @@ def _load(path: Path, where: str) -> tuple[FloatArray, IntArray]:
     except InvalidRobotError as error:
         raise InvalidRobotError(f"{where}: {error.message}") from None
     kind = path.suffix.lower()[1:]
-    try:  # of its content, so that it reads no other file
+    try:  # from memory, so that trimesh reads no other file
         mesh: Any = trimesh.load(
             io.BytesIO(content), file_type=kind, force="mesh", skip_materials=True, process=False
-        )  # processed, it would lose what is not finite
+        )  # processing would drop vertices that are not finite
         vertices = np.array(mesh.vertices, dtype=np.float64)
         faces = np.array(mesh.faces, dtype=np.int64)
     except Exception as error:  # trimesh's readers raise whatever goes wrong in them

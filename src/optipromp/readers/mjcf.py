@@ -1,9 +1,9 @@
-"""MJCF files, read by MuJoCo itself, as the same description that a URDF gives.
+"""MJCF files, compiled by MuJoCo, in the form of a URDF.
 
-Bodies and sites become links; a body of several joints, and a joint off its body's origin, get
-links between. Joint values are MuJoCo's (``ref`` counts). A free joint is taken as fixed; a body
-with one that carries no other joint is an object, and is left out. Planes and height fields are no
-part of a robot.
+Bodies and sites become links. Further links are inserted for a body of several joints and for a
+joint away from its body's origin. Joint values are MuJoCo's, with ``ref``. A free joint becomes
+fixed; a free body without other joints is an object and is left out, and so are planes and height
+fields.
 """
 
 import hashlib
@@ -35,7 +35,6 @@ from optipromp.readers.urdf import (
 
 FREE, BALL, SLIDE = 0, 1, 2  # mjtJoint
 _SHAPES = {2: "sphere", 3: "capsule", 4: "box", 5: "cylinder", 6: "box", 7: "mesh"}  # mjtGeom
-_LIMIT = math.inf
 MOST_BODIES = 1_000  # chosen: a humanoid with hands has 100
 
 
@@ -49,11 +48,12 @@ def is_mjcf(path: Path) -> bool:
 
 
 def read_mjcf(path: Path) -> UrdfModel:
-    """Read the MJCF file at ``path``. Its meshes are left in the cache folder, by their content.
+    """Read the MJCF file at ``path``; its meshes are written to the cache folder.
 
-    Raises InvalidRobotError where MuJoCo is not installed or cannot read the file, within the
-    limits of :mod:`optipromp.readers.limited`; where the file holds more than MOST_BODIES bodies,
-    a length beyond 20 m, or a name that is no UTF-8.
+    Raises:
+        InvalidRobotError: MuJoCo is not installed or cannot read the file within the limits of
+            :mod:`optipromp.readers.limited`; or the file holds more than :data:`MOST_BODIES`
+            bodies, a length beyond 20 m, or a name that is no UTF-8.
     """
     try:
         import mujoco
@@ -81,7 +81,7 @@ def read_mjcf(path: Path) -> UrdfModel:
 
 
 class _Reader:
-    """Carries the compiled model while it is turned into links and joints."""
+    """The state of converting a compiled model to links and joints."""
 
     def __init__(self, path: Path, model: Any) -> None:
         self.path, self.model = path, model
@@ -119,28 +119,28 @@ class _Reader:
                 f"{self.path}: {what} is {told}, beyond {LENGTH_LIMIT:g} m: millimetres?"
             )
 
-    def _own(self, body: int) -> range:
+    def _joints_of(self, body: int) -> range:
         first = int(self.model.body_jntadr[body])
         return range(first, first + int(self.model.body_jntnum[body]))
 
     def _is_object(self, body: int) -> bool:
-        """Whether a body is free and carries no joint: no part of the robot."""
+        """Whether a body is free and carries no other joint."""
         types = self.model.jnt_type
-        if not any(types[j] == FREE for j in self._own(body)):
+        if not any(types[j] == FREE for j in self._joints_of(body)):
             return False
         inside = {body}
         for other in range(body + 1, self.model.nbody):
             if int(self.model.body_parentid[other]) in inside:
                 inside.add(other)
-        return not any(types[j] != FREE for each in inside for j in self._own(each))
+        return not any(types[j] != FREE for each in inside for j in self._joints_of(each))
 
     def _mount(self, body: int, parent: str) -> None:
-        """Hang a body on its parent: a joint after the other, and what is left, fixed."""
+        """Attach a body to its parent by its joints in order, and by a fixed joint if needed."""
         model, name = self.model, self.names[body]
         self._check_length(f"body '{name}' pos", model.body_pos[body])
         at, turn = np.array(model.body_pos[body]), _matrix(model.body_quat[body])
-        moving = [j for j in self._own(body) if model.jnt_type[j] != FREE]
-        origin = np.zeros(3)  # of the frame so far, in the body's own
+        moving = [j for j in self._joints_of(body) if model.jnt_type[j] != FREE]
+        origin = np.zeros(3)  # of the present frame, in the body's frame
         for k, j in enumerate(moving):
             anchor, axis = np.array(model.jnt_pos[j]), np.array(model.jnt_axis[j])
             at, origin = at + turn @ (anchor - origin), anchor
@@ -163,7 +163,7 @@ class _Reader:
     ) -> None:
         model, name = self.model, self.joint_names[j]
         kind, limited = int(model.jnt_type[j]), bool(model.jnt_limited[j])
-        low, high = (float(v) for v in model.jnt_range[j]) if limited else (-_LIMIT, _LIMIT)
+        low, high = (float(v) for v in model.jnt_range[j]) if limited else (-math.inf, math.inf)
         fault = ""
         if kind == BALL:
             fault = f"{self.path}: joint '{name}' is a ball joint; an arm has hinges and slides"
@@ -183,7 +183,7 @@ class _Reader:
         )  # fmt: skip
 
     def _mimic(self, j: int) -> UrdfMimic | None:
-        """The joint that an equality holds joint ``j`` to, where it is linear."""
+        """The joint that joint ``j`` follows by a linear equality, if any."""
         model = self.model
         for e in range(model.neq):
             first, second = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
@@ -196,7 +196,7 @@ class _Reader:
         return None
 
     def _effort(self, j: int) -> float:
-        """The torque or force that the actuators of a joint, or its own range, allow."""
+        """Limit of the torque or force [N m or N] by the range of the joint and its actuators."""
         model, least = self.model, math.inf
         if model.jnt_actfrclimited[j]:
             least = float(np.abs(model.jnt_actfrcrange[j]).max())
@@ -207,7 +207,7 @@ class _Reader:
         return least or math.inf
 
     def _force(self, a: int) -> float:
-        """The most that actuator ``a`` gives: by its range, and a motor's by its control's."""
+        """Limit of the force of actuator ``a`` by its range, and by the control of a motor."""
         model, least = self.model, math.inf
         if model.actuator_forcelimited[a]:
             least = float(np.abs(model.actuator_forcerange[a]).max())
@@ -254,7 +254,7 @@ class _Reader:
 
 
 def _stl(model: Any, mesh: int) -> Path:
-    """A mesh, in the frame in which geoms place it, as a binary STL file named by its content."""
+    """The binary STL file of a mesh in the frame of its geom, named by the hash of its content."""
     vert, face = int(model.mesh_vertadr[mesh]), int(model.mesh_faceadr[mesh])
     vertices = model.mesh_vert[vert : vert + int(model.mesh_vertnum[mesh])]
     faces = model.mesh_face[face : face + int(model.mesh_facenum[mesh])]
@@ -277,6 +277,7 @@ def _vector(values: FloatArray) -> Vector:
 
 
 def _matrix(quaternion: FloatArray) -> FloatArray:
+    """The rotation matrix (3, 3) of a quaternion (4,) w, x, y, z of any length."""
     w, x, y, z = (float(v) for v in quaternion / np.linalg.norm(quaternion))
     return np.array(
         [
@@ -288,9 +289,9 @@ def _matrix(quaternion: FloatArray) -> FloatArray:
 
 
 def _rpy(turn: FloatArray) -> Vector:
-    """URDF angles of a rotation: Rz(yaw) Ry(pitch) Rx(roll)."""
+    """URDF angles [rad] of a rotation (3, 3) Rz(yaw) Ry(pitch) Rx(roll)."""
     flat = math.hypot(turn[0, 0], turn[1, 0])
     pitch = math.atan2(-turn[2, 0], flat)
-    if flat < 1e-9:  # roll and yaw turn about one axis
+    if flat < 1e-9:  # roll and yaw are about the same axis: yaw is 0
         return math.atan2(-turn[1, 2], turn[1, 1]), pitch, 0.0
     return math.atan2(turn[2, 1], turn[2, 2]), pitch, math.atan2(turn[1, 0], turn[0, 0])

@@ -1,4 +1,4 @@
-"""The files that an MJCF file names, found before MuJoCo reads any."""
+"""The files that an MJCF names, found and checked before MuJoCo reads them."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -9,21 +9,26 @@ from optipromp.core.files import is_file, is_folder, is_there
 from optipromp.readers.xml_tree import Node, read_xml
 
 SUFFIXES = (".xml", ".mjcf")
-_FOLDERS = ("meshdir", "texturedir", "assetdir")  # of a <compiler>: where assets are
-MOST_COPIES = 1_000  # that one element asks for, chosen: Menagerie's robots ask for none
-MOST_HEIGHTS = 1_000_000  # of a height field, chosen
+_FOLDERS = ("meshdir", "texturedir", "assetdir")  # attributes of <compiler>: folders of assets
+MOST_COPIES = 1_000  # of one element, chosen: Menagerie's robots have none
+MOST_HEIGHTS = 1_000_000  # of one height field, chosen
 
 
 def mjcf_files(path: Path, check: Callable[[Path], Path] = Path) -> list[Path] | None:
-    """The MJCF file at ``path`` and every file that it and those name, sorted.
+    """The MJCF file at ``path`` and every file that it names, directly or through others, sorted.
 
-    Of a name that may mean several files, as it does beside several folders of assets, all are
-    there. None where a name means no file that is found, or a file cannot be read as XML.
+    A name stands for every file of that name in the folders of assets.
 
-    ``check`` is called with each but the first before it is read.
+    Args:
+        path: of the MJCF.
+        check: called with each other file before it is read.
 
-    Raises InvalidRobotError where a name means a device or pipe, and where an element asks for more
-    than MOST_COPIES copies or MOST_HEIGHTS heights.
+    Returns:
+        The files; None if one is not found or an MJCF is no XML.
+
+    Raises:
+        InvalidRobotError: a name means a device or pipe, or an element asks for more than
+            :data:`MOST_COPIES` copies or :data:`MOST_HEIGHTS` heights.
     """
     trees = dict[Path, Node]()
     new = {path}
@@ -47,7 +52,7 @@ def mjcf_files(path: Path, check: Callable[[Path], Path] = Path) -> list[Path] |
         }
         found = set(trees)
         for name in named:
-            places = {each / own for each in folders for own in (name, Path(name).name)}
+            places = {folder / part for folder in folders for part in (name, Path(name).name)}
             files = {place for place in places if is_file(place)}
             for place in places - files:
                 if is_there(place) and not is_folder(place):
@@ -60,7 +65,7 @@ def mjcf_files(path: Path, check: Callable[[Path], Path] = Path) -> list[Path] |
 
 
 def _check_counts(path: Path, node: Node) -> None:
-    """Refuse an element that MuJoCo would make too much of."""
+    """Refuse an element that MuJoCo would expand beyond :data:`MOST_COPIES` or MOST_HEIGHTS."""
     for keys, most in ((("count",), MOST_COPIES), (("nrow", "ncol"), MOST_HEIGHTS)):
         words = [word for key in keys for word in node.attributes.get(key, "").split()]
         asked = math.prod(int(word) for word in words if word.isdecimal())

@@ -1,4 +1,4 @@
-"""Where the files of a robot description are, and whether they may be read; xacro expanded."""
+"""The search for the files of a robot description, and the expansion of xacro."""
 
 import os
 import re
@@ -25,14 +25,14 @@ PREFIX = "package://"
 
 _FOUND_BY_NAME = re.compile(r"\$\(find(?:-pkg-share)?\s+([\w.-]+)\s*\)|package://([\w.-]+)/")
 _UNIT = re.compile(rb"""<unit\b[^>]*\bmeter=["']([0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?)["']""")
-_HEAD = 65536  # bytes of a DAE file that hold its <asset>, which comes first in the standard
+_HEAD = 65536  # [bytes] chosen: begin of a DAE file that holds <asset>, its first element
 
 
 def package_folders(name: str, urdf: Path, given: Sequence[Path] = ()) -> list[Path]:
-    """Folders that package ``name`` may be, existing ones first to last in the order of search.
+    """Existing folders that may be the package ``name``, in the order of search.
 
-    A folder of ``given`` that has the package's name or holds it; then folders over the URDF; then
-    those of AMENT_PREFIX_PATH (``share/<name>``) and of ROS_PACKAGE_PATH.
+    First folders of ``given`` that have the package's name or hold it, then folders above the URDF,
+    then those of AMENT_PREFIX_PATH (``share/<name>``) and of ROS_PACKAGE_PATH.
     """
     here = urdf.resolve().parent
     over = [here, *here.parents]
@@ -45,11 +45,13 @@ def package_folders(name: str, urdf: Path, given: Sequence[Path] = ()) -> list[P
 def with_meshes_found(
     model: UrdfModel, links: Sequence[str], package_dirs: Sequence[Path]
 ) -> UrdfModel:
-    """``model`` with the ``package://`` meshes of ``links`` as files, and those of DAE in metres.
+    """``model`` with the ``package://`` meshes of ``links`` as files, and DAE meshes in metres.
 
-    Raises InvalidRobotError for a mesh that covers a link (its collision geometry, or its visual
-    where it has none) and is in none of the folders searched, and for one of ``package_dirs`` that
-    is no folder. A link of which only a visual mesh is missing loses its visual geometry.
+    A link with collision geometry that lacks a visual mesh loses its visual geometry.
+
+    Raises:
+        InvalidRobotError: a mesh of the collision geometry, or of the visual geometry of a link
+            without one, is not found; or an entry of ``package_dirs`` is no folder.
     """
     for each in package_dirs:
         if not is_folder(each):
@@ -88,9 +90,9 @@ def with_meshes_found(
 
 
 def _in_metres(shape: LinkShape, file: Path) -> LinkShape:
-    """``shape`` scaled by the unit that a DAE file states: ``<unit meter="0.001"/>``.
+    """``shape`` scaled by the unit in a DAE file, ``<unit meter="0.001"/>``, as in RViz.
 
-    RViz does so too; trimesh leaves the unit out.
+    trimesh ignores the unit.
     """
     if file.suffix.lower() != ".dae" or not is_file(file):
         return shape
@@ -101,12 +103,13 @@ def _in_metres(shape: LinkShape, file: Path) -> LinkShape:
 
 
 def expanded(path: Path, package_dirs: Sequence[Path], *, named_by_user: bool) -> bytes:
-    """The URDF that the xacro file at ``path`` expands to, with its arguments' defaults.
+    """The URDF of the xacro file at ``path``, with the defaults of its arguments.
 
     xacro runs in a process of its own, within :data:`optipromp.readers.limited.LIMITS`.
 
-    Raises InvalidRobotError when the extra that reads xacro is not installed, with what xacro
-    says is wrong, and for a file that the user has neither named nor allowed.
+    Raises:
+        InvalidRobotError: the user has neither named nor allowed the file, the extra for xacro is
+            not installed, or xacro refuses the file.
     """
     short = f"xacro {path.name} > {path.name.split('.')[0]}.urdf"
     if not named_by_user and os.environ.get(ALLOW_XACRO) != "1":

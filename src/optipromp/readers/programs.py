@@ -1,4 +1,4 @@
-"""What :mod:`optipromp.readers.limited` runs in a process of its own: one function a program."""
+"""The functions that :mod:`optipromp.readers.limited` runs in a process of their own."""
 
 import json
 import os
@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 
 def compile_mjcf(given: dict[str, Any]) -> None:
-    """Compile an MJCF file, and leave the model as MuJoCo's binary file."""
+    """Compile an MJCF file to MuJoCo's binary file."""
     import mujoco
 
     try:
@@ -45,7 +45,7 @@ def _fail(words: str) -> NoReturn:
 
 
 def main() -> None:
-    """Run the program that standard input names, within the limits that it gives."""
+    """Run the function that standard input names, within the limits stated there."""
     given = json.load(sys.stdin)
     sys.stdin.close()
     try:

@@ -1,7 +1,7 @@
-"""A robot of a URDF, xacro, MJCF or robot file: resolved before, or now, and kept so.
+"""The robot of a URDF, xacro, MJCF or robot file, from the cache if it was resolved before.
 
-The cache folder holds a resolved robot file under the hash of all that it was made of: the content
-of the files, what the caller chose, and the version of the readers.
+The cache folder holds resolved robot files. The name of each is the hash of its sources: the
+content of the files, the caller's choice, and the version of the readers.
 """
 
 import hashlib
@@ -28,17 +28,17 @@ from optipromp.readers.srdf import srdf_files
 from optipromp.readers.urdf import UrdfModel, read_urdf
 
 _VERSION = 1  # of the readers: raise it when the same files give another robot
-_HELD = 16  # robots
+_HELD = 16  # robots in memory, chosen
 
 Stamps = tuple[tuple[Path, tuple[int, int] | None], ...]
 _held: dict[tuple[Path, str, Check], tuple["_Found", Stamps, Robot]] = {}
 
 
 class _Found(NamedTuple):
-    """What tells a robot: the robot file, the description, and the files beside it.
+    """The sources of a robot: the robot file, the description, and the files beside it.
 
-    ``model`` is None of an MJCF, which only MuJoCo reads; ``files`` are those whose content counts,
-    and None where they are not known; ``groups`` is the SRDF that was given.
+    ``model`` is None for an MJCF, which only MuJoCo reads. ``files``: whose content determines the
+    robot; None if unknown. ``groups``: the SRDF of the caller or of the robot file.
     """
 
     entry: RobotFile
@@ -48,7 +48,7 @@ class _Found(NamedTuple):
     groups: Path | None
 
     def beside(self) -> list[Path]:
-        """The SRDF that was given, or all that may be the robot's."""
+        """The SRDF that was named, else every SRDF that may be the robot's."""
         return srdf_files(self.urdf) if self.groups is None else [self.groups]
 
 
@@ -85,7 +85,7 @@ def read_description(path: Path, choice: Choice, check: Check) -> Robot:
 
 
 def _find(path: Path, choice: Choice, check: Check) -> _Found:
-    """What is at ``path``, all files found that it names."""
+    """The sources of the robot at ``path``, with every file that they name found and checked."""
     entry = RobotFile(format=1, name=path.stem, urdf=path.name)
     bare = path.suffix.lower() not in (".yaml", ".yml")
     if not bare:
@@ -134,11 +134,11 @@ def _stamps(path: Path, found: _Found) -> Stamps:
 
 
 def _resolved(found: _Found, path: Path, choice: Choice) -> Robot:
-    """The robot, from the cache or made now."""
-    kept = _cache_file(found, choice)
-    if kept is not None:
+    """The robot from the cache, else built and written there."""
+    cached = _cache_file(found, choice)
+    if cached is not None:
         with suppress(InvalidRobotError):
-            robot = read_resolved(kept)
+            robot = read_resolved(cached)
             geometry = tuple(link._replace(urdf=found.urdf) for link in robot.geometry)
             if _whole(robot, found):
                 return replace(robot, geometry=geometry)
@@ -147,24 +147,24 @@ def _resolved(found: _Found, path: Path, choice: Choice) -> Robot:
         model = read_mjcf(found.urdf)
         if found.urdf == path:
             entry = entry.model_copy(update={"name": model.name})
-    from optipromp.readers.building import build  # with what covers need: slow to load
+    from optipromp.readers.building import build  # SciPy and the kernels of covers load slowly
 
     robot = build(entry, model, path, choice, found.groups)
-    if kept is not None:
-        with suppress(InvalidRequestError):  # the next run makes it again
-            write_atomically(kept, resolved(robot, kept.parent))
+    if cached is not None:
+        with suppress(InvalidRequestError):  # the next run builds it again
+            write_atomically(cached, resolved(robot, cached.parent))
     return robot
 
 
 def _whole(robot: Robot, found: _Found) -> bool:
-    """Whether the meshes that MuJoCo compiled of an MJCF are still in the cache."""
+    """Whether the meshes that MuJoCo compiled from an MJCF are still in the cache."""
     shapes = [shape for link in robot.geometry for shape in (*link.shapes, *link.looks)]
     return found.model is not None or all(is_file(Path(s.mesh)) for s in shapes if s.mesh)
 
 
 def _cache_file(found: _Found, choice: Choice) -> Path | None:
-    """The file that holds the robot; None without a cache, or where a file cannot be read: its
-    reader says what is wrong."""
+    """The robot's file in the cache; None without a cache or if a source cannot be read, which the
+    reader of that source reports."""
     folder = cache_folder()
     if folder is None or found.files is None:
         return None

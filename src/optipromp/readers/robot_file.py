@@ -1,4 +1,4 @@
-"""Robot files: what a URDF or MJCF cannot say, in YAML beside it."""
+"""Robot files: YAML beside a URDF or MJCF, with what it cannot state."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,8 +18,8 @@ Radius = Annotated[float, Field(gt=0.0, le=LENGTH_LIMIT, allow_inf_nan=False)]
 class RobotFile(BaseModel):
     """The keys of a robot file; lists of numbers are in the order of the chain's joints.
 
-    A link that has an entry under ``spheres`` (an empty list counts) is covered by those; every
-    other link is covered from its URDF geometry.
+    A link with an entry under ``spheres`` (also an empty list) has these spheres; every other link
+    has spheres fitted to its geometry.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -28,7 +28,7 @@ class RobotFile(BaseModel):
     urdf: str = Field(min_length=1)
     flange: str | None = None  # the tip
     base: str | None = None  # joints before this link are held
-    srdf: str | None = None  # its groups tell the arm
+    srdf: str | None = None  # its groups determine the arm
     package_dirs: list[str] = []  # folders that hold the packages of package:// names
     hold: dict[str, Finite] = {}  # values of joints that are not of the arm [rad or m]
     scale: Positive = 1.0  # metres in one unit of length of the URDF
@@ -41,7 +41,7 @@ class RobotFile(BaseModel):
 
 
 def read_robot_file(path: Path) -> RobotFile:
-    """Read and check a robot file; an unknown key is refused by name. Raises InvalidRobotError."""
+    """Read and check a robot file. Raises InvalidRobotError, also for unknown keys."""
     content = read_document(path, InvalidRobotError, "a robot file")
     if not isinstance(content, dict):
         raise InvalidRobotError(f"{path}: a robot file is a mapping of keys, starting 'format: 1'")

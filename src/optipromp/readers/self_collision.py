@@ -18,19 +18,20 @@ from optipromp.core.robots.self_collision import (
 )
 from optipromp.readers.surfaces import Parts
 
-SORTING_POSTURES = 20_000  # at which pairs of fitted covers are looked at
-TRYING_POSTURES = 4_000  # the same, to see which spheres are loose
-SHARED, SHARE = 2_000, 0.010  # chosen: configurations, and the share of them that makes one loose
-WRONG = 0.030  # chosen: share of them at which the parts of no two short spheres meet
-ROUNDS = 2  # chosen: UR10 needs them
-MOSTLY = 0.95  # share of them at which links touch, so that a check of them would say nothing
-OFTEN = 30  # times that two spheres overlap there, at least, for their slack to be known
-KEPT = 0.0005  # [m] of slack given away: parts are known at their corners (see DIRECTIONS)
-TAIL = 3.0  # chosen: given away too, in mean gaps of the distances at which parts may meet
-FAR = 0.05  # [m] that covers keep at all of them, so that a check of them is not worth its time
-ALONG = 0.9999  # chosen: least cosine of slides of one direction, 0.8 degrees
-MOST_LINKS = 3000  # pairs of links: a robot of 78 links; a chain of 3,000 would take hours
-_GAPS_AT_ONCE = 10_000_000  # 80 MB
+SORTING_POSTURES = 20_000  # configurations, chosen: for the slack of the final covers
+TRYING_POSTURES = 4_000  # configurations, chosen: for the slack while covers are made finer
+SHARED = 2_000  # configurations, chosen: for the search for loose spheres
+SHARE = 0.010  # chosen: share of them above which a sphere is loose
+WRONG = 0.030  # chosen: share of them below which no sphere is loose
+ROUNDS = 2  # of halving, at most, chosen: UR10 needs 2
+MOSTLY = 0.95  # chosen: share of configurations; above it a check of two links says nothing
+OFTEN = 30  # overlaps among SORTING_POSTURES, chosen: the fewest from which a slack is estimated
+KEPT = 0.0005  # [m] chosen: subtracted from the slack, as parts are known by corners (DIRECTIONS)
+TAIL = 3.0  # chosen: mean gaps of the sampled distances that are subtracted from the slack
+FAR = 0.05  # [m] chosen: distance of two covers above which a check is not worth its time
+ALONG = 0.9999  # chosen: least cosine between slides of one direction (0.8 degrees)
+MOST_LINKS = 3000  # pairs of links, chosen: 78 links have as many; 3,000 links would take hours
+_GAPS_AT_ONCE = 10_000_000  # distances in one array, chosen: 80 MB
 
 Found = tuple[IntArray, FloatArray, tuple[LeftOut, ...]]
 Finer = Callable[[Robot, IntArray], tuple[Robot, FloatArray]]
@@ -41,12 +42,13 @@ def with_self_pairs(
 ) -> Robot:
     """The robot with its self-collision pairs: spheres of links two or more joints apart.
 
-    Left out are the pairs of links in ``allowed``. By ``parts`` (c, 4), the surfaces of the links
-    whose covers were fitted (see :class:`Parts`), :func:`sorted_out` gives the pairs of such links
-    a slack, or leaves them out. Of others those are left out that overlap at every one of
-    SAMPLED_POSTURES random configurations (fixed seed): they do whatever the arm does. Spheres that
-    are loose (:func:`loose_spheres`) are halved by ``finer``, a function of the robot and their
-    indices that gives the robot and the parts; this goes on for at most ROUNDS rounds.
+    Args:
+        robot: without pairs.
+        allowed: pairs of links that are left out.
+        parts: (c, 4) surfaces of the links whose covers were fitted; see :class:`Parts`. By them
+            :func:`sorted_out` gives pairs of such links a slack, or leaves them out.
+        finer: halves the spheres of some indices; returns the robot and its parts. Called with the
+            :func:`loose_spheres` in at most :data:`ROUNDS` rounds.
     """
     for _ in range(ROUNDS if len(parts) else 0):
         tried = _sorted(robot, allowed, parts, TRYING_POSTURES)
@@ -68,10 +70,14 @@ def _sorted(
 
 
 def loose_spheres(robot: Robot, parts: FloatArray) -> IntArray:
-    """Indices of spheres that are short of their slack at more than SHARE of configurations where
-    the parts (see :class:`Parts`) of no two spheres that are short meet; none where there are such
-    spheres at fewer than WRONG of the configurations. Of spheres that do not move only those that
-    leave some of their part outside."""
+    """Indices of the spheres that stop the arm although no surfaces touch.
+
+    A false alarm is a configuration at which spheres overlap by more than their slack, but the
+    parts (see :class:`Parts`) of none of these pairs meet. A sphere is loose if it takes part in
+    false alarms at more than :data:`SHARE` of :data:`SHARED` random configurations. There are none
+    if fewer than :data:`WRONG` of the configurations are false alarms. A sphere that does not move
+    is loose only if some of its part lies outside it.
+    """
     surfaces, count = Parts(len(robot.spheres.radius), parts), np.zeros(len(robot.spheres.radius))
     wrong = 0
     parts_of = 1 + SHARED * max(len(robot.self_pairs), 1) // _GAPS_AT_ONCE
@@ -92,20 +98,31 @@ def loose_spheres(robot: Robot, parts: FloatArray) -> IntArray:
 def sorted_out(
     robot: Robot, pairs: IntArray, fitted: Collection[str], given: FloatArray, count: int
 ) -> Found:
-    """``pairs`` (P, 2) that are to be kept apart, their slack (P,) [m]; what is left out, and why.
+    """The pairs of spheres to keep apart, their slack [m], and the links that are left out.
 
-    Looked at are pairs of links named in ``fitted``, at ``count`` random configurations (fixed
-    seed). Two spheres may overlap by as much as they do wherever their parts (``given``, see
-    :class:`Parts`) are apart: their slack. A sphere that leaves some of its part outside, because
-    the robot stands there, counts as so much larger; such a pair's slack may be negative. Of n
-    samples at less than the largest distance at which parts met, a larger one was not seen: TAIL
-    times their spread over n is given away. Those that overlap :data:`OFTEN` while their parts
-    never meet are left out; so are links that touch all the same at more than :data:`MOSTLY` of the
-    configurations, and links whose covers keep :data:`FAR` at all of them. Spheres that are short
-    at home while the links are apart there get the slack that home needs; where home has a joint at
-    its limit, and so is where nobody chose to be, only if no configuration at which the parts of
-    the links meet goes unseen for it. Of more than :data:`MOST_LINKS` pairs of links none is looked
-    at.
+    Pairs of links named in ``fitted`` are examined at home and at ``count`` random configurations
+    (fixed seed). The slack of two spheres is the largest overlap at which their parts stay apart:
+
+    - A sphere that leaves some of its part outside counts as larger by that distance; the slack of
+      its pairs may be negative.
+    - The samples may miss the largest distance at which parts meet. So the slack is reduced by
+      :data:`TAIL` mean gaps between the n sampled distances below it, and by :data:`KEPT`.
+    - A pair of spheres that overlaps :data:`OFTEN` while its parts never meet is left out.
+    - Two links are left out if pairs overlap by more than their slack at more than :data:`MOSTLY`
+      of the configurations, or if their covers keep :data:`FAR` at all of them.
+    - If pairs overlap by more than their slack at home, where their parts do not meet, their slack
+      is raised to what home needs. If home has a joint at its limit, nobody chose it: then only if
+      no configuration at which parts meet is accepted for it.
+
+    Pairs of other links are left out if they overlap at every one of SAMPLED_POSTURES random
+    configurations. Of more than :data:`MOST_LINKS` pairs of links none is examined.
+
+    Args:
+        robot: with its spheres.
+        pairs: (P, 2) of spheres.
+        fitted: names of links.
+        given: (c, 4) the parts; see :class:`Parts`.
+        count: of configurations.
     """
     link, names = robot.spheres.link, robot.link_names
     pairs = pairs[np.lexsort((link[pairs[:, 1]], link[pairs[:, 0]]))] if fitted else pairs
@@ -120,25 +137,25 @@ def sorted_out(
         pairs = np.concatenate([*kept, drop_always_touching(robot, pairs)])
         return pairs, np.zeros(len(pairs)), ()
     sample = _Sample(robot, Parts(len(link), given), count)
-    for (a, b), own in zip(links, np.split(pairs, first[1:]), strict=True):
-        slack, share, nearest = sample.slack(own)
+    for (a, b), of_links in zip(links, np.split(pairs, first[1:]), strict=True):
+        slack, share, nearest = sample.slack(of_links)
         meet = np.isfinite(slack)
         if nearest > FAR:
             why = "never near"
         elif share > MOSTLY:
             why = f"touch at {100.0 * share:.0f} % of configurations"
         else:
-            kept.append(own[meet])
+            kept.append(of_links[meet])
             slacks.append(slack[meet])
             if meet.all():
                 continue
-            why = f"{(~meet).sum()} of {len(own)} pairs of spheres: only the covers touch"
+            why = f"{(~meet).sum()} of {len(of_links)} pairs of spheres: only the covers touch"
         out.append(LeftOut(names[a], names[b], why))
     return np.concatenate(kept), np.concatenate(slacks), tuple(out)
 
 
 class _Sample:
-    """Random configurations of a robot, home the first, and where its links are there."""
+    """Home and random configurations of a robot, with the frames of its segments."""
 
     def __init__(self, robot: Robot, parts: Parts, count: int) -> None:
         self.robot, self.parts = robot, parts
@@ -151,8 +168,8 @@ class _Sample:
     def placed(
         self, link: IntArray, points: FloatArray, rows: slice | IntArray = slice(None)
     ) -> FloatArray:
-        """Places (m, k, 3) of ``points`` (k, 3) on the segment of spheres ``link`` (of one link),
-        at configurations ``rows``, in the world."""
+        """World positions (m, k, 3) [m] at configurations ``rows`` of ``points`` (k, 3), which lie
+        on the segment of the spheres ``link`` of one link."""
         segment = int(self.robot.spheres.segment[link[0]])
         origins, rotations = self.frames[0][rows], self.frames[1][rows]
         if segment < 0:
@@ -162,9 +179,9 @@ class _Sample:
         return placed
 
     def slack(self, pairs: IntArray) -> tuple[FloatArray, float, float]:
-        """Of pairs (P, 2) of spheres of two links: the slack (P,) of each [m], infinite where their
-        parts never meet; the share of configurations at which any is short of its slack; and the
-        least gap of any [m]."""
+        """The slack (P,) [m] of pairs (P, 2) of spheres of two links, infinite where their parts
+        never meet; the share of configurations at which a pair overlaps by more than its slack; and
+        the least gap of all pairs [m]."""
         centers, radius = self.robot.spheres.center, self.radius
         first, i = np.unique(pairs[:, 0], return_inverse=True)
         second, j = np.unique(pairs[:, 1], return_inverse=True)
@@ -212,14 +229,14 @@ class _Sample:
         (one, reach), (other, further) = self._ball(first), self._ball(second)
         return np.flatnonzero(lengths(one - other) < FAR + reach + further)
 
-    def _ball(self, own: IntArray) -> tuple[FloatArray, float]:
-        """The middle of a ball about spheres of a link (m, 3) [m], and its radius."""
-        key = int(self.robot.spheres.link[own[0]]), len(own)
+    def _ball(self, spheres: IntArray) -> tuple[FloatArray, float]:
+        """World centres (m, 3) and radius [m] of a ball that encloses ``spheres`` of one link."""
+        key = int(self.robot.spheres.link[spheres[0]]), len(spheres)
         if key not in self.balls:
-            center, radius = self.robot.spheres.center[own], self.radius[own]
+            center, radius = self.robot.spheres.center[spheres], self.radius[spheres]
             middle = center.mean(axis=0)
             reach = float((lengths(center - middle) + radius).max())
-            self.balls[key] = self.placed(own, middle[None])[:, 0], reach
+            self.balls[key] = self.placed(spheres, middle[None])[:, 0], reach
         return self.balls[key]
 
     def _touch(self, rows: IntArray, pairs: IntArray) -> BoolArray:
@@ -228,10 +245,9 @@ class _Sample:
     def _reach(
         self, pairs: IntArray, row: IntArray, pair: IntArray, apart: FloatArray
     ) -> FloatArray:
-        """The largest distance (P,) [m] of the centres of each pair at which its parts meet, or 0.
-
-        Of each overlap: its configuration, its pair, and the distance; by pair, the largest first.
-        """
+        """The largest distance (P,) [m] between the centres of each pair at which its parts meet;
+        0 if they never do. Overlaps, by pair and the largest distance first: the configuration
+        ``row``, the index ``pair`` and the distance ``apart`` [m]."""
         reach, count = np.zeros(len(pairs)), 8
         at, end = (np.searchsorted(pair, np.arange(len(pairs)), side) for side in ("left", "right"))
         while len(open_ := np.flatnonzero((reach == 0.0) & (at < end))):
@@ -246,9 +262,9 @@ class _Sample:
 
 
 def telescopes(robot: Robot) -> list[tuple[str, str]]:
-    """Pairs of links that only slide along one direction past one another, as tubes of a telescope.
+    """Pairs of links that slide past one another along one direction, as tubes of a telescope.
 
-    Of tubes within tubes covers meet, and so do the hulls of their parts, where the tubes do not.
+    Covers of tubes within tubes overlap, and so do the hulls of their parts; the tubes do not.
     """
     kin, spheres = robot.kinematics, robot.spheres
     links, first = np.unique(spheres.link, return_index=True)

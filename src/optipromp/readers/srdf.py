@@ -1,4 +1,4 @@
-"""SRDF files: where they are, the groups and end effectors that tell arms, links that may touch."""
+"""SRDF files: how they are found, groups, end effectors, and links that may touch."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,12 +8,12 @@ from optipromp.core.errors import InvalidRobotError
 from optipromp.readers.urdf import UrdfModel
 from optipromp.readers.xml_tree import Node, read_xml
 
-_FOLDERS = (".", "srdf", "config", "../srdf", "../config")  # beside the URDF's own
+_FOLDERS = (".", "srdf", "config", "../srdf", "../config")  # relative to the URDF's folder
 
 
 @dataclass(frozen=True)
 class Group:
-    """A group as the file gives it; names that the URDF does not have are kept."""
+    """A group as in the file, also with names that the URDF does not have."""
 
     name: str
     joints: tuple[str, ...]
@@ -24,7 +24,7 @@ class Group:
 
 @dataclass(frozen=True)
 class EndEffector:
-    """``group`` of the hand, the link that it hangs on, and the arm's group where given."""
+    """A hand: its ``group``, the link that carries it, and the arm's group or ''."""
 
     name: str
     parent_link: str
@@ -34,7 +34,7 @@ class EndEffector:
 
 @dataclass(frozen=True)
 class Srdf:
-    """A whole file; ``groups`` by name, in file order."""
+    """The content of an SRDF; ``groups`` by name, in file order."""
 
     path: Path
     robot: str
@@ -45,7 +45,7 @@ class Srdf:
 def read_srdf(path: Path) -> Srdf:
     """Read the SRDF file at ``path``.
 
-    Raises InvalidRobotError, naming the file, the line, the field and what would be right.
+    Raises InvalidRobotError, which names the file, the line, the field and what would be right.
     """
     root = read_xml(path)
     if root.tag != "robot":
@@ -101,23 +101,23 @@ def srdf_files(urdf: Path) -> list[Path]:
 
 
 def srdf_beside(model: UrdfModel) -> Path | None:
-    """The SRDF of the robot's name, of :func:`srdf_files`.
+    """The SRDF among :func:`srdf_files` that is for a robot of the model's name.
 
-    Of several, the one whose file name is the longest that the URDF's begins with. None where
-    there is none, or where none of several is named so. Raises InvalidRobotError for one that
-    has the name and cannot be read.
+    Of several, the SRDF with the longest file name that is a prefix of the URDF's file name. None
+    if there is no SRDF, or if none of several has such a file name. Raises InvalidRobotError if an
+    SRDF with such a file name cannot be read.
     """
     found = srdf_files(model.path)
     named = [file for file in found if model.path.stem.startswith(file.stem)]
-    own = [file for file in found if _robot(file, strict=file in named) == model.name]
-    named = [file for file in named if file in own]
+    of_robot = [file for file in found if _robot(file, strict=file in named) == model.name]
+    named = [file for file in named if file in of_robot]
     if named:
         return max(named, key=lambda file: len(file.stem))
-    return own[0] if len(own) == 1 else None
+    return of_robot[0] if len(of_robot) == 1 else None
 
 
 def _robot(path: Path, strict: bool) -> str:
-    """The robot that an SRDF is for; empty for one that cannot be read, unless ``strict``."""
+    """The robot's name in an SRDF; if it cannot be read, raises if ``strict``, else empty."""
     try:
         return read_xml(path).attributes.get("name", "")
     except InvalidRobotError:

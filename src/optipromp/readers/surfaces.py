@@ -1,8 +1,8 @@
-r"""The surface of a link in parts, one a sphere of its cover: whether links touch, or only covers.
+"""The surface of a link in parts, one for each sphere of its cover.
 
 Each small piece of the surface belongs to the sphere that holds it best. Two links touch only where
-a part of one meets a part of the other; so spheres may overlap as long as their parts stay apart,
-and that is seen by a plane between the parts' convex hulls.
+a part of one meets a part of the other. So spheres may overlap while their parts are apart: while
+a plane separates the convex hulls of the parts.
 """
 
 import numpy as np
@@ -13,15 +13,15 @@ from optipromp.core.compiled import inlined, inner, kernel
 from optipromp.core.robots.model import Robot
 from optipromp.readers.fit import shared_out
 
-PIECE = 0.010  # [m] chosen: longest side of the pieces of a surface between two spheres, and
-PIECES = 200  # chosen: so many along a surface of more than 2 m
+PIECE = 0.010  # [m] chosen: longest side of a piece that two spheres share
+PIECES = 200  # chosen: pieces along a surface of more than 2 m, whose pieces are longer
 ROUND = 64  # chosen: sides of a rod; of a radius of 0.1 m they cut off 0.12 mm
-DIRECTIONS = 300  # chosen: the points of a part that are the farthest in one of them are kept
-TURNS = 20  # chosen: of a plane between two parts, until they count as touching
+DIRECTIONS = 300  # chosen: a part is reduced to its farthest points in these directions
+TURNS = 20  # chosen: iterations of Wolfe's algorithm; then two parts count as touching
 MEETING = 1e-5  # [m] chosen: parts nearer than this count as touching
-_RIDGE = 1e-12  # [m²] so that corners in one plane can be solved for
-_POINTS_AT_ONCE = 500  # points: what they are multiplied to stays in the processor's cache
-_FAR_AT_ONCE = 20_000  # points: what they are multiplied to takes 50 MB
+_RIDGE = 1e-12  # [m²] chosen: keeps the matrix of coplanar corners invertible
+_POINTS_AT_ONCE = 500  # points, chosen: their products stay in the processor's cache
+_FAR_AT_ONCE = 20_000  # points, chosen: their products take 50 MB
 
 
 def of_box(size: FloatArray) -> FloatArray:
@@ -30,7 +30,7 @@ def of_box(size: FloatArray) -> FloatArray:
 
 
 def of_rod(radius: float, length: float, round_ends: float) -> FloatArray:
-    """The same of a cylinder along z; its ends bulge by ``round_ends``: 0, or the radius."""
+    """Triangles (f, 3, 3) of a cylinder along z; its ends bulge by ``round_ends``: 0 or radius."""
     bend = np.linspace(0.0, 0.5 * np.pi, ROUND // 4 + 1)[: None if round_ends else 1]
     turn = np.linspace(0.0, 2.0 * np.pi, ROUND, endpoint=False)
     ring = np.column_stack([np.cos(turn), np.sin(turn), np.ones(ROUND)])
@@ -45,9 +45,9 @@ def _hull(points: FloatArray) -> FloatArray:
 
 
 def parts(spheres: FloatArray, triangles: FloatArray) -> FloatArray:
-    """Points (c, 4) of a surface of triangles (f, 3, 3) [m], each with the index of a sphere.
+    """Points (c, 4) of a surface of triangles (f, 3, 3): x, y, z [m], index of the sphere.
 
-    ``spheres`` (k, 4) cover it. The hull of a sphere's points holds its part of the surface.
+    ``spheres`` (k, 4) cover the surface. The hull of a sphere's points encloses its part.
     """
     longest = float(np.ptp(triangles, axis=(0, 1)).max())
     step = max(PIECE, longest / PIECES)
@@ -60,10 +60,10 @@ def parts(spheres: FloatArray, triangles: FloatArray) -> FloatArray:
 
 
 def _farthest(points: FloatArray) -> FloatArray:
-    """Those of ``points`` (m, 3) that are the farthest in one of the directions."""
+    """The points among ``points`` (m, 3) that are the farthest in one of :func:`_directions`."""
     ways = _directions()
     chunks = (_POINTS_AT_ONCE, *([_FAR_AT_ONCE] if len(points) > _FAR_AT_ONCE else []), len(points))
-    for chunk in chunks:  # of the farthest of each chunk the farthest
+    for chunk in chunks:  # the farthest of all are among the farthest of each chunk
         starts = range(0, len(points), chunk)
         far = [start + (ways @ points[start : start + chunk].T).argmax(axis=1) for start in starts]
         points = points[np.unique(far)]
@@ -71,7 +71,7 @@ def _farthest(points: FloatArray) -> FloatArray:
 
 
 def _directions() -> FloatArray:
-    """Unit vectors (DIRECTIONS, 3), spread evenly (Fibonacci's spiral), and the six of the axes."""
+    """Unit vectors (DIRECTIONS + 6, 3): a Fibonacci spiral, and both directions of each axis."""
     k = np.arange(DIRECTIONS) + 0.5
     z, turn = 1.0 - 2.0 * k / DIRECTIONS, np.pi * (1.0 + np.sqrt(5.0)) * k
     flat = np.sqrt(1.0 - z * z)
@@ -82,8 +82,8 @@ def _directions() -> FloatArray:
 class Parts:
     """The parts of a robot's spheres, as arrays: ``points`` (B, M, 3) in the segments' frames.
 
-    A part has the first ``counts`` (B,) of them; a sphere without one is not in ``known`` (B,).
-    ``given`` are those of :func:`parts`, with indices of the robot's spheres.
+    The part of sphere b is ``points[b, :counts[b]]``; ``known`` (B,) says which spheres have a
+    part. ``given`` (c, 4): points as :func:`parts` returns them, with indices of the B spheres.
     """
 
     def __init__(self, count: int, given: FloatArray) -> None:
@@ -96,8 +96,7 @@ class Parts:
         self.points[index[order], np.arange(len(index)) - before] = given[order, :3]
 
     def beyond(self, robot: Robot) -> FloatArray:
-        """How far the part of each fixed sphere of ``robot`` reaches out of it (B,) [m]; 0 of
-        those that move."""
+        """The distance (B,) [m] by which the part of a fixed sphere reaches out of it, else 0."""
         off = np.linalg.norm(self.points - robot.spheres.center[:, None], axis=2)
         off[np.arange(off.shape[1]) >= self.counts[:, None]] = 0.0
         fixed = self.known & (robot.spheres.segment < 0)
@@ -142,12 +141,13 @@ def parts_touch(parts, frames, rows, pairs, out):
 
 @inner
 def hulls_touch(one, other, rotation, translation, work):
-    """Whether no plane was found in TURNS turns that has points (m, 3) and (k, 3) on two sides.
+    """Whether the hulls of points ``one`` (m, 3) and ``other`` (k, 3) come within :data:`MEETING`.
 
-    The second stand at ``rotation`` (3, 3), ``translation`` (3,) in the frame of the first. Of
-    their difference (Minkowski's) the corner farthest against the point nearest to zero so far
-    joins the corners that hold this point; then the nearest point of their hull is found (Wolfe,
-    Finding the nearest point in a polytope, 1976). Hulls within :data:`MEETING` count as touching.
+    ``other`` stands at ``rotation`` (3, 3), ``translation`` (3,) in the frame of ``one``. The point
+    nearest to zero of the Minkowski difference is found by Wolfe's algorithm (Finding the nearest
+    point in a polytope, 1976): the corner farthest against the present point joins the corners, and
+    the nearest point of their hull is the next one. A corner on the far side of zero means a
+    separating plane. Hulls count as touching if :data:`TURNS` iterations find none.
     ``work``: arrays of 4 by 3, 4, 4 by 4, 4, 3 and 3.
     """
     corners, weights, gram, best, nearest, back = work
@@ -177,12 +177,12 @@ def hulls_touch(one, other, rotation, translation, work):
 def _nearest_of(corners, weights, gram, best, held):
     """The weights of the point nearest to zero in the hull of the first ``held`` corners.
 
-    Corners that it does not need are dropped, in place. Returns how many are left.
+    Corners of weight 0 are dropped, in place. Returns the number of corners left.
     """
     while True:
         _nearest_of_flat(corners, gram, best, held)
         share, out = 1.0, -1
-        for k in range(held):  # from the weights so far as far towards it as none is negative
+        for k in range(held):  # the longest step towards ``best`` that leaves no weight negative
             if best[k] <= 0.0 and weights[k] <= share * (weights[k] - best[k]):
                 share, out = weights[k] / (weights[k] - best[k]), k
         for k in range(held):
@@ -198,9 +198,10 @@ def _nearest_of(corners, weights, gram, best, held):
 
 @inner
 def _nearest_of_flat(corners, gram, best, held):
-    """The weights ``best`` of the point nearest to zero in the flat through corners.
+    """The weights ``best`` of the point nearest to zero in the flat through corners C (held, 3).
 
-    They solve (C Cᵀ + 1) w = 1 but for their sum; by elimination, as the matrix is positive.
+    They solve (C Cᵀ + 1) w = 1, scaled to sum 1. Elimination needs no pivots: the matrix is
+    positive definite.
     """
     for i in range(held):
         best[i] = 1.0

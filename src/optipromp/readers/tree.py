@@ -1,4 +1,4 @@
-"""The tree of a URDF, and what its names and its branches say: fingers, wheels, heads, sensors."""
+"""The tree of a URDF; fingers, wheels, heads and sensors by names and branches."""
 
 import re
 from collections.abc import Sequence
@@ -30,14 +30,14 @@ LEG = _set("leg legs foot feet hip knee ankle calf thigh toe sole haa hfe kfe")
 TORSO = _set("torso waist spine trunk lumbar chest lift body base")
 FLANGE = _set("flange tool0 attachment")
 CENTRE = _set("tcp tool tool0 ee eef effector grasp grasping center centre frame")
-LEAST_ABOVE = 3  # joints, chosen: equal branches beyond as many are fingers, not arms or legs
-ACROSS = 0.1  # chosen: largest cosine between slides at right angles
+LEAST_ABOVE = 3  # joints, chosen: equal branches after as many joints are fingers, not limbs
+ACROSS = 0.1  # chosen: largest cosine between slides that count as perpendicular
 
 _WORD = re.compile(r"[A-Z]?[a-z]+[0-9]*|[A-Z]+(?![a-z])|[0-9]+")
 
 
 def words(name: str) -> frozenset[str]:
-    """The words of a name, at underscores, signs and changes of case; with and without digits."""
+    """The words of a name, with and without digits; split at signs and changes of case."""
     found = [word.lower() for word in _WORD.findall(name)]
     return frozenset(found) | {word.rstrip("0123456789") for word in found}
 
@@ -70,7 +70,7 @@ class Tree:
         return out[::-1]
 
     def rigid(self, link: str, stop: frozenset[str] = frozenset()) -> list[tuple[int, str]]:
-        """``link`` and what fixed joints carry on it: depth and name; not beyond links ``stop``."""
+        """Depth and name of ``link`` and of the links fixed to it; none of ``stop`` or beyond."""
         out = [(0, link)]
         for depth, name in out:  # grows while it is walked
             out += [
@@ -81,17 +81,17 @@ class Tree:
         return out
 
     def is_bare(self, link: str) -> bool:
-        """Whether ``link``, and what it carries, is a mere frame: no geometry, no moving joint."""
+        """Whether ``link`` and the links fixed to it have no geometry and carry no moving joint."""
         return not self.onward(link) and self._is_hollow(link)
 
     def _is_hollow(self, link: str) -> bool:
-        """Whether neither ``link`` nor what is fixed to it has geometry."""
+        """Whether neither ``link`` nor a link fixed to it has geometry."""
         parts = [self.model.links[part] for _, part in self.rigid(link)]
         return not any(part.collisions or part.visuals for part in parts)
 
     def driving(self, path: Sequence[UrdfJoint]) -> int:
-        """How many joints at the beginning of ``path``, from the root, are those of a base that
-        drives: two slides at right angles, of links without geometry, and a turn after them."""
+        """The number of joints at the beginning of ``path``, from the root, that are a driving
+        base: two perpendicular slides of links without geometry, and a revolute joint, if any."""
         slides = path[:2]
         if len(path) < 2 or not all(
             joint.kind == "prismatic" and self._is_hollow(joint.child) for joint in slides
@@ -134,7 +134,7 @@ class Tree:
 
     @cached_property
     def before(self) -> dict[str, int]:
-        """How many movable joints lie between the root and each link."""
+        """The number of movable joints between the root and each link."""
         out = {self.model.root: 0}
         for joint in self.outward:
             out[joint.child] = out[joint.parent] + (joint.kind != "fixed")
@@ -154,7 +154,7 @@ class Tree:
 
     @cached_property
     def followers(self) -> frozenset[str]:
-        """Mimic joints beside the joint that they follow, not beyond it: fingers and rods."""
+        """Mimic joints that are not beyond the joint they follow, such as fingers and rods."""
         return frozenset(
             joint.name
             for joint in self.model.joints.values()
@@ -183,7 +183,8 @@ class Tree:
         return same and above >= LEAST_ABOVE and reach < above
 
     def named(self, vocabulary: frozenset[str]) -> frozenset[str]:
-        """Movable joints whose name, or child's name, has a word of these; and all beyond them."""
+        """Movable joints whose name or child's name has a word of ``vocabulary``, and all joints
+        beyond them."""
         return frozenset(
             each.name
             for joint in self.model.joints.values()

@@ -1,7 +1,7 @@
-"""URDF files, read strictly into a plain description: links, joints, geometry.
+"""URDF files, read strictly: links, joints, geometry.
 
-The reader refuses a file that is malformed or ambiguous (see the errors of each function). It
-repairs nothing; it only normalises the length of a joint axis.
+The reader refuses a malformed or ambiguous file, and repairs nothing but the length of a joint
+axis.
 """
 
 import math
@@ -22,20 +22,20 @@ from optipromp.readers.xml_tree import Node, read_xml
 JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]
 
 JOINT_KINDS: tuple[JointKind, ...] = ("revolute", "continuous", "prismatic", "fixed")
-LENGTH_LIMIT = 20.0  # [m] a length beyond it is taken for millimetres
-SMALLEST = 1e-9  # [m] of a solid: of one of 1e-160 no hull can be found
+LENGTH_LIMIT = 20.0  # [m] chosen: a larger length is a number in millimetres
+SMALLEST = 1e-9  # [m] chosen: least size of a solid; hulls of tiny solids cannot be found
 MOST_LINKS = 10_000  # chosen: they take 8 s
-FAR_LENGTH = 10.0  # [m] chosen: a joint farther from its parent is remarked on
-ANGLE_LIMIT = 4.0 * math.pi  # [rad] an angle beyond it is taken for degrees
+FAR_LENGTH = 10.0  # [m] chosen: a joint farther from its parent causes a warning
+ANGLE_LIMIT = 4.0 * math.pi  # [rad] chosen: a larger angle is a number in degrees
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
 @dataclass(frozen=True)
 class UrdfInertial:
-    """Mass [kg] of a link, and its tensor xx, xy, xz, yy, yz, zz about its centre [kg m²].
+    """Mass [kg] of a link, pose of its centre of mass [m, rad], and ``tensor`` of inertia about it.
 
-    ``tensor`` is None where the file gives none.
+    ``tensor``: xx, xy, xz, yy, yz, zz [kg m²]; None if the file has none.
     """
 
     mass: float
@@ -46,7 +46,7 @@ class UrdfInertial:
 
 @dataclass(frozen=True)
 class UrdfLink:
-    """A link, its geometry, and its mass where the file gives one."""
+    """A link, its geometry, and its inertia if the file has one."""
 
     name: str
     collisions: tuple[LinkShape, ...]
@@ -67,8 +67,8 @@ class UrdfMimic:
 class UrdfJoint:
     """A joint; ``axis`` has unit length; a continuous joint has infinite limits.
 
-    ``velocity`` and ``effort`` are infinite when the file gives none, or 0. ``fault`` says why the
-    joint cannot be moved; such a joint can be held. ``remark``: to be told where it is moved.
+    ``velocity`` and ``effort`` are infinite if the file has none, or 0. ``fault``: the reason why
+    the joint can be held but not moved, or empty. ``remark``: a warning if the joint moves.
     """
 
     name: str
@@ -89,7 +89,7 @@ class UrdfJoint:
 
 @dataclass(frozen=True)
 class UrdfModel:
-    """A whole file. ``joints`` is keyed by joint name, ``links`` by link name, in file order."""
+    """The content of a URDF; ``joints`` and ``links`` by name, in file order."""
 
     name: str
     path: Path
@@ -99,29 +99,29 @@ class UrdfModel:
 
 
 def read_urdf(path: Path, scale: float = 1.0, content: bytes | None = None) -> UrdfModel:
-    """Read the URDF file at ``path``; lengths in it are multiplied by ``scale``.
+    """Read the URDF file at ``path``; its lengths are multiplied by ``scale``.
 
-    ``content`` is read in place of the file's: what a xacro file expands to.
+    ``content`` is read in place of the file's content: an expanded xacro file.
 
-    Raises InvalidRobotError, naming the file, the line or the link or joint, the value and what
-    would be right.
+    Raises InvalidRobotError, which names the file, the line or the link or joint, the value and
+    what would be right.
     """
     return _Reader(path, scale).read(read_xml(path, content))
 
 
 class _Reader:
-    """Carries the file's name and scale while one file is read."""
+    """The state of reading one file."""
 
     def __init__(self, path: Path, scale: float) -> None:
         self.path = path
         self.scale = scale
-        self.free: dict[str, Node] = {}  # joints of no kind that an arm has
+        self.free: dict[str, Node] = {}  # planar and floating joints
 
     def refuse(self, what: str, node: Node | None = None) -> NoReturn:
         raise InvalidRobotError(self.at(what, node))
 
     def at(self, what: str, node: Node | None) -> str:
-        """``what``, with the file and the line; nothing of nothing."""
+        """``what`` after the file and the line; empty if ``what`` is empty."""
         where = f"{self.path}:{node.line}" if node is not None else str(self.path)
         return what and f"{where}: {what}"
 
@@ -170,15 +170,11 @@ class _Reader:
         value = self.numbers(mass, "value", 1, owner)[0]
         if value < 0.0:
             self.refuse(f"{owner} mass is {value:g} kg; it must not be negative", mass)
-        given = self.only(holder, "inertia", owner)
-        keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        tensor = (
-            None
-            if given is None
-            else tuple(
-                self.scale**2 * self.numbers(given, key, 1, owner, (0.0,))[0] for key in keys
-            )
-        )
+        found, tensor = self.only(holder, "inertia", owner), None
+        if found is not None:
+            keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+            values = (self.numbers(found, key, 1, owner, (0.0,))[0] for key in keys)
+            tensor = tuple(self.scale**2 * value for value in values)
         return UrdfInertial(value, *self.origin(holder, owner), tensor)
 
     def geometry(self, node: Node, owner: str) -> LinkShape:
@@ -210,9 +206,9 @@ class _Reader:
     def joint(self, node: Node) -> UrdfJoint:
         name = self.name(node)
         owner = f"joint '{name}'"
-        given = node.attributes.get("type", "")
-        kind = next((k for k in JOINT_KINDS if k == given), None)
-        if given in ("planar", "floating"):
+        stated = node.attributes.get("type", "")
+        kind = next((k for k in JOINT_KINDS if k == stated), None)
+        if stated in ("planar", "floating"):
             self.free[name], kind = node, "fixed"
         if kind is None:
             self.refuse_kind(owner, node)
@@ -227,8 +223,8 @@ class _Reader:
         limit, remark = self.only(node, "limit", owner), ""
         if kind != "fixed" and limit is not None and math.isinf(velocity):
             told = f"{owner} has the velocity limit {limit.attributes.get('velocity')}, which would"
-            given = f"{told} hold it: taken as none; give one in a robot file (velocity)"
-            remark = self.at(given, limit) if "velocity" in limit.attributes else ""
+            told += " hold it: taken as none; give one in a robot file (velocity)"
+            remark = self.at(told, limit) if "velocity" in limit.attributes else ""
         return UrdfJoint(
             name, kind, parent, child, xyz, rpy, axis, lower, upper, velocity, mimic, effort,
             fault, remark,
@@ -240,7 +236,7 @@ class _Reader:
         self.refuse(f"{owner} has type '{given}'; it must be one of {kinds}{why}", node)
 
     def hold_bases(self, joints: Mapping[str, UrdfJoint]) -> None:
-        """A planar or floating joint is taken as fixed where arms stand on it, else refused."""
+        """Warn of planar and floating joints under arms, which are fixed; refuse all others."""
         under = bases(joints, self.free) if self.free else set()
         for name, node in self.free.items():
             if name not in under:
@@ -272,7 +268,7 @@ class _Reader:
     def limits(
         self, node: Node, kind: JointKind, owner: str
     ) -> tuple[float, float, float, float, str]:
-        """Lower, upper, velocity, effort; and a fault of a joint that can only be held."""
+        """Lower, upper, velocity and effort limit, and the ``fault`` of :class:`UrdfJoint`."""
         if kind == "fixed":
             return 0.0, 0.0, math.inf, math.inf, ""
         found, what, fault = self.only(node, "limit", owner), f"{owner} <limit>", ""

@@ -1,4 +1,4 @@
-"""The links and joints of a URDF as a whole: one tree, and mimics that end somewhere."""
+"""Checks of the links and joints of a URDF: they are one tree, and mimics are no ring."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Refuse = Callable[[str], NoReturn]
 def check_tree(
     links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint], refuse: Refuse
 ) -> str:
-    """The root link; every link hangs on it by one path."""
+    """The root link of the tree; refused if links and joints are not one tree."""
     parent_joint: dict[str, UrdfJoint] = {}
     for joint in joints.values():
         for role, link in (("parent", joint.parent), ("child", joint.child)):
@@ -33,7 +33,7 @@ def check_tree(
     if len(roots) > 1:
         refuse(f"{len(roots)} roots: links {_quoted(roots)}; a robot has one")
     above = {child: {joint.parent} for child, joint in parent_joint.items()}
-    try:  # each link has one parent and there is one root: what it does not reach is a cycle
+    try:  # with one root and one parent per link, links that the root does not reach are a cycle
         TopologicalSorter(above).prepare()
     except CycleError as cycle:
         lost = _quoted(cycle.args[1][1:])
@@ -42,7 +42,7 @@ def check_tree(
 
 
 def check_mimics(joints: Mapping[str, UrdfJoint], refuse: Refuse) -> None:
-    """Each mimic ends, over any number of steps, at a joint that moves by itself."""
+    """Refuse a mimic that does not lead, over any number of mimics, to an independent joint."""
     leaders = {name: joint.mimic.joint for name, joint in joints.items() if joint.mimic}
     for name, leader in leaders.items():
         if leader not in joints:
@@ -58,7 +58,7 @@ def check_mimics(joints: Mapping[str, UrdfJoint], refuse: Refuse) -> None:
 
 
 def bases(joints: Mapping[str, UrdfJoint], names: Collection[str]) -> set[str]:
-    """Those of ``names``, fixed joints, that joints which move come after, and none before."""
+    """The fixed joints among ``names`` with moving joints after them, and none before them."""
     above = {joint.child: joint for joint in joints.values()}
     before, after = set[str](), set[str]()
     for moving in joints.values():

@@ -1,4 +1,4 @@
-"""XML into a small tree that remembers its line numbers; entities are refused, xacro is refused."""
+"""XML files as trees of elements with line numbers. Entities and xacro are refused."""
 
 import re
 from dataclasses import dataclass, field
@@ -62,12 +62,13 @@ class _Builder(ContentHandler):
 
 
 def read_xml(path: Path, content: bytes | None = None) -> Node:
-    """The root element of the XML file at ``path``, in any encoding XML knows.
+    """The root element of the XML file at ``path``, in any encoding of XML.
 
-    ``content`` is read in place of the file's.
+    ``content`` is read in place of the file's content.
 
-    Raises InvalidRobotError when the file cannot be read, is not well-formed XML, declares
-    entities or refers to external ones (none is ever opened), or holds unexpanded xacro.
+    Raises:
+        InvalidRobotError: the file cannot be read, is not well-formed XML, declares entities or
+            refers to external entities (which are never opened), or holds unexpanded xacro.
     """
     from xml.sax import SAXParseException
 

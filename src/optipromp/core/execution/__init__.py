@@ -1,4 +1,4 @@
-"""Curves on an arm: the protocol of an executor, what is checked before and while the arm moves.
+"""Execution of trajectories on an arm: the protocol, and checks before and during the motion.
 
 >>> from optipromp import plan
 >>> from optipromp.core.execution import PandaPy  # or Franky, or the simulation's SimulatedArm

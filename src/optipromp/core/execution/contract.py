@@ -1,4 +1,4 @@
-"""Tests that every executor must pass; run them on your own by subclassing.
+"""Tests that every executor must pass; subclass them to test your executor.
 
     # test_my_arm.py, for pytest
     from optipromp.core.execution.contract import ExecutorContract
@@ -7,7 +7,7 @@
         def executor(self):
             return MyArm("simulated")
 
-On a real arm mind that it moves: by 0.05 rad a joint, over about 2 s, from where it stands.
+A real arm moves in these tests: each joint by 0.05 rad over about 2 s, from where the arm stands.
 """
 
 import threading
@@ -21,27 +21,28 @@ from optipromp.core.errors import ExecutionError, InvalidRequestError
 from optipromp.core.execution.executor import Executed, Executor
 from optipromp.core.trajectory import State, Trajectory
 
-MOVED = 0.05  # [rad or m] of every joint
+MOVED = 0.05  # [rad or m] motion of every joint, chosen
 
 
 class ExecutorContract(ABC):
     """The contract, as test methods for pytest."""
 
     duration = 2.0
-    """Of the motion that is tested [s]."""
+    """Duration of the tested motion [s]."""
 
     tolerance = 0.02
-    """Largest distance of a joint from the curve, and from rest [rad or m, and their rates]."""
+    """Largest distance of a joint from the curve [rad or m]; largest velocity at rest [rad/s or
+    m/s]."""
 
     late = 0.5
-    """Longest time that an executor may need beyond a curve's duration, or to come to rest [s]."""
+    """Longest time beyond a curve's duration, and longest time to come to rest [s]."""
 
     @abstractmethod
     def executor(self) -> Executor:
         """An executor of an arm at rest, away from its limits and from obstacles."""
 
     def clock(self) -> float:
-        """The arm's time [s]; a simulation may run faster than the world."""
+        """The arm's time [s]; the time of a simulation may run faster than real time."""
         return time.perf_counter()
 
     def curve(self, arm: Executor, step: float = MOVED) -> Trajectory:
@@ -51,7 +52,7 @@ class ExecutorContract(ABC):
         return Trajectory.through(q, self.duration / 20, arm.joint_names)
 
     def test_it_is_an_executor_with_a_state(self) -> None:
-        """It has the methods; its state has as many finite values as joints, and is at rest."""
+        """The executor has the methods; its state has a value for each joint, and is at rest."""
         arm = self.executor()
         assert isinstance(arm, Executor)
         state = arm.state()
@@ -60,7 +61,7 @@ class ExecutorContract(ABC):
         assert np.abs(state.velocity).max() < self.tolerance
 
     def test_a_curve_is_followed_in_its_own_time(self) -> None:
-        """It ends where the curve ends, at rest, having been near it at every record."""
+        """The arm ends at the curve's end, at rest, and is near the curve at every record."""
         arm = self.executor()
         curve, began = self.curve(arm), self.clock()
         done = arm.execute(curve)
@@ -76,7 +77,7 @@ class ExecutorContract(ABC):
         assert done.times[-1] >= self.duration - 0.05
 
     def test_it_says_where_the_arm_is_on_the_way(self) -> None:
-        """``watch`` is called with growing times and states near the curve."""
+        """``watch`` is called with growing times and with states near the curve."""
         arm, seen = self.executor(), list[tuple[float, State]]()
         curve = self.curve(arm)
         arm.execute(curve, lambda now, state: seen.append((now, state)))
@@ -97,7 +98,7 @@ class ExecutorContract(ABC):
         assert np.abs(arm.state().q - before).max() < self.tolerance
 
     def test_what_watches_can_end_it_midway(self) -> None:
-        """The arm comes to rest on the way; nothing jumps."""
+        """The arm comes to rest on the way; its reference does not jump."""
         arm = self.executor()
         curve = self.curve(arm)
         done = arm.execute(curve, lambda now, _: now > 0.5 * self.duration)
@@ -109,7 +110,7 @@ class ExecutorContract(ABC):
         assert np.abs(speed).max() < 1.5 * MOVED * 1.875 / self.duration
 
     def test_what_watches_may_fail(self) -> None:
-        """The arm comes to rest on the way, then the trouble is told."""
+        """The arm comes to rest on the way, then the error is raised."""
         arm = self.executor()
 
         def watch(now: float, _: State) -> bool:
@@ -146,7 +147,7 @@ class ExecutorContract(ABC):
         assert arm.execute(self.curve(arm, -0.5 * MOVED)).finished
 
     def test_to_abort_at_rest_does_nothing(self) -> None:
-        """A curve that comes later is followed."""
+        """A later curve is followed."""
         arm = self.executor()
         arm.abort()
         assert arm.execute(self.curve(arm)).finished
@@ -162,7 +163,7 @@ class ExecutorContract(ABC):
         self._refused(arm, moved)
 
     def test_a_curve_that_begins_or_ends_in_motion_is_refused(self) -> None:
-        """An arm at rest cannot begin in motion; a curve must end at rest."""
+        """A curve must begin as the arm moves, here at rest, and must end at rest."""
         arm = self.executor()
         fine = self.curve(arm).resample(100.0)
         half = len(fine.times) // 2
@@ -172,14 +173,14 @@ class ExecutorContract(ABC):
             self._refused(arm, Trajectory(times - times[0], q, rows[1], rows[2], fine.joint_names))
 
     def test_a_curve_of_other_joints_is_refused(self) -> None:
-        """By name."""
+        """Joints are compared by name."""
         arm = self.executor()
         curve = self.curve(arm)
         names = tuple(f"other_{name}" for name in curve.joint_names)
         self._refused(arm, Trajectory(curve.times, *curve.rows(), names))
 
     def test_a_curve_beyond_the_limits_is_refused(self) -> None:
-        """A hundred times as fast."""
+        """The curve is 50 times as fast, and ten times as long."""
         arm = self.executor()
         self._refused(arm, self.curve(arm, 0.5).slowed(0.02))
 

@@ -1,4 +1,4 @@
-"""An executor moves an arm along a curve; the checks that every one of ours makes."""
+"""Executors: they move an arm along a curve, with checks before and during the motion."""
 
 import threading
 from abc import ABC, abstractmethod
@@ -23,7 +23,7 @@ Watch = Callable[[float, State], bool | None]
 
 @dataclass(frozen=True)
 class Guard(Checked):
-    """When an executor refuses a curve, or ends a motion."""
+    """Limits beyond which an executor refuses a curve or ends a motion."""
 
     start: float = parameter(
         0.01, "rad or m", "choice", "largest distance of a joint from where the curve begins"
@@ -51,15 +51,15 @@ class Guard(Checked):
 
 @dataclass(frozen=True, eq=False)
 class Executed:
-    """What became of a curve.
+    """The result of executing a curve.
 
     Attributes:
-        finished: whether it was followed to its end.
-        reason: why it was not; empty where it was.
-        times: (R,) of the records, since the begin [s]; without what ticks were late.
-        reference: (R, n) positions that were asked for.
-        positions: (R, n) measured ones.
-        largest_error: largest distance of a joint from the curve [rad or m].
+        finished: whether the curve was followed to its end.
+        reason: of an early end; empty if finished.
+        times: (R,) of the records, since the begin [s]; delays of late ticks do not count.
+        reference: (R, n) commanded positions [rad or m].
+        positions: (R, n) measured positions [rad or m].
+        largest_error: largest distance of a measured from a commanded position [rad or m].
     """
 
     finished: bool
@@ -79,33 +79,33 @@ class Executor(Protocol):
         """Names of the n joints, in the order of the arrays."""
 
     def state(self) -> State:
-        """Where the arm is and how it moves."""
+        """The measured state of the arm."""
 
     def execute(self, curve: Trajectory, watch: Watch | None = None) -> Executed:
         """Follow a curve in its own time; return when the arm is at rest.
 
         Raises:
             InvalidRequestError: the curve does not begin where the arm is, has other joints, breaks
-                a limit, does not end at rest, or another one is being executed. The arm has not
-                moved then.
-            ExecutionError: the arm's state cannot be read, ``watch`` fails, or the controller does.
-                The arm was brought to rest, if the controller could; the message says so.
+                a limit or does not end at rest, or another curve is being executed. The arm has not
+                moved.
+            ExecutionError: the arm's state cannot be read, or ``watch`` or the controller fails.
+                The message says whether the arm was brought to rest.
         """
 
     def abort(self) -> None:
-        """Bring the arm to rest, from any thread; ``execute`` returns then. Else do nothing."""
+        """Bring a moving arm to rest, from any thread; ``execute`` then returns."""
 
 
 class Follower(ABC):
-    """An executor that streams a curve to a controller, one reference at a time.
+    """An executor that streams a curve to a controller as a sequence of references.
 
-    A subclass says how to begin (:meth:`stream`), how to wait for the next tick, how to command a
-    reference and how to read the state. Everything else is here: refusing, tracking, aborting, and
-    coming to rest in trouble.
+    A subclass takes control and waits for ticks (:meth:`stream`), commands a reference and reads
+    the state. This class refuses curves, tracks the arm, aborts, and brings the arm to rest after a
+    failure.
 
     Args:
         robot: its joints and limits.
-        guard: when to refuse and when to stop.
+        guard: limits for refusing and stopping.
     """
 
     def __init__(self, robot: Robot, guard: Guard | None = None) -> None:
@@ -119,26 +119,26 @@ class Follower(ABC):
 
     @abstractmethod
     def state(self) -> State:
-        """Where the arm is and how it moves."""
+        """The measured state of the arm."""
 
     @abstractmethod
     def stream(self) -> AbstractContextManager[Iterator[float]]:
-        """Take control of the arm; let go of it at the end, whatever happens.
+        """Take control of the arm, and release it at the end, also after an error.
 
-        The iterator waits for the controller's next tick and gives the time since the first one
-        [s]. It ends where control was lost.
+        The iterator waits for the controller's next tick and yields the time since the first tick
+        [s]. It ends when control is lost.
         """
 
     @abstractmethod
     def command(self, reference: State) -> None:
-        """Ask the controller for a reference, until the next one."""
+        """Command a reference, which holds until the next."""
 
     def abort(self) -> None:
         """See :class:`Executor`."""
         self._aborted.set()
 
     def refusal(self, curve: Trajectory, now: State) -> str:
-        """Why a curve is not executed; empty where it may be."""
+        """The reason to refuse a curve; empty if it may be executed."""
         guard, robot = self.guard, self.robot
         if curve.joint_names != robot.joint_names:
             own = ", ".join(robot.joint_names)
@@ -191,12 +191,12 @@ class Follower(ABC):
 
 
 class _Run:
-    """One curve on its way: what was asked for last, what is recorded, and why it ends.
+    """The execution of a curve: the last reference, the records, and the reason of an early end.
 
-    Its time is that of the references: a tick takes it on by ``Guard.advance`` at most. A motion
-    that ends early goes on along a curve to rest: from where the arm is, if it is not where it was
-    asked to be or a tick was late; else from what was asked for last. A reading that is far off
-    moves no reference by more than ``Guard.tracking``.
+    ``time`` is that of the references; a tick advances it by ``Guard.advance`` at most. A motion
+    that ends early continues along a curve to rest. That curve begins at the measured state if the
+    arm left the curve or a tick was late, else at the last reference. A faulty measurement shifts a
+    reference by ``Guard.tracking`` at most.
     """
 
     def __init__(
@@ -212,7 +212,7 @@ class _Run:
         """Follow the curve to its end, or to rest.
 
         Raises:
-            ExecutionError: trouble, or no tick at all.
+            ExecutionError: a failure, or no tick at all.
         """
         ended = False
         try:
@@ -234,7 +234,7 @@ class _Run:
         return self._done()
 
     def _at(self, tick: float) -> bool:
-        """Ask for a reference at the controller's time ``tick`` [s]; whether it was the last."""
+        """Command the reference at the controller's time ``tick`` [s]; True after the last."""
         arm, guard, measured = self.arm, self.arm.guard, None
         late = 0.0 if self.tick is None else max(tick - self.tick, 0.0)
         self.tick, self.time = tick, self.time + min(late, guard.advance)
@@ -260,7 +260,7 @@ class _Run:
         return now >= curve.duration and curve is self.curve
 
     def _look(self, measured: State, last: bool) -> None:
-        """Record what was asked for and measured, and see whether the motion may go on."""
+        """Record the reference and the measurement, and stop the motion if it must end."""
         due = not self.rows or self.time - self.rows[-1][0] >= 1.0 / self.arm.guard.record - 1e-9
         if due or last:
             self.rows.append((self.time, self.asked.q, measured.q))
@@ -282,20 +282,20 @@ class _Run:
                 self._in_trouble("watch failed", error)
 
     def _in_trouble(self, what: str, error: BaseException) -> None:
-        """Note the first trouble, and come to rest."""
+        """Note the first failure, and come to rest."""
         if self.trouble is None:
             self.trouble = error
             self._stop(what, self.asked)
             self.reason = _in_words(f"at {self.time:.3f} s {what}", error)
 
     def _near(self, measured: State) -> State:
-        """Where the arm is, no farther from what was asked for than ``Guard.tracking``."""
+        """The measured state, at most ``Guard.tracking`` away from the last reference."""
         most, fastest = self.arm.guard.tracking, self.arm.robot.velocity
         off = np.clip(measured.q - self.asked.q, -most, most)
         return State(self.asked.q + off, np.clip(measured.velocity, -fastest, fastest))
 
     def _stop(self, reason: str, state: State) -> None:
-        """From here on another curve, to rest."""
+        """Continue along a curve from ``state`` to rest."""
         if not self.reason:
             self.reason, self.began = reason, self.time
             self.curve = stopped(self.arm.robot, state)
@@ -310,11 +310,11 @@ class _Run:
         largest = float(np.abs(wanted - found).max(initial=0.0))
         return Executed(
             not self.reason, self.reason, frozen(times), frozen(wanted), frozen(found), largest
-        )  # fmt: skip
+        )
 
 
 def _measured(arm: Follower) -> State:
-    """The arm's state; refused with another number of joints than the robot's."""
+    """The arm's state. Raises ValueError if its number of joints is not the robot's."""
     found = arm.state()
     if found.q.shape != (arm.robot.n_joints,):
         raise ValueError(f"{found.q.size} joints, where {arm.robot.name} has {arm.robot.n_joints}")
@@ -322,5 +322,5 @@ def _measured(arm: Follower) -> State:
 
 
 def _in_words(what: str, error: BaseException) -> str:
-    """A failure in one line."""
+    """A failure ``what`` and its ``error`` in one line."""
     return f"{what} ({type(error).__name__}: {error})".partition("\n")[0]

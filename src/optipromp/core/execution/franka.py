@@ -1,7 +1,7 @@
-"""A Franka arm, by ``franky`` or by ``panda-python``. Neither has been run here on a real arm.
+"""Executors for a Franka arm, by ``franky`` or ``panda-python``; not tested on a real arm.
 
-Both stream joint references into an impedance controller at up to 1 kHz. The module of the maker is
-imported when an executor is made.
+Both stream joint references to an impedance controller at up to 1 kHz. Making an executor imports
+the package.
 """
 
 import time
@@ -19,8 +19,8 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.trajectory import State
 
 STIFFNESS = (600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0)  # [N m/rad] default of panda-python
-DAMPING = (50.0, 50.0, 50.0, 20.0, 20.0, 20.0, 10.0)  # [N m s/rad] the same
-FRANKY_RATE = 500.0  # [Hz] of franky's references; a choice
+DAMPING = (50.0, 50.0, 50.0, 20.0, 20.0, 20.0, 10.0)  # [N m s/rad] default of panda-python
+FRANKY_RATE = 500.0  # [Hz] of franky's references, chosen
 
 
 def _module(name: str, package: str) -> Any:
@@ -35,7 +35,7 @@ def _module(name: str, package: str) -> Any:
 
 
 class _Franka(Follower):
-    """What both adapters share: joints and limits, gains, and the state as libfranka gives it."""
+    """The base of both adapters: joints and limits, gains, and the state of libfranka."""
 
     def __init__(
         self,
@@ -52,20 +52,20 @@ class _Franka(Follower):
 
     @abstractmethod
     def _connect(self, host: str) -> None:
-        """Import the maker's module and open the arm."""
+        """Import the package and connect to the arm."""
 
     @abstractmethod
     def _read(self) -> Any:
         """The state of libfranka."""
 
     def state(self) -> State:
-        """Measured positions and velocities; the acceleration is the commanded one."""
+        """Measured positions and velocities, commanded accelerations."""
         found = self._read()
         return State(np.array(found.q), np.array(found.dq), np.array(found.ddq_d))
 
 
 def _since(ticks: Callable[[], bool]) -> Iterator[float]:
-    """Times since the first tick [s], until there is none."""
+    """Times since the first tick [s], until ``ticks`` returns False."""
     began = None
     while ticks():
         now = time.perf_counter()
@@ -79,7 +79,7 @@ class PandaPy(_Franka):
     Args:
         host: of the arm.
         robot: joints and limits; None: the built-in Panda.
-        guard: when to refuse and when to stop.
+        guard: limits for refusing and stopping.
         stiffness: (7,) [N m/rad].
         damping: (7,) [N m s/rad].
 

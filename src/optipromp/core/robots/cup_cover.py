@@ -23,19 +23,19 @@ from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.compiled import inner
 from optipromp.core.robots.spheres import cover_capsule
 
-NECK_RADIUS = 0.01
-_STEPS = 100  # heights of the dynamic programme, at least; none is more than a bulge high
-_SLACK = 1.0 + 1e-9
+NECK_RADIUS = 0.01  # [m] chosen
+_STEPS = 100  # steps of the dynamic programme, chosen: at least; a step is at most a bulge high
+_SLACK = 1.0 + 1e-9  # factor of the radii, against rounding
 
 
 @dataclass(frozen=True)
 class _Band:
-    """A ring (or one sphere on the axis): ``count`` spheres of ``radius`` at ``ring`` from it."""
+    """A ring of ``count`` spheres of ``radius`` at distance ``ring`` from the axis, all [m]."""
 
     count: int
     ring: float
     radius: float
-    half_height: float  # it covers the wall this far above and below its height
+    half_height: float  # [m] of the wall that it covers, above and below its height
 
 
 def cover_cup(radius: float, inner: float, height: float, length: float) -> FloatArray:
@@ -87,8 +87,8 @@ def _stack(radius: float, height: float, bulge: float) -> list[tuple[float, _Ban
 
 @inner
 def _cheapest(count, price, advance, below_rim, step, top, cost, choice, after):
-    """The least cost of the wall below each height of the programme, the band (m,) chosen there,
-    and the height after it, in place. A band must be below the rim, and must advance."""
+    """The least ``cost`` of the wall below each height of the programme, the band chosen there and
+    the next height ``after`` it, in place. A band must be below the rim, and must advance."""
     for i in range(1, cost.shape[0]):
         cost[i] = np.inf
         for k in range(count.shape[0]):
@@ -101,7 +101,7 @@ def _cheapest(count, price, advance, below_rim, step, top, cost, choice, after):
 
 
 def _undominated(cost: FloatArray, below_rim: FloatArray, steps: FloatArray) -> IntArray:
-    """Bands (m,) that no other beats: as many steps, as near to the rim, and cheaper."""
+    """Indices of the bands that no cheaper band replaces with as many steps, as near to the rim."""
     order = np.lexsort((cost, below_rim, steps))
     price = (cost - 2.0 * cost.max() * steps)[order]  # those of more steps begin a new minimum
     least = np.minimum.accumulate(price)
@@ -112,10 +112,10 @@ def _undominated(cost: FloatArray, below_rim: FloatArray, steps: FloatArray) -> 
 def _bands(
     radius: float, bulge: float, height: float, step: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Bands to choose among (m,): count, ring, radius and half height; see :class:`_Band`.
+    """The bands (m,) to choose from: count, ring, radius and half height of :class:`_Band`.
 
-    Then the whole steps by which each advances, and minus those that it stands below the rim. Of
-    rings with spheres of one size, and alike in both, only the one of the fewest is given.
+    Fifth and sixth array: see :func:`_in_steps`. Of rings with spheres of one size that agree in
+    both, only the ring of the fewest spheres is returned.
     """
     outer = radius + bulge
     count = np.arange(5.0, 61.0)[:, None]
@@ -138,12 +138,12 @@ def _bands(
 
 
 def _in_steps(size: Any, half: Any, top: float, step: float) -> tuple[Any, Any]:
-    """Whole steps by which bands advance, and minus those that they stand below the rim."""
+    """Whole steps by which bands advance, and minus the whole steps from the rim down to them."""
     return np.ceil(2.0 * half / step - 1e-9), np.ceil((size - half - top - 1e-12) / step)
 
 
 def _span(band: _Band, offset: float) -> tuple[float, float]:
-    """Least and largest radius of a horizontal plane, ``offset`` from a band, that it covers."""
+    """Least and largest radius [m] that a band covers of a horizontal plane at ``offset`` [m]."""
     angle = math.pi / band.count if band.count > 1 else 0.0
     reach = band.radius**2 - offset**2
     across = (band.ring * math.sin(angle)) ** 2
@@ -154,7 +154,7 @@ def _span(band: _Band, offset: float) -> tuple[float, float]:
 
 
 def _inner_edge(outer: float, plane: float, rows: list[tuple[float, _Band]]) -> float:
-    """The radius down to which ``rows`` cover the plane at height ``plane``, from ``outer`` in."""
+    """The radius [m] down to which ``rows`` cover the plane at height ``plane``, from ``outer``."""
     edge = outer
     for low, high in sorted((_span(band, plane - z) for z, band in rows), key=lambda s: -s[1]):
         if high * _SLACK >= edge:
@@ -165,7 +165,7 @@ def _inner_edge(outer: float, plane: float, rows: list[tuple[float, _Band]]) -> 
 def _rim(
     radius: float, inner: float, height: float, bulge: float, rows: list[tuple[float, _Band]]
 ) -> list[tuple[float, _Band]]:
-    """More bands where the wall is thicker at the rim than the outermost band covers."""
+    """Further bands, if the rim reaches further inward than ``rows`` cover it."""
     edge = _inner_edge(radius, height, rows)
     added: list[tuple[float, _Band]] = []
     while edge > inner * _SLACK:
@@ -185,7 +185,7 @@ def _rim(
                     continue
                 band = _Band(count, ring, float(size), 0.0)
                 low, high = _span(band, float(size) - bulge)
-                if high * _SLACK < edge:  # a ring that the outer wall keeps from the edge
+                if high * _SLACK < edge:  # the outer wall leaves no room for this ring
                     continue
                 end = max(low, inner)
                 price = count / max(edge - end, 1e-12)
@@ -199,6 +199,7 @@ def _rim(
 
 
 def _ring(z: float, band: _Band) -> FloatArray:
+    """The spheres (count, 4) of a band at height ``z``."""
     angle = 2.0 * math.pi * np.arange(band.count) / band.count
     out = np.empty((band.count, 4))
     out[:, 0], out[:, 1] = band.ring * np.cos(angle), band.ring * np.sin(angle)

@@ -1,4 +1,4 @@
-"""What the description of a robot says beside its kinematics: the arm, shapes and their meshes."""
+"""Parts of a robot's description beside its kinematics: the arm, shapes and their meshes."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -20,9 +20,9 @@ Vector = tuple[float, float, float]
 class LinkShape:
     """One collision or visual shape, placed in its link's frame.
 
-    ``size``: sphere (radius,), cylinder and capsule (radius, length), box (x, y, z) full sizes,
-    mesh (scale x, y, z); metres. ``xyz`` [m] and ``rpy`` [rad] place it. ``mesh`` is the file as
-    the description names it, empty for a primitive.
+    ``size`` [m]: sphere (radius,), cylinder and capsule (radius, length), box (x, y, z) full
+    sizes; of a mesh the scale (x, y, z). ``xyz`` [m] and ``rpy`` [rad] place the shape. ``mesh``
+    is the file name in the description, empty for a primitive.
     """
 
     kind: Literal["sphere", "cylinder", "capsule", "box", "mesh"]
@@ -33,7 +33,7 @@ class LinkShape:
 
 
 class LinkGeometry(NamedTuple):
-    """What a link's cover covers: x_segment = rotation @ x_link + translation; see Kinematics."""
+    """The geometry of a link, placed on a segment: x_segment = rotation @ x_link + translation."""
 
     link: str
     segment: int  # -1 for the fixed base
@@ -45,7 +45,7 @@ class LinkGeometry(NamedTuple):
 
 
 class LeftOut(NamedTuple):
-    """Two links that are not kept apart, and why."""
+    """Two links whose collision is not checked, and why."""
 
     link: str
     other: str
@@ -56,9 +56,9 @@ class LeftOut(NamedTuple):
 class Arm:
     """An arm of a robot: its joints lie between the links ``base`` and ``tip``, its flange.
 
-    ``tool`` names the links beyond the flange that the last body carries; ``why`` says what chose
-    the arm, and ``others`` what else could be chosen. ``groups`` has the joints of each group of
-    the SRDF that is a chain; none where no SRDF was read.
+    ``tool``: links beyond the flange that the last body carries. ``why``: the reason of the choice,
+    in words. ``others``: descriptions of the other arms to choose from. ``groups``: the joints of
+    each SRDF group that is a chain.
     """
 
     base: str
@@ -75,7 +75,7 @@ class Arm:
 
 
 NOT_TOLD = Arm("", "", (), (), "not told")
-"""Of a robot that no description told."""
+"""The arm of a robot that was not read from a description."""
 
 
 def rotation_of(rpy: Vector) -> FloatArray:
@@ -91,14 +91,14 @@ def rotation_of(rpy: Vector) -> FloatArray:
 
 
 def mesh_name(urdf: Path, link: str, shape: LinkShape) -> str:
-    """How messages name a mesh."""
+    """The name of a mesh in messages."""
     return f"{urdf}: link '{link}' mesh '{shape.mesh}'"
 
 
 def mesh_file(urdf: Path, link: str, shape: LinkShape) -> Path:
-    """The file that a mesh's name means, relative to the URDF's folder or the package's folder.
+    """The file of a mesh, whose name is relative to the URDF's folder or to a package's folder.
 
-    Raises InvalidRobotError, naming the link and the file, when there is none.
+    Raises InvalidRobotError, naming the link and the file, if there is none.
     """
     folder, name = urdf.resolve().parent, shape.mesh
     if name.startswith("package://"):
@@ -115,7 +115,7 @@ def mesh_file(urdf: Path, link: str, shape: LinkShape) -> Path:
 
 
 def meshes_found(urdf: Path, link: str, shapes: Iterable[LinkShape]) -> list[Path]:
-    """The files of a link's meshes that can be found; of others the reader says so where needed."""
+    """The files of a link's meshes that can be found; missing ones are skipped."""
     found = []
     for shape in shapes:
         if shape.kind == "mesh":

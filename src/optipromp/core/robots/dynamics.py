@@ -1,4 +1,4 @@
-"""Masses and torque limits of the moving segments, as the URDF states them."""
+"""Masses and torque limits of the moving segments, and the torque of gravity."""
 
 import warnings
 from typing import TYPE_CHECKING, NamedTuple
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 class Dynamics(NamedTuple):
-    """What drives, and what resists, each of the S moving segments with all that it carries.
+    """Effort limit and inertia of each of the S moving segments with the links it carries.
 
-    ``mass`` is 0 where the file states none, ``inertia`` where it states no tensor.
+    ``mass`` is 0 if the file states none, ``inertia`` is 0 if it states no tensor.
     """
 
     effort: FloatArray  # (S,) limit of the joint's torque or force [N m or N], may be infinite
@@ -26,9 +26,10 @@ class Dynamics(NamedTuple):
 
 
 def gravity_load(robot: "Robot", q: FloatArray, up: FloatArray) -> FloatArray:
-    """Torque or force (m, S) that holds each segment at ``q`` (m, n) [N m or N], without the tool.
+    """Torque or force (m, S) [N m or N] that holds each segment at ``q`` (m, n) against gravity.
 
-    ``up``: (3,) the upward vertical in the base frame. Zero where the robot states no masses.
+    ``up``: (3,) the upward vertical in the base frame. The tool has no weight. Zero for a robot
+    without masses.
     """
     origins, rotations = robot.segment_frames(q)
     if robot.dynamics is None:
@@ -45,9 +46,9 @@ def gravity_load(robot: "Robot", q: FloatArray, up: FloatArray) -> FloatArray:
 
 
 def warn_of_gravity(robot: "Robot", q: FloatArray, up: FloatArray, where: str) -> None:
-    """Warn, once for all joints, where gravity needs more than a joint's effort limit allows.
+    """Warn, once for all joints, if gravity asks for more than a joint's effort limit.
 
-    ``q`` (m, n): configurations; ``where``: what they are, in words.
+    ``q`` (m, n): configurations; ``where``: describes them in the message.
     """
     if robot.dynamics is None:
         return

@@ -15,9 +15,9 @@ Size = tuple[float, float, float]
 
 
 class TwoFingers(Tool):
-    """The base class of grippers: two boxes, the fingers, on a box, the body.
+    """The base class of grippers: two boxes, the fingers, side by side on a box, the body.
 
-    The body stands on the flange and is centred there. Fingers stand side by side on the body.
+    The body stands centred on the flange.
     """
 
     fingers = True
@@ -112,7 +112,7 @@ class FingerGripper(TwoFingers):
         palm_length: of the body, from the flange.
         palm_width: of the body, along the opening.
         palm_thickness: of the body, across the opening.
-        depth: how far the finger tips are beyond the tool point.
+        depth: distance of the finger tips beyond the tool point.
         turn: of the gripper about flange z; at 0 it opens along flange y [rad].
 
     Raises:
@@ -148,7 +148,7 @@ class Scissor(TwoFingers):
         body_length: of the body, from the flange.
         body_width: of the body, along the opening.
         body_thickness: of the body, across the opening.
-        depth: how far the blade tips are beyond the tool point.
+        depth: distance of the blade tips beyond the tool point.
         turn: of the scissor about flange z; at 0 it opens along flange y [rad].
 
     Raises:

@@ -6,7 +6,7 @@ Many starts run at once. Each is a damped Gauss-Newton descent on
           + \tfrac12 w\lVert (q - q_c)/(q_{max}-q_{min})\rVert^2
 
 clipped to the joint limits. The last term pulls to the middle of the limits, or to the start of the
-search. It fades out over the iterations: the solution is exact and still far from the limits.
+search. It fades out over the iterations, so that the solution is exact.
 """
 
 import functools
@@ -21,9 +21,9 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.robots.kernels import PRISMATIC, chain_frames, tool_rows
 from optipromp.core.robots.model import Robot
 
-AXIS_LENGTH = 0.3  # [m] lever that weighs an axis error against a position error
-POSITION_SOLVED = 1e-6  # [m]
-AXIS_SOLVED = 1e-6  # [rad]
+AXIS_LENGTH = 0.3  # [m] chosen: ℓ, lever that weighs an axis error against a position error
+POSITION_SOLVED = 1e-6  # [m] chosen: largest position error of a solution
+AXIS_SOLVED = 1e-6  # [rad] chosen: largest axis error of a solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class Solutions:
     Attributes:
         joints: (m, n) configurations [rad or m].
         margin: (m,) smallest distance to a joint limit [rad or m].
-        clearance: (m,) values of the clearance function [m]; infinite where none was given.
+        clearance: (m,) values of the clearance function [m]; infinite without one.
     """
 
     joints: FloatArray
@@ -71,10 +71,8 @@ def cholesky_solve(a, b):
 
 @kernel
 def apart_from_earlier(q, turning, distinct):
-    """Which of ``q`` (m, n) differ in a joint by more than ``distinct`` from all earlier ones kept.
-
-    Full turns of ``turning`` joints (n,) do not count.
-    """
+    """Whether each row of ``q`` (m, n) is kept: it differs from every earlier kept row in a joint
+    by more than ``distinct`` [rad or m]. Full turns of ``turning`` joints (n,) do not count."""
     kept = np.zeros(q.shape[0], dtype=np.bool_)
     for i in range(q.shape[0]):
         kept[i] = True
@@ -100,7 +98,7 @@ def descend(
 ):  # fmt: skip
     """Run every start in ``q`` (M, n) to its pose (M, 3), (M, 3), in place; errors (M,) [m, rad].
 
-    Where they are ``chained``, each but the first starts from the solution before it.
+    If ``chained``, each row but the first starts from the solution of the row before it.
     """
     n_starts, n = q.shape
     n_segments = kin.kind.shape[0]
@@ -171,7 +169,7 @@ def descend(
 def each(
     robot: Robot, positions: FloatArray, axes: FloatArray, near: FloatArray, iterations: int = 30
 ) -> tuple[FloatArray, FloatArray]:
-    """The configuration nearest to each of ``near`` (m, n) with the tool at a pose of its own.
+    """The configuration nearest to each row of ``near`` (m, n) with the tool at that row's pose.
 
     Args:
         robot: the arm and its tool.
@@ -181,7 +179,7 @@ def each(
         iterations: of each descent, at most.
 
     Returns:
-        Configurations (m, n) and errors (m,) as of :func:`track`.
+        Configurations (m, n) and errors (m,); see :func:`track`.
     """
     return _tracked(robot, positions, axes, np.array(near), iterations, False)
 
@@ -190,7 +188,7 @@ def _tracked(
     robot: Robot, positions: FloatArray, axes: FloatArray, q: FloatArray, iterations: int,
     chained: bool,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Descents from ``q`` (m, n), which is changed; no pull is needed: a step is the shortest."""
+    """Descents from ``q`` (m, n), in place, without a pull: damped steps are short."""
     position_error, axis_error = np.empty(len(q)), np.empty(len(q))
     descend(
         robot.kinematics, robot.tool_point, robot.tool_axis,
@@ -225,11 +223,11 @@ def solve(
         seed: of the random starts.
         near: (m, n) further starts, whose solutions stay close to them.
         clearance: maps (m, n) configurations to (m,) clearances [m], used to rank.
-        distinct: solutions closer than this (largest joint difference, rad) are one. Full turns of
-            a continuous joint do not count; the turn nearest to ``rest`` is returned.
-        limit_margin: keep this far from every finite joint limit [rad or m].
+        distinct: largest joint difference [rad or m] up to which two solutions count as equal. Full
+            turns of a continuous joint do not count; the turn nearest to ``rest`` is returned.
+        limit_margin: least distance from every finite joint limit [rad or m].
         rest: (n,) values of joints that move neither the tool point nor the axis; None: the home
-            configuration. Solutions that differ only in such joints are one.
+            configuration. Solutions that differ only in such joints count as equal.
         iterations: of each descent.
 
     Returns:
@@ -256,9 +254,9 @@ def solve(
     center[1::2] = q[1::2]
     weight = np.full(len(q), 0.3)
     if near is not None:
-        given = np.atleast_2d(robot.check_configuration(near))
-        q, center = np.vstack([given, q]), np.vstack([given, center])
-        weight = np.concatenate([np.full(len(given), 0.05), weight])
+        further = np.atleast_2d(robot.check_configuration(near))
+        q, center = np.vstack([further, q]), np.vstack([further, center])
+        weight = np.concatenate([np.full(len(further), 0.05), weight])
     q = np.ascontiguousarray(np.clip(q, low, high))
     position_error, axis_error = np.empty(len(q)), np.empty(len(q))
     descend(
@@ -286,7 +284,8 @@ def _uniform(seed: int, shape: tuple[int, int]) -> FloatArray:
 
 @functools.lru_cache(maxsize=32)
 def _turning(robot: Robot) -> BoolArray:
-    """Joints (n,) whose full turn changes nothing: without limits, mimicked in whole turns."""
+    """Whether a full turn of each joint (n,) changes nothing: it has no limits, and mimic joints
+    follow it in whole turns."""
     kin = robot.kinematics
     turning = np.isinf(robot.lower) & np.isinf(robot.upper)
     turning[kin.dof[(kin.kind == PRISMATIC) | (kin.multiplier != np.round(kin.multiplier))]] = False
@@ -294,7 +293,7 @@ def _turning(robot: Robot) -> BoolArray:
 
 
 def _at_rest(robot: Robot, q: FloatArray, rest: FloatArray, with_axis: bool) -> FloatArray:
-    """Move joints without effect on the task (a roll about the tool axis) to ``rest``."""
+    """``q`` with joints that do not affect the task (a roll about the tool axis) at ``rest``."""
     if not len(q):
         return q
     jp, ja = robot.tool_jacobian(q)
@@ -305,7 +304,7 @@ def _at_rest(robot: Robot, q: FloatArray, rest: FloatArray, with_axis: bool) -> 
 def track(
     robot: Robot, positions: FloatArray, axes: FloatArray, begin: FloatArray, iterations: int = 30
 ) -> tuple[FloatArray, FloatArray]:
-    """Follow task points one after another from a known configuration, staying on its branch.
+    """Follow task points in their order from a known configuration, on its branch.
 
     Args:
         robot: the arm and its tool.
@@ -315,8 +314,8 @@ def track(
         iterations: of each descent.
 
     Returns:
-        Configurations (m, n) and errors (m,) [m], of the position plus :data:`AXIS_LENGTH` times
-        that of the axis; an error above 1e-6 is a miss.
+        Configurations (m, n) and errors (m,) [m]: position error plus :data:`AXIS_LENGTH` times the
+        axis error. An error above 1e-6 is a miss.
     """
     q = np.empty((len(positions), robot.n_joints))
     q[:1] = begin

@@ -1,4 +1,4 @@
-"""Robots by name or by file: a resolved robot file, or what a reader makes of a description."""
+"""Robots by name or by file: resolved robot files here, descriptions by their readers."""
 
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -15,15 +15,13 @@ from optipromp.core.robots.description import Arm
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.resolved import SUFFIX, read_resolved
 
-SAME_JOINTS = (
-    1e-4  # [m or -] chosen: joints of one robot differ less between files (rounded angles)
-)
+SAME_JOINTS = 1e-4  # [m or -] chosen: rounded angles make files of one robot differ by less
 READERS = "optipromp.robot_readers"
-"""Entry points, named by a suffix without its dot: functions of a path, a :class:`Choice` and a
-:data:`Check` that give the :class:`Robot` of a description."""
+"""Group of entry points, each named by a suffix without its dot: a function of a path, a
+:class:`Choice` and a :data:`Check` that returns the :class:`Robot` of a description."""
 
 Check = Callable[[Path], Path]
-"""Gives the path of a file back if it may be read, else raises InvalidRobotError."""
+"""Returns the path of a file if it may be read, else raises InvalidRobotError."""
 
 _DATA = Path(__file__).resolve().parent / "data"
 
@@ -36,13 +34,18 @@ def robot_names() -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Choice:
-    """What a caller chooses of a robot file or URDF; None leaves it to the file, then to the rule.
+    """The caller's choice of the arm in a robot file or description.
 
-    ``tip``: the flange link; ``base``: the link the arm begins at; ``srdf``: a file of groups;
-    ``hold``: values [rad or m] of joints that are not of the arm, such as fingers;
-    ``package_dirs``: folders that hold packages. Relative paths start where the robot's does.
-    ``untrusted``: a file or a message named the robot, not the user. Its files must then lie where
-    that file's may, and no xacro is expanded. It is no choice: two that differ in it are equal.
+    Where a value is None, the robot file decides, else the rule of the reader.
+
+    Args:
+        tip: the flange link.
+        base: the link that the arm begins at.
+        srdf: a file of groups of joints.
+        hold: values [rad or m] of joints that are not of the arm, such as fingers.
+        package_dirs: folders that hold packages. Relative paths start where the robot's does.
+        untrusted: whether a file or a message named the robot, not the user. The robot's files must
+            then lie where that file's may, and no xacro is expanded. Ignored by comparisons.
     """
 
     tip: str | None = None
@@ -69,28 +72,28 @@ def load_robot(
 ) -> Robot:
     """A robot without a tool: a built-in one by name, or from a file.
 
-    A resolved robot file (``.robot``, see :func:`optipromp.core.robots.resolved.save_robot`) is
-    read here. A file of another suffix goes to its reader: the entry points
-    ``optipromp.robot_readers`` name one each. Those of this package read a ``.urdf``, xacro, MJCF
-    (``.xml``) or robot file (``.yaml``). A bare URDF has its arm chosen by a rule and spheres from
-    its geometry; accelerations and jerks are unlimited; home is zero, or the limits nearest to it.
+    A ``.robot`` file is a resolved robot (:func:`optipromp.core.robots.resolved.save_robot`). The
+    entry points ``optipromp.robot_readers`` read files of other suffixes; those of this package:
+    ``.urdf``, xacro, MJCF (``.xml``) and robot files (``.yaml``). The arm of a bare URDF is chosen
+    by a rule, and spheres cover its geometry. Its accelerations and jerks are unlimited; its home
+    is zero, or the limit nearest to zero.
 
     Args:
         name_or_path: of the robot; a relative path starts at ``base_dir``.
         base_dir: default: the working directory.
         tip: the flange link.
         base: the link that the arm begins at; joints before it are held.
-        srdf: an SRDF whose groups tell the arm; without it one beside the URDF is read.
+        srdf: an SRDF whose groups determine the arm; None: the SRDF beside the URDF, if any.
         hold: values [rad or m] of joints that are not of the arm, such as the fingers of a gripper;
-            the others stand at zero, or at the limit nearest to it.
-        package_dirs: folders that hold the packages of ``package://`` names, or are such; searched
-            before those over the URDF, on AMENT_PREFIX_PATH and on ROS_PACKAGE_PATH.
+            other such joints stand at zero, or at the limit nearest to zero.
+        package_dirs: folders that hold the packages of ``package://`` names, or are packages;
+            searched before the folders above the URDF, AMENT_PREFIX_PATH and ROS_PACKAGE_PATH.
 
     Raises:
         InvalidRobotError: no such robot (the message lists the built-in names), a description that
-            cannot be used, a xacro that a robot file names and
-            :data:`optipromp.core.files.ALLOW_XACRO` does not allow, or several arms that are
-            alike (the message lists them).
+            cannot be used, a xacro that a robot file names although
+            :data:`optipromp.core.files.ALLOW_XACRO` is not set, or several arms that are alike (the
+            message lists them).
     """
     return load_arm(
         name_or_path, base_dir, Choice(tip, base, srdf, hold or {}, tuple(package_dirs))
@@ -100,7 +103,7 @@ def load_robot(
 def load_arm(
     name_or_path: str | Path, base_dir: Path | None = None, choice: Choice = NOTHING
 ) -> tuple[Robot, Arm]:
-    """As :func:`load_robot`, with the arm that was chosen, why, and what else there is."""
+    """The robot as :func:`load_robot` returns it, and its arm: why it was chosen, and others."""
     if isinstance(name_or_path, str) and name_or_path in robot_names():
         if choice != NOTHING:
             raise InvalidRobotError(
@@ -109,15 +112,12 @@ def load_arm(
         robot = _built_in(name_or_path)
         return robot, robot.arm
     folder = base_dir or Path()
-    given = tuple(folder / each for each in choice.package_dirs)
-    choice = replace(
-        choice,
-        srdf=None if choice.srdf is None else folder / choice.srdf,
-        package_dirs=given,
-    )
+    packages = tuple(folder / each for each in choice.package_dirs)
+    srdf = None if choice.srdf is None else folder / choice.srdf
+    choice = replace(choice, srdf=srdf, package_dirs=packages)
     check: Check = Path
     if choice.untrusted:
-        more = *given, *folders_of("AMENT_PREFIX_PATH"), *folders_of("ROS_PACKAGE_PATH")
+        more = *packages, *folders_of("AMENT_PREFIX_PATH"), *folders_of("ROS_PACKAGE_PATH")
         check = Inside(base_dir, more, homes(base_dir))
     path = folder / name_or_path
     names, known = ", ".join(robot_names()), sorted([SUFFIX, *_readers()])
@@ -157,9 +157,10 @@ def _built_in(name: str) -> Robot:
 
 @dataclass(frozen=True)
 class Inside:
-    """The :data:`Check` of a robot that a file in ``folder`` names, which may stand for ``homes``.
+    """The :data:`Check` of a robot that a file in ``folder`` names.
 
-    The robot's files may lie where that file's may, and in the folders ``more``.
+    The robot's files may lie in the ``homes`` of that file, which distinguish two checks in caches,
+    and in the folders ``more``.
     """
 
     folder: Path | None
@@ -177,9 +178,9 @@ def folders_of(variable: str) -> list[Path]:
 
 
 def built_in_twin(robot: Robot) -> str | None:
-    """The built-in robot with the joints of ``robot``: their names, order, kinds, axes and places.
+    """The built-in robot whose joints have the names, order, kinds, axes and places of ``robot``'s.
 
-    The name of the robot does not count, nor do its flange, tool, limits and body.
+    Names of robots, flanges, tools, limits and bodies are not compared.
     """
     for name in robot_names():
         other = load_robot(name)
@@ -192,7 +193,7 @@ def built_in_twin(robot: Robot) -> str | None:
 
 
 def files_of(name_or_path: str | Path, choice: Choice = NOTHING) -> list[Path]:
-    """The files and folders that a scene reads which names this robot with this choice.
+    """The files and folders that are read for this robot with this choice.
 
     Raises InvalidRobotError as :func:`load_robot`.
     """
@@ -204,5 +205,5 @@ def files_of(name_or_path: str | Path, choice: Choice = NOTHING) -> list[Path]:
 
     path = Path(name_or_path)
     _read(path, choice, check)
-    given = [*([choice.srdf] if choice.srdf else []), *choice.package_dirs]
-    return list(dict.fromkeys([path, *seen, *map(Path, given)]))
+    chosen = [*([choice.srdf] if choice.srdf else []), *choice.package_dirs]
+    return list(dict.fromkeys([path, *seen, *map(Path, chosen)]))

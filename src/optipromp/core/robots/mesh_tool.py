@@ -1,4 +1,4 @@
-"""A tool made of convex meshes, with a tool point and a tool axis of its own."""
+"""A tool made of convex meshes, with a tool point and a tool axis."""
 
 import functools
 import math
@@ -13,7 +13,7 @@ from optipromp.core.robots.meshes import pieces
 from optipromp.core.robots.tool_geometry import Part, Solid, profile
 from optipromp.core.robots.tool_protocol import LARGEST, Tool, check_length
 
-MESH_PLAY = 1e-4  # [m] that a piece may reach into the mouth: meshes are of single precision
+MESH_PLAY = 1e-4  # [m] that a piece may reach into the mouth, chosen: files have single precision
 Vector = tuple[float, float, float]
 
 
@@ -96,7 +96,7 @@ class MeshTool(Tool):
 
     @property
     def depth(self) -> float:
-        """How far the meshes go beyond the tool point, along the tool axis [m]."""
+        """Distance of the foremost point of the meshes beyond the tool point [m]."""
         return float(self._profile[:, 1].max())
 
     @property
@@ -108,7 +108,7 @@ class MeshTool(Tool):
 
     @property
     def mouth(self) -> tuple[float, float]:
-        """Half the opening, or 0, and the greatest radius of what reaches beyond ``front`` [m]."""
+        """Half the opening, or 0, and the greatest radius of the pieces beyond ``front`` [m]."""
         _, high, _, outer = self._profile.T
         before = high > self.front - self.reach + MESH_PLAY
         return (self.opening or 0.0) / 2.0, float(outer[before].max())
@@ -123,12 +123,12 @@ class MeshTool(Tool):
 
     @property
     def _profile(self) -> FloatArray:
-        """(K, 4) of each piece: least and most height over the tool point, and radius [m]."""
+        """(K, 4) [m] of the pieces: least and largest height over the tool point, and radius."""
         return _profiles(self.meshes, self.tool_point, self.tool_axis)
 
 
 def _axes(axis: Vector) -> FloatArray:
-    """Axes (3, 3), as columns, of which the last is ``axis``."""
+    """Orthonormal right-handed axes (3, 3), as columns; the last is along ``axis``."""
     z = np.array(axis) / math.hypot(*axis)
     x = np.eye(3)[int(np.argmin(np.abs(z)))]
     x = x - (x @ z) * z

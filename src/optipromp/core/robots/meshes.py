@@ -6,7 +6,7 @@ from optipromp.core.arrays import FloatArray, IntArray
 
 
 def pieces(vertices: FloatArray, faces: IntArray) -> list[IntArray]:
-    """The faces of each connected piece; vertices at one place are one."""
+    """The faces (f, 3) of each connected piece; vertices within 1e-9 m are merged."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -21,9 +21,9 @@ def pieces(vertices: FloatArray, faces: IntArray) -> list[IntArray]:
 
 
 def box_axes(points: FloatArray) -> FloatArray:
-    """Rows: axes of the smaller of two boxes around ``points``, along the world's or the principal.
+    """Axes (3, 3), as rows, of a box around ``points`` (m, 3), longest side first.
 
-    Longest side first.
+    The box is along the axes of the frame or along the principal axes, whichever is smaller.
     """
     principal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
     if len(principal) < 3:
@@ -35,4 +35,5 @@ def box_axes(points: FloatArray) -> FloatArray:
 
 
 def _extent(points: FloatArray, axes: FloatArray) -> FloatArray:
+    """Sizes (3,) of the box of ``points`` along ``axes``; 1e-6 m larger, so that none is 0."""
     return np.asarray(np.ptp(points @ axes.T, axis=0) + 1e-6)

@@ -50,8 +50,8 @@ class Robot(Shown):
     spheres: BodySpheres
     link_names: tuple[str, ...]
     self_pairs: IntArray  # (P, 2) sphere indices of links that are not neighbours
-    self_slack: FloatArray  # (P,) [m] that they may overlap, for their links are still apart;
-    # negative: that they must keep, for a sphere leaves some of its link outside
+    self_slack: FloatArray  # (P,) [m] that a pair may overlap, as its links are still apart;
+    # negative: distance that it must keep, as a sphere leaves some of its link outside
     flange_rotation: FloatArray  # (3, 3) in the last segment's frame
     flange_translation: FloatArray  # (3,)
     tool_point: FloatArray  # (3,)
@@ -122,7 +122,7 @@ class Robot(Shown):
         return jp, ja
 
     def tool_map(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Tool point, axis and both Jacobians in one pass: a ``task_map`` for conditioning."""
+        """Tool point and axis (..., 3) and their Jacobians (..., 3, n): a ``task_map``."""
         array = self.check_configuration(q)
         flat = array.reshape(-1, self.n_joints)
         m, n = flat.shape
@@ -155,7 +155,7 @@ class Robot(Shown):
         return out.reshape(*array.shape[:-1], n_spheres, 3)
 
     def self_gaps(self, q: FloatArray) -> FloatArray:
-        """How far each of ``self_pairs`` is from touching (..., P) [m] at ``q`` (..., n)."""
+        """The gap (..., P) [m] of each of ``self_pairs`` at ``q`` (..., n), with its slack."""
         centers, radius = self.sphere_centers(q), self.spheres.radius
         flat, (i, j) = centers.reshape(-1, len(radius), 3), np.ascontiguousarray(self.self_pairs.T)
         apart = np.empty((len(flat), len(i)))

@@ -1,9 +1,8 @@
-"""Resolved robot files: all that a description says of a robot, found out once, in one file.
+"""Resolved robot files: a robot in one file, without its description and meshes.
 
-An NPZ archive of the arrays of :data:`ARRAYS`, exact to the bit, and of a text ``robot``: a JSON
-object with the keys of :class:`_Header`. Lengths are metres, angles radians; frames as in
-:class:`optipromp.core.robots.model.Robot`. It needs neither the description nor its meshes, of
-which it has the paths for pictures.
+The file is an NPZ archive of the arrays of :data:`ARRAYS`, exact to the bit, and of a text
+``robot``: a JSON object with the keys of :class:`_Header`. Lengths are metres, angles radians;
+frames as in :class:`optipromp.core.robots.model.Robot`. Paths of meshes serve pictures only.
 """
 
 import json
@@ -25,11 +24,11 @@ from optipromp.core.robots.model import BodySpheres, Robot
 from optipromp.core.shown import is_name, printable
 
 SUFFIX = ".robot"
-MOST_JOINTS = 200  # that move, of an arm, chosen: their frames at 20,000 configurations take 0.4 GB
+MOST_JOINTS = 200  # moving, of an arm, chosen: frames at 20,000 configurations take 0.4 GB
 MOST_SPHERES = 2_000  # chosen: their pairs take 0.5 GB and 40 s
-LARGEST = 1e6  # of a length, mass or inertia, chosen: no number of an arm comes near it
+LARGEST = 1e6  # [m, kg or kg m²] chosen: far above every number of an arm
 
-_ROUNDED = 1e-6  # chosen: of a rotation or an axis
+_ROUNDED = 1e-6  # chosen: largest error of a rotation or of the length of an axis
 
 ARRAYS: dict[str, tuple[type, str]] = {
     "lower": (float, "n"),
@@ -64,7 +63,7 @@ ARRAYS: dict[str, tuple[type, str]] = {
 }
 """Type and shape of each array: n joints, S segments, B spheres, P pairs, G links with geometry.
 
-Those of the dynamics may be left out, all of them.
+The arrays of the dynamics may be missing, all of them together.
 """
 _MAY_BE_INFINITE = "lower", "upper", "velocity", "acceleration", "jerk", "dynamics effort"
 
@@ -81,7 +80,7 @@ class _Drawn:
 
 @dataclass(frozen=True)
 class _Header:
-    """What a resolved robot file says in words."""
+    """The JSON object of a resolved robot file."""
 
     format: Literal["optipromp robot"]
     version: Literal[1]
@@ -98,7 +97,7 @@ class _Header:
 def save_robot(robot: Robot, path: str | Path) -> None:
     """Write a robot as a resolved file, which :func:`optipromp.core.robots.load_robot` reads.
 
-    Reading it needs no URDF, mesh or further package, and gives the same robot to the bit.
+    Reading needs no URDF, mesh or further package, and gives the same robot to the bit.
 
     Args:
         robot: without a tool, which a scene names.
@@ -146,8 +145,8 @@ def resolved(robot: Robot, folder: Path) -> bytes:
         "dynamics": {} if robot.dynamics is None else robot.dynamics._asdict(),
     }
     arrays = {key: getattr(robot, key) for key in ARRAYS if " " not in key}
-    for group, own in groups.items():
-        arrays |= {f"{group} {key}": value for key, value in own.items()}
+    for group, members in groups.items():
+        arrays |= {f"{group} {key}": value for key, value in members.items()}
     return npz({"robot": json.dumps(asdict(header)), **arrays})
 
 
@@ -158,9 +157,14 @@ def _from(folder: Path, urdf: Path) -> str:
 
 
 def read_resolved(path: Path, check: Callable[[Path], Path] = Path) -> Robot:
-    """The robot of a resolved file; ``check`` is called with each mesh that it names and is there.
+    """The robot of a resolved file.
 
-    Raises InvalidRobotError for a file that cannot be read or is no such file.
+    Args:
+        path: of the file.
+        check: called with each mesh file that the robot names and that exists.
+
+    Raises:
+        InvalidRobotError: the file cannot be read or is no resolved robot.
     """
     data = read_npz(path, InvalidRobotError)
     try:
@@ -172,16 +176,16 @@ def read_resolved(path: Path, check: Callable[[Path], Path] = Path) -> Robot:
         raise InvalidRobotError(f"{path} is no resolved robot file: {_words(error)}") from None
 
     def group(name: str) -> dict[str, Any]:
-        own = [key for key in arrays if key.startswith(f"{name} ")]
-        return {key.removeprefix(f"{name} "): arrays.pop(key) for key in own}
+        keys = [key for key in arrays if key.startswith(f"{name} ")]
+        return {key.removeprefix(f"{name} "): arrays.pop(key) for key in keys}
 
     drawn, dynamics = group("geometry"), group("dynamics")
     places = zip(*drawn.values(), header.geometry, strict=True)
     geometry = tuple(
         LinkGeometry(
-            own.link, int(segment), turn, at, own.shapes, path.parent / own.urdf, own.looks
+            link.link, int(segment), turn, at, link.shapes, path.parent / link.urdf, link.looks
         )
-        for segment, turn, at, own in places
+        for segment, turn, at, link in places
     )
     for link in geometry:
         for file in meshes_found(link.urdf, link.link, (*link.shapes, *link.looks)):
@@ -225,7 +229,10 @@ def _arrays(data: dict[str, Any], sizes: dict[str, int]) -> dict[str, Any]:
 
 
 def _check(header: _Header, arrays: dict[str, Any]) -> None:
-    """Refuse indices that mean nothing, which kernels would follow, and limits that contradict."""
+    """Refuse indices out of range, which kernels would follow unchecked, and contradicting limits.
+
+    Raises ValueError.
+    """
     n, segments = len(header.joint_names), len(arrays["kinematics kind"])
     spheres, links = len(arrays["spheres radius"]), len(header.link_names)
     if not 0 < n <= segments <= MOST_JOINTS or spheres > MOST_SPHERES:

@@ -1,11 +1,11 @@
-"""The roll of a tool with fingers about its axis: the fingers are kept level."""
+"""The roll of a tool about its axis, by which its fingers are level."""
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.robots.model import Robot
 
-ROLLS = 12  # values of a joint that only rolls the tool
+ROLLS = 12  # values of a joint that only rolls the tool, chosen: 30 degrees apart
 
 
 def level(robot: Robot, q: FloatArray, normal: FloatArray, *, path: bool = False) -> FloatArray:
@@ -21,12 +21,12 @@ def level(robot: Robot, q: FloatArray, normal: FloatArray, *, path: bool = False
         robot: the arm and its tool.
         q: (m, n) configurations [rad or m].
         normal: (3,) unit; x_g of a target frame keeps the fingers side by side on the level.
-        path: whether the configurations follow one another; then their rolls are continuous, as
-            far as the joint's limits allow.
+        path: whether the rows of ``q`` are consecutive points of a path; their rolls are then
+            continuous, as far as the joint's limits allow.
 
     Returns:
-        (m, n). A copy of ``q`` where the tool has no fingers or the last joint does more than roll
-        it; of the rolls within the limits the one nearest to that of ``q``.
+        (m, n) configurations with the roll within the limits that is nearest to that of ``q``. A
+        copy of ``q`` if the tool has no fingers or the last joint does more than roll it.
     """
     out = np.array(q, dtype=np.float64).reshape(-1, robot.n_joints)
     tool, kin = robot.tool, robot.kinematics
@@ -67,7 +67,7 @@ def rolls(robot: Robot) -> bool:
 
 
 def rolled(robot: Robot, goals: FloatArray) -> FloatArray:
-    """Configurations ``goals`` (m, n), then the same with the tool rolled about its axis.
+    """Configurations ``goals`` (m, n), then copies with the tool rolled about its axis.
 
     Each joint that only rolls the tool takes :data:`ROLLS` values within a turn and its limits.
     """

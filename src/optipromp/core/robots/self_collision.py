@@ -7,8 +7,8 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.robots.model import Robot
 
-SAMPLED_POSTURES = 200
-CHUNK = 1_000_000
+SAMPLED_POSTURES = 200  # configurations, chosen: links that overlap at all of them always do
+CHUNK = 1_000_000  # distances in one array, chosen: 8 MB
 
 
 def random_postures(robot: Robot, count: int) -> FloatArray:

@@ -1,7 +1,7 @@
-"""Spheres that cover a capsule, a box or a cylinder: all of it, and little more.
+"""Spheres that cover a capsule, a box or a cylinder.
 
-A cover is an array (k, 4) of centres and radii [m] in the frame of the shape. ``bulge`` is how far
-the spheres may reach beyond the shape.
+A cover is an array (k, 4) of centres and radii [m] in the frame of the shape. ``bulge`` [m] is the
+distance by which the spheres may reach beyond the shape.
 """
 
 import math
@@ -10,8 +10,8 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 
-MAX_SPHERES = 40  # per box or cylinder
-_SLACK = 1.0 + 1e-9  # against rounding, so that a point on the surface counts as covered
+MAX_SPHERES = 40  # per box or cylinder, chosen
+_SLACK = 1.0 + 1e-9  # factor of the radii, against rounding of points on the surface
 
 
 def cover_capsule(start: FloatArray, end: FloatArray, radius: float, bulge: float) -> FloatArray:
@@ -36,16 +36,15 @@ def cover_capsule(start: FloatArray, end: FloatArray, radius: float, bulge: floa
     return np.column_stack([centers, np.full(count, (radius + excess) * _SLACK)])
 
 
-def cover_box(size: FloatArray, bulge: float, most: int = MAX_SPHERES) -> FloatArray:
+def cover_box(size: FloatArray, bulge: float) -> FloatArray:
     """A grid of spheres, one around each cell, that covers a box of full sizes ``size`` (3,).
 
-    The fewest spheres that reach at most ``bulge`` beyond it; of at most ``most``, the tightest.
+    The smallest grid that reaches at most ``bulge`` beyond the box; if none of at most
+    :data:`MAX_SPHERES` spheres does, the tightest of them.
     """
     size = np.asarray(size, float)
     best = (math.inf, _GRIDS[0])
     for counts in _GRIDS:
-        if math.prod(counts) > most:
-            break
         half = size / (2.0 * np.array(counts))
         excess = float(np.linalg.norm(half) - half.min())
         if excess < best[0] - 1e-12:
@@ -56,7 +55,7 @@ def cover_box(size: FloatArray, bulge: float, most: int = MAX_SPHERES) -> FloatA
 
 
 def cover_cylinder(radius: float, length: float, bulge: float) -> FloatArray:
-    """Spheres that cover a cylinder along z: a row, or for a flat one a grid."""
+    """Spheres that cover a cylinder along z: a row, or a grid if it is flat."""
     if length < 2.0 * radius:
         size = np.array([2.0 * radius, 2.0 * radius, length])
         grid = cover_box(size, bulge)
@@ -76,6 +75,7 @@ def cover_cylinder(radius: float, length: float, bulge: float) -> FloatArray:
 
 
 def _grid(size: FloatArray, counts: tuple[int, int, int]) -> FloatArray:
+    """Spheres (k, 4) around the cells of a box of full sizes ``size`` (3,)."""
     cell = size / np.array(counts)
     axes = [(np.arange(n) + 0.5) * c - s / 2.0 for n, c, s in zip(counts, cell, size, strict=True)]
     centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

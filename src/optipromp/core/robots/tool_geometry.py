@@ -1,4 +1,4 @@
-"""The solids that a tool is made of, and what follows from them: cover, inertia, outline."""
+"""The solids of a tool, and their cover, inertia and outline."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ from optipromp.core.geometry.shapes import BOX, GRID, Shape
 from optipromp.core.robots.meshes import box_axes
 from optipromp.core.robots.spheres import cover_box
 
-EXCESS = 0.004  # [m] that a sphere may reach beyond a box, as beyond a cup; a choice
-MOST = 60  # spheres of a tool: as many as the Panda has; a choice
-MOST_CORNERS = 8  # of a polygon in the push models
+EXCESS = 0.004  # [m] that a sphere may reach beyond a box, chosen: as beyond a cup
+MOST = 60  # spheres of a tool, chosen: as many as the Panda has
+MOST_CORNERS = 8  # of a polygon, which the push models allow
 Part = Literal["mouth", "neck", "palm", "finger"]
 
 
@@ -26,9 +26,9 @@ class Solid:
     Attributes:
         name: unique within the tool.
         shape: convex, of finite size.
-        position: (3,) of the shape's own frame [m].
-        orientation: of the shape's own frame, a unit quaternion w, x, y, z.
-        part: kind of part, which gives its colour in pictures.
+        position: (3,) of the shape's frame [m].
+        orientation: of the shape's frame, a unit quaternion w, x, y, z.
+        part: kind of part, which determines its colour in pictures.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Solid:
 
     @property
     def rotation(self) -> FloatArray:
-        """(3, 3) the flange frame from the shape's own."""
+        """(3, 3) from the shape's frame to the flange frame."""
         from scipy.spatial.transform import Rotation
 
         w, x, y, z = self.orientation
@@ -47,18 +47,17 @@ class Solid:
 
     @property
     def corners(self) -> FloatArray:
-        """Corners (N, 3) of the solid, of a round one points of its surface [m]."""
+        """Corners (N, 3) [m]; points of the surface if the solid is round."""
         return np.asarray(self.position + self.shape.mesh().vertices @ self.rotation.T)
 
 
 def cover_solids(solids: Sequence[Solid]) -> FloatArray:
-    """Spheres (k, 4) that cover solids, in the frame that these stand in [m].
+    """Spheres (k, 4) [m] that cover solids, in the flange frame.
 
-    Each solid is cut into cells of a grid over its box, and each cell lies in a sphere; cells that
-    a round or pointed solid does not meet are left out. With cells of half edges h, a sphere
-    reaches at most ‖h‖ - min h beyond a box, and 2 ‖h‖ beyond another solid. The cells are as fine
-    as :data:`MOST` spheres allow, or one cell per solid; never finer than a reach of
-    :data:`EXCESS` beyond a box.
+    A sphere encloses each cell of a grid over the box of a solid; cells that a round or pointed
+    solid does not meet are left out. With half edges h of a cell, a sphere reaches at most
+    ‖h‖ - min h beyond a box, and 2 ‖h‖ beyond another solid. The cells are as fine as :data:`MOST`
+    spheres allow, at least one per solid, until spheres reach at most :data:`EXCESS` beyond a box.
     """
     excess = EXCESS
     while True:
@@ -69,10 +68,10 @@ def cover_solids(solids: Sequence[Solid]) -> FloatArray:
 
 
 def solids_inertia(solids: Sequence[Solid], mass: float) -> tuple[FloatArray, FloatArray]:
-    """Centre (3,) [m] and inertia about it (3, 3) [kg m²] of a mass that the solids share.
+    """Centre of mass (3,) [m] and inertia about it (3, 3) [kg m²] of solids of total ``mass`` [kg].
 
-    By the volumes of their boxes, each with the inertia of a box, m/3 (‖h‖² I - diag h²) for half
-    edges h.
+    The mass is shared by the volumes of the boxes of the solids. The inertia of a box of half edges
+    h is m/3 (‖h‖² I - diag h²).
     """
     boxes = [_box(solid) for solid in solids]
     volume = np.array([np.prod(half) for _, half, _ in boxes])
@@ -102,6 +101,7 @@ def _box(solid: Solid) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _cover(solid: Solid, excess: float) -> FloatArray:
+    """Spheres (k, 4) around the cells of a solid; see :func:`cover_solids`."""
     center, half, axes = _box(solid)
     grid = cover_box(2.0 * half, excess)
     centers = center + grid[:, :3] @ axes.T
@@ -141,12 +141,12 @@ def swept(corners: FloatArray) -> list[FloatArray]:
 
 
 def rectangle(low: float, high: float, a: float, b: float) -> FloatArray:
-    """Corners (4, 2) of a rectangle from ``low`` to ``high`` along the tool axis, and a to b."""
+    """Corners (4, 2) of a rectangle: ``low`` to ``high`` along the tool axis, a to b across it."""
     return np.array([[low, a], [high, a], [high, b], [low, b]])
 
 
 def profile(corners: FloatArray) -> tuple[float, float, float, float]:
-    """Least and most height of a convex solid along z, and its least and greatest distance from z.
+    """Least and largest height of a convex solid along z; its least and largest distance from z.
 
     Args:
         corners: (N, 3) in tool axes [m].

@@ -1,4 +1,4 @@
-"""The protocol of a tool, :class:`Tool`, and what follows from a tool's solids and its mouth."""
+"""The protocol of a tool, :class:`Tool`, with defaults by the tool's solids and mouth."""
 
 import functools
 from abc import abstractmethod
@@ -11,7 +11,7 @@ from optipromp.core.arrays import BoolArray, FloatArray, frozen
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.robots.tool_geometry import Solid, cover_solids, seen, solids_inertia, swept
 
-LARGEST = 5.0  # [m] a tool dimension beyond it is taken for millimetres
+LARGEST = 5.0  # [m] chosen: a larger dimension of a tool is a number in millimetres
 
 
 @runtime_checkable
@@ -22,10 +22,9 @@ class Tool(Protocol):
     (:func:`optipromp.core.robots.tools.with_tool`); it must not change from then on. Lengths are
     metres.
 
-    A class that inherits from this one is a tool by its solids and its mouth: it states ``solids``,
-    ``point``, ``front``, ``tip`` and ``mouth``. The other members follow from these. By default the
-    tool is round about the flange's z and swallows what it takes hold of; with ``fingers``
-    true it closes on it.
+    A subclass defines ``solids``, ``point``, ``front``, ``tip`` and ``mouth``; the other members
+    follow from them. By default the tool is round about the flange's z and swallows a fruit. With
+    ``fingers`` true it closes on the fruit.
 
     The *tool axes* are x, y and z: z is the tool axis and points out of the mouth; fingers open
     along y. The *tool point* is the place of the centre of a fruit that the tool holds.
@@ -43,7 +42,7 @@ class Tool(Protocol):
 
     @property
     def fingers(self) -> bool:
-        """Whether it opens along y alone; then y is kept level. False: a round tool."""
+        """Whether the tool opens along y only, and y is kept level. False: a round tool."""
         return False
 
     @property
@@ -63,24 +62,23 @@ class Tool(Protocol):
 
     @property
     def depth(self) -> float:
-        """How far rim or finger tips are beyond the tool point: ``tip - reach``."""
+        """Distance of the rim or finger tips beyond the tool point: ``tip - reach``."""
         return self.tip - self.reach
 
     @property
     def gripper_radius(self) -> float:
-        """R_gripper: distance of the tool axis from the centre of a fruit that it passes.
+        """R_gripper: distance of the tool axis from the centre of a fruit that the tool passes.
 
-        By default the outer radius of a round mouth, and half the distance of fingers.
+        By default the outer radius of a round mouth, or half the distance of the fingers.
         """
         return self.mouth[0] if self.fingers else self.mouth[1]
 
     @property
     @abstractmethod
     def mouth(self) -> tuple[float, float]:
-        """Inner and outer radius of the mouth, or half the distance of fingers and of their backs.
-
-        An inner radius of 0: the tool takes hold of nothing. The push models treat it as solid.
-        """
+        """Inner and outer radius of the mouth; of fingers, half the distance of their inner sides
+        and of their backs. A tool of inner radius 0 holds nothing; the push models treat it as
+        solid."""
 
     def spheres(self) -> FloatArray:
         """Spheres (k, 4) that cover the solids, in the flange frame."""
@@ -89,8 +87,8 @@ class Tool(Protocol):
     def outline(self) -> tuple[FloatArray, ...]:
         """The tool seen along its x: convex polygons (k, 2), k <= 8, counter-clockwise.
 
-        Columns: along the tool axis and along y, from the tool point. A round tool, whose
-        roll is free, gives the outline of the volume that it sweeps as it rolls.
+        Columns: along the tool axis and along y, from the tool point. The outline of a round tool,
+        whose roll is free, is that of the volume that it sweeps as it rolls.
         """
         found: dict[bytes, FloatArray] = {}
         for solid in self.solids():
@@ -101,13 +99,13 @@ class Tool(Protocol):
 
     @abstractmethod
     def solids(self) -> tuple[Solid, ...]:
-        """Solids that collide in the simulation and that pictures show."""
+        """The solids of the simulation and of pictures."""
 
     def holds(self, points: FloatArray) -> BoolArray:
         """Whether the tool holds objects at points (R, 3), in tool axes from the tool point.
 
-        By default above ``front`` and below ``tip``: within the inner radius of a round mouth, or
-        between fingers and within their width, that of the narrowest solid of them.
+        By default the points between ``front`` and ``tip`` that are within the inner radius of a
+        round mouth, or between the fingers and within the width of the narrowest finger solid.
         """
         x, y, z = points.T
         ends = self.front - self.reach, self.tip - self.reach

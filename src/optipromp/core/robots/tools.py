@@ -1,8 +1,8 @@
-"""Tools on the flange: the swallowing cup, the Franka hand, and how any tool is mounted.
+"""Tools on the flange: the swallowing cup, the Franka hand, and the mounting of any tool.
 
-The boxes of the Franka hand follow the public description of it (franka_description), as remembered
-and not checked against the file: a palm 204 mm wide, 63 mm thick and 66 mm to its front, and
-fingers whose rubber tips are 17.5 mm high, 15 mm wide and 18.5 mm long, 80 mm apart when open.
+The boxes of the Franka hand are from memory of franka_description, not checked against the file: a
+palm 204 mm wide, 63 mm thick and 66 mm to its front, and fingers whose rubber tips are 17.5 mm
+high, 15 mm wide and 18.5 mm long, 80 mm apart when open.
 """
 
 import math
@@ -31,7 +31,7 @@ from optipromp.core.robots.tool_protocol import (
 )
 
 TOOL_LINK = "tool"
-WALL = 0.002  # [m] thickness of a cup's floor, and of its wall where no opening is given
+WALL = 0.002  # [m] chosen: thickness of a cup's floor, and of its wall by default
 PALM = 0.0316, 0.02  # [m] of the Franka hand: half of its thickness, middle before the flange
 PALM_HALF = 0.102, 0.0459  # [m] half of its width, half of its length
 FINGERS = 0.0584  # [m] before the flange, where the fingers begin
@@ -41,8 +41,8 @@ FINGER = {  # boxes of an open finger: x, y, z of the centre, three half edges [
     "pad": (0.0, 0.00758, 0.04525, 0.00875, 0.0076, 0.00925, 0.0),
 }
 PADS = FINGER["pad"]
-# y, z, radius [m] in the axes of the hand, and of a finger in its own: the fewest spheres that
-# contain every point of the maker's meshes and reach at most 15 mm beyond (scripts/fit_cover.py).
+# y, z, radius [m] in the axes of the hand or of a finger: the fewest spheres that contain every
+# point of the maker's meshes and reach at most 15 mm beyond them (scripts/fit_cover.py).
 PALM_SPHERES = (
     (-0.064, -0.004, 0.0312), (-0.08, 0.004, 0.0328), (-0.02, 0.008, 0.0423),
     (0.028, 0.012, 0.041), (0.068, 0.016, 0.039), (-0.016, 0.036, 0.0378),
@@ -50,17 +50,17 @@ PALM_SPHERES = (
     (0.072, 0.044, 0.035),
 )  # fmt: skip
 FINGER_SPHERES = (0.012, 0.016, 0.025), (0.008, 0.036, 0.0212)
-WALLS = 16  # flat pieces of a cup's wall
+WALLS = 16  # flat pieces of a cup's wall, chosen
 
 
 @dataclass(frozen=True)
 class Cup(Tool):
     """A swallowing gripper: an open cylinder on a slender neck, its axis along flange z. Metres.
 
-    The neck (radius 0.01) runs ``length`` from the flange to the cup's base; the wall of outer
-    ``radius`` rises ``height`` from there to the rim; ``opening`` is the inner diameter (default:
-    2 ``radius``, a thin wall). A swallowed fruit's centre rests ``depth`` below the rim: that is
-    the tool point, and the tool axis points out of the mouth.
+    The neck (radius 0.01) of ``length`` joins the flange and the cup's base. The wall of outer
+    ``radius`` and ``height`` joins the base and the rim. ``opening`` is the inner diameter, by
+    default 2 ``radius``: a thin wall. The tool point, where the centre of a swallowed fruit rests,
+    is ``depth`` below the rim. The tool axis points out of the mouth.
 
     Raises:
         InvalidRequestError: a parameter out of its range, named with its value.
@@ -92,12 +92,12 @@ class Cup(Tool):
 
     @property
     def front(self) -> float:
-        """How far before the flange the mouth begins [m]."""
+        """Height of the cup's base over the flange [m]."""
         return self.length
 
     @property
     def tip(self) -> float:
-        """How far before the flange the rim is [m]."""
+        """Height of the rim over the flange [m]."""
         return self.length + self.height
 
     @property
@@ -137,7 +137,7 @@ class Cup(Tool):
         return tuple(out)
 
     def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
-        """Inertia of a tube that has all of the mass."""
+        """Centre (3,) [m] and inertia (3, 3) [kg m²] of a tube of the whole ``mass`` [kg]."""
         across = 0.5 * self.radius**2 + self.height**2 / 12.0
         middle = np.array([0.0, 0.0, self.length + 0.5 * self.height])
         return middle, mass * np.diag([across, across, self.radius**2])
@@ -187,12 +187,12 @@ class FrankaHand(Tool):
 
     @property
     def front(self) -> float:
-        """How far before the flange the palm ends [m]."""
+        """Height of the palm's front over the flange [m]."""
         return PALM[1] + PALM_HALF[1]
 
     @property
     def tip(self) -> float:
-        """How far before the flange the fingers end [m]."""
+        """Height of the finger tips over the flange [m]."""
         return FINGERS + PADS[2] + PADS[5]
 
     def boxes(self) -> tuple[tuple[str, FloatArray, FloatArray, float], ...]:
@@ -241,7 +241,7 @@ class FrankaHand(Tool):
         return tuple(out)
 
     def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
-        """Inertia of a palm that has all of the mass."""
+        """Centre (3,) [m] and inertia (3, 3) [kg m²] of a palm of the whole ``mass`` [kg]."""
         turned, (_, middle, half, _) = self.rotation, self.boxes()[0]
         a, b, c = (half**2).tolist()
         own = np.diag(mass / 3.0 * np.array([b + c, a + c, a + b]))
@@ -255,7 +255,7 @@ TOOLS: dict[str, type[Tool]] = {
     "scissor": Scissor,
     "mesh": MeshTool,
 }
-"""Kinds of tool by the name that scene files have for them."""
+"""Classes of tools by their kind in scene files."""
 
 
 def make_tool(kind: str, parameters: Mapping[str, Any]) -> Tool:
@@ -276,8 +276,8 @@ def make_tool(kind: str, parameters: Mapping[str, Any]) -> Tool:
 def with_tool(robot: Robot, tool: Tool) -> Robot:
     """``robot`` with ``tool`` on its flange, in place of any tool it carries.
 
-    The tool is a new last link, "tool": distal, at rest relative to the last link and a neighbour
-    of the one before; the spheres of other links are kept from it.
+    The tool is a new last link, "tool": distal and fixed to the last link. Its spheres are
+    kept off the links of all segments but the last two.
 
     Args:
         robot: with or without a tool.
@@ -314,7 +314,7 @@ def with_tool(robot: Robot, tool: Tool) -> Robot:
         tool=tool,
     )
     pairs = candidate_pairs(robot)
-    pairs = pairs[pairs[:, 1] >= len(body.radius)]  # the arm's own are known
+    pairs = pairs[pairs[:, 1] >= len(body.radius)]  # those of the arm are known
     pairs = drop_always_touching(robot, pairs)
     return replace(
         robot,
@@ -324,7 +324,7 @@ def with_tool(robot: Robot, tool: Tool) -> Robot:
 
 
 def _check_free(bare: Robot, tool: Tool) -> None:
-    """Warn where a link on the last one, such as a finger, stands beside a tool's mouth."""
+    """Warn if a link that the last link carries, such as a finger, stands beside a tool's mouth."""
     spheres = bare.spheres
     last = spheres.link[spheres.distal].min(initial=len(bare.link_names))
     riding = spheres.distal & (spheres.link > last)

@@ -31,17 +31,17 @@ def scene_names() -> tuple[str, ...]:
 def load_scene(name_or_path: str | Path) -> Scene:
     """Load a built-in scene by name, or a scene file (YAML, or JSON by its suffix).
 
-    Paths inside the file are relative to it. Lengths are metres unless the file declares a
-    ``scale``, which multiplies every length it states (not joint values, nor mesh files, which
-    have their own).
+    Paths inside the file are relative to its folder. Lengths are metres unless the file states a
+    ``scale``, which multiplies every length in it, but not joint values, nor mesh files, which have
+    a scale of their own.
 
     Raises:
-        InvalidSceneError: naming the file, the field, the value and what would be right.
-        InvalidRequestError: neither a name nor a path.
+        InvalidSceneError: the scene cannot be used; names the file, the field and the value.
+        InvalidRequestError: ``name_or_path`` is neither a name nor a path.
     """
-    given: object = name_or_path
-    if not isinstance(given, str | Path):
-        kind = type(given).__name__
+    value: object = name_or_path
+    if not isinstance(value, str | Path):
+        kind = type(value).__name__
         raise InvalidRequestError(f"a scene is given as {kind}: must be a name or a path")
     name = str(name_or_path)
     if isinstance(name_or_path, str) and name in scene_names():
@@ -61,12 +61,12 @@ def _read(path: Path) -> Any:
 
 
 def save_scene(scene: Scene, path: str | Path) -> None:
-    """Write a scene file (JSON where the suffix is ``.json``, else YAML), whole or not at all.
+    """Write a scene file (JSON if the suffix is ``.json``, else YAML), whole or not at all.
 
-    Loading it gives the scene again; paths in it are relative to its folder.
+    Loading the file returns the same scene; paths in it are relative to its folder.
 
     Raises:
-        InvalidSceneError: a mesh or point cloud that came from no file.
+        InvalidSceneError: a mesh or point cloud was made in memory.
         InvalidRequestError: the file cannot be written.
     """
     path = Path(path)

@@ -1,4 +1,4 @@
-"""Objects of a scene and the stems they hang on."""
+"""Objects of a scene and their stems."""
 
 from __future__ import annotations
 
@@ -23,27 +23,28 @@ ROLES: tuple[Role, ...] = get_args(Role)
 PHYSICAL = (
     "mass", "density", "friction", "stem_stiffness", "stem_stiffness_spread", "abscission_force",
 )  # fmt: skip
-"""What may be told of an object in ``physical``: [kg], [kg/m³], -, EI [N m²], -, [N]."""
+"""Keys of an object's ``physical``: [kg], [kg/m³], [-], EI [N m²], [-], [N]."""
 
 STEM_RADIUS = 0.003
-"""Radius of a stem that says none [m]."""
+"""Default radius of a stem [m], chosen."""
 
-_LARGEST_SIGMA = 10.0  # [m]
-STEM_SLACK = 0.005  # [m] a stem begins at most this far outside its fruit, and off its parent
+_LARGEST_SIGMA = 10.0  # [m] chosen
+STEM_SLACK = 0.005  # [m] chosen: largest distance of a stem's ends from its fruit and its parent
 
 
 @dataclass(frozen=True, eq=False)
 class Stem:
-    """The stem that a fruit hangs on.
+    """The stem of a fruit.
 
     Args:
         points: (k, 3) in the robot's base frame [m], fruit first, root last, k >= 2.
         radius: [m].
-        parent: id of the object whose stem this one grows from, at its root; None where the root
-            is held. Fruits on one such tree share a truss.
+        parent: id of the object from whose stem this stem grows, at its root; None if the root is
+            fixed. Fruits on stems that grow from one another share a truss.
 
     Raises:
-        InvalidSceneError: fewer than two points, a piece without length, a radius of 0 or less.
+        InvalidSceneError: there are fewer than two points, a piece has no length, or the radius is
+            not positive.
     """
 
     points: FloatArray
@@ -69,9 +70,9 @@ class Stem:
     def along(
         cls, position: FloatArray, direction: FloatArray, length: float, radius: float = STEM_RADIUS
     ) -> Stem:
-        """A straight stem of a ``length`` [m] from the fruit's ``position`` (3,).
+        """A straight stem of ``length`` [m] from the fruit's ``position`` (3,).
 
-        ``direction`` (3,) is from the fruit to the root, of any length above 0.
+        ``direction`` (3,): from the fruit to the root, of any length above 0.
         """
         if not (math.isfinite(length) and length > 0.0):
             raise InvalidSceneError(f"stem.length is {length:g}: must be above 0 [m]")
@@ -79,7 +80,7 @@ class Stem:
         return cls(np.array([begin, begin + length * unit("stem.direction", direction)]), radius)
 
     def transformed(self, pose: Pose) -> Stem:
-        """The same stem, stated in the frame in which its present frame has the ``pose``."""
+        """The same stem in another frame, in which its present frame has the ``pose``."""
         return replace(self, points=pose @ self.points)
 
     @property
@@ -89,7 +90,7 @@ class Stem:
 
     @property
     def root(self) -> FloatArray:
-        """(3,) where the stem is held [m]."""
+        """(3,) the fixed end of the stem [m]."""
         return frozen(self.points[-1])
 
     @property
@@ -107,19 +108,19 @@ class SceneObject:
         role: ``target``, ``pushable``, ``avoid`` or ``static``.
         shape: in its local frame.
         position: (3,) of the local origin, in the robot's base frame [m].
-        orientation: of the local frame: quaternion (4,) ``w, x, y, z``, or rotation matrix (3, 3).
-            It is kept as a quaternion.
-        stem: that it hangs on, if any.
-        covariance: (3, 3) covariance of the detected position [m²], if given.
-        physical: further numbers by name, one of :data:`PHYSICAL`. The simulation knows all of
-            them, the push model mass and stem_stiffness; stem_stiffness_spread is the factor by
-            which the stiffness may well be higher or lower (one standard deviation of its log).
+        orientation: of the local frame: quaternion (4,) ``w, x, y, z``, or rotation matrix (3, 3),
+            which is converted to a quaternion.
+        stem: of a fruit, if any.
+        covariance: (3, 3) covariance of the detected position [m²], if known.
+        physical: further numbers; keys are those of :data:`PHYSICAL`. The simulation uses all of
+            them, the push model mass and stem_stiffness. stem_stiffness_spread is the exponential
+            of the standard deviation of the logarithm of the stiffness.
         sigma: in place of ``covariance``: standard deviation of each coordinate of the detected
-            position [m]. It is kept as a covariance, and the attribute reads None.
+            position [m]. It is converted to a covariance, and the attribute reads None.
 
     Raises:
-        InvalidSceneError: an unknown role, a fruit that is a half space, a value that is not
-            finite or of the wrong shape, a stem that starts away from its fruit.
+        InvalidSceneError: the role is unknown, a fruit is a half space, a value is not finite or of
+            the wrong shape, or a stem starts away from its fruit.
     """
 
     id: str
@@ -157,10 +158,10 @@ class SceneObject:
         return from_quaternion(self.orientation)
 
     def transformed(self, pose: Pose) -> SceneObject:
-        """The same object, stated in the frame in which its present frame has the ``pose``.
+        """The same object in another frame, in which its present frame has the ``pose``.
 
-        Position, orientation, stem and covariance are transformed. A picker brings what its camera
-        detected into the base frame by ``detected.transformed(camera)``.
+        Position, orientation, stem and covariance are transformed. An object in the frame of a
+        camera is transformed to the base frame by ``detected.transformed(camera)``.
         """
         spread = self.covariance
         if spread is not None:
@@ -174,7 +175,7 @@ class SceneObject:
 
     @property
     def radius(self) -> float:
-        """Radius of a ball about ``position`` that holds the shape [m]; of a sphere, its own."""
+        """Radius [m] of a ball about ``position`` that contains the shape."""
         return self.shape.measure.bound
 
 
@@ -191,6 +192,7 @@ def _checked(physical: Mapping[str, float]) -> dict[str, float]:
 
 
 def _covariance(values: FloatArray | None, sigma: float | None) -> FloatArray:
+    """The covariance (3, 3) [m²]: ``values``, or that of the standard deviation ``sigma`` [m]."""
     if sigma is not None:
         if values is not None:
             raise InvalidSceneError("covariance and sigma are given: must be one of them at most")

@@ -17,16 +17,16 @@ from optipromp.core.scenes.values import array
 class Pose:
     """The pose of a frame B in a frame A.
 
-    ``pose @ p`` is in A what the point ``p`` is in B: x_A = R x_B + position. ``pose @ other`` is
-    the pose in A of a frame whose pose in B is ``other``.
+    ``pose @ p`` are the coordinates in A of a point ``p`` in B: x_A = R x_B + position.
+    ``pose @ other`` is the pose in A of a frame whose pose in B is ``other``.
 
     Args:
         position: (3,) origin of B in A [m].
-        orientation: of B in A: quaternion (4,) ``w, x, y, z``, or rotation matrix (3, 3). It is
-            kept as a quaternion.
+        orientation: of B in A: quaternion (4,) ``w, x, y, z``, or rotation matrix (3, 3), which is
+            converted to a quaternion.
 
     Raises:
-        InvalidSceneError: a value that is not finite, or no rotation.
+        InvalidSceneError: a value is not finite, or the orientation is no rotation.
     """
 
     position: FloatArray = field(default_factory=lambda: np.zeros(3))
@@ -57,7 +57,7 @@ class Pose:
     def __matmul__(self, other: FloatArray) -> FloatArray: ...
 
     def __matmul__(self, other: Pose | FloatArray) -> Pose | FloatArray:
-        """Compose with a pose, or bring points (..., 3) of B into A."""
+        """The composition with a pose, or points (..., 3) of B in the coordinates of A."""
         if isinstance(other, Pose):
             return Pose(self @ other.position, product(self.orientation, other.orientation))
         return frozen(np.asarray(other) @ self.rotation.T + self.position)

@@ -45,9 +45,9 @@ from optipromp.core.scenes.schema import (
 )
 from optipromp.core.scenes.values import suggest, unit
 
-_FARTHEST = 20.0  # [m] a position beyond is taken for millimetres ...
-_BEYOND_MILLIMETRES = 5_000.0  # [m] ... except where it is too far even in millimetres
-_LARGEST_FRUIT = 1.0  # [m]
+_FARTHEST = 20.0  # [m] chosen: a larger distance is a number in millimetres,
+_BEYOND_MILLIMETRES = 5_000.0  # [m] chosen: unless it is beyond reach even in millimetres
+_LARGEST_FRUIT = 1.0  # [m] chosen
 
 
 def scene_from_dict(
@@ -56,9 +56,9 @@ def scene_from_dict(
     """Build a scene from the plain values of a scene file.
 
     Args:
-        document: as in a scene file.
-        base_dir: folder that relative paths start from; the working directory where None.
-        source: named in refusals.
+        document: the content of a scene file.
+        base_dir: folder where relative paths start; None: the working directory.
+        source: the name of the document in messages.
 
     Raises:
         InvalidSceneError: as :func:`load_scene`.
@@ -104,24 +104,24 @@ def scene_from_dict(
 
 
 def _inside(name: str, base_dir: Path | None) -> Path:
-    """The path of a file that the scene names."""
+    """The path of a file that the scene names; refused outside the allowed folders."""
     return check_inside((base_dir or Path()) / name, base_dir, InvalidSceneError)
 
 
-def _choice(given: str | RobotModel, base_dir: Path | None) -> Choice:
-    if isinstance(given, str):
-        if given not in robot_names():
-            _inside(given, base_dir)
+def _choice(robot: str | RobotModel, base_dir: Path | None) -> Choice:
+    if isinstance(robot, str):
+        if robot not in robot_names():
+            _inside(robot, base_dir)
         return UNTRUSTED
-    for name in (given.file, *([given.srdf] if given.srdf else []), *given.package_dirs):
+    for name in (robot.file, *([robot.srdf] if robot.srdf else []), *robot.package_dirs):
         _inside(name, base_dir)
     return Choice(
-        given.tip, given.base, given.srdf, given.hold, tuple(given.package_dirs), untrusted=True
+        robot.tip, robot.base, robot.srdf, robot.hold, tuple(robot.package_dirs), untrusted=True
     )
 
 
 def _frames(model: SceneModel, scale: float) -> dict[str, Pose]:
-    """The poses in the base frame of the frames that the file may state values in."""
+    """The poses, in the base frame, of the frames in which the file may state values."""
     poses = {}
     for name, given in (("base", model.base), ("camera", model.camera)):
         try:
@@ -132,8 +132,8 @@ def _frames(model: SceneModel, scale: float) -> dict[str, Pose]:
     return {"base": Pose(), "world": world, "camera": world @ poses["camera"]}
 
 
-def _pose(given: PoseModel, scale: float) -> Pose:
-    return Pose(scale * np.array(given.position), _orientation(given.orientation))
+def _pose(model: PoseModel, scale: float) -> Pose:
+    return Pose(scale * np.array(model.position), _orientation(model.orientation))
 
 
 def _orientation(given: list[float] | None) -> FloatArray:
@@ -143,7 +143,7 @@ def _orientation(given: list[float] | None) -> FloatArray:
 def _object(
     item: ObjectModel, scale: float, base_dir: Path | None, shapes: dict[tuple[object, ...], Shape]
 ) -> SceneObject:
-    """The object in the frame in which the file states it."""
+    """The object, in the frame of its values in the file."""
     position = scale * np.array(item.position)
     return SceneObject(
         id=item.id,
@@ -158,22 +158,22 @@ def _object(
     )
 
 
-def _stem(given: StemModel, scale: float, position: FloatArray) -> Stem:
-    radius = STEM_RADIUS if given.radius is None else scale * given.radius
-    if given.direction is not None and given.length is not None:
-        way = scale * given.length * unit("stem.direction", np.array(given.direction))
+def _stem(model: StemModel, scale: float, position: FloatArray) -> Stem:
+    radius = STEM_RADIUS if model.radius is None else scale * model.radius
+    if model.direction is not None and model.length is not None:
+        way = scale * model.length * unit("stem.direction", np.array(model.direction))
         points = np.array([position, position + way])
-    elif given.root is not None:
-        points = np.array([position, scale * np.array(given.root)])
+    elif model.root is not None:
+        points = np.array([position, scale * np.array(model.root)])
     else:
-        points = scale * np.array(given.points)
-    return Stem(points, radius, given.parent)
+        points = scale * np.array(model.points)
+    return Stem(points, radius, model.parent)
 
 
 def _shape(
     model: ShapeModel, scale: float, base_dir: Path | None, shapes: dict[tuple[object, ...], Shape]
 ) -> Shape:
-    """The shape; files named twice are read once, and share their distance grid."""
+    """The shape. A file that several objects name is read once; they share its distance grid."""
     (name,) = model.model_fields_set
     given = getattr(model, name).model_dump()
     if name in PRIMITIVES:
@@ -191,7 +191,7 @@ def _shape(
 
 
 def check_magnitude(item: SceneObject, told: str = "") -> None:
-    """Refuse an object that looks as if it were in millimetres; ``told``: of which frame it is."""
+    """Refuse an object whose numbers look like millimetres; ``told`` names their frame."""
     reachable = item.role != "target"
     if math.isfinite(item.radius):
         _check_distance("position", item.position, told, reachable=reachable)
@@ -216,10 +216,10 @@ def check_magnitude(item: SceneObject, told: str = "") -> None:
 
 
 def _check_distance(name: str, position: FloatArray, told: str, *, reachable: bool) -> None:
-    """Refuse what looks like millimetres.
+    """Refuse a position that looks like millimetres.
 
-    A target that would be out of reach even in millimetres is no mistake of units. The planner
-    reports that it is out of reach.
+    A target beyond :data:`_BEYOND_MILLIMETRES` is no mistake of units: the planner reports that it
+    is out of reach.
     """
     distance = math.hypot(*position)
     if distance <= _FARTHEST or (not reachable and distance > _BEYOND_MILLIMETRES):
@@ -247,7 +247,7 @@ def _check_target_key(model: SceneModel, objects: list[SceneObject]) -> None:
 
 
 def _tool(model: SceneModel, scale: float, base_dir: Path | None) -> ToolSpec | None:
-    """The tool; it is built once to check its parameters, and the files of a mesh are read."""
+    """The tool. It is built once to check its parameters; mesh files are read."""
     if model.tool is None:
         return None
     given = model.tool.given
@@ -271,7 +271,7 @@ def _tool(model: SceneModel, scale: float, base_dir: Path | None) -> ToolSpec | 
 
 
 def _approach(model: SceneModel, scale: float, frame: Pose, world: Pose) -> Approach:
-    """The approach in the base frame; what the file leaves out is up and y of the world."""
+    """The approach in the base frame; by default up and y of the world."""
     given = model.approach
     direction, lateral = (
         world.rotation[:, axis] if values is None else frame.rotation @ np.array(values)
@@ -290,7 +290,7 @@ def _approach(model: SceneModel, scale: float, frame: Pose, world: Pose) -> Appr
 
 
 def _options(model: SceneModel, scale: float) -> dict[str, Any]:
-    """Settings of the planners that belong to the scene; lengths in metres."""
+    """The planners' settings in the scene, with lengths in metres."""
     out, offset = model.options.model_dump(exclude_none=True), model.options.drift_offset
     if isinstance(offset, dict):
         out["drift_offset"] = {name: scale * one for name, one in offset.items()}

@@ -13,21 +13,21 @@ from optipromp.core.errors import InvalidSceneError
 from optipromp.core.scenes.values import array
 
 IDENTITY = frozen([1.0, 0.0, 0.0, 0.0])
-"""The quaternion that does not turn."""
+"""The quaternion of the identity."""
 
-_TOLERANCE = 1e-3
-_NORMALISED = 4e-16  # a length as near to 1 as this is that of a quaternion once normalised
+_TOLERANCE = 1e-3  # [-] chosen: largest error of a length or of an orthogonality
+_NORMALISED = 4e-16  # [-] largest rounding error of the length of a normalised quaternion
 _EYE = frozen(np.eye(3))
 
 
 def unit_quaternion(values: ArrayLike) -> FloatArray:
     """Unit quaternion (4,) of a quaternion ``w, x, y, z`` or of a rotation matrix (3, 3).
 
-    A quaternion is normalised where its length is within 1e-3 of 1, and keeps its sign. What was
-    normalised before comes back to the bit.
+    A quaternion of a length within 1e-3 of 1 is normalised and keeps its sign. A normalised
+    quaternion is returned unchanged, to the bit.
 
     Raises:
-        InvalidSceneError: of another shape, not finite, not of unit length, no rotation.
+        InvalidSceneError: another shape, a value that is not finite, no unit length, no rotation.
     """
     if values is IDENTITY:
         return IDENTITY
@@ -65,7 +65,7 @@ def from_quaternion(wxyz: Sequence[float] | FloatArray) -> FloatArray:
 
 
 def product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """The quaternion (4,) that turns by ``b`` (4,), then by ``a`` (4,)."""
+    """The quaternion (4,) of the rotation by ``b`` (4,), then by ``a`` (4,)."""
     if b is IDENTITY:
         return a
     u, v = a[1:], b[1:]

@@ -28,11 +28,11 @@ __all__ = [
 ]  # fmt: skip
 
 WIDEST_CONE = 60.0
-"""Largest angle of an approach off its direction [degrees]."""
+"""Largest angle between an approach and its direction [degrees], chosen."""
 
-_PARALLEL = 1e-6
-_ROUNDING = 1e-9  # [m]
-_FARTHEST_CAMERA = 20.0  # [m]
+_PARALLEL = 1e-6  # chosen: sine of the angle below which two vectors count as parallel
+_ROUNDING = 1e-9  # [m] allowance for rounding
+_FARTHEST_CAMERA = 20.0  # [m] chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,13 +44,15 @@ class Approach:
             above 0.
         lateral: (3,) y_g, along which the tool drifts; made orthogonal to ``direction``.
         camera_distance: from the camera point to the lowest fruit, along z_g [m].
-        cone: where the straight way harms, the planner may come along another axis, off the
-            ``direction`` by at most this angle [degrees]; None: as the planner chooses; 0: never.
-        aside: and the tool point may end so far beside the target's centre [m]; likewise.
-        shift: (3,) from the target's centre to where the tool point ends [m]; of a plan's scene,
-            where the planner has chosen it.
-        lead: (3,) axis of the tool where its path begins; it turns to ``direction`` on the way. Of
-            a plan's scene, where the planner has chosen it; None: ``direction``.
+        cone: largest angle [degrees] between ``direction`` and the axis of the approach, which the
+            planner may change if the straight approach harms; None: the planner's default; 0: the
+            axis does not change.
+        aside: largest distance [m] of the tool point's end from the target's centre, if the
+            straight approach harms; None: the planner's default.
+        shift: (3,) from the target's centre to the end of the tool point [m]; the planner's choice
+            in the scene of a plan.
+        lead: (3,) tool axis at the begin of the path; it turns to ``direction`` on the way. The
+            planner's choice in the scene of a plan; None: ``direction``.
     """
 
     direction: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
@@ -94,14 +96,14 @@ class Approach:
 
     @cached_property
     def frame(self) -> FloatArray:
-        """(3, 3) rows x_g, y_g, z_g with x_g = y_g × z_g: maps vectors into F_g."""
+        """(3, 3) rows x_g, y_g, z_g with x_g = y_g × z_g: maps vectors to the target frame F_g."""
         z = self.direction
         x = np.cross(self.lateral, z)
         x /= np.linalg.norm(x)
         return frozen([x, np.cross(z, x), z])
 
     def transformed(self, pose: Pose) -> Approach:
-        """The same approach, stated in the frame in which its present frame has the ``pose``."""
+        """The same approach in another frame, in which its present frame has the ``pose``."""
         turn = pose.rotation
         return replace(
             self, direction=turn @ self.direction, lateral=turn @ self.lateral,
@@ -136,7 +138,7 @@ class PoseGoal:
         object.__setattr__(self, "axis", unit("goal.axis", self.axis))
 
     def transformed(self, pose: Pose) -> PoseGoal:
-        """The same goal, stated in the frame in which its present frame has the ``pose``."""
+        """The same goal in another frame, in which its present frame has the ``pose``."""
         return PoseGoal(pose @ self.position, pose.rotation @ self.axis)
 
 
@@ -157,7 +159,7 @@ class ToolSpec:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scene(Shown):
-    """A scene: robot, objects, and a target or goal, stated in the frame of the robot's base.
+    """A scene: robot, objects, and a target or goal, in the frame of the robot's base.
 
     Args:
         name: of the scene.
@@ -168,16 +170,14 @@ class Scene(Shown):
         approach: the target frame.
         goal: in place of a target.
         options: further settings of the planners.
-        base_dir: folder that relative paths start from.
-        base: pose of the robot's base in the world. It determines what is up, and what the world
-            is to those who read the scene. Nothing else depends on it.
-        choice: what is chosen of the robot's file; paths in it are relative to ``base_dir``.
-        camera: pose of the camera in the robot's base frame, if there is one. Nothing depends on
-            it; it is kept for those who read the scene.
+        base_dir: folder where relative paths start.
+        base: pose of the robot's base in the world. Only the direction of up depends on it.
+        choice: of the arm in the robot's file; its paths are relative to ``base_dir``.
+        camera: pose of the camera in the robot's base frame, if there is one; for information only.
 
     Raises:
-        InvalidSceneError: duplicate ids, no target, two targets, target and goal together, a stem
-            that does not begin on the stem that it grows from.
+        InvalidSceneError: ids repeat; there is no target, two targets, or a target and a goal; or
+            the root of a stem is not on its parent's stem.
     """
 
     name: str
@@ -224,7 +224,7 @@ class Scene(Shown):
         return f"{self.name}: {self.robot}; {objects or 'no objects'}"
 
     def load_robot(self) -> Robot:
-        """The robot without a tool. Raises InvalidRobotError where it cannot be loaded."""
+        """The robot without a tool. Raises InvalidRobotError if it cannot be loaded."""
         return load_arm(self.robot, self.base_dir, self.choice)[0]
 
     @cached_property
@@ -239,12 +239,12 @@ class Scene(Shown):
 
     @property
     def target(self) -> SceneObject | None:
-        """The object to reach; None where the scene has a goal instead."""
+        """The object to reach; None if the scene has a goal instead."""
         return next(iter(self._by_role["target"]), None)
 
     @property
     def aim(self) -> FloatArray | None:
-        """(3,) where the tool point ends at the target [m]; None where there is none."""
+        """(3,) end of the tool point at the target [m]; None without a target."""
         return None if self.target is None else self.target.position + self.approach.shift
 
     @property
@@ -254,12 +254,12 @@ class Scene(Shown):
 
     @property
     def avoid(self) -> tuple[SceneObject, ...]:
-        """The neighbours that only the last link and the tool may brush, in file order."""
+        """The neighbours that only the last link and the tool may touch, in file order."""
         return self._by_role["avoid"]
 
     @property
     def static(self) -> tuple[SceneObject, ...]:
-        """The objects that nothing may touch, in file order."""
+        """The objects that no part of the robot may touch, in file order."""
         return self._by_role["static"]
 
     @cached_property
@@ -287,10 +287,8 @@ class Scene(Shown):
         return self._rows[role]
 
     def around(self, center: FloatArray, reach: float, role: Role) -> IntArray:
-        """Indices (K,) of the ``objects`` of a role that may be within ``reach`` [m] of a point.
-
-        By bounding balls: some objects may be farther away, none is missed.
-        """
+        """Indices (K,) of the ``objects`` of a role whose bounding balls are within ``reach`` [m]
+        of ``center`` (3,). The objects themselves may be farther away."""
         rows = self._rows[role]
         if not len(rows):
             return rows
@@ -308,10 +306,10 @@ class Scene(Shown):
         return frozen(self.base.rotation[2])
 
     def transformed(self, pose: Pose) -> Scene:
-        """The same world stated in another frame, in which the present base has the ``pose``.
+        """The same world in another frame, in which the present base has the ``pose``.
 
         The robot stands at the origin of the new frame. To move the robot by ``moved``, a pose in
-        its present base frame, transform by ``moved.inverse()``. Joint values are kept.
+        its present base frame, transform by ``moved.inverse()``. Joint values do not change.
         """
         goal = self.goal
         return replace(
@@ -328,10 +326,7 @@ class Scene(Shown):
         return self.approach.frame
 
     def obstacles(self, *roles: Role) -> Obstacles:
-        """Objects of the given roles (all objects where none is given), packed for the kernels.
-
-        Order: that of ``objects``, whatever the order of ``roles``.
-        """
+        """The objects of ``roles`` (by default all), packed for the kernels, in their order."""
         wanted = roles or ROLES
         for role in wanted:
             if role not in ROLES:

@@ -55,7 +55,7 @@ Frame = Literal["world", "base", "camera"]
 
 
 class _Model(BaseModel):
-    """Base: a mapping whose unknown keys are refused by name."""
+    """Base of mappings, which refuse unknown keys by name."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -128,7 +128,7 @@ class PoseModel(_Model):
 
 
 class StemModel(_Model):
-    """Straight to a root, or along a direction, or a polyline, fruit first."""
+    """A stem: straight to a root, or along a direction, or a polyline, fruit first."""
 
     root: Vector | None = None
     direction: Vector | None = None
@@ -183,7 +183,7 @@ class ApproachModel(_Model):
 
 
 class GoalModel(_Model):
-    """A goal in joints, or of the tool's point and axis."""
+    """A goal of the joints, or of the tool point and the tool axis."""
 
     joints: Annotated[list[Number], Field(min_length=1)] | None = None
     position: Vector | None = None
@@ -199,7 +199,7 @@ class GoalModel(_Model):
 
 
 class _ToolModel(_Model):
-    """The tool on the flange; the keys that it states are passed to the class of its kind."""
+    """The tool on the flange; its keys are the parameters of the class of its kind."""
 
     kind: Text
 
@@ -215,12 +215,12 @@ class _ToolModel(_Model):
 
     @property
     def given(self) -> dict[str, Any]:
-        """The parameters that are stated."""
+        """The parameters in the file."""
         return self.model_dump(exclude={"kind"}, exclude_none=True)
 
 
 class MeshToolModel(_ToolModel):
-    """See :class:`optipromp.core.robots.mesh_tool.MeshTool`; ``scale`` is of the mesh files."""
+    """See :class:`optipromp.core.robots.mesh_tool.MeshTool`; ``scale`` is for the mesh files."""
 
     kind: Literal["mesh"]
     file: Text | None = None
@@ -239,7 +239,7 @@ class MeshToolModel(_ToolModel):
 
 
 def _tool_model(kind: str) -> type[_ToolModel]:
-    """The model of a tool whose parameters are numbers; its class refuses what they may not be."""
+    """The model of a tool whose parameters are numbers; their ranges are checked by its class."""
     keys: dict[str, Any] = {"kind": (Literal[kind], ...)}
     for item in fields(TOOLS[kind]):  # type: ignore[arg-type]
         needed = item.default is MISSING
@@ -310,11 +310,12 @@ def parse(document: Any, source: str) -> SceneModel:
     """Check a document against the schema.
 
     Args:
-        document: what the file holds, as plain Python values.
-        source: named in the message of a refusal, usually the file.
+        document: the content of the file, as plain Python values.
+        source: the name of the document in messages, usually the file.
 
     Raises:
-        InvalidSceneError: with source, field, value and what would be right, in one line.
+        InvalidSceneError: the document does not fit the schema; one line with source, field, value
+            and what would be right.
     """
     try:
         return SceneModel.model_validate(document)
@@ -330,7 +331,7 @@ def _describe(error: ErrorDetails) -> str:
     path = ""
     for n, step in enumerate(error["loc"]):
         if n == 1 and error["loc"][0] in ("robot", "tool"):
-            continue  # the kind of it, which is no key
+            continue  # the kind of robot or tool, which is no key
         path += f"[{step}]" if isinstance(step, int) else f".{step}" if path else str(step)
     value = error["input"]
     context = error.get("ctx", {})

@@ -12,7 +12,8 @@ from optipromp.core.scenes.values import suggest
 
 
 def nearest(points: FloatArray, point: FloatArray) -> tuple[int, FloatArray]:
-    """The piece of a stem (N, 3) that is nearest to a ``point`` (3,), and where on it (3,) [m]."""
+    """Index of the piece of a stem (N, 3) that is nearest to ``point`` (3,), and the nearest point
+    (3,) of it [m]."""
     start, pieces = points[:-1], np.diff(points, axis=0)
     share = ((point - start) * pieces).sum(axis=1) / (pieces**2).sum(axis=1)
     places = start + np.clip(share, 0.0, 1.0)[:, None] * pieces
@@ -21,10 +22,10 @@ def nearest(points: FloatArray, point: FloatArray) -> tuple[int, FloatArray]:
 
 
 def parents_first(objects: Sequence[SceneObject]) -> list[SceneObject]:
-    """The objects in their order, but each after the one whose stem its own grows from.
+    """The objects in their order, but each after its stem's parent.
 
     Raises:
-        InvalidSceneError: a parent that is no object, has no stem, or grows from its own child.
+        InvalidSceneError: a parent is no object, has no stem, or grows from its own child.
     """
     by_id = {item.id: item for item in objects}
     out: dict[str, SceneObject] = {}
@@ -47,11 +48,11 @@ def parents_first(objects: Sequence[SceneObject]) -> list[SceneObject]:
 
 
 def check(objects: Sequence[SceneObject]) -> None:
-    """Refuse stems that do not begin on the stem that they grow from.
+    """Refuse stems whose root is not on their parent's stem.
 
     Raises:
-        InvalidSceneError: as :func:`parents_first`; a root farther from its parent's stem than
-            :data:`STEM_SLACK`.
+        InvalidSceneError: as :func:`parents_first`; or a root is farther from its parent's stem
+            than :data:`STEM_SLACK`.
     """
     if all(item.stem is None or item.stem.parent is None for item in objects):
         return
@@ -70,9 +71,9 @@ def check(objects: Sequence[SceneObject]) -> None:
 
 
 def rooted(objects: Iterable[SceneObject]) -> tuple[SceneObject, ...]:
-    """The objects with the root of each stem at the nearest point of the stem that it grows from.
+    """The objects with the root of each stem moved to the nearest point of its parent's stem.
 
-    After objects have moved one by one. A stem whose parent is gone is held where its root is.
+    For objects that have moved one by one. A stem whose parent is missing gets a fixed root.
     """
     items = list(objects)
     here = {item.id: item for item in items}

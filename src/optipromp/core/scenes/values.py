@@ -1,4 +1,4 @@
-"""Checks of what a scene is given, in the words of its refusals."""
+"""Checks of a scene's values, with the words of the refusals."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from optipromp.core.shown import is_name, no_name
 
 
 def suggest(name: object, valid: Iterable[str]) -> str:
-    """``valid names are ...; did you mean ...?``, the second half where one comes near."""
+    """``valid are ...``, and ``did you mean ...?`` if a valid name is close to ``name``."""
     names = list(valid)
     near = difflib.get_close_matches(str(name), names, n=1)
     question = f"; did you mean {near[0]!r}?" if near else ""
@@ -23,13 +23,13 @@ def suggest(name: object, valid: Iterable[str]) -> str:
 
 
 def named(what: str, text: object) -> None:
-    """Refuse what can name nothing. ``what`` begins the error."""
+    """Refuse a text that is no name. ``what`` begins the error."""
     if not isinstance(text, str) or not is_name(text):
         raise InvalidSceneError(f"{what} is {no_name(str(text))}")
 
 
 def array(name: str, values: object, *shape: int | None) -> FloatArray:
-    """``values`` read-only; refused where not of the ``shape`` (None: any) or not finite."""
+    """``values`` as a read-only array; refused if not finite or not of ``shape`` (None: any)."""
     array = frozen(values)
     fits = [want in (None, have) for want, have in zip(shape, array.shape, strict=False)]
     if array.ndim != len(shape) or not all(fits):
@@ -46,7 +46,7 @@ def array(name: str, values: object, *shape: int | None) -> FloatArray:
 
 
 def unit(name: str, values: object) -> FloatArray:
-    """``values`` (3,) at length 1, read-only; refused where of no length."""
+    """``values`` (3,) normalised, read-only; refused if their length is 0."""
     vector = array(name, values, 3)
     length = math.hypot(*vector)
     if not length > 0.0:

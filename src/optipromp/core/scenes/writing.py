@@ -1,4 +1,4 @@
-"""Scenes to the plain values of scene files."""
+"""Scenes as the plain values of scene files."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ POSE = ("position", "orientation")
 
 
 def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, Any]:
-    """The scene as plain values, as a scene file holds them.
+    """The scene as the plain values of a scene file.
 
-    Everything but ``base`` and ``camera`` is stated in the frame of the robot's base.
+    Everything but ``base`` and ``camera`` is in the frame of the robot's base.
 
     Args:
         scene: any scene.
-        base_dir: folder that paths are written relative to; absolute where None.
+        base_dir: folder to which paths are relative; None: absolute paths.
 
     Raises:
-        InvalidSceneError: a mesh or point cloud that came from no file.
+        InvalidSceneError: a mesh or point cloud was made in memory.
     """
     document: dict[str, Any] = {"format": 1, "name": scene.name, "robot": _robot(scene, base_dir)}
     if not scene.base.is_identity:
@@ -52,7 +52,7 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
         document["options"] = dict(scene.options)
     document["objects"] = [_object_to_dict(item, base_dir) for item in scene.objects]
     if any(_looks_like_millimetres(item) for item in scene.objects):
-        document["scale"] = 1.0  # the size is meant: without a scale, loading would refuse it
+        document["scale"] = 1.0  # states that lengths are metres; loading would refuse them else
     return document
 
 
