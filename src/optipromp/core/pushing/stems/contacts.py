@@ -208,9 +208,13 @@ def between(
 ) -> tuple[float, float, float, float, float]:
     """Contact of fruit i or its stem with fruit o or its stem; an infinite gap for none."""
     u, up, center, upper, above = f.u, f.up, f.center, s.upper, s.above
-    fruit, partner = (o, i) if kind == STEM_ON_FRUIT else (i, o)
-    overlapped = overlap[fruit, partner, 0 if kind == ON_FRUIT else 1]
-    if overlapped or (f.resting[i] and f.resting[o]):
+    if f.resting[i] and f.resting[o]:
+        return np.inf, 0.0, 0.0, 0.0, 1.0
+    if (
+        (kind == ON_FRUIT and overlap[i, o, 0])
+        or (kind == ON_STEM and overlap[i, o, 1])
+        or (kind == STEM_ON_FRUIT and overlap[o, i, 1])
+    ):
         return np.inf, 0.0, 0.0, 0.0, 1.0
     least, m0, m1, m2, at = np.inf, 0.0, 0.0, 0.0, 1.0
     for first in range(2 if kind != STEM_ON_FRUIT and upper[i] < 1.0 else 1):  # balls of fruit i
