@@ -1,8 +1,8 @@
-"""Pushing: which objects are in the way, what the tool does to them, and the path of the tool.
+"""Pushing: the objects in the way, push prediction, and the path of the tool.
 
-Rules give a side to pass each neighbour on. A model of the push predicts the harm of a tool path.
-One search finds the candidate path of least harm in it. Two floors hold the models: ``stems`` for
-fruits that hang, ``packs`` for what stands.
+Rules choose the side on which the tool passes each neighbour. A push model predicts the harm of a
+tool path. The search finds the candidate path of least harm. The models: ``stems`` for fruits that
+hang, ``packs`` for objects that stand.
 """
 
 from optipromp.core.pushing.candidates import Candidates as Candidates

@@ -1,4 +1,4 @@
-"""How often a pick of a predicted harm is not clean, and which harm may be promised."""
+"""Probability of an unclean pick for a predicted harm, and the largest harm of a promise."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,9 @@ from optipromp.core.parameters import Checked, parameter
 
 @dataclass(frozen=True)
 class Calibration(Checked):
-    """How a predicted harm compares with what happened in simulated runs.
+    """Tables of predicted harm against simulated runs; interpolated, constant beyond the ends."""
 
-    Between the numbers that are known it is interpolated, beyond them it stays.
-    """
-
-    harm: tuple[float, ...] = parameter((), "1", "choice", "at which the next is told, ascending")
+    harm: tuple[float, ...] = parameter((), "1", "choice", "ascending abscissae of ``failed``")
     failed: tuple[float, ...] = parameter(
         (), "1", "measured", "share of runs that are not clean: a logistic curve, docs/studies.md"
     )
@@ -22,9 +19,8 @@ class Calibration(Checked):
         (0.01, 0.02, 0.03, 0.05, 0.1), "1", "choice", "shares of broken promises, ascending"
     )
     threshold: tuple[float, ...] = parameter(
-        (), "1", "measured",
-        "largest harm of a success, so that no larger share of promises is broken than ``risk``",
-    )  # fmt: skip
+        (), "1", "measured", "largest harm of a success, for the share ``risk`` of broken promises"
+    )
 
     def probability(self, harm: float) -> float:
         """The probability that a pick of this predicted harm is not clean."""
@@ -40,16 +36,16 @@ KNOWN = Calibration(
     failed=(0.002, 0.011, 0.025, 0.052, 0.084, 0.144, 0.208, 0.438, 0.598),
     threshold=(0.05, 0.2, 0.5, 0.9, 2.0),
 )
-"""Of fruits on stems whose positions are known exactly."""
+"""Fruits on stems with exactly known positions."""
 DETECTED = Calibration(
     harm=(0.0, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 2.0, 3.0),
     failed=(0.006, 0.022, 0.042, 0.074, 0.106, 0.160, 0.212, 0.386, 0.510),
     threshold=(0.05, 0.3, 0.65, 1.1, 2.0),
 )
-"""Of fruits on stems that were detected, with errors."""
+"""Fruits on stems with detected positions, which have errors."""
 PACKS = Calibration(
     harm=(0.0, 1.0, 2.0, 4.0, 8.0, 15.0, 30.0, 60.0),
     failed=(0.016, 0.035, 0.053, 0.090, 0.159, 0.262, 0.425, 0.609),
     threshold=(1.6, 2.5, 8.0, 12.0, 30.0),
 )
-"""Of packs, whose harm is a cost (:mod:`optipromp.core.pushing.packs.trials`)."""
+"""Packs, whose harm is the cost of :mod:`optipromp.core.pushing.packs.trials`."""

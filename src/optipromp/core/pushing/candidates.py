@@ -1,4 +1,4 @@
-"""The interface of candidate tool paths: how they are sampled, and how long the search goes on."""
+"""The interface of candidate tool paths, and the schedule of their search."""
 
 import math
 from abc import ABC, abstractmethod
@@ -13,8 +13,8 @@ class Round:
     """One round of a search.
 
     Attributes:
-        candidates: how many tool paths are sampled.
-        states: on how many states of the scene each is tried.
+        candidates: number of tool paths that are sampled.
+        states: number of states of the scene that each path is tried in.
     """
 
     candidates: int
@@ -23,16 +23,16 @@ class Round:
 
 @dataclass(frozen=True)
 class Schedule:
-    """How long a search goes on.
+    """The rounds and numbers of a search.
 
     Attributes:
-        rounds: of one run.
-        runs: largest number of runs; a further one begins where no path is good.
-        kept: number of best candidates, about which the next ones are sampled.
-        screened: number of these that are tried on ``states`` states after each round.
-        states: number of states in the search; a followed trajectory is tried on all.
-        fresh: share of the candidates that are sampled from the model's own spread.
-        lenient: factor on the harm that counts as good, after each round that found no good path.
+        rounds: of a run.
+        runs: largest number of runs; the next run begins where no path is good.
+        kept: number of best candidates, about which the next candidates are sampled.
+        screened: number of best candidates that are tried in ``states`` states after each round.
+        states: number of states in the search; a followed trajectory is tried in all states.
+        fresh: share of the candidates that are sampled from :meth:`Candidates.spread`.
+        lenient: factor on the harm that counts as good, after each round without a good path.
     """
 
     rounds: tuple[Round, ...]
@@ -49,8 +49,9 @@ class Candidates(ABC):
 
     Attributes:
         schedule: of the search.
-        entry: where paths begin along z_g [m]; -inf: anywhere.
-        indifferent: a difference of harm that decides nothing where a path is preferred.
+        entry: position along z_g at which paths begin [m]; -inf: anywhere.
+        indifferent: largest additional harm of a path that is preferred to another, see
+            :meth:`rather`.
     """
 
     schedule: Schedule
@@ -63,19 +64,19 @@ class Candidates(ABC):
 
     @abstractmethod
     def aside(self, x: FloatArray, path: ToolPath) -> float:
-        """Penalty added to a candidate's harm: for a detour, for too little room for the tool."""
+        """Penalty that is added to a candidate's harm, for a detour or a lack of clearance."""
 
     @abstractmethod
     def first(self) -> FloatArray:
-        """Candidates (m, k) that are tried before any is sampled; m may be 0."""
+        """Candidates (m, k) that are tried before any sample; m may be 0."""
 
     def rather(self, x: FloatArray, path: ToolPath) -> list[FloatArray]:
-        """Candidates that are preferred to the good one ``x`` (k,) if they are nearly as good.
+        """Candidates that replace the good one ``x`` (k,), if their harm is nearly as small.
 
-        Nearly: their harm is larger by less than :attr:`indifferent`.
+        Nearly: larger by less than :attr:`indifferent`.
         """
         return []
 
     @abstractmethod
     def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation (k,) of the candidates that a run begins with."""
+        """Mean and standard deviation (k,) of the first samples of a run."""

@@ -1,4 +1,4 @@
-r"""I-ProMP: where each neighbour is pushed, by the geometry of its stem (method §4, 3 and 4).
+r"""I-ProMP: the position that each neighbour is pushed to, by its stem (method §4, 3 and 4).
 
 A fruit on a stem of length L, inclined by θ0 in the push plane, swings by
 :math:`\Delta\theta=\arcsin(R_{gripper}/L)-\theta_0`, a chord of :math:`2L\sin(\Delta\theta/2)`,
@@ -20,8 +20,7 @@ from optipromp.core.scenes.scene import Scene, SceneObject
 class Push:
     """One push: the neighbour ``id`` goes from ``position`` to ``pushed`` (3,) [m].
 
-    ``direction`` is the unit tangent and ``swing`` the angle Δθ [rad] (0 for a fruit that already
-    hangs clear).
+    ``direction`` is the unit tangent, ``swing`` the angle Δθ [rad]; 0 for a fruit that hangs clear.
     """
 
     id: str
@@ -41,18 +40,18 @@ def pushes(
     """The pushes of the neighbours, first met first.
 
     Args:
-        scene: with a target, where there is something to push.
+        scene: with a target, unless ``objects`` is empty.
         objects: neighbours in the order the tool meets them.
         gripper_radius: R_gripper [m].
-        rng: for uncertain stems; needed where ``direction_deviation`` is above 0.
-        direction_deviation: standard deviation of the push direction [rad], about the approach.
+        rng: samples the push directions.
+        direction_deviation: standard deviation of the push direction about the approach [rad].
 
     Returns:
-        One push per neighbour. Its direction is along a candidate tangent: towards the next
-        neighbour, and for the last neighbour away from the target.
+        A push of each neighbour along a candidate tangent: towards the next neighbour, the last
+        neighbour away from the target.
 
     Raises:
-        InvalidRequestError: neighbours to push in a scene without a target.
+        InvalidRequestError: neighbours in a scene without a target.
     """
     if not objects:
         return ()
@@ -75,17 +74,17 @@ def pushes(
 
 
 def _tangents(scene: Scene, obj: SceneObject) -> tuple[FloatArray, FloatArray]:
-    """The candidate push lines: S × z and S × (S × z); y_g and x_g for a vertical or no stem."""
+    """The candidate push lines S × z and S × (S × z); y_g and x_g without a stem or its lean."""
     x_g, y_g, z_g = scene.frame
     if obj.stem is None:
         return y_g, x_g
     stem = obj.stem.vector / math.hypot(*obj.stem.vector)
-    across = _cross(stem, z_g)
+    across = np.cross(stem, z_g)
     length = math.hypot(*across)
     if length < 1e-6:
         return y_g, x_g
     across = across / length
-    return across, _cross(stem, across)
+    return across, np.cross(stem, across)
 
 
 def _push(scene: Scene, obj: SceneObject, direction: FloatArray, gripper_radius: float) -> Push:
@@ -95,24 +94,13 @@ def _push(scene: Scene, obj: SceneObject, direction: FloatArray, gripper_radius:
     arm = obj.position - root
     length = math.hypot(*arm)
     along = arm / length
-    # keep the tangent perpendicular to the stem (it may have been turned, or the stem be bent)
+    # across the stem: the direction may have been turned, or the stem be bent
     tangent = direction - (direction @ along) * along
     tangent = tangent / math.hypot(*tangent)
     z_g = scene.frame[2]
-    inclined = math.atan2(arm @ _level(tangent, z_g), -(arm @ z_g))
+    level = tangent - (tangent @ z_g) * z_g
+    flat = math.hypot(*level)
+    inclined = math.atan2(arm @ (level / flat if flat > 1e-9 else tangent), -(arm @ z_g))
     swing = max(0.0, math.asin(min(1.0, gripper_radius / length)) - inclined)
     pushed = root + length * (math.cos(swing) * along + math.sin(swing) * tangent)
     return Push(obj.id, obj.position, pushed, tangent, swing)
-
-
-def _level(tangent: FloatArray, up: FloatArray) -> FloatArray:
-    """The level part of a tangent as a unit vector; the tangent itself where it is upright."""
-    level = tangent - (tangent @ up) * up
-    length = math.hypot(*level)
-    return level / length if length > 1e-9 else tangent
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """a × b of two vectors (3,), ten times as fast as NumPy's product for stacks of vectors."""
-    (x, y, z), (u, v, w) = a.tolist(), b.tolist()
-    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])

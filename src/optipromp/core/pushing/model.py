@@ -1,12 +1,4 @@
-"""The interface of a push model.
-
-A model predicts what the tool does to the objects that it pushes along a path, as one number: the
-*harm*. The harm is 0 where nothing is pressed, and 1 where a force reaches what a fruit or a pack
-bears. A model has several states of the scene: the perceived one, and samples within the errors of
-detection. The harm of a path is the mean over the states.
-
-Which paths are tried is not the model's affair but that of its :class:`Candidates`.
-"""
+"""The interface of a push model, and models that are made of others."""
 
 import math
 from abc import ABC, abstractmethod
@@ -20,36 +12,29 @@ from optipromp.core.pushing.candidates import Candidates
 from optipromp.core.pushing.path import STEP, along, evenly, length
 from optipromp.core.pushing.prediction import Prediction as Prediction
 
-SLIGHT = 0.05  # [N] a choice: of a force that is not told
-
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """Where a motion of the tool leaves the objects that the model knows.
+    """The poses in which a motion of the tool leaves the objects that the model knows."""
 
-    Attributes:
-        ids: of N objects, the target first.
-        positions: (N, 3) [m].
-        turns: (N,) about -x_g, as packs turn where they stand [rad].
-    """
-
-    ids: tuple[str, ...]
-    positions: FloatArray
-    turns: FloatArray
+    ids: tuple[str, ...]  # of N objects, the target first
+    positions: FloatArray  # (N, 3) [m]
+    turns: FloatArray  # (N,) of packs about -x_g [rad]
 
 
 class PushModel(ABC):
     """A model of the push in one scene.
 
     The model predicts the *harm* of a tool path: 0 where nothing is pressed, 1 where a force
-    reaches what a fruit or a pack bears. It is the mean over several sampled states of the scene.
+    reaches what a fruit or a pack bears. The harm is the mean over several states of the scene: the
+    perceived state, and samples within the errors of detection.
 
     Attributes:
         good: harm below which the search ends.
         threshold: largest harm of a success, for the share of promises that may be broken.
-        calibration: of the harm; None: it was never compared with what happens.
+        calibration: of the harm; None where the harm was never compared with runs.
         states: number of states of the scene; the first is the perceived one.
-        candidates: the paths that are searched for one of little harm.
+        candidates: the paths that are searched.
     """
 
     good: float
@@ -59,8 +44,9 @@ class PushModel(ABC):
     candidates: Candidates
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
-        """Whether the tool and the last link, led through ``points`` (P, 3), surely touch nothing
-        that they could push, where it is before any push. False where the model cannot tell.
+        """Whether tool and last link, led through ``points`` (P, 3), surely touch no pushable.
+
+        Pushables are at their positions before any push. False where the model cannot tell.
         """
         return False
 
@@ -70,9 +56,9 @@ class PushModel(ABC):
     ) -> float:
         """Mean harm of a motion of the tool over the first ``states`` states.
 
-        ``points`` (P, 3) are tool points about :data:`STEP` apart, ``axes`` (P, 3) tool axes. Where
-        the harm is above ``limit``, any number above ``limit`` may be returned. One state alone
-        serves to compare candidates: a model may take longer steps there.
+        ``points`` (P, 3) are tool points about :data:`STEP` apart, ``axes`` (P, 3) tool axes. A
+        harm above ``limit`` may be returned as any number above ``limit``. A single state serves to
+        compare candidates: a model may take longer steps for it.
         """
 
     @abstractmethod
@@ -82,10 +68,10 @@ class PushModel(ABC):
     def predict(
         self, points: FloatArray, axes: FloatArray, harm: float | None = None
     ) -> Prediction:
-        """The harm of a motion over all states (``harm``, where it is known), and its cause."""
+        """The harm over all states (``harm``, if known), its cause, and forces from 0.05 N on."""
         harm = self.harm(points, axes, self.states) if harm is None else harm
         harmed = self.cause(points, axes) if harm > self.threshold else ("", "nothing is harmed")
-        pushed = {k: force for k, force in self.forces(points, axes).items() if force >= SLIGHT}
+        pushed = {k: force for k, force in self.forces(points, axes).items() if force >= 0.05}
         chance = math.nan if self.calibration is None else self.calibration.probability(harm)
         return Prediction(harm, self.threshold, *harmed, pushed, chance)
 
@@ -95,7 +81,7 @@ class PushModel(ABC):
 
     @abstractmethod
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
-        """Where the tool, led through points (P, 3), leaves the objects of the perceived state."""
+        """Final poses of the objects of the perceived state, after a motion through the points."""
 
 
 class _Guided(PushModel):
@@ -107,10 +93,10 @@ class _Guided(PushModel):
 
 
 class Combined(_Guided):
-    """Several models of one scene. Their harms are added, each in proportion to its threshold.
+    """Several models of one scene, whose harms are added, each in proportion to its threshold.
 
     Args:
-        models: the first one gives the candidates.
+        models: the first one provides the candidates.
     """
 
     def __init__(self, *models: PushModel) -> None:
@@ -137,8 +123,7 @@ class Combined(_Guided):
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """The cause of the model that predicts most harm."""
         worst = max(
-            self.models,
-            key=lambda model: model.harm(points, axes, model.states) / model.threshold,
+            self.models, key=lambda model: model.harm(points, axes, model.states) / model.threshold
         )
         return worst.cause(points, axes)
 
@@ -147,7 +132,7 @@ class Combined(_Guided):
         return {k: f for model in self.models for k, f in model.forces(points, axes).items()}
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
-        """As each model predicts it; for an object of several models, the last one counts."""
+        """See :class:`PushModel`; for an object of several models, the last model counts."""
         found = [model.moved(points, axes) for model in self.models]
         names = [name for one in found for name in one.ids]
         rows = list({name: row for row, name in enumerate(names)}.values())
@@ -158,16 +143,16 @@ class Combined(_Guided):
 
 
 class Continued(_Guided):
-    """A model of a push that has begun: the motion so far comes before every path.
+    """A model of a push that has begun: every path is preceded by the motion so far.
 
     Args:
-        model: of the scene as it was before the push.
+        model: of the scene before the push.
         points, axes: (P, 3) of the tool so far.
     """
 
     def __init__(self, model: PushModel, points: FloatArray, axes: FloatArray) -> None:
         super().__init__(model)
-        self._points, self._axes = points, axes  # ``clear`` is never sure: what was pushed is away
+        self._points, self._axes = points, axes  # ``clear`` is never sure: pushables have moved
 
     def _whole(self, points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
         points = np.concatenate([self._points, points])

@@ -1,8 +1,7 @@
-"""Every tuned number of the push models, of their rules and of the candidate paths.
+"""Every tuned number of the push models, the rules and the candidate paths.
 
-The numbers cannot be set: the kernels are compiled with them. The simulation takes from here the
-numbers that it shares with the models; where it has another value, the source says so.
-``docs/decisions.md`` tells the measurements that the sources name.
+The numbers cannot be set: the kernels are compiled with them. The simulation shares some of them;
+where it has another value, the source says so. ``docs/decisions.md`` has the measurements.
 """
 
 from dataclasses import dataclass
@@ -16,52 +15,46 @@ class BeamParameters(Checked):
     """Stems as beams with a fruit at the end (:mod:`optipromp.core.pushing.stems.bending`)."""
 
     youngs_modulus: float = parameter(
-        50e6, "Pa", "guess", "green stems and peduncles are reported between 10 and 100 MPa"
+        50e6, "Pa", "guess", "of green stems and peduncles, reported between 10 and 100 MPa"
     )
     stiffness_spread: float = parameter(
         2.0, "1", "reported",
-        "factor by which stems whose stiffness nobody told may be softer, or stiffer: a standard "
-        "deviation, where 10-100 MPa are two of them; with 2 as many of 48 runs succeed as with 1",
+        "standard deviation of an unknown stiffness, as a factor; 10-100 MPa are two of them; "
+        "with 2 as many of 48 runs succeed as with 1",
     )  # fmt: skip
     diameter: float = parameter(
         0.0025, "m", "reported", "of the elastic beam; strawberry peduncles are 2-3 mm thick"
     )
     truss_diameter: float = parameter(
-        0.004, "m", "reported",
-        "the same of a stem that carries others; strawberry inflorescence axes are 3-5 mm thick",
-    )  # fmt: skip
+        0.004, "m", "reported", "of a stem that carries others; strawberry inflorescences: 3-5 mm"
+    )
     grown_turn: float = parameter(
-        0.5, "rad", "guess", "turn, root to tip, by which a stem springs back without its fruit"
+        0.5, "rad", "guess", "turn from root to tip by which a stem springs back without its fruit"
     )
     bow_least: float = parameter(
         0.01, "1", "guess",
-        "least bow of a stem, middle off its line over length; drawn evenly between this and the "
-        "next. Axes of strawberries are off their stems by 4, 9 and 15 degrees (25, 50, 75 % of "
-        "1,704 labelled fruits, StrawDI): an arc that ends so has a bow of 2, 4 and 7 %",
+        "least bow, middle off its line over length; drawn evenly up to the largest. 1,704 "
+        "strawberries are off their stems by 4, 9 and 15 degrees (quartiles, StrawDI): arcs "
+        "of a bow of 2, 4 and 7 %",
     )  # fmt: skip
-    bow_most: float = parameter(0.05, "1", "guess", "largest bow of a stem; as above")
-    parting_sweeps: int = parameter(
-        20, "1", "choice", "over the pairs of fruits that overlap as they are seen"
-    )
-    parting_gap: float = parameter(1e-5, "m", "choice", "between fruits that were pushed apart")
+    bow_most: float = parameter(0.05, "1", "guess", "largest bow; as above")
+    parting_sweeps: int = parameter(20, "1", "choice", "over the pairs of overlapping fruits")
+    parting_gap: float = parameter(1e-5, "m", "choice", "between fruits after parting")
     fruit_density: float = parameter(
         950.0, "kg/m^3", "reported", "strawberries float barely: 0.9-1.0 g/cm^3"
     )
     gravity: float = parameter(GRAVITY, "m/s^2", "choice", "standard")
     stiff_end: float = parameter(
-        100.0, "1", "choice", "stiffness of a fruit over that of its stem: as good as rigid"
+        100.0, "1", "choice", "stiffness of a fruit over that of its stem: nearly rigid"
     )
     loaded: tuple[float, ...] = parameter(
         (5 / 12, 0.75, 1.0), "1", "choice",
-        "shares of the length at which a stem's deflection is known, the last the fruit's centre",
+        "shares of the length whose deflection is known; the last: the fruit",
     )  # fmt: skip
-    elements: int = parameter(
-        24, "1", "choice", "elements of the grid on which contacts are looked up"
-    )
+    elements: int = parameter(24, "1", "choice", "of the grid on which contacts are looked up")
     finer: int = parameter(
-        2, "1", "choice",
-        "factor on the elements when the beam is solved: the fruit's weight turns it sharply",
-    )  # fmt: skip
+        2, "1", "choice", "factor on the elements to solve the beam: fruits turn it sharply"
+    )
 
 
 @dataclass(frozen=True)
@@ -74,15 +67,13 @@ class SwingParameters(Checked):
     )
     skin_friction: float = parameter(
         0.3, "1", "measured",
-        "of fruits on fruits and on stems; with it and the next, 227 of 240 runs succeed, 222 "
-        "without; in the simulation 0.4",
+        "of fruits on fruits and stems; with it and the next 227 of 240 runs succeed, without "
+        "222; in the simulation 0.4",
     )  # fmt: skip
     stem_friction: float = parameter(
         0.3, "1", "measured", "of the cup on stems, across its axis; in the simulation 0.35"
     )
-    stuck: float = parameter(
-        3e-4, "m", "choice", "largest slip in a step of a fruit that sticks to the cup"
-    )
+    stuck: float = parameter(3e-4, "m", "choice", "largest slip in a step of a sticking contact")
     iterations: int = parameter(
         6, "1", "measured", "per step; 24 runs: median error 4.5 mm; with 12 4.7, with 30 5.0 mm"
     )
@@ -90,52 +81,46 @@ class SwingParameters(Checked):
         1e-4, "m", "choice", "largest change of a deflection that ends the iterations"
     )
     farthest: float = parameter(
-        0.004, "m", "measured", "of a point in an iteration; with 8 mm the error is 6.7, not 4.5 mm"
+        0.004, "m", "measured", "motion of a point in an iteration; 8 mm: error 6.7, not 4.5 mm"
     )
     reversal: float = parameter(
-        0.5, "1", "choice", "a step back of more than this share of the last one is halved"
+        0.5, "1", "choice", "share of the last step; a longer step back is halved"
     )
-    kept_speed: float = parameter(
-        0.9, "1", "guess", "share of its speed that a fruit keeps from one step to the next"
-    )
+    kept_speed: float = parameter(0.9, "1", "guess", "share of a fruit's speed that a step keeps")
     close: float = parameter(
-        0.016, "m", "choice", "largest gap of a contact that is looked at within a step"
+        0.016, "m", "choice", "largest gap of a contact that is computed within a step"
     )
     stirred: float = parameter(
-        0.007, "m", "choice", "motion in a step after which contacts are looked up again"
+        0.007, "m", "choice", "motion in a step after which all contacts are computed again"
     )
-    listed: float = parameter(0.08, "m", "choice", "largest gap of a static object that is listed")
+    listed: float = parameter(0.08, "m", "choice", "largest gap of a listed static object")
     wandered: float = parameter(
-        0.04, "m", "choice", "motion of a fruit after which they are listed again: half that gap"
+        0.04, "m", "choice", "motion after which static objects are listed again: half that gap"
     )
     neck: float = parameter(
-        0.03, "m", "choice", "length of the neck, from the cup down, that stems are kept off"
+        0.03, "m", "choice", "length of the neck below the cup that stems collide with"
     )
-    barely: float = parameter(
-        0.003, "m", "choice", "depth below the rim at which a fruit begins to count as inside"
-    )
+    barely: float = parameter(0.003, "m", "choice", "least depth below the rim of a fruit inside")
 
 
 @dataclass(frozen=True)
 class HarmParameters(Checked):
-    """What fruits on stems bear (:mod:`optipromp.core.pushing.stems.harm`)."""
+    """Forces and times that fruits on stems bear (:mod:`optipromp.core.pushing.stems.harm`)."""
 
     stem_force: float = parameter(
-        2.0, "N", "choice", "lasting force that a stem bears; as in the simulation"
+        2.0, "N", "choice", "lasting, that a stem bears; as in the simulation"
     )
-    target_force: float = parameter(5.0, "N", "guess", "lasting force that the target bears")
+    target_force: float = parameter(5.0, "N", "guess", "lasting, that the target bears")
     fruit_force: float = parameter(
         30.0, "N", "guess", "momentary, that another fruit bears; in the simulation 10 N"
     )
     sudden_force: float = parameter(
-        14.0, "N", "measured", "momentary, that counts nothing: a tenth of good runs have over 8 N"
+        14.0, "N", "measured", "largest momentary force without harm: 10 % of good runs have 8 N"
     )
-    inside_time: float = parameter(
-        0.03, "s", "choice", "longest that another fruit may be inside the cup"
-    )
+    inside_time: float = parameter(0.03, "s", "choice", "longest of another fruit inside the cup")
     pinched_time: float = parameter(
         0.2, "s", "measured",
-        "longest that a fruit may be pinched; in 400 runs, crushed or torn fruits were pinched for "
+        "longest of a pinched fruit; in 400 runs crushed or torn fruits were pinched for "
         "0.4-0.8 s, 97 % of the others for less than 0.1 s",
     )  # fmt: skip
     lasting: float = parameter(0.2, "s", "choice", "time in which a lasting force does not fall")
@@ -143,16 +128,14 @@ class HarmParameters(Checked):
         5.0, "1", "choice", "harm of a swallowed neighbour or a missed target"
     )
     hopeless: float = parameter(
-        3.0, "1", "measured",
-        "largest harm of one state; with 25 states 9 % of paths harmed, 13 % without a largest",
-    )  # fmt: skip
+        3.0, "1", "measured", "largest harm of a state; 9 % of paths harmed, 13 % without a largest"
+    )
     risk: float = parameter(
-        0.03, "1", "choice", "share of promised successes that may be broken, where none is told"
+        0.03, "1", "choice", "default share of promised successes that may be broken"
     )
     good: float = parameter(
-        0.2, "1", "measured",
-        "harm below which a path is good enough; 231 of 240 runs succeed, 226 with 0.5",
-    )  # fmt: skip
+        0.2, "1", "measured", "harm of a good path; 231 of 240 runs succeed, 226 with 0.5"
+    )
 
 
 @dataclass(frozen=True)
@@ -161,76 +144,68 @@ class HangingParameters(Checked):
 
     every: int = parameter(3, "1", "choice", "points of a path in a step of the model")
     screened_every: int = parameter(
-        6, "1", "measured",
-        "the same where candidates are compared on one state; with 3 as many plans succeed, later",
-    )  # fmt: skip
+        6, "1", "measured", "the same to compare candidates; with 3 as many plans succeed, later"
+    )
     model_speed: float = parameter(0.07, "m/s", "choice", "of the tool in the model")
-    speed: float = parameter(0.1, "m/s", "choice", "largest, of the tool on its path")
+    speed: float = parameter(0.1, "m/s", "choice", "largest of the tool on its path")
     states: int = parameter(
         24, "1", "measured",
-        "of exactly known fruits: an outcome may hang on a millimetre. In 400 runs harm tells "
-        "failures from successes with an AUC of 0.84; with the 9 of the search and others 0.77",
+        "of exactly known fruits: an outcome may depend on a millimetre. In 400 runs harm "
+        "tells failures from successes with an AUC of 0.84; with 9 of the search and others "
+        "0.77",
     )  # fmt: skip
     screened_known: int = parameter(
-        3, "1", "measured", "of the search past them; with 9 as many plans succeed, later"
+        3, "1", "measured", "the same in the search; with 9 as many plans succeed, later"
     )
     detected_states: int = parameter(
         32, "1", "measured",
-        "of detected fruits: in 397 runs an AUC of 0.79; with the 7 of the search and 18 others, "
-        "spread as wide as those, 0.71",
+        "of detected fruits: in 397 runs an AUC of 0.79; with the 7 of the search and 18 "
+        "others of their spread 0.71",
     )  # fmt: skip
     screened_states: int = parameter(
-        7, "1", "measured", "of the search: 1,003 of 1,100 runs succeed, 1,006 with all states"
+        7, "1", "measured", "the same in the search: 1,003 of 1,100 runs succeed, 1,006 with all"
     )
-    causes: int = parameter(
-        12, "1", "choice", "states in the worst of which the cause of a harm is looked for"
-    )
+    causes: int = parameter(12, "1", "choice", "states in which the cause of a harm is searched")
     shift: float = parameter(
-        0.003, "m", "guess", "standard deviation of a position without covariance in the scene"
+        0.003, "m", "guess", "standard deviation of a position without covariance"
     )
     wider: float = parameter(
-        1.5,
-        "1",
-        "choice",
-        "factor on standard deviations in the states of the search: unlikely errors do the harm",
+        1.5, "1", "choice", "factor on standard deviations in the search: unlikely errors harm"
     )
     turn: float = parameter(1.0, "deg", "guess", "standard deviation of a stem's direction")
     detected_turn: float = parameter(4.0, "deg", "guess", "the same of a detected stem")
     around: float = parameter(
-        0.4, "m", "choice", "largest distance from the target of a known fruit"
+        0.4, "m", "choice", "largest distance of a modelled fruit from the target"
     )
     most: int = parameter(
         24, "1", "choice", "fruits beside the target: contacts grow with their square"
     )
     capture: float = parameter(
-        0.005, "m", "choice", "from this far below the target a path is on the approach line"
+        0.005, "m", "choice", "depth below the target from which a path is on the approach line"
     )
     lower: float = parameter(
         1.0, "1", "measured",
-        "standard deviations by which a detected fruit may hang lower than it is seen: the tool is "
-        "aside of it, and on the approach line, as much earlier; with it 74 % of 185 scenes with "
-        "errors are promised and picked, 68 % without, and 73 % with 2",
+        "standard deviations by which a detected fruit may hang lower: the tool is aside of "
+        "it, and on the approach line, as much earlier; with it 74 % of 185 scenes with "
+        "errors are promised and picked, 68 % without, 73 % with 2",
     )  # fmt: skip
-    apart: float = parameter(
-        45.0, "deg", "choice", "between first candidates, which pass all neighbours alike"
-    )
+    apart: float = parameter(45.0, "deg", "choice", "between the first candidates' directions")
     turned: float = parameter(
         1.0, "rad", "choice", "standard deviation of a candidate's directions"
     )
     clearance: float = parameter(
         0.8, "fruit radii", "choice", "lateral clearance of the first candidates, and of the rule"
     )
-    clearance_spread: float = parameter(0.3, "fruit radii", "choice", "its standard deviation")
+    clearance_spread: float = parameter(
+        0.3, "fruit radii", "choice", "standard deviation of a clearance"
+    )
     clearance_least: float = parameter(0.4, "fruit radii", "choice", "of a candidate")
     clearance_most: float = parameter(1.4, "fruit radii", "choice", "of a candidate")
     stem_side: float = parameter(
-        0.1,
-        "1",
-        "choice",
-        "harm by which a path on the side of a stem must be the lesser; half of a good one",
+        0.1, "1", "choice", "least advantage in harm of a path on a stem's side; half a good harm"
     )
     slack: float = parameter(
-        0.003, "m", "choice", "clearance that the cup should keep from static objects"
+        0.003, "m", "choice", "least clearance of the cup from static objects without penalty"
     )
 
 
@@ -243,30 +218,30 @@ class PlaneParameters(Checked):
     settled: float = parameter(4e-4, "m", "choice", "largest overlap that counts as none")
     sweeps: int = parameter(25, "1", "choice", "largest number over the contacts in a step")
     jammed: float = parameter(
-        4e-3, "m", "choice", "largest overlap after these; more means that an object jams"
+        4e-3, "m", "choice", "overlap after the sweeps above which an object jams"
     )
     ahead: float = parameter(
         0.02, "m", "choice", "gap of near bodies; listed again after a motion of a third of it"
     )
     flat: float = parameter(
-        1e-3, "m", "choice", "corners of a polygon that are level to this are pressed together"
+        1e-3, "m", "choice", "height within which corners of a polygon touch together"
     )
 
 
 @dataclass(frozen=True)
 class PackParameters(Checked):
-    """What a path of a hand through packs costs (:mod:`optipromp.core.pushing.packs.trials`)."""
+    """Costs of a hand's path through packs (:mod:`optipromp.core.pushing.packs.trials`)."""
 
     step: float = parameter(
         0.004, "m", "measured", "of the model; steps of 2 mm place packs better by 0.3 mm only"
     )
-    far: float = parameter(0.03, "m", "choice", "motion of the target at which a trial ends")
+    far: float = parameter(0.03, "m", "choice", "motion of the target that ends a trial")
     worst: float = parameter(
         25.0, "1", "choice", "cost of a failed trial; more where it ends early"
     )
     moved: float = parameter(0.008, "m", "choice", "motion of the target that costs 1")
     light: float = parameter(3.0, "N", "guess", "largest force that costs nothing")
-    heavy: float = parameter(2.5, "N", "guess", "force beyond it that costs 1")
+    heavy: float = parameter(2.5, "N", "guess", "force beyond the light one that costs 1")
     wide: float = parameter(0.016, "m", "choice", "least distance to a wall that costs nothing")
     tight: float = parameter(0.004, "m", "choice", "lack of that distance that costs 1")
     behind: float = parameter(
@@ -295,7 +270,7 @@ class StandingParameters(Checked):
     samples: int = parameter(30, "1", "choice", "states besides the perceived one")
     unsure: float = parameter(
         0.006, "m", "measured",
-        "least standard deviation of a position: after a path one pack in four is 13 mm off",
+        "least standard deviation of a position; a quarter of pushed packs: 13 mm",
     )  # fmt: skip
     slippery_least: float = parameter(
         0.4, "1", "choice", "least friction of a state over the expected one"
@@ -305,28 +280,24 @@ class StandingParameters(Checked):
     )
     good: float = parameter(
         1.6, "1", "measured",
-        "harm below which a path is good enough; with half the candidates and 3 runs for 5 as many "
-        "of 30 shelves stay below 8 as with 1.2, in a third of the time",
+        "harm of a path that is good enough; with half the candidates and 3 runs for 5 as "
+        "many of 30 shelves stay below 8 as with 1.2, in a third of the time",
     )  # fmt: skip
     tilt: float = parameter(
         5.0, "deg", "choice", "largest, of the approach from the level and of a can from upright"
     )
-    before: float = parameter(
-        0.025, "m", "choice", "distance before all packs at which a path begins"
-    )
+    before: float = parameter(0.025, "m", "choice", "distance of a path's entry before all packs")
     sure: float = parameter(
         2.0, "1", "choice", "standard deviations by which a pack may be nearer to the hand"
     )
     low: float = parameter(
         0.006, "m", "choice", "of the hand's spheres over the board: packs pushed low do not topple"
     )
-    touching: float = parameter(0.01, "m", "choice", "largest gap between the target and its board")
+    touching: float = parameter(0.01, "m", "choice", "largest gap between target and board")
     around: float = parameter(
-        1.0, "m", "choice", "largest distance from the target of a known pack"
+        1.0, "m", "choice", "largest distance of a modelled pack from the target"
     )
-    most: int = parameter(
-        100, "1", "choice", "largest number of packs: a trial asks every pair of them"
-    )
+    most: int = parameter(100, "1", "choice", "largest number of packs: every pair is tested")
 
 
 @dataclass(frozen=True)
@@ -341,9 +312,7 @@ class RuleParameters(Checked):
         2.0, "1", "measured", "standard deviations by which a detected neighbour may be farther out"
     )
     least_inclination: float = parameter(1.0, "deg", "choice", "of a stem that decides the side")
-    upright: float = parameter(
-        4.0, "deg", "choice", "a stem that leans less leaves both sides free"
-    )
+    upright: float = parameter(4.0, "deg", "choice", "a stem of less lean leaves both sides free")
     widest_turn: float = parameter(
         60.0, "deg", "choice", "largest, from the direction away from the stem"
     )
@@ -351,24 +320,22 @@ class RuleParameters(Checked):
         0.5, "gripper radii", "choice", "a fruit nearer to the approach line gives no direction"
     )
     release: float = parameter(
-        0.5, "fruit radii", "choice", "from this far past a pushable's centre the rim may come back"
-    )
+        0.5, "fruit radii", "choice",
+        "past a pushable's centre, from where on the rim may come back",
+    )  # fmt: skip
     under: float = parameter(
-        0.006, "m", "choice", "that a slightly tilted rim stays below a fruit it crosses beneath"
+        0.006, "m", "choice", "of a slightly tilted rim below a fruit that it crosses beneath"
     )
     room_to_turn: float = parameter(0.02, "m", "choice", "height in which the tool changes sides")
-    alike: float = parameter(0.7, "1", "choice", "cosine from which two directions are one")
+    alike: float = parameter(0.7, "1", "choice", "least cosine of equal directions")
     most_choices: int = parameter(8, "1", "choice", "largest number of choices of sides")
-    level: float = parameter(0.001, "m", "choice", "between the heights that are looked at")
+    level: float = parameter(0.001, "m", "choice", "between the heights of a path")
     sweeps: int = parameter(40, "1", "choice", "over the half-planes at a height")
     rounding: float = parameter(
         0.01, "m", "choice", "width of each moving average; it cuts a corner of 30 degrees by 1 mm"
     )
     point_step: float = parameter(
-        0.001,
-        "m",
-        "choice",
-        "of a path's points; less than the 2 mm within which an arm keeps to it",
+        0.001, "m", "choice", "of a path's points; an arm keeps to a path within 2 mm"
     )
 
 
@@ -390,4 +357,3 @@ class PushParameters:
 
 
 PUSH = PushParameters()
-"""The numbers that the library works with."""

@@ -1,7 +1,7 @@
-"""The tool's path: a smooth curve of the tool point from where the approach begins to the target.
+"""The tool's path: a smooth curve of the tool point from the entry of the approach to the target.
 
-A path is given by corners. They are rounded by two moving averages along the arc: the result has
-a continuous curvature, so that an arm can follow it without a jump in acceleration.
+Two moving averages along the arc round the corners of a polyline: the curvature of the path is
+continuous, so that an arm can follow it without a jump in acceleration.
 """
 
 import math
@@ -24,8 +24,8 @@ class ToolPath:
 
     Attributes:
         points: (P, 3) about :data:`STEP` apart, the entry first, the goal last [m].
-        speed: largest speed of the tool along it [m/s].
-        harm: predicted by the model that gave the path; 0 for a path of the rule.
+        speed: largest speed of the tool along the path [m/s].
+        harm: predicted by the push model; 0 for a path of the rule.
     """
 
     points: FloatArray
@@ -44,7 +44,7 @@ class ToolPath:
 
 
 def turning(axis: FloatArray, lead: FloatArray | None, share: FloatArray) -> FloatArray:
-    """Tool axes (m, 3) at shares (m,) of a path: evenly from ``lead`` to ``axis`` (3,)."""
+    """Tool axes (m, 3) at shares (m,) of a path, turning evenly from ``lead`` to ``axis`` (3,)."""
     if lead is None:
         return np.tile(axis, (len(share), 1))
     axes = lead + share[:, None] * (axis - lead)
@@ -62,7 +62,7 @@ def through(
 def rounded(corners: FloatArray, step: float, width: float) -> FloatArray:
     """Points (P, 3) about ``step`` apart on the polyline ``corners`` (k, 3), averaged twice.
 
-    Each average is over ``width`` [m] of the arc, and less towards the ends, which stay in place.
+    Each average is over ``width`` of the arc [m], and over less near the ends, which stay in place.
     """
     total = length(corners)
     count = max(2, math.ceil(total / step) + 1)
@@ -100,13 +100,13 @@ def length(corners: FloatArray) -> float:
 
 
 def evenly(corners: FloatArray, count: int) -> FloatArray:
-    """``count`` points (count, 3) along the path, evenly spaced."""
+    """Points (count, 3), evenly spaced along the path."""
     return along(corners, corners, count)
 
 
 @kernel
 def along(corners: FloatArray, values: FloatArray, count: int) -> FloatArray:
-    """``values`` (k, m) of the corners (k, 3), at ``count`` places evenly along the path."""
+    """Values (count, m), evenly along the path: interpolated from those of the corners (k, m)."""
     at, kept, last = np.zeros(len(corners)), np.zeros(len(corners), dtype=np.int64), 0
     far = 0.0
     for k in range(1, len(corners)):

@@ -1,4 +1,4 @@
-"""What a push is expected to do."""
+"""The prediction of a push."""
 
 import math
 from collections.abc import Mapping
@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the push of a trajectory is expected to do.
+    """The prediction for the push of a trajectory.
 
     Attributes:
         harm: mean over the states of the scene; see :class:`PushModel`.
         threshold: largest harm of a success.
-        object: id of the object that is harmed most in the worst state; empty where none is.
-        cause: what happens to it, in words.
-        forces: largest force on each object that is pushed, by id, in the perceived state [N].
+        object: id of the object that is harmed most in the worst state; empty without harm.
+        cause: the harm of that object, in words.
+        forces: largest force on each pushed object, by id, in the perceived state [N].
         probability: that the pick is not clean, see
             :class:`optipromp.core.pushing.calibration.Calibration`.
     """
@@ -41,9 +41,9 @@ class Prediction:
         return f"harm is predicted: {what} ({told})"
 
     def pushes(self, passage: Mapping[str, tuple[float, float] | None]) -> str:
-        """The force on each pushed object and the way that the tool passes it; empty: none is.
+        """Force on and passage of each pushed object, in words; empty for no pushed object.
 
-        ``passage`` has the offsets of the tool along x_g and y_g as it passes, by id [m].
+        ``passage`` has the offsets of the tool along x_g and y_g from each passed object [m].
         """
         told = []
         for name, force in self.forces.items():

@@ -1,15 +1,14 @@
-r"""The rules of the method: which pushables are in the way, and on which side the tool passes.
+r"""The rules of the method: the neighbours, and the side on which the tool passes each of them.
 
 Neighbours are the pushables before the target and near the approach line (method §4). The tool
 passes each on the side away from its stem (method §5, constraints 1 and 2):
 :math:`d_n\cdot(fk-X_n)\ge R_{gripper}` with a unit vector :math:`d_n` of the lateral plane. The
-paper's rule takes :math:`d_n=\pm y_g` with the sign of :math:`-y_g\cdot S_n`; the general one
-takes :math:`d_n` against the lateral part of the stem. ``shortest`` takes the direction that keeps
-the tool nearest to the approach line, among those well clear of the stem. A tool that passes a
-fruit at right angles to the lean of its stem comes no nearer to the stem than to the fruit.
+rule ``paper`` takes :math:`d_n=\pm y_g` with the sign of :math:`-y_g\cdot S_n`; ``lateral-plane``
+takes :math:`d_n` against the lateral part of the stem. ``shortest`` takes, among the directions
+well clear of the stem, the one that keeps the tool nearest to the approach line.
 
-:func:`path_past` gives the path of such a choice: at every height the point nearest to the approach
-line that keeps its distance from each pushable whose window contains the height.
+:func:`path_past` gives the path for such directions: at every height the point nearest to the
+approach line that keeps its clearance from each pushable whose window contains the height.
 """
 
 import math
@@ -44,16 +43,14 @@ def neighbours(
     """Pushables before the target along z_g and near the approach line, first met first.
 
     Args:
-        scene: with a target; a scene with a goal in its place has no neighbours.
+        scene: a scene without a target has no neighbours.
         gripper_radius: R_gripper [m].
-        search_radius: how far from the target a neighbour may be [m].
-        plane_factor: D_plane in gripper radii, the largest distance from the approach line.
-
-    Where the target or a pushable has a covariance, the largest distance from the approach line
-    grows by two standard deviations of their distance.
+        search_radius: largest distance of a neighbour from the target [m].
+        plane_factor: D_plane in gripper radii, the largest distance from the approach line; plus
+            two standard deviations of the detected positions of target and pushable.
 
     Returns:
-        The neighbours by position along z_g; ties by nearness to the target.
+        The neighbours by position along z_g; ties by distance from the target.
     """
     target = scene.target
     if target is None:
@@ -79,13 +76,13 @@ def detection_variance(obj: SceneObject) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """Directions in which the tool passes the neighbours of one plan.
+    """Directions in which the tool passes the neighbours of a plan.
 
     Attributes:
         ids: neighbours, first met first.
-        centers: (N, 3) their centres [m].
+        centers: (N, 3) of the neighbours [m].
         directions: (N, 3) unit vectors of the lateral plane.
-        windows: (N, 2) first and last height of the tool point as it passes, along z_g from the
+        windows: (N, 2) first and last height of the tool point in passing, along z_g from the
             centre [m].
     """
 
@@ -98,7 +95,7 @@ class Drift:
 def stem_side(
     scene: Scene, obj: SceneObject, rule: DriftRule, gripper_radius: float
 ) -> FloatArray | None:
-    """Direction (3,) away from the stem of ``obj``; None where its stem decides no side."""
+    """Direction (3,) away from the stem of ``obj``; None for a stem that decides no side."""
     if obj.stem is None:
         return None
     x_g, y_g, _ = scene.frame
@@ -124,7 +121,7 @@ def stem_side(
 
 
 def _towards(start: FloatArray, goal: FloatArray, most: float) -> FloatArray:
-    """The unit vector ``start`` turned towards another, ``goal``, by ``most`` [rad] at most."""
+    """The unit vector ``start``, turned by at most ``most`` [rad] towards ``goal``."""
     cosine = float(np.clip(start @ goal, -1.0, 1.0))
     if cosine >= np.cos(most):
         return goal
@@ -142,15 +139,13 @@ def passing_windows(
     window: Window,
     depth: float,
 ) -> FloatArray:
-    """Heights (N, 2) of the tool point over each pushable between which its drift holds [m].
+    """The windows (N, 2) of :class:`Drift` for pushables passed in ``directions`` (N, 3) [m].
 
-    The tool passes the pushables in ``directions`` (N, 3).
-
-    The ``paper`` window is the pushable's own extent about its centre. The rim, ``depth`` [m] above
-    the tool point, decides whether a fruit ends inside the mouth. It must be aside before it
-    reaches the pushable, so the ``rim`` window begins lower by the depth. It ends where the paper's
-    window ends, with two exceptions: the rim takes in the target, or the next pushable asks for
-    another direction. Then it ends as soon as the rim is safely past the centre.
+    The ``paper`` window is the extent of the pushable about its centre. The rim, ``depth`` [m]
+    above the tool point, decides whether a fruit ends inside the mouth, and must be aside before it
+    reaches the pushable: the ``rim`` window begins lower by the depth. It ends with the paper's
+    window, or earlier, as soon as the rim is safely past the centre, where the rim takes in the
+    target or the next pushable asks for another direction.
     """
     radii = np.array([obj.radius for obj in objects])
     if window == "paper" or scene.target is None or not len(objects):
@@ -169,14 +164,11 @@ def rim_windows(
 ) -> FloatArray:  # fmt: skip
     """The ``rim`` windows (N, 2) of pushables at ``heights`` (N,) along z_g, first met first [m].
 
-    At the height ``capture`` of the tool point the rim takes in the target. ``under`` (N,) is how
-    far below a pushable the rim must be aside of it. The other arguments are those of
-    :func:`passing_windows`.
+    At the height ``capture`` of the tool point the rim takes in the target. The rim must be aside
+    from ``under`` (N,) below each pushable on. For the other arguments see :func:`passing_windows`.
     """
     count = len(heights)
-    lowest, windows = np.empty(count), np.empty((count, 2))
-    for i in range(count):
-        lowest[i] = heights[i] - depth - radii[i] - under[i]  # where the rim must be aside of it
+    windows, lowest = np.empty((count, 2)), heights - depth - radii - under
     for i in range(count):
         turn = capture
         for k in range(i + 1, count):
@@ -200,11 +192,11 @@ def drift_choices(
     depth: float = 0.0,
     gripper_radius: float = 0.0,
 ) -> tuple[Drift, ...]:
-    """Every combination of sides the tool may pass ``objects`` on, at most eight.
+    """Every combination of sides on which the tool may pass ``objects``, at most eight.
 
     A stem that leans decides the side. With a vertical stem, or none, both sides along y_g are
     possible. The first choice stays nearest to the approach line. ``window`` and ``depth``: see
-    :func:`passing_windows`. ``gripper_radius`` [m]: unit of length of the rule ``shortest``.
+    :func:`passing_windows`. ``gripper_radius`` [m] is used by the rule ``shortest``.
 
     Raises:
         InvalidRequestError: an unknown rule or window.
@@ -222,9 +214,8 @@ def drift_choices(
             options.append([side])
             continue
         assert scene.target is not None  # objects are neighbours of a target
-        away = float(y_g @ (scene.target.position - obj.position))
-        first = 1.0 if away >= 0.0 else -1.0
-        options.append([first * y_g, -first * y_g])
+        first = y_g if y_g @ (scene.target.position - obj.position) >= 0.0 else -y_g
+        options.append([first, -first])
     chosen = islice(product(*options), RULE.most_choices)
     return tuple(
         Drift(
@@ -241,7 +232,7 @@ def rule_paths(
     scene: Scene, objects: Sequence[SceneObject], robot: Robot, camera: FloatArray,
     rule: DriftRule = "shortest",
 ) -> list[FloatArray]:  # fmt: skip
-    """Corners (k, 3) of the path from ``camera`` (3,) past neighbours, for each choice of sides."""
+    """Corners (k, 3) of the paths from ``camera`` (3,) past neighbours, by choice of sides [m]."""
     assert scene.target is not None
     assert scene.aim is not None
     depth = 0.0 if robot.tool is None else robot.tool.depth
@@ -267,10 +258,10 @@ def path_past(
 
     Args:
         centers: (N, 3) of the neighbours; ``directions`` and ``windows`` as in :class:`Drift`.
-        offsets: (N,) how far the tool is to pass each of them [m].
-        goal: (3,) where the tool point ends.
+        offsets: (N,) lateral distances in which the tool passes the neighbours [m].
+        goal: (3,) end of the path.
         frame: (3, 3) rows x_g, y_g, z_g.
-        camera: (3,) where the path begins.
+        camera: (3,) beginning of the path.
         capture: depth below the goal from which the path is on the approach line [m].
     """
     lateral, up, n = frame[:2], frame[2], len(centers)
@@ -287,12 +278,10 @@ def path_past(
     for k in range(n):
         x, y = flat[k, 0] + offsets[k] * towards[k, 0], flat[k, 1] + offsets[k] * towards[k, 1]
         farthest = max(farthest, math.sqrt(x * x + y * y))
-    levels = np.empty(max(0, math.ceil((-capture - start[2]) / RULE_LEVEL)))
-    for i in range(len(levels)):
-        levels[i] = start[2] + i * RULE_LEVEL
+    above = np.arange(max(0, math.ceil((-capture - start[2]) / RULE_LEVEL)))
+    levels = start[2] + above * RULE_LEVEL
     local = np.zeros((2 * len(levels) + 3, 3))
-    for a in range(3):
-        local[0, a] = start[a]
+    local[0] = start
     count = _corners(levels, windows, heights, flat, towards, offsets, farthest, local)
     local[count, 2] = max(start[2], -capture)
     corners = np.empty((count + 2, 3))
@@ -305,10 +294,10 @@ def path_past(
 
 @kernel
 def _corners(levels, windows, heights, flat, directions, offsets, farthest, corners):
-    """Corners (k, 3) after the first, in place, where windows begin and end; returns their number.
+    """Append corners (k, 3) where windows begin and end, in place; returns their number.
 
     ``levels`` (L,) are the candidate heights of corners. ``heights`` (N,) and ``flat`` (N, 2) are
-    the positions of the neighbours along the approach line and aside of it.
+    the positions of the neighbours along the approach line and across it.
     """
     n = heights.shape[0]
     inside, before = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
@@ -340,10 +329,10 @@ def _corners(levels, windows, heights, flat, directions, offsets, farthest, corn
 
 @inner
 def _aside(flat, directions, offsets, active, farthest, p):
-    """``p`` (2,): the point nearest to the approach line that is aside of all ``active`` (N,).
+    """``p`` (2,) out: the point nearest to the approach line that is aside of all ``active`` (N,).
 
-    By cyclic projection, in place. The point is at most ``farthest`` from the line: where objects
-    ask for opposite sides, their half-planes meet far away, and a compromise is taken instead.
+    By cyclic projection on the half-planes of the neighbours. The point is at most ``farthest``
+    from the line: half-planes of opposite sides meet far away, and give way to a compromise.
     """
     p[0] = p[1] = 0.0
     for _ in range(RULE_SWEEPS):

@@ -1,7 +1,7 @@
 """The search for the tool path of least harm.
 
-The search samples candidate paths, keeps those of least harm on few states, tries these on more
-states (successive halving), and samples new candidates near them.
+The search samples candidate paths, tries the best of few states in more states (successive
+halving), and samples new candidates near the best ones.
 """
 
 import bisect
@@ -17,8 +17,6 @@ from optipromp.core.pushing.candidates import Candidates
 from optipromp.core.pushing.model import PushModel
 from optipromp.core.pushing.path import ToolPath
 
-SURE = 0.5  # share of a good harm; a candidate of less on few states is tried on all at once
-
 AxesAt = Callable[[FloatArray], FloatArray]
 Judged = tuple[float, FloatArray, ToolPath]
 """Harm, numbers and path of a candidate."""
@@ -30,29 +28,28 @@ def search(
 ) -> Iterator[tuple[ToolPath, float]]:  # fmt: skip
     """Search tool paths of little harm.
 
-    A path is yielded as soon as it is good, otherwise at the end of a run if it is the best so far.
-    After a good path the search goes on for another good one. Before a good path come those that
-    are preferred to it where they are nearly as good (:meth:`Candidates.rather`).
+    A good path is yielded at once, the best path so far at the end of a run. After a good path the
+    search continues. Paths preferred to a good path (:meth:`Candidates.rather`) are yielded first.
 
     Args:
         model: of the push, with the candidates.
         axes: gives the tool axes (m, 3) at shares (m,) of a path.
         rng: samples the candidates.
-        budget: asked after each candidate; when it is spent, no further one is tried.
-        serves: asked after each round, with the harm that counts as good from then on, whether a
-            path that was yielded serves after all.
+        budget: a spent budget ends the search after the present candidate.
+        serves: whether a yielded path serves for a harm that counts as good; asked after each
+            round, as that harm grows.
 
     Yields:
         A path with its harm, and the harm that counts as good at that time.
     """
     candidates, schedule = model.candidates, model.candidates.schedule
     best, good = np.inf, model.good
-    told = np.inf  # harm of the path that was yielded last, if it was not good
-    refused = False  # whether a good one was yielded, and did not serve
+    told = np.inf  # harm of the last yielded path, if that path was not good
+    refused = False  # whether a good path was yielded, and did not serve
     found: ToolPath | None = None
-    numbers = np.zeros(0)  # of the path that was found
+    numbers = np.zeros(0)  # of ``found``
     seen: list[Judged] = []
-    tried: set[ToolPath] = set()  # on all states, and no better than the best
+    tried: set[ToolPath] = set()  # paths that were tried in all states of the search
     judged = _judging(model, axes)
 
     def late() -> bool:
@@ -92,7 +89,7 @@ def search(
                 if value < limit or not seen:
                     bisect.insort(seen, (value, x, path), key=lambda item: item[0])
                     del seen[schedule.kept :]
-                if value < SURE * good:
+                if value < 0.5 * good:  # in few states: surely worth all states
                     settle(x, path)
                 if best < min(good, told) or late():
                     break
@@ -121,7 +118,7 @@ def search(
 
 
 def _judging(model: PushModel, axes: AxesAt) -> Callable[[FloatArray, ToolPath, int, float], float]:
-    """A function of a candidate's numbers, its path, a number of states and a limit: its harm."""
+    """The harm of a candidate as a function of its numbers, path, number of states, and limit."""
 
     @functools.cache
     def axes_at(count: int) -> FloatArray:
@@ -144,11 +141,10 @@ def _sampled(
     count: int,
     rng: np.random.Generator,
 ) -> FloatArray:
-    """Sample candidates (count, k): the fresh ones about ``mean``, the others about the best seen.
+    """Sample candidates (count, k): fresh ones about ``mean``, the others about the best seen.
 
-    Each of the others is about one of the best, chosen at random. Its standard deviation is 0.3 of
-    that of the best, plus 0.05 of the spread (cross-entropy method with a mixture in place of one
-    Gaussian).
+    Cross-entropy method with a mixture in place of a Gaussian: each of the others is about a random
+    one of the best, with 0.3 of the standard deviation of the best plus 0.05 of the spread.
     """
     noise = rng.standard_normal((count, len(mean)))
     out = mean + spread * noise

@@ -1,7 +1,7 @@
-"""Convex shapes on a plane, discs and polygons: the depth and the place of their contacts.
+"""Convex shapes on a plane, discs and polygons: depth and position of their contacts.
 
-A contact is written to ``hit`` (4,): the unit normal from the first body to the second, and where
-they touch (u, v).
+A contact is written to ``hit`` (4,): the unit normal from the first body to the second, and the
+point of contact (u, v) [m].
 """
 
 import math
@@ -14,7 +14,7 @@ from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.compiled import inlined, inner, kernel
 from optipromp.core.pushing.parameters import PUSH
 
-CORNERS = 8  # of a polygon at most
+CORNERS = 8  # largest number of corners of a polygon; a turned box has six
 FLAT = PUSH.plane.flat
 
 
@@ -23,7 +23,7 @@ class Shapes(NamedTuple):
 
     corners: FloatArray  # (B, CORNERS, 2) [m]
     normals: FloatArray  # (B, CORNERS, 2) outward, of the side that begins at each corner
-    size: IntArray  # (B,) how many corners
+    size: IntArray  # (B,) number of corners
     radius: FloatArray  # (B,) [m] of a disc, or of the circle about a polygon's origin
     box: FloatArray  # (B, 4) [m] least u and v, largest u and v
 
@@ -56,28 +56,20 @@ def shapes(parts: Sequence[FloatArray | float]) -> Shapes:
 
 
 class Bodies(NamedTuple):
-    """N shapes in place: the objects, then what does not yield.
+    """N shapes at their poses: first the objects, then the bodies that do not yield."""
 
-    Attributes:
-        objects: how many of them are objects.
-        corners, normals: (N, CORNERS, 2) of polygons.
-        size: (N,) how many corners, 0 for a disc; ``radius`` (N,) [m].
-        at: (N, 2) origins [m].
-        boxes: (N, 4) about what does not yield: least u and v, largest u and v [m].
-    """
-
-    objects: int
-    corners: FloatArray
-    normals: FloatArray
-    size: IntArray
-    radius: FloatArray
-    at: FloatArray
-    boxes: FloatArray
+    objects: int  # number of objects
+    corners: FloatArray  # (N, CORNERS, 2) [m], as in :class:`Shapes`
+    normals: FloatArray  # (N, CORNERS, 2)
+    size: IntArray  # (N,)
+    radius: FloatArray  # (N,) [m]
+    at: FloatArray  # (N, 2) origins [m]
+    boxes: FloatArray  # (N, 4) of bodies that do not yield: least u and v, largest u and v [m]
 
 
 @inlined
 def place(shape: Shapes, i: int, u: float, v: float, turn: float, bodies: Bodies, b: int) -> None:
-    """Place shape ``i`` at a pose, as body ``b``, whose box is left as it is."""
+    """Place shape ``i`` at a pose, as body ``b``, without its box."""
     bodies.at[b, 0], bodies.at[b, 1] = u, v
     if shape.size[i] == 0:
         return
@@ -92,7 +84,7 @@ def place(shape: Shapes, i: int, u: float, v: float, turn: float, bodies: Bodies
 
 @inner
 def enclose(bodies: Bodies, b: int) -> None:
-    """Find the box about polygon ``b``."""
+    """Set the box of polygon ``b``."""
     low_u = high_u = bodies.corners[b, 0, 0]
     low_v = high_v = bodies.corners[b, 0, 1]
     for k in range(1, bodies.size[b]):
@@ -105,7 +97,7 @@ def enclose(bodies: Bodies, b: int) -> None:
 
 @inlined
 def apart(bodies: Bodies, i: int, j: int, gap: float) -> bool:
-    """Whether body i and object j are surely more than a gap apart: by circles, or by i's box."""
+    """Whether body i and object j are surely farther apart than ``gap``: by circles, or i's box."""
     u, v, reach = bodies.at[j, 0], bodies.at[j, 1], bodies.radius[j] + gap
     if i < bodies.objects:
         du, dv, reach = u - bodies.at[i, 0], v - bodies.at[i, 1], reach + bodies.radius[i]
@@ -119,14 +111,9 @@ def apart(bodies: Bodies, i: int, j: int, gap: float) -> bool:
 
 @inlined
 def beyond(bodies: Bodies, a: int, k: int, b: int) -> float:
-    """How far polygon b is beyond side k of polygon a."""
-    corners = bodies.corners
-    x, y, nx, ny = (
-        corners[a, k, 0],
-        corners[a, k, 1],
-        bodies.normals[a, k, 0],
-        bodies.normals[a, k, 1],
-    )
+    """Distance of polygon b from the line of side k of polygon a; negative inside [m]."""
+    corners, normals = bodies.corners, bodies.normals
+    x, y, nx, ny = corners[a, k, 0], corners[a, k, 1], normals[a, k, 0], normals[a, k, 1]
     least = math.inf
     for j in range(bodies.size[b]):
         least = min(least, (corners[b, j, 0] - x) * nx + (corners[b, j, 1] - y) * ny)
@@ -135,7 +122,7 @@ def beyond(bodies: Bodies, a: int, k: int, b: int) -> float:
 
 @inner
 def disc_in_polygon(bodies: Bodies, disc: int, b: int, hit: FloatArray) -> float:
-    """Depth of a disc in polygon b; ``hit`` is from the polygon to the disc."""
+    """Depth of a disc in polygon b [m]; ``hit`` is from the polygon to the disc."""
     u, v, radius = bodies.at[disc, 0], bodies.at[disc, 1], bodies.radius[disc]
     corners, normals, count = bodies.corners, bodies.normals, bodies.size[b]
     deepest, side = -math.inf, 0
@@ -167,14 +154,9 @@ def disc_in_polygon(bodies: Bodies, disc: int, b: int, hit: FloatArray) -> float
 
 @inner
 def pressed(bodies: Bodies, a: int, k: int, b: int, least: float, hit: FloatArray) -> None:
-    """``hit`` of polygon b on side k of polygon a, beyond which b is by ``least`` (negative)."""
-    corners = bodies.corners
-    x, y, nx, ny = (
-        corners[a, k, 0],
-        corners[a, k, 1],
-        bodies.normals[a, k, 0],
-        bodies.normals[a, k, 1],
-    )
+    """``hit`` of polygon b on side k of polygon a; ``least`` is their :func:`beyond`."""
+    corners, normals = bodies.corners, bodies.normals
+    x, y, nx, ny = corners[a, k, 0], corners[a, k, 1], normals[a, k, 0], normals[a, k, 1]
     ex, ey = -ny, nx
     following = k + 1 if k + 1 < bodies.size[a] else 0
     length = (corners[a, following, 0] - x) * ex + (corners[a, following, 1] - y) * ey
@@ -190,10 +172,10 @@ def pressed(bodies: Bodies, a: int, k: int, b: int, least: float, hit: FloatArra
 
 @inlined
 def polygons(bodies: Bodies, a: int, b: int, pairs: IntArray, p: int, hit: FloatArray) -> float:
-    """Depth of polygons a and b (negative: apart), and ``hit``.
+    """Depth of polygons a and b (negative: apart) [m], and ``hit``; by separating axes.
 
-    ``pairs[p, 2]`` is the side that separated them last, and is tried first: sides of a count from
-    0, sides of b from CORNERS.
+    ``pairs[p, 2]`` is the side that separated the polygons last, which is tried first: sides of a
+    count from 0, sides of b from CORNERS.
     """
     k = pairs[p, 2]
     far = beyond(bodies, a, k, b) if k < CORNERS else beyond(bodies, b, k - CORNERS, a)
@@ -224,7 +206,7 @@ def polygons(bodies: Bodies, a: int, b: int, pairs: IntArray, p: int, hit: Float
 
 @inlined
 def contact(bodies: Bodies, i: int, j: int, pairs: IntArray, p: int, hit: FloatArray) -> float:
-    """Depth of bodies i and j (negative: apart), and ``hit``; ``pairs`` see :func:`polygons`."""
+    """Depth of bodies i and j (negative: apart) [m], and ``hit``; see :func:`polygons`."""
     at, radius = bodies.at, bodies.radius
     if bodies.size[i] > 0 and bodies.size[j] > 0:
         return polygons(bodies, i, j, pairs, p, hit)
@@ -243,10 +225,10 @@ def contact(bodies: Bodies, i: int, j: int, pairs: IntArray, p: int, hit: FloatA
 
 @kernel
 def clear(path: FloatArray, stride: int, tool: Shapes, walls: Shapes, enough: float) -> float:
-    """Least distance of the tool from the walls, at every ``stride``-th pose of a path (T, 3) [m].
+    """Least distance of the tool from the walls at every ``stride``-th pose of a path (T, 3) [m].
 
-    It is negative inside them. By separating axes: past a corner the result may be less than the
-    distance. A distance beyond ``enough`` may be returned as ``enough``.
+    The distance is negative inside a wall, and at most ``enough``. By separating axes: past a
+    corner it may be underestimated.
     """
     bodies = Bodies(
         0, np.empty((2, CORNERS, 2)), np.empty((2, CORNERS, 2)), np.empty(2, dtype=np.int64),

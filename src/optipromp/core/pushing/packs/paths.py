@@ -1,7 +1,7 @@
 """Candidate paths of a hand among packs.
 
-A candidate path is a polyline in the plane of the board, in (u, v) along z_g and y_g from the
-target.
+A candidate path is a polyline in the plane of the board, in (u, v): along z_g and y_g from the
+target [m].
 """
 
 import numpy as np
@@ -33,22 +33,22 @@ class PathsBetween(Candidates):
         self._high = np.array([0.0, STANDING.sideways, np.inf])
 
     def path(self, x: FloatArray) -> ToolPath:
-        """From v of the entry x[0] through corners at u and v to the target, low over the board."""
+        """From the entry at v = x[0] through the corners (u, v) in x[1:] to the target."""
         entry, drop = self._board.entry, self._board.drop
         between = len(x) // 2
-        corners = np.zeros((between + (3 if drop else 2), 3))  # up, where it ends
-        corners[: between + 2, 2] = drop
+        corners = np.zeros((between + (3 if drop else 2), 3))
+        corners[: between + 2, 2] = drop  # low over the board, and up at the end
         corners[0, 0], corners[0, 1] = entry, x[0]
         corners[1 : between + 1, :2] = x[1:].reshape(-1, 2)
         corners = np.minimum(np.maximum(corners, self._low), self._high)
         return through(self._target + corners @ self._upright, STANDING.speed)
 
     def aside(self, x: FloatArray, path: ToolPath) -> float:
-        """Nothing: the costs know of walls and length."""
+        """0: the harm includes walls and length."""
         return 0.0
 
     def first(self) -> FloatArray:
-        """None."""
+        """No candidate."""
         return np.zeros((0, 1))
 
     def spread(self, run: int) -> tuple[FloatArray, FloatArray]:

@@ -1,4 +1,4 @@
-"""What stands around the target, as shapes on the plane of its board."""
+"""The objects around the target, as shapes on the plane of its board."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,21 +18,13 @@ STANDING = PUSH.standing
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """What stands around the target, seen along x_g.
-
-    Attributes:
-        bench: objects, walls and the hand, for the kernels.
-        state: (B, 3) where the objects stand: u, v [m], turn [rad].
-        spread: (B,) standard deviation of their detected positions [m].
-        entry: u of the tool point where a path begins [m].
-        drop: along x_g, how far lower than the target's middle the hand goes until it is there [m].
-    """
+    """The objects around the target, projected along x_g."""
 
     bench: Bench
-    state: FloatArray
-    spread: FloatArray
-    entry: float
-    drop: float
+    state: FloatArray  # (B, 3) poses of the objects: u, v [m], turn [rad]
+    spread: FloatArray  # (B,) standard deviation of the detected positions [m]
+    entry: float  # u of the tool point at the beginning of a path [m]
+    drop: float  # offset of the path along x_g from the target's middle before its end [m]
 
 
 def plane(scene: Scene, tool: Tool, behind: Sequence[FloatArray] = ()) -> Plane:
@@ -70,7 +62,7 @@ def plane(scene: Scene, tool: Tool, behind: Sequence[FloatArray] = ()) -> Plane:
     if np.isfinite(edge):  # there is a board
         begin = min(begin, edge)
     mouth = np.array([tool.front - tool.reach, tool.tip - tool.reach, tool.gripper_radius])
-    if tool.mouth[0] == 0.0:  # nothing is taken hold of, and the target is nowhere too deep
+    if tool.mouth[0] == 0.0:  # the tool grips nothing: no target is too deep between fingers
         mouth[1:] = np.inf, 0.0
     hand = shapes([*tool.outline(), *behind])
     return Plane(
@@ -82,7 +74,7 @@ def plane(scene: Scene, tool: Tool, behind: Sequence[FloatArray] = ()) -> Plane:
 
 
 def packs(scene: Scene, target: SceneObject) -> tuple[SceneObject, ...]:
-    """The pushables that stand around the target, in file order; the nearest of too many."""
+    """The pushables that stand around the target, in file order; of too many the nearest."""
     rows = scene.around(target.position, STANDING.around, "pushable")
     rows = rows[[obj.stem is None for obj in scene.objects_at(rows)]]
     if len(rows) > STANDING.most:
@@ -111,8 +103,8 @@ def half_height(obj: SceneObject, frame: FloatArray) -> float:
 def _footprint(obj: SceneObject, frame: FloatArray) -> tuple[FloatArray | float, float, float]:
     """Outline about the centre, its area [m²], and the friction moment over the friction [m].
 
-    Cans and packs stand on the rim of their base: a disc's moment is its radius, a rectangle's
-    0.81 of half its diagonal.
+    Cans and packs stand on the rim of their base: the last is the radius of a disc, and 0.81 of
+    half the diagonal of a rectangle.
     """
     shape = obj.shape
     if isinstance(shape, Cylinder) and abs(float(obj.rotation[:, 2] @ frame[0])) > np.cos(
@@ -131,14 +123,14 @@ def _footprint(obj: SceneObject, frame: FloatArray) -> tuple[FloatArray | float,
 
 
 def _hull(points: FloatArray) -> FloatArray:
-    """Convex hull (k, 2), counter-clockwise, of points (m, 2); nearly equal ones are one."""
+    """Convex hull (k, 2), counter-clockwise, of points (m, 2)."""
     from scipy.spatial import ConvexHull  # slow to import, and seldom needed
 
-    ordered = np.unique(np.round(points, 9), axis=0)
+    ordered = np.unique(np.round(points, 9), axis=0)  # points within 1 nm are one
     corners = ConvexHull(ordered).vertices
     return np.asarray(ordered[np.roll(corners, -int(np.argmin(corners)))])
 
 
 def _covers(corners: FloatArray) -> bool:
-    """Whether the box about ``corners`` (k, 2) is under the origin."""
+    """Whether the box about ``corners`` (k, 2) contains the origin."""
     return bool((corners.min(axis=0) <= 0.0).all() and (corners.max(axis=0) >= 0.0).all())

@@ -8,11 +8,11 @@ With an ellipsoid as the limit surface of each object, a push leads to the veloc
 
 where no two bodies overlap. :math:`f_b = μ m_b g` is the sliding friction of object b and
 :math:`ρ_b` its friction moment over its friction. The model takes steps of a few millimetres and
-resolves the contacts in turn (position-based dynamics). Along a slipping contact it applies at most
-the share μ of the normal part (Coulomb friction).
+resolves the contacts in turn (position-based dynamics). The tangential part of a contact is at most
+the share μ of its normal part (Coulomb friction).
 
 Objects are discs or convex polygons in coordinates (u, v): along the approach and along y_g. The
-tool is a set of convex polygons that moves along a given path. Walls are convex polygons at rest.
+tool is a set of convex polygons that moves along a path. Walls are convex polygons at rest.
 """
 
 import math
@@ -38,25 +38,15 @@ JAMMED, AHEAD = PUSH.plane.jammed, PUSH.plane.ahead
 
 
 class Bench(NamedTuple):
-    """Objects around the target, in (u, v): along z_g and along y_g from the target.
+    """Objects around the target, in (u, v): along z_g and along y_g from the target."""
 
-    Attributes:
-        objects: the target first, then the pushables, about their centres.
-        yields: (B,) 1 over the sliding friction of each [1/N].
-        lever2: (B,) square of the friction moment of each over its friction [m²].
-        walls: static objects at the target's height.
-        hand: the outlines of the hand and of the wrist behind it, about the tool point.
-        mouth: (3,) u of palm and finger tips, and half the opening between the fingers [m].
-        edge: u of the board's front, behind which objects must stay [m].
-    """
-
-    objects: Shapes
-    yields: FloatArray
-    lever2: FloatArray
-    walls: Shapes
-    hand: Shapes
-    mouth: FloatArray
-    edge: float
+    objects: Shapes  # the target first, then the pushables, about their centres
+    yields: FloatArray  # (B,) 1 over the sliding friction 1/f of each object [1/N]
+    lever2: FloatArray  # (B,) squares ρ² of the friction moments over the frictions [m²]
+    walls: Shapes  # static objects at the target's height
+    hand: Shapes  # outlines of the hand and of the wrist behind it, about the tool point
+    mouth: FloatArray  # (3,) u of palm and finger tips, half the opening of the fingers [m]
+    edge: float  # u of the board's front, behind which objects must stay [m]
 
 
 class Pushed(NamedTuple):
@@ -64,12 +54,11 @@ class Pushed(NamedTuple):
 
     Attributes:
         state: (B, 3) final poses of the objects: u, v [m], turn [rad].
-        force: estimate of the largest force on an object in one step [N]: the multipliers of its
-            contacts over the step of the tool. For objects that slide freely it is about the
-            friction of all that is pushed. For objects that jam it grows without bound.
+        force: estimate of the largest force on an object in a step [N]: the multipliers of its
+            contacts over the step of the tool. It is about the friction of all objects that slide,
+            and grows without bound where an object jams.
         jam: largest overlap that could not be resolved: an object is pressed against a wall [m].
-        done: share of the path after which the push ended: 1, or less where an object jammed or
-            the first object moved farther than it may.
+        done: share of the path after which the push ended; 1: at the end of the path.
     """
 
     state: FloatArray
@@ -81,31 +70,24 @@ class Pushed(NamedTuple):
 def push(
     bench: Bench, path: FloatArray, state: FloatArray, slip: float, most: float = np.inf
 ) -> Pushed:
-    """Move the hand along a path, and the objects before it; see :func:`pushed`."""
+    """Move the hand along a path, and the objects with it; see :func:`pushed`."""
     end, report = np.array(state, dtype=np.float64), np.zeros(3)
     pushed(bench, np.ascontiguousarray(path, dtype=np.float64), end, slip, most, np.inf, report)
     return Pushed(end, *report.tolist())
 
 
 class _Step(NamedTuple):
-    """One step of the hand.
+    """One step of the hand."""
 
-    Attributes:
-        state: (B, 3) poses of the objects, changed in place; ``before`` as the step began.
-        press: (B,) normal multipliers of the contacts of each, in sum [N m].
-        slip: coefficient of friction.
-        u, v: the tool point [m]; ``du``, ``dv`` [m] and ``turn`` [rad] its motion.
-    """
-
-    state: FloatArray
-    before: FloatArray
-    press: FloatArray
-    slip: float
-    u: float
-    v: float
-    du: float
-    dv: float
-    turn: float
+    state: FloatArray  # (B, 3) poses of the objects: u, v [m], turn [rad]; changed in place
+    before: FloatArray  # (B, 3) poses at the beginning of the step
+    press: FloatArray  # (B,) sum of the normal multipliers of the contacts of each object [N m]
+    slip: float  # coefficient of friction
+    u: float  # of the tool point [m]
+    v: float  # of the tool point [m]
+    du: float  # motion of the tool point [m]
+    dv: float  # motion of the tool point [m]
+    turn: float  # of the hand in this step [rad]
 
 
 @inlined
@@ -113,7 +95,10 @@ def _resolve(
     bench: Bench, step: _Step, i: int, j: int, hit: FloatArray, depth: float,
     away: tuple[float, float],
 ) -> None:  # fmt: skip
-    """Move i and j apart. i = −1: a body that does not yield, moved by ``away`` at the contact."""
+    """Move bodies i and j apart by ``depth``, and apply friction.
+
+    i = −1 is a body that does not yield, with the motion ``away`` [m] at the contact.
+    """
     state, before, yields, lever2 = step.state, step.before, bench.yields, bench.lever2
     nx, ny, px, py = hit[0], hit[1], hit[2], hit[3]
     tx, ty = -ny, nx
@@ -159,11 +144,11 @@ def _follow(bench: Bench, state: FloatArray, b: int, bodies: Bodies) -> None:
 
 @inner
 def _near(bodies: Bodies, parts: int, pairs: IntArray) -> int:
-    """Pairs (P, 3) of a body and an object less than AHEAD apart, in place; returns how many.
+    """List ``pairs`` (P, 3) of a body and an object less than AHEAD apart; returns their number.
 
     Bodies are the objects, the ``parts`` of the hand and the walls, in this order. Each object is
-    paired with the hand first, then with the objects before it, then with walls. The third
-    number is for :func:`optipromp.core.pushing.packs.flat.polygons`.
+    paired with the hand first, then with the objects before it, then with walls. The third column
+    is for :func:`optipromp.core.pushing.packs.flat.polygons`.
     """
     n, count = 0, bodies.objects
     for j in range(count):
@@ -178,7 +163,7 @@ def _near(bodies: Bodies, parts: int, pairs: IntArray) -> int:
 
 @inner
 def _outlines(bench: Bench, state: FloatArray, bodies: Bodies) -> None:
-    """Fill ``bodies``, the objects where they stand; the hand is placed by :func:`_lead`."""
+    """Fill ``bodies`` with objects and walls; the hand is placed by :func:`_lead`."""
     objects, hand, walls = bench.objects, bench.hand, bench.walls
     b = 0
     for shapes in (objects, hand, walls):
@@ -195,7 +180,7 @@ def _outlines(bench: Bench, state: FloatArray, bodies: Bodies) -> None:
 
 @inlined
 def _lead(hand: Shapes, bodies: Bodies, step: _Step, turn: float, anew: bool) -> None:
-    """Bring the hand's parts to a pose; without a turn they are shifted."""
+    """Move the hand's parts: to the pose of the step where ``anew``, else by ``du`` and ``dv``."""
     corners, boxes = bodies.corners, bodies.boxes
     for h in range(len(hand.size)):
         b = bodies.objects + h
@@ -214,7 +199,7 @@ def _lead(hand: Shapes, bodies: Bodies, step: _Step, turn: float, anew: bool) ->
 def _sweep(
     bench: Bench, bodies: Bodies, step: _Step, pairs: IntArray, n: int, hit: FloatArray
 ) -> float:
-    """Resolve the contacts of n near pairs in turn; returns the largest overlap met [m]."""
+    """Resolve the contacts of n near pairs in turn; returns their largest overlap [m]."""
     count, worst = bodies.objects, 0.0
     for p in range(n):
         i, j = pairs[p, 0], pairs[p, 1]
@@ -240,16 +225,16 @@ def pushed(
     bench: Bench, path: FloatArray, state: FloatArray, slip: float, most: float, hardest: float,
     report: FloatArray,
 ) -> None:  # fmt: skip
-    """Move the hand along a path, and the objects before it.
+    """Move the hand along a path, and the objects with it.
 
     Args:
-        bench: what stands there.
+        bench: objects, walls and hand.
         path: (T, 3) of the tool point: u, v [m] and turn [rad], in steps of 1 to 5 mm.
         state: (B, 3) poses of the objects: u, v [m], turn [rad], in and out.
         slip: coefficient of friction between objects, and with the hand.
-        most: how far the first object may move before the push is stopped [m].
-        hardest: force beyond which the push is stopped [N].
-        report: (3,) out: force, jam and share done, see :class:`Pushed`.
+        most: motion of the first object at which the push is stopped [m].
+        hardest: force at which the push is stopped [N].
+        report: (3,) out: force, jam and done, see :class:`Pushed`.
     """
     first_u, first_v = state[0, 0], state[0, 1]
     count, parts = len(state), len(bench.hand.size)
@@ -276,8 +261,8 @@ def pushed(
         if n < 0 or step.turn != 0.0 or max(gone, shifted) > 0.35 * AHEAD:
             n = _near(bodies, parts, pairs)
             gone = shifted = 0.0
-            _copy(state, seen)
-        _copy(state, before)
+            seen[:] = state
+        before[:] = state
         press[:] = 0.0
         worst = 0.0
         for _ in range(SWEEPS):
@@ -295,11 +280,3 @@ def pushed(
         for b in range(count):
             far = max(abs(state[b, 0] - seen[b, 0]), abs(state[b, 1] - seen[b, 1]))
             shifted = max(shifted, far)
-
-
-@inner
-def _copy(state: FloatArray, out: FloatArray) -> None:
-    """Copy poses (B, 3)."""
-    for b in range(len(state)):
-        for k in range(3):
-            out[b, k] = state[b, k]

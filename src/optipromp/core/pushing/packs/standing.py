@@ -1,7 +1,7 @@
 """The push model of objects that stand on a board.
 
-Trials in the plane of the board, in (u, v) along z_g and y_g from the target, tell whether an
-object in the way finds room at the side, and whether the target stays where it is.
+Trials in the plane of the board, in (u, v) along z_g and y_g from the target, predict whether an
+object in the way has room at the side, and whether the target stays in place.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.scenes.scene import Scene
 
 STANDING = PUSH.standing
-EVERY = round(PUSH.pack.step / STEP)  # points of a path in a step of the model
+EVERY = round(PUSH.pack.step / STEP)  # points of a path per step of the model
 
 
 class Standing(PushModel):
@@ -33,8 +33,7 @@ class Standing(PushModel):
         tool: with an outline.
         behind: convex polygons (k, 2) of the wrist behind the tool, in the outline's frame [m].
         seed: of the sampled states.
-        rings: (k, 3) the hand and the last link, see :func:`rings_of`; none: it is not known where
-            they are clear of the packs.
+        rings: (k, 3) of hand and last link, see :func:`rings_of`; without them no motion is clear.
         risk: share of promised successes that may be broken.
     """
 
@@ -57,13 +56,11 @@ class Standing(PushModel):
         self._seen = np.array([obj.position for obj in seen])
         near = self.bench.objects.radius[:, None] + np.zeros(3)  # along x_g, y_g, z_g
         near[:, 0] = [half_height(obj, self.frame) for obj in seen]
-        place, near = (
-            (self._seen - self.target) @ self.frame.T,
-            near + STANDING.sure * self.board.spread[:, None],
-        )
+        near += STANDING.sure * self.board.spread[:, None]
+        place = (self._seen - self.target) @ self.frame.T
         self._packs = (place - near).min(axis=0), (place + near).max(axis=0)
         rng = np.random.default_rng(seed)
-        self._so_far = dict[int, FloatArray]()  # cost of each trial, by the number of states
+        self._so_far = dict[int, FloatArray]()  # summed cost of each trial, by number of states
         self._places = np.tile(self.board.state, (self.states, 1, 1))
         errors = rng.standard_normal((STANDING.samples, len(self.board.state), 2))
         self._places[1:, :, :2] += self.board.spread[:, None] * errors
@@ -72,21 +69,21 @@ class Standing(PushModel):
         )
 
     def _corners(self, points: FloatArray) -> FloatArray:
-        """Every few of the points (P, 3), and the last, in (u, v)."""
+        """Every EVERY-th of the points (P, 3), and the last one, in (u, v)."""
         chosen = np.concatenate([points[:-1:EVERY], points[-1:]])
         return (chosen - self.target) @ self._flat
 
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
-        """See :class:`PushModel`; the costs are those of ``packs.trials``."""
+        """See :class:`PushModel`; the cost of :mod:`optipromp.core.pushing.packs.trials`."""
         flat = self._corners(points)
         so_far = self._so_far.setdefault(states, np.zeros(states))
         tried = self._places[:states], self._slips[:states]
         return float(trials.cost(self.bench, flat, *tried, so_far, limit))
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
-        """See :class:`PushModel`; of the box that holds all packs."""
+        """See :class:`PushModel`; clear of the box that holds all packs."""
         if self._rings is None:
             return False
         height, aside, radius = self._rings.T
@@ -142,26 +139,26 @@ class Standing(PushModel):
         return Moved(tuple(self.names), self._seen + shift, end.state[:, 2])
 
     def _end(self, path: FloatArray, state: int) -> Pushed:
-        """What the hand, led along poses (T, 3), does to one of the states."""
+        """Effect of the hand, led along poses (T, 3), on one of the states."""
         return push(self.bench, path, self._places[state], float(self._slips[state]))
 
 
 def applies(scene: Scene, tool: Tool | None) -> bool:
-    """Whether the tool comes to its target on the level, and something stands in the scene."""
+    """Whether the approach is level, and a pushable stands in the scene."""
     if scene.target is None or tool is None:
         return False
     stands = any(obj.stem is None for obj in scene.pushables)
     _, y_g, z_g = scene.frame
-    return stands and bool(
-        max(abs(float(z_g @ scene.up)), abs(float(y_g @ scene.up)))
-        < np.sin(np.deg2rad(STANDING.tilt))
-    )
+    steep = max(abs(float(z_g @ scene.up)), abs(float(y_g @ scene.up)))
+    return stands and bool(steep < np.sin(np.deg2rad(STANDING.tilt)))
 
 
 @lru_cache(maxsize=32)
 def rings_of(robot: Robot) -> FloatArray:
-    """The body spheres (k, 3) of the last link and the tool, whatever the roll: their heights over
-    the tool point, their distances from the tool axis, their radii [m]."""
+    """Circles (k, 3) that the body spheres of last link and tool make about the tool axis.
+
+    Columns: height over the tool point, distance from the axis, radius of the sphere [m].
+    """
     own = np.asarray(robot.spheres.distal)
     center = robot.spheres.center[own] - robot.tool_point
     height = center @ robot.tool_axis

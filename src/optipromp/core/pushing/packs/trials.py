@@ -1,6 +1,6 @@
 """The cost of a hand's path through packs, in the quasi-static model.
 
-A path is tried in the perceived state and in sampled ones. Most paths are bad, so a trial ends as
+A path is tried in the perceived state and in sampled states. Most paths are bad: a trial ends as
 soon as the cost is sure to exceed a limit.
 """
 
@@ -30,8 +30,7 @@ def stepped(corners: FloatArray) -> FloatArray:
         total += math.hypot(corners[k, 0] - corners[k - 1, 0], corners[k, 1] - corners[k - 1, 1])
     count = max(2, math.ceil(total / MODEL_STEP) + 1)
     out = np.zeros((count, 3))
-    for c in range(2):
-        out[0, c], out[count - 1, c] = corners[0, c], corners[len(corners) - 1, c]
+    out[0, :2], out[-1, :2] = corners[0], corners[-1]
     gone, t = 0.0, 1
     for k in range(1, len(corners)):
         du, dv = corners[k, 0] - corners[k - 1, 0], corners[k, 1] - corners[k - 1, 1]
@@ -47,7 +46,7 @@ def stepped(corners: FloatArray) -> FloatArray:
 
 @inner
 def excess(value: float, free: float, unit: float) -> float:
-    """Cost of a value beyond what costs nothing: 1 where it is beyond by one unit."""
+    """Cost of a value above ``free``: ((value - free) / unit)², 0 below."""
     return (max(0.0, value - free) / unit) ** 2
 
 
@@ -103,21 +102,21 @@ def cost(
     """Mean cost of a path over trials, or infinity where it is sure to exceed ``limit``.
 
     A trial costs where the target moves, an object jams, an object ends between the fingers, the
-    force is large, or a wall or the board's edge is near. The trials that cost the most for earlier
-    paths are made first, so that a bad path is soon known for one.
+    force is large, or a wall or the board's edge is near. The trials of the largest cost for
+    earlier paths come first: they end a bad path soon.
 
     Args:
-        bench: what stands there.
+        bench: objects, walls and hand.
         corners: (k, 2) of the path.
-        states: (N, B, 3) where objects stand in each trial.
+        states: (N, B, 3) poses of the objects in each trial.
         slips: (N,) coefficients of friction between objects, and with the tool.
-        so_far: (N,) what each trial has cost for the paths so far, in sum; changed in place.
+        so_far: (N,) summed cost of each trial for earlier paths; changed in place.
         limit: largest mean cost of interest.
     """
     path = stepped(corners)
     always = 0.001 * len(path) + wall_cost(room(bench, path))
     total, trials = 0.0, len(slips)
-    costs = np.full(trials, -1.0)  # of those that were made
+    costs = np.full(trials, -1.0)  # of the trials so far; -1: not made yet
     hardest = LIGHT + HEAVY * math.sqrt(WORST)
     report = np.zeros(3)
     for _ in range(trials):

@@ -6,16 +6,15 @@ follows from the energy
 .. math:: \tfrac12\int EI\,{w''}^2\,ds + \tfrac12\int T\,{w'}^2\,ds - \sum_k f_k w(s_k)
 
 with the tension T of the fruit's weight. The energy is minimised once, on a fine grid, for loads at
-the points :data:`LOADED`. For such loads the deflections u of these points describe the whole stem
-exactly (static condensation, Guyan 1965): w = W u with energy ½ uᵀ K u, in each of two directions
-across the stem. A deflected stem lifts its fruit by ½∫w'² ds = ½ uᵀ S u.
+the points :data:`LOADED`. For such loads the deflections u of the loaded points describe the whole
+stem exactly (static condensation, Guyan 1965): w = W u with energy ½ uᵀ K u, in each of two
+directions across the stem. A deflected stem lifts its fruit by ½∫w'² ds = ½ uᵀ S u.
 
-The stiffness of a stem cannot be seen. It is taken to be that of green peduncles (a guess,
-:class:`BeamParameters`). Where a stem leans, it is at least so stiff that the fruit's weight turns
-it by no more than the turn that it grew with.
+A stem of unknown stiffness has that of green peduncles (a guess, :class:`BeamParameters`). A
+leaning stem is at least so stiff that the fruit's weight turns it by the angle that it grew with.
 
-A stem that grows from another has a root that yields: its compliance includes that of the stems
-that it hangs on, so its first point moves too (:mod:`optipromp.core.pushing.stems.trusses`).
+The root of a stem that grows from another one yields: the compliance of such a stem includes that
+of the stems that carry it (:mod:`optipromp.core.pushing.stems.trusses`).
 """
 
 import itertools
@@ -37,58 +36,37 @@ MODULUS, DIAMETER = PUSH.beam.youngs_modulus, PUSH.beam.diameter
 TRUSS_DIAMETER = PUSH.beam.truss_diameter
 GROWN_TURN, STIFF_END = PUSH.beam.grown_turn, PUSH.beam.stiff_end
 FRUIT_DENSITY, GRAVITY = PUSH.beam.fruit_density, PUSH.beam.gravity
-FITTED = 16  # radii of each ball that are tried when two are fitted to a shape
 UP = frozen([0.0, 0.0, 1.0])
 
-_AT = np.round(np.array(LOADED) * FINER * ELEMENTS).astype(int) - 1  # of the grid's points
-_UNIT = frozen(np.eye(FINER * ELEMENTS)[:, _AT])  # [N] at each of them
+_AT = np.round(np.array(LOADED) * FINER * ELEMENTS).astype(int) - 1  # rows of the loaded points
+_UNIT = frozen(np.eye(FINER * ELEMENTS)[:, _AT])  # 1 N at each loaded point
 
 
 class Stems(NamedTuple):
-    """N fruits on stems, for the kernels.
+    """N fruits on stems with L loaded points each, for the kernels."""
 
-    Attributes:
-        root: (N, 3) [m].
-        axes: (N, 3, 3) rows: two directions across the stem, then along it to the fruit.
-        length: (N,) from the root to the fruit's centre [m].
-        mass: (N,) of the fruits [kg].
-        radius: (N,) of the fruits, of a long one's lower ball; ``thickness`` (N,) of the stems [m].
-        upper: (N,) share of the stem at which a long fruit's upper ball is; 1 for a ball.
-        above: (N,) radius of the upper ball [m].
-        shape: (N, ELEMENTS + 1, L) W, deflection of the grid's points by those of the loaded ones.
-        stiffness: (N, L, L) K [N/m].
-        compliance: (N, L, L) the inverse of K [m/N].
-        shortening: (N, L, L) S [1/m].
-        joint: (N, N, 3, 3) motion of each fruit by a force on another one of its truss [m/N];
-            (N, 0, 3, 3) where no stem grows from another.
-        rest: (N, 2L) deflections of the loaded points at rest: the bow of the stem [m].
-        lifted: (N,) by how much that bow is shorter than its arc [m].
-    """
-
-    root: FloatArray
-    axes: FloatArray
-    length: FloatArray
-    mass: FloatArray
-    radius: FloatArray
-    thickness: FloatArray
-    upper: FloatArray
-    above: FloatArray
-    shape: FloatArray
-    stiffness: FloatArray
-    compliance: FloatArray
-    shortening: FloatArray
-    joint: FloatArray
-    rest: FloatArray
-    lifted: FloatArray
+    root: FloatArray  # (N, 3) [m]
+    axes: FloatArray  # (N, 3, 3) rows: two directions across the stem, then from root to fruit
+    length: FloatArray  # (N,) from the root to the fruit's centre [m]
+    mass: FloatArray  # (N,) of the fruits [kg]
+    radius: FloatArray  # (N,) of the fruits, of long fruits that of the lower ball [m]
+    thickness: FloatArray  # (N,) radius of the stems [m]
+    upper: FloatArray  # (N,) share of the stem at a long fruit's upper ball; 1 for a single ball
+    above: FloatArray  # (N,) radius of the upper ball [m]
+    shape: FloatArray  # (N, ELEMENTS + 1, L) W: deflections of the grid by those of loaded points
+    stiffness: FloatArray  # (N, L, L) K [N/m]
+    compliance: FloatArray  # (N, L, L) inverse of K [m/N]
+    shortening: FloatArray  # (N, L, L) S [1/m]
+    joint: FloatArray  # (N, N, 3, 3) motion of a fruit by a force on another fruit of its truss
+    # [m/N]; (N, 0, 3, 3) where no stem grows from another
+    rest: FloatArray  # (N, 2L) deflections of the loaded points at rest: the bow of the stem [m]
+    lifted: FloatArray  # (N,) arc minus chord of that bow [m]
 
 
 def stems(
     objects: Sequence[SceneObject], up: FloatArray = UP, factor: FloatArray | float = 1.0
 ) -> Stems:
-    """The stems of fruits that hang, as if straight from root to fruit; ``up`` as :func:`bent`.
-
-    Stiffnesses, told or assumed, are multiplied by ``factor`` (N,).
-    """
+    """Straight stems of hanging fruits; ``up`` and ``factor`` see :func:`bent`."""
     balls = [balls_of(fruit) for fruit in objects]
     return bent(
         np.array([t.stem.points[-1] for t in objects if t.stem is not None]).reshape(-1, 3),
@@ -106,30 +84,25 @@ def stems(
 
 
 def parents(objects: Sequence[SceneObject]) -> IntArray:
-    """(N,) which of the objects each one's stem grows from; -1 for one whose root is held."""
+    """Index (N,) of the object whose stem each stem grows from; -1 for a root that is held."""
     known = {item.id: k for k, item in enumerate(objects)}
     names = [None if item.stem is None else item.stem.parent for item in objects]
     return np.array([-1 if name is None else known.get(name, -1) for name in names], np.int64)
 
 
 class Balls(NamedTuple):
-    """The two balls that the model takes a fruit for, one behind the other along its stem.
+    """The two balls that the model takes a fruit for, one behind the other along its stem."""
 
-    Attributes:
-        center: (3,) of the lower one [m].
-        radius: of the lower one, ``above`` of the upper one [m].
-        apart: distance of their centres; 0 for one ball [m].
-    """
-
-    center: FloatArray
-    radius: float
-    above: float
-    apart: float
+    center: FloatArray  # (3,) of the lower ball [m]
+    radius: float  # of the lower ball [m]
+    above: float  # radius of the upper ball [m]
+    apart: float  # distance of the centres; 0 for a single ball [m]
 
 
 def balls_of(fruit: SceneObject) -> Balls:
-    """The balls that a fruit is taken for: those of a capsule or cone, those fitted to an ellipsoid
-    or a mesh. Any other shape is taken for one ball that holds it.
+    """The balls of a fruit: the ends of a capsule or cone, a fit of an ellipsoid or mesh.
+
+    Any other shape is taken for a single ball that holds it.
     """
     shape, stem = fruit.shape, fruit.stem
     if stem is None or not isinstance(shape, Capsule | Cone | Ellipsoid | MeshShape):
@@ -150,20 +123,19 @@ def balls_of(fruit: SceneObject) -> Balls:
 def _fitted(
     shape: Ellipsoid | MeshShape, line: tuple[float, ...]
 ) -> tuple[float, float, float, float]:
-    """Two balls on ``line`` (3,) from the local origin that fit a shape's surface best.
+    """Two balls on ``line`` (3,) from the local origin that touch the shape's ends along the line.
 
-    They touch the shape's ends along the line, and of all radii those are taken for which the
-    surface is nearest to their hull in the mean.
+    Of 16 radii for each ball: the pair whose hull has the least mean distance from the surface.
 
     Returns:
-        Where on the line the lower one is, the two radii, and their distance [m].
+        Position of the lower ball on the line, both radii, and the distance of the centres [m].
     """
     points, axis = shape.mesh().vertices, np.array(line)
     height = points @ axis
     aside = lengths(points - height[:, None] * axis)
     low, high, wide = float(height.min()), float(height.max()), float(aside.max())
     one = 0.5 * (high - low)
-    shares = np.linspace(0.1, 1.0, FITTED) * min(wide, one)
+    shares = np.linspace(0.1, 1.0, 16) * min(wide, one)
     best, found = np.inf, (0.5 * (low + high), one, one, 0.0)
     for radius, above in itertools.product(shares, shares):
         apart = high - low - radius - above
@@ -185,12 +157,12 @@ def bent(
     mass: FloatArray | float = np.nan, stiffness: FloatArray | float = np.nan,
     factor: FloatArray | float = 1.0, parent: IntArray | None = None,
 ) -> Stems:  # fmt: skip
-    """Stems of radius ``thickness`` (N,), from roots (N, 3) to fruits (N, 3) of radius (N,) [m].
+    """Straight stems of radius ``thickness`` (N,) from roots (N, 3) to fruits (N, 3) [m].
 
     ``up`` (3,) is opposite to gravity. A long fruit has a second ball of radius ``above`` (N,),
-    ``apart`` (N,) from the first towards the root [m]. Where ``mass`` (N,) [kg] and ``stiffness``
-    EI (N,) [N m²] are not numbers, they are assumed. Stiffnesses are multiplied by ``factor`` (N,).
-    ``parent`` (N,) is the stem that each grows from, -1 where its root is held.
+    ``apart`` (N,) from the first towards the root [m]. NaN in ``mass`` (N,) [kg] or ``stiffness``
+    EI (N,) [N m²] stands for the assumed value. ``factor`` (N,) multiplies all stiffnesses.
+    ``parent``: see :func:`parents`.
     """
     count, n, loaded = len(root), FINER * ELEMENTS, len(LOADED)
     length, axes = _frames(root, fruit)
@@ -243,12 +215,12 @@ def bent(
 
 
 def bowed(straight: Stems, size: FloatArray, turn: FloatArray) -> Stems:
-    """The N stems, each half a sine wave at rest, from its root to where its fruit begins.
+    """The N stems, each with half a sine wave at rest from its root to the surface of its fruit.
 
-    ``size`` (N,) is the bow, middle off the line over length, ``turn`` (N,) its direction about the
+    ``size`` (N,) is the height of the wave over the length, ``turn`` (N,) its direction about the
     stem [rad].
     """
-    free = straight.upper - straight.above / straight.length  # without the fruit
+    free = straight.upper - straight.above / straight.length  # share without the fruit
     share = np.minimum(np.array(LOADED) / free[:, None], 1.0)
     off = (size * straight.length)[:, None] * np.sin(np.pi * share)
     rest = np.concatenate([np.cos(turn)[:, None] * off, np.sin(turn)[:, None] * off], axis=1)
@@ -257,10 +229,10 @@ def bowed(straight: Stems, size: FloatArray, turn: FloatArray) -> Stems:
 
 
 def _band(ei: FloatArray, pull: FloatArray) -> FloatArray:
-    """½∫EI w''² + ½∫T w'² by central differences, as LAPACK keeps a symmetric band (N, 3, n).
+    """½∫EI w''² + ½∫T w'² by central differences, as a symmetric band of LAPACK's (N, 3, n).
 
-    ``ei`` (N, n + 2) is EI over h³ at the grid's points, ``pull`` (N, n), or (N, 1) where it is the
-    same all along, the tension in each element over h [N/m].
+    ``ei`` (N, n + 2) is EI/h³ at the grid's points. ``pull`` (N, n) is the tension T/h in each
+    element [N/m]; (N, 1) for a tension that is equal in all elements.
     """
     n = ei.shape[1] - 2
     pull = np.broadcast_to(pull, (len(ei), n))
@@ -287,8 +259,7 @@ def _full(band: FloatArray) -> FloatArray:
 def moved(cases: Sequence[Stems], root: FloatArray, fruit: FloatArray) -> Stems:
     """The same N stems with M sampled roots and fruits (M, N, 3) [m].
 
-    Sample m has the stiffness of the case m modulo their number: a few per cent of length change it
-    little.
+    Sample m has the stiffness of case m modulo the number of cases.
     """
     times = len(root)
     length, axes = _frames(root.reshape(-1, 3), fruit.reshape(-1, 3))

@@ -1,8 +1,8 @@
 """Contacts of fruits on stems: with the cup, with one another, and with static objects.
 
-A contact of fruit i or of its stem has a kind, such as :data:`ON_WALL`, and another partner: a
-fruit, an obstacle or a piece of the stem. It has a gap [m] (negative: pressed), the direction in
-which it pushes the fruit or the stem, and the share of the stem at which it pushes.
+A contact of fruit i or of its stem has a kind, such as :data:`ON_WALL`, and a partner: a fruit, an
+obstacle or a piece of the stem. It has a gap [m] (negative: pressed), the unit direction in which
+it pushes the fruit or the stem, and the share of the stem at which it pushes.
 """
 
 import math
@@ -21,82 +21,59 @@ from optipromp.core.pushing.stems.deflected import level, place
 
 LISTED, WANDERED = PUSH.swing.listed, PUSH.swing.wandered
 ON_CUP = 0  # the fruit and the cup
-ON_FRUIT = 1  # the fruit and another one
-ON_STEM = 2  # the fruit and another one's stem
+ON_FRUIT = 1  # the fruit and another fruit
+ON_STEM = 2  # the fruit and the stem of another fruit
 STEM_ON_FRUIT = 3  # the stem and another fruit
 ON_WALL = 4  # the fruit and a static object
-STEM_ON_CUP = 5  # the stem and the cup, level with its rim or base, or at a point of the grid
-AT_RIM, AT_BASE = 0, 1  # pieces of a stem; those from 2 on are the grid's points under the rim
+STEM_ON_CUP = 5  # a piece of the stem and the cup
+AT_RIM, AT_BASE = 0, 1  # pieces of a stem, level with rim and base; from 2 on: points of the grid
 
 
 class Fruits(NamedTuple):
-    """N fruits as they move.
+    """N fruits as they move."""
 
-    Attributes:
-        u: (N, 2L) deflections of the stems [m]; ``before`` those of the last step; ``ahead`` those
-            that the fruits would swing to by themselves.
-        up: (N,) how far the deflections lift the fruits [m].
-        center: (N, 3) of the fruits [m]; ``began`` where the step began.
-        resting: (N,) whether nothing has touched them yet.
-        pressed: (N,) force of the cup on the fruit [N]; ``earlier`` that of the last step.
-        firmly: (N,) whether the fruit is pressed against a static object.
-        force: (N,) largest contact force on the fruit; ``on_stem`` of the cup on the stem [N].
-    """
-
-    u: FloatArray
-    before: FloatArray
-    ahead: FloatArray
-    up: FloatArray
-    center: FloatArray
-    began: FloatArray
-    resting: BoolArray
-    pressed: FloatArray
-    earlier: FloatArray
-    firmly: BoolArray
-    force: FloatArray
-    on_stem: FloatArray
+    u: FloatArray  # (N, 2L) deflections of the stems [m]
+    before: FloatArray  # (N, 2L) deflections at the beginning of the step [m]
+    ahead: FloatArray  # (N, 2L) deflections that the fruits would swing to without a contact [m]
+    up: FloatArray  # (N,) height by which the deflections lift the fruit [m]
+    center: FloatArray  # (N, 3) [m]
+    began: FloatArray  # (N, 3) centres at the beginning of the step [m]
+    resting: BoolArray  # (N,) whether nothing has touched the fruit or its stem yet
+    pressed: FloatArray  # (N,) force of the cup on the fruit [N]
+    earlier: FloatArray  # (N,) that force in the last step [N]
+    firmly: BoolArray  # (N,) whether the fruit is pressed against a static object
+    force: FloatArray  # (N,) largest contact force on the fruit [N]
+    on_stem: FloatArray  # (N,) force of the cup on the stem [N]
 
 
 class Contacts(NamedTuple):
-    """The possible contacts of N fruits and their stems.
+    """Possible contacts of N fruits and their stems, at most M of each fruit."""
 
-    Attributes:
-        kind, other: (N, M) of each contact: with the cup, with the other fruits, with static
-            objects and with the cup again, in this order.
-        possible: (N,) how many they are.
-        close: (N, M) which of them are close; ``closes`` (N,) how many.
-        overlap: (N, N, 2) see :func:`overlapping`.
-        walls: (N,) how many static objects are near; ``listed_at`` (N, 3) where the fruit was as
-            they were listed.
-        top: (N,) share of the stem that is level with the rim, or 0; ``bottom`` with the base.
-        first: (N,) the grid's first point under the rim.
-    """
-
-    kind: IntArray
-    other: IntArray
-    possible: IntArray
-    close: IntArray
-    closes: IntArray
-    overlap: BoolArray
-    walls: IntArray
-    listed_at: FloatArray
-    top: FloatArray
-    bottom: FloatArray
-    first: IntArray
+    kind: IntArray  # (N, M)
+    other: IntArray  # (N, M) partner: index of a fruit, of an obstacle or of a piece of the stem
+    possible: IntArray  # (N,) number of possible contacts
+    close: IntArray  # (N, M) indices of the close contacts
+    closes: IntArray  # (N,) number of close contacts
+    overlap: BoolArray  # (N, N, 2) see :func:`overlapping`
+    walls: IntArray  # (N,) number of static objects near the fruit
+    listed_at: FloatArray  # (N, 3) centre of the fruit when static objects were listed [m]
+    top: FloatArray  # (N,) share of the stem that is level with the rim, or 0
+    bottom: FloatArray  # (N,) share of the stem that is level with the base, or 0
+    first: IntArray  # (N,) the grid's first point under the rim
 
 
 @inlined
 def hang(s: Stems, f: Fruits, i: int) -> None:
     """Bring fruit i to the end of its deflected stem."""
-    x, y, z = place(s, f.u, i, s.length[i] - f.up[i], 1.0)
-    f.center[i, 0], f.center[i, 1], f.center[i, 2] = x, y, z
+    chord = s.length[i] - f.up[i]
+    f.center[i, 0], f.center[i, 1], f.center[i, 2] = place(s, f.u, i, chord, 1.0)
 
 
 @inner
 def apart(
     x: float, y: float, z: float, a: float, b: float, c: float
 ) -> tuple[float, float, float, float]:
-    """Distance of two points, and the direction from the second to the first."""
+    """Distance of two points, and the unit vector from the second to the first."""
     x, y, z = x - a, y - b, z - c
     d = math.sqrt(x * x + y * y + z * z)
     out = 1.0 / d if d > 1e-9 else 0.0
@@ -105,9 +82,9 @@ def apart(
 
 @inner
 def overlapping(s: Stems, u: FloatArray, overlap: BoolArray) -> None:
-    """Which fruits and stems overlap at rest (``u`` = 0) and so do not touch, into (N, N, 2).
+    """Find the pairs that overlap at the deflections ``u``: between them is no contact.
 
-    ``overlap[i, o, 0]``: fruit i in fruit o; ``overlap[i, o, 1]``: fruit i in stem o.
+    ``overlap`` (N, N, 2) out: [i, o, 0] fruit i in fruit o; [i, o, 1] fruit i in stem o.
     """
     for i in range(len(s.root)):
         for o in range(len(s.root)):
@@ -138,7 +115,7 @@ def list_fruits(c: Contacts) -> None:
 
 @inner
 def list_walls(s: Stems, center: FloatArray, c: Contacts, solid: Obstacles) -> None:
-    """List obstacles within :data:`LISTED` of each fruit that has moved since."""
+    """List the obstacles within :data:`LISTED` of each fruit that has moved by :data:`WANDERED`."""
     for i in range(len(center)):
         x, y, z = center[i, 0], center[i, 1], center[i, 2]
         at = c.listed_at
@@ -158,7 +135,7 @@ def list_walls(s: Stems, center: FloatArray, c: Contacts, solid: Obstacles) -> N
 
 @inner
 def list_pieces(s: Stems, c: Contacts, at: MouthPose, cup: Mouth) -> None:
-    """List the pieces of each stem that are level with the cup, and those at its rim and base."""
+    """List the pieces of each stem at rim and base, and at the grid's points below the rim."""
     n = s.shape.shape[1] - 1
     for i in range(len(s.root)):
         c.top[i] = _level_with(s, i, at, cup.rim)
@@ -175,7 +152,7 @@ def list_pieces(s: Stems, c: Contacts, at: MouthPose, cup: Mouth) -> None:
 
 @inlined
 def piece(s: Stems, c: Contacts, i: int, k: int) -> float:
-    """Share of stem i at which its piece k is; 0 where there is none."""
+    """Share of stem i at its piece k; 0 where there is no such piece."""
     if k == AT_RIM:
         return float(c.top[i])
     if k == AT_BASE:
@@ -191,7 +168,7 @@ def under_fruit(s: Stems, i: int) -> float:
 
 @inlined
 def _level_with(s: Stems, i: int, at: MouthPose, h: float) -> float:
-    """Share of stem i that is level with the point of the cup's axis at height h."""
+    """Share of stem i that is level with the cup's axis at height h."""
     return level(s, i, at.x + h * at.u, at.y + h * at.v, at.z + h * at.w)
 
 
@@ -199,10 +176,9 @@ def _level_with(s: Stems, i: int, at: MouthPose, h: float) -> float:
 def on_cup(
     s: Stems, f: Fruits, i: int, at: MouthPose, cup: Mouth
 ) -> tuple[float, float, float, float, float]:
-    """Gap of fruit i to the cup, the direction, and the share of its stem."""
-    gap, n0, n1, n2 = fruit_gap(
-        f.center[i, 0], f.center[i, 1], f.center[i, 2], s.radius[i], at, cup
-    )
+    """Contact of fruit i with the cup: gap, direction and share of the stem."""
+    center = f.center
+    gap, n0, n1, n2 = fruit_gap(center[i, 0], center[i, 1], center[i, 2], s.radius[i], at, cup)
     if s.upper[i] < 1.0:
         x, y, z = place(s, f.u, i, s.length[i] - f.up[i], s.upper[i])
         over, m0, m1, m2 = fruit_gap(x, y, z, s.above[i], at, cup)
@@ -215,10 +191,9 @@ def on_cup(
 def on_wall(
     s: Stems, f: Fruits, i: int, solid: Obstacles, wall: int
 ) -> tuple[float, float, float, float, float]:
-    """:func:`on_cup` for a static object."""
-    gap, n0, n1, n2 = distance_and_gradient(
-        solid, wall, f.center[i, 0], f.center[i, 1], f.center[i, 2]
-    )
+    """Contact of fruit i with a static object: gap, direction and share of the stem."""
+    center = f.center
+    gap, n0, n1, n2 = distance_and_gradient(solid, wall, center[i, 0], center[i, 1], center[i, 2])
     if s.upper[i] < 1.0:
         x, y, z = place(s, f.u, i, s.length[i] - f.up[i], s.upper[i])
         over, m0, m1, m2 = distance_and_gradient(solid, wall, x, y, z)
@@ -231,7 +206,7 @@ def on_wall(
 def between(
     s: Stems, f: Fruits, overlap: BoolArray, i: int, kind: int, o: int
 ) -> tuple[float, float, float, float, float]:
-    """Contact of fruit i or its stem with fruit o or its stem; the gap is infinite for none."""
+    """Contact of fruit i or its stem with fruit o or its stem; an infinite gap for none."""
     u, up, center, upper, above = f.u, f.up, f.center, s.upper, s.above
     if f.resting[i] and f.resting[o]:
         return np.inf, 0.0, 0.0, 0.0, 1.0

@@ -1,7 +1,6 @@
-"""The gaps of fruits and stems to a cup: to its wall, floor and neck.
+"""Gaps of fruits and stems to a cup: to its wall, floor, neck and flange.
 
-Points and directions are passed and returned as three numbers each, which stay in registers in a
-kernel's innermost loop.
+Kernels take and return points and directions as three numbers each, which stay in registers.
 """
 
 import math
@@ -20,7 +19,7 @@ ABOVE = 1.0  # [m] added to the gap of a piece of stem over the rim, which touch
 
 
 class Mouth(NamedTuple):
-    """A cup about its axis, heights over the tool point [m]; solid where inner = -outer."""
+    """A round cup: radii, and heights over the tool point [m]; solid where inner = -outer."""
 
     inner: float
     outer: float
@@ -28,9 +27,9 @@ class Mouth(NamedTuple):
     rim: float
     floor: float  # thickness
     neck: float  # radius
-    flange: float = 0.0  # radius of the arm's last link, taken as round; see :func:`flange_of`
-    flange_top: float = -1.0  # height of its end
-    end: float = -1.0  # height where it and the neck end
+    flange: float = 0.0  # radius of the arm's last link, see :func:`flange_of`
+    flange_top: float = -1.0  # height of the end of the last link
+    end: float = -1.0  # height of the other end of the last link, and of the neck
 
 
 class MouthPose(NamedTuple):
@@ -46,13 +45,12 @@ class MouthPose(NamedTuple):
 
 @lru_cache(maxsize=32)
 def flange_of(robot: Robot) -> tuple[float, float, float]:
-    """The arm's last link as a round body behind the tool: its radius, and the heights of its two
-    ends over the tool point [m].
+    """The arm's last link as a round body behind the tool: radius, and heights of both ends [m].
 
-    Radius and first height are medians over the directions around the tool axis: of how far the
-    link's body spheres reach from the axis, and of how far they reach along it at 0.7 of that
-    radius. The second height is that of the lowest sphere. (0, -1, -1) for a link without spheres
-    about the axis.
+    Heights are over the tool point. The radius is the median, over the directions around the tool
+    axis, of the extent of the body spheres from the axis. The first height is the median of their
+    extent along the axis at 0.7 of that radius. The second height is that of the lowest sphere.
+    (0, -1, -1) for a link without spheres about the axis.
     """
     spheres = robot.spheres
     last = np.asarray(spheres.segment) == robot.n_segments - 1
@@ -110,7 +108,7 @@ def cup_distance(rho: float, h: float, cup: Mouth) -> tuple[float, float, float]
 
 @inner
 def in_cup(x: float, y: float, z: float, at: MouthPose) -> tuple[float, float, float, float, float]:
-    """Height of a point over the tool point, its distance and its direction from the axis."""
+    """Height of a point over the tool point, its distance and its vector from the axis [m]."""
     x, y, z = x - at.x, y - at.y, z - at.z
     h = x * at.u + y * at.v + z * at.w
     x, y, z = x - h * at.u, y - h * at.v, z - h * at.w
@@ -121,7 +119,7 @@ def in_cup(x: float, y: float, z: float, at: MouthPose) -> tuple[float, float, f
 def fruit_gap(
     x: float, y: float, z: float, radius: float, at: MouthPose, cup: Mouth
 ) -> tuple[float, float, float, float]:
-    """Gap of a fruit to the cup, and the direction it is pushed in."""
+    """Gap of a fruit to the cup, and the direction in which the cup pushes the fruit."""
     h, rho, x, y, z = in_cup(x, y, z, at)
     d, g0, g1 = cup_distance(rho, h, cup)
     out = g0 / rho if rho > 1e-9 else 0.0
@@ -132,10 +130,11 @@ def fruit_gap(
 def stem_gap(
     x: float, y: float, z: float, radius: float, within: bool, at: MouthPose, cup: Mouth
 ) -> tuple[float, float, float, float]:
-    """Gap of a piece of stem to wall or neck, on the side of the wall where its fruit is.
+    """Gap of a piece of stem to wall or neck, and the direction in which the cup pushes the piece.
 
-    A stem may move farther in one step than a wall is thick: the distance does not tell the side.
-    A piece over the rim touches nothing: its gap is its height there and :data:`ABOVE`.
+    ``within``: whether the fruit is inside the wall, which decides the side: a stem may move
+    farther in one step than a wall is thick. A piece over the rim touches nothing: its gap is its
+    height over the rim plus :data:`ABOVE`.
     """
     h, rho, x, y, z = in_cup(x, y, z, at)
     if h > cup.rim + 1e-6 or rho < 1e-9:
@@ -152,6 +151,6 @@ def stem_gap(
 
 @inner
 def inside(x: float, y: float, z: float, at: MouthPose, cup: Mouth) -> bool:
-    """Whether a fruit with its centre there counts as inside."""
+    """Whether a fruit with this centre counts as inside the cup."""
     h, rho, _, _, _ = in_cup(x, y, z, at)
     return rho < cup.inner and cup.base < h < cup.rim - BARELY

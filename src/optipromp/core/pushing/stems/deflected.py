@@ -1,8 +1,8 @@
 """Kernels of one deflected stem of :class:`optipromp.core.pushing.stems.bending.Stems`.
 
-The deflections ``u[i]`` (2L,) are those of the loaded points of stem i, off the straight line,
-along the first direction across it, then along the second. Kernels take the arrays of all stems and
-the index of one, because a slice would count references, which costs more than these kernels do.
+``u[i]`` (2L,) are the deflections of the loaded points of stem i: L along the first direction
+across the stem, then L along the second [m]. Kernels take the arrays of all stems and the index of
+a stem: counting the references of a slice would cost more than the kernel itself.
 """
 
 from typing import NamedTuple
@@ -15,29 +15,21 @@ LOADS = len(LOADED)
 
 
 class Descent(NamedTuple):
-    """Gauss-Newton on the energy of one stem after the other.
+    """Gauss-Newton on the energy of one stem after the other."""
 
-    Attributes:
-        inertia: (N,) of the fruits in a step, mass over time squared [N/m].
-        free: (N, L, L) inverse of stiffness and inertia of each stem [m/N].
-        gradient: (2L,) of the energy of one [N]; ``inverse`` (2L, 2L) of its Hessian [m/N].
-        j, v: (2L,) see :func:`press`.
-        eased: (N,) share of a step that is taken; ``last`` (N, 2L) the last step [m].
-    """
-
-    inertia: FloatArray
-    free: FloatArray
-    gradient: FloatArray
-    inverse: FloatArray
-    j: FloatArray
-    v: FloatArray
-    eased: FloatArray
-    last: FloatArray
+    inertia: FloatArray  # (N,) mass of the fruits over the squared time of a step [N/m]
+    free: FloatArray  # (N, L, L) inverse of stiffness plus inertia of each stem [m/N]
+    gradient: FloatArray  # (2L,) of the energy of the present stem [N]
+    inverse: FloatArray  # (2L, 2L) of the Hessian of that energy [m/N]
+    j: FloatArray  # (2L,) see :func:`press`
+    v: FloatArray  # (2L,) see :func:`press`
+    eased: FloatArray  # (N,) share of a Gauss-Newton step that is taken
+    last: FloatArray  # (N, 2L) last step [m]
 
 
 @inlined
 def shortened(s: Stems, u: FloatArray, i: int) -> float:
-    """How far a stem's deflections lift its fruit [m]."""
+    """Height by which the deflections of a stem lift its fruit: ½ uᵀ S u [m]."""
     up = 0.0
     for a in range(LOADS):
         for b in range(LOADS):
@@ -50,7 +42,7 @@ def shortened(s: Stems, u: FloatArray, i: int) -> float:
 def place(
     s: Stems, u: FloatArray, i: int, chord: float, share: float
 ) -> tuple[float, float, float]:
-    """Position of the point at a share of a stem; ``chord`` is from root to fruit [m]."""
+    """Position of the point at a share of a stem; ``chord`` is the distance root to fruit [m]."""
     root, axes, shape = s.root, s.axes, s.shape
     n = shape.shape[1] - 1
     k = min(int(share * n), n - 1)
@@ -70,7 +62,7 @@ def place(
 
 @inlined
 def level(s: Stems, i: int, x: float, y: float, z: float) -> float:
-    """Share of a stem at rest that is level with a point; 0 beyond its ends."""
+    """Share of a straight stem that is level with a point; 0 beyond the ends of the stem."""
     root, axes = s.root, s.axes
     d = (
         (x - root[i, 0]) * axes[i, 2, 0]
@@ -83,7 +75,7 @@ def level(s: Stems, i: int, x: float, y: float, z: float) -> float:
 
 @inner
 def freely(s: Stems, i: int, d: Descent) -> None:
-    """The inverse (L, L) of stiffness and inertia [m/N] of the fruit, into ``d.free[i]``."""
+    """``d.free[i]`` (L, L): inverse of the stiffness plus the fruit's inertia [m/N]."""
     last = LOADS - 1
     shared = 1.0 / d.inertia[i] + s.compliance[i, last, last]
     for a in range(LOADS):
@@ -94,7 +86,7 @@ def freely(s: Stems, i: int, d: Descent) -> None:
 
 @inlined
 def begin(s: Stems, u: FloatArray, ahead: FloatArray, i: int, d: Descent) -> None:
-    """Energy of stem and inertia: gradient (2L,) and inverse Hessian (2L, 2L), into ``d``."""
+    """``d.gradient`` and ``d.inverse`` of the energy of stem and inertia, without contacts."""
     gradient, inverse = d.gradient, d.inverse
     for a in range(LOADS):
         g1 = g2 = 0.0
@@ -114,10 +106,10 @@ def press(
     s: Stems, u: FloatArray, i: int, share: float, way: tuple[float, float, float], depth: float,
     spring: float, d: Descent,
 ) -> None:  # fmt: skip
-    """Add a spring [N/m], pressed by ``depth``, that pushes a share of a stem along a unit vector.
+    """Add a spring [N/m], compressed by ``depth`` [m], that pushes a share of a stem along ``way``.
 
-    With j the derivative of its length by the deflections, the Hessian grows by ``spring`` j jᵀ:
-    its inverse follows by Sherman and Morrison's formula. ``d.j`` and ``d.v`` are written to.
+    With ``d.j`` the derivative of the spring's length by the deflections, the Hessian grows by
+    ``spring`` j jᵀ. Its inverse follows by Sherman and Morrison's formula; ``d.v`` is scratch.
     """
     axes, shape, inverse, j, v = s.axes, s.shape, d.inverse, d.j, d.v
     nx, ny, nz = way

@@ -5,14 +5,12 @@ Each fruit takes the deflections u of its stem (:mod:`.bending`) that minimise
 .. math:: \tfrac12 (u - u_0)^T K (u - u_0) + \tfrac{m}{2\,dt^2}\|u_L - \hat u_L\|^2
           + \tfrac{k_c}{2}\sum_j \max(0, -g_j(u))^2
 
-by Gauss-Newton steps from the last equilibrium. The terms are the stem's energy, which is least at
-its bow :math:`u_0`, the fruit's
-inertia (an implicit Euler step; :math:`\hat u_L` is where the fruit would swing to by itself) and
-the contacts with their gaps g (:mod:`optipromp.core.pushing.stems.contacts`). What touches rubs:
-Coulomb friction is a spring against the slip of the step, as stiff as the contact force allows.
-Between cup and stem only the slip across the cup's axis counts: without it a stem that lies over
-the mouth would slide off round the rim, and with the slip along the axis the model presses stems
-too hard.
+by Gauss-Newton steps from the last equilibrium. The terms are the stem's energy about its bow
+:math:`u_0`, the fruit's inertia (an implicit Euler step; :math:`\hat u_L` is where the fruit would
+swing to without a contact) and the contacts with their gaps g
+(:mod:`optipromp.core.pushing.stems.contacts`). Coulomb friction is a spring against the slip of the
+step, as stiff as the contact force allows. Between cup and stem only the slip across the cup's axis
+counts: with the slip along the axis the model presses stems too hard.
 """
 
 import math
@@ -56,15 +54,12 @@ FARTHEST, REVERSAL = PUSH.swing.farthest, PUSH.swing.reversal
 
 
 class CupStep(NamedTuple):
-    """One step of the cup: its shape, where it is, and its motion in this step [m].
-
-    ``begins``: whether it is the first step of the path.
-    """
+    """One step of the cup."""
 
     cup: Mouth
     at: MouthPose
-    shift: MouthPose
-    begins: bool
+    shift: MouthPose  # motion of the tool point in this step (x, y, z) [m]
+    begins: bool  # whether this is the first step of the path
 
 
 @inlined
@@ -75,12 +70,12 @@ def relax(
 
     Args:
         s: the N stems.
-        f: where they are, in and out.
-        c: their contacts, in and out.
+        f: the fruits, in and out.
+        c: the contacts, in and out.
         d: the iteration so far, in and out.
         step: of the cup.
         solid: static objects that fruits are pressed against.
-        look: whether all contacts are looked at, not only those known to be close.
+        look: whether all possible contacts are computed, not only the close ones.
 
     Returns:
         The largest change of a deflection [m], and whether a fruit was touched for the first time.
@@ -96,7 +91,7 @@ def relax(
         last = under_fruit(s, i)
         h, rho, _, _, _ = in_cup(f.center[i, 0], f.center[i, 1], f.center[i, 2], at)
         within = h > cup.base and rho < cup.inner
-        close, clear = 0, 0  # how many are close; pieces before this one cannot be
+        close, clear = 0, 0  # number of close contacts; no piece before ``clear`` is close
         for k in range(c.possible[i] if look else c.closes[i]):
             number = k if look else c.close[i, k]
             kind, other, share = c.kind[i, number], c.other[i, number], 1.0
@@ -154,10 +149,7 @@ def relax(
 def _slip(
     s: Stems, f: Fruits, step: CupStep, i: int, kind: int, o: int, share: float
 ) -> tuple[float, float, float]:
-    """Slip of this step between fruit or stem i and what it touches [m].
-
-    On the cup, the stem's slip along the cup's axis does not count.
-    """
+    """Slip (x, y, z) of this step between fruit or stem i and its partner [m]."""
     at, shift, chord = step.at, step.shift, s.length[i] - f.up[i]
     x0, x1, x2 = f.center[i, 0], f.center[i, 1], f.center[i, 2]
     a0, a1, a2 = f.began[i, 0], f.began[i, 1], f.began[i, 2]
@@ -170,7 +162,7 @@ def _slip(
         return x0 - along * at.u, x1 - along * at.v, x2 - along * at.w
     if kind == ON_CUP:
         x0, x1, x2 = x0 - a0, x1 - a1, x2 - a2
-        if share < 1.0:  # the upper ball: it began as far from the lower one as it was
+        if share < 1.0:  # the upper ball: add its motion relative to the lower ball
             for sign, part, u in (
                 (1.0, share, f.u), (-1.0, 1.0, f.u), (-1.0, share, f.before), (1.0, 1.0, f.before)
             ):  # fmt: skip
@@ -191,10 +183,7 @@ def _rub(
     s: Stems, f: Fruits, i: int, share: float, slip: tuple[float, float, float],
     way: tuple[float, float, float], most: float, d: Descent,
 ) -> None:  # fmt: skip
-    """Rub on a share of stem i with at most ``most`` [N], against its slip.
-
-    The part of the slip along the contact's direction, ``way``, does not count.
-    """
+    """Friction of at most ``most`` [N] on a share of stem i, against the slip across ``way``."""
     (x, y, z), (n0, n1, n2) = slip, way
     along = x * n0 + y * n1 + z * n2
     x, y, z = x - along * n0, y - along * n1, z - along * n2
@@ -206,10 +195,10 @@ def _rub(
 
 @inlined
 def _step(s: Stems, f: Fruits, i: int, d: Descent) -> float:
-    """Step stem i to the minimum of the quadratic model; the largest change of a deflection [m].
+    """Step stem i to the minimum of the quadratic model; returns the largest deflection change [m].
 
-    No loaded point moves farther than :data:`FARTHEST`. A step back as long as the last one would
-    go on for ever; it is halved, and those after it.
+    No loaded point moves farther than :data:`FARTHEST`. A step back by more than the share
+    :data:`REVERSAL` of the last step would go on for ever: it and all later steps are halved.
     """
     change, last = d.v, d.last
     far = back = before = 0.0

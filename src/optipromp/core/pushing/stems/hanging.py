@@ -26,10 +26,9 @@ NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
 
 
 def applies(scene: Scene, tool: Tool | None, neighbours: Sequence[SceneObject]) -> bool:
-    """Whether the model applies: there is a tool, and the target hangs.
+    """Whether the model applies: a tool, a target that hangs, and not too many neighbours.
 
-    It does so where nothing is in the way, too: a tool that does not come along its axis knocks the
-    target away. It does not apply to more fruits than it can try in the time of a plan.
+    Without neighbours, too: a tool that does not come along its axis knocks the target away.
     """
     target = scene.target
     hangs = tool is not None and target is not None and target.stem is not None
@@ -46,7 +45,7 @@ class Hanging(PushModel):
         neighbours: pushables in the way, first met first.
         camera: (3,) where a path begins [m].
         gripper_radius: R_gripper [m].
-        flange: of the arm, see :func:`optipromp.core.pushing.stems.cup.flange_of`; none by default.
+        flange: of the arm, see :func:`optipromp.core.pushing.stems.cup.flange_of`.
         risk: share of promised successes that may be broken.
     """
 
@@ -63,13 +62,9 @@ class Hanging(PushModel):
         inner = inner if inner > 0.0 else -outer  # solid
         base = tool.front - tool.reach
         self.cup = Mouth(inner, outer, base, tool.depth, WALL, NECK_RADIUS, *flange)
+        where = target.position, HANGING.around
         self.static, avoid = (
-            near(
-                scene.packed(scene.around(target.position, HANGING.around, role)),
-                target.position,
-                HANGING.around,
-            )
-            for role in ("static", "avoid")
+            near(scene.packed(scene.around(*where, role)), *where) for role in ("static", "avoid")
         )
         fruits = (target, *_hanging(scene, target, neighbours))
         detected = any(fruit.covariance is not None for fruit in fruits)
@@ -96,7 +91,7 @@ class Hanging(PushModel):
         )  # fmt: skip
 
     def led(self, state: int, points: FloatArray, axes: FloatArray) -> Led:
-        """What a motion of the tool does to the fruits in one state."""
+        """Effect of a motion of the tool on the fruits in one state."""
         return led(self._some(state, 1), *_steps(points, axes), self.cup, self.static)
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
@@ -104,11 +99,7 @@ class Hanging(PushModel):
         return bool(clear(self.stems, points, axes, self.cup))
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
-        """See :class:`PushModel`.
-
-        Where fruits are swallowed, all of them are named, and not whether the target comes inside
-        too: the model does not know how many the cup holds.
-        """
+        """See :class:`PushModel`; all swallowed fruits are named, before a missed target."""
         told = range(self.searched, self.searched + min(self.states, HANGING.causes))
         worst = max(
             (self.led(state, points, axes) for state in told),
@@ -128,7 +119,7 @@ class Hanging(PushModel):
         if found.missed:
             return names[0], "is not inside at the end"
         on_fruit, on_stem = worst.on_fruits, worst.on_stems
-        on_fruit[0] = 0.0  # the force on the target is a part of its own
+        on_fruit[0] = 0.0  # the force on the target is a separate part of the harm
         crushed = int(np.argmax(on_fruit))
         parts = (
             ("stem", int(np.argmax(on_stem)), "has its stem pressed by {:.1f} N"),
@@ -136,17 +127,17 @@ class Hanging(PushModel):
             ("target", 0, "is pressed by {:.1f} N"),
             ("pinched", crushed, "is pinched for {:.1f} s"),
         )
-        alone = {
-            part: score_of(*NOTHING._replace(**{part: getattr(found, part)})) for part, *_ in parts
-        }
-        part, k, what = max(parts, key=lambda item: alone[item[0]])
+
+        def alone(item: tuple[str, int, str]) -> float:
+            return score_of(*NOTHING._replace(**{item[0]: getattr(found, item[0])}))
+
+        part, k, what = max(parts, key=alone)
         return names[k], what.format(getattr(found, part))
 
     def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
         """See :class:`PushModel`."""
-        done = self.led(0, points, axes)
-        forces = zip(self.fruits[1:], done.on_fruits[1:].tolist(), strict=True)
-        return {fruit.id: force for fruit, force in forces}
+        forces = self.led(0, points, axes).on_fruits.tolist()
+        return {fruit.id: force for fruit, force in zip(self.fruits[1:], forces[1:], strict=True)}
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`."""
@@ -157,7 +148,7 @@ class Hanging(PushModel):
         return Moved(ids, before + gone, np.zeros(self.count))
 
     def _some(self, first: int, states: int) -> Stems:
-        """So many states from the ``first`` on."""
+        """The stems of ``states`` states, from the ``first`` on."""
         low, high = first * self.count, (first + states) * self.count
         return Stems(*(values[low:high] for values in self.stems))
 
@@ -165,20 +156,17 @@ class Hanging(PushModel):
 def _hanging(
     scene: Scene, target: SceneObject, neighbours: Sequence[SceneObject]
 ) -> list[SceneObject]:
-    """The neighbours that hang, and the fruits that a tool on a detour may meet, by their ids.
+    """The neighbours that hang, and the fruits that a tool on a detour may meet, sorted by id.
 
-    The order is the same for all approaches to one target.
+    So the order is the same for all approaches to a target.
     """
     known = {fruit.id for fruit in neighbours}
 
     def away(obj: SceneObject) -> float:
         return math.dist(obj.position, target.position)
 
-    others = [
-        obj
-        for obj in scene.objects_at(scene.around(target.position, HANGING.around, "pushable"))
-        if obj.id not in known and obj.stem is not None and away(obj) < HANGING.around
-    ]
+    around = scene.objects_at(scene.around(target.position, HANGING.around, "pushable"))
+    others = [o for o in around if o.stem and o.id not in known and away(o) < HANGING.around]
     others = sorted(others, key=away)[: HANGING.most - len(known)]
     hanging = [fruit for fruit in neighbours if fruit.stem is not None]
     return sorted([*hanging, *others], key=lambda fruit: fruit.id)
@@ -187,6 +175,6 @@ def _hanging(
 def _steps(
     points: FloatArray, axes: FloatArray, every: int = HANGING.every
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Points and tool axes (T, 3) of a path in steps of the model, and the time of a step [s]."""
+    """Points and tool axes (T, 3) at the steps of the model, and the time of a step [s]."""
     chosen = np.append(np.arange(0, len(points) - 1, every), len(points) - 1)
     return points[chosen], axes[chosen], every * STEP / HANGING.model_speed

@@ -1,4 +1,4 @@
-"""The predicted harm of a push: its parts, and one number for them."""
+"""The predicted harm of a push to fruits on stems: its parts, and their sum."""
 
 from typing import NamedTuple
 
@@ -18,9 +18,9 @@ class Harm(NamedTuple):
         stem: largest lasting force of the cup on a stem [N].
         fruit: largest force on another fruit than the target [N].
         target: largest lasting force on the target [N].
-        inside: longest that another fruit is inside the cup [s].
-        pinched: how long the cup presses another fruit against something static [s].
-        missed: whether the target is not inside at the end.
+        inside: longest time of another fruit inside the cup [s].
+        pinched: time in which the cup presses another fruit against a static object [s].
+        missed: whether the target is outside the cup at the end.
     """
 
     stem: float
@@ -35,13 +35,11 @@ class Harm(NamedTuple):
 def score_of(
     stem: float, fruit: float, target: float, inside: float, pinched: float, missed: bool
 ) -> float:
-    """One number for a :class:`Harm`: well below 1, nothing is expected to go wrong.
+    """The score of a :class:`Harm`: the sum of its parts.
 
-    Each part is 1 where a force reaches what a fruit bears, or where a fruit is pinched for
-    :data:`PINCHED` (the model lets a pinched fruit slip out more easily than the simulation).
-    A momentary force up to :data:`SUDDEN` counts nothing: runs that go well in the simulation have
-    it in the model too, one in ten above 8 N. A swallowed neighbour or a missed target
-    adds :data:`LOST`.
+    A part is 1 where a force reaches what a fruit bears, or a fruit is pinched for :data:`PINCHED`.
+    A momentary force up to :data:`SUDDEN` counts nothing. A swallowed neighbour and a missed target
+    add :data:`LOST` each.
     """
     lost = LOST * (inside > BRIEFLY) + LOST * missed
     crushed = max(fruit - SUDDEN, 0.0) / (FRUIT_BEARS - SUDDEN)

@@ -1,4 +1,4 @@
-"""Fruits that overlap as they are seen are pushed apart: two fruits are never in one place."""
+"""Overlapping fruits are moved apart: two fruits are never in one place."""
 
 import math
 from collections.abc import Sequence
@@ -18,13 +18,12 @@ SWEEPS, GAP = PUSH.beam.parting_sweeps, PUSH.beam.parting_gap
 def part(
     fruit: FloatArray, root: FloatArray, radius: FloatArray, above: FloatArray, apart: FloatArray
 ) -> None:
-    """Move fruits out of one another, in place: the two of a pair by half of their overlap each.
+    """Move each fruit of an overlapping pair by half of the overlap, in place.
 
     Args:
         fruit: (M, N, 3) centres of the lower balls of N fruits in M states, in and out [m].
-        root: (M, N, 3) of their stems [m].
-        radius: (N,) of the lower balls, ``above`` (N,) of the upper ones, ``apart`` (N,) from lower
-            to upper, see :class:`optipromp.core.pushing.stems.bending.Balls` [m].
+        root: (M, N, 3) roots of the stems [m].
+        radius: (N,) see :class:`optipromp.core.pushing.stems.bending.Balls`, as for the others.
     """
     count, up, way = len(radius), np.zeros(3), np.zeros(3)
     off = np.zeros((count, 3))  # from the lower to the upper ball
@@ -66,7 +65,7 @@ def part(
 
 
 def shifts(objects: Sequence[SceneObject]) -> FloatArray:
-    """How far each of N hanging fruits has to move (N, 3), so that no two of them overlap [m]."""
+    """Motions (N, 3) of N hanging fruits after which no two of them overlap [m]."""
     balls = [balls_of(item) for item in objects]
     seen = np.array([own.center for own in balls]).reshape(-1, 3)
     root = np.array([t.stem.points[-1] for t in objects if t.stem is not None]).reshape(-1, 3)

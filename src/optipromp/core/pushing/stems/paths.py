@@ -1,8 +1,8 @@
 """Candidate paths of a cup among fruits on stems.
 
-A candidate path passes each neighbour in some direction of the lateral plane, with some lateral
-clearance. The first candidate is the method's rule (:mod:`optipromp.core.pushing.rules`). The next
-ones pass all neighbours alike.
+A candidate path passes each neighbour in a direction of the lateral plane with a lateral clearance.
+The first candidate is the method's rule (:mod:`optipromp.core.pushing.rules`). The next candidates
+pass all neighbours in the same direction.
 """
 
 import math
@@ -33,13 +33,13 @@ HANGING = PUSH.hanging
 
 
 class PathsPast(Candidates):
-    """Paths that pass each of N neighbours on some side.
+    """Paths that pass each of N neighbours on a side: x has N angles, then N clearances.
 
     Args:
         scene: with a target.
         neighbours: pushables in the way, first met first.
         cup: led along the paths.
-        obstacles: static objects, and those to avoid, that the cup should keep clear of.
+        obstacles: static objects, and objects to avoid.
         camera: (3,) where a path begins [m].
         gripper_radius: R_gripper [m].
         states: number of states on which the best candidates are tried.
@@ -86,26 +86,19 @@ class PathsPast(Candidates):
         return through(corners, HANGING.speed)
 
     def aside(self, x: FloatArray, path: ToolPath) -> float:
-        """Half the relative detour, plus a penalty for a cup too near to obstacles."""
+        """Half the relative detour, plus the lack of clearance of the cup from obstacles."""
         straight = math.dist(path.points[-1], path.points[0])
         return 0.5 * (path.length - straight) / straight + self._too_near(path.points)
 
     def first(self) -> FloatArray:
-        """The rule's directions, then eight directions in which all neighbours are passed alike."""
-        rule, _ = self.spread(0)
-        angles = np.repeat(
-            np.arange(0.0, 2.0 * np.pi - 1e-9, np.deg2rad(HANGING.apart))[:, None],
-            len(rule) // 2,
-            1,
-        )
+        """The rule's directions, then each of eight directions for all neighbours."""
+        around = np.arange(0.0, 2.0 * np.pi - 1e-9, np.deg2rad(HANGING.apart))
+        angles = np.repeat(around[:, None], len(self._rule) // 2, 1)
         alike = np.hstack([angles, np.full_like(angles, HANGING.clearance)])
-        return np.vstack([rule, alike])
+        return np.vstack([self._rule, alike])
 
     def rather(self, x: FloatArray, path: ToolPath) -> list[FloatArray]:
-        """See :class:`PushModel`: away from the stems on whose side a candidate passes.
-
-        There it passes as mirrored, or as the rule has it.
-        """
+        """The candidate, mirrored or turned to the rule's side where it passes on a stem's side."""
         if not len(self.neighbours):
             return []
         cosines = passed_towards(
@@ -123,13 +116,12 @@ class PathsPast(Candidates):
 
     def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
         """About the rule's directions."""
-        return self._rule, np.repeat(
-            [HANGING.turned, HANGING.clearance_spread], len(self.neighbours)
-        )
+        spread = np.repeat([HANGING.turned, HANGING.clearance_spread], len(self.neighbours))
+        return self._rule, spread
 
     @cached_property
     def _leans(self) -> FloatArray:
-        """Where the stem of each neighbour leans to (N, 3), in the lateral plane; 0: nowhere."""
+        """Unit vectors (N, 3) in the lateral plane towards the stems; 0 for a stem without lean."""
         away = [
             stem_side(self.scene, fruit, "lateral-plane", self.gripper_radius)
             for fruit in self.neighbours
@@ -154,25 +146,24 @@ class PathsPast(Candidates):
         return directions, np.clip(clearances, HANGING.clearance_least, HANGING.clearance_most)
 
     def _too_near(self, points: FloatArray) -> float:
-        """Lack of clearance of the cup, led upright through ``points`` [in units of 4 mm]."""
+        """Lack of clearance of the cup, led upright through ``points``: 1 for 4 mm, 5 at most."""
         heights = np.array([self.cup.base, 0.5 * (self.cup.base + self.cup.rim), self.cup.rim])
         where = points[:: 2 * HANGING.every]
         worst = 0.0
         for obstacles, slack in ((self.static, HANGING.slack), (self.avoid, 0.0)):
             if len(obstacles.kind):
                 least, end = rooms(where, heights, self._frame[2], obstacles, self.cup.outer, slack)
-                # where the goal itself is closer, no path can do better
-                worst = max(worst, end - least)
+                worst = max(worst, end - least)  # no path has more room than the goal
         return min(worst, 0.02) / 0.004
 
 
 def passed_towards(
     points: FloatArray, centers: FloatArray, leans: FloatArray, up: FloatArray, rim: float
 ) -> FloatArray:
-    """Cosines (N,) between ``leans`` (N, 3) and the ways in which a tool passes ``centers`` (N, 3).
+    """Cosines (N,) between ``leans`` (N, 3) and the directions of passing ``centers`` (N, 3).
 
     The tool point goes through ``points`` (P, 3), the rim ``rim`` [m] before it along ``up`` (3,).
-    Of rim and tool point, at the height of a centre, the one that is more towards its lean counts.
+    The cosine is the larger of those of rim and tool point at the height of a centre.
     """
     out = np.full(len(centers), -1.0)
     heights, flat = points @ up, points - np.outer(points @ up, up)
@@ -189,27 +180,23 @@ def rooms(
     points: FloatArray, heights: FloatArray, up: FloatArray, obstacles: Obstacles, radius: float,
     most: float,
 ) -> tuple[float, float]:  # fmt: skip
-    """Least room about an upright tool on its way, and the room at its end [m].
+    """Least clearance of an upright tool along its path, and the clearance at the end [m].
 
     Args:
         points: (P, 3) of the tool point.
-        heights: (m,) over it, along ``up`` (3,), where the room is measured.
+        heights: (m,) over the tool point, along ``up`` (3,), at which the clearance is measured.
         obstacles: from whose surfaces.
-        radius: of the tool, as far as there is no room [m].
-        most: the room that is given where there is more.
+        radius: of the tool [m].
+        most: largest clearance that is returned [m].
     """
     least = room = most
-    gradient = np.empty(3)
+    gradient, at = np.empty(3), obstacles.position
     for p in range(len(points)):
         room = most
         for h in heights:
             x, y, z = points[p, 0] + h * up[0], points[p, 1] + h * up[1], points[p, 2] + h * up[2]
             for k in range(len(obstacles.kind)):
-                u, v, w = (
-                    x - obstacles.position[k, 0],
-                    y - obstacles.position[k, 1],
-                    z - obstacles.position[k, 2],
-                )
+                u, v, w = x - at[k, 0], y - at[k, 1], z - at[k, 2]
                 if math.sqrt(u * u + v * v + w * w) - obstacles.bound[k] - radius < room:
                     room = min(room, signed_distance(obstacles, k, x, y, z, gradient) - radius)
         least = min(least, room)

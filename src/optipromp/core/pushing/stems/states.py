@@ -1,4 +1,4 @@
-"""The states of fruits on stems in which a path is tried: the perceived one, and sampled ones."""
+"""The states of fruits on stems in which a path is tried: the perceived state, and samples."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -20,22 +20,19 @@ STIFFNESS_SPREAD = PUSH.beam.stiffness_spread
 def sampled(
     fruits: tuple[SceneObject, ...], searched: int, states: int, vertical: tuple[float, ...]
 ) -> Stems:
-    """The states that a path is searched in, the perceived one first; then those that tell harm.
+    """``searched`` states for the search, the perceived one first, then ``states`` for the harm.
 
-    A path that was chosen for some states does better there than elsewhere. So its harm is told by
-    ``states`` others, which are spread as the errors are. Those of the search are spread wider.
+    A path does better in the states that it was chosen in: its harm is predicted in other states.
+    The samples for the harm have the spread of the errors, those for the search a wider spread.
     """
     up, samples = np.array(vertical), searched - 1 + states
     wider = np.where(np.arange(samples) < searched - 1, HANGING.wider, 1.0)[:, None]
     cases = _cases(fruits, up)
     seen, count = cases[0], len(fruits)
     sure = [fruit.covariance is None for fruit in fruits]
-    spread = np.array(
-        [HANGING.shift if known else np.sqrt(detection_variance(fruit))
-         for known, fruit in zip(sure, fruits, strict=True)]
-    ) * np.where(sure, 1.0, wider)  # fmt: skip
-    degrees = [HANGING.turn if known else HANGING.detected_turn for known in sure]
-    turn = np.deg2rad(degrees) * seen.length
+    deviation = np.sqrt([detection_variance(fruit) for fruit in fruits])
+    spread = np.where(sure, HANGING.shift, deviation * wider)
+    turn = np.deg2rad(np.where(sure, HANGING.turn, HANGING.detected_turn)) * seen.length
     shifted, swung = _normal((samples, len(fruits), 3))
     shift = spread[..., None] * shifted
     swing = turn[:, None] * (swung - (swung @ up)[..., None] * up)  # level
@@ -50,9 +47,9 @@ def sampled(
 
 
 def _cases(fruits: Sequence[SceneObject], up: FloatArray) -> list[Stems]:
-    """The stems as told or assumed; where that is a belief, also softer ones and stiffer ones.
+    """The expected stems; where stiffnesses are uncertain, also all stems softer, and all stiffer.
 
-    The stems of a plant are alike: in one case all of them are softer.
+    The stems of a plant are alike.
     """
     wide = np.array([_spread(fruit) for fruit in fruits])
     if (wide == 1.0).all():
@@ -68,19 +65,19 @@ def _cases(fruits: Sequence[SceneObject], up: FloatArray) -> list[Stems]:
 
 
 def _spread(fruit: SceneObject) -> float:
-    """The factor by which a stem may well be softer or stiffer than told, or than assumed."""
+    """Standard deviation of a stem's stiffness as a factor; 1 for a known stiffness."""
     assumed = 1.0 if "stem_stiffness" in fruit.physical else STIFFNESS_SPREAD
     return fruit.physical.get("stem_stiffness_spread", assumed)
 
 
 @lru_cache(maxsize=16)
 def _uniform(shape: tuple[int, ...]) -> FloatArray:
-    """Numbers between 0 and 1, always the same."""
+    """Uniform numbers between 0 and 1 of a fixed seed."""
     return frozen(np.random.default_rng(1).random(shape))
 
 
 @lru_cache(maxsize=16)
 def _normal(shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-    """Two arrays of standard normal numbers, always the same."""
+    """Two arrays of standard normal numbers of a fixed seed."""
     rng = np.random.default_rng(0)
     return frozen(rng.standard_normal(shape)), frozen(rng.standard_normal(shape))

@@ -1,7 +1,7 @@
-"""What a cup does to fruits on stems, predicted step by step along the tool's path.
+"""Push prediction for fruits on stems, step by step along the path of a cup.
 
 At every step all fruits come to the equilibrium of their stems, their inertia and their contacts
-(:mod:`optipromp.core.pushing.stems.equilibrium`). The harm on the path is recorded.
+(:mod:`optipromp.core.pushing.stems.equilibrium`). The harm along the path is recorded.
 """
 
 import math
@@ -48,8 +48,7 @@ def push(
         dt: between points [s].
         cup: its shape.
         solid: static objects that fruits are pressed against; stems pass through them.
-        worst: a score (:func:`optipromp.core.pushing.stems.harm.score_of`) beyond which the push
-            ends.
+        worst: score (:func:`optipromp.core.pushing.stems.harm.score_of`) above which the push ends.
         positions: (P, N, 3) out, of the fruits [m].
         forces: (P, N) out, largest contact force on each fruit [N].
         stem_forces: (P, N) out, of the cup on each stem [N].
@@ -92,14 +91,14 @@ def push(
     for p in range(len(points)):
         at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
         if p > 0 and _untouched(s, f, at, cup):
-            _note(f, p, positions)
+            positions[p] = f.center
             continue
         q = max(p - 1, 0)
         x, y, z = at.x - points[q, 0], at.y - points[q, 1], at.z - points[q, 2]
         step = CupStep(cup, at, MouthPose(x, y, z, 0.0, 0.0, 0.0), p == 0)
         _follow_truss(s, f, held, load)
         _advance(s, f, c, d, step, solid)
-        _note(f, p, positions)
+        positions[p] = f.center
         _take(f, at, cup, dt, p, forces, stem_forces, spell, pinched, so_far)
         if score_of(so_far[0], so_far[1], so_far[2], so_far[3], so_far[4], False) > worst:
             return p + 1
@@ -108,10 +107,10 @@ def push(
 
 @inner
 def _follow_truss(s: Stems, f: Fruits, held: FloatArray, load: FloatArray) -> None:
-    """Stems of a truss go where the forces on the others' fruits, after the last step, bring them.
+    """Move the stems of a truss by the forces on the other fruits after the last step.
 
-    ``held`` (N, 3) are their roots before anything touches a fruit, ``load`` (N, 3) room for the
-    forces; (0, 3) where there is no truss.
+    ``held`` (N, 3) are the roots before any contact [m], ``load`` (N, 3) is scratch for the forces;
+    (0, 3) without a truss.
     """
     for i in range(len(load)):
         for k in range(3):
@@ -145,21 +144,17 @@ def _untouched(s: Stems, f: Fruits, at: MouthPose, cup: Mouth) -> bool:
 
 @kernel
 def clear(s: Stems, points: FloatArray, axes: FloatArray, cup: Mouth) -> bool:
-    """Whether the cup, led through points (P, 3), stays away from all of N fruits at rest.
+    """Whether the cup, led through points (P, 3), stays away from all fruits and stems at rest.
 
-    A fruit and its stem lie before the rim, behind the last link's end, or aside of both.
+    Fruit and stem are clear before the rim, behind the end of the last link, or aside of both.
     """
-    wide = max(cup.outer, cup.neck, cup.flange) + CLOSE
+    e, wide = s.axes, max(cup.outer, cup.neck, cup.flange) + CLOSE
     for p in range(len(points)):
         at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
         for i in range(len(s.root)):
             x, y, z, far = s.root[i, 0], s.root[i, 1], s.root[i, 2], s.length[i]
             above, _, a, b, c = in_cup(x, y, z, at)
-            x, y, z = (
-                x + far * s.axes[i, 2, 0],
-                y + far * s.axes[i, 2, 1],
-                z + far * s.axes[i, 2, 2],
-            )
+            x, y, z = x + far * e[i, 2, 0], y + far * e[i, 2, 1], z + far * e[i, 2, 2]
             h, _, u, v, w = in_cup(x, y, z, at)
             thick = max(s.radius[i], s.above[i])
             if min(h, above) - thick > cup.rim + CLOSE or max(h, above) + thick < cup.end - CLOSE:
@@ -176,7 +171,7 @@ def clear(s: Stems, points: FloatArray, axes: FloatArray, cup: Mouth) -> bool:
 
 @inner
 def _advance(s: Stems, f: Fruits, c: Contacts, d: Descent, step: CupStep, solid: Obstacles) -> None:
-    """The fruits swing on, then come to their equilibrium with the cup where it is."""
+    """Let the fruits swing on, then bring them to their equilibrium with the cup of this step."""
     for i in range(len(f.up)):
         for k in range(3):
             f.began[i, k] = f.center[i, k]
@@ -189,7 +184,7 @@ def _advance(s: Stems, f: Fruits, c: Contacts, d: Descent, step: CupStep, solid:
     list_pieces(s, c, step.at, step.cup)
     stirred = np.inf
     for _ in range(ITERATIONS):
-        look = stirred > STIRRED  # for all contacts that are close, not only those known
+        look = stirred > STIRRED
         if look:
             stirred = 0.0
         moved, woken = relax(s, f, c, d, step, solid, look)
@@ -199,22 +194,14 @@ def _advance(s: Stems, f: Fruits, c: Contacts, d: Descent, step: CupStep, solid:
 
 
 @inner
-def _note(f: Fruits, p: int, positions: FloatArray) -> None:
-    """Where the fruits are after step p, into (P, N, 3)."""
-    for i in range(len(f.up)):
-        for k in range(3):
-            positions[p, i, k] = f.center[i, k]
-
-
-@inner
 def _take(
     f: Fruits, at: MouthPose, cup: Mouth, dt: float, p: int, forces: FloatArray,
     stem_forces: FloatArray, spell: IntArray, pinched: IntArray, so_far: FloatArray,
 ) -> None:  # fmt: skip
-    """The harm up to step p, into ``so_far`` (5,).
+    """Update the harm ``so_far`` (5,) by step p.
 
-    ``spell`` (N,) counts the steps that each fruit has been inside without a break, ``pinched``
-    (N,) those that the cup has pressed it against a static object.
+    ``spell`` (N,) counts the steps since which each fruit has been inside, ``pinched`` (N,) the
+    steps in which the cup pressed it against a static object.
     """
     held = math.ceil(LASTING / dt)  # steps
     for i in range(len(f.up)):
@@ -237,25 +224,18 @@ def _take(
 
 
 class Led(NamedTuple):
-    """What the cup, led along a path, does to the N fruits.
-
-    Attributes:
-        harm: its parts.
-        positions: (P, N, 3) of the fruits, after each step [m].
-        on_fruits: (N,) largest force on each fruit [N].
-        on_stems: (N,) largest lasting force on each stem: the least in a time :data:`LASTING` [N].
-    """
+    """Effect of a cup, led along a path, on N fruits."""
 
     harm: Harm
-    positions: FloatArray
-    on_fruits: FloatArray
-    on_stems: FloatArray
+    positions: FloatArray  # (P, N, 3) of the fruits after each step [m]
+    on_fruits: FloatArray  # (N,) largest force on each fruit [N]
+    on_stems: FloatArray  # (N,) largest lasting force (the least within LASTING) on each stem [N]
 
 
 def led(
     s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth, solid: Obstacles
 ) -> Led:
-    """What the cup does, led along a path (see :func:`push`); the first fruit is the target."""
+    """Effect of the cup along a path (arguments of :func:`push`); the first fruit is the target."""
     steps, count = len(points), len(s.root)
     positions, so_far = np.zeros((steps, count, 3)), np.zeros(5)
     forces, stem_forces = np.zeros((steps, count)), np.zeros((steps, count))
@@ -273,15 +253,12 @@ def led(
 def steps_inside(
     positions: FloatArray, points: FloatArray, axes: FloatArray, cup: Mouth
 ) -> IntArray:
-    """In how many steps each fruit (N,), at ``positions`` (P, N, 3), is inside the cup."""
-    poses = [MouthPose(*point, *axis) for point, axis in zip(points, axes, strict=True)]
-    within = np.array(
-        [
-            [inside(x, y, z, at, cup) for x, y, z in places]
-            for places, at in zip(positions.tolist(), poses, strict=True)
-        ]
-    )
-    return np.asarray(within.sum(axis=0), dtype=np.int64)
+    """Number of steps (N,) in which each fruit, at ``positions`` (P, N, 3), is inside the cup."""
+    within = np.zeros(positions.shape[1], dtype=np.int64)
+    for places, point, axis in zip(positions, points, axes, strict=True):
+        at = MouthPose(*point, *axis)
+        within += [inside(x, y, z, at, cup) for x, y, z in places]
+    return within
 
 
 @kernel
@@ -292,13 +269,13 @@ def mean_score(
     """Mean score of a path over sampled states of the same fruits.
 
     Args:
-        s: the stems, one state after the other, ``count`` in each.
-        count: of fruits.
+        s: the stems, one state after the other.
+        count: number of fruits in a state.
         samples: number of states.
         points: see :func:`push`, as for the arguments up to ``solid``.
-        hopeless: largest score of one state.
-        worst: largest mean of interest; where it is exceeded, any number above it may be returned.
-        seen: whether the first state is the perceived one; where that is hopeless, it alone counts.
+        hopeless: largest score of a single state.
+        worst: largest mean of interest; a larger mean may be returned as any number above it.
+        seen: whether the first state is the perceived one; a hopeless perceived state ends the sum.
     """
     total, steps = 0.0, len(points)
     positions, forces = np.zeros((steps, count, 3)), np.zeros((steps, count))

@@ -1,11 +1,11 @@
 r"""Stems that grow from other stems: what a truss adds to the beams of :mod:`.bending`.
 
-A truss is a tree of straight beams. A force on one of its fruits moves the fruit by its own stem's
-bending, and by the motion of the stem's root on the stems that it hangs on. Both follow from the
-influence functions of each beam, by the same finite differences as of a single stem: static
-condensation of the whole tree.
+A truss is a tree of straight beams. A force on a fruit moves the fruit by the bending of its stem,
+and by the motion of the stem's root on the stems that carry it. Both motions follow from the
+influence functions of each beam, by the finite differences of a single stem: static condensation
+of the whole tree.
 
-A twist is (t, ω): the motion of a point and the turn there [m, rad]. A wrench is (f, m) [N, N m].
+A twist is (t, ω): motion and turn at a point [m, rad]. A wrench is (f, m) [N, N m].
 """
 
 from typing import NamedTuple
@@ -16,22 +16,16 @@ from optipromp.core.arrays import FloatArray, IntArray
 
 
 class StemTree(NamedTuple):
-    """N stems of one or more trusses.
+    """N stems of one or more trusses."""
 
-    Attributes:
-        parent: (N,) the stem that each grows from, -1 where its root is held.
-        share: (N,) of the parent's length at which it grows.
-        root: (N, 3) [m]; ``axes`` (N, 3, 3) and ``length`` (N,) as of the stems.
-    """
-
-    parent: IntArray
-    share: FloatArray
-    root: FloatArray
-    axes: FloatArray
-    length: FloatArray
+    parent: IntArray  # (N,) index of the stem that each stem grows from; -1 for a held root
+    share: FloatArray  # (N,) of the parent's length at which the stem grows
+    root: FloatArray  # (N, 3) [m]
+    axes: FloatArray  # (N, 3, 3) as of :class:`.bending.Stems`
+    length: FloatArray  # (N,) [m]
 
     def ancestors(self, i: int) -> list[tuple[int, float]]:
-        """The stems that stem i hangs on, and the share of each at which what carries i begins."""
+        """The stems that carry stem i, and the share of each at which the next one grows."""
         out = []
         while self.parent[i] >= 0:
             out.append((int(self.parent[i]), float(self.share[i])))
@@ -40,7 +34,7 @@ class StemTree(NamedTuple):
 
 
 def tree(parent: IntArray, root: FloatArray, axes: FloatArray, length: FloatArray) -> StemTree:
-    """The tree of N stems; a root counts as on its parent's chord, where it is level with it."""
+    """The tree of N stems; each root is projected on the chord of its parent."""
     along = ((root - root[parent]) * axes[parent, 2]).sum(axis=1) / length[parent]
     return StemTree(parent, np.clip(along, 0.0, 1.0), root, axes, length)
 
@@ -48,17 +42,17 @@ def tree(parent: IntArray, root: FloatArray, axes: FloatArray, length: FloatArra
 def carried(
     t: StemTree, weight: FloatArray, up: FloatArray, count: int
 ) -> tuple[FloatArray, FloatArray]:
-    """What stems carry for others.
+    """The load of each stem: its fruit, and the stems that grow from it.
 
     Args:
         t: the tree.
         weight: (N,) of the fruits [N].
         up: (3,) opposite to gravity.
-        count: of elements on each stem.
+        count: number of elements of a stem.
 
     Returns:
-        Weight (N, count) that hangs beyond each element, its own fruit's included [N]; and the
-        integral (N,) of the bending moment along each stem [N m²].
+        Weight (N, count) that hangs beyond each element [N], and the integral (N,) of the bending
+        moment along each stem [N m²].
     """
     middle = (np.arange(count) + 0.5) / count
     fruit = t.root + t.length[:, None] * t.axes[:, 2]
@@ -75,46 +69,37 @@ def carried(
 
 
 class Bent(NamedTuple):
-    """How the stems of a truss bend, with all that hangs on each.
+    """Bending of the stems of a truss under the weight that each carries."""
 
-    Attributes:
-        influence: (N, n, n) deflection of the grid's points by a force at each, roots held [m/N].
-        turned: (N, n + 1) motion of the grid's points across the stem, the root first, where the
-            root turns by one radian and what hangs on the stem pulls it back to the plumb [m].
-    """
-
-    influence: FloatArray
-    turned: FloatArray
+    influence: FloatArray  # (N, n, n) deflections of the grid by forces on it, roots held [m/N]
+    turned: FloatArray  # (N, n + 1) deflections of root and grid [m] where the root turns by one
+    # radian and the weight pulls the stem back to the plumb
 
 
 def bending(t: StemTree, stiffness: FloatArray, tension: FloatArray) -> Bent:
     """Solve the beams, those that hang on others first.
 
-    A stem whose root turns is pulled back by its fruit's weight: it is a spring on the slope of the
-    stem that it hangs on, of stiffness sᵀBs - (Bs)ᵀA⁻¹Bs for places s, all stiffness A and that of
-    the tension B.
+    The weight of a fruit pulls its stem back where the root turns. So a stem is a spring on the
+    slope of its parent, of stiffness sᵀBs - (Bs)ᵀA⁻¹Bs with the places s of the grid's points, the
+    whole stiffness A and the stiffness B of the tension.
 
     Args:
         t: the tree.
-        stiffness: (N, n, n) of the grid's points of each stem alone [N/m].
-        tension: (N, n, n) the part of it that is due to the tension [N/m].
+        stiffness: (N, n, n) of the grid's points of each single stem [N/m].
+        tension: (N, n, n) part of the stiffness that is due to the tension [N/m].
     """
     count, n = len(t.parent), stiffness.shape[1]
     influence, turned = np.zeros((count, n, n)), np.zeros((count, n + 1))
-    springs: dict[int, FloatArray] = {}
+    springs = np.zeros((count, n, n))
     for i in sorted(range(count), key=lambda k: -len(t.ancestors(k))):
-        added = springs.get(i, np.zeros((n, n)))
-        influence[i] = np.linalg.inv(stiffness[i] + added)
+        influence[i] = np.linalg.inv(stiffness[i] + springs[i])
         s = t.length[i] * np.arange(1, n + 1) / n
-        pulled = (tension[i] + added) @ s
+        pulled = (tension[i] + springs[i]) @ s
         turned[i, 1:] = s - influence[i] @ pulled
         if t.parent[i] >= 0:
-            own = int(t.parent[i])
-            _, slope = _weights(n, float(t.share[i]), t.length[own])
+            _, slope = _weights(n, float(t.share[i]), t.length[t.parent[i]])
             spring = float(turned[i, 1:] @ pulled)
-            springs[own] = (
-                springs.get(own, np.zeros((n, n))) + spring * np.outer(slope, slope)[1:, 1:]
-            )
+            springs[t.parent[i]] += spring * np.outer(slope, slope)[1:, 1:]
     return Bent(influence, turned)
 
 
@@ -122,8 +107,8 @@ def condensed(t: StemTree, bent: Bent) -> tuple[FloatArray, FloatArray]:
     """The compliance of roots and of fruits through the stems that they share.
 
     Returns:
-        Twist (N, 6, 6) of each root by a wrench there, zero where it is held; and the motion
-        (N, N, 3, 3) of each fruit by a force on another one, zero on the diagonal [m/N].
+        Twist (N, 6, 6) of each root by a wrench on it, zero for a held root; and the motion
+        (N, N, 3, 3) of each fruit by a force on another fruit, zero on the diagonal [m/N].
     """
     count = len(t.parent)
     base, joint = np.zeros((count, 6, 6)), np.zeros((count, count, 3, 3))
@@ -141,7 +126,7 @@ Place = tuple[int, float]  # a stem, and a share of it
 
 
 def _root(t: StemTree, bent: Bent, i: int) -> FloatArray:
-    """The twist (6, 6) of the root of stem i by a wrench there."""
+    """Twist (6, 6) of the root of stem i by a wrench on it."""
     if t.parent[i] < 0:
         return np.zeros((6, 6))
     at = int(t.parent[i]), float(t.share[i])
@@ -149,7 +134,7 @@ def _root(t: StemTree, bent: Bent, i: int) -> FloatArray:
 
 
 def _between(t: StemTree, bent: Bent, of: Place, by: Place) -> FloatArray:
-    """The twist (6, 6) of one place by a wrench at another, in the world's axes."""
+    """Twist (6, 6) of a place ``of`` by a wrench at a place ``by``, in the world's axes."""
     (i, share), (j, other) = of, by
     if i == j:
         lever, force = _carried_along(t, bent, i, share), _carried_along(t, bent, i, other)
@@ -161,7 +146,7 @@ def _between(t: StemTree, bent: Bent, of: Place, by: Place) -> FloatArray:
 
 
 def _weights(n: int, share: float, length: float) -> tuple[FloatArray, FloatArray]:
-    """Of the grid's points (n + 1,), root first: for the value at a share of a stem, the slope."""
+    """Weights (n + 1,) of root and grid in the deflection and in the slope at a share of a stem."""
     value, slope = np.zeros(n + 1), np.zeros(n + 1)
     k = min(int(share * n), n - 1)
     value[k : k + 2] = 1.0 - (share * n - k), share * n - k
@@ -170,7 +155,7 @@ def _weights(n: int, share: float, length: float) -> tuple[FloatArray, FloatArra
 
 
 def _carried_along(t: StemTree, bent: Bent, i: int, share: float) -> FloatArray:
-    """The twist (6, 6) of a place of stem i by the twist of its root."""
+    """Twist (6, 6) of a share of stem i by the twist of its root."""
     value, slope = _weights(bent.turned.shape[1] - 1, share, t.length[i])
     x, y, z = (value @ bent.turned[i]) * t.axes[i, 2]
     out = np.eye(6)
@@ -180,7 +165,7 @@ def _carried_along(t: StemTree, bent: Bent, i: int, share: float) -> FloatArray:
 
 
 def _beam(t: StemTree, bent: Bent, i: int, share: float, other: float) -> FloatArray:
-    """The twist (6, 6) of a share of stem i by a wrench at another one, its root held."""
+    """Twist (6, 6) of a share of stem i by a wrench at the share ``other``, root held."""
     n = bent.influence.shape[1]
     left, right = (np.stack(_weights(n, at, t.length[i]))[:, 1:] for at in (share, other))
     plane = left @ bent.influence[i] @ right.T
@@ -193,10 +178,10 @@ def _beam(t: StemTree, bent: Bent, i: int, share: float, other: float) -> FloatA
 
 
 def sideways(base: FloatArray, axes: FloatArray, turned: FloatArray) -> FloatArray:
-    """Motion (n + 1, n + 1) across a stem through the compliance of its root, at its grid's points.
+    """Compliance (n + 1, n + 1) of root and grid across a stem by the compliance of its root.
 
-    ``base`` (6, 6) is that compliance, ``axes`` (3, 3) and ``turned`` (n + 1,) are the stem's. It
-    is the mean of the two directions across, which the model takes to be alike.
+    ``base`` (6, 6) is the compliance of the root; ``turned`` (n + 1,) see :class:`Bent`. The result
+    is the mean of the two directions across, which the model takes to be equal.
     """
     out = np.zeros((len(turned), len(turned)))
     for e in axes[:2]:
