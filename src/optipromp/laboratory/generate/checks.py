@@ -5,17 +5,20 @@ arm itself. A scene is not sampled again because the motion is hard, or because 
 neighbour.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
-from optipromp.core.arrays import BoolArray, FloatArray
+from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry import distances, pack
 from optipromp.core.geometry.shapes import Capsule, Cone, Ellipsoid, Sphere
+from optipromp.core.planning.collision import free
+from optipromp.core.planning.task import resolve
 from optipromp.core.robots import ik
 from optipromp.core.robots.cup_cover import NECK_RADIUS
-from optipromp.core.robots.model import Robot
 from optipromp.core.robots.roll import level, rolled, rolls
 from optipromp.core.robots.tool_protocol import Tool
-from optipromp.core.robots.tools import WALL, make_tool, with_tool
+from optipromp.core.robots.tools import WALL
 from optipromp.core.scenes.scene import Scene, SceneObject
 
 SAMPLE = 0.004  # [m] between checks along a stem
@@ -138,16 +141,12 @@ def segments(one: FloatArray, other: FloatArray) -> float:
     return float(np.linalg.norm(r + s * d1 - t * d2))
 
 
-def equipped(scene: Scene) -> Robot:
-    """The scene's robot with the scene's tool."""
-    robot, tool = scene.load_robot(), scene.tool
-    if tool is None:
-        return robot
-    return with_tool(robot, make_tool(tool.kind, tool.parameters))
-
-
 def unsolvable(scene: Scene) -> str | None:
-    """The reason why no arm motion can end at the target; None where one may."""
+    """The reason why no arm motion can end at the target; None where one may.
+
+    Of the goal configurations, one must be free among the static objects alone
+    (:func:`optipromp.core.planning.collision.free`).
+    """
     target = scene.target
     if target is None:
         return None
@@ -156,21 +155,18 @@ def unsolvable(scene: Scene) -> str | None:
         inside, _ = distances(static, target.position[None])
         if float(inside.min()) < 0.0:
             return "target inside a static object"
-    robot = equipped(scene)
+    task = resolve(replace(scene, objects=(replace(target, stem=None), *scene.static)))
+    robot = task.robot
     if any(_rooted_in_tool(scene, item, robot.tool) for item in scene.pushables):
         return "stem rooted where the tool must end"
     goals = ik.solve(robot, target.position, scene.frame[2], starts=STARTS, distinct=0.05).joints
     if not len(goals):
         return "target out of reach"
-    if (
-        robot.tool is not None and robot.tool.fingers and rolls(robot)
-    ):  # fingers on either side of the target
-        turned = level(robot, goals, scene.frame[0])
+    if robot.tool is not None and robot.tool.fingers and rolls(robot):
+        turned = level(robot, goals, scene.frame[0])  # a finger on either side of the target
     else:
         turned = rolled(robot, goals)
-    if not free(scene, robot, turned).any():
-        return "goal always in collision"
-    return None
+    return None if len(free(task, turned, 1)) else "goal always in collision"
 
 
 def _rooted_in_tool(scene: Scene, item: SceneObject, tool: Tool | None) -> bool:
@@ -202,16 +198,3 @@ def _rooted_in_tool(scene: Scene, item: SceneObject, tool: Tool | None) -> bool:
         if np.hypot(max(aside - radius, 0.0), beyond) < item.stem.radius:
             return True
     return False
-
-
-def free(scene: Scene, robot: Robot, q: FloatArray, clearance: float = 0.0) -> BoolArray:
-    """(m,) whether ``q`` (m, n) keep ``clearance`` [m] from static objects, and from themselves."""
-    centers, radius = robot.sphere_centers(q), robot.spheres.radius
-    out = np.ones(len(q), dtype=bool)
-    static = scene.obstacles("static")
-    if len(static.kind):
-        away, _ = distances(static, centers.reshape(-1, 3))
-        nearest = away.min(axis=1).reshape(len(q), -1) - radius
-        out &= nearest.min(axis=1) >= clearance
-    out &= robot.self_gaps(q).min(axis=1, initial=0.0) >= 0.0
-    return out
