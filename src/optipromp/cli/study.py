@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from optipromp.laboratory.experiments.runs import Row
-    from optipromp.laboratory.experiments.statistics import Calibration, Cell
+    from optipromp.laboratory.experiments.statistics import Cell, Reliability
 
 
 Compared = Annotated[
@@ -129,7 +129,7 @@ def _report(rows: list["Row"], out: Path) -> Report:
     return Report(document, _shown(cells, calibration(rows), last))
 
 
-def _shown(cells: Sequence["Cell"], found: "Calibration | None", last: str) -> Shown:
+def _shown(cells: Sequence["Cell"], found: "Reliability | None", last: str) -> Shown:
     yield table(cells)
     yield causes(cells)
     if found is not None:
@@ -188,7 +188,7 @@ def causes(cells: Sequence["Cell"]) -> "Table":
     return out
 
 
-def reliability(found: "Calibration") -> "Table":
+def reliability(found: "Reliability") -> "Table":
     """Predicted probabilities against outcomes: how often runs of each bin failed."""
     title = (
         f"not clean, predicted and counted [%]; AUC {found.auc:.2f}; of {found.successes} plans "

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from pydantic import TypeAdapter
 
+import optipromp
 from optipromp.core.errors import Code, OptiPrompError
 from optipromp.core.planning import PlanOptions
 from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
@@ -134,10 +135,10 @@ def _reader() -> TypeAdapter[Row]:
 @functools.lru_cache(maxsize=1)
 def source_version() -> str:
     """The library's version and a digest of its source: rows of other code are told apart."""
-    root = Path(__file__).resolve().parents[1]
+    root = Path(optipromp.__file__).resolve().parent
     digest = hashlib.sha256()
     for path in sorted(root.rglob("*.py")):
-        if path.relative_to(root).parts[0] in ("cli", "looks", "page", "reports", "viewer"):
+        if path.relative_to(root).parts[0] in ("cli", "looks"):
             continue  # they change no row
         digest.update(path.relative_to(root).as_posix().encode())
         digest.update(path.read_bytes())

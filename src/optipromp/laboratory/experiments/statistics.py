@@ -166,7 +166,7 @@ class Bin:
 
 
 @dataclass(frozen=True)
-class Calibration:
+class Reliability:
     """Predicted probabilities of failure against outcomes.
 
     Attributes:
@@ -183,7 +183,7 @@ class Calibration:
     failed: int
 
 
-def calibration(rows: Iterable[Row]) -> Calibration | None:
+def calibration(rows: Iterable[Row]) -> Reliability | None:
     """The calibration of executed runs whose failure was predicted; None where there are none."""
     known = [row for row in rows if row.predicted_failure is not None and row.picked is not None]
     if not known:
@@ -198,7 +198,7 @@ def calibration(rows: Iterable[Row]) -> Calibration | None:
             mean, rate = float(told[inside].mean()), failures / runs
             bins.append(Bin(low, high, runs, mean, failures, rate, *wilson(failures, runs)))
     good = [row for row in known if row.plan_status == Code.SUCCESS]
-    return Calibration(
+    return Reliability(
         tuple(bins), auc(told[failed], told[~failed]), len(good),
         sum(not row.success for row in good),
     )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.core.planning import PlanOptions
 from optipromp.laboratory.experiments.runs import ERROR, NO_PLAN, Row, again
-from optipromp.laboratory.experiments.statistics import Calibration, Cell, calibration, summary
+from optipromp.laboratory.experiments.statistics import Cell, Reliability, calibration, summary
 from optipromp.laboratory.experiments.study import ROWS, rows_of, settings_of
 from optipromp.laboratory.experiments.study_output import study_figure
 from optipromp.laboratory.generate import PANDA
@@ -85,7 +85,7 @@ def _rates(cells: Sequence[Cell]) -> list[tuple[str, ...]]:
     ]  # fmt: skip
 
 
-def _prediction(found: Calibration | None) -> list[str]:
+def _prediction(found: Reliability | None) -> list[str]:
     if found is None:
         return []
     words = (
