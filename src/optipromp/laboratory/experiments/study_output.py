@@ -1,4 +1,4 @@
-"""What a study leaves beside its rows: a summary and a figure."""
+"""The files of a study beside its rows: ``summary.json`` and ``study.png``."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -52,7 +52,7 @@ def write_results(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> t
 
 
 def study_figure(cells: Sequence[Cell]) -> "Figure":
-    """Success by preset and planner with 95 % intervals; beside it the causes of failure."""
+    """Success rates by preset and planner with 95 % intervals, and the causes of failure."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11.0, 4.6), layout="constrained")
@@ -90,7 +90,7 @@ def _rates(axes: "Axes", cells: Sequence[Cell]) -> None:
 
 
 def _varied(axes: "Axes", cells: Sequence[Cell]) -> None:
-    """A line for each variation of the physics, a square with its interval for each planner."""
+    """A line for each variation of the physics, with a rate and its interval for each planner."""
     names = list(dict.fromkeys(cell.preset for cell in cells))
     planners = list(dict.fromkeys(cell.planner for cell in cells))
     for i, planner in enumerate(planners):
