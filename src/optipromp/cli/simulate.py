@@ -9,13 +9,7 @@ import typer
 
 from optipromp.cli.check import scene_or_plan
 from optipromp.cli.command import FAILED, OK, Report, command
-from optipromp.cli.console import (
-    ChosenStrategy,
-    Seed,
-    Strategy,
-    say_if_compiling,
-    waiting,
-)
+from optipromp.cli.console import ChosenStrategy, Seed, Strategy, say_if_compiling, waiting
 from optipromp.cli.robot import ArmOptions, InPlace, Named
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.files import is_folder
@@ -26,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def failed_run(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """The document of a run that could not be tried."""
+    """The document of a run that raised an error."""
     return {
         "scene": arguments["scene_or_plan"],
         "success": False,
@@ -96,7 +90,7 @@ def simulate(
     from optipromp.laboratory.simulation.engine import engine
     from optipromp.laboratory.simulation.files import run_document
 
-    engine()  # fail before planning where it is missing
+    engine()  # where MuJoCo is missing, refuse before planning
     folder = _folder(scene_or_plan) if out is None else out
     if not 0.05 <= slow <= 50.0:
         raise InvalidRequestError(f"--slow is {slow:g}; it must be between 0.05 and 50")
@@ -182,8 +176,8 @@ def _rows(run: "Run", outcome: "Outcome") -> list[tuple[str, str]]:
         ("cluster", outcome.avoid_contacts + outcome.tool_avoid_contacts),
     ):
         for c in contacts:
-            words_ = f"{c.peak_force:.2f} N for {c.duration:.2f} s from {c.first:.2f} s"
-            rows.append((f"{c.link} on {c.other}", f"{words_} ({what})"))
+            spell = f"{c.peak_force:.2f} N for {c.duration:.2f} s from {c.first:.2f} s"
+            rows.append((f"{c.link} on {c.other}", f"{spell} ({what})"))
     rows.append(("tracking error", f"{1e3 * outcome.tracking_error:.2f} mm"))
     speed = f"{run.real_time_factor:.1f} times as fast as it was"
     rows.append(("motion", f"{outcome.duration:.2f} s, simulated {speed}"))

@@ -1,4 +1,4 @@
-"""``optipromp study``: planners against one another over random scenes, judged by physics."""
+"""``optipromp study``: planners compared on random scenes in the physics simulation."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -118,7 +118,7 @@ def study(
 
 
 def _report(rows: list["Row"], out: Path) -> Report:
-    """Write the results beside the rows, and tell them."""
+    """Write the results beside the rows, and report them."""
     from optipromp.laboratory.experiments.statistics import calibration, summary
     from optipromp.laboratory.experiments.study_output import write_results
 
@@ -161,7 +161,7 @@ def table(cells: Sequence["Cell"]) -> "Table":
     """Rates, contacts, forces and median times of every preset and planner."""
     figures = ["n", "%", "95 %", "plans", "broken", "executed", "static", "torn", "unripe", "plan"]
     figures.append("run")
-    if max(len(cell.preset) for cell in cells) > 15:  # names of variations: 80 columns are not wide
+    if max(len(cell.preset) for cell in cells) > 15:  # variations: their names take the width
         figures = figures[:5]
     out = grid(("preset", "planner"), figures, title=TITLE, padding=(0, 0))
     for cell, first in _sections(out, cells):
@@ -189,7 +189,7 @@ def causes(cells: Sequence["Cell"]) -> "Table":
 
 
 def reliability(found: "Reliability") -> "Table":
-    """Predicted probabilities against outcomes: how often runs of each bin failed."""
+    """Predicted probabilities against outcomes: the rate of failure in each bin."""
     title = (
         f"not clean, predicted and counted [%]; AUC {found.auc:.2f}; of {found.successes} plans "
         f"that promise success {found.failed} failed"

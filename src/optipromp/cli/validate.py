@@ -81,7 +81,7 @@ def validate(
 
 
 def read(path: Path, robot: "Robot") -> "Trajectory":
-    """A trajectory from any file that the command takes."""
+    """The trajectory in a file or bag."""
     from optipromp.core.files import is_bag
     from optipromp.core.trajectory_files import read_trajectory
 
@@ -112,7 +112,7 @@ def describe(found: "Verdict", curve: "Trajectory", scene: "Scene", risk: float)
 def leave(
     out: Path, document: dict[str, Any], curve: "Trajectory", robot: "Robot", found: "Verdict"
 ) -> None:
-    """Write the verdict and the picture."""
+    """Write ``verdict.json`` and ``limits.png``."""
     from optipromp.core.files import json_text, write_atomically
     from optipromp.looks.viewer.figures import limits_figure, png
 
@@ -138,7 +138,7 @@ def _shown(found: "Verdict", scene: "Scene", curve: "Trajectory") -> Shown:
         yield table
     yield found.message
     if found.prediction is not None and found.status is not Code.HARM_PREDICTED:
-        yield f"{found.prediction}"  # else it is in the message
+        yield f"{found.prediction}"  # harm is in the message already
     off = f"{m.goal_error:.4f}" if m.goal_axis_error is None else f"{1e3 * m.goal_error:.2f} mm"
     yield (
         f"limits in use: velocity {m.velocity_ratio:.0%}, acceleration {m.acceleration_ratio:.0%}, "

@@ -1,6 +1,6 @@
-"""Planning requests of MoveIt and their answers; the node of ROS 2 without ROS.
+"""Planning requests of MoveIt and their answers: the node of ROS 2, but for ROS.
 
-:class:`optipromp.ros.LiveScene` keeps what the topics say of the scene. :func:`answer` plans in it.
+:class:`optipromp.ros.LiveScene` holds the scene as the topics state it; :func:`answer` plans in it.
 """
 
 import math
@@ -36,19 +36,18 @@ MOVEIT: dict[Code, str] = {
     Code.TIMEOUT: "TIMED_OUT",
     Code.EXECUTION_FAILED: "CONTROL_FAILED",
 }
-"""MoveIt's name of each code; codes that are not here are a FAILURE."""
+"""MoveIt's name of each code; any other code is a FAILURE."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlanAnswer:
-    """What a request gives.
+    """The answer to a request.
 
     Attributes:
-        response: ``moveit_msgs/MotionPlanResponse``; without a trajectory where the plan is no
-            success.
+        response: ``moveit_msgs/MotionPlanResponse``, with a trajectory only of a success.
         trajectory: ``trajectory_msgs/JointTrajectory`` for a controller; None: no success.
-        display: ``moveit_msgs/DisplayTrajectory``; also of a plan that failed, to be looked at.
-            None: nothing was planned.
+        display: ``moveit_msgs/DisplayTrajectory``, also of a plan that failed; None: the request
+            was refused.
         plan: None: the request was refused.
     """
 
@@ -67,25 +66,25 @@ def answer(
     rate: float | None = None,
     prefix: str = "",
 ) -> PlanAnswer:
-    """Plan what a ``moveit_msgs/MotionPlanRequest`` asks for.
+    """Plan the motion of a ``moveit_msgs/MotionPlanRequest``.
 
-    Read are ``start_state`` (where it names joints; with velocities the plan begins in that
-    motion), ``goal_constraints`` (none: the target of the world), ``planner_id`` (empty:
-    opti-promp), ``allowed_planning_time`` and the scaling factors of velocity and acceleration (0:
-    1). A ``group_name`` must be one of this arm, where an SRDF tells its groups. Workspace, number
-    of attempts and pipeline are not read. Path and trajectory constraints, reference trajectories
-    and a Cartesian speed are refused.
+    Read are ``start_state`` (where it names joints; with velocities the plan begins in motion),
+    ``goal_constraints`` (none: the target of the world), ``planner_id`` (empty: opti-promp),
+    ``allowed_planning_time``, and the scaling factors of velocity and acceleration (0: 1). A
+    ``group_name`` must be one of this arm, where an SRDF states its groups. Workspace, number of
+    attempts and pipeline are ignored. Path and trajectory constraints, reference trajectories and a
+    Cartesian speed are refused.
 
     Args:
-        world: what is known of the scene.
-        request: of the message's type.
-        options: of the plan; the request's time replaces its timeout.
+        world: the scene so far.
+        request: the message.
+        options: of the plan; the request's planning time replaces its timeout.
         demonstrations: as for :func:`optipromp.plan`.
-        rate: of the points of the answer [Hz]; None: the plan's own rows.
-        prefix: what ROS puts before the robot's joint and link names.
+        rate: of the points of the answer [Hz]; None: the rows of the plan.
+        prefix: of joint and link names in ROS.
 
     Returns:
-        The answer. A request that cannot be used gives one too, with code and message.
+        The answer; to a request that cannot be used, the code and the message of the error.
     """
     try:
         _refuse_unread(request)
@@ -122,7 +121,7 @@ def answer(
 
 
 def _refuse_another_arm(group: str, world: LiveScene) -> None:
-    """Refuse a group of other joints than the arm's, or none of the SRDF that chose the arm."""
+    """Refuse a group whose joints are not the arm's, or that the arm's SRDF does not have."""
     scene = world.scene()
     _, arm = load_arm(scene.robot, scene.base_dir, scene.choice)
     if not group or not arm.groups or set(arm.groups.get(group, ())) == set(arm.joints):
@@ -135,7 +134,7 @@ def _refuse_another_arm(group: str, world: LiveScene) -> None:
 
 
 def _start(request: Message, world: LiveScene) -> State | None:
-    """The state that the request begins in; None where it names no joints."""
+    """The start state of the request; None where it names no joints."""
     state = request.start_state.joint_state
     return joint_motion(state, world.joints, "start_state.joint_state") if state.name else None
 
@@ -157,7 +156,7 @@ def _planner(name: str) -> str:
 
 
 def _slowing(request: Message) -> float:
-    """How many times longer the motion lasts for the scaling factors of the request."""
+    """The factor by which the scaling factors of the request slow the motion."""
     factors = []
     for field in ("max_velocity_scaling_factor", "max_acceleration_scaling_factor"):
         value = float(getattr(request, field)) or 1.0
@@ -168,7 +167,7 @@ def _slowing(request: Message) -> float:
 
 
 def _refuse_unread(request: Message) -> None:
-    """Refuse what the planner does not keep."""
+    """Refuse constraints that the planner does not keep."""
     path = request.path_constraints
     kinds = ("joint", "position", "orientation", "visibility")
     asked = [

@@ -13,18 +13,7 @@ from optipromp.laboratory.simulation.execute import Run
 from optipromp.laboratory.simulation.world import World
 
 # choices for the eye
-AROUND = (
-    150.0,
-    210.0,
-    125.0,
-    235.0,
-    100.0,
-    260.0,
-    60.0,
-    300.0,
-    30.0,
-    330.0,
-)  # [deg] azimuths tried
+AROUND = (150.0, 210.0, 125.0, 235.0, 100.0, 260.0, 60.0, 300.0, 30.0, 330.0)  # [deg], in turn
 FILLED = 1.25  # height of the picture over that of tool and fruits
 CAPTION = 0.12  # share of the height that is left free for the caption
 NARROWEST = 0.40  # [m] height of the picture, at least
