@@ -36,12 +36,10 @@ def learn(
     ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where the primitive goes (.npz).")],
     topic: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Of a bag's joint states (/joint_states)."),
+        str | None, typer.Option(metavar="NAME", help="Of a bag's joint states (/joint_states).")
     ] = None,
     em: Annotated[
-        bool,
-        typer.Option("--em", help="Expectation-maximisation: for uneven recordings."),
+        bool, typer.Option("--em", help="Expectation-maximisation: for uneven recordings.")
     ] = False,
     bases: Annotated[
         int | None,

@@ -83,10 +83,7 @@ PlanFolder = Annotated[
         "scenes, in a folder each.",
     ),
 ]
-Rate = Annotated[
-    float,
-    typer.Option(metavar="HZ", help="Of the rows in trajectory.csv and .npz."),
-]
+Rate = Annotated[float, typer.Option(metavar="HZ", help="Of the rows in trajectory.csv and .npz.")]
 Figures = Annotated[
     bool | None,
     typer.Option(

@@ -15,8 +15,7 @@ InPlace = Annotated[
     typer.Option(metavar="ROBOT", help="In place of the scene's: built-in name or file."),
 ]
 Whose = Annotated[
-    str | None,
-    typer.Option(metavar="ROBOT", help="Whose scenes: built-in name or file (panda)."),
+    str | None, typer.Option(metavar="ROBOT", help="Whose scenes: built-in name or file (panda).")
 ]
 
 

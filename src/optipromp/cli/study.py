@@ -57,8 +57,7 @@ def study(
         ),
     ] = "",
     only_valid: Annotated[
-        bool,
-        typer.Option("--only-valid", help="Do not execute plans that the judge refuses."),
+        bool, typer.Option("--only-valid", help="Do not execute plans that the judge refuses.")
     ] = False,
     vary: Annotated[
         bool,

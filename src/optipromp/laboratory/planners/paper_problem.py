@@ -40,12 +40,7 @@ class ConstraintRows(Cost):
     """
 
     def __init__(
-        self,
-        weight: float,
-        at: IntArray,
-        axes: FloatArray,
-        lower: FloatArray,
-        upper: FloatArray,
+        self, weight: float, at: IntArray, axes: FloatArray, lower: FloatArray, upper: FloatArray
     ) -> None:
         super().__init__("rows", weight)
         self.at = np.asarray(at, dtype=np.int64)

@@ -186,5 +186,4 @@ class PlanNodes(Nodes):
         self.drop("message")
         if text and at is not None:
             words = "\n".join(textwrap.wrap(text, 36)[:7])
-            self._add("message|text", self.api.add_label, words, position=at,
-                      anchor="bottom-right")  # fmt: skip
+            self._add("message|text", self.api.add_label, words, position=at, anchor="bottom-right")
