@@ -16,7 +16,7 @@ from optipromp.core.files import is_folder
 
 if TYPE_CHECKING:
     from optipromp.core.planning import Plan
-    from optipromp.laboratory.simulation import Outcome, Run
+    from optipromp.laboratory.simulation import Run
 
 
 def failed_run(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str, Any]:
@@ -147,17 +147,16 @@ def _leave(run: "Run", folder: Path, video: bool, gif: bool, slow: float) -> tup
 
 
 def _shown(run: "Run", plan: "Plan") -> list[str]:
-    outcome = run.outcome
-    verdict = "picked" if run.success else f"failed: {outcome.cause}"
+    verdict = "picked" if run.success else f"failed: {run.outcome.cause}"
     return [
         f"{run.scene.name}  {plan.planner} (plan: {plan.status})  {verdict}",
-        outcome.message,
-        *(f"  {name:<26}{words}" for name, words in _rows(run, outcome)),
+        run.outcome.message,
+        *(f"  {name:<26}{words}" for name, words in _rows(run)),
     ]
 
 
-def _rows(run: "Run", outcome: "Outcome") -> list[tuple[str, str]]:
-    rows = []
+def _rows(run: "Run") -> list[tuple[str, str]]:
+    rows, outcome = [], run.outcome
     if outcome.picked is not None:
         at = "" if outcome.swallowed_at is None else f" since {outcome.swallowed_at:.2f} s"
         rows.append(("target taken in", ("yes" if outcome.picked else "no") + at))

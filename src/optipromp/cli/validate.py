@@ -76,7 +76,12 @@ def validate(
             found = judge(loaded, curve, risk=risk)
     document = describe(found, curve, loaded, risk)
     if out is not None:
-        leave(out, document, curve, robot, found)
+        from optipromp.core.files import json_text, write_atomically
+        from optipromp.looks.viewer.figures import limits_figure, png
+
+        figure = limits_figure(curve, robot, found.judgement.violations, loaded.name)
+        write_atomically(out / "limits.png", png(figure))
+        write_atomically(out / "verdict.json", json_text(document).encode("utf-8"))
     return Report(document, _shown(found, loaded, curve), exit_code(found.status))
 
 
@@ -107,18 +112,6 @@ def describe(found: "Verdict", curve: "Trajectory", scene: "Scene", risk: float)
         "rows": curve.n_waypoints,
         "metrics": found.judgement.metrics.to_dict(),
     }))  # fmt: skip
-
-
-def leave(
-    out: Path, document: dict[str, Any], curve: "Trajectory", robot: "Robot", found: "Verdict"
-) -> None:
-    """Write ``verdict.json`` and ``limits.png``."""
-    from optipromp.core.files import json_text, write_atomically
-    from optipromp.looks.viewer.figures import limits_figure, png
-
-    figure = limits_figure(curve, robot, found.judgement.violations, str(document["scene"]))
-    write_atomically(out / "limits.png", png(figure))
-    write_atomically(out / "verdict.json", json_text(document).encode("utf-8"))
 
 
 def _shown(found: "Verdict", scene: "Scene", curve: "Trajectory") -> Shown:

@@ -12,7 +12,6 @@ from optipromp.core.planning import Plan, PlanOptions, plan
 from optipromp.core.planning.planner import factory
 from optipromp.core.promp.model import ProMP
 from optipromp.core.robots.library import load_arm
-from optipromp.core.trajectory import State
 from optipromp.ros.goals import read_goal
 from optipromp.ros.joints import joint_motion, robot_state
 from optipromp.ros.live import LiveScene
@@ -89,7 +88,10 @@ def answer(
     try:
         _refuse_unread(request)
         _refuse_another_arm(request.group_name, world)
-        state, slowing = _start(request, world), _slowing(request)
+        joints, state = request.start_state.joint_state, None
+        if joints.name:
+            state = joint_motion(joints, world.joints, "start_state.joint_state")
+        slowing = _slowing(request)
         options = options or PlanOptions()
         if request.allowed_planning_time > 0.0:
             options = replace(options, timeout=float(request.allowed_planning_time))
@@ -101,8 +103,10 @@ def answer(
                     "motion that runs cannot be slowed at once"
                 )
         scene = world.scene(read_goal(request.goal_constraints, world, prefix))
+        planner = request.planner_id or "opti-promp"
+        factory(planner, "planner_id")  # refuses an unknown name
         made = plan(
-            scene, planner=_planner(request.planner_id), demonstrations=demonstrations,
+            scene, planner=planner, demonstrations=demonstrations,
             options=options, start_state=state if state is not None and state.moving else None,
         )  # fmt: skip
     except OptiPrompError as error:
@@ -133,12 +137,6 @@ def _refuse_another_arm(group: str, world: LiveScene) -> None:
     )
 
 
-def _start(request: Message, world: LiveScene) -> State | None:
-    """The start state of the request; None where it names no joints."""
-    state = request.start_state.joint_state
-    return joint_motion(state, world.joints, "start_state.joint_state") if state.name else None
-
-
 def _response(request: Message, code: Code, words: str, **fields: Message) -> Message:
     values = constants(ERROR_CODES)
     error = message(
@@ -148,11 +146,6 @@ def _response(request: Message, code: Code, words: str, **fields: Message) -> Me
         source="optipromp",
     )
     return message(RESPONSE, group_name=request.group_name, error_code=error, **fields)
-
-
-def _planner(name: str) -> str:
-    factory(name or "opti-promp", "planner_id")  # refuses a name that is none
-    return name or "opti-promp"
 
 
 def _slowing(request: Message) -> float:

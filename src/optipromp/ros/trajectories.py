@@ -163,7 +163,8 @@ def _read(item: Message, joints: Sequence[str] | None) -> Trajectory:
     names = tuple(item.joint_names if joints is None else joints)
     if len(points) < 2:
         raise InvalidRequestError(f"{what} has {len(points)} points: must have 2 at least")
-    times = np.array([_seconds(point.time_from_start) for point in points])
+    stamps = [point.time_from_start for point in points]
+    times = np.array([stamp.sec + stamp.nanosec / NANO for stamp in stamps], dtype=np.float64)
     counts = {what: {len(getattr(point, what)) for point in points} for what in CURVE[1:]}
     wanted = len(item.joint_names)
     for field, sizes in counts.items():
@@ -186,7 +187,3 @@ def _read(item: Message, joints: Sequence[str] | None) -> Trajectory:
 def _duration(time: float) -> Message:
     whole, part = divmod(round(time * NANO), NANO)
     return message("builtin_interfaces/msg/Duration", sec=whole, nanosec=part)
-
-
-def _seconds(item: Message) -> float:
-    return float(item.sec + item.nanosec / NANO)

@@ -60,6 +60,8 @@ def study_figure(cells: Sequence[Cell]) -> "Figure":
     many = len({cell.preset for cell in cells}) > 9  # variations: their names are long
     (_varied if many else _rates)(rates, cells)
     _causes(causes, cells)
+    for axes in (rates, causes):
+        axes.spines[["top", "right"]].set_visible(False)
     return figure
 
 
@@ -86,7 +88,6 @@ def _rates(axes: "Axes", cells: Sequence[Cell]) -> None:
     axes.set_ylabel(RATE)
     axes.set_title(TITLE, fontsize=10)
     axes.legend(frameon=False, fontsize=8, ncols=len(planners), **_BELOW)
-    axes.spines[["top", "right"]].set_visible(False)
 
 
 def _varied(axes: "Axes", cells: Sequence[Cell]) -> None:
@@ -111,7 +112,6 @@ def _varied(axes: "Axes", cells: Sequence[Cell]) -> None:
     axes.set_xlabel(f"{RATE}; {'–'.join(map(str, sorted({c.runs for c in cells})))} scenes each")
     axes.set_title(TITLE, fontsize=10)
     axes.legend(frameon=False, fontsize=8, ncols=len(planners), **_BELOW)
-    axes.spines[["top", "right"]].set_visible(False)
 
 
 def _causes(axes: "Axes", cells: Sequence[Cell]) -> None:
@@ -131,4 +131,3 @@ def _causes(axes: "Axes", cells: Sequence[Cell]) -> None:
     axes.invert_yaxis()
     axes.set_xlabel("of all runs [%]")
     axes.set_title("Why runs failed: all causes", fontsize=10)
-    axes.spines[["top", "right"]].set_visible(False)

@@ -204,19 +204,14 @@ def _joint(posed: Posed, budget: Budget) -> Solved:
         constraints.append(GoalCost(SOLVE.must, task.goal.position, task.goal.axis))
     terms = [*posed.functionals(), SmoothnessCost(options.smoothness), *options.costs]
     problem = posed.problem(terms, constraints, ends=isinstance(task.goal, JointGoal))
-    result = gauss_newton.solve(problem, posed.initial, _schedule(options), budget)
+    usual = schedule(options)
+    if options.iterations is None:
+        usual = replace(usual, iterations=PAPER.joint_iterations)
+    result = gauss_newton.solve(problem, posed.initial, usual, budget)
     seconds = clock() - began
     names = tuple(term.name for term in terms)
     stage = Stage("joint", "gauss-newton", names, result.history, seconds, result.message)
     return _judged(posed, result.q, [stage])
-
-
-def _schedule(options: PlanOptions) -> gauss_newton.GaussNewtonOptions:
-    """The default planner's schedule with more iterations, or with those of ``options``."""
-    usual = schedule(options)
-    if options.iterations is not None:
-        return usual
-    return replace(usual, iterations=PAPER.joint_iterations)
 
 
 def _staged(posed: Posed, radius: float, budget: Budget) -> Solved:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.rotations import product, to_quaternion
 from optipromp.core.scenes.scene import Scene
@@ -149,13 +149,10 @@ def _quaternion(turn: FloatArray) -> FloatArray:
 def _add_marks(spec: Any, scene: Scene, robot: Robot) -> None:
     """Add the tool point as a site, and the scene's camera."""
     last = spec.body(f"segment:{robot.n_segments - 1}")
-    axis = robot.tool_axis
-    across = np.cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis)
-    across /= np.linalg.norm(across)
-    frame = np.column_stack([across, np.cross(axis, across), axis])
     last.add_site(
-        name=TOOL_POINT, pos=robot.tool_point, quat=to_quaternion(frame), size=[0.003, 0.0, 0.0]
-    )
+        name=TOOL_POINT, pos=robot.tool_point, quat=to_quaternion(frame_along(robot.tool_axis)),
+        size=[0.003, 0.0, 0.0],
+    )  # fmt: skip
     if scene.camera is not None:
         spec.worldbody.add_camera(
             name="camera", pos=scene.camera.position,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, IntArray, lengths
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.core.budget import Budget, clock
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.geometry import distances
@@ -20,7 +20,7 @@ from optipromp.core.promp.points import JointPoint, TaskPoint
 from optipromp.core.pushing.model import Combined, PushModel
 from optipromp.core.pushing.searching import search
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.scene import PoseGoal, Scene
+from optipromp.core.scenes.scene import PoseGoal, Role, Scene
 from optipromp.looks.appearance.part import rgb
 from optipromp.looks.viewer.drawn import FOLLOWED, GREEN, OPTIMISED, RED, Moment, Placed, placed
 
@@ -158,11 +158,12 @@ def clearances(scene: Scene, robot: Robot, q: FloatArray) -> Clearances:
     centers, radius = robot.sphere_centers(q), np.asarray(robot.spheres.radius)
     distal = np.asarray(robot.spheres.distal, dtype=bool)
     nearest, series = np.full(centers.shape[:2], np.inf), {}
-    for words, role, mine in (
+    pairs: tuple[tuple[str, Role, BoolArray], ...] = (
         ("static", "static", np.ones_like(distal)), ("arm to avoid", "avoid", ~distal),
         ("tool to avoid", "avoid", distal), ("arm to pushable", "pushable", ~distal),
-    ):  # fmt: skip
-        rows = scene.rows(role)  # type: ignore[arg-type]
+    )  # fmt: skip
+    for words, role, mine in pairs:
+        rows = scene.rows(role)
         if not len(rows) or not mine.any():
             continue
         points = centers[:, mine].reshape(-1, 3)

@@ -96,7 +96,11 @@ class Nodes:
     def _mesh(self, part: Part) -> Any:
         """The node of a part of the scene, sent again where its looks differ."""
         old, node = self._meshes.get(part.name, (None, None))
-        if old is None or not _alike(old, part):
+        if (
+            old is None
+            or (old.colour, old.opacity) != (part.colour, part.opacity)
+            or not np.array_equal(old.vertices, part.vertices)
+        ):
             node = self._added(f"{self.root}/things", part)
             if part.owner and self.on_click is not None:
                 told = self.on_click
@@ -140,11 +144,6 @@ class Nodes:
             f"{self.root}/{name}", pieces, rgb(colour), thickness=width, thickness_units="screen",
             **options,
         )  # fmt: skip
-
-
-def _alike(one: Part, other: Part) -> bool:
-    looks = (one.colour, one.opacity) == (other.colour, other.opacity)
-    return looks and np.array_equal(one.vertices, other.vertices)
 
 
 def tube(points: FloatArray, radius: FloatArray, around: int = 14) -> tuple[FloatArray, IntArray]:
