@@ -15,7 +15,7 @@ from optipromp.core.geometry import Box, Sphere
 from optipromp.core.planning import Plan, PlanOptions, Strategy, plan
 from optipromp.core.planning.options import PaperOptions
 from optipromp.core.scenes.io import load_scene
-from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.scene import SceneObject
 
 if TYPE_CHECKING:
     from optipromp.core.promp.model import ProMP
@@ -232,19 +232,17 @@ def run_scenarios(
     for case in CASES:
         if progress is not None:
             progress(f"scenario {case.key}: {case.title}")
+        scene = load_scene(case.scene)
+        if case.start is not None:
+            scene = replace(scene, start=np.array(case.start))
         panda = case.planner == "opti-promp"
         made = plan(
-            _scene(case), planner=case.planner, strategy=case.strategy, seed=seed,
+            scene, planner=case.planner, strategy=case.strategy, seed=seed,
             demonstrations=demonstrations if panda else None,
             options=PlanOptions(**case.options), progress=progress,
         )  # fmt: skip
         rows.append(ScenarioRow(case, made))
     return tuple(rows)
-
-
-def _scene(case: Case) -> Scene:
-    scene = load_scene(case.scene)
-    return scene if case.start is None else replace(scene, start=np.array(case.start))
 
 
 def core_distances(item: SceneObject, points: FloatArray) -> FloatArray:

@@ -60,7 +60,8 @@ def mjcf(
     world = build(scene, robot, parameters, seed)
     spec, q = world.spec, robot.check_configuration(start)
     joints = _name_joints(spec, world)
-    _compensate_gravity(spec, robot)
+    for body in ["tool"] * (robot.tool is not None) + [f"segment:{s}" for s in range(len(joints))]:
+        spec.body(body).gravcomp = 1.0
     _add_actuators(spec, world, joints, q)
     bends = {name: bend for fruit in world.fruits for name, bend in _relax(spec, fruit)}
     _add_marks(spec, scene, robot)
@@ -88,12 +89,6 @@ def _name_joints(spec: Any, world: World) -> list[str]:
             )  # fmt: skip
             tie.data[:2] = [shift, ratio]
     return names
-
-
-def _compensate_gravity(spec: Any, robot: Robot) -> None:
-    bodies = [f"segment:{s}" for s in range(robot.n_segments)]
-    for name in [*bodies, "tool"] if robot.tool is not None else bodies:
-        spec.body(name).gravcomp = 1.0
 
 
 def _add_actuators(spec: Any, world: World, joints: list[str], q: FloatArray) -> None:

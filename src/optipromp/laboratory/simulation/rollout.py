@@ -151,7 +151,9 @@ class Execution:
         if not is_sound(self.at.warnings, self.at.positions, self.at.velocities):
             self.warnings = self._warnings()
             return False
-        self._observe(after)
+        np.maximum(self.worst_error, np.abs(after - self.at.q), out=self.worst_error)
+        self.log.add(self.data)
+        self.stems.tear(self.data)
         self.steps += 1
         if self.guarded and self.steps * self.step >= self.world.parameters.robot.guard_until:
             self.guarded, lid = False, self.model.geom(GUARD)
@@ -170,11 +172,6 @@ class Execution:
         self.torque = np.minimum(np.maximum(asked, -limit), limit)
         np.maximum(self.most_asked, np.abs(asked), out=self.most_asked)
         at.applied[:] = self.torque
-
-    def _observe(self, q: FloatArray) -> None:
-        np.maximum(self.worst_error, np.abs(q - self.at.q), out=self.worst_error)
-        self.log.add(self.data)
-        self.stems.tear(self.data)
 
     def _warnings(self) -> tuple[str, ...]:
         data = self.data

@@ -11,7 +11,7 @@ from optipromp.core.planning import Plan
 from optipromp.core.robots.model import Robot
 from optipromp.looks.appearance.part import rgb
 from optipromp.looks.page.content import GREEN_AT, RED_AT, Bundle, Clearances, between
-from optipromp.looks.viewer.drawn import PRIMITIVE, RED, Placed, motions
+from optipromp.looks.viewer.drawn import PRIMITIVE, RED, STILL, Placed, motions
 from optipromp.looks.viewer.nodes import FLAT, Nodes, tube
 
 _WIDTH = {"conditioned ProMP": 4.0, "followed path": 3.0, "optimised": 5.0}  # [pixel]
@@ -151,7 +151,7 @@ class PlanNodes(Nodes):
         """Show labels at the predicted last places of pushed objects."""
         self.drop("pushed objects")
         for item in items:
-            if item.shift > 1e-3:
+            if item.shift > STILL:
                 self._add(f"pushed objects|{item.item.id}", self.api.add_label, item.label,
                           position=item.position, font_screen_scale=0.8)  # fmt: skip
 
