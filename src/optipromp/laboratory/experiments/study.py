@@ -85,7 +85,7 @@ class Study:
                 raise InvalidRequestError(f"no {name}: valid are {', '.join(valid)}")
             for item in given:
                 if name == "planner":
-                    factory(item)  # refuses a name that is none
+                    factory(item)  # refuses an unknown name
                 elif item not in valid:
                     raise InvalidRequestError(f"{name} is {item!r}: {suggest(item, valid)}")
             if len(set(given)) < len(given):
@@ -100,7 +100,7 @@ class Study:
             raise InvalidRequestError(f"noise is {self.noise!r}: {suggest(self.noise, NOISES)}")
         if Noise(self.noise_position, self.noise_angle) != Noise() and self.noise:
             raise InvalidRequestError(f"noise {self.noise} and a deviation: state one of them")
-        PlanOptions(risk=self.risk)  # refuses what is no risk
+        PlanOptions(risk=self.risk)  # refuses an invalid risk
 
     def scenes(self) -> Iterator[tuple[Preset, int]]:
         """Preset and seed of every scene, seeds outermost: a study cut short is a smaller one."""

@@ -151,7 +151,7 @@ def _stem(
     position: FloatArray, rng: np.random.Generator, roof: float | None = None,
     inclination: float = INCLINATION,
 ) -> Stem:  # fmt: skip
-    """A straight stem, ended where it meets a ``roof`` [m]."""
+    """A straight stem from ``position`` (3,), which ends below the height of a ``roof`` [m]."""
     length = float(rng.uniform(*STEM_LENGTH))
     line = upward(rng, inclination)
     if roof is not None:

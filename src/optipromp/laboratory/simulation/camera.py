@@ -1,4 +1,4 @@
-"""The camera of a film: it keeps tool and fruits in the picture, and hidden as little as it can."""
+"""The camera of a film: tool and fruits fill the picture, from the side that hides them least."""
 
 from dataclasses import dataclass
 from typing import Any

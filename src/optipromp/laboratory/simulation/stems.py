@@ -55,7 +55,7 @@ class StemWatch:
         pulls = _SIGN * (forces @ up).ravel()
         torn = note_pulls(pulls, self._abscission, self._tension)
         gone = pulls > self._abscission
-        for mine in self._trusses:  # comes off whole where none of its fruits does
+        for mine in self._trusses:  # a truss comes off whole where none of its fruits does
             if not (gone & mine).any() and float(pulls[mine].sum()) > self._truss_force:
                 gone, torn = gone | mine, True
         if torn:

@@ -1,4 +1,4 @@
-"""The picture of a reach: the arm, the tool's paths, and what is pushed, at one moment."""
+"""The picture of a reach at one moment: the arm, the tool paths, and the pushed objects."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
